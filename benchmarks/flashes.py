@@ -262,7 +262,10 @@ def scene_paths(names: Sequence[str], folder: Path) -> Iterator[tuple[str, Path]
             continue
         path = folder / f"{name}.yaml"
         source = Path(peers) / name
-        if physgen(["import", "physgen", str(source), "-o", str(path)]) == 0:
+        if (
+            physgen(["import", "physgen", "--faithful", str(source), "-o", str(path)])
+            == 0
+        ):
             yield name, path
 
 

@@ -564,7 +564,7 @@ def perceived_peer(runner: Runner, name: str, quick: bool) -> Values:
     """A peer scene imported, drawn and exported; its photo perceived."""
     values: Values = {
         "import": perceived_values(
-            runner, f"peer-{name}", "import", "physgen", f"peers/{name}"
+            runner, f"peer-{name}", "import", "physgen", "--faithful", f"peers/{name}"
         )
     }
     scene = str(

@@ -79,7 +79,16 @@ def scene_files(
         if not names or name in names:
             path = folder / f"{name}.yaml"
             assert (
-                physgen(["import", "physgen", str(Path(peers, name)), "-o", str(path)])
+                physgen(
+                    [
+                        "import",
+                        "physgen",
+                        "--faithful",
+                        str(Path(peers, name)),
+                        "-o",
+                        str(path),
+                    ]
+                )
                 == 0
             )
             yield name, path, []

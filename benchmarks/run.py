@@ -94,7 +94,14 @@ def scenes(folder: Path) -> dict[str, Path]:
             found[name] = folder / f"{name}.yaml"
             assert (
                 physgen(
-                    ["import", "physgen", str(peers / name), "-o", str(found[name])]
+                    [
+                        "import",
+                        "physgen",
+                        "--faithful",
+                        str(peers / name),
+                        "-o",
+                        str(found[name]),
+                    ]
                 )
                 == 0
             )

@@ -702,6 +702,10 @@ class Message(Enum):
         "has no effect: the motion of {name} is {motion}",
         "remove it, or write motion: dynamic",
     )
+    NOTHING_TO_STRIKE = (
+        "has no effect: {why}",
+        "remove it, or give an object in a photo a velocity",
+    )
     FORCE_AFTER_END = (
         "begins after the end of the clip at {end:g} s",
         "begin earlier or lengthen the duration",
@@ -1322,6 +1326,10 @@ class Message(Enum):
         "objects",
     )
     NOTHING_MOVES = ("nothing moves in this clip", "{fix}")
+    HARDLY_MOVES = (
+        "the push moves nothing by 5 % of the picture",
+        "push faster, or push another object: --push NAME=DIRECTION",
+    )
     NOTHING_TO_MOVE = ("nothing moves in this clip: the scene has no objects", "{fix}")
 
     NO_DEPTH_FOR_BOUNDARY = (

@@ -132,7 +132,7 @@ def clip_folders(roots: Sequence[Path]) -> list[Path]:
     )
 
 
-DELIVERED = {"hold", "grain"}
+DELIVERED = {"hold", "grain", "squash", "enter", "first_blur"}
 """Keys of `video` in a manifest: see `render.grain.Delivery`."""
 
 

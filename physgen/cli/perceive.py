@@ -318,6 +318,7 @@ def import_(options: argparse.Namespace) -> int:
         print_problem,
         print_backup,
         stdout=output_file,
+        faithful=options.faithful,
     )
     bar.clear()
     write_result(text, options.output, output_file)
@@ -420,6 +421,10 @@ def add_import(parser: Parser) -> None:
         "SCENE",
         Path,
         "write the scene here (assets beside it); default: stdout",
+    )
+    parser.flag(
+        "--faithful",
+        "keep the paper's frames, discs, outlines and tables without friction",
     )
 
 

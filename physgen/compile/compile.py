@@ -446,6 +446,7 @@ def _body(item: Object, outline: Outline, scene: Scene) -> Body:
         path=_path(item, center, scene),
         disc=form.disc,
         damping=item.damping or 0.0,
+        ramp=scene.world.ramp,
         gravity_scale=1.0 if item.gravity_scale is None else item.gravity_scale,
         rocking=0.0 if radius is not None else _rocking_lever(item, properties.area),
     )

@@ -31,8 +31,10 @@ from physgen.scene.scene import (
     JointKind,
     Motion,
     Object,
+    Play,
     Scene,
     Solid,
+    Striker,
     View,
     collides,
     confine_center,
@@ -105,6 +107,7 @@ def lint(
         _overlaps,
         _unsupported_objects,
         _without_effect,
+        _idle_striker,
         _excluded_starts,
         _weak_gravity,
         _coarse_steps,
@@ -125,6 +128,24 @@ def warning(
 ) -> Problem:
     """Return a warning at the place where `path` was written."""
     return message.warning(scene.place(path), path, found, **values)
+
+
+def _idle_striker(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
+    """Yield a warning of what comes into the picture and has nothing to push."""
+    enter = scene.render.enter
+    if enter is Striker.NONE:
+        return
+    moves = [item for item in scene.objects if any(item.velocity)]
+    why = ""
+    if scene.image is None:
+        why = "the scene has no photo"
+    elif not any(item.motion is Motion.DYNAMIC for item in moves):
+        why = "no dynamic object has a velocity"
+    elif scene.render.play is Play.BACKWARD:
+        why = "the clip plays backward"
+    if why:
+        found, message = enter.value, Message.NOTHING_TO_STRIKE
+        yield warning(scene, "render.enter", found, message, why=why)
 
 
 def _without_effect(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:

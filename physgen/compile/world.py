@@ -131,6 +131,8 @@ class Body:
     passage: Passage = Passage()
     wheels: tuple[Wheel, ...] = ()
     """They carry it instead of its pieces, which end above them; mass and moment include them."""
+    ramp: float = 0.0
+    """s in which it reaches velocity, spin and roll from rest; 0: it has them at t = 0."""
 
     @property
     def reach(self) -> float:

@@ -46,6 +46,7 @@ Data = dict[str, Any]
 
 _OBJECT = re.compile(r"(?:^|\.)objects\.([\w-]+)")
 SECTIONS = (
+    "title",
     "world",
     "objects",
     "boundaries",

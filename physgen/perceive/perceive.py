@@ -257,6 +257,7 @@ def perceive(
             "grain": "match",
             "hold": document.HOLD,
             "contact_shade": True,
+            "squash": True,
             "sound": True,
         }
         if boundaries.view is View.SIDE and scene["light"]["direction"][1] > 0:

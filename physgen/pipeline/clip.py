@@ -265,6 +265,8 @@ UNMOVED = 1.0
 """Largest invisible displacement of a point of an object, px."""
 HARDLY = 0.005
 """The same for a pushed object, as a share of the photo's longer side."""
+LITTLE = 0.05
+"""Share of the longer side by which a push should move something."""
 DEPARTED = 0.2
 """Share of the clip's duration: a picture without motion from then on is seldom
 intended.
@@ -600,6 +602,10 @@ class _Run:
             self.warn(template.warning(scene.place("objects"), fix=fix))
         else:
             record.imbalance = imbalance(world, trajectory)
+            farthest = float(displacements.max())
+            if pushed_objects and farthest < LITTLE * max(scene.size):
+                place = scene.place(f"objects.{pushed_objects[0].name}.velocity")
+                self.warn(Message.HARDLY_MOVES.warning(place, pushed_objects[0].name))
             for problem in departure_warnings(scene, world, trajectory):
                 self.warn(problem)
         record.samples, record.effort = (

@@ -27,6 +27,10 @@ if TYPE_CHECKING:
     from physgen.scene.scene import Scene
 
 
+RAMP_FRAMES = 3
+"""Frames of a push: one alone looks like a jump."""
+FPS = 30
+"""Frames a second of perceived scenes."""
 REST_SECONDS = 2.0
 """Time, s, in which an object without support moves."""
 REST_SAMPLES = 81
@@ -314,9 +318,32 @@ def _with_motion(
     if render or "render" in document:
         document["render"] = render
     moving_scene = replace(perceived, document=document, comments=comments)
+    moving_scene = _with_ramp(moving_scene, outcome)
     return with_doubts(
         moving_scene, outcome_doubts(moving_scene, list(motions), outcome)
     )
+
+
+def _with_ramp(perceived: PerceivedScene, outcome: Outcome) -> PerceivedScene:
+    """Return the scene whose push takes some frames, if the motion is then as good."""
+    from physgen.compile.shapes import shapes_of
+    from physgen.pipeline.push_trials import compile_trials, simulate_push
+
+    document = perceived.document
+    slow = document.get("render", {}).get("slow", 1)
+    seconds = f"{RAMP_FRAMES / (FPS * slow):.2g} s"
+    world = document["world"] | {"ramp": seconds}
+    why = "the push takes three frames; 0 gives the velocity at once"
+    comments = perceived.comments | {"world.ramp": why}
+    ramped = replace(perceived, document=document | {"world": world}, comments=comments)
+    scene = open_trial(ramped, "velocity").scene()
+    velocities = {}
+    for item in scene.objects:
+        if any(item.velocity):
+            velocities[item.name] = item.velocity
+    trials = compile_trials(scene, shapes_of(scene, None), _unseen_walls(ramped))
+    is_as_good = simulate_push(trials, velocities).grade >= outcome.grade
+    return ramped if velocities and is_as_good else perceived
 
 
 def _pushed_by_user(perceived: PerceivedScene, pushes: Sequence[str]) -> PerceivedScene:

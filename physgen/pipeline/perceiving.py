@@ -325,17 +325,23 @@ def import_physgen(
     warn: Warn = ignore_warning,
     keep: Keep = lambda kept: None,
     stdout: Path | None = None,
+    *,
+    faithful: bool = False,
 ) -> str:
     """Convert a folder of the paper's public code to the text of a scene.
 
-    Writes files as `perceive` does.
+    It becomes a shot, unless it is to be `faithful` to the frames and discs of that
+    code. Writes files as `perceive` does.
     """
     from physgen.perceive.document import write_scene
     from physgen.perceive.import_physgen import import_physgen as run
+    from physgen.perceive.import_shot import as_shot
 
     check_text_names(folder, output)
     check_writable((output or stdout or Path()).parent)
     scene = run(folder, progress=progress)
+    if not faithful:
+        scene = as_shot(scene)
     for problem in scene.warnings:
         warn(problem)
     return write_scene(

@@ -269,6 +269,7 @@ def choose_push(
     candidates = [trial for trial in candidates if trial.outcome.grade > Grade.NOTHING]
     if not candidates:
         return None
+    candidates = list(_free_of_load(trials, candidates))
     candidates = [_weighted(trial, confidence) for trial in candidates]
     sorted_candidates = sorted(candidates, key=_preference, reverse=True)
     verified_candidates: list[Candidate] = []
@@ -284,6 +285,20 @@ def choose_push(
         trial for trial in verified_candidates if trial.outcome.grade > Grade.NOTHING
     ]
     return max(moving_candidates, key=_preference, default=sorted_candidates[0])
+
+
+def _free_of_load(
+    trials: TrialScene, candidates: Sequence[Candidate]
+) -> Sequence[Candidate]:
+    """Return the pushes of objects without a load; all if none of those is a story."""
+    corners = [np.concatenate(body.rings) + body.center for body in trials.world.bodies]
+    loaded = set()
+    for k, item in enumerate(trials.scene.objects):
+        if _is_loaded(trials.scene, corners, k):
+            loaded.add(item.name)
+    free = [trial for trial in candidates if trial.item.name not in loaded]
+    has_story = any(trial.outcome.grade is Grade.STORY for trial in free)
+    return free if has_story else candidates
 
 
 def _weighted(candidate: Candidate, confidence: Mapping[str, float]) -> Candidate:

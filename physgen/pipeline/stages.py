@@ -35,7 +35,9 @@ if TYPE_CHECKING:
     from physgen.pipeline.asset_cache import AssetCache
     from physgen.render.camera import Shot
     from physgen.render.grain import Delivery
+    from physgen.render.squash import Squashes
     from physgen.render.stage import Frame, Stage
+    from physgen.render.striker import StruckScene
     from physgen.report.record import RunRecord
     from physgen.scene.load import OpenedScene
     from physgen.scene.scene import Scene
@@ -813,16 +815,58 @@ class Film:
 
         As a `matte`, a frame shows the coverage of objects as light.
         """
+        from physgen.geometry.polygon import Pose
+        from physgen.render.camera import blur_first_frame
         from physgen.render.staging import matte_stage
 
         camera_shot = self.shot(trajectory)
         if order is not None:
             camera_shot = replace(camera_shot, order=tuple(order))
         exposure_samples, parts = self.exposed(trajectory)
-        stage = replace(self.stage, keeps_layers=self.keeps_layers)
+        settings = self.scene.render
+        stage = replace(
+            self.stage,
+            keeps_layers=self.keeps_layers,
+            squashes=self._squashes(trajectory),
+        )
+        if self._delivery is not None and settings.first_blur:
+            exposure_samples = blur_first_frame(
+                exposure_samples, self.compiled.world, parts, settings.motion_blur
+            )
+            # The first sample is not the photo's any more.
+            photo_poses = [Pose(*pose) for pose in trajectory.poses[0].tolist()]
+            stage = replace(stage, starts=stage.starts or photo_poses)
+        if order is None and not matte:
+            struck = self._struck(stage, (exposure_samples, parts), camera_shot)
+            if struck is not None:
+                return render(struck.stage, struck.trajectory, parts, struck.shot)
         return render(
             matte_stage(stage) if matte else stage, exposure_samples, parts, camera_shot
         )
+
+    def _struck(
+        self, stage: Stage, exposed: tuple[Trajectory, int], through: Shot
+    ) -> StruckScene | None:
+        """Return the scene with what comes in and pushes; None if nothing does."""
+        from physgen.render.striker import with_strikers
+        from physgen.scene.scene import Striker
+
+        delivery = self._delivery
+        if delivery is None or delivery.enter is Striker.NONE:
+            return None
+        world, hold = self.compiled.world, delivery.hold
+        struck = with_strikers(stage, world, delivery.enter, exposed, through, hold)
+        delivery.draws_hold = struck is not None
+        return struck
+
+    def _squashes(self, trajectory: Trajectory) -> Squashes | None:
+        """Return the soft bodies that impacts flatten, in a delivered video that asks for it."""
+        if self._delivery is None or not self._delivery.squash:
+            return None
+        from physgen.render.squash import find_squashes
+
+        labels = [item.label for item in self.scene.objects]
+        return find_squashes(self.compiled.world, labels, trajectory)
 
     def exposed(self, trajectory: Trajectory) -> tuple[Trajectory, int]:
         """Return the samples for motion blur, and their number per frame."""

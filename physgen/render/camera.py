@@ -37,7 +37,7 @@ from physgen.scene.scene import (
     magnification,
     room,
 )
-from physgen.simulate.trajectory import Trajectory
+from physgen.simulate.trajectory import START_TIME, Trajectory
 
 Index = NDArray[np.int64]
 Size = tuple[int, int]
@@ -502,6 +502,29 @@ def exposure_times(
     parts = int(np.clip(count, FEWEST, MOST))
     before = (np.arange(parts) - (parts - 1)) / parts * exposure
     return np.maximum((times[:, None] + before).ravel(), 0.0), parts
+
+
+def blur_first_frame(
+    trajectory: Trajectory, world: World, parts: int, share: float
+) -> Trajectory:
+    """Return samples of exposures, `parts` per frame, in which the first frame is blurred, too.
+
+    What moves and touches nothing at t = 0 came with its velocity. `share` of the time between frames is exposed.
+    """
+    times, contacts = trajectory.times, trajectory.contacts
+    if parts < 2 or len(times) <= parts:
+        return trajectory
+    begins = contacts.touch_times[:, 0] <= START_TIME
+    touching = set(contacts.touch_pairs[begins].ravel().tolist())
+    exposure = share * float(times[2 * parts - 1] - times[parts - 1])
+    before = (np.arange(parts) - (parts - 1)) / parts * exposure
+    poses = trajectory.poses.copy()
+    for k, body in enumerate(world.bodies):
+        velocity = trajectory.velocities[0, k, :2]
+        if k in touching or body.ramp > 0 or not velocity.any():
+            continue
+        poses[:parts, k, :2] = poses[0, k, :2] + before[:, None] * velocity
+    return replace(trajectory, poses=poses)
 
 
 def ways_seen(trajectory: Trajectory, through: Shot, parts: int) -> Array:

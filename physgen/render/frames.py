@@ -32,6 +32,7 @@ from physgen.render.occlusion import (
 )
 from physgen.render.shadow_decomposition import LitBackground, shaded_background
 from physgen.render.sprites import CUT, Sides
+from physgen.render.squash import squash_picture
 from physgen.render.stage import (
     Cover,
     Frame,
@@ -237,6 +238,8 @@ class Picture:
     """
     factor: F32 | None = None
     """(h, w) by which `light` was multiplied for the shadows of others."""
+    is_flat: bool = False
+    """Whether an impact has flattened it, so that it is not as its placement draws it."""
 
 
 @dataclass(frozen=True)
@@ -283,6 +286,7 @@ def render_frames(
             exposure = list(samples[index * parts : (index + 1) * parts])
             trails = _trails(stage, ways[exposure])
             pictures = list(_pictures(stage, painter.balls, stands))
+            _flatten(stage, pictures, time)
             rgb = painter.paint(stands, pictures, trails)
             covers = _covers(stage, pictures)
             yield Frame(
@@ -434,9 +438,11 @@ class _Painter:
                 cv2.multiply(canvas_part, three_channels(1 - coverage), dst=canvas_part)
                 cv2.add(canvas_part, light, dst=canvas_part)
                 boxes.append(box)
-            if picture is not None and picture.rest is not None:
-                self._shadows.add_border(self._canvas, *picture.rest)
-                boxes.append(picture.rest[0])
+            is_blurred_photo = stand.k in trails and stand.start == stand.pose
+            rest = None if picture is None or is_blurred_photo else picture.rest
+            if rest is not None:
+                self._shadows.add_border(self._canvas, *rest)
+                boxes.append(rest[0])
         return boxes
 
     def _layer(
@@ -760,6 +766,35 @@ def _pictures(
         yield Picture(stand, placement, light, coverage, border)
 
 
+def _flatten(stage: Stage, pictures: Sequence[Picture], time: float) -> None:
+    """Flatten the soft objects that an impact presses at a time, s."""
+    if stage.squashes is None:
+        return
+    squashes = stage.squashes.find(time)
+    if not squashes:
+        return
+    size = (stage.background.shape[1], stage.background.shape[0])
+    for picture in pictures:
+        sprite, pose = stage.sprites[picture.stand.k], picture.stand.pose
+        squash = squashes.get(sprite.body)
+        if squash is None or picture.where.own is not None:
+            continue
+        center = (pose.x, pose.y + sprite.face)
+        flat = squash_picture(
+            squash.scaled(stage.scale),
+            center,
+            picture.where.box,
+            picture.light,
+            picture.coverage,
+            size,
+        )
+        if flat is None:
+            continue
+        box, picture.light, picture.coverage = flat
+        picture.where = replace(picture.where, box=box)
+        picture.is_flat = True
+
+
 def _add_sides(stage: Stage, pictures: Sequence[Picture]) -> None:
     """Add the sides of turned blocks, except behind fronts, which lie in one plane."""
     turned_blocks = []
@@ -869,7 +904,7 @@ def _figures(stage: Stage, pictures: Sequence[Picture]) -> Mapping[int, Silhouet
     figures = {}
     for picture in pictures:
         stand, coverage = picture.stand, picture.coverage
-        if stage.supersample != 1:
+        if stage.supersample != 1 and not picture.is_flat:
             coverage = sprite_coverage(stage.sprites[stand.k], picture.where)
         figures[stand.k] = sprite_silhouette(stage, stand, picture.where, coverage)
     return figures

@@ -18,7 +18,7 @@ from physgen.arrays import F32, F64
 from physgen.maps import U8, Percepts
 from physgen.render.camera import Shot
 from physgen.render.stage import Frame
-from physgen.scene.scene import Noise, Play, Render
+from physgen.scene.scene import Noise, Play, Render, Striker
 
 
 @dataclass(frozen=True)
@@ -295,11 +295,21 @@ def add_grain(
         yield replace(frame, rgb=rgb)
 
 
-class Delivery:
-    """Hold and noise of a video."""
+ENTERING = 8
+"""Frames in which a striker comes in, at least."""
 
-    def __init__(self, hold: int, grain: Grain | None) -> None:
-        self.hold, self.grain = hold, grain
+
+class Delivery:
+    """Hold, noise, flattened objects and strikers of a video."""
+
+    def __init__(
+        self, hold: int, grain: Grain | None, *, squash: bool, enter: Striker
+    ) -> None:
+        self.hold, self.grain, self.squash, self.enter = hold, grain, squash, enter
+        self.first_blur = False
+        """Whether the first frame is an exposure, too."""
+        self.draws_hold = False
+        """Whether the frames of the hold are drawn, as something comes in during them."""
         self._photos: tuple[U8, U8] | None = None
 
     @classmethod
@@ -307,18 +317,33 @@ class Delivery:
         """Return the delivery of a scene's settings; without a `photo` there is no
         noise.
         """
-        hold = settings.hold if settings.play is not Play.BACKWARD else 0
-        if settings.grain is not Noise.MATCH or photo is None:
-            return cls(hold, None)
-        return cls(hold, measure_grain(photo))
+        hold, enter = settings.hold, settings.enter
+        if photo is None:
+            enter = Striker.NONE
+        if enter is not Striker.NONE:
+            hold = max(hold, ENTERING)
+        if settings.play is Play.BACKWARD:
+            hold, enter = 0, Striker.NONE
+        grain = None
+        if settings.grain is Noise.MATCH and photo is not None:
+            grain = measure_grain(photo)
+        delivery = cls(hold, grain, squash=settings.squash, enter=enter)
+        delivery.first_blur = settings.first_blur
+        return delivery
 
     def as_dict(self) -> dict[str, Any]:
-        """Return hold and noise for the manifest; empty without both."""
+        """Return the settings for the manifest; empty without any."""
         parts: dict[str, Any] = {}
         if self.hold:
             parts["hold"] = self.hold
         if self.grain is not None:
             parts["grain"] = Noise.MATCH.value
+        if self.squash:
+            parts["squash"] = True
+        if self.first_blur:
+            parts["first_blur"] = True
+        if self.enter is not Striker.NONE:
+            parts["enter"] = self.enter.value
         return parts
 
     def remove_noise(self, maps: Percepts) -> Percepts:
@@ -331,7 +356,7 @@ class Delivery:
 
     def deliver_frames(self, frames: Iterator[Frame], shot: Shot) -> Iterator[Frame]:
         """Yield the frames of the video."""
-        if self.hold:
+        if self.hold and not self.draws_hold:
             frames = hold_frames(frames, self.hold)
         if self.grain is None:
             return frames

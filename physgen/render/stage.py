@@ -16,6 +16,7 @@ from physgen.geometry.polygon import Pose, rotation
 from physgen.maps import U8, U16
 from physgen.render.shadow_decomposition import LitBackground
 from physgen.render.sprites import Sprite
+from physgen.render.squash import Squashes
 from physgen.simulate.trajectory import Trajectory
 from physgen.simulate.trajectory import rotation_matrices as in_space
 
@@ -468,6 +469,8 @@ class Stage:
     """
     contact_depth: float = 0.0
     """Lost share of objects' light at a contact."""
+    squashes: Squashes | None = None
+    """Soft bodies that impacts flatten; None: no body is flattened."""
     keeps_layers: bool = False
     """Whether frames keep their layers."""
 

@@ -131,8 +131,9 @@ class Clip:
 
     @property
     def title(self) -> str:
-        """Return the scene's name in words; a name that holds settings stays."""
-        return title_of(self.scene)
+        """Return the scene's title, or its name in words; a name that holds settings stays."""
+        title = self.document.get("title")
+        return title if isinstance(title, str) else title_of(self.scene)
 
     @property
     def sentence(self) -> str:

@@ -115,7 +115,7 @@ def report_page(
             encoding="utf-8"
         )
     page: str = template("report.html.j2").render(
-        title=scene.name,
+        title=scene.title or scene.name,
         size=(width, height),
         video_size=scene.video_size,
         frames=len(record.frames or record.unrefined),

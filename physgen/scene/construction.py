@@ -113,6 +113,7 @@ def scene_from_tree(
         places=MappingProxyType(dict(_places(root, ()))),
         document=MappingProxyType(data),
         variants=tuple(data["variants"]),
+        title=data.get("title"),
     )
 
 

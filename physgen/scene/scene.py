@@ -561,6 +561,15 @@ class Noise(Enum):
     MATCH = "match"
 
 
+class Striker(Enum):
+    """What comes into the picture and pushes."""
+
+    NONE = "none"
+    FINGER = "finger"
+    CUE = "cue"
+    STICK = "stick"
+
+
 @dataclass(frozen=True)
 class CameraView:
     """One view of the camera; one alone holds from the first frame to the last."""
@@ -601,6 +610,12 @@ class Render:
     chroma: int = 420
     """420 or 444: colours of an mp4 at every second pixel of each side, or at all."""
     contact_shade: bool = False
+    squash: bool = False
+    """Soft objects are flat for two frames after an impact."""
+    first_blur: bool = False
+    """What is in the air at t = 0 is blurred in the first frame, too."""
+    enter: Striker = Striker.NONE
+    """What pushes the objects that move at t = 0."""
     sound: SoundLevel | None = None
     """None: silent."""
 
@@ -655,6 +670,8 @@ class Settings:
     """degrees by which the camera looks down on the floor, seen from the side."""
     backdrop: float | None
     """px from the objects back to an upright wall; None: none is near."""
+    ramp: float = 0.0
+    """s in which objects reach their velocity and spin; 0: at once."""
     gravity_in_units: bool = False
     """Whether gravity was written with a unit, such as 9.81 m/s²."""
 
@@ -710,6 +727,8 @@ class Scene:
     """The resolved document as plain YAML data, defaults filled in: what a clip's manifest has."""
     variants: tuple[str, ...] = ()
     """Names of the variants that the file offers."""
+    title: str | None = None
+    """Of the clip; None: made of the name."""
     files: tuple[Path, ...] = field(default=(), compare=False, repr=False)
     """The file and those that it extends, as they were opened."""
 

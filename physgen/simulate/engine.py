@@ -52,6 +52,7 @@ from physgen.simulate.forces import (
     stiffest_spring,
 )
 from physgen.simulate.joints import Assemblies
+from physgen.simulate.ramps import is_ramped
 from physgen.simulate.recorder import (
     NOT_BRAKED,
     Recorder,
@@ -271,6 +272,7 @@ class Running:
         velocity = np.array([[*b.velocity, b.spin] for b in world.bodies]).reshape(
             -1, 3
         )
+        velocity[[is_ramped(body) for body in world.bodies]] = 0.0
         roll = self._lasting.roll
         if self._scripts.busy:
             self._scripts.sample(0.0, pose, velocity)

@@ -24,6 +24,7 @@ from physgen.scene.scene import (
 )
 from physgen.simulate.friction import Resistance, Table
 from physgen.simulate.moving_tables import MovingTable
+from physgen.simulate.ramps import Ramps, is_ramped
 
 
 def spring_joints(world: World) -> list[Joint]:
@@ -174,7 +175,8 @@ class ForceFields:
         self.busy = bool(
             self._pushes or self._springs or self._winds or self._attractors
         ) or bool(self._lifts or len(self._damped) or self._fingers)
-        self.busy |= bool(self._pools or self._magnets)
+        self.ramps = Ramps(world)
+        self.busy |= bool(self._pools or self._magnets or self.ramps.busy)
 
     def release(self, joint: Joint, pose: Array, time: float) -> float:
         """Remove a spring from a time on, s; return its energy at that time."""
@@ -288,6 +290,8 @@ class ForceFields:
             self._attract(magnet, pose, total)
         for pool in self._pools:
             self._float(pool, pose, velocity, h, total)
+        if self.ramps.busy:
+            self.ramps.add(velocity, begin, end, total.drive)
         for finger in self._fingers:
             self._lead(finger, pose, velocity, (begin, end), total)
         return total
@@ -604,7 +608,8 @@ class StepForces:
         self._nothing = np.zeros((len(bodies), 3))
         self._fall = np.where(self._dynamic[:, None], [*world.gravity, 0.0], 0.0)
         self._falls = bool(world.gravity.any())
-        self.roll = np.array([b.roll for b in bodies]).reshape(-1, 2)
+        rolls = [0 * b.roll if is_ramped(b) else b.roll for b in bodies]
+        self.roll = np.array(rolls).reshape(-1, 2)
         """Present roll of spheres on a table, (N, 2) rad/s."""
         self._foreseen: list[tuple[Array, Array]] = []
         """Friction of the table in the next steps without contacts, the last step
@@ -679,17 +684,28 @@ class StepForces:
                 )
                 table_velocity = self._belts.velocities(middle[:, :2])
                 predicted_velocity = predicted_velocity - table_velocity
+            roll = self.roll
+            begin = end if first else end - h / 2
+            pushed_roll = self._loads.ramps.roll_change(begin, end + h / 2, len(roll))
+            if pushed_roll is not None:
+                roll = roll + pushed_roll
             if not (alone and self._foreseen):
                 self._foreseen = self._table.foreseen(
-                    predicted_velocity, self.roll, duration, 32 if alone else 1
+                    predicted_velocity, roll, duration, 32 if alone else 1
                 )
             change, roll_change = self._foreseen.pop()
+            if pushed_roll is not None:
+                roll_change = roll_change + pushed_roll
             friction = change * self._weight
             carried = (
                 0.0
                 if table_velocity is None
                 else float((friction * table_velocity).sum())
             )
+            if pushed_roll is not None:
+                middle_roll = self.roll + roll_change / 2
+                inertia = self._weight[:, 2:]
+                carried += float((inertia * middle_roll * pushed_roll).sum())
             friction /= h
             spend = friction if load.spend is None else load.spend + friction
             load = Forces(

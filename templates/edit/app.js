@@ -250,7 +250,7 @@ const titleOf = ({ name, folder }) => (name === "scene.yaml" ? folder.split(/[\\
 part("undo").addEventListener("click", () => editor.undo());
 part("redo").addEventListener("click", () => editor.redo());
 editor.on("state", ({ state }) => {
-  const title = titleOf(state.file);
+  const title = state.scene?.title ?? titleOf(state.file);
   part("name").textContent = title;
   part("name").title = `${state.file.folder}/${state.file.name}`;
   document.title = `${state.file.saved ? "" : "• "}${title} · physgen`;

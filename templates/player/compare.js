@@ -87,7 +87,11 @@ function saveFrame(video, size, paint, name, tell) {
 function readGallery(root, ways) {
   const page = new URLSearchParams(location.search).get("gallery");
   const $ = (name) => ways.querySelector(`[data-part="${name}"]`);
-  if (!page || !RELATIVE.test(page)) return;
+  if (!page || !RELATIVE.test(page)) {
+    // opened by itself: back to the folder of the clips
+    Object.assign($("home"), { href: "../", textContent: "Folder", hidden: false });
+    return;
+  }
   const home = new URL(page, location.href), way = $("home");
   if (home.protocol !== location.protocol || home.host !== location.host) return;
   way.href = home.href;

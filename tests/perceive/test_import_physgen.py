@@ -9,6 +9,7 @@ import pytest
 from physgen import pipeline
 from physgen.perceive.document import write_scene
 from physgen.perceive.import_physgen import import_physgen
+from physgen.perceive.import_shot import as_shot
 from physgen.problems import InputError, Severity
 from physgen.scene.load import load
 from physgen.scene.scene import Circle, Combine, Load, Polygon, Solid, View
@@ -230,3 +231,52 @@ def test_import_writes_a_scene_that_loads(tmp_path: Path) -> None:
     source, scene = folder(tmp_path / "two"), tmp_path / "scene.yaml"
     pipeline.import_physgen(source, scene)
     assert {item.label for item in load(scene).objects} >= {"ball", "toy"}
+
+
+@pytest.mark.parametrize("faithful", [True, False])
+def test_import_is_a_shot_unless_faithful(tmp_path: Path, faithful: bool) -> None:
+    source, path = folder(tmp_path / "two"), tmp_path / "scene.yaml"
+    pipeline.import_physgen(source, path, faithful=faithful)
+    scene = load(path)
+    balls = [item.solid for item in scene.objects if item.label == "ball"]
+    assert balls
+    if faithful:
+        assert scene.render.frames is not None
+        assert {ball.value for ball in balls if ball} == {"disc"}
+        assert scene.render.hold == 0
+        return
+    assert (scene.render.fps, scene.render.frames) == (30, None)
+    assert {ball.value for ball in balls if ball} == {"sphere"}
+    assert scene.world.until_rest
+    assert scene.world.ramp == 0.1
+    assert not scene.forces
+
+
+def test_shot_has_boxes_and_long_floors(tmp_path: Path) -> None:
+    path = folder(tmp_path / "tower", TOWER)
+    mask = np.zeros((96, 96), np.uint8)
+    corners = np.array([[40, 30], [52, 31], [51, 80], [39, 79]])
+    cv2.fillPoly(mask, [corners], 1)
+    cv2.imwrite(str(path / "mask.png"), mask)
+    shot = as_shot(import_physgen(path))
+    (entry,) = shot.document["objects"].values()
+    box = entry["shape"]["box"]
+    # It stands on its floor, and not on a corner.
+    assert "angle" not in box
+    assert box["center"][1] + box["size"][1] / 2 == pytest.approx(82)
+    assert box["size"] == pytest.approx([12, 49], abs=2)
+    assert entry["velocity"] == pytest.approx([30, 0], rel=0.001)
+    (wall,) = shot.document["boundaries"].values()
+    assert wall["segment"] == [[-96, 82], [191, 82]]
+
+
+TOWER = """\
+cat: tower
+num_steps: 60
+animation_frames: 16
+gravity: 980
+init_acc: {1: [30, 0]}
+edge_list: [[[0, 82], [95, 82]]]
+obj_info:
+  1: {label: block, density: 1.0, friction: 0.5, elasticity: 0.3, primitive: polygon}
+"""

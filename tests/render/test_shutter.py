@@ -7,9 +7,11 @@ import pytest
 
 from physgen import pipeline
 from physgen.photometry import decode
+from physgen.pipeline.stages import Film, Keep, Stages
 from physgen.render import camera as camera_module
 from physgen.render.camera import exposure_times, filmed, mean_exposures
 from physgen.render.frames import render_frames
+from physgen.report.record import RunRecord
 from physgen.simulate.engine import simulate
 
 SCENE = """\
@@ -170,3 +172,38 @@ def test_what_leaves_the_picture_is_the_mean_of_many_too(tmp_path, what) -> None
         assert (
             np.abs(one.astype(int) - other).max() <= 25
         )  # levels; 120 and more where it was cut at the border
+
+
+FLIGHT = """\
+physgen: 1
+size: [160, 120]
+world: {pixels_per_meter: 100, duration: 0.2}
+objects:
+  thrown: {shape: {circle: {center: [60, 30], radius: 12}}, velocity: [300, 0]}
+  pushed: {shape: {circle: {center: [40, 98], radius: 12}}, velocity: [300, 0]}
+boundaries: {floor: {segment: [[-90, 110], [400, 110]]}}
+render: {motion_blur: 0.5}
+"""
+
+
+def test_what_is_in_the_air_starts_with_blur(tmp_path) -> None:
+    path = tmp_path / "scene.yaml"
+    path.write_text(FLIGHT)
+    clips = []
+    for overrides in ([], ["render.first_blur=true"]):
+        stages = Stages(Keep.NOTHING)
+        scene = pipeline.load(path, overrides)
+        maps = stages.maps(scene)
+        record = RunRecord(scene="", command=[])
+        film = Film(scene, stages.compile(scene, maps), maps, record, stages)
+        film.deliver()
+        motion = film.simulated(lambda *_: None)
+        clips.append([frame.rgb for frame in film.frames(motion)])
+    sharp, blurred = clips
+    for before, after in zip(sharp[1:], blurred[1:], strict=True):
+        assert np.array_equal(before, after)
+    difference = np.abs(sharp[0].astype(int) - blurred[0]).max(axis=2) > 20
+    rows, columns = np.nonzero(difference)
+    # Its way of 5 px lies behind it; what touches the floor stays sharp.
+    assert rows.max() < 45
+    assert columns.min() < 60 - 12 - 2

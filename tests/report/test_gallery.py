@@ -229,13 +229,13 @@ def test_a_card_has_the_words_of_its_scene_file(tmp_path: Path) -> None:
         inputs={"seen.assets/perceived.json": "0"},
         source="../../none.yaml",
     )
-    exhibit(tmp_path / "out" / "drawn")
+    exhibit(tmp_path / "out" / "drawn", document(title="Drawn by hand"))
     found = {clip.name: clip for clip in clips_in([tmp_path / "out"])}
     cups = found["tall-cups"]
     assert (cups.title, cups.sentence) == ("Tall cups", "Two cups, one on top.")
     assert (cups.masks, cups.slow) == ("hand-made masks", 2.5)
     assert (found["seen"].masks, found["seen"].sentence) == ("perceived", "")
-    assert found["drawn"].masks == ""
+    assert (found["drawn"].masks, found["drawn"].title) == ("", "Drawn by hand")
     write_gallery([tmp_path / "out"], tmp_path / "out" / "index.html")
     html = (tmp_path / "out" / "index.html").read_text()
     assert "slow motion 2.5 ×" in html

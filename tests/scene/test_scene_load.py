@@ -45,7 +45,7 @@ def test_a_star_sets_no_more_than_a_scene_may_hold(tmp_path: Path) -> None:
 
 def test_everything_that_is_written() -> None:
     found = load(FULL)
-    assert found.name == "full"
+    assert (found.name, found.title) == ("full", "A ball and a crate")
     assert (found.size, found.image, found.assets) == ((512, 384), None, None)
     assert found.world == scene.Settings(
         scene.View.TOP,
@@ -58,6 +58,7 @@ def test_everything_that_is_written() -> None:
         480,
         4,
         None,
+        0.25,
     )
     ball, blob, crate, kite, ring = found.objects
     assert ball == scene.Object(
@@ -164,7 +165,8 @@ def test_everything_that_is_written() -> None:
         24, 16, False, False, 0.5, (scene.Overlay.OUTLINES, scene.Overlay.TRAILS), 1,
         scene.Play.BACKWARD, None, (832, 480),
         (scene.CameraView(0, (250, 180), None, 1.5), scene.CameraView(1, None, "ball", 2)), 3,
-        scene.Noise.MATCH, 8, 0.0, 444, True,
+        scene.Noise.MATCH, 8, 0.0, 444, True, True, True,
+        scene.Striker.CUE,
     )  # fmt: skip
     assert found.refine == scene.Refine(
         "animatediff",

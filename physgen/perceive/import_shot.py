@@ -1,0 +1,192 @@
+"""A scene of the paper's code as a shot: in natural time and forms, where its code has 16 frames and discs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import copysign, sqrt
+from typing import Any
+
+import cv2
+import numpy as np
+
+from physgen.geometry.polygon import Array
+from physgen.geometry.scale import scale_entry
+from physgen.perceive.document import HOLD, MOTION_BLUR, short
+from physgen.perceive.roles import PerceivedScene
+
+
+@dataclass(frozen=True)
+class ShotTuning:
+    """What counts as a box and a floor, and the numbers that the paper's scenes lack."""
+
+    rectangle: float = 0.9
+    """Share of the least rectangle around an outline that a box fills."""
+    upright: float = 4.0
+    """degrees by which the outline of a standing box may be off."""
+    stands: float = 6.0
+    """px between the foot of a box and the floor on which it stands."""
+    border: float = 3.0
+    """px from the picture's border, where a floor goes on."""
+    table: float = 0.2
+    """Friction of a table: cloth."""
+    cushion: float = 0.8
+    """Elasticity of the walls of a table, if it is 0."""
+    rolling: float = 0.01
+    """Rolling resistance of balls."""
+    ramp: str = "0.1 s"
+    """Three frames of a push."""
+
+
+SHOT = ShotTuning()
+RENDER = {
+    "fps": 30,
+    "motion_blur": MOTION_BLUR,
+    "grain": "match",
+    "hold": HOLD,
+    "contact_shade": True,
+    "squash": True,
+}
+"""Settings of the video, as `perceive` writes them."""
+
+
+def as_shot(imported: PerceivedScene) -> PerceivedScene:
+    """Return an imported scene with spheres, boxes, long floors, a table, 30 fps and pushes that take a while."""
+    document, comments = dict(imported.document), dict(imported.comments)
+    height, width = imported.percepts.labels.shape
+    floors = [wall["segment"] for wall in document["boundaries"].values()]
+    objects = {}
+    for name, entry in document["objects"].items():
+        objects[name] = _natural_form(entry, floors)
+    _push_by_velocity(document["forces"], objects)
+    world, boundaries = _natural_world(document, comments, (width, height))
+    comments.pop("forces", None)
+    comments["objects"] = "--faithful keeps the discs and outlines of the paper's code"
+    document |= {
+        "world": world,
+        "objects": objects,
+        "boundaries": boundaries,
+        "forces": [],
+        "render": dict(RENDER),
+    }
+    return replace(imported, document=document, comments=comments)
+
+
+def _natural_world(
+    document: Mapping[str, Any], comments: dict[str, str], size: tuple[int, int]
+) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+    """Return world and boundaries for a photo of `size` (W, H), and write their comments."""
+    world = dict(document["world"]) | {"duration": "auto", "ramp": SHOT.ramp}
+    boundaries = document["boundaries"]
+    if world["view"] != "top":
+        return world, _with_long_floors(boundaries, size[0])
+    world.pop("gravity", None)
+    per_meter, reason = scale_entry(max(size), None, None)
+    world["pixels_per_meter"] = per_meter
+    world["table"] = {"friction": SHOT.table}
+    comments["world.pixels_per_meter"] = reason
+    comments["world.table"] = "as of cloth"
+    comments["world.view"] = "gravity 0: seen from above"
+    return world, _with_cushions(boundaries, comments)
+
+
+def _natural_form(
+    entry: Mapping[str, Any], floors: Sequence[Sequence[Sequence[float]]]
+) -> dict[str, Any]:
+    """Return the entry of an object: discs are spheres, and near-rectangles boxes."""
+    natural = dict(entry)
+    if entry.get("solid") == "disc":
+        return natural | {"solid": "sphere", "rolling": SHOT.rolling}
+    points = entry["shape"].get("polygon")
+    if points is None:
+        return natural
+    box = _box_around(np.array(points, np.float64), floors)
+    if box is not None:
+        natural["shape"] = {"box": box}
+    return natural
+
+
+def _box_around(
+    points: Array, floors: Sequence[Sequence[Sequence[float]]]
+) -> dict[str, Any] | None:
+    """Return the box of an outline (N, 2) that nearly fills it; None if it does not."""
+    outline = points.astype(np.float32)
+    (x, y), (wide, high), angle = cv2.minAreaRect(outline)
+    area = float(cv2.contourArea(outline))
+    if area < SHOT.rectangle * wide * high:
+        return None
+    if abs(angle) > 45:
+        angle, wide, high = angle - copysign(90, angle), high, wide
+    # As large as the outline.
+    scale = sqrt(area / (wide * high))
+    wide, high = round(scale * wide, 2), round(scale * high, 2)
+    if abs(angle) < SHOT.upright:
+        foot = float(points[:, 1].max())
+        for (x0, y0), (x1, y1) in floors:
+            is_level = y0 == y1 and min(x0, x1) <= x <= max(x0, x1)
+            if is_level and abs(foot - y0) <= SHOT.stands:
+                angle, y = 0.0, y0 - high / 2
+    box: dict[str, Any] = {"center": [short(round(x, 2)), short(round(y, 2))]}
+    box["size"] = [short(wide), short(high)]
+    if angle:
+        box["angle"] = short(round(angle, 2))
+    return box
+
+
+def _push_by_velocity(
+    forces: Sequence[Mapping[str, Any]], objects: dict[str, dict[str, Any]]
+) -> None:
+    """Add the paper's changes of velocity, which are impulses here, to velocities, which a ramp reaches."""
+    for force in forces:
+        entry = objects[force["object"]]
+        mass = entry.get("mass")
+        if mass is None:
+            mass = entry["density"] * _area(entry["shape"])
+        before = entry.get("velocity", [0.0, 0.0])
+        pairs = zip(before, force["impulse"], strict=True)
+        entry["velocity"] = [float(f"{v + part / mass:.4g}") for v, part in pairs]
+
+
+def _area(shape: Mapping[str, Any]) -> float:
+    """Return px² of a shape's entry."""
+    if "box" in shape:
+        wide, high = shape["box"]["size"]
+        return float(wide * high)
+    if "polygon" in shape:
+        return float(cv2.contourArea(np.array(shape["polygon"], np.float32)))
+    total = 0.0
+    for piece in shape["polygons"]:
+        total += float(cv2.contourArea(np.array(piece["outline"], np.float32)))
+    return total
+
+
+def _with_cushions(
+    boundaries: Mapping[str, dict[str, Any]], comments: dict[str, str]
+) -> dict[str, dict[str, Any]]:
+    """Return the boundaries of a table, from which objects bounce."""
+    cushions = {}
+    for name, wall in boundaries.items():
+        cushions[name] = dict(wall)
+        if not wall["elasticity"]:
+            cushions[name]["elasticity"] = SHOT.cushion
+            comments["boundaries"] = "0 in sim.yaml: nothing bounced off them"
+    return cushions
+
+
+def _with_long_floors(
+    boundaries: Mapping[str, dict[str, Any]], width: int
+) -> dict[str, dict[str, Any]]:
+    """Return boundaries whose ends at the picture's sides are a picture's width beyond."""
+    longer = {}
+    for name, wall in boundaries.items():
+        ends = np.array(wall["segment"], np.float64)
+        way = ends[1] - ends[0]
+        for end, sign in ((0, -1), (1, 1)):
+            x = ends[end, 0]
+            is_left = x <= SHOT.border and sign * way[0] < 0
+            is_right = x >= width - 1 - SHOT.border and sign * way[0] > 0
+            if is_left or is_right:
+                ends[end] += sign * way * (width / abs(way[0]))
+        segment = [[short(x), short(y)] for x, y in ends.tolist()]
+        longer[name] = wall | {"segment": segment}
+    return longer

@@ -1,0 +1,433 @@
+"""A finger, a cue or a stick that comes into the picture, pushes what moves first, and leaves.
+
+It is a sprite of its own on the stage, so that light, shadows, contacts and blur treat it as they treat objects. It
+comes in during the frames of the photo before the motion, touches at t = 0, stays with the object while the push
+ramps up, and goes back on its way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import ceil, hypot, radians
+
+import numpy as np
+
+from physgen.arrays import F32, F64
+from physgen.compile.world import Body, World
+from physgen.geometry.polygon import Pose, rotation
+from physgen.geometry.shadows import Silhouette
+from physgen.photometry import decode, luminance
+from physgen.render.camera import Shot
+from physgen.render.shadow_decomposition import CastShadow
+from physgen.render.sprites import MARGIN, Sprite
+from physgen.render.stage import ShadowBody, Stage
+from physgen.scene.scene import Motion, Striker, View
+from physgen.simulate.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class Band:
+    """A part of a striker, from its tip on."""
+
+    end: float
+    """mm from the tip."""
+    colour: tuple[int, int, int]
+    """SRGB."""
+
+
+@dataclass(frozen=True)
+class Form:
+    """How a striker looks."""
+
+    tip: float
+    """mm: radius of its tip, which is round."""
+    grows: float
+    """mm of radius for each mm of its length."""
+    most: float
+    """mm: its largest radius."""
+    lift: float
+    """degrees by which it comes from above, in a view from the side."""
+    bands: tuple[Band, ...]
+    """The last one goes on to its end."""
+    joints: tuple[float, ...] = ()
+    """mm from the tip, of creases."""
+    has_nail: bool = False
+    gloss: float = 0.0
+    """Light of its highlight, linear."""
+
+
+LONG = 1e9
+"""mm: to the end."""
+FORMS = {
+    Striker.FINGER: Form(
+        7.0,
+        0.035,
+        10.5,
+        32,
+        (Band(LONG, (224, 172, 145)),),
+        (25, 50),
+        has_nail=True,
+        gloss=0.02,
+    ),
+    Striker.CUE: Form(
+        6.2,
+        0.006,
+        14,
+        9,
+        (
+            Band(5, (48, 92, 140)),
+            Band(24, (236, 232, 220)),
+            Band(LONG, (205, 160, 104)),
+        ),
+        gloss=0.12,
+    ),
+    Striker.STICK: Form(
+        6.0, 0.0, 6.0, 20, (Band(16, (44, 44, 48)), Band(LONG, (196, 158, 112))), ()
+    ),
+}
+
+
+FLUSH = np.array([0.02, 0.14, 0.12], np.float32)
+"""Share of light that redder skin lacks."""
+NAIL = (7.5, 6.5, 0.72, 0.42)
+"""Middle and half the length, mm from the tip; the same across it, of the radius."""
+NAIL_COLOUR = (238, 196, 182)
+"""SRGB."""
+NAIL_SHARP = 3.0
+"""Slope of a nail's edge."""
+
+
+@dataclass(frozen=True)
+class StrikerTuning:
+    """Size and time of a striker."""
+
+    thin: float = 0.1
+    """Of the object's reach, and ..."""
+    thick: float = 0.4
+    """... of it: limits of the tip's radius, as the scale may be a guess."""
+    least: float = 2.5
+    """px of its radius."""
+    back: int = 10
+    """Frames in which it leaves."""
+    slows: float = 2.2
+    """Power with which the way that is left shrinks as it comes."""
+    crease: float = 0.12
+    """Depth of a crease, and ..."""
+    crease_width: float = 0.9
+    """... mm of its standard deviation."""
+    bulge: float = 0.07
+    """Of the radius, by which a joint is thicker, and ..."""
+    bulge_width: float = 6.0
+    """... mm of its standard deviation."""
+    flush: float = 9.0
+    """mm from the tip in which skin is redder."""
+    bright: float = 95
+    """Percentile of a photo's light that ..."""
+    white: float = 0.6
+    """... is as much as this if colours are as given."""
+    dark: tuple[float, float] = (0.35, 1.1)
+    """Limits of the light in darker and brighter photos."""
+
+
+STRIKER = StrikerTuning()
+
+
+@dataclass(frozen=True)
+class _Way:
+    """The way of a striker on the canvas, px."""
+
+    body: int
+    """It pushes."""
+    arm: F64
+    """(2,) from the body's centre to the middle of the round tip at t = 0."""
+    axis: F64
+    """(2,) unit, from the tip along the striker."""
+    distance: float
+    """Along the axis, from where it touches to where it is out of sight."""
+    scale: float
+    """px a mm of its form."""
+
+    def place(self, pose: F64, away: float) -> F64:
+        """Return (2,) px of the middle of the tip, by the pose (3,) of the body."""
+        arm = rotation(float(pose[2])) @ self.arm
+        return np.asarray(pose[:2] + arm + away * self.axis, np.float64)
+
+
+@dataclass(frozen=True)
+class StruckScene:
+    """A stage with strikers, and what it shows in each frame."""
+
+    stage: Stage
+    trajectory: Trajectory
+    """`parts` samples a frame, those of the hold first, and the strikers as more bodies."""
+    shot: Shot
+
+
+def with_strikers(
+    stage: Stage,
+    world: World,
+    kind: Striker,
+    exposed: tuple[Trajectory, int],
+    shot: Shot,
+    hold: int,
+) -> StruckScene | None:
+    """Return the scene with a striker for each object that is pushed; None if none is.
+
+    `exposed` are the samples of the exposures, and how many a frame has; `hold` frames come before them.
+    """
+    fine, parts = exposed
+    form = FORMS[kind]
+    ways = []
+    for k, body in enumerate(world.bodies):
+        if body.motion is Motion.DYNAMIC and body.velocity.any():
+            ways.append(_way(stage, world, k, form, fine.poses[0, k]))
+    if not ways or stage.scale != 1.0:
+        return None
+    longer = _with_hold(fine, parts, hold)
+    tracks = [_track(way, world.bodies[way.body], longer, parts, hold) for way in ways]
+    return StruckScene(
+        _with_sprites(stage, form, ways, tracks, fine),
+        _with_bodies(longer, tracks),
+        replace(shot, order=_longer_order(shot.order, hold)),
+    )
+
+
+def _longer_order(order: Sequence[int], hold: int) -> tuple[int, ...]:
+    """Return the playing order with frames of the hold before the others."""
+    return (*range(hold), *(sample + hold for sample in order))
+
+
+def _way(stage: Stage, world: World, k: int, form: Form, pose: F64) -> _Way:
+    """Return the way of the striker that pushes a body."""
+    body = world.bodies[k]
+    push = body.velocity / hypot(*body.velocity)
+    axis = -push
+    if world.view is View.SIDE:
+        # From above: the floor is below.
+        lift = radians(form.lift) * (1 if push[0] > 0 else -1) * (abs(push[0]) > 0.5)
+        axis = rotation(lift) @ axis
+    usual = form.tip * world.pixels_per_meter / 1000
+    radius = min(max(usual, STRIKER.thin * body.reach), STRIKER.thick * body.reach)
+    radius = max(radius, STRIKER.least)
+    arm = _rim(body, float(pose[2]), -push) - radius * push
+    scale = radius / form.tip
+    middle = pose[:2] + arm
+    height, width = stage.background.shape[:2]
+    distance = _exit(middle, axis, (width, height)) + 2 * form.most * scale + MARGIN
+    arm = rotation(-float(pose[2])) @ arm
+    return _Way(k, arm, axis, distance, scale)
+
+
+def _rim(body: Body, angle: float, direction: F64) -> F64:
+    """Return (2,) px from the centre to a body's outline in a direction."""
+    if body.radius is not None:
+        return body.radius * direction
+    turn = rotation(angle)
+    across = np.array([-direction[1], direction[0]])
+    reach = 0.0
+    for ring in body.rings:
+        corners = ring @ turn.T
+        along, side = corners @ direction, corners @ across
+        next_along, next_side = np.roll(along, -1), np.roll(side, -1)
+        crosses = (side > 0) != (next_side > 0)
+        share = side[crosses] / (side[crosses] - next_side[crosses])
+        places = along[crosses] + share * (next_along[crosses] - along[crosses])
+        reach = max(reach, float(places.max(initial=0.0)))
+    return reach * direction
+
+
+def _exit(place: F64, axis: F64, size: tuple[int, int]) -> float:
+    """Return px along a direction from a place to the border of the picture."""
+    ways = []
+    for x, step, side in zip(place.tolist(), axis.tolist(), size, strict=True):
+        if abs(step) > 1e-9:
+            ways.append(((side if step > 0 else 0) - x) / step)
+    return max(float(min(ways)), 0.0)
+
+
+def _with_hold(fine: Trajectory, parts: int, hold: int) -> Trajectory:
+    """Return the samples with those of the hold before them."""
+    count = parts * hold
+
+    def longer(values: F64) -> F64:
+        first = np.repeat(values[:1], count, axis=0)
+        return np.concatenate([first, values]) if len(values) else values
+
+    return replace(
+        fine,
+        times=longer(fine.times),
+        poses=longer(fine.poses),
+        velocities=longer(fine.velocities),
+        turns=longer(fine.turns) if fine.turns.size else fine.turns,
+        wheel_turns=longer(fine.wheel_turns),
+    )
+
+
+def _track(way: _Way, body: Body, longer: Trajectory, parts: int, hold: int) -> F64:
+    """Return (T, 2) px of the middle of the tip at all samples."""
+    times = longer.times
+    frame_time = float(times[-1] - times[-1 - parts])
+    pushed = max(body.ramp / frame_time, 1.0)
+    end = min(parts * (hold + 1 + ceil(pushed)), len(times)) - 1
+    travel = longer.poses[end, way.body, :2] - longer.poses[0, way.body, :2]
+    back = way.distance + hypot(*travel)
+    track = np.zeros((len(times), 2))
+    for sample, pose in enumerate(longer.poses[:, way.body]):
+        # Frames since the push began.
+        number = (sample + 1) / parts - 1 - hold
+        if number <= 0:
+            left = -number / max(hold, 1)
+            away = way.distance * min(left, 1.0) ** STRIKER.slows
+        else:
+            gone = max(number - pushed, 0.0) / STRIKER.back
+            away = back * min(gone, 1.0) ** STRIKER.slows
+        pose = longer.poses[min(sample, end), way.body]
+        track[sample] = way.place(pose, away)
+    return track
+
+
+def _with_bodies(longer: Trajectory, tracks: Sequence[F64]) -> Trajectory:
+    """Return the trajectory with the strikers as more bodies."""
+    poses = [longer.poses]
+    for track in tracks:
+        still = np.zeros((len(track), 1))
+        poses.append(np.concatenate([track, still], axis=1)[:, None])
+    turns = longer.turns
+    if turns.size:
+        unturned = np.zeros((len(turns), len(tracks), 4))
+        unturned[..., 0] = 1
+        turns = np.concatenate([turns, unturned], axis=1)
+    names = (*longer.names, *(f"striker {k}" for k in range(len(tracks))))
+    return replace(
+        longer, poses=np.concatenate(poses, axis=1), turns=turns, names=names
+    )
+
+
+def _with_sprites(
+    stage: Stage,
+    form: Form,
+    ways: Sequence[_Way],
+    tracks: Sequence[F64],
+    fine: Trajectory,
+) -> Stage:
+    """Return the stage with the strikers in front of all objects."""
+    sprites, starts = list(stage.sprites), list(stage.starts)
+    if not starts:
+        starts = [Pose(*pose) for pose in fine.poses[0].tolist()]
+    actors, casts = (
+        list(stage.actors),
+        [] if stage.lit is None else list(stage.lit.casts),
+    )
+    for number, (way, track) in enumerate(zip(ways, tracks, strict=True)):
+        start = track[0]
+        body = fine.poses.shape[1] + number
+        reach = float(np.abs(track - start).max())
+        sprite = _drawn(stage, form, way, body, start, reach)
+        sprites.append(sprite)
+        starts.append(Pose(float(start[0]), float(start[1]), 0.0))
+        thick = 2 * form.tip * way.scale
+        actors.append(ShadowBody(None, thick))
+        figure = Silhouette(
+            sprite.coverage, sprite.corner, (start[0], start[1]), None, thick, None
+        )
+        nothing = ((0, 0, 1, 1), np.zeros((1, 1), np.float32))
+        casts.append(CastShadow(figure, 2, None, nothing, None, False))
+    more = [None] * len(ways)
+    mirror = stage.mirror
+    if mirror is not None:
+        mirror = replace(mirror, feet=[*mirror.feet, *more])
+    return replace(
+        stage,
+        sprites=sprites,
+        starts=starts,
+        actors=actors if stage.actors else (),
+        lit=None if stage.lit is None else replace(stage.lit, casts=casts),
+        veils=None if stage.veils is None else [*stage.veils, *more],
+        mirror=mirror,
+    )
+
+
+def _drawn(
+    stage: Stage, form: Form, way: _Way, body: int, start: F64, reach: float
+) -> Sprite:
+    """Return the sprite of a striker whose tip is at `start`, long enough for a way of `reach` px."""
+    side = ceil(form.most * way.scale) + 2 * MARGIN
+    end = way.axis * (reach + 2 * side)
+    low = np.floor(np.minimum(start, start + end)).astype(int) - side
+    high = np.ceil(np.maximum(start, start + end)).astype(int) + side
+    columns = np.arange(low[0], high[0] + 1) - start[0]
+    rows = np.arange(low[1], high[1] + 1)[:, None] - start[1]
+    along = columns * way.axis[0] + rows * way.axis[1]
+    aside = rows * way.axis[0] - columns * way.axis[1]
+    from_tip = along / way.scale + form.tip
+    radius = _radius(form, from_tip) * way.scale
+    away = np.hypot(np.minimum(along, 0), aside)
+    coverage = np.clip(radius - away + 0.5, 0, 1).astype(np.float32)
+    across = np.clip(aside / radius, -1, 1)
+    tip = np.clip(np.minimum(along, 0) / radius, -1, 1)
+    # Seen from its side, a finger has its nail on top; else in its middle.
+    upper = across * (1 if way.axis[0] < 0 else -1)
+    colour = _colours(form, from_tip, upper)
+    light = colour * _shading(stage, way.axis, across, tip, form.gloss)
+    light *= coverage[..., None]
+    corner = (int(low[0]), int(low[1]))
+    return Sprite(body, corner, np.asarray(light, np.float32), coverage)
+
+
+def _radius(form: Form, along: F64) -> F64:
+    """Return (h, w) mm of the radius, by the mm from the tip (h, w)."""
+    radius = np.clip(form.tip + form.grows * along, form.tip, form.most)
+    for joint in form.joints:
+        shape = np.exp(-(((along - joint) / STRIKER.bulge_width) ** 2) / 2)
+        radius = radius * (1 + STRIKER.bulge * shape)
+    return np.asarray(radius, np.float64)
+
+
+def _colours(form: Form, along: F64, upper: F64) -> F32:
+    """Return (h, w, 3) linear, by the mm from the tip, and the share of the radius above the axis, (h, w) each."""
+    colours = np.zeros((*along.shape, 3), np.float32)
+    begin = -np.inf
+    for band in form.bands:
+        is_inside = (along >= begin) & (along < band.end)
+        colours[is_inside] = decode(np.array(band.colour, np.uint8))
+        begin = band.end
+    for joint in form.joints:
+        depth = np.exp(-(((along - joint) / STRIKER.crease_width) ** 2) / 2)
+        colours *= (1 - STRIKER.crease * depth[..., None]).astype(np.float32)
+    if form.has_nail:
+        red = np.exp(-np.maximum(along, 0) / STRIKER.flush)[..., None]
+        colours *= (1 - red * FLUSH).astype(np.float32)
+        nail = ((along - NAIL[0]) / NAIL[1]) ** 2 + ((upper - NAIL[2]) / NAIL[3]) ** 2
+        share = np.clip(NAIL_SHARP * (1 - nail), 0, 1)[..., None].astype(np.float32)
+        colours += share * (decode(np.array(NAIL_COLOUR, np.uint8)) - colours)
+    return colours
+
+
+def _shading(stage: Stage, axis: F64, across: F64, tip: F64, gloss: float) -> F64:
+    """Return (h, w, 1) light of a round bar by its light from the scene; 1 if it faces the viewer in full light."""
+    toward = np.sqrt(np.clip(1 - across**2 - tip**2, 0, 1))
+    direction = np.array([0.0, -0.5, 0.86])
+    ambient, intensity = 0.4, 0.6
+    if stage.lit is not None:
+        light = stage.lit.setting.light
+        direction = np.array(light.direction)
+        total = light.ambient + light.intensity
+        ambient, intensity = light.ambient / total, light.intensity / total
+    normal_x = tip * axis[0] - across * axis[1]
+    normal_y = tip * axis[1] + across * axis[0]
+    facing = normal_x * direction[0] + normal_y * direction[1] + toward * direction[2]
+    shading = ambient * (0.5 + 0.5 * toward) + intensity * np.maximum(facing, 0)
+    # A face towards the viewer is as bright as its colour.
+    shading = shading / max(ambient + intensity * max(direction[2], 0.3), 0.5)
+    if gloss:
+        shading = shading + gloss * np.maximum(facing, 0) ** 24
+    behind = luminance(decode(stage.background)).astype(np.float64)
+    bright = float(np.percentile(behind, STRIKER.bright))
+    for sprite in stage.sprites:
+        solid = sprite.coverage >= 1
+        if solid.any():
+            own = float(np.median(luminance(sprite.light[solid])))
+            bright = max(bright, own)
+    level = min(max(bright / STRIKER.white, STRIKER.dark[0]), STRIKER.dark[1])
+    return np.asarray(shading * level)[..., None]

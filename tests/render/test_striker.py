@@ -1,0 +1,102 @@
+"""What comes into the picture and pushes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from physgen.compile.warnings import lint
+from physgen.pipeline.stages import Film, Stages
+from physgen.report.record import RunRecord
+
+SCENE = """physgen: 1
+image: photo.png
+objects:
+  block: {mask: {polygon: [[80, 60], [129, 60], [129, 109], [80, 109]]}, velocity: [120, 0]}
+world: {view: top, pixels_per_meter: 500, ramp: 0.1 s, duration: 0.8}
+render: {hold: 8}
+"""
+HOLD = 8
+RAMP = 3
+"""Frames."""
+
+
+@pytest.fixture
+def scene_file(tmp_path: Path) -> Path:
+    photo = np.full((170, 240, 3), (90, 120, 150), np.uint8)
+    photo[60:110, 80:130] = (200, 60, 50)
+    Image.fromarray(photo).save(tmp_path / "photo.png")
+    path = tmp_path / "scene.yaml"
+    path.write_text(SCENE)
+    return path
+
+
+def _film(path: Path, *overrides: str) -> Film:
+    stages = Stages()
+    scene = stages.load(path, list(overrides), None, False)
+    maps = stages.maps(scene)
+    record = RunRecord(scene="", command=[])
+    return Film(scene, stages.compile(scene, maps), maps, record, stages)
+
+
+def _frames(film: Film) -> np.ndarray:
+    motion = film.simulated(lambda *_: None)
+    frames = film.deliver_frames(film.frames(motion), motion)
+    return np.stack([frame.rgb.astype(int) for frame in frames])
+
+
+def _both(path: Path, kind: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return frames with and without a striker."""
+    plain, struck = _film(path), _film(path, f"render.enter={kind}")
+    plain.deliver()
+    assert struck.deliver() == {"hold": HOLD, "enter": kind}
+    return _frames(struck), _frames(plain)
+
+
+@pytest.mark.parametrize("kind", ["finger", "cue", "stick"])
+def test_striker_touches_at_the_push(scene_file: Path, kind: str) -> None:
+    struck, plain = _both(scene_file, kind)
+    assert struck.shape == plain.shape
+    is_new = np.abs(struck - plain).max(axis=3) > 30
+    assert not is_new[0].any()
+    reaches = []
+    for new in is_new[: HOLD + RAMP]:
+        columns = np.flatnonzero(new[75:95].any(axis=0))
+        reaches.append(int(columns.max(initial=0)))
+    # It comes from the left, and is at the block when the motion begins.
+    assert reaches == sorted(reaches)
+    assert abs(reaches[HOLD] - 79) <= 2
+    assert reaches[HOLD - 2] < 78
+    # It goes on with the block, and then leaves.
+    assert reaches[-1] > reaches[HOLD]
+    assert not is_new[-1].any()
+
+
+def test_striker_changes_no_motion(scene_file: Path) -> None:
+    plain, struck = _film(scene_file), _film(scene_file, "render.enter=cue")
+    motions = [film.simulated(lambda *_: None) for film in (plain, struck)]
+    assert (motions[0].poses == motions[1].poses).all()
+
+
+def test_undelivered_frames_have_no_striker(scene_file: Path) -> None:
+    plain, struck = _film(scene_file), _film(scene_file, "render.enter=cue")
+    assert (_frames(plain) == _frames(struck)).all()
+
+
+def test_striker_takes_a_hold(scene_file: Path) -> None:
+    film = _film(scene_file, "render.enter=stick", "render.hold=0")
+    assert film.deliver()["hold"] == HOLD
+    motion = film.simulated(lambda *_: None)
+    assert film.count(motion) == len(motion.times) + HOLD
+
+
+@pytest.mark.parametrize(
+    "override", ["objects.block.velocity=[0, 0]", "render.play=backward"]
+)
+def test_idle_striker_is_a_warning(scene_file: Path, override: str) -> None:
+    film = _film(scene_file, "render.enter=cue", override)
+    texts = [str(problem) for problem in lint(film.scene, film.compiled)]
+    assert sum("render.enter" in text and "no effect" in text for text in texts) == 1
