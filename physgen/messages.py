@@ -109,6 +109,12 @@ class Note(Enum):
         "{count} regions may be objects, too: to use one, move {name} ... to objects"
     )
 
+    # A story that a model tells
+    STORY_SCRIPTED = "{name} follows a path, and cannot be pushed"
+    STORY_FROM_ABOVE = "nothing can be dropped in a scene seen from above"
+    STORY_NAME_TAKEN = "{name} is an object already; give the new one another name"
+    STORY_NOTHING_MOVES = "nothing moves"
+
     # Reports of files
     BACKUP = "the previous {name} is kept as {backup}"
     EDITED = "{edit}; backup: {backup}"
@@ -1501,6 +1507,11 @@ class Message(Enum):
     STORY_WITHOUT_OBJECT = ("names no object of the scene", "name one of {names}")
     STORY_WITH_OTHERS = ("cannot be combined with {flag}", "remove one of them")
     STORY_NOUN_UNKNOWN = ("is not in the scene", "name one of {names}")
+    STORY_ANSWERS_UNUSABLE = (
+        "was answered by the server without any edit that can be used",
+        "pushes are tried instead; another model may do better",
+    )
+    STORY_SERVER_FAILED = ("; pushes are tried instead", "{fix}")
     STORY_WITHOUT_ACTOR = (
         "moves nothing: what moves must be an object",
         "name an object that is not fixed before the verb",

@@ -31,6 +31,7 @@ from physgen.cli.output import (
     FAILED,
     INTERRUPTED,
     OK,
+    named_by_flag,
     print_error,
     print_json,
     print_problems,
@@ -75,7 +76,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print_json(
                 {
                     "passed": False,
-                    "problems": [problem.as_dict() for problem in error.problems],
+                    "problems": [
+                        named_by_flag(problem).as_dict() for problem in error.problems
+                    ],
                 }
             )
         return WRONG_INPUT

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from physgen.messages import Message
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from physgen.pipeline.push_trials import Outcome
     from physgen.pipeline.pushes import Push
     from physgen.pipeline.refusals import Refusals
+    from physgen.registry import Plan
     from physgen.scene.scene import Scene
 
 
@@ -37,11 +38,21 @@ REST_PX = 1.0
 """px from which an object has moved."""
 
 
+@dataclass(frozen=True)
+class StoryRequest:
+    """What is to happen, in words, and who may be asked about it."""
+
+    text: str
+    plan: Plan
+    """Backends, and the settings of a server."""
+    warn: Warn
+
+
 def start_motion(
     perceived: PerceivedScene,
     still: bool,
     pushes: Sequence[str] = (),
-    story: str | None = None,
+    story: StoryRequest | None = None,
 ) -> PerceivedScene:
     """Return the scene with falling objects held and one object pushed, unless `still`.
 
@@ -63,14 +74,25 @@ def start_motion(
     return perceived
 
 
-def _moved_by_story(perceived: PerceivedScene, story: str) -> PerceivedScene:
+def _moved_by_story(perceived: PerceivedScene, story: StoryRequest) -> PerceivedScene:
     """Return the scene with the motion that a sentence asks for. Raises InputError."""
     from physgen.pipeline.stages import compile, ended
-    from physgen.pipeline.story import tell_story
+    from physgen.pipeline.story_server import StoryScene, tell
+    from physgen.report.overview import overview_png
+    from physgen.scene.write import flow_text
 
-    scene = open_trial(perceived, "motion").scene()
+    opened = open_trial(perceived, "motion")
+    scene = opened.scene()
     compiled, _ = ended(scene, compile(scene, None))
-    telling = tell_story(scene, compiled, story)
+
+    def edited(edits: Mapping[str, Any]) -> Scene:
+        texts = [f"{key}={flow_text(value, ())}" for key, value in edits.items()]
+        return opened.scene(tuple(texts))
+
+    maps = perceived.percepts
+    picture = overview_png(maps.rgb, maps.labels, perceived.document, {})
+    subject = StoryScene(scene, compiled, edited, picture, may_change_objects=False)
+    telling = tell(subject, story.text, story.plan, story.warn)
     document = dict(perceived.document)
     objects = dict(document["objects"])
     comments = dict(perceived.comments)

@@ -10,6 +10,9 @@ from enum import Enum
 from physgen.messages import Message
 from physgen.text import listed, quoted
 
+STORY = "story"
+"""The place of problems of a sentence, as long as nothing better is known."""
+
 
 class Wish(Enum):
     """What a sentence wants to happen."""
@@ -189,20 +192,18 @@ def read_story(text: str, candidates: Sequence[Named]) -> Story:
         (k, v) for k, v in verbs if not any(m.start <= k < m.end for m in mentions)
     ]
     if not verbs:
-        raise Message.STORY_WITHOUT_VERB.error(
-            "--story", quoted(text), verbs=listed(VERBS)
-        )
+        raise Message.STORY_WITHOUT_VERB.error(STORY, quoted(text), verbs=listed(VERBS))
     objects = {candidate.index for candidate in candidates if candidate.is_object}
     unknown = _unknown_noun(words, mentions)
     if unknown:
         known = listed([one.name for one in candidates if one.is_object])
         found = f"{unknown}, in {quoted(text)},"
-        raise Message.STORY_NOUN_UNKNOWN.error("--story", found, names=known)
+        raise Message.STORY_NOUN_UNKNOWN.error(STORY, found, names=known)
     if not any(set(mention.members) & objects for mention in mentions):
         names = listed(
             [candidate.name for candidate in candidates if candidate.is_object]
         )
-        raise Message.STORY_WITHOUT_OBJECT.error("--story", quoted(text), names=names)
+        raise Message.STORY_WITHOUT_OBJECT.error(STORY, quoted(text), names=names)
     return _assemble(words, mentions, verbs, objects)
 
 

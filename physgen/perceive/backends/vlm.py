@@ -172,6 +172,15 @@ class Query:
     """Faults of an answer that keeps to the schema."""
 
 
+@dataclass(frozen=True)
+class Turn:
+    """One message of a conversation."""
+
+    text: str
+    pictures: tuple[bytes, ...] = ()  # PNG
+    is_reply: bool = False
+
+
 class UnusableAnswerError(Exception):
     """An answer that cannot be used; its text gives the reason, for the model and for the user."""
 
@@ -251,9 +260,7 @@ class _Role:
     def _usable(self, query: Query) -> Any:
         """An answer of the model; it is given the fault of each unusable one."""
         content: list[dict[str, Any]] = [{"type": "text", "text": query.text}]
-        for picture in query.pictures:
-            url = f"data:image/png;base64,{b64encode(picture).decode()}"
-            content.append({"type": "image_url", "image_url": {"url": url}})
+        content += [picture_part(picture) for picture in query.pictures]
         turns: list[dict[str, Any]] = [{"role": "user", "content": content}]
         fault = ""
         for _ in range(VLM.attempts):
@@ -383,6 +390,24 @@ class Physics(_Role):
         for group, answer in zip(groups, self.ask(queries), strict=True):
             result |= group_matter(answer, group, self._model)
         return result
+
+
+class Story(_Role):
+    """Puts the question which edits make a story come true, in one conversation."""
+
+    role = "story"
+
+    def reply(self, query: Query, turns: Sequence[Turn]) -> str:
+        """Return the reply to a conversation; it may be unusable. Raises InputError."""
+        messages = []
+        for turn in turns:
+            content: list[dict[str, Any]] = [{"type": "text", "text": turn.text}]
+            content += [picture_part(picture) for picture in turn.pictures]
+            role = "assistant" if turn.is_reply else "user"
+            messages.append(
+                {"role": role, "content": turn.text if turn.is_reply else content}
+            )
+        return self._complete(query, messages)
 
 
 categories, label, physics = Categories, Label, Physics
@@ -611,6 +636,12 @@ def _faults(value: Any, query: Query) -> list[str]:
         message = plain_line(error.message, 120)
         faults.append(f"{where}: {message}" if where else message)
     return faults or query.contradictions(value)
+
+
+def picture_part(picture: bytes) -> dict[str, Any]:
+    """Return a PNG as a part of a message."""
+    url = f"data:image/png;base64,{b64encode(picture).decode()}"
+    return {"type": "image_url", "image_url": {"url": url}}
 
 
 def plain_line(text: str, most: int = 300) -> str:
