@@ -12,6 +12,7 @@ import numpy as np
 
 from physgen.compile.compile import Compiled
 from physgen.compile.world import World
+from physgen.files import install
 from physgen.maps import U8, png_bytes
 from physgen.messages import Message, Note
 from physgen.pipeline import stages
@@ -34,7 +35,7 @@ from physgen.pipeline.story_proposals import (
 )
 from physgen.pipeline.story_words import STORY, Story, read_story
 from physgen.problems import InputError, Place, Warn
-from physgen.registry import Plan, Setup, find, install, missing_parts
+from physgen.registry import Plan, Setup, find, missing_parts
 from physgen.report.overview import overview_png
 from physgen.scene.scene import Scene
 from physgen.simulate.trajectory import Trajectory, new_touches

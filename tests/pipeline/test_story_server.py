@@ -109,7 +109,10 @@ def test_three_wrong_proposals_give_the_nearest_outcome(
     ("answer", "fault"),
     [
         ("no idea", "had no JSON"),
-        (proposal(PUSH | {"velocity": [1, 0], "object": "zebra"}), "'zebra' is not one of"),
+        (
+            proposal(PUSH | {"velocity": [1, 0], "object": "zebra"}),
+            "'zebra' is not one of",
+        ),
         (proposal({"action": "fly", "object": "ball"}), "'fly' is not one of"),
         (proposal({"action": "push", "object": "ball"}), "'velocity' is a required"),
         (proposal(APPLE | {"object": "bottle"}), "is an object already"),
@@ -134,7 +137,11 @@ def test_useless_answers_fall_back_to_the_search(
     assert "the story happens" in errors
 
 
-@pytest.mark.parametrize("act", [status(401, "no such key"), hang])
+@pytest.mark.parametrize(
+    "act",
+    [status(401, "no such key"), pytest.param(hang, marks=pytest.mark.slow)],
+    ids=["refuses", "hangs"],
+)
 def test_failing_server_falls_back_with_one_message(
     act: Any,
     stub: Stub,
