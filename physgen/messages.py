@@ -1507,6 +1507,27 @@ class Message(Enum):
     STORY_WITHOUT_OBJECT = ("names no object of the scene", "name one of {names}")
     STORY_WITH_OTHERS = ("cannot be combined with {flag}", "remove one of them")
     STORY_NOUN_UNKNOWN = ("is not in the scene", "name one of {names}")
+    TRACKS_NOT_TEXT = ("is not text", "save it as CSV in UTF-8")
+    TRACKS_COLUMN_MISSING = ("is not a column", "write the columns {columns}")
+    TRACKS_UNKNOWN_OBJECT = ("is not an object of the scene", "{fix}")
+    TRACKS_NOT_NUMBER = ("is not a number", "write {unit}")
+    TRACKS_FEW = ("are too few for a fit", "give {least} times or more")
+    FIT_UNKNOWN_KIND = ("cannot be fitted", "{fix}")
+    FIT_NEEDS_FILM = ("needs a clip or a table of tracks", "name one of them")
+    FIT_FILE_MISSING = ("does not exist", "write the path of an existing file")
+    FIT_NEEDS_SCIPY = ("needs scipy", "{install}")
+    FIT_CLIP_SIZE = (
+        "is not the photo's size, {width} x {height} px",
+        "scale the clip to that size, or perceive its first frame",
+    )
+    FIT_CLIP_WITHOUT_RATE = (
+        "has no frame rate",
+        "save it as MP4, GIF or WebP, or give its tracks",
+    )
+    FIT_LOST = (
+        "is lost after {time} s: its picture no longer explains the film",
+        "check the masks of the scene, or give tracks",
+    )
     STORY_ANSWERS_UNUSABLE = (
         "was answered by the server without any edit that can be used",
         "pushes are tried instead; another model may do better",

@@ -314,7 +314,7 @@ def _phase_shift(template: Template, start: F64, scene: _Scene) -> F64:
     expected = np.abs(paint[..., :3] - paint[..., 3:] * scene.behind).sum(axis=2)
     difference = np.abs(scene.frame - scene.behind).sum(axis=2) * scene.is_open
     hanning = cv2.createHanningWindow(scene.window.size, cv2.CV_32F)
-    first, second = np.float32(expected), np.float32(difference)
+    first, second = expected.astype(np.float32), difference.astype(np.float32)
     (x, y), _ = cv2.phaseCorrelate(first, second, hanning)
     return np.array([x, y, 0.0])
 

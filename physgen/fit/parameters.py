@@ -68,7 +68,7 @@ class ParameterTuning:
     """rad/s."""
     step: float = 0.006
     """Step of a difference quotient, of a prior's width."""
-    contact_step: float = 0.03
+    contact_step: float = 0.05
     """The same of values that act in contacts, whose times are multiples of a step."""
 
 

@@ -35,8 +35,12 @@ class FitTuning:
     """Noise, lengths of time, starts and limits of a fit."""
 
     noise: float = 0.5
-    """px, standard deviation of a coordinate, until residuals tell it."""
-    horizons: tuple[float, ...] = (0.3, 0.6, 1.0, 1.0)
+    """px, standard deviation of a coordinate, if tracks are too short to tell it."""
+    least_noise: float = 0.02
+    """px: simulations differ by as much with their steps."""
+    good: float = 1.25
+    """Cost of a residual up to which no other start is tried."""
+    horizons: tuple[float, ...] = (0.35, 0.7, 1.0, 1.0)
     """Shares of the time that are fitted one after the other."""
     draws: int = 8
     """Random starts at each length."""
@@ -47,10 +51,12 @@ class FitTuning:
     astray: float = 0.3
     """Of a prior's width, from which a value is also tried as it was before."""
     rate: float = 240.0
-    """1/s: steps of trial simulations; the last fit has the scene's own."""
-    trials: int = 12
+    """1/s: steps of trial simulations."""
+    fine_rate: float = 480.0
+    """1/s: steps of the last fit and of intervals, at most the scene's own."""
+    trials: int = 8
     """Steps of a refinement on the way, at most."""
-    last: int = 12
+    last: int = 8
     """Steps of the last refinement, at most."""
     robust: float = 3.0
     """Standard deviations from which a residual counts less."""
@@ -71,6 +77,10 @@ class FitTuning:
 
 
 FIT = FitTuning()
+MAD = 1.4826
+"""Standard deviation of normal noise, of its median absolute value."""
+THIRD_DIFFERENCE = 20**0.5
+"""Standard deviation of third differences of noise, of the noise's."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +127,7 @@ class Model:
         self.scene, self.compiled = scene, compiled
         self.tracks, self.starts = tracks, starts
         self.parameters = tuple(parameters)
-        self.noise = FIT.noise
+        self.noise = track_noise(tracks)
         self.rate = min(FIT.rate, compiled.world.steps_per_second)
         self.simulations = 0
         bodies = compiled.world.bodies
@@ -202,7 +212,10 @@ def estimate_starts(scene: Scene, compiled: Compiled, tracks: Tracks) -> Starts:
             weight = float((times**2).sum())
             velocity = float((times * offsets[known]).sum()) / weight
             velocities[k, axis] = velocity
-            is_moving |= abs(velocity) > FIT.moving * errors[axis] / weight**0.5
+            if abs(velocity) > FIT.moving * errors[axis] / weight**0.5:
+                is_moving = True
+            else:
+                velocities[k, axis] = 0.0
         if not is_moving:
             velocities[k] = 0.0
         moves.append(is_moving)
@@ -229,14 +242,38 @@ def fit_scene(
     for k, share in enumerate(FIT.horizons):
         progress("fit", k, len(FIT.horizons) + 2)
         count = max(min(total, 4), round(share * total))
+        best = _refine(model, best, count, FIT.trials)
+        if _is_good(model, best, count):
+            continue
         candidates = _candidates(model, best, count, generator)
         refined = [_refine(model, one, count, FIT.trials) for one in candidates]
+        refined.append(best)
         best = min(refined, key=lambda one: robust_cost(model.residuals(one, count)))
-    model.rate = compiled.world.steps_per_second
+    model.rate = min(FIT.fine_rate, compiled.world.steps_per_second)
     progress("fit", len(FIT.horizons), len(FIT.horizons) + 2)
     best = _refine(model, best, total, FIT.last)
     progress("fit", len(FIT.horizons) + 1, len(FIT.horizons) + 2)
     return _with_intervals(model, best)
+
+
+def _is_good(model: Model, numbers: F64, count: int) -> bool:
+    """Return whether residuals are as small as the noise of the tracks."""
+    residuals = model.residuals(numbers, count)
+    observed = len(residuals) - len(numbers)
+    return robust_cost(residuals) < FIT.good * observed
+
+
+def track_noise(tracks: Tracks) -> float:
+    """Return the noise of coordinates, px, from third differences over time.
+
+    Even accelerations leave none, and impacts are few.
+    """
+    differences = np.diff(tracks.poses[..., :2], n=3, axis=0)
+    known = np.abs(differences[np.isfinite(differences)])
+    if not len(known):
+        return FIT.noise
+    spread = MAD * float(np.median(known)) / THIRD_DIFFERENCE
+    return max(spread, FIT.least_noise)
 
 
 def _candidates(
@@ -316,10 +353,10 @@ def _with_intervals(model: Model, best: F64) -> Fit:
     total = len(model.tracks.times)
     residuals = model.residuals(best, total)
     observed = residuals[: len(residuals) - len(best)]
-    spread = 1.4826 * float(np.median(np.abs(observed))) if len(observed) else 1.0
-    model.noise *= max(spread, 1e-3)
+    spread = MAD * float(np.median(np.abs(observed))) if len(observed) else 1.0
+    model.noise = max(model.noise * spread, FIT.least_noise)
     slopes = model.jacobian(best, total, range(len(best)))
-    covariance = np.linalg.pinv(slopes.T @ slopes)
+    covariance: F64 = np.linalg.pinv(slopes.T @ slopes).astype(np.float64)
     poses = model.poses(best, model.tracks.times)
     offset = model.differences(poses)
     inflation = _inflation(offset)
@@ -330,8 +367,7 @@ def _with_intervals(model: Model, best: F64) -> Fit:
     for k, parameter in enumerate(model.parameters):
         ends = [best[k], best[k]]
         if is_determined[k]:
-            line = covariance[:, k] / covariance[k, k]
-            profile = _Profile(model, best, line, cost, inflation)
+            profile = _Profile(model, best, k, slopes, cost, inflation)
             ends = [
                 best[k] + side * profile.distance(side, widths[k])
                 for side in (-1.0, 1.0)
@@ -365,12 +401,13 @@ def _inflation(offset: F64) -> float:
 
 @dataclass(frozen=True)
 class _Profile:
-    """The cost along the line on which the others move with one parameter."""
+    """The least cost for other values of one parameter; the others follow it."""
 
     model: Model
     best: F64
-    line: F64
-    """Change of all numbers for one of the parameter."""
+    column: int
+    slopes: F64
+    """(R, P): derivatives of residuals at the best numbers."""
     cost: float
     inflation: float
 
@@ -378,13 +415,28 @@ class _Profile:
         """Return how far the interval reaches to one side."""
         target = (FIT.quantile * self.inflation) ** 2
         reach = FIT.quantile * width
-        count = len(self.model.tracks.times)
         for _ in range(2):
-            numbers = self.best + side * reach * self.line
-            rise = robust_cost(self.model.residuals(numbers, count)) - self.cost
+            rise = self._rise(side * reach)
             factor = (target / max(rise, target / 9)) ** 0.5
             reach *= min(max(factor, 0.5), 2.0)
         return float(reach)
+
+    def _rise(self, change: float) -> float:
+        """Return the rise of the cost for a change of the parameter."""
+        count = len(self.model.tracks.times)
+        others = np.arange(len(self.best)) != self.column
+        slopes = self.slopes[:, others]
+        numbers = self.best.copy()
+        numbers[self.column] += change
+        # the slopes at the best numbers tell how the others follow, and correct it once
+        residuals = self.slopes[:, self.column] * change
+        costs = []
+        for _ in range(2):
+            step = np.linalg.lstsq(slopes, -residuals, rcond=None)[0]
+            numbers[others] += step
+            residuals = self.model.residuals(numbers, count)
+            costs.append(robust_cost(residuals))
+        return min(costs) - self.cost
 
 
 def flat_directions(
