@@ -28,6 +28,8 @@ from physgen.render.stage import Stage
 class TrackTuning:
     """Steps, windows and limits of the registration."""
 
+    smallest: int = 3
+    """px: the shorter side of a window."""
     margin: int = 6
     """px of a window around a sprite."""
     blurs: tuple[float, ...] = (3.0, 0.0)
@@ -209,13 +211,12 @@ class Follower:
         for is_last in (False, True):
             # the nearest first, since it may hide the others
             for k in reversed(range(len(self.templates))):
-                template = self.templates[k]
-                scene = self._scene_without(k, current, picture)
-                result = _register(template, current[template.body], scene, is_last)
-                if result is not None:
-                    current[template.body] = result.pose
-                if is_last and result is not None:
-                    poses[template.body] = result.observed()
+                body = self.templates[k].body
+                match = self._match(k, current, picture)
+                if match is not None:
+                    current[body] = match.pose
+                if is_last and match is not None and match.gain >= TRACK.gain:
+                    poses[body] = match.observed()
         for body, state in self.states.items():
             if np.isfinite(poses[body, 0]):
                 state.observe(current[body])
@@ -223,11 +224,34 @@ class Follower:
                 state.pass_by()
         return poses
 
-    def _scene_without(self, k: int, poses: dict[int, F64], picture: F32) -> _Scene:
-        """Return the frame around an object, what lies behind it, and what hides it."""
+    def _match(self, k: int, current: dict[int, F64], picture: F32) -> _Match | None:
+        """Return where an object is, near the expected pose or else by phase correlation."""
+        template = self.templates[k]
+        start = current[template.body]
+        near = self._scene_without(k, current, picture, 0.0)
+        match = _descend(template, start, near, TRACK.blurs[-1:])
+        if match is not None and match.gain >= TRACK.poor:
+            return match
+        wide = self._scene_without(k, current, picture, TRACK.searched)
+        if min(wide.window.size) < TRACK.smallest:
+            return match
+        shifted = start + _phase_shift(template, start, wide)
+        for place in (start, shifted):
+            other = _descend(template, place, wide, TRACK.blurs)
+            if other is not None and (match is None or other.gain > match.gain):
+                match = other
+        return match
+
+    def _scene_without(
+        self, k: int, poses: dict[int, F64], picture: F32, searched: float
+    ) -> _Scene:
+        """Return the frame around an object, what lies behind it, and what hides it.
+
+        `searched` is the share of its size that is seen beyond it.
+        """
         template = self.templates[k]
         pose = poses[template.body]
-        reach = template.reach * (1 + TRACK.searched)
+        reach = template.reach * (1 + searched)
         window = window_around(pose, reach, picture.shape)
         behind = window.of(self.background).copy()
         hidden = np.zeros(behind.shape[:2], np.float32)
@@ -291,23 +315,6 @@ class _Match:
         return np.array([x, y, angle if self.turns else nan])
 
 
-def _register(
-    template: Template, start: F64, scene: _Scene, is_last: bool
-) -> _Match | None:
-    """Return where an object is in a frame, None if it is hidden, outside or lost."""
-    if min(scene.window.size) < 3:
-        return None
-    match = _descend(template, start, scene, TRACK.blurs)
-    if match is None or match.gain < TRACK.poor:
-        shifted = start + _phase_shift(template, start, scene)
-        other = _descend(template, shifted, scene, TRACK.blurs)
-        if other is not None and (match is None or other.gain > match.gain):
-            match = other
-    if match is None or (is_last and match.gain < TRACK.gain):
-        return None
-    return match
-
-
 def _phase_shift(template: Template, start: F64, scene: _Scene) -> F64:
     """Return the shift (x, y, 0) px by which phase correlation finds an object."""
     paint = template.drawn(start, scene.window)
@@ -325,7 +332,7 @@ def _descend(
     """Return the pose nearest to a start where the sprite explains the frame."""
     window = window_around(start, template.reach, (*_far_edge(scene.window),))
     window = _within(window, scene.window)
-    if min(window.size) < 3:
+    if min(window.size) < TRACK.smallest:
         return None
     near = scene.part(window)
     pose, turns = start.copy(), False

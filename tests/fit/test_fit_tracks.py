@@ -106,7 +106,8 @@ def test_same_seed_gives_the_same_fit() -> None:
     tracks = observed(DROP, 0.4)
     kinds = (Kind.VELOCITY, Kind.DIRECTION)
     first, second = (fitted(DROP, tracks, kinds)["fit"] for _ in range(2))
-    assert isinstance(first, Fit) and isinstance(second, Fit)
+    assert isinstance(first, Fit)
+    assert isinstance(second, Fit)
     assert first.estimates == second.estimates
 
 
