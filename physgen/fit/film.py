@@ -212,6 +212,8 @@ class Follower:
             # the nearest first, since it may hide the others
             for k in reversed(range(len(self.templates))):
                 body = self.templates[k].body
+                if self.states[body].missing and not is_last:
+                    continue
                 match = self._match(k, current, picture)
                 if match is not None:
                     current[body] = match.pose

@@ -96,7 +96,7 @@ def test_hidden_object_is_not_observed_and_comes_back(crossing: Filmed) -> None:
 
 
 def test_vanished_object_is_reported_as_lost(crossing: Filmed) -> None:
-    frames = [*crossing.frames[:6], *[crossing.stage.background] * 20]
+    frames = [*crossing.frames[:6], *[crossing.stage.background] * 3]
     losses = dict(crossing.tracks(frames).losses)
     assert losses["puck"] == pytest.approx(5 / 30)
 
