@@ -178,10 +178,19 @@ def _true_value(scene: Any, start: Any, estimate: Estimate) -> float:
     readers: dict[Kind, Callable[[], float]] = {
         Kind.VELOCITY: lambda: item.velocity[parameter.component],
         Kind.SPIN: lambda: np.radians(item.spin),
-        Kind.MASS: lambda: item.mass / start.objects[parameter.index].mass,
+        Kind.MASS: lambda: _mass_factor(scene, start, parameter.index),
     }
     read = readers.get(parameter.kind, lambda: getattr(item, parameter.kind.value))
     return float(read())
+
+
+def _mass_factor(scene: Any, start: Any, index: int) -> float:
+    """Return the factor of the start's mass, beside the first object, which keeps its mass."""
+    factors = [
+        item.mass / begin.mass
+        for item, begin in zip(scene.objects, start.objects, strict=True)
+    ]
+    return float(factors[index] / factors[0])
 
 
 def _row(estimate: Estimate, truth: float) -> dict[str, Any]:
