@@ -24,7 +24,7 @@ from physgen.fit.parameters import Kind, Scale
 from physgen.fit.solve import Estimate, fit_scene
 from physgen.fit.tracks import Tracks
 from physgen.pipeline import stages
-from physgen.scene.load import Opened
+from physgen.scene.load import OpenedScene
 from physgen.simulate.engine import simulate
 
 RESULTS = Path(__file__).with_name("results") / "fit.json"
@@ -147,7 +147,7 @@ def draw_fit(case: Case, seed: int) -> list[dict[str, Any]]:
         key: float(f"{generator.uniform(*ends):.4g}")
         for key, ends in case.ranges.items()
     }
-    scene = Opened("scene.yaml", text=case.text % truth).scene()
+    scene = OpenedScene("scene.yaml", text=case.text % truth).scene()
     world = stages.compile(scene, None).world
     times = np.arange(0.0, case.seconds + 1e-9, 1 / RATE)
     poses = simulate(world, times).poses.copy()
@@ -156,7 +156,7 @@ def draw_fit(case: Case, seed: int) -> list[dict[str, Any]]:
         poses[:, k] += generator.normal(size=(len(times), 3)) * widths
     tracks = Tracks(times, tuple(body.name for body in world.bodies), poses)
     begin = dict.fromkeys(truth, 0.0) | case.others
-    start = Opened("scene.yaml", text=case.text % begin).scene()
+    start = OpenedScene("scene.yaml", text=case.text % begin).scene()
     clock = time.process_time()
     fit = fit_scene(start, stages.compile(start, None), tracks, case.kinds)
     seconds = time.process_time() - clock

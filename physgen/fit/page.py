@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from physgen.arrays import F64, U8
-from physgen.compile.compile import Compiled
+from physgen.compile.compile import CompiledScene
 from physgen.compile.world import World
 from physgen.export.video import Format, open_video
 from physgen.files import resource, write_atomic
@@ -19,7 +19,7 @@ from physgen.fit.tracks import Tracks
 from physgen.fit.writing import interval_text, shown_value, unit
 from physgen.pipeline import stages
 from physgen.render.stage import Stage
-from physgen.report.html import fitted, template, webp
+from physgen.report.html import fit_to_side, template, webp
 from physgen.scene.scene import Scene
 from physgen.simulate.engine import simulate
 from physgen.text import rounded
@@ -55,7 +55,7 @@ def film_pairs(
     folder: Path,
     frames: Iterator[U8] | None,
     stage: Stage,
-    compiled: Compiled,
+    compiled: CompiledScene,
     tracks: Tracks,
     rate: float,
 ) -> U8:
@@ -95,7 +95,7 @@ def _side_by_side(film: U8, drawn: U8, size: tuple[int, int]) -> U8:
     canvas = np.zeros((size[1], size[0], 3), np.uint8)
     half = size[0] // 2
     for k, picture in enumerate((film, drawn)):
-        small = fitted(picture, SIDE)[: size[1], :half]
+        small = fit_to_side(picture, SIDE)[: size[1], :half]
         left = k * half
         canvas[: small.shape[0], left : left + small.shape[1]] = small
     return canvas
@@ -110,7 +110,7 @@ def write_page(folder: Path, page: FitPage, photo: U8, *, has_film: bool) -> Pat
         "origin": page.origin,
         "style": style,
         "video": f"{VIDEO}.mp4" if has_film else None,
-        "photo": webp(fitted(photo, 2 * SIDE), QUALITY),
+        "photo": webp(fit_to_side(photo, 2 * SIDE), QUALITY),
         "size": [width, height],
         "rows": _rows(page),
         "flat": list(page.fit.flat),

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from physgen.arrays import F64, U8
-from physgen.compile.compile import Compiled
+from physgen.compile.compile import CompiledScene
 from physgen.files import install, write_atomic
 from physgen.fit.film import follow_film
 from physgen.fit.page import FitPage, film_pairs, write_page
@@ -24,7 +24,7 @@ from physgen.pipeline import stages
 from physgen.problems import InputError, Place, Warn
 from physgen.progress import Progress, silent
 from physgen.render.stage import Stage
-from physgen.scene.load import Opened
+from physgen.scene.load import OpenedScene
 from physgen.scene.saving import save_scene
 from physgen.scene.scene import Scene
 from physgen.videos import Video, read_video
@@ -82,7 +82,7 @@ def fit_files(
     """Fit a scene file, and write the fitted scene and its report. Raises InputError."""
     if find_spec("scipy") is None:
         raise Message.FIT_NEEDS_SCIPY.error("fit", install=install("fit"))
-    opened = Opened(options.scene, options.allow_outside)
+    opened = OpenedScene(options.scene, options.allow_outside)
     scene = opened.scene()
     maps = stages.percepts(scene)
     compiled, _ = stages.ended(scene, stages.compile(scene, maps))
@@ -149,7 +149,7 @@ class Film:
             yield np.ascontiguousarray(padded[:height, :width])
 
     def tracks(
-        self, compiled: Compiled, stage: Stage, has_photo: bool, progress: Progress
+        self, compiled: CompiledScene, stage: Stage, has_photo: bool, progress: Progress
     ) -> Tracks:
         """Return where the objects are in each frame."""
         world = compiled.world
@@ -160,7 +160,7 @@ class Film:
 def _write_report(
     options: FitOptions,
     scene: Scene,
-    compiled: Compiled,
+    compiled: CompiledScene,
     film: Film | None,
     tracks: Tracks,
     fit: Fit,

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from physgen.arrays import F64
-from physgen.compile.compile import Compiled, compile_shapes
+from physgen.compile.compile import CompiledScene, compile_shapes
 from physgen.fit.parameters import (
     Kind,
     Parameter,
@@ -119,7 +119,7 @@ class Model:
     def __init__(
         self,
         scene: Scene,
-        compiled: Compiled,
+        compiled: CompiledScene,
         tracks: Tracks,
         starts: Starts,
         parameters: Sequence[Parameter],
@@ -190,7 +190,7 @@ def robust_cost(residuals: F64) -> float:
     return float(parts.sum())
 
 
-def estimate_starts(scene: Scene, compiled: Compiled, tracks: Tracks) -> Starts:
+def estimate_starts(scene: Scene, compiled: CompiledScene, tracks: Tracks) -> Starts:
     """Return velocities at t = 0 from the first frames, and which objects move."""
     bodies = compiled.world.bodies
     velocities = np.zeros((len(bodies), 3))
@@ -226,7 +226,7 @@ def estimate_starts(scene: Scene, compiled: Compiled, tracks: Tracks) -> Starts:
 
 def fit_scene(
     scene: Scene,
-    compiled: Compiled,
+    compiled: CompiledScene,
     tracks: Tracks,
     kinds: Sequence[Kind],
     seed: int = 0,

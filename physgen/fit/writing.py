@@ -11,7 +11,7 @@ from typing import Any
 from physgen.fit.parameters import Kind, odds
 from physgen.fit.solve import FIT, Estimate, Fit
 from physgen.scene.scene import Motion, Scene
-from physgen.scene.yaml_edit import marked, write
+from physgen.scene.yaml_edit import mark_values, write
 from physgen.simulate.uncertain_values import POWERS
 from physgen.text import rounded
 
@@ -69,7 +69,7 @@ def fitted_text(
 
     Comments stay. `scene` has the values before; `origin` is the name of the clip.
     """
-    data: dict[str, Any] = marked(text).data()
+    data: dict[str, Any] = mark_values(text).data()
     _move_paths(data, source, output)
     objects = data.setdefault("objects", {})
     for item, fitted in zip(scene.objects, fit.scene.objects, strict=True):

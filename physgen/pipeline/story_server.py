@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import cv2
 import numpy as np
 
-from physgen.compile.compile import Compiled
+from physgen.compile.compile import CompiledScene
 from physgen.compile.world import World
 from physgen.files import install
 from physgen.maps import U8, png_bytes
@@ -99,7 +99,7 @@ class StoryScene:
     """A scene in which a story is to happen."""
 
     scene: Scene
-    compiled: Compiled
+    compiled: CompiledScene
     edited: Callable[[Mapping[str, Any]], Scene]
     """The scene after edits by dotted key. Raises InputError."""
     picture: bytes | None = None
@@ -319,7 +319,7 @@ def _overview(talk: _Talk) -> bytes:
 
 
 def _frames(
-    talk: _Talk, scene: Scene, compiled: Compiled, motion: Trajectory
+    talk: _Talk, scene: Scene, compiled: CompiledScene, motion: Trajectory
 ) -> tuple[bytes, ...]:
     """Return pictures of a motion, PNG, evenly spread until its end."""
     times = compiled.world.duration * np.arange(1, FRAMES + 1) / FRAMES

@@ -14,7 +14,7 @@ from physgen.cli.main import main
 from physgen.fit.film import follow_film
 from physgen.fit.tracks import Tracks
 from physgen.pipeline import stages
-from physgen.scene.load import Opened
+from physgen.scene.load import OpenedScene
 from physgen.simulate.engine import simulate
 
 CROSSING = """\
@@ -50,7 +50,7 @@ class Filmed:
     """A scene's motion as noisy frames."""
 
     def __init__(self, text: str, times: F64) -> None:
-        scene = Opened("scene.yaml", text=text).scene()
+        scene = OpenedScene("scene.yaml", text=text).scene()
         self.world = stages.compile(scene, None).world
         self.stage = stages.stage(scene, stages.compile(scene, None), None)
         self.times = times
@@ -119,7 +119,7 @@ def test_clip_tells_the_physics_of_its_scene(
     output = tmp_path / "fitted.yaml"
     flags = ["--free", "velocity,friction", "-o", str(output)]
     assert main(["fit", str(scene), str(clip), *flags]) == 0
-    crate = Opened(str(output)).scene().objects[0]
+    crate = OpenedScene(str(output)).scene().objects[0]
     assert crate.friction == pytest.approx(0.5, rel=0.1)
     assert crate.velocity[0] == pytest.approx(300, rel=0.02)
     assert (tmp_path / "fitted" / "pair.mp4").stat().st_size > 1000

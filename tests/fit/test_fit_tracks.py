@@ -15,7 +15,7 @@ from physgen.fit.solve import Fit, fit_scene
 from physgen.fit.tracks import Tracks, read_tracks, tracks_csv
 from physgen.pipeline import stages
 from physgen.problems import InputError
-from physgen.scene.load import Opened
+from physgen.scene.load import OpenedScene
 from physgen.simulate.engine import simulate
 
 NOISE = 0.5
@@ -43,7 +43,7 @@ boundaries: {floor: {segment: [[-500, 350.5], [1500, 350.5]], elasticity: 0.7}}
 
 
 def scene_of(text: str, *edits: str) -> tuple[object, object]:
-    scene = Opened("scene.yaml", text=text).scene(edits)
+    scene = OpenedScene("scene.yaml", text=text).scene(edits)
     return scene, stages.compile(scene, None)
 
 
@@ -154,7 +154,7 @@ def test_command_writes_scene_and_report(
     assert "objects.crate.friction: 0.4" in captured.err
     text = output.read_text()
     assert "# a parcel" in text
-    after = Opened(str(output)).scene()
+    after = OpenedScene(str(output)).scene()
     assert after.objects[0].friction == pytest.approx(0.5, rel=0.1)
     assert after.objects[0].provenance["friction"].startswith("fit 0.4")
     page = (tmp_path / "fitted" / "report.html").read_text()
