@@ -86,7 +86,7 @@ def _motion_edits(
         return ()
     from physgen import pipeline
     from physgen.pipeline.pushes import motion_edits
-    from physgen.scene.write import scene_text
+    from physgen.scene.write import edit_texts, scene_text
 
     scene = _open_scene(path, options.allow_outside).scene(options.set, variant)
     with variant_named(variant):
@@ -114,18 +114,7 @@ def _motion_edits(
     removed = [key for key, value in edits.items() if value is None]
     if removed:
         print_error(f"{path}: and remove {listed(removed, 'and')}")
-    return _edit_texts(edits)
-
-
-def _edit_texts(edits: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return edits by dotted key as KEY=VALUE; None removes a key."""
-    from physgen.scene.write import flow_text
-
-    texts = []
-    for key, value in edits.items():
-        text = "" if value is None else flow_text(value, ())
-        texts.append(f"{key}={text}")
-    return tuple(texts)
+    return edit_texts(edits)
 
 
 def _story_edits(
@@ -136,23 +125,22 @@ def _story_edits(
     options: argparse.Namespace,
 ) -> dict[str, Any]:
     """Return the edits of --story and print the outcome. Raises InputError."""
-    from physgen.pipeline.stages import ended
-    from physgen.pipeline.story_server import StoryScene, tell
-    from physgen.registry import load_plan
+    from physgen.pipeline import stages, story_server
+    from physgen.scene.write import edit_texts
 
     for flag in ("push", "drop", "kick"):
         if getattr(options, flag):
             found = f'"{options.story}"'
             raise Message.STORY_WITH_OTHERS.error("--story", found, flag=f"--{flag}")
-    compiled, _ = ended(scene, compiled)
+    compiled, _ = stages.ended(scene, compiled)
     opened = _open_scene(path, options.allow_outside)
 
     def edited(edits: Mapping[str, Any]) -> Scene:
-        return opened.scene((*options.set, *_edit_texts(edits)), variant)
+        return opened.scene((*options.set, *edit_texts(edits)), variant)
 
-    plan = load_plan(config=options.config)
-    subject = StoryScene(scene, compiled, edited)
-    telling = tell(subject, options.story, plan, print_problem)
+    subject = story_server.StoryScene(scene, compiled, edited)
+    plan = story_server.load_plan(config=options.config)
+    telling = story_server.tell(subject, options.story, plan, print_problem)
     verdict = "the story happens" if telling.is_fulfilled else "the nearest outcome"
     print_error(f"{path}: {verdict}: {telling.outcome} ({telling.tried} tried)")
     return telling.edits

@@ -13,8 +13,7 @@ REPORTS = ("full", "none")
 
 
 def fit(options: argparse.Namespace) -> int:
-    from physgen.fit.run import FitOptions, fit_files, kinds_of
-    from physgen.fit.writing import interval_text
+    from physgen.fit.run import FitOptions, fit_files, interval_lines, kinds_of
 
     if (options.clip is None) == (options.tracks is None):
         raise Message.FIT_NEEDS_FILM.error("fit")
@@ -39,10 +38,8 @@ def fit(options: argparse.Namespace) -> int:
     with bar.ticking():
         result = fit_files(request, bar.aside(print_problem), bar.show)
         bar.clear()
-    for estimate in result.fit.estimates:
-        if estimate.is_determined:
-            text = interval_text(estimate, result.fit.scene)
-            print_error(f"  {estimate.parameter.path}: {text}")
+    for line in interval_lines(result):
+        print_error(f"  {line}")
     if result.fit.flat:
         print_error("this clip cannot determine:")
     for line in result.fit.flat:

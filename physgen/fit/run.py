@@ -18,7 +18,7 @@ from physgen.fit.page import FitPage, film_pairs, write_page
 from physgen.fit.parameters import DEFAULT_KINDS, Kind
 from physgen.fit.solve import Fit, fit_scene
 from physgen.fit.tracks import LEAST_TIMES, Tracks, read_tracks, tracks_csv
-from physgen.fit.writing import fitted_text
+from physgen.fit.writing import fitted_text, interval_text
 from physgen.messages import Message, one_of
 from physgen.pipeline import stages
 from physgen.problems import InputError, Place, Warn
@@ -56,10 +56,22 @@ class FitOptions:
 class FitResult:
     """A fit and its files."""
 
+    scene: Scene
+    """Before the fit."""
     fit: Fit
     tracks: Tracks
     output: Path
     report: Path | None
+
+
+def interval_lines(result: FitResult) -> list[str]:
+    """Return the interval of each value that the clip determines, as text."""
+    lines = []
+    for estimate in result.fit.estimates:
+        if estimate.is_determined:
+            text = interval_text(estimate, result.scene)
+            lines.append(f"{estimate.parameter.path}: {text}")
+    return lines
 
 
 def kinds_of(names: Sequence[str]) -> tuple[Kind, ...]:
@@ -109,7 +121,7 @@ def fit_files(
     if options.has_report:
         progress("report", 0, 1)
         report = _write_report(options, scene, compiled, film, tracks, fit)
-    return FitResult(fit, tracks, options.output, report)
+    return FitResult(scene, fit, tracks, options.output, report)
 
 
 def _check_motion(tracks: Tracks) -> None:

@@ -13,6 +13,7 @@ from physgen.messages import Message
 from physgen.pipeline.trial_scenes import open_trial
 from physgen.problems import InputError, Place, Warn
 from physgen.scene.provenance import meters, source
+from physgen.scene.write import edit_texts
 from physgen.text import listed
 
 if TYPE_CHECKING:
@@ -80,20 +81,16 @@ def start_motion(
 def _moved_by_story(perceived: PerceivedScene, story: StoryRequest) -> PerceivedScene:
     """Return the scene with the motion that a sentence asks for. Raises InputError."""
     from physgen.pipeline.stages import compile, ended
-    from physgen.pipeline.story_server import StoryScene, tell
-    from physgen.report.overview import overview_png
-    from physgen.scene.write import flow_text
+    from physgen.pipeline.story_server import StoryScene, photo_overview, tell
 
     opened = open_trial(perceived, "motion")
     scene = opened.scene()
     compiled, _ = ended(scene, compile(scene, None))
 
     def edited(edits: Mapping[str, Any]) -> Scene:
-        texts = [f"{key}={flow_text(value, ())}" for key, value in edits.items()]
-        return opened.scene(tuple(texts))
+        return opened.scene(edit_texts(edits))
 
-    maps = perceived.percepts
-    picture = overview_png(maps.rgb, maps.labels, perceived.document, {})
+    picture = photo_overview(perceived.percepts, perceived.document)
     subject = StoryScene(scene, compiled, edited, picture, may_change_objects=False)
     telling = tell(subject, story.text, story.plan, story.warn)
     document = dict(perceived.document)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import degrees
@@ -13,7 +14,7 @@ import numpy as np
 from physgen.compile.compile import CompiledScene
 from physgen.compile.world import World
 from physgen.files import install
-from physgen.maps import U8, png_bytes
+from physgen.maps import U8, Percepts, png_bytes
 from physgen.messages import Message, Note
 from physgen.pipeline import stages
 from physgen.pipeline.story import (
@@ -36,6 +37,7 @@ from physgen.pipeline.story_proposals import (
 from physgen.pipeline.story_words import STORY, Story, read_story
 from physgen.problems import InputError, Place, Warn
 from physgen.registry import Plan, Setup, find, missing_parts
+from physgen.registry import load_plan as load_plan
 from physgen.report.overview import overview_png
 from physgen.scene.scene import Scene
 from physgen.simulate.trajectory import Trajectory, new_touches
@@ -44,6 +46,10 @@ from physgen.text import listed, quoted
 if TYPE_CHECKING:
     from physgen.perceive.backends.vlm import Query, Turn
 
+LONGEST_REPLY = 4000
+"""Characters of a reply that the conversation keeps."""
+UNJUDGED = -0.5
+"""Merit of an outcome that the model has not judged yet."""
 TRIES = 3
 """Proposals that are simulated, or found to be unusable."""
 FRAMES = 4
@@ -144,10 +150,15 @@ def _configured_server(plan: Plan, warn: Warn) -> StoryServer | None:
         absent = Message.STORY_SERVER_FAILED
         warn(absent.warning(Place(STORY), "", listed(packages, "and"), fix=fix))
         return None
-    # the library takes a second to load
-    from physgen.perceive.backends.vlm import Story as Server
+    server: StoryServer = _vlm().Story(Setup(options=options))
+    return server
 
-    return Server(Setup(options=options))
+
+def _vlm() -> Any:
+    """Return the backend's module, whose library takes a second to load."""
+    from physgen.perceive.backends import vlm
+
+    return vlm
 
 
 @dataclass
@@ -166,6 +177,12 @@ class _Talk:
     tried: int = 0
     drawing: stages.Stages = field(default_factory=stages.Stages)
 
+    def say(
+        self, text: str, pictures: tuple[bytes, ...] = (), *, is_reply: bool = False
+    ) -> None:
+        """Add a message."""
+        self.turns.append(_vlm().Turn(text, pictures, is_reply))
+
     def keep(self, telling: Telling, share: float) -> None:
         """Keep an outcome if it is nearer than those before."""
         if share > self.best_share:
@@ -177,45 +194,35 @@ def ask_server(server: StoryServer, subject: StoryScene, text: str) -> Telling |
 
     None if no answer can be used. Raises InputError if the server fails.
     """
-    from physgen.perceive.backends.vlm import (
-        Query,
-        Turn,
-        UnusableAnswerError,
-        parse_answer,
-        plain_line,
-    )
-
-    is_judge = _understood(text, subject.scene, subject.compiled.world) is None
-    rules = proposal_rules(subject.scene, subject.may_change_objects, is_judge)
-    query = Query("the scene", "", (), rules.outline, rules.faults)
-    talk = _Talk(subject, text, rules, is_judge)
-    opening = QUESTION.format(
-        text=plain_line(text),
-        table=object_table(subject.scene, subject.compiled.world),
-        schema=_json(rules.schema),
-    )
-    talk.turns.append(Turn(opening, (_overview(talk),)))
+    talk = _open_talk(subject, text)
+    query = _vlm().Query("the scene", "", (), talk.rules.outline, talk.rules.faults)
     # a judge answers once more, about its last proposal
-    for attempt in range(TRIES + is_judge):
+    for attempt in range(TRIES + talk.is_judge):
         reply = server.reply(query, talk.turns)
-        talk.turns.append(Turn(plain_line(reply, 4000) or "(nothing)", is_reply=True))
+        talk.say(_vlm().plain_line(reply, LONGEST_REPLY) or "(nothing)", is_reply=True)
         try:
-            answer = parse_answer(reply, query)
-            if _is_accepted(talk, answer) or attempt == TRIES:
-                break
-            message, pictures, is_right = _simulate_proposal(talk, answer["edits"])
-        except (UnusableAnswerError, UnsuitableEditError) as error:
-            message, pictures, is_right = AGAIN.format(fault=error), (), False
-        if is_right:
+            answer = _vlm().parse_answer(reply, query)
+        except _vlm().UnusableAnswerError as error:
+            talk.say(AGAIN.format(fault=error))
+            continue
+        if _is_accepted(talk, answer) or attempt == TRIES:
             break
-        talk.turns.append(Turn(message, pictures))
+        if _take_proposal(talk, answer["edits"]):
+            break
     return talk.best
 
 
-def _json(value: Any) -> str:
-    import json
-
-    return json.dumps(value)
+def _open_talk(subject: StoryScene, text: str) -> _Talk:
+    """Return a conversation with its first question."""
+    world = subject.compiled.world
+    is_judge = _understood(text, subject.scene, world) is None
+    rules = proposal_rules(subject.scene, subject.may_change_objects, is_judge)
+    talk = _Talk(subject, text, rules, is_judge)
+    table = object_table(subject.scene, world)
+    schema = json.dumps(rules.schema)
+    line = _vlm().plain_line(text)
+    talk.say(QUESTION.format(text=line, table=table, schema=schema), (_overview(talk),))
+    return talk
 
 
 def _understood(text: str, scene: Scene, world: World) -> Story | None:
@@ -238,48 +245,64 @@ def _is_accepted(talk: _Talk, answer: Mapping[str, Any]) -> bool:
     return is_right
 
 
-def _simulate_proposal(
-    talk: _Talk, edits: list[Any]
-) -> tuple[str, tuple[bytes, ...], bool]:
-    """Simulate a proposal; return the message about it, frames, whether it is right.
+@dataclass(frozen=True)
+class _Trial:
+    """A simulated proposal."""
 
-    Raises UnsuitableEditError.
-    """
+    values: dict[str, Any]
+    """Edits by dotted key."""
+    scene: Scene
+    compiled: CompiledScene
+    motion: Trajectory
+
+
+def _simulate(talk: _Talk, edits: list[Any]) -> _Trial:
+    """Return the simulation of proposed edits. Raises UnsuitableEditError."""
     subject = talk.subject
     quiet = story_edits(subject.scene, subject.compiled, Start(0, is_moved=False))
     values = scene_edits(subject.scene, subject.compiled.world, quiet, edits)
     try:
         scene = subject.edited(values)
-        maps = talk.drawing.maps(scene)
-        compiled = talk.drawing.compile(scene, maps)
-        motion = sampled_motion(compiled.world)
+        compiled = talk.drawing.compile(scene, talk.drawing.maps(scene))
+        return _Trial(values, scene, compiled, sampled_motion(compiled.world))
     except InputError as error:
         reasons = [f"{one.path} {one.found} {one.expected}" for one in error.problems]
         raise UnsuitableEditError("; ".join(reasons)) from None
+
+
+def _take_proposal(talk: _Talk, edits: list[Any]) -> bool:
+    """Simulate a proposal and answer it; return whether it is right."""
+    try:
+        trial = _simulate(talk, edits)
+    except UnsuitableEditError as error:
+        talk.say(AGAIN.format(fault=error))
+        return False
     talk.tried += 1
-    outcome = motion_words(compiled.world, motion)
-    story = _understood(talk.text, scene, compiled.world)
-    share, verdict = 0.0, JUDGE
+    outcome = motion_words(trial.compiled.world, trial.motion)
+    share, verdict = UNJUDGED, JUDGE
     if not talk.is_judge:
-        share = _share(story, compiled.world, motion)
+        share = _share(talk.text, trial)
         verdict = MEASURED.format(share=share)
     is_right = share >= LIMITS.partial
-    telling = Telling(values, is_right, outcome, talk.tried)
-    talk.last = telling
-    talk.keep(telling, share if not talk.is_judge else -0.5)
-    if is_right:
-        return "", (), True
-    frames = _frames(talk, scene, compiled, motion)
-    message = OUTCOME.format(count=len(frames), outcome=outcome, verdict=verdict)
-    return message, frames, False
+    talk.last = Telling(trial.values, is_right, outcome, talk.tried)
+    talk.keep(talk.last, share)
+    if not is_right:
+        frames = _frames(talk, trial.scene, trial.compiled, trial.motion)
+        values = {"count": len(frames), "outcome": outcome, "verdict": verdict}
+        talk.say(OUTCOME.format(**values), frames)
+    return is_right
 
 
-def _share(story: Story | None, world: World, motion: Trajectory) -> float:
+def _share(text: str, trial: _Trial) -> float:
     """Return how far a motion is what a story wants, by the best of its actors."""
+    world = trial.compiled.world
+    story = _understood(text, trial.scene, world)
     if story is None:
         return 0.0
-    shares = [fulfilment(world, story, Start(actor), motion) for actor in story.actors]
-    return max(shares, default=0.0)
+    best = 0.0
+    for actor in story.actors:
+        best = max(best, fulfilment(world, story, Start(actor), trial.motion))
+    return best
 
 
 def motion_words(world: World, motion: Trajectory) -> str:
@@ -305,6 +328,11 @@ def motion_words(world: World, motion: Trajectory) -> str:
     return "; ".join(sentences) or Note.STORY_NOTHING_MOVES.value
 
 
+def photo_overview(maps: Percepts, document: Mapping[str, Any]) -> bytes:
+    """Return the overview of a photo's objects without pushes, PNG."""
+    return overview_png(maps.rgb, maps.labels, document, {})
+
+
 def _overview(talk: _Talk) -> bytes:
     """Return the overview of the scene, PNG."""
     subject = talk.subject
@@ -312,8 +340,7 @@ def _overview(talk: _Talk) -> bytes:
         return subject.picture
     maps = talk.drawing.maps(subject.scene)
     if maps.percepts is not None:
-        rgb, labels = maps.percepts.rgb, maps.percepts.labels
-        return overview_png(rgb, labels, subject.scene.document, {})
+        return photo_overview(maps.percepts, subject.scene.document)
     motion = sampled_motion(subject.compiled.world)
     return _frames(talk, subject.scene, subject.compiled, motion)[0]
 
