@@ -353,7 +353,7 @@ def _with_intervals(model: Model, best: F64) -> Fit:
     total = len(model.tracks.times)
     residuals = model.residuals(best, total)
     observed = residuals[: len(residuals) - len(best)]
-    spread = MAD * float(np.median(np.abs(observed))) if len(observed) else 1.0
+    spread = _residual_spread(observed, len(best))
     model.noise = max(model.noise * spread, FIT.least_noise)
     slopes = model.jacobian(best, total, range(len(best)))
     covariance: F64 = np.linalg.pinv(slopes.T @ slopes).astype(np.float64)
@@ -385,6 +385,20 @@ def _with_intervals(model: Model, best: F64) -> Fit:
         noise=model.noise,
         simulations=model.simulations,
     )
+
+
+def _residual_spread(residuals: F64, count: int) -> float:
+    """Return the standard deviation of residuals without outliers, after a fit of `count` values.
+
+    The larger of two estimates: an interval should rather be too wide.
+    """
+    if not len(residuals):
+        return 1.0
+    median = MAD * float(np.median(np.abs(residuals)))
+    regular = residuals[np.abs(residuals) < FIT.robust * max(median, 1e-9)]
+    root = float(np.sqrt((regular**2).mean())) if len(regular) else median
+    freedom = max(len(residuals) - count, 1)
+    return max(median, root) * float(np.sqrt(len(residuals) / freedom))
 
 
 def _inflation(offset: F64) -> float:
