@@ -37,7 +37,9 @@ class FitTuning:
     noise: float = 0.5
     """px, standard deviation of a coordinate, if tracks are too short to tell it."""
     least_noise: float = 0.02
-    """px: simulations differ by as much with their steps."""
+    """px of residuals, at least."""
+    step_noise: float = 0.1
+    """px by which simulations differ with their steps: smaller residuals need no other start."""
     good: float = 1.25
     """Cost of a residual up to which no other start is tried."""
     horizons: tuple[float, ...] = (0.35, 0.7, 1.0, 1.0)
@@ -243,7 +245,10 @@ def fit_scene(
         progress("fit", k, len(FIT.horizons) + 2)
         count = max(min(total, 4), round(share * total))
         best = _refine(model, best, count, FIT.trials)
-        if _is_good(model, best, count):
+        is_good = _is_good(model, best, count)
+        if is_good and count == total:
+            break
+        if is_good:
             continue
         candidates = _candidates(model, best, count, generator)
         refined = [_refine(model, one, count, FIT.trials) for one in candidates]
@@ -273,7 +278,7 @@ def track_noise(tracks: Tracks) -> float:
     if not len(known):
         return FIT.noise
     spread = MAD * float(np.median(known)) / THIRD_DIFFERENCE
-    return max(spread, FIT.least_noise)
+    return max(spread, FIT.step_noise)
 
 
 def _candidates(
