@@ -56,10 +56,15 @@ def confidence(estimate: Estimate) -> float | None:
 
 
 def source_text(estimate: Estimate, scene: Scene) -> str:
-    """Return the entry of `from`: fit 0.31 to 0.36, and a confidence."""
+    """Return the entry of `from`: fit 0.31 to 0.36, and a confidence or the unit.
+
+    The unit keeps a number at the end from being read as a confidence.
+    """
     text = f"fit {interval_text(estimate, scene)}"
     sure = confidence(estimate)
-    return f"{text}," if sure is None else f"{text}, {sure:g}"
+    if sure is None:
+        return f"{text} {unit(estimate, scene)}"
+    return f"{text}, {sure:g}"
 
 
 def fitted_text(
@@ -122,8 +127,8 @@ def _write_estimate(
         key = "density"
     text = source_text(estimate, scene)
     if parameter.kind is Kind.VELOCITY:
-        before = sources.get(key, "") if parameter.component else ""
-        sources[key] = f"{before} {text}".strip()
+        has_other = parameter.component and str(sources.get(key, "")).startswith("fit")
+        sources[key] = f"{sources[key]}, {text}" if has_other else text
         return
     sources[key] = text
     if parameter.kind is Kind.FRICTION:

@@ -16,6 +16,7 @@ from physgen.fit.tracks import Tracks, read_tracks, tracks_csv
 from physgen.pipeline import stages
 from physgen.problems import InputError
 from physgen.scene.load import OpenedScene
+from physgen.scene.provenance import source
 from physgen.simulate.engine import simulate
 
 NOISE = 0.5
@@ -156,7 +157,13 @@ def test_command_writes_scene_and_report(
     assert "# a parcel" in text
     after = OpenedScene(str(output)).scene()
     assert after.objects[0].friction == pytest.approx(0.5, rel=0.1)
-    assert after.objects[0].provenance["friction"].startswith("fit 0.4")
+    sources = after.objects[0].provenance
+    friction = source(sources["friction"])
+    assert friction.text.startswith("fit 0.4")
+    assert friction.sure is not None
+    assert friction.sure > 0.8
+    assert sources["velocity"].count(" px/s") == 2
+    assert source(sources["velocity"]).sure is None
     page = (tmp_path / "fitted" / "report.html").read_text()
     assert "What this clip cannot determine" in page
     assert (tmp_path / "fitted" / "tracks.csv").is_file()
