@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from physgen.pipeline.push_trials import Outcome
     from physgen.pipeline.pushes import Push
     from physgen.pipeline.refusals import Refusals
+    from physgen.pipeline.story import Telling
     from physgen.registry import Plan
     from physgen.scene.scene import Scene
 
@@ -93,6 +94,14 @@ def _moved_by_story(perceived: PerceivedScene, story: StoryRequest) -> Perceived
     picture = photo_overview(perceived.percepts, perceived.document)
     subject = StoryScene(scene, compiled, edited, picture, may_change_objects=False)
     telling = tell(subject, story.text, story.plan, story.warn)
+    per_meter = scene.world.pixels_per_meter
+    return _with_story_edits(perceived, telling, per_meter)
+
+
+def _with_story_edits(
+    perceived: PerceivedScene, telling: Telling, pixels_per_meter: float
+) -> PerceivedScene:
+    """Return the scene with the edits of a story, and its outcome as their comment."""
     document = dict(perceived.document)
     objects = dict(document["objects"])
     comments = dict(perceived.comments)
@@ -105,8 +114,7 @@ def _moved_by_story(perceived: PerceivedScene, story: StoryRequest) -> Perceived
         # Perceived scenes have velocities in m/s, so that a corrected scale keeps the
         # motion real.
         if part == "velocity":
-            per_meter = scene.world.pixels_per_meter
-            value = [meters(component / per_meter) for component in value]
+            value = [meters(component / pixels_per_meter) for component in value]
         objects[name] = objects[name] | {part: value}
         comments[key] = telling.outcome
     document["objects"] = objects

@@ -7,9 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from jsonschema import Draft202012Validator
 
-from physgen.compile.world import World
+from physgen.compile.world import Body, World
 from physgen.messages import Note
 from physgen.scene.scene import Motion, Scene, View
 from physgen.text import listed, quoted
@@ -267,16 +268,10 @@ def object_table(scene: Scene, world: World) -> str:
     scale = scene.world.pixels_per_meter
     lines = ["name | label | centre px | width x height px | mass g | motion"]
     for item, body in zip(scene.objects, world.bodies, strict=True):
-        x, y = body.center.tolist()
-        low = [min(float(ring[:, k].min()) for ring in body.rings) for k in (0, 1)]
-        high = [max(float(ring[:, k].max()) for ring in body.rings) for k in (0, 1)]
-        size = f"{high[0] - low[0]:.0f} x {high[1] - low[1]:.0f}"
         label = re.sub(r"\s+", " ", item.label or "")
+        sizes = _size_text(body)
         motion = item.motion.name.lower()
-        lines.append(
-            f"{item.name} | {label} | {x:.0f}, {y:.0f} | {size} | {body.mass:.4g}"
-            f" | {motion}"
-        )
+        lines.append(f"{item.name} | {label} | {sizes} | {body.mass:.4g} | {motion}")
     lines.append(f"boundaries: {listed([wall.name for wall in world.walls], 'and')}")
     width, height = scene.size
     view = "the side; gravity points down"
@@ -287,3 +282,11 @@ def object_table(scene: Scene, world: World) -> str:
         f" {world.duration:.2g} s are simulated"
     )
     return "\n".join(lines)
+
+
+def _size_text(body: Body) -> str:
+    """Return the centre of a body, and its width and height, px."""
+    x, y = body.center.tolist()
+    points = np.concatenate(body.rings)
+    width, height = np.ptp(points, axis=0).tolist()
+    return f"{x:.0f}, {y:.0f} | {width:.0f} x {height:.0f}"
