@@ -206,7 +206,7 @@ class UnusableAnswerError(Exception):
 
 
 class _Role:
-    """A role whose questions go to one model."""
+    """A role with questions to one model."""
 
     role = ""
 
@@ -706,7 +706,7 @@ def picture_part(picture: bytes) -> dict[str, Any]:
 
 
 def plain_line(text: str, most: int = 300) -> str:
-    r"""Return the printable characters of a text on one line, cut at a word.
+    """Return the printable characters of a text on one line, cut at a word.
 
     >>> plain_line("a  red\n# ball\x1b[0m")
     'a red # ball[0m'
