@@ -1524,6 +1524,10 @@ class Message(Enum):
         "has no frame rate",
         "save it as MP4, GIF or WebP, or give its tracks",
     )
+    FIT_POOR = (
+        "remain between film and simulation, more than the tracks' noise",
+        "do not trust the intervals; try --seed {seed}, fewer values by --free, or a shorter clip",
+    )
     FIT_LOST = (
         "is lost after {time} s: its picture no longer explains the film",
         "check the masks of the scene, or give tracks",

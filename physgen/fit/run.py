@@ -16,7 +16,7 @@ from physgen.files import install, write_atomic
 from physgen.fit.film import follow_film
 from physgen.fit.page import FitPage, film_pairs, write_page
 from physgen.fit.parameters import DEFAULT_KINDS, Kind
-from physgen.fit.solve import Fit, fit_scene
+from physgen.fit.solve import Fit, fit_scene, track_noise
 from physgen.fit.tracks import LEAST_TIMES, Tracks, read_tracks, tracks_csv
 from physgen.fit.writing import fitted_text, interval_text
 from physgen.messages import Message, one_of
@@ -31,6 +31,8 @@ from physgen.videos import Video, read_video
 
 MOST_FRAMES = 600
 """Frames of a clip that are followed."""
+POOR = 2.0
+"""Residuals, of the noise of tracks, from which a fit may be in a wrong valley."""
 SAME = 0.5
 """px by which a clip's size may differ."""
 
@@ -111,6 +113,10 @@ def fit_files(
         warn(Message.FIT_LOST.warning(Place(name), time=f"{time:.2f}"))
     _check_motion(tracks)
     fit = fit_scene(scene, compiled, tracks, options.kinds, options.seed, progress)
+    rest = float(np.sqrt(np.nanmean(fit.residuals**2)))
+    if rest > POOR * track_noise(tracks):
+        poor, place = Message.FIT_POOR, Place(options.scene.name)
+        warn(poor.warning(place, "", f"{rest:.2g} px", seed=options.seed + 1))
     source = options.scene
     origin = (options.clip or options.tracks or source).name
     text = source.read_text(encoding="utf-8")
