@@ -109,6 +109,12 @@ class Note(Enum):
         "{count} regions may be objects, too: to use one, move {name} ... to objects"
     )
 
+    # A story that a model tells
+    STORY_SCRIPTED = "{name} follows a path, and cannot be pushed"
+    STORY_FROM_ABOVE = "nothing can be dropped in a scene seen from above"
+    STORY_NAME_TAKEN = "{name} is an object already; give the new one another name"
+    STORY_NOTHING_MOVES = "nothing moves"
+
     # Reports of files
     BACKUP = "the previous {name} is kept as {backup}"
     EDITED = "{edit}; backup: {backup}"
@@ -1509,6 +1515,36 @@ class Message(Enum):
     STORY_WITHOUT_OBJECT = ("names no object of the scene", "name one of {names}")
     STORY_WITH_OTHERS = ("cannot be combined with {flag}", "remove one of them")
     STORY_NOUN_UNKNOWN = ("is not in the scene", "name one of {names}")
+    TRACKS_NOT_TEXT = ("is not text", "save it as CSV in UTF-8")
+    TRACKS_COLUMN_MISSING = ("is not a column", "write the columns {columns}")
+    TRACKS_UNKNOWN_OBJECT = ("is not an object of the scene", "{fix}")
+    TRACKS_NOT_NUMBER = ("is not a number", "write {unit}")
+    TRACKS_FEW = ("are too few for a fit", "give {least} times or more")
+    FIT_UNKNOWN_KIND = ("cannot be fitted", "{fix}")
+    FIT_NEEDS_FILM = ("needs a clip or a table of tracks", "name one of them")
+    FIT_FILE_MISSING = ("does not exist", "write the path of an existing file")
+    FIT_NEEDS_SCIPY = ("needs scipy", "{install}")
+    FIT_CLIP_SIZE = (
+        "is not the photo's size, {width} x {height} px",
+        "scale the clip to that size, or perceive its first frame",
+    )
+    FIT_CLIP_WITHOUT_RATE = (
+        "has no frame rate",
+        "save it as MP4, GIF or WebP, or give its tracks",
+    )
+    FIT_POOR = (
+        "remain between film and simulation, more than the tracks' noise",
+        "do not trust the intervals; try --seed {seed}, fewer values by --free, or a shorter clip",
+    )
+    FIT_LOST = (
+        "is lost after {time} s: its picture no longer explains the film",
+        "check the masks of the scene, or give tracks",
+    )
+    STORY_ANSWERS_UNUSABLE = (
+        "was answered by the server without any edit that can be used",
+        "pushes are tried instead; another model may do better",
+    )
+    STORY_SERVER_FAILED = ("; pushes are tried instead", "{fix}")
     STORY_WITHOUT_ACTOR = (
         "moves nothing: what moves must be an object",
         "name an object that is not fixed before the verb",

@@ -13,7 +13,7 @@ import physgen
 PACKAGE = Path(physgen.__file__).parent
 LAYERS = (
     "core", "geometry", "scene", "compile", "simulate", "perceive", "render", "refine", "export", "sound", "report",
-    "pipeline", "batch", "evaluate", "edit", "cli",
+    "pipeline", "batch", "evaluate", "fit", "edit", "cli",
 )  # fmt: skip
 """From the bottom up; the flat modules at the root are the core, apart from the entry points."""
 ENTRY_POINTS = {"physgen.__main__": "cli"}

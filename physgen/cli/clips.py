@@ -6,7 +6,7 @@ import argparse
 import json
 import os
 from collections import Counter as Counts
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import replace
 from functools import lru_cache, partial
@@ -26,7 +26,16 @@ from physgen.cli.arguments import (
     wrong_value,
 )
 from physgen.cli.clusters import is_parallel, run_all
-from physgen.cli.output import FAILED, OK, Bar, print_backup, print_error, print_line
+from physgen.cli.output import (
+    FAILED,
+    OK,
+    Bar,
+    named_by_flag,
+    print_backup,
+    print_error,
+    print_line,
+    print_problem,
+)
 from physgen.messages import Message
 from physgen.problems import (
     InputError,
@@ -36,6 +45,7 @@ from physgen.problems import (
     collect,
     variant_named,
 )
+from physgen.text import listed
 
 if TYPE_CHECKING:
     from physgen.batch.run import Job, JobResult, Refiner
@@ -76,13 +86,13 @@ def _motion_edits(
         return ()
     from physgen import pipeline
     from physgen.pipeline.pushes import motion_edits
-    from physgen.scene.write import flow_text, scene_text
+    from physgen.scene.write import edit_texts, scene_text
 
     scene = _open_scene(path, options.allow_outside).scene(options.set, variant)
     with variant_named(variant):
         compilation = pipeline.compile(scene, pipeline.percepts(scene))
     if options.story is not None:
-        edits = _story_edits(path, scene, compilation, options)
+        edits = _story_edits(path, scene, compilation, variant, options)
     else:
         edits = motion_edits(
             scene, compilation, options.push, options.drop, options.kick
@@ -94,28 +104,43 @@ def _motion_edits(
     for key, value in edits.items():
         *parents, last = key.split(".")
         part = values
-        for name in parents:
+        for name in parents if value is not None else ():
             part = part.setdefault(name, {})
-        part[last] = value
+        if value is not None:
+            part[last] = value
     print_error(
         f"{path}: to keep this motion, write\n{indent(scene_text(values), '  ').rstrip()}"
     )
-    return tuple(f"{key}={flow_text(value, ())}" for key, value in edits.items())
+    removed = [key for key, value in edits.items() if value is None]
+    if removed:
+        print_error(f"{path}: and remove {listed(removed, 'and')}")
+    return edit_texts(edits)
 
 
 def _story_edits(
-    path: str, scene: Scene, compiled: CompiledScene, options: argparse.Namespace
+    path: str,
+    scene: Scene,
+    compiled: CompiledScene,
+    variant: str | None,
+    options: argparse.Namespace,
 ) -> dict[str, Any]:
     """Return the edits of --story and print the outcome. Raises InputError."""
-    from physgen.pipeline.stages import ended
-    from physgen.pipeline.story import tell_story
+    from physgen.pipeline import stages, story_server
+    from physgen.scene.write import edit_texts
 
     for flag in ("push", "drop", "kick"):
         if getattr(options, flag):
             found = f'"{options.story}"'
             raise Message.STORY_WITH_OTHERS.error("--story", found, flag=f"--{flag}")
-    compiled, _ = ended(scene, compiled)
-    telling = tell_story(scene, compiled, options.story)
+    compiled, _ = stages.ended(scene, compiled)
+    opened = _open_scene(path, options.allow_outside)
+
+    def edited(edits: Mapping[str, Any]) -> Scene:
+        return opened.scene((*options.set, *edit_texts(edits)), variant)
+
+    subject = story_server.StoryScene(scene, compiled, edited)
+    plan = story_server.load_plan(config=options.config)
+    telling = story_server.tell(subject, options.story, plan, print_problem)
     verdict = "the story happens" if telling.is_fulfilled else "the nearest outcome"
     print_error(f"{path}: {verdict}: {telling.outcome} ({telling.tried} tried)")
     return telling.edits
@@ -405,7 +430,9 @@ def _print_done(done: JobResult, as_json: bool, store: str | None) -> None:
                 "folder": folder,
                 **_video_entry(done),
                 "seconds": round(done.seconds, 3),
-                "problems": [problem.as_dict() for problem in done.problems],
+                "problems": [
+                    named_by_flag(problem).as_dict() for problem in done.problems
+                ],
             }
             print_line(json.dumps(line, ensure_ascii=False, default=str))
     elif folder is not None:

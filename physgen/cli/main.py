@@ -19,6 +19,7 @@ from physgen.cli import (
     edit,
     evaluate,
     export,
+    fit,
     gallery,
     perceive,
     render,
@@ -31,6 +32,7 @@ from physgen.cli.output import (
     FAILED,
     INTERRUPTED,
     OK,
+    named_by_flag,
     print_error,
     print_json,
     print_problems,
@@ -75,7 +77,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print_json(
                 {
                     "passed": False,
-                    "problems": [problem.as_dict() for problem in error.problems],
+                    "problems": [
+                        named_by_flag(problem).as_dict() for problem in error.problems
+                    ],
                 }
             )
         return WRONG_INPUT
@@ -158,6 +162,7 @@ COMMANDS = {
         gallery.GALLERY,
         clean.CLEAN,
         evaluate.EVALUATE,
+        fit.FIT,
         verify.VERIFY,
         backends.BACKENDS,
         SCHEMA,

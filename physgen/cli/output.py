@@ -10,12 +10,13 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from physgen.messages import Note
 from physgen.operating_system import open_file_path
-from physgen.problems import Problem
+from physgen.problems import Place, Problem
 
 OK, FAILED, INTERRUPTED = 0, 1, 130
 
@@ -30,15 +31,25 @@ def print_line(text: str) -> None:
     print(text, flush=True)
 
 
+FLAGS = {"story": "--story", "free": "--free"}
+"""The flag whose value a lower layer calls by the key."""
+
+
+def named_by_flag(problem: Problem) -> Problem:
+    """Return the problem of a key at the flag that sets it."""
+    flag = FLAGS.get(problem.place.file)
+    return problem if flag is None else replace(problem, place=Place(flag))
+
+
 def print_problems(problems: Sequence[Problem]) -> None:
     """Print one line for each problem to stderr."""
     for problem in problems:
-        print_error(str(problem))
+        print_problem(problem)
 
 
 def print_problem(problem: Problem) -> None:
     """One line to stderr."""
-    print_error(str(problem))
+    print_error(str(named_by_flag(problem)))
 
 
 def print_backup(kept: Path) -> None:

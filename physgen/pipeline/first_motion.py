@@ -6,13 +6,14 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from physgen.messages import Message
 from physgen.pipeline.trial_scenes import open_trial
 from physgen.problems import InputError, Place, Warn
 from physgen.scene.provenance import meters, source
+from physgen.scene.write import edit_texts
 from physgen.text import listed
 
 if TYPE_CHECKING:
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
     from physgen.pipeline.push_trials import Outcome
     from physgen.pipeline.pushes import Push
     from physgen.pipeline.refusals import Refusals
+    from physgen.pipeline.story import Telling
+    from physgen.registry import Plan
     from physgen.scene.scene import Scene
 
 
@@ -43,11 +46,21 @@ REST_PX = 1.0
 """Distance, px, from which an object counts as moving."""
 
 
+@dataclass(frozen=True)
+class StoryRequest:
+    """What is to happen, in words, and who may be asked about it."""
+
+    text: str
+    plan: Plan
+    """Backends, and the settings of a server."""
+    warn: Warn
+
+
 def start_motion(
     perceived: PerceivedScene,
     still: bool,
     pushes: Sequence[str] = (),
-    story: str | None = None,
+    story: StoryRequest | None = None,
 ) -> PerceivedScene:
     """Return the scene with falling objects held and one object pushed, unless `still`.
 
@@ -70,30 +83,44 @@ def start_motion(
     return perceived
 
 
-def _moved_by_story(perceived: PerceivedScene, story: str) -> PerceivedScene:
-    """Return the scene with the motion of a story in words. Raises InputError."""
+def _moved_by_story(perceived: PerceivedScene, story: StoryRequest) -> PerceivedScene:
+    """Return the scene with the motion that a sentence asks for. Raises InputError."""
     from physgen.pipeline.stages import compile, ended
-    from physgen.pipeline.story import tell_story
+    from physgen.pipeline.story_server import StoryScene, photo_overview, tell
 
-    scene = open_trial(perceived, "motion").scene()
-    compiled_scene, _ = ended(scene, compile(scene, None))
-    plan = tell_story(scene, compiled_scene, story)
+    opened = open_trial(perceived, "motion")
+    scene = opened.scene()
+    compiled, _ = ended(scene, compile(scene, None))
+
+    def edited(edits: Mapping[str, Any]) -> Scene:
+        return opened.scene(edit_texts(edits))
+
+    picture = photo_overview(perceived.percepts, perceived.document)
+    subject = StoryScene(scene, compiled, edited, picture, may_change_objects=False)
+    telling = tell(subject, story.text, story.plan, story.warn)
+    per_meter = scene.world.pixels_per_meter
+    return _with_story_edits(perceived, telling, per_meter)
+
+
+def _with_story_edits(
+    perceived: PerceivedScene, telling: Telling, pixels_per_meter: float
+) -> PerceivedScene:
+    """Return the scene with the edits of a story, and its outcome as their comment."""
     document = dict(perceived.document)
     objects = dict(document["objects"])
     comments = dict(perceived.comments)
-    for key, value in plan.edits.items():
+    for key, value in telling.edits.items():
         if key == "forces":
             document["forces"] = value
-            comments["forces"] = plan.outcome
+            comments["forces"] = telling.outcome
             continue
         _, name, part = key.split(".")
         # Perceived scenes have velocities in m/s, so that a corrected scale keeps the
         # motion real.
         if part == "velocity":
-            per_meter = scene.world.pixels_per_meter
-            value = [meters(component / per_meter) for component in value]
+            value = [meters(component / pixels_per_meter) for component in value]
         objects[name] = objects[name] | {part: value}
-        comments[key] = plan.outcome
+        comments[key] = telling.outcome
     document["objects"] = objects
     return replace(perceived, document=document, comments=comments)
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from physgen.files import check_text_names, check_writable
 from physgen.messages import Message
 from physgen.pipeline.first_motion import (
+    StoryRequest,
     push_anew,
     refresh_motion,
     start_motion,
@@ -235,7 +236,10 @@ def _perceive_photo(
             warn(problem)
         progress("push", 0, 1)
         perceived = replace(perceived, full_size=full_size)
-        return start_motion(perceived, options.still, options.pushes, options.story)
+        story = None
+        if options.story is not None:
+            story = StoryRequest(options.story, crew.plan, warn)
+        return start_motion(perceived, options.still, options.pushes, story)
 
     moving_scene = run(
         rgb,

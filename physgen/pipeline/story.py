@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import cos, degrees, hypot, radians, sin
+from math import cos, degrees, hypot, isfinite, radians, sin
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from physgen.compile.world import Body, Push, World
 from physgen.geometry.scale import push_speed
 from physgen.messages import Message
 from physgen.pipeline.story_words import (
+    STORY,
     Named,
     Story,
     Wish,
@@ -106,7 +107,7 @@ def tell_story(scene: Scene, compiled: CompiledScene, text: str) -> Telling:
     story = read_story(text, scene_names(scene, world))
     actors = [k for k in story.actors if world.bodies[k].motion is not Motion.SCRIPTED]
     if not actors:
-        raise Message.STORY_WITHOUT_ACTOR.error("--story", quoted(text))
+        raise Message.STORY_WITHOUT_ACTOR.error(STORY, quoted(text))
     quiet = _at_rest(scene, world)
     best, best_merit, trial_count = None, -1.0, 0
     for start in _starts(scene, compiled, story, actors):
@@ -153,7 +154,7 @@ def _at_rest(scene: Scene, world: World) -> World:
             resting_item = replace(item, velocity=(0.0, 0.0), spin=0.0)
             body = replace(set_velocity(body, resting_item, scene.world.view), spin=0.0)
         bodies.append(body)
-    lasting = tuple(push for push in world.pushes if push.load is not Load.IMPULSE)
+    lasting = tuple(push for push in world.pushes if not isfinite(push.end))
     return replace(world, bodies=tuple(bodies), pushes=lasting)
 
 
@@ -279,9 +280,14 @@ def _target_centers(world: World, story: Story) -> F64:
 
 def _simulated(scene: Scene, world: World, start: Start) -> Trajectory:
     """Return the motion after a start, sampled evenly."""
+    return sampled_motion(started_world(scene, world, start))
+
+
+def sampled_motion(world: World) -> Trajectory:
+    """Return the motion of a world, sampled evenly."""
     count = max(int(world.duration * LIMITS.rate), 2)
     times = np.linspace(0.0, world.duration, count + 1)
-    running = Running(started_world(scene, world, start), times)
+    running = Running(world, times)
     running.on(float(times[-1]))
     return running.trajectory()
 
@@ -473,9 +479,10 @@ def story_edits(scene: Scene, compiled: CompiledScene, start: Start) -> dict[str
             edits[f"objects.{item.name}.velocity"] = [0, 0]
         if item.motion is Motion.DYNAMIC and item.spin:
             edits[f"objects.{item.name}.spin"] = 0
-    # Impulses belong to the motion that the story replaces; lasting forces stay.
-    forces = [force for force in scene.document["forces"] if "impulse" not in force]
-    if len(forces) < len(scene.document["forces"]):
+    # Pushes belong to the motion that the story replaces; lasting forces stay.
+    own_forces = scene.document["forces"]
+    forces = [force for force in own_forces if not {"impulse", "duration"} & set(force)]
+    if len(forces) < len(own_forces):
         edits["forces"] = forces
     if not start.is_moved:
         return edits

@@ -10,6 +10,9 @@ from enum import Enum
 from physgen.messages import Message
 from physgen.text import listed, quoted
 
+STORY = "story"
+"""The place of problems of a sentence, as long as nothing better is known."""
+
 
 class Wish(Enum):
     """The event that a sentence asks for."""
@@ -192,20 +195,18 @@ def read_story(text: str, candidates: Sequence[Named]) -> Story:
         (k, v) for k, v in verbs if not any(m.start <= k < m.end for m in mentions)
     ]
     if not verbs:
-        raise Message.STORY_WITHOUT_VERB.error(
-            "--story", quoted(text), verbs=listed(VERBS)
-        )
+        raise Message.STORY_WITHOUT_VERB.error(STORY, quoted(text), verbs=listed(VERBS))
     objects = {candidate.index for candidate in candidates if candidate.is_object}
     unknown_noun = _unknown_noun(words, mentions)
     if unknown_noun:
         object_names = listed([one.name for one in candidates if one.is_object])
         subject = f"{unknown_noun}, in {quoted(text)},"
-        raise Message.STORY_NOUN_UNKNOWN.error("--story", subject, names=object_names)
+        raise Message.STORY_NOUN_UNKNOWN.error(STORY, subject, names=object_names)
     if not any(set(mention.members) & objects for mention in mentions):
         names = listed(
             [candidate.name for candidate in candidates if candidate.is_object]
         )
-        raise Message.STORY_WITHOUT_OBJECT.error("--story", quoted(text), names=names)
+        raise Message.STORY_WITHOUT_OBJECT.error(STORY, quoted(text), names=names)
     return _assemble(words, mentions, verbs, objects)
 
 

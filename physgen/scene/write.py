@@ -58,6 +58,19 @@ def flow_text(value: Any, path: KeyPath) -> str:
     return _flow(value, schema_at(path))
 
 
+def edit_texts(edits: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return edits by dotted key as KEY=VALUE; None removes a key.
+
+    >>> edit_texts({"objects.ball.mass": 5, "objects.cup": None})
+    ('objects.ball.mass=5', 'objects.cup=')
+    """
+    texts = []
+    for key, value in edits.items():
+        text = "" if value is None else flow_text(value, ())
+        texts.append(f"{key}={text}")
+    return tuple(texts)
+
+
 class _Writer:
     def __init__(self, comments: Mapping[str, str]) -> None:
         self.comments = comments

@@ -192,6 +192,15 @@ class Query:
     """Return the faults of an answer that satisfies the schema."""
 
 
+@dataclass(frozen=True)
+class Turn:
+    """One message of a conversation."""
+
+    text: str
+    pictures: tuple[bytes, ...] = ()  # PNG
+    is_reply: bool = False
+
+
 class UnusableAnswerError(Exception):
     """Raised for an unusable answer, with the reason for the model and the user."""
 
@@ -279,9 +288,7 @@ class _Role:
         answer.
         """
         content: list[dict[str, Any]] = [{"type": "text", "text": query.text}]
-        for picture in query.pictures:
-            url = f"data:image/png;base64,{b64encode(picture).decode()}"
-            content.append({"type": "image_url", "image_url": {"url": url}})
+        content += [picture_part(picture) for picture in query.pictures]
         turns: list[dict[str, Any]] = [{"role": "user", "content": content}]
         fault = ""
         for _ in range(VLM.attempts):
@@ -432,6 +439,24 @@ class Physics(_Role):
         for group, answer in zip(groups, self.ask(queries), strict=True):
             result |= group_matter(answer, group, self._model)
         return result
+
+
+class Story(_Role):
+    """Puts the question which edits make a story come true, in one conversation."""
+
+    role = "story"
+
+    def reply(self, query: Query, turns: Sequence[Turn]) -> str:
+        """Return the reply to a conversation; it may be unusable. Raises InputError."""
+        messages = []
+        for turn in turns:
+            content: list[dict[str, Any]] = [{"type": "text", "text": turn.text}]
+            content += [picture_part(picture) for picture in turn.pictures]
+            role = "assistant" if turn.is_reply else "user"
+            messages.append(
+                {"role": role, "content": turn.text if turn.is_reply else content}
+            )
+        return self._complete(query, messages)
 
 
 categories, label, physics = Categories, Label, Physics
@@ -674,10 +699,16 @@ def _faults(value: Any, query: Query) -> list[str]:
     return faults or query.contradictions(value)
 
 
+def picture_part(picture: bytes) -> dict[str, Any]:
+    """Return a PNG as a part of a message."""
+    url = f"data:image/png;base64,{b64encode(picture).decode()}"
+    return {"type": "image_url", "image_url": {"url": url}}
+
+
 def plain_line(text: str, most: int = 300) -> str:
     """Return the printable characters of a text on one line, cut at a word.
 
-    >>> plain_line("a  red\\n# ball\\x1b[0m")
+    >>> plain_line("a  red\n# ball\x1b[0m")
     'a red # ball[0m'
     """
     line = " ".join("".join(c for c in text if c.isprintable() or c.isspace()).split())

@@ -1,0 +1,486 @@
+"""Estimate parameters from tracks: robust least squares on poses, from many starts.
+
+The time that is fitted grows: early frames tell velocities before contacts begin. At each
+length, values of contacts are drawn at random, and the best draws are refined, because
+another order of contacts is another valley of the cost. Intervals follow the profile of
+the likelihood along the line on which the other parameters move with one of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from physgen.arrays import F64
+from physgen.compile.compile import CompiledScene, compile_shapes
+from physgen.fit.parameters import (
+    Kind,
+    Parameter,
+    Scale,
+    Starts,
+    free_parameters,
+    with_values,
+)
+from physgen.fit.tracks import Tracks
+from physgen.problems import InputError
+from physgen.progress import Progress, silent
+from physgen.scene.scene import Scene
+from physgen.simulate.engine import simulate
+
+
+@dataclass(frozen=True)
+class FitTuning:
+    """Noise, lengths of time, starts and limits of a fit."""
+
+    noise: float = 0.5
+    """px, standard deviation of a coordinate, if tracks are too short to tell it."""
+    least_noise: float = 0.02
+    """px of residuals, at least."""
+    step_noise: float = 0.1
+    """px by which simulations differ with their steps: smaller residuals need no other start."""
+    good: float = 1.25
+    """Cost of a residual up to which no other start is tried."""
+    horizons: tuple[float, ...] = (0.35, 0.7, 1.0, 1.0)
+    """Shares of the time that are fitted one after the other."""
+    draws: int = 8
+    """Random starts at each length."""
+    refined: int = 2
+    """Starts that are refined, the best first."""
+    width: float = 0.7
+    """Width of the draws, of a prior's."""
+    astray: float = 0.3
+    """Of a prior's width, from which a value is also tried as it was before."""
+    rate: float = 240.0
+    """1/s: steps of trial simulations."""
+    fine_rate: float = 480.0
+    """1/s: steps of the last fit and of intervals, at most the scene's own."""
+    trials: int = 8
+    """Steps of a refinement on the way, at most."""
+    last: int = 8
+    """Steps of the last refinement, at most."""
+    robust: float = 3.0
+    """Standard deviations from which a residual counts less."""
+    quantile: float = 1.645
+    """Of the normal distribution, for an interval of 90 %."""
+    inert: float = 0.05
+    """Change, in standard deviations, over a prior's width below which a parameter rests."""
+    determined: float = 0.5
+    """Share of a prior's width from which a value counts as undetermined."""
+    first: float = 0.2
+    """s in which velocities at the start are first estimated."""
+    moving: float = 4.0
+    """Standard errors from which an object moves at the start."""
+    correlated: float = 0.9
+    """Correlation of neighbouring residuals, at most."""
+    failed: float = 1e3
+    """Residual of a motion that cannot be simulated."""
+
+
+FIT = FitTuning()
+MAD = 1.4826
+"""Standard deviation of normal noise, of its median absolute value."""
+THIRD_DIFFERENCE = 20**0.5
+"""Standard deviation of third differences of noise, of the noise's."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One fitted number, in the scene's units; angles in rad."""
+
+    parameter: Parameter
+    value: float
+    low: float
+    high: float
+    """Ends of the interval of 90 %."""
+    is_determined: bool
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What a fit found."""
+
+    scene: Scene
+    """With the estimates that are determined."""
+    estimates: tuple[Estimate, ...]
+    flat: tuple[str, ...]
+    """What the clip cannot determine, in words."""
+    poses: F64
+    """(T, N, 3): simulated, at the times of the tracks."""
+    residuals: F64
+    """(T, N, 3) px: observed minus simulated, the angle at the radius of gyration."""
+    noise: float
+    """px: standard deviation of residuals."""
+    simulations: int
+
+
+class Model:
+    """Residuals of a scene's motion against tracks, by the numbers of its parameters."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        compiled: CompiledScene,
+        tracks: Tracks,
+        starts: Starts,
+        parameters: Sequence[Parameter],
+    ) -> None:
+        self.scene, self.compiled = scene, compiled
+        self.tracks, self.starts = tracks, starts
+        self.parameters = tuple(parameters)
+        self.noise = track_noise(tracks)
+        self.rate = min(FIT.rate, compiled.world.steps_per_second)
+        self.simulations = 0
+        bodies = compiled.world.bodies
+        self.gyration = np.array([(b.moment / b.mass) ** 0.5 for b in bodies])
+        self.prior = np.array([one.start for one in self.parameters])
+        self.spread = np.array([one.spread for one in self.parameters])
+
+    def edited(self, numbers: F64) -> Scene:
+        """Return the scene with these numbers."""
+        return with_values(self.scene, self.parameters, numbers, self.starts)
+
+    def poses(self, numbers: F64, times: F64) -> F64:
+        """Return simulated poses (T, N, 3). Raises InputError."""
+        self.simulations += 1
+        world = compile_shapes(self.edited(numbers), self.compiled.shapes).world
+        world = replace(
+            world, steps_per_second=self.rate, duration=float(times[-1]) + 1e-6
+        )
+        grid = times if times[0] == 0.0 else np.concatenate([[0.0], times])
+        return simulate(world, grid).poses[len(grid) - len(times) :]
+
+    def differences(self, poses: F64) -> F64:
+        """Return (T, N, 3) px: observed minus simulated, NaN without observation."""
+        offset = self.tracks.poses[: len(poses)] - poses
+        offset[..., 2] *= self.gyration
+        return offset
+
+    def residuals(self, numbers: F64, count: int) -> F64:
+        """Return residuals of the first `count` times, in standard deviations, with the prior's."""
+        known = np.isfinite(self.tracks.poses[:count])
+        prior = (numbers - self.prior) / self.spread
+        try:
+            offset = self.differences(self.poses(numbers, self.tracks.times[:count]))
+        except InputError:
+            failed = np.full(int(known.sum()), FIT.failed)
+            return np.concatenate([failed, prior])
+        return np.concatenate([offset[known] / self.noise, prior])
+
+    def jacobian(
+        self, numbers: F64, count: int, columns: Sequence[int], base: F64 | None = None
+    ) -> F64:
+        """Return difference quotients of residuals for some columns; central without `base`."""
+        slopes = []
+        for k in columns:
+            step = np.zeros(len(numbers))
+            step[k] = self.parameters[k].step
+            upper = self.residuals(numbers + step, count)
+            if base is None:
+                lower = self.residuals(numbers - step, count)
+                slopes.append((upper - lower) / (2 * step[k]))
+            else:
+                slopes.append((upper - base) / step[k])
+        return np.array(slopes).T
+
+
+def robust_cost(residuals: F64) -> float:
+    """Return twice the robust cost (soft L1) of residuals, near their sum of squares."""
+    scale = FIT.robust**2
+    parts = 2 * scale * (np.sqrt(1 + residuals**2 / scale) - 1)
+    return float(parts.sum())
+
+
+def estimate_starts(scene: Scene, compiled: CompiledScene, tracks: Tracks) -> Starts:
+    """Return velocities at t = 0 from the first frames, and which objects move."""
+    bodies = compiled.world.bodies
+    velocities = np.zeros((len(bodies), 3))
+    moves, spins = [], []
+    early = (tracks.times > 0) & (
+        tracks.times <= max(FIT.first, tracks.times[min(3, len(tracks.times) - 1)])
+    )
+    for k, body in enumerate(bodies):
+        start = np.array([*body.center.tolist(), 0.0])
+        gyration = (body.moment / body.mass) ** 0.5
+        errors = np.array([FIT.noise, FIT.noise, FIT.noise / max(gyration, 1.0)])
+        is_moving = False
+        for axis in range(3):
+            offsets = tracks.poses[early, k, axis] - start[axis]
+            known = np.isfinite(offsets)
+            times = tracks.times[early][known]
+            if not len(times):
+                continue
+            weight = float((times**2).sum())
+            velocity = float((times * offsets[known]).sum()) / weight
+            velocities[k, axis] = velocity
+            if abs(velocity) > FIT.moving * errors[axis] / weight**0.5:
+                is_moving = True
+            else:
+                velocities[k, axis] = 0.0
+        if not is_moving:
+            velocities[k] = 0.0
+        moves.append(is_moving)
+        spins.append(bool(np.isfinite(tracks.poses[:, k, 2]).mean() > 0.5))
+    is_round = tuple(body.radius is not None for body in bodies)
+    return Starts(velocities, tuple(moves), tuple(spins), is_round)
+
+
+def fit_scene(
+    scene: Scene,
+    compiled: CompiledScene,
+    tracks: Tracks,
+    kinds: Sequence[Kind],
+    seed: int = 0,
+    progress: Progress = silent,
+) -> Fit:
+    """Return the parameters with which a scene moves as its tracks do. Raises InputError."""
+    starts = estimate_starts(scene, compiled, tracks)
+    parameters = free_parameters(scene, tracks, kinds, starts)
+    model = Model(scene, compiled, tracks, starts, parameters)
+    generator = np.random.default_rng(seed)
+    best = model.prior.copy()
+    total = len(tracks.times)
+    for k, share in enumerate(FIT.horizons):
+        progress("fit", k, len(FIT.horizons) + 2)
+        count = max(min(total, 4), round(share * total))
+        best = _refine(model, best, count, FIT.trials)
+        is_good = _is_good(model, best, count)
+        if is_good and count == total:
+            break
+        if is_good:
+            continue
+        candidates = _candidates(model, best, count, generator)
+        refined = [_refine(model, one, count, FIT.trials) for one in candidates]
+        refined.append(best)
+        best = min(refined, key=lambda one: robust_cost(model.residuals(one, count)))
+    model.rate = min(FIT.fine_rate, compiled.world.steps_per_second)
+    progress("fit", len(FIT.horizons), len(FIT.horizons) + 2)
+    best = _refine(model, best, total, FIT.last)
+    progress("fit", len(FIT.horizons) + 1, len(FIT.horizons) + 2)
+    return _with_intervals(model, best)
+
+
+def _is_good(model: Model, numbers: F64, count: int) -> bool:
+    """Return whether residuals are as small as the noise of the tracks."""
+    residuals = model.residuals(numbers, count)
+    observed = len(residuals) - len(numbers)
+    return robust_cost(residuals) < FIT.good * observed
+
+
+def track_noise(tracks: Tracks) -> float:
+    """Return the noise of coordinates, px, from third differences over time.
+
+    Even accelerations leave none, and impacts are few.
+    """
+    differences = np.diff(tracks.poses[..., :2], n=3, axis=0)
+    known = np.abs(differences[np.isfinite(differences)])
+    if not len(known):
+        return FIT.noise
+    spread = MAD * float(np.median(known)) / THIRD_DIFFERENCE
+    return max(spread, FIT.step_noise)
+
+
+def _candidates(
+    model: Model, best: F64, count: int, generator: np.random.Generator
+) -> list[F64]:
+    """Return the best few of the last estimate and of random values of contacts."""
+    is_drawn = np.array([one.scale is not Scale.LINEAR for one in model.parameters])
+    starts = [best]
+    for k in np.flatnonzero(is_drawn).tolist():
+        # a value that an earlier valley drove far away
+        if abs(best[k] - model.prior[k]) > FIT.astray * model.spread[k]:
+            starts.append(_spliced(best, [k], model.prior[[k]]))
+    for _ in range(FIT.draws):
+        draw = generator.normal(size=len(best)) * model.spread * FIT.width
+        starts.append(_limited(model, best + np.where(is_drawn, draw, 0.0)))
+    costs = [robust_cost(model.residuals(one, count)) for one in starts]
+    order = np.argsort(costs, kind="stable")
+    chosen = [starts[k] for k in order[: FIT.refined].tolist()]
+    # the last estimate stays in the race
+    return chosen if 0 in order[: FIT.refined] else [best, *chosen[:-1]]
+
+
+def _limited(model: Model, numbers: F64) -> F64:
+    """Return numbers within the limits of their parameters."""
+    low = np.array([one.low for one in model.parameters])
+    high = np.array([one.high for one in model.parameters])
+    margin = 1e-6 * model.spread
+    return np.asarray(np.clip(numbers, low + margin, high - margin))
+
+
+def _refine(model: Model, numbers: F64, count: int, most: int) -> F64:
+    """Return numbers after robust least squares over those that change anything."""
+    from scipy.optimize import least_squares
+
+    numbers = _limited(model, numbers)
+    base = model.residuals(numbers, count)
+    every = range(len(numbers))
+    slopes = model.jacobian(numbers, count, every, base)
+    data = slopes[: len(base) - len(numbers)]
+    effect = np.hypot.reduce(data, axis=0) * model.spread if len(numbers) else base[:0]
+    active = [k for k in every if effect[k] > FIT.inert]
+    if not active:
+        return numbers
+
+    def residuals(part: F64) -> F64:
+        return model.residuals(_spliced(numbers, active, part), count)
+
+    def jacobian(part: F64) -> F64:
+        whole = _spliced(numbers, active, part)
+        return model.jacobian(whole, count, active, model.residuals(whole, count))
+
+    chosen = [model.parameters[k] for k in active]
+    result = least_squares(
+        residuals,
+        numbers[active],
+        jacobian,
+        bounds=([one.low for one in chosen], [one.high for one in chosen]),
+        x_scale=model.spread[active],
+        loss="soft_l1",
+        f_scale=FIT.robust,
+        max_nfev=most,
+        ftol=1e-5,
+        xtol=1e-6,
+    )
+    return _spliced(numbers, active, np.asarray(result.x, np.float64))
+
+
+def _spliced(numbers: F64, columns: Sequence[int], part: F64) -> F64:
+    """Return numbers with other values in some columns."""
+    whole = numbers.copy()
+    whole[list(columns)] = part
+    return whole
+
+
+def _with_intervals(model: Model, best: F64) -> Fit:
+    """Return the fit with an interval of each number."""
+    total = len(model.tracks.times)
+    residuals = model.residuals(best, total)
+    observed = residuals[: len(residuals) - len(best)]
+    spread = _residual_spread(observed, len(best))
+    model.noise = max(model.noise * spread, FIT.least_noise)
+    slopes = model.jacobian(best, total, range(len(best)))
+    covariance: F64 = np.linalg.pinv(slopes.T @ slopes).astype(np.float64)
+    poses = model.poses(best, model.tracks.times)
+    offset = model.differences(poses)
+    inflation = _inflation(offset)
+    widths = np.sqrt(np.diag(covariance)) * inflation
+    is_determined = widths < FIT.determined * model.spread
+    cost = robust_cost(model.residuals(best, total))
+    estimates = []
+    for k, parameter in enumerate(model.parameters):
+        ends = [best[k], best[k]]
+        if is_determined[k]:
+            profile = _Profile(model, best, k, slopes, cost, inflation)
+            ends = [
+                best[k] + side * profile.distance(side, widths[k])
+                for side in (-1.0, 1.0)
+            ]
+        low, high = (parameter.value(float(end)) for end in ends)
+        value = parameter.value(float(best[k]))
+        estimates.append(Estimate(parameter, value, low, high, bool(is_determined[k])))
+    kept = np.where(is_determined, best, model.prior)
+    return Fit(
+        scene=model.edited(kept),
+        estimates=tuple(estimates),
+        flat=flat_directions(model.parameters, covariance, model.spread),
+        poses=poses,
+        residuals=offset,
+        noise=model.noise,
+        simulations=model.simulations,
+    )
+
+
+def _residual_spread(residuals: F64, count: int) -> float:
+    """Return the standard deviation of residuals without outliers, after a fit of `count` values.
+
+    The larger of two estimates: an interval should rather be too wide.
+    """
+    if not len(residuals):
+        return 1.0
+    median = MAD * float(np.median(np.abs(residuals)))
+    regular = residuals[np.abs(residuals) < FIT.robust * max(median, 1e-9)]
+    root = float(np.sqrt((regular**2).mean())) if len(regular) else median
+    freedom = max(len(residuals) - count, 1)
+    return max(median, root) * float(np.sqrt(len(residuals) / freedom))
+
+
+def _inflation(offset: F64) -> float:
+    """Return the factor of all widths by which neighbouring residuals are alike."""
+    before, after = offset[:-1], offset[1:]
+    known = np.isfinite(before) & np.isfinite(after)
+    if known.sum() < 3:
+        return 1.0
+    power = float((before[known] ** 2).mean() + (after[known] ** 2).mean()) / 2
+    product = float((before[known] * after[known]).mean())
+    alike = min(max(product / max(power, 1e-12), 0.0), FIT.correlated)
+    return float(np.sqrt((1 + alike) / (1 - alike)))
+
+
+@dataclass(frozen=True)
+class _Profile:
+    """The least cost for other values of one parameter; the others follow it."""
+
+    model: Model
+    best: F64
+    column: int
+    slopes: F64
+    """(R, P): derivatives of residuals at the best numbers."""
+    cost: float
+    inflation: float
+
+    def distance(self, side: float, width: float) -> float:
+        """Return how far the interval reaches to one side."""
+        target = (FIT.quantile * self.inflation) ** 2
+        reach = FIT.quantile * width
+        for _ in range(2):
+            rise = self._rise(side * reach)
+            factor = (target / max(rise, target / 9)) ** 0.5
+            reach *= min(max(factor, 0.5), 2.0)
+        return float(reach)
+
+    def _rise(self, change: float) -> float:
+        """Return the rise of the cost for a change of the parameter."""
+        count = len(self.model.tracks.times)
+        others = np.arange(len(self.best)) != self.column
+        slopes = self.slopes[:, others]
+        numbers = self.best.copy()
+        numbers[self.column] += change
+        # the slopes at the best numbers tell how the others follow, and correct it once
+        residuals = self.slopes[:, self.column] * change
+        costs = []
+        for _ in range(2):
+            step = np.linalg.lstsq(slopes, -residuals, rcond=None)[0]
+            numbers[others] += step
+            residuals = self.model.residuals(numbers, count)
+            costs.append(robust_cost(residuals))
+        return min(costs) - self.cost
+
+
+def flat_directions(
+    parameters: Sequence[Parameter], covariance: F64, spread: F64
+) -> tuple[str, ...]:
+    """Return in words what data do not determine: single parameters and combinations."""
+    if not len(parameters):
+        return ()
+    scaled = covariance / np.outer(spread, spread)
+    values, vectors = np.linalg.eigh(scaled)
+    sentences = []
+    for k in np.argsort(-values).tolist():
+        if values[k] < FIT.determined**2:
+            break
+        vector = vectors[:, k]
+        members = [
+            (parameters[j].path, float(vector[j]))
+            for j in np.argsort(-np.abs(vector)).tolist()
+            if abs(vector[j]) > 0.35
+        ]
+        names = [name for name, _ in members]
+        if len(members) == 1:
+            sentences.append(names[0])
+        elif len(members) == 2 and members[0][1] * members[1][1] < 0:
+            sentences.append(f"{names[0]} against {names[1]}: only their combination")
+        else:
+            sentences.append(f"{', '.join(names)}: only combinations of them")
+    return tuple(dict.fromkeys(sentences))

@@ -1,0 +1,141 @@
+"""Objects that are followed through films which physgen has rendered itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from physgen.arrays import F64, U8
+from physgen.cli.main import main
+from physgen.fit.film import follow_film
+from physgen.fit.tracks import Tracks
+from physgen.pipeline import stages
+from physgen.scene.load import OpenedScene
+from physgen.simulate.engine import simulate
+
+CROSSING = """\
+physgen: 1
+size: [200, 120]
+world: {view: top, duration: 1}
+objects:
+  puck:
+    shape: {circle: {center: [40, 60], radius: 12}}
+    velocity: [150, 0]
+    spin: 120
+    collision_group: back
+    collides_with: [back]
+  post: {shape: {box: {center: [110, 60], size: [16, 70]}}, layer: 1, motion: static}
+"""
+SLIDE = """\
+physgen: 1
+size: [240, 120]
+world: {duration: 0.5}
+objects:
+  crate:
+    shape: {box: {center: [50, 80], size: [30, 30]}}
+    mass: 200
+    friction: 0.5
+    velocity: [300, 0]
+boundaries: {floor: {segment: [[-500, 95], [1500, 95]], friction: 0.5}}
+"""
+NOISE = 2.0
+"""Codes of a frame's noise."""
+
+
+class Filmed:
+    """A scene's motion as noisy frames."""
+
+    def __init__(self, text: str, times: F64) -> None:
+        scene = OpenedScene("scene.yaml", text=text).scene()
+        self.world = stages.compile(scene, None).world
+        self.stage = stages.stage(scene, stages.compile(scene, None), None)
+        self.times = times
+        self.motion = simulate(self.world, times)
+        generator = np.random.default_rng(0)
+        self.frames = []
+        for frame in stages.render(self.stage, self.motion):
+            noisy = frame.rgb + generator.normal(size=frame.rgb.shape) * NOISE
+            self.frames.append(np.clip(noisy, 0, 255).round().astype(np.uint8))
+
+    def tracks(self, frames: Sequence[U8] | None = None) -> Tracks:
+        chosen = self.frames if frames is None else frames
+        return follow_film(iter(chosen), self.times, self.stage, self.world, False)
+
+    def errors(self, tracks: Tracks, name: str) -> Any:
+        k = tracks.names.index(name)
+        return tracks.poses[:, k] - self.motion.poses[:, k]
+
+
+@pytest.fixture(scope="module")
+def crossing() -> Filmed:
+    return Filmed(CROSSING, np.arange(26) / 30)
+
+
+def test_poses_are_found_within_a_tenth_of_a_pixel(crossing: Filmed) -> None:
+    tracks = crossing.tracks()
+    errors = crossing.errors(tracks, "puck")
+    assert np.nanmax(np.abs(errors[:, :2])) < 0.25
+    assert np.sqrt(np.nanmean(errors[:8, :2] ** 2)) < 0.1
+    assert np.nanmax(np.abs(errors[:8, 2])) < 0.05
+    assert tracks.losses == ()
+    assert np.nanmax(np.abs(crossing.errors(tracks, "post")[:, :2])) < 0.1
+
+
+def test_hidden_object_is_not_observed_and_comes_back(crossing: Filmed) -> None:
+    tracks = crossing.tracks()
+    puck = tracks.names.index("puck")
+    seen = np.isfinite(tracks.poses[:, puck, 0])
+    x = crossing.motion.poses[:, puck, 0]
+    assert not seen[np.abs(x - 110) < 3].any()
+    assert seen[x < 85].all()
+    assert seen[x > 140].all()
+
+
+def test_vanished_object_is_reported_as_lost(crossing: Filmed) -> None:
+    frames = [*crossing.frames[:6], *[crossing.stage.background] * 3]
+    losses = dict(crossing.tracks(frames).losses)
+    assert losses["puck"] == pytest.approx(5 / 30)
+
+
+def test_jump_of_an_object_is_found(crossing: Filmed) -> None:
+    tracks = Filmed(CROSSING, np.array([0.0, 1 / 30, 0.23])).tracks()
+    puck = tracks.names.index("puck")
+    assert tracks.poses[2, puck, 0] == pytest.approx(40 + 150 * 0.23, abs=0.2)
+
+
+@pytest.mark.slow
+def test_clip_tells_the_physics_of_its_scene(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = tmp_path / "slide.yaml"
+    scene.write_text(SLIDE)
+    clip = tmp_path / "clip.mp4"
+    assert main(["render", str(scene), "-o", str(clip), "--report", "none"]) == 0
+    scene.write_text(SLIDE.replace("friction: 0.5\n    v", "friction: 0.2\n    v"))
+    output = tmp_path / "fitted.yaml"
+    flags = ["--free", "velocity,friction", "-o", str(output)]
+    assert main(["fit", str(scene), str(clip), *flags]) == 0
+    crate = OpenedScene(str(output)).scene().objects[0]
+    assert crate.friction == pytest.approx(0.5, rel=0.1)
+    assert crate.velocity[0] == pytest.approx(300, rel=0.02)
+    assert (tmp_path / "fitted" / "pair.mp4").stat().st_size > 1000
+    assert "pair.mp4" in (tmp_path / "fitted" / "report.html").read_text()
+
+
+def test_clip_of_another_size_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = tmp_path / "slide.yaml"
+    scene.write_text(SLIDE)
+    clip = tmp_path / "clip.mp4"
+    sparing = ["--set", "render.frames=6", "--set", "render.scale=0.5"]
+    flags = ["-o", str(clip), "--report", "none", *sparing]
+    assert main(["render", str(scene), *flags]) == 0
+    capsys.readouterr()
+    assert main(["fit", str(scene), str(clip)]) == 2
+    error = capsys.readouterr().err
+    assert f"{clip}: 120 x 60 px is not the photo's size, 240 x 120 px" in error

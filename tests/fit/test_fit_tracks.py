@@ -1,0 +1,187 @@
+"""Physics from tracks: synthetic motions whose values are known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from physgen.cli.main import main
+from physgen.fit.parameters import Kind
+from physgen.fit.solve import Fit, fit_scene
+from physgen.fit.tracks import Tracks, read_tracks, tracks_csv
+from physgen.pipeline import stages
+from physgen.problems import InputError
+from physgen.scene.load import OpenedScene
+from physgen.scene.provenance import source
+from physgen.simulate.engine import simulate
+
+NOISE = 0.5
+"""px."""
+SLIDE = """\
+physgen: 1
+size: [400, 200]
+world: {duration: 1}
+objects:
+  crate:  # a parcel
+    shape: {box: {center: [60, 130], size: [40, 40]}}
+    mass: 200
+    friction: 0.5
+    velocity: [400, 0]
+boundaries: {floor: {segment: [[-500, 150.5], [1500, 150.5]], friction: 0.5}}
+"""
+DROP = """\
+physgen: 1
+size: [200, 400]
+world: {duration: 0.8}
+objects:
+  ball: {shape: {circle: {center: [100, 40], radius: 12}}, mass: 50, elasticity: 0.7}
+boundaries: {floor: {segment: [[-500, 350.5], [1500, 350.5]], elasticity: 0.7}}
+"""
+
+
+def scene_of(text: str, *edits: str) -> tuple[object, object]:
+    scene = OpenedScene("scene.yaml", text=text).scene(edits)
+    return scene, stages.compile(scene, None)
+
+
+def observed(text: str, seconds: float, seed: int = 0) -> Tracks:
+    """Return noisy tracks of a scene's motion at 30 frames per second."""
+    _, compiled = scene_of(text)
+    times = np.arange(0.0, seconds + 1e-9, 1 / 30)
+    poses = simulate(compiled.world, times).poses.copy()
+    generator = np.random.default_rng(seed)
+    for k, body in enumerate(compiled.world.bodies):
+        gyration = (body.moment / body.mass) ** 0.5
+        widths = NOISE * np.array([1.0, 1.0, 1 / gyration])
+        poses[:, k] += generator.normal(size=(len(times), 3)) * widths
+    names = tuple(body.name for body in compiled.world.bodies)
+    return Tracks(times, names, poses)
+
+
+def fitted(
+    text: str, tracks: Tracks, kinds: Sequence[Kind], *edits: str
+) -> dict[str, object]:
+    fit = fit_scene(*scene_of(text, *edits), tracks, kinds)
+    estimates = {one.parameter.path: one for one in fit.estimates}
+    return {"fit": fit, **estimates}
+
+
+@pytest.mark.slow
+def test_fit_tells_friction_of_a_sliding_crate() -> None:
+    tracks = observed(SLIDE, 0.9)
+    kinds = (Kind.VELOCITY, Kind.FRICTION, Kind.ELASTICITY)
+    edits = ("objects.crate.friction=0.2", "objects.crate.velocity=[0, 0]")
+    result = fitted(SLIDE, tracks, kinds, *edits)
+    friction = result["objects.crate.friction"]
+    assert friction.low < 0.5 < friction.high
+    assert friction.value == pytest.approx(0.5, rel=0.05)
+    velocity = result["objects.crate.velocity.0"]
+    assert velocity.low < 400 < velocity.high
+    assert velocity.value == pytest.approx(400, rel=0.02)
+    # nothing bounces
+    assert not result["objects.crate.elasticity"].is_determined
+    fit = result["fit"]
+    assert isinstance(fit, Fit)
+    assert fit.flat == ("objects.crate.elasticity",)
+    assert fit.noise == pytest.approx(NOISE, rel=0.25)
+
+
+@pytest.mark.slow
+def test_dropped_ball_tells_gravity_and_elasticity() -> None:
+    tracks = observed(DROP, 0.8)
+    kinds = (Kind.VELOCITY, Kind.GRAVITY, Kind.ELASTICITY)
+    edits = ("world.gravity=[0, 700]", "objects.ball.elasticity=0.3")
+    result = fitted(DROP, tracks, kinds, *edits)
+    gravity = result["world.gravity.1"]
+    assert gravity.value == pytest.approx(980, rel=0.02)
+    assert gravity.low < 980 < gravity.high
+    assert result["objects.ball.elasticity"].value == pytest.approx(0.7, abs=0.03)
+
+
+@pytest.mark.slow
+def test_same_seed_gives_the_same_fit() -> None:
+    tracks = observed(DROP, 0.4)
+    kinds = (Kind.VELOCITY, Kind.DIRECTION)
+    first, second = (fitted(DROP, tracks, kinds)["fit"] for _ in range(2))
+    assert isinstance(first, Fit)
+    assert isinstance(second, Fit)
+    assert first.estimates == second.estimates
+
+
+def test_tracks_survive_writing_and_reading(tmp_path: Path) -> None:
+    tracks = observed(DROP, 0.3)
+    poses = tracks.poses.copy()
+    poses[2, 0, 2] = np.nan
+    path = tmp_path / "tracks.csv"
+    path.write_text(tracks_csv(replace(tracks, poses=poses)))
+    result = read_tracks(path, tracks.names)
+    np.testing.assert_allclose(result.poses, poses, atol=1e-3)
+    np.testing.assert_allclose(result.times, tracks.times, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("lines", "text"),
+    [
+        (["time,object,x"], ':1:1: "y" is not a column; write the columns'),
+        (["time,object,x,y", "0,bal,1,2"], ':2:1: "bal" is not an object'),
+        (["time,object,x,y", "0,ball,1,two"], ':2:1: y: "two" is not a number'),
+        (["time,object,x,y", "-1,ball,1,2"], ':2:1: time: "-1" is not a number'),
+        (["time,object,x,y", "0,ball,1,2"], "1 times are too few"),
+    ],
+)
+def test_wrong_tracks_are_refused(lines: list[str], text: str, tmp_path: Path) -> None:
+    path = tmp_path / "tracks.csv"
+    path.write_text("\n".join(lines))
+    with pytest.raises(InputError) as error:
+        read_tracks(path, ["ball"])
+    assert text in "\n".join(map(str, error.value.problems))
+
+
+def test_command_writes_scene_and_report(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene, tracks = tmp_path / "slide.yaml", tmp_path / "tracks.csv"
+    scene.write_text(SLIDE.replace("friction: 0.5\n", "friction: 0.3\n", 1))
+    tracks.write_text(tracks_csv(observed(SLIDE, 0.4)))
+    output = tmp_path / "fitted.yaml"
+    flags = ["--tracks", str(tracks), "--free", "velocity,friction", "-o", str(output)]
+    assert main(["fit", str(scene), *flags]) == 0
+    captured = capsys.readouterr()
+    assert captured.out.strip() == str(output)
+    assert "objects.crate.friction: 0.4" in captured.err
+    text = output.read_text()
+    assert "# a parcel" in text
+    after = OpenedScene(str(output)).scene()
+    assert after.objects[0].friction == pytest.approx(0.5, rel=0.1)
+    sources = after.objects[0].provenance
+    friction = source(sources["friction"])
+    assert friction.text.startswith("fit 0.4")
+    assert friction.sure is not None
+    assert friction.sure > 0.8
+    assert sources["velocity"].count(" px/s") == 2
+    assert source(sources["velocity"]).sure is None
+    page = (tmp_path / "fitted" / "report.html").read_text()
+    assert "What this clip cannot determine" in page
+    assert (tmp_path / "fitted" / "tracks.csv").is_file()
+
+
+@pytest.mark.parametrize(
+    ("flags", "text"),
+    [
+        ([], "needs a clip or a table of tracks"),
+        (["--tracks", "none.csv"], "none.csv: does not exist"),
+        (["--tracks", "SCENE", "--free", "colour"], '--free: "colour" cannot be'),
+    ],
+)
+def test_wrong_flags_are_refused(
+    flags: list[str], text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene = tmp_path / "slide.yaml"
+    scene.write_text(SLIDE)
+    words = [str(scene) if flag == "SCENE" else flag for flag in flags]
+    assert main(["fit", str(scene), *words]) == 2
+    assert text in capsys.readouterr().err
