@@ -2,6 +2,8 @@
 
 A step's velocity points along the tangent where the step began, and so into the curve where
 it ends. The contact takes that part, again and again: of a loop at 500 px/s some percent.
+The step also ends a little inside the curve. What pushes the body out does work against
+gravity, which a body that follows the curve does not get: a ball in a bowl gained 1 % in 2 s.
 """
 
 from __future__ import annotations
@@ -23,6 +25,8 @@ RECENT = 8
 """Steps after which a touch is a new one: a light contact opens for some."""
 GENTLE = 0.1
 """Of a body's speed: what closes faster has not followed the curve."""
+MOST_LIFTED = 0.1
+"""Of a body's kinetic energy: what is pushed out farther overlapped from the start."""
 
 
 class CurvedWalls:
@@ -41,6 +45,9 @@ class CurvedWalls:
             if world.bodies[body].motion is Motion.DYNAMIC and body not in held
         }
         self._mass = [body.mass for body in world.bodies]
+        scales = np.array([body.gravity_scale for body in world.bodies])
+        self._weight = scales[:, None] * np.array(self._mass)[:, None] * world.gravity
+        """(N, 2) g·px/s²."""
         self._steps = 0
         self._touched: dict[tuple[int, int], int] = {}
         """Bodies and walls that touched -> the step in which they last did."""
@@ -54,15 +61,20 @@ class CurvedWalls:
         self,
         begun: Array,
         state: Array,
+        h: float,
         order: Order,
         numbers: bytes,
         impacts: list[Impacts],
-    ) -> float:
-        """Give bodies the energy back that curves took from them in a step; return it, g·px²/s².
+    ) -> tuple[float, float]:
+        """Give bodies the energy back that curves took from them in a step of h seconds.
 
-        begun (M, 3): velocities before the step; state (M, 6) after it, which is changed.
+        begun (M, 6): states before the step; state (M, 6) after it, which is changed.
+        Return that energy, and the work against gravity by which curves pushed bodies
+        out and which bodies lose in return, g·px²/s².
         """
         taken: dict[int, float] = {}
+        lifted: dict[int, float] = {}
+        pushes: dict[int, tuple[float, float]] = {}
         blows = _blows(impacts)
         self._steps += 1
         contacts = np.frombuffer(numbers).reshape(-1, NUMBERS).tolist()
@@ -79,29 +91,55 @@ class CurvedWalls:
             if self._steps - last >= RECENT:
                 continue
             row = self._rows[body]
+            if not impacts:
+                shift = state[row, :2] - begun[row, :2] - h * begun[row, 3:5]
+                lifted[body] = -float(self._weight[body] @ shift)
             # the normal towards the wall
             nx, ny = sign * contact[2], sign * contact[3]
             ix, iy = blows.pop((body, wall), (0.0, 0.0))
             ix, iy = ix + sign * contact[0], iy + sign * contact[1]
+            sum_x, sum_y = pushes.get(body, (0.0, 0.0))
+            pushes[body] = sum_x + ix, sum_y + iy
             push = -(ix * nx + iy * ny)
             px, py = contact[4], contact[5]
             arm = (px - state[row, 0]) * ny - (py - state[row, 1]) * nx
             closing, left = (
                 float(speed[0] * nx + speed[1] * ny + speed[2] * arm)
-                for speed in (begun[row], state[row, 3:])
+                for speed in (begun[row, 3:], state[row, 3:])
             )
-            speed = hypot(begun[row, 0], begun[row, 1])
+            speed = hypot(begun[row, 3], begun[row, 4])
             if 0 < closing < GENTLE * speed:
                 taken[body] = taken.get(body, 0.0) + push * (closing + left) / 2
-        total = 0.0
-        for body, energy in taken.items():
+        return self._give(taken, lifted, pushes, state)
+
+    def _give(
+        self,
+        taken: dict[int, float],
+        lifted: dict[int, float],
+        pushes: dict[int, tuple[float, float]],
+        state: Array,
+    ) -> tuple[float, float]:
+        """Change speeds in the state (M, 6) by energies of bodies; return both sums.
+
+        pushes: impulses by the curves. Their work is recorded at the mean of the
+        velocities before and after, with what is given here: that part is taken off.
+        """
+        given = worked = 0.0
+        for body in {**taken, **lifted}:
             row = self._rows[body]
-            square = float(state[row, 3] ** 2 + state[row, 4] ** 2)
-            if energy <= 0 or square <= 0:
+            kinetic = self._mass[body] * float(state[row, 3:5] @ state[row, 3:5]) / 2
+            if kinetic <= 0:
                 continue
-            state[row, 3:5] *= sqrt(1 + 2 * energy / (self._mass[body] * square))
-            total += energy
-        return total
+            back, work = max(taken.get(body, 0.0), 0.0), lifted.get(body, 0.0)
+            if abs(work) > MOST_LIFTED * kinetic:
+                work = 0.0
+            if back == work:
+                continue
+            change = state[row, 3:5] * (sqrt(1 + (back - work) / kinetic) - 1)
+            state[row, 3:5] += change
+            given += back - float(change @ pushes[body]) / 2
+            worked += work
+        return given, worked
 
 
 def _blows(impacts: list[Impacts]) -> dict[tuple[int, int], tuple[float, float]]:

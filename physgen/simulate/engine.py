@@ -511,6 +511,15 @@ class Stepper:
             return False
         return bool(pairs) and self._space.hide_internal_edges(pairs)
 
+    def _nudged(self, state: Array | None) -> Array:
+        """Return the state (M, 6) at a step's begin with bodies moved off wrong contacts."""
+        state = (self.state() if state is None else state).copy()
+        moving = self._space.moving.tolist()
+        for body, shift in self._space.nudges.items():
+            state[moving.index(body), :2] += shift
+        self._space.nudges.clear()
+        return state
+
     def _again(
         self, h: float, state: Array | None, load: Forces | None
     ) -> tuple[bytes, Order, bytes]:
@@ -571,6 +580,8 @@ class Stepper:
             for _ in range(HIDINGS):
                 if not self._hides_contacts(order, numbers, new):
                     break
+                if self._space.nudges:
+                    state = self._nudged(state)
                 states, order, numbers = self._again(h, state, load)
                 new = self._new_contacts(order, numbers)
             if attempt < ATTEMPTS - 1 and (new is None or new):
@@ -634,12 +645,14 @@ class Stepper:
             states = exact.tobytes()
         if self._curves.busy:
             exact = np.frombuffer(states, np.float64).reshape(-1, 6).copy()
-            started = original
-            if started is None:
-                started = (self.state() if state is None else state)[:, 3:]
-            returned = self._curves.restore(started, exact, order, numbers, impacts)
-            if returned:
-                kicks.append(EnergyEvent(end, -returned, 0.0))
+            started = (self.state() if state is None else state).copy()
+            if original is not None:
+                started[:, 3:] = original
+            given, lifted = self._curves.restore(
+                started, exact, h, order, numbers, impacts
+            )
+            if given or lifted:
+                kicks.append(EnergyEvent(end, -given, -lifted))
                 self._space.place(exact)
                 states = exact.tobytes()
         if (self._joined.has_scripts or self._breakages.busy) and len(self._states):

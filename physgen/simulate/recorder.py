@@ -5,7 +5,7 @@ Steps are read a block at a time.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -376,7 +376,8 @@ class Recorder:
         for s, step in enumerate(steps):
             if step.original is not None:  # what is struck has two velocities in a step
                 shift[s, (step.original != step.before).any(axis=1)] = 0.0
-        return -(shift[:, :, :2] @ self.world.gravity) @ self._mass[self.moving]
+        weight = self._mass * [body.gravity_scale for body in self.world.bodies]
+        return -(shift[:, :, :2] @ self.world.gravity) @ weight[self.moving]
 
     def _braked(self, steps: list[Step], spin: Array) -> Array:
         """(S,) lost to rolling resistance; spin (S, N)."""
@@ -456,10 +457,15 @@ class Recorder:
         )
         share = np.clip(0.5 + (opening[1] - opening[0]) / (2 * self._even), 0.0, 1.0)
         share[count == 1] = 1.0
-        where = [
-            share * near + (1 - share) * far for near, far in zip(*spots, strict=True)
+        # the impulse acts on each body at the body's own point: overlaps shorten levers
+        places = [
+            share[:, None] * on[:, 0] + (1 - share[:, None]) * on[:, 1]
+            for on in (touch.on_first, touch.on_second)
         ]
-        v1, v2 = (speed(columns(mean, partner), partner, *where) for partner in (0, 1))
+        v1, v2 = (
+            speed(columns(mean, partner), partner, *places[partner].T)
+            for partner in (0, 1)
+        )
         lost = -along(v1, v2, impulse)
         work = np.zeros(len(row))
         if self._conveyors.any():
@@ -474,9 +480,8 @@ class Recorder:
             [np.bincount(row, values, S) for values in (lost, work)], axis=1
         ).astype(np.float64)
         if (count == 2).any():
-            place = np.stack(where, axis=1)
             flow[:, 0] += self._misplaced(
-                steps, touch, row, place, (pose, before, after)
+                steps, touch, row, places, (pose, before, after)
             )
         self._note_accuracy(opening, touch)
         # a sample at the very time of an impulse shows what was before it; but t = 0 shows what the scene begins with
@@ -535,18 +540,19 @@ class Recorder:
         steps: list[Step],
         touch: Touching,
         row: Index,
-        place: Array,
+        places: Sequence[Array],
         motion: tuple[Array, Array, Array],
     ) -> Array:
         """Return by how much more energy (S,) contacts lost than at their estimated places.
 
-        Of the two points of a contact, the engine reports the sum of the impulses, and `place` (R, 2) is an estimate of
-        where the sum acts in the step `row` (R,). Contacts that contradict each other, as those of pieces whose corners
-        lie on a boundary, invalidate the estimate; the body's angular momentum then shows the error of the torque.
+        Of the two points of a contact, the engine reports the sum of the impulses, and `places` (two of (R, 2), on the
+        first and on the second body) are an estimate of where the sum acts in the step `row` (R,). Contacts that
+        contradict each other, as those of pieces whose corners lie on a boundary, invalidate the estimate; the body's
+        angular momentum then shows the error of the torque.
         motion: poses (S, N, 3), and velocities (S, N, 3) before and after.
         """
         pose, before, after = motion
-        torque, leeway = self._torques(touch, row, place, pose)
+        torque, leeway = self._torques(touch, row, places, pose)
         error = self._moment * (after - before)[:, :, 2] - torque
         for s, step in enumerate(steps):
             if step.load is not None:
@@ -564,9 +570,9 @@ class Recorder:
         return np.asarray((lost * counts).sum(axis=1))
 
     def _torques(
-        self, touch: Touching, row: Index, place: Array, pose: Array
+        self, touch: Touching, row: Index, places: Sequence[Array], pose: Array
     ) -> tuple[Array, Array]:
-        """Return angular impulses (S, N) of contacts at `place` (R, 2), and by how much they may be wrong.
+        """Return angular impulses (S, N) of contacts at `places`, and by how much they may be wrong.
 
         The sum of a contact's two impulses acts somewhere between its two points.
         """
@@ -575,7 +581,8 @@ class Recorder:
         points = (touch.on_first + touch.on_second) / 2
         apart = np.where((touch.count == 2)[:, None], points[:, 1] - points[:, 0], 0.0)
         range_ = np.abs(cross(apart, touch.impulse))
-        for objects, sign in ((touch.first, 1.0), (touch.second, -1.0)):
+        partners = ((touch.first, 1.0), (touch.second, -1.0))
+        for (objects, sign), place in zip(partners, places, strict=True):
             of_bodies = objects < N
             at = row[of_bodies], objects[of_bodies]
             lever = place[of_bodies] - pose[at][:, :2]

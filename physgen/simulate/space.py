@@ -42,6 +42,10 @@ SLOP = 0.005
 """px of overlap that is let stand: keeps resting contacts alive without a visible sink."""
 SEAM = 0.5
 """px between the ends of two walls that make one smooth line."""
+NUDGE = 1e-6
+"""px by which a circle is moved whose centre is in line with a side of a polygon."""
+LEAST_ASIDE = 1e-3
+"""Of a radius, by which a circle's contact is beside its normal if the normal is wrong."""
 STRAIGHT = 0.999
 """Cosine of the angle up to which two walls that meet make one smooth line."""
 
@@ -164,6 +168,10 @@ class Space:
             for owner, body in enumerate(places)
             for shape in body.shapes
         )
+        self._outlines = outlines
+        self._dynamic = {
+            k for k, b in enumerate(world.bodies) if b.motion is Motion.DYNAMIC
+        }
         self._owners = [outline.owner for outline in outlines]
         reach = [hypot(*outline.center) + outline.reach for outline in outlines]
         self._reach = [
@@ -179,6 +187,8 @@ class Space:
 
         The px that they may move before this is looked at again, and where they are.
         """
+        self.nudges: dict[int, tuple[float, float]] = {}
+        """Bodies whose contacts have a wrong normal, and the px by which to move them."""
         self.parting: list[Joint] = []
         """Broken joints with bodies that still pass through each other."""
         LIVING.add(self)
@@ -289,12 +299,42 @@ class Space:
         is_changed = False
         for arbiter, key in doubtful:
             frames = frames or self._frames()
+            if self._nudge(frames, arbiter, key):
+                is_changed = True
+                continue
             room = self._room(frames, key)
             if room > 0:
                 lib.cpArbiterSetProcessCollision(arbiter, False)
                 self.hidden[key] = room, self._distances(frames, key)
                 is_changed = True
         return is_changed
+
+    def _nudge(self, frames: Frames, arbiter: Any, key: Pair) -> bool:
+        """Note by how much to move a circle in contact with a corner of a polygon if the normal is wrong.
+
+        If the centre is in line with a side, the engine takes the normal of the side for
+        that of the corner, and the radius for the overlap.
+        """
+        first, second = self._outlines[key[0]], self._outlines[key[1]]
+        is_second = not second.corners
+        circle, other = (second, first) if is_second else (first, second)
+        if circle.corners or len(other.corners) < 3:
+            return False
+        center = frames.of(circle.owner).place(circle.center)
+        pose = frames.poses[other.owner]
+        arm = arbiter.contacts[0].r1 if is_second else arbiter.contacts[0].r2
+        nx, ny = arbiter.n.x, arbiter.n.y
+        aside = nx * (pose[1] + arm.y - center[1]) - ny * (pose[0] + arm.x - center[0])
+        if abs(aside) < LEAST_ASIDE * circle.reach:
+            return False
+        step = NUDGE if is_second else -NUDGE
+        owner = circle.owner
+        if owner not in self._dynamic:
+            owner, step = other.owner, -step
+        if owner not in self._dynamic:
+            return False
+        self.nudges[owner] = step * nx, step * ny
+        return True
 
     def review_internal_edges(self) -> None:
         """Let those contacts act again that are no longer at an internal edge."""
