@@ -376,8 +376,10 @@ class Recorder:
         for s, step in enumerate(steps):
             if step.original is not None:  # what is struck has two velocities in a step
                 shift[s, (step.original != step.before).any(axis=1)] = 0.0
-        weight = self._mass * [body.gravity_scale for body in self.world.bodies]
-        return -(shift[:, :, :2] @ self.world.gravity) @ weight[self.moving]
+        scales = np.array([body.gravity_scale for body in self.world.bodies])
+        weight: Array = self._mass * scales
+        lifted: Array = -(shift[:, :, :2] @ self.world.gravity) @ weight[self.moving]
+        return lifted
 
     def _braked(self, steps: list[Step], spin: Array) -> Array:
         """(S,) lost to rolling resistance; spin (S, N)."""
