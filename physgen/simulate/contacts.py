@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
@@ -21,6 +22,8 @@ TURN = 0.02
 """Change of a normal in a step by which no contact rolls on."""
 WORDS, NUMBERS = 3, 14
 """Integers and floats of one contact."""
+CONTACT = Struct(f"{NUMBERS}d")
+"""Numbers of a contact."""
 CONTACT_BYTES = 8 * NUMBERS
 """Of the floats."""
 _POINTS = np.isin(np.arange(NUMBERS), np.arange(4, 13)).astype(np.float64)
@@ -46,6 +49,18 @@ class Brakes:
     ]  # px and contacts, as listed, of each: the lever of the normal forces
 
 
+@dataclass(frozen=True)
+class Meetings:
+    """Who touches whom in a step."""
+
+    listed: list[list[int]]
+    """Both partners and the count of points of each contact, as listed."""
+    rows: dict[Pair, list[int]]
+    """Partners, the lesser first -> their contacts, as listed."""
+    partners: dict[int, set[int]]
+    """Of each body or wall."""
+
+
 class Order:
     """The order, by our numbers of bodies and counts of points, of contacts that pymunk lists in one way."""
 
@@ -68,9 +83,25 @@ class Order:
         """(14 K,): 1 for numbers of points, else 0."""
         self.brakes: Brakes | None = None
         """Once `Resistance` has looked."""
+        self._meetings: Meetings | None = None
         self.rows_held: list[int] | None = None
         """Once `Assemblies` has looked."""
         self._mixed = bool((self._rows[1:] < self._rows[:-1]).any())
+
+    @property
+    def meetings(self) -> Meetings:
+        """Who touches whom."""
+        if self._meetings is None:
+            rows: dict[Pair, list[int]] = {}
+            partners: dict[int, set[int]] = {}
+            owners = self.listed.tolist()
+            for row, (first, second, _) in enumerate(owners):
+                pair = (first, second) if first < second else (second, first)
+                rows.setdefault(pair, []).append(row)
+                partners.setdefault(first, set()).add(second)
+                partners.setdefault(second, set()).add(first)
+            self._meetings = Meetings(owners, rows, partners)
+        return self._meetings
 
     def pairs_turned(self, numbers: bytes, before: bytes) -> frozenset[Pair]:
         """Return partners, the lesser first, whose normals differ from those before; all as listed."""
@@ -87,16 +118,18 @@ class Order:
 
         state (M, 6) of the bodies `moving` (M,).
         """
-        motions = dict(zip(moving.tolist(), state.tolist(), strict=True))
-        every = np.frombuffer(numbers).reshape(-1, NUMBERS)[rows].tolist()
+        rows_of = {body: row for row, body in enumerate(moving.tolist())}
+        states, listed = state.tolist(), self.meetings.listed
         fastest = 0.0
-        for pair, contact in zip(self.listed[rows].tolist(), every, strict=True):
-            for k in range(pair[2]):
+        for row in rows:
+            first, second, count = listed[row]
+            contact = CONTACT.unpack_from(numbers, CONTACT.size * row)
+            for k in range(count):
                 px, py = contact[4 + 5 * k], contact[5 + 5 * k]
                 closing = 0.0
-                for owner, sign in ((pair[0], 1.0), (pair[1], -1.0)):
-                    if owner in motions:
-                        x, y, _, vx, vy, spin = motions[owner]
+                for owner, sign in ((first, 1.0), (second, -1.0)):
+                    if owner in rows_of:
+                        x, y, _, vx, vy, spin = states[rows_of[owner]]
                         along = (vx - spin * (py - y)) * contact[2]
                         across = (vy + spin * (px - x)) * contact[3]
                         closing += sign * (along + across)
@@ -182,14 +215,10 @@ def new_contacts(words: bytes, before: bytes) -> Sequence[int]:
 @lru_cache(maxsize=512)
 def pairs_with_more_contacts(words: bytes, before: bytes) -> frozenset[Pair]:
     """Return partners, the lesser first, of contacts that are not among those before, each counted once."""
-    now, counts = np.unique(_pairs(words), return_counts=True)
-    then, earlier = np.unique(_pairs(before), return_counts=True)
-    known = dict(zip(then.tolist(), earlier.tolist(), strict=True))
-    return frozenset(
-        ((key >> 2) >> 32, (key >> 2) & 0xFFFFFFFF)
-        for key, count in zip(now.tolist(), counts.tolist(), strict=True)
-        if count > known.get(key, 0)
-    )
+    known = Counter(_pairs(before).tolist())
+    counts = Counter(_pairs(words).tolist())
+    more = [key >> 2 for key, count in counts.items() if count > known[key]]
+    return frozenset((key >> 32, key & 0xFFFFFFFF) for key in more)
 
 
 @lru_cache(maxsize=256)

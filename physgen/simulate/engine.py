@@ -502,14 +502,16 @@ class Stepper:
     ) -> bool:
         """Return whether contacts at internal edges acted, which later steps leave out."""
         if self.suspicious:
-            return self._space.hide_internal_edges(None)
+            return self._space.hide_internal_edges(None, order, numbers)
         if order is not self._order:
             pairs = pairs_with_more_contacts(order.raw, self._order.raw)
         elif new is None:
             pairs = order.pairs_turned(numbers, self._numbers)
         else:
             return False
-        return bool(pairs) and self._space.hide_internal_edges(pairs)
+        if not pairs:
+            return False
+        return self._space.hide_internal_edges(pairs, order, numbers)
 
     def _nudged(self, state: Array | None) -> Array:
         """Return the state (M, 6) at a step's begin with bodies moved off wrong contacts."""
@@ -622,9 +624,11 @@ class Stepper:
                 exact[:, :3] = state[:, :3] + state[:, 3:] * h
             if self._joined.busy:
                 strength = 0.5 if first else 1.0  # of the motors
-                begun = self.state() if before is None else before
-                begun_all = np.zeros_like(self._center)
-                begun_all[self._space.moving] = begun[:, -3:]
+                begun_all = None
+                if self._joined.has_bounds:
+                    begun = self.state() if before is None else before
+                    begun_all = np.zeros_like(self._center)
+                    begun_all[self._space.moving] = begun[:, -3:]
                 held = self._joined.hold(*self.everybody(exact), h, strength, begun_all)
                 driven, moving = held.work, self._space.moving
                 exact[:, 3:] = held.velocity[moving]

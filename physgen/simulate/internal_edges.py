@@ -13,7 +13,14 @@ from functools import lru_cache
 from math import cos, hypot, inf, sin
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
 Spot = tuple[float, float]
+Box = tuple[float, float, float, float]
+"""Left, top, right and bottom, px."""
 
 
 @dataclass(frozen=True)
@@ -151,6 +158,8 @@ def edges_of(outline: ShapeOutline, frame: Frame = WORLD) -> list[Edge]:
 
 STILL = 1e-4
 """px within which a contact at an internal edge is not looked at again."""
+MOST_LISTED = 16
+"""Edges of an owner up to which plain numbers take less time than arrays."""
 NEIGHBOURS = 2.0
 """px around a shape, in which the surfaces lie that may continue it."""
 
@@ -223,6 +232,51 @@ class Cover:
         return mine == owner or (mine, owner) in self._exceptions
 
 
+class EdgeSet:
+    """Edges in one frame, for a quick look at which may continue a surface."""
+
+    __slots__ = ("_table", "edges")
+
+    def __init__(self, edges: list[Edge]) -> None:
+        self.edges = edges
+        self._table: Array | None = None
+        if len(edges) > MOST_LISTED:
+            self._table = np.array([edge[:5] for edge in edges]).T.copy()
+
+    def may_continue(self, frame: Frame, contact: Contact, slope: float) -> bool:
+        """Return whether an edge in a frame is near a contact whose normal points into it."""
+        if frame is not WORLD:
+            contact = frame.locate_contact(contact)
+        (nx, ny), points, _ = contact
+        if self._table is not None:
+            return self._may_one_continue(contact, slope)
+        for x, y, dx, dy, length, _, _ in self.edges:
+            if -slope <= nx * dx + ny * dy <= slope:
+                continue
+            for px, py in points:
+                ahead = (px - x) * dx + (py - y) * dy
+                if -NEIGHBOURS < ahead < length + NEIGHBOURS:
+                    height = (px - x) * dy - (py - y) * dx
+                    if -NEIGHBOURS < height < NEIGHBOURS:
+                        return True
+        return False
+
+    def _may_one_continue(self, contact: Contact, slope: float) -> bool:
+        """Return the same of many edges, by arrays."""
+        assert self._table is not None
+        x, y, dx, dy, length = self._table
+        (nx, ny), points, _ = contact
+        is_into = np.abs(nx * dx + ny * dy) > slope
+        for px, py in points:
+            away_x, away_y = px - x, py - y
+            ahead = away_x * dx + away_y * dy
+            height = np.abs(away_x * dy - away_y * dx)
+            is_near = (ahead > -NEIGHBOURS) & (ahead < length + NEIGHBOURS)
+            if (is_into & is_near & (height < NEIGHBOURS)).any():
+                return True
+        return False
+
+
 class InternalEdges:
     """Finds contacts at internal edges, by the shapes of a world."""
 
@@ -233,6 +287,8 @@ class InternalEdges:
         self._outlines = outlines
         self._apart = set(apart)
         self._edges = [edges_of(outline) for outline in outlines]
+        self._boxes = [_box_around(outline.corners) for outline in outlines]
+        """Around what is near a shape, in the frame of its owner."""
         self._of_owner: dict[int, list[int]] = {}
         for k, outline in enumerate(outlines):
             if outline.corners:
@@ -242,6 +298,11 @@ class InternalEdges:
         for owner, shapes in self._of_owner.items():
             reaches = [hypot(*outlines[k].center) + outlines[k].reach for k in shapes]
             self._reach_of_owner[owner] = max(reaches) + 2 * NEIGHBOURS
+        self._static = {outline.owner for outline in outlines if outline.is_static}
+        self._every_edge: dict[int, EdgeSet] = {}
+        self._seams: dict[int, EdgeSet] = {}
+        """Edges that may continue a shape of an owner, in the frame of the owner or, of a
+        static one, of the world."""
         self._static_edges: dict[int, list[Edge]] = {}
         """Placed edges of static shapes near a static shape."""
         self._own_edges: dict[int, list[Edge]] = {}
@@ -252,6 +313,62 @@ class InternalEdges:
     def unite(self, first: int, second: int) -> None:
         """Let two owners collide from now on, as the parts of a broken joint do."""
         self._apart -= {(first, second), (second, first)}
+
+    def may_cover(
+        self,
+        frames: Frames,
+        pair: tuple[int, int],
+        partners: Mapping[int, Collection[int]],
+        contact: Contact,
+    ) -> bool:
+        """Return whether a contact of two owners may be at an internal edge.
+
+        A quick look: most contacts have no third surface near them.
+        """
+        of_owner = self._of_owner
+        count = (pair[0] in of_owner) + (pair[1] in of_owner)
+        if not count:
+            return False  # two circles
+        slope = TOLERANCE.slope if count == 2 else TOLERANCE.slope_of_circles
+        for owner in pair:
+            is_static = owner in self._static
+            if owner not in of_owner or not (is_static or count == 2):
+                continue
+            seams = self._seams_of(owner, frames)
+            frame = WORLD if is_static else frames.of(owner)
+            if seams.edges and seams.may_continue(frame, contact, slope):
+                return True
+        for owner in pair:
+            if owner in self._static:  # what touches both is a partner of the other
+                continue
+            for third in partners.get(owner, ()):
+                if third in pair or third not in of_owner:
+                    continue
+                edges = self._edges_of_owner(third)
+                if edges.may_continue(frames.of(third), contact, slope):
+                    return True
+        return False
+
+    def _edges_of_owner(self, owner: int) -> EdgeSet:
+        """Return all edges of an owner in its frame."""
+        if owner not in self._every_edge:
+            shapes = self._of_owner[owner]
+            edges = [edge for k in shapes for edge in self._edges[k]]
+            self._every_edge[owner] = EdgeSet(edges)
+        return self._every_edge[owner]
+
+    def _seams_of(self, owner: int, frames: Frames) -> EdgeSet:
+        """Return the edges that may continue one of an owner's shapes."""
+        if owner not in self._seams:
+            edges: dict[Edge, None] = {}
+            for k in self._of_owner[owner]:
+                if self._outlines[k].is_static:
+                    beside = self._edges_beside_static(k, frames)
+                else:
+                    beside = self._edges_beside(k)
+                edges |= dict.fromkeys(beside)
+            self._seams[owner] = EdgeSet(list(edges))
+        return self._seams[owner]
 
     def room(
         self,
@@ -338,10 +455,13 @@ class InternalEdges:
         shape, beside = self._outlines[own], self._outlines[other]
         if not beside.corners:
             return 0.0
-        cover = self._begin_cover(frames, (own, other), contact)
-        point = contact.points[0]
-        nearby = self._nearby_edges(frames, own, other, partners, point)
+        cover: Cover | None = None
+        nearby = self._nearby_edges(frames, own, other, partners, contact.points)
         for order, (place, edges) in enumerate(nearby):
+            if not edges:
+                continue
+            if cover is None:
+                cover = self._begin_cover(frames, (own, other), contact)
             cover.extend(place, edges)
             if not cover.is_whole:
                 continue
@@ -359,9 +479,9 @@ class InternalEdges:
         own: int,
         other: int,
         partners: Mapping[int, Collection[int]],
-        point: Spot,
+        points: Sequence[Spot],
     ) -> Iterator[tuple[Frame, Sequence[Edge]]]:
-        """Yield edges near a point that may continue the other shape, with the frame that they are in."""
+        """Yield edges near points that may continue the other shape, with the frame that they are in."""
         owner, beside = self._outlines[own].owner, self._outlines[other].owner
         is_static = self._outlines[other].is_static
         if is_static:
@@ -380,11 +500,14 @@ class InternalEdges:
             if is_static and self._outlines[shapes[0]].is_static:
                 continue
             frame = frames.of(third)
-            x, y = frame.locate(point)
+            x, y = frame.locate(points[0])
             if hypot(x, y) >= self._reach_of_owner[third]:
                 continue
+            spots = [(x, y), *map(frame.locate, points[1:])]
             edges: list[Edge] = []
             for k in shapes:
+                if not _is_in(self._boxes[k], spots):
+                    continue
                 outline = self._outlines[k]
                 reach = outline.reach + NEIGHBOURS
                 if hypot(x - outline.center[0], y - outline.center[1]) < reach:
@@ -437,6 +560,21 @@ def internal_edges(
     They keep which edges are beside each other, and nothing that changes a result.
     """
     return InternalEdges(outlines, exceptions)
+
+
+def _is_in(box: Box, spots: Sequence[Spot]) -> bool:
+    """Return whether one of these places is within a box."""
+    left, top, right, bottom = box
+    return any(left < x < right and top < y < bottom for x, y in spots)
+
+
+def _box_around(corners: Sequence[Spot]) -> Box:
+    """Return the box around what is near corners."""
+    xs, ys = [x for x, _ in corners], [y for _, y in corners]
+    left, top = min(xs, default=0.0), min(ys, default=0.0)
+    right, bottom = max(xs, default=0.0), max(ys, default=0.0)
+    margin = NEIGHBOURS
+    return left - margin, top - margin, right + margin, bottom + margin
 
 
 def _is_beside(edge: Edge, corners: Sequence[Spot]) -> bool:

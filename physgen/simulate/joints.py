@@ -132,11 +132,21 @@ class Assemblies:
         self._jolt = float(np.hypot(*world.gravity))
         """px/s² of gravity: slower gaps close at any speed."""
         self._all = sorted({body for _, bodies, _ in self._held for body in bodies})
+        self._places = [
+            {body: 3 * k for k, body in enumerate(bodies)}
+            for _, bodies, _ in self._held
+        ]
+        """Of each group: body -> its place in the velocities of the group."""
         self._bounded = {
             number: BoundedGroup()
             for number, (joints, _, _) in enumerate(self._held)
             if any(map(has_bounds, joints))
         }
+
+    @property
+    def has_bounds(self) -> bool:
+        """Whether joints have limits, lengths or friction."""
+        return bool(self._bounded)
 
     def of(self, body: int) -> int | None:
         """The group that a body belongs to; None for one that no joint holds."""
@@ -170,12 +180,12 @@ class Assemblies:
         """
         work, motors, spots = 0.0, strength is not None, _Spots(pose, self._all)
         lost = early = led = 0.0
-        shift = np.zeros_like(pose)
+        shift = np.zeros(pose.shape)
         speeds = dict(
             zip(self._all, velocity.take(self._all, axis=0).tolist(), strict=True)
         )
         for number, (joints, bodies, light) in enumerate(self._held):
-            place = {body: 3 * k for k, body in enumerate(bodies)}
+            place = self._places[number]
             if number in self._bounded:
                 before_all = [speed for body in bodies for speed in speeds[body]]
                 bounded = self._hold_bounded(
@@ -408,7 +418,10 @@ class Assemblies:
 
 def _energy(light: Sequence[float], speeds: Sequence[float] | Array) -> float:
     """Return the kinetic energy of what is not held, g·px²/s²; light: 1/mass and 1/moment, 0 if it does not yield."""
-    doubled = sum(v * v / m for m, v in zip(light, speeds, strict=True) if m)
+    doubled = 0.0
+    for m, v in zip(light, speeds, strict=True):
+        if m:
+            doubled += v * v / m
     return float(doubled / 2)
 
 
@@ -422,9 +435,11 @@ def is_jolt(
 
     least: px/s that any group may get.
     """
+    energy, usual = _energy(light, change), JOLT * _energy(light, before)
+    if energy <= usual:
+        return False
     mass = sum(1 / m for m in light[::3] if m)
-    usual = JOLT * _energy(light, before) + mass * least * least
-    return _energy(light, change) > usual
+    return energy > usual + mass * least * least
 
 
 def _few_changes(

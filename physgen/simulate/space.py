@@ -23,7 +23,14 @@ from pymunk.batch import ArbiterFields, BodyFields
 
 from physgen.compile.world import EVERY_GROUP, Body, Joint, Passage, Wall, World
 from physgen.scene.scene import SPRINGS, JointKind, Motion
-from physgen.simulate.contacts import NO_CONTACTS, WORDS, Array, Order, Pair
+from physgen.simulate.contacts import (
+    CONTACT,
+    NO_CONTACTS,
+    WORDS,
+    Array,
+    Order,
+    Pair,
+)
 from physgen.simulate.internal_edges import (
     Contact,
     Frames,
@@ -172,6 +179,7 @@ class Space:
         self._dynamic = {
             k for k, b in enumerate(world.bodies) if b.motion is Motion.DYNAMIC
         }
+        self._circles = {o.owner: o for o in outlines if not o.corners}
         self._owners = [outline.owner for outline in outlines]
         reach = [hypot(*outline.center) + outline.reach for outline in outlines]
         self._reach = [
@@ -277,28 +285,34 @@ class Space:
         shown = rows.reshape(len(pairs), -1)[is_visible]
         return self._orders.get(listed) or self._order(listed), shown.tobytes()
 
-    def hide_internal_edges(self, pairs: frozenset[Pair] | None) -> bool:
+    def hide_internal_edges(
+        self, pairs: frozenset[Pair] | None, order: Order, numbers: bytes
+    ) -> bool:
         """Leave contacts at internal edges out of the next steps; return whether there is one that acted in this step.
 
         pairs: of objects, the lesser first, that may touch at such an edge; None: all.
+        The contacts of the step and their numbers are as listed.
         """
-        frames: Frames | None = None
-        partners: dict[int, set[int]] = {}
-        doubtful: list[tuple[Any, Pair]] = []
-        for arbiter in self._arbiters():
+        meetings = order.meetings
+        self._partners = meetings.partners
+        frames = self._frames()
+        doubtful: set[Pair] = set()
+        for pair in meetings.rows if pairs is None else pairs:
+            if not self._smooth.isdisjoint(pair):
+                continue
+            for row in meetings.rows.get(pair, ()):
+                if self._is_doubtful(frames, meetings.listed[row], row, numbers):
+                    doubtful.add(pair)
+                    break
+        is_changed = False
+        for arbiter in self._arbiters() if doubtful else ():
             if not arbiter.count:
                 continue
             key = self._numbers[arbiter.a], self._numbers[arbiter.b]
             first, second = self._owners[key[0]], self._owners[key[1]]
-            partners.setdefault(first, set()).add(second)
-            partners.setdefault(second, set()).add(first)
             pair = (first, second) if first < second else (second, first)
-            if (pairs is None or pair in pairs) and self._smooth.isdisjoint(pair):
-                doubtful.append((arbiter, key))
-        self._partners = partners
-        is_changed = False
-        for arbiter, key in doubtful:
-            frames = frames or self._frames()
+            if pair not in doubtful:
+                continue
             if self._nudge(frames, arbiter, key):
                 is_changed = True
                 continue
@@ -308,6 +322,31 @@ class Space:
                 self.hidden[key] = room, self._distances(frames, key)
                 is_changed = True
         return is_changed
+
+    def _is_doubtful(
+        self, frames: Frames, words: list[int], row: int, numbers: bytes
+    ) -> bool:
+        """Return whether a contact may be at an internal edge or have a wrong normal.
+
+        words: partners and count of points of the contact in this row, as listed.
+        """
+        first, second, count = words
+        contact = CONTACT.unpack_from(numbers, CONTACT.size * row)
+        nx, ny, ax, ay, bx, by = contact[2:8]
+        for owner, x, y in ((first, bx, by), (second, ax, ay)):
+            circle = self._circles.get(owner)
+            if circle is not None:
+                cx, cy = frames.of(owner).place(circle.center)
+                aside = nx * (y - cy) - ny * (x - cx)
+                if abs(aside) > LEAST_ASIDE * circle.reach / 2:
+                    return True
+        points = [((ax + bx) / 2, (ay + by) / 2)]
+        if count > 1:
+            ax, ay, bx, by = contact[9:13]
+            points.append(((ax + bx) / 2, (ay + by) / 2))
+        pair = first, second
+        touch = Contact((nx, ny), points)
+        return self._edges.may_cover(frames, pair, self._partners, touch)
 
     def _nudge(self, frames: Frames, arbiter: Any, key: Pair) -> bool:
         """Note by how much to move a circle in contact with a corner of a polygon if the normal is wrong.
@@ -500,9 +539,9 @@ def _shape_outline(shape: pymunk.Shape, owner: int) -> ShapeOutline:
             corners = []
     assert shape.body is not None
     is_static = shape.body.body_type == pymunk.Body.STATIC
-    box = np.array(corners or [(0.0, 0.0)])
-    x, y = ((box.min(axis=0) + box.max(axis=0)) / 2).tolist()
-    reach = float(np.hypot(*(box - (x, y)).T).max())
+    xs, ys = [x for x, _ in corners] or [0.0], [y for _, y in corners] or [0.0]
+    x, y = (min(xs) + max(xs)) / 2, (min(ys) + max(ys)) / 2
+    reach = max(map(hypot, [u - x for u in xs], [v - y for v in ys]))
     if isinstance(shape, pymunk.Circle):
         (x, y), reach = shape.offset, shape.radius
     return ShapeOutline(owner, is_static, tuple(corners), (x, y), reach)
