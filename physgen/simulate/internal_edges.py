@@ -160,6 +160,10 @@ STILL = 1e-4
 """px within which a contact at an internal edge is not looked at again."""
 MOST_LISTED = 16
 """Edges of an owner up to which plain numbers take less time than arrays."""
+LEEWAY = 0.05
+"""px by which a quick look takes more for covered."""
+NEAREST, FARTHEST = ABOVE - LEEWAY, GAP + LEEWAY
+LOWEST, HIGHEST = BELOW + LEEWAY, LEVEL + LEEWAY
 NEIGHBOURS = 2.0
 """px around a shape, in which the surfaces lie that may continue it."""
 
@@ -241,38 +245,48 @@ class EdgeSet:
         self.edges = edges
         self._table: Array | None = None
         if len(edges) > MOST_LISTED:
-            self._table = np.array([edge[:5] for edge in edges]).T.copy()
+            self._table = np.array([edge[:6] for edge in edges]).T.copy()
 
     def may_continue(self, frame: Frame, contact: Contact, slope: float) -> bool:
-        """Return whether an edge in a frame is near a contact whose normal points into it."""
+        """Return whether an edge in a frame may cover a contact, whose normal is from the surface.
+
+        As `_spot_over` decides, with some leeway.
+        """
         if frame is not WORLD:
             contact = frame.locate_contact(contact)
         (nx, ny), points, _ = contact
         if self._table is not None:
             return self._may_one_continue(contact, slope)
-        for x, y, dx, dy, length, _, _ in self.edges:
-            if -slope <= nx * dx + ny * dy <= slope:
+        for x, y, dx, dy, length, is_segment, _ in self.edges:
+            into = nx * dx + ny * dy
+            if -slope <= into <= slope:
                 continue
+            highest = LOWEST if is_segment else HIGHEST
             for px, py in points:
                 ahead = (px - x) * dx + (py - y) * dy
-                if -NEIGHBOURS < ahead < length + NEIGHBOURS:
+                if into > 0:
+                    ahead = length - ahead
+                if NEAREST < ahead < length + FARTHEST:
                     height = (px - x) * dy - (py - y) * dx
-                    if -NEIGHBOURS < height < NEIGHBOURS:
+                    if -LOWEST < height < highest:
                         return True
         return False
 
     def _may_one_continue(self, contact: Contact, slope: float) -> bool:
         """Return the same of many edges, by arrays."""
         assert self._table is not None
-        x, y, dx, dy, length = self._table
+        x, y, dx, dy, length, is_segment = self._table
         (nx, ny), points, _ = contact
-        is_into = np.abs(nx * dx + ny * dy) > slope
+        into = nx * dx + ny * dy
+        highest = np.where(is_segment > 0, LOWEST, HIGHEST)
         for px, py in points:
             away_x, away_y = px - x, py - y
             ahead = away_x * dx + away_y * dy
-            height = np.abs(away_x * dy - away_y * dx)
-            is_near = (ahead > -NEIGHBOURS) & (ahead < length + NEIGHBOURS)
-            if (is_into & is_near & (height < NEIGHBOURS)).any():
+            ahead = np.where(into > 0, length - ahead, ahead)
+            height = away_x * dy - away_y * dx
+            is_near = (ahead > NEAREST) & (ahead < length + FARTHEST)
+            is_near &= (height > -LOWEST) & (height < highest)
+            if (is_near & (np.abs(into) > slope)).any():
                 return True
         return False
 
@@ -303,6 +317,8 @@ class InternalEdges:
         self._seams: dict[int, EdgeSet] = {}
         """Edges that may continue a shape of an owner, in the frame of the owner or, of a
         static one, of the world."""
+        self._placed: dict[int, tuple[list[Spot], Box, list[Edge]]] = {}
+        """Corners of static shapes, boxes around them and edges, in the frame of the world."""
         self._static_edges: dict[int, list[Edge]] = {}
         """Placed edges of static shapes near a static shape."""
         self._own_edges: dict[int, list[Edge]] = {}
@@ -330,22 +346,25 @@ class InternalEdges:
         if not count:
             return False  # two circles
         slope = TOLERANCE.slope if count == 2 else TOLERANCE.slope_of_circles
-        for owner in pair:
-            is_static = owner in self._static
-            if owner not in of_owner or not (is_static or count == 2):
+        # the normal goes from the first to the second
+        sides = (pair[0], pair[1], contact), (pair[1], pair[0], contact.reversed())
+        for surface, own, touch in sides:
+            if surface not in of_owner:
                 continue
-            seams = self._seams_of(owner, frames)
-            frame = WORLD if is_static else frames.of(owner)
-            if seams.edges and seams.may_continue(frame, contact, slope):
-                return True
-        for owner in pair:
-            if owner in self._static:  # what touches both is a partner of the other
-                continue
-            for third in partners.get(owner, ()):
-                if third in pair or third not in of_owner:
+            is_static = surface in self._static
+            if is_static or count == 2:
+                seams = self._seams_of(surface, frames)
+                frame = WORLD if is_static else frames.of(surface)
+                if seams.edges and seams.may_continue(frame, touch, slope):
+                    return True
+            thirds = partners.get(own, ())
+            if own in self._static:  # much touches a floor
+                thirds = set(thirds).intersection(partners.get(surface, ()))
+            for third in thirds:
+                if third == surface or third not in of_owner:
                     continue
                 edges = self._edges_of_owner(third)
-                if edges.may_continue(frames.of(third), contact, slope):
+                if edges.may_continue(frames.of(third), touch, slope):
                     return True
         return False
 
@@ -517,16 +536,22 @@ class InternalEdges:
 
     def _edges_beside_static(self, shape: int, frames: Frames) -> list[Edge]:
         """Return edges near a static shape, of other static shapes, in the frame of the world."""
+        if not self._placed:
+            for k, outline in enumerate(self._outlines):
+                if outline.is_static and outline.corners:
+                    frame = frames.of(outline.owner)
+                    corners = [frame.place(corner) for corner in outline.corners]
+                    box = _box_around(corners)
+                    self._placed[k] = corners, box, edges_of(outline, frame)
         if shape not in self._static_edges:
-            outline = self._outlines[shape]
-            frame = frames.of(outline.owner)
-            corners = [frame.place(corner) for corner in outline.corners]
-            found = []
-            for k, neighbour in enumerate(self._outlines):
-                if k != shape and neighbour.is_static and neighbour.corners:
-                    edges = edges_of(neighbour, frames.of(neighbour.owner))
-                    found += [edge for edge in edges if _is_beside(edge, corners)]
-            self._static_edges[shape] = found
+            corners, box, _ = self._placed[shape]
+            self._static_edges[shape] = [
+                edge
+                for k, (_, other, edges) in self._placed.items()
+                if k != shape and _do_meet(box, other)
+                for edge in edges
+                if _is_beside(edge, corners)
+            ]
         return self._static_edges[shape]
 
     def _edges_beside(self, shape: int) -> list[Edge]:
@@ -536,7 +561,9 @@ class InternalEdges:
             self._own_edges[shape] = [
                 edge
                 for k in self._of_owner[outline.owner]
-                if k != shape and self._are_near(k, shape)
+                if k != shape
+                and _do_meet(self._boxes[k], self._boxes[shape])
+                and self._are_near(k, shape)
                 for edge in self._edges[k]
                 if _is_beside(edge, outline.corners)
             ]
@@ -568,6 +595,16 @@ def _is_in(box: Box, spots: Sequence[Spot]) -> bool:
     return any(left < x < right and top < y < bottom for x, y in spots)
 
 
+def _do_meet(one: Box, other: Box) -> bool:
+    """Return whether two boxes overlap."""
+    return (
+        one[0] <= other[2]
+        and other[0] <= one[2]
+        and one[1] <= other[3]
+        and other[1] <= one[3]
+    )
+
+
 def _box_around(corners: Sequence[Spot]) -> Box:
     """Return the box around what is near corners."""
     xs, ys = [x for x, _ in corners], [y for _, y in corners]
@@ -589,12 +626,18 @@ def _is_beside(edge: Edge, corners: Sequence[Spot]) -> bool:
 
 def _has_gap(ends: Sequence[Spot], corners: Sequence[Spot], axis: int) -> bool:
     """Return whether an edge with these ends is farther from a shape than neighbours along an axis."""
-    end_places = [end[axis] for end in ends]
-    corner_places = [corner[axis] for corner in corners]
-    gap = max(
-        min(end_places) - max(corner_places), min(corner_places) - max(end_places)
-    )
-    return gap > NEIGHBOURS
+    low, high = ends[0][axis], ends[1][axis]
+    if low > high:
+        low, high = high, low
+    before, behind = low - NEIGHBOURS, high + NEIGHBOURS
+    is_below = is_above = True
+    for corner in corners:
+        place = corner[axis]
+        if place >= before:
+            is_below = False
+        if place <= behind:
+            is_above = False
+    return is_below or is_above
 
 
 def _spot_over(edge: Edge, contact: Contact, point: Spot) -> Spot | None:
