@@ -1,9 +1,9 @@
-"""Smooth curves of boundaries: what slides along them keeps its energy.
+"""Smooth curves of boundaries: a body that slides along them keeps its energy.
 
-A step's velocity points along the tangent where the step began, and so into the curve where
-it ends. The contact takes that part, again and again: of a loop at 500 px/s some percent.
-The step also ends a little inside the curve. What pushes the body out does work against
-gravity, which a body that follows the curve does not get: a ball in a bowl gained 1 % in 2 s.
+The velocity of a step is tangential to the curve at the step's start, and points into
+the curve at its end. The contact removes the normal part in every step: some percent of
+the energy in a loop at 500 px/s. The step also ends a little inside the curve. The
+correction of this overlap does work against gravity: a ball in a bowl gained 1 % in 2 s.
 """
 
 from __future__ import annotations
@@ -22,18 +22,24 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 RECENT = 8
-"""Steps after which a touch is a new one: a light contact opens for some."""
+"""Steps after which a touch counts as new: a light contact opens for some steps."""
 GENTLE = 0.1
-"""Of a body's speed: what closes faster has not followed the curve."""
+"""Share of a body's speed: a body with a higher closing speed has not followed the
+curve.
+"""
 MOST_LIFTED = 0.1
-"""Of a body's kinetic energy: what is pushed out farther overlapped from the start."""
+"""Share of a body's kinetic energy: a larger work of a correction is that of a body that
+overlapped from the start.
+"""
 
 
 class CurvedWalls:
-    """The walls of a world that are smooth curves, and the bodies that slid along them."""
+    """The walls of a world that are smooth curves, and the bodies that slide along
+    them.
+    """
 
     def __init__(self, world: World, moving: Index, held: list[int]) -> None:
-        """held: bodies that joints hold, which are left as they are."""
+        """Collect the walls; bodies that joints hold are left out."""
         count = len(world.bodies)
         self._walls = {
             count + k for k, wall in enumerate(world.walls) if wall.is_smooth
@@ -50,11 +56,11 @@ class CurvedWalls:
         """(N, 2) g·px/s²."""
         self._steps = 0
         self._touched: dict[tuple[int, int], int] = {}
-        """Bodies and walls that touched -> the step in which they last did."""
+        """The latest step with a touch, by body and wall."""
 
     @property
     def busy(self) -> bool:
-        """Whether there are any."""
+        """Check whether the world has smooth curves."""
         return bool(self._walls)
 
     def restore(
@@ -66,16 +72,16 @@ class CurvedWalls:
         numbers: bytes,
         impacts: list[Impacts],
     ) -> tuple[float, float]:
-        """Give bodies the energy back that curves took from them in a step of h seconds.
+        """Return the energy to bodies that curves took from them in a step of h seconds.
 
-        begun (M, 6): states before the step; state (M, 6) after it, which is changed.
-        Return that energy, and the work against gravity by which curves pushed bodies
-        out and which bodies lose in return, g·px²/s².
+        `begun` (M, 6): states before the step; `state` (M, 6) after it is changed in
+        place. Returns this energy, and the work of corrected overlaps against gravity,
+        which bodies lose, g·px²/s².
         """
-        taken: dict[int, float] = {}
-        lifted: dict[int, float] = {}
-        pushes: dict[int, tuple[float, float]] = {}
-        blows = _blows(impacts)
+        lost_energies: dict[int, float] = {}
+        lift_works: dict[int, float] = {}
+        impulses: dict[int, tuple[float, float]] = {}
+        impact_impulses = _blows(impacts)
         self._steps += 1
         contacts = np.frombuffer(numbers).reshape(-1, NUMBERS).tolist()
         for (first, second, count), contact in zip(
@@ -86,65 +92,75 @@ class CurvedWalls:
                 body, wall, sign = second, first, -1.0
             if wall not in self._walls or body not in self._rows or not count:
                 continue
-            last = self._touched.get((body, wall), -RECENT)
+            # Only a body that has touched the curve for a while slides along it; a body
+            # that lands on the curve loses its closing speed as on any wall.
+            last_step = self._touched.get((body, wall), -RECENT)
             self._touched[body, wall] = self._steps
-            if self._steps - last >= RECENT:
+            if self._steps - last_step >= RECENT:
                 continue
             row = self._rows[body]
             if not impacts:
                 shift = state[row, :2] - begun[row, :2] - h * begun[row, 3:5]
-                lifted[body] = -float(self._weight[body] @ shift)
-            # the normal towards the wall
+                lift_works[body] = -float(self._weight[body] @ shift)
+            # The normal points towards the wall.
             nx, ny = sign * contact[2], sign * contact[3]
-            ix, iy = blows.pop((body, wall), (0.0, 0.0))
+            ix, iy = impact_impulses.pop((body, wall), (0.0, 0.0))
             ix, iy = ix + sign * contact[0], iy + sign * contact[1]
-            sum_x, sum_y = pushes.get(body, (0.0, 0.0))
-            pushes[body] = sum_x + ix, sum_y + iy
-            push = -(ix * nx + iy * ny)
+            sum_x, sum_y = impulses.get(body, (0.0, 0.0))
+            impulses[body] = sum_x + ix, sum_y + iy
+            # The work of the normal impulse: impulse times the mean closing speed of
+            # the step.
+            normal_impulse = -(ix * nx + iy * ny)
             px, py = contact[4], contact[5]
-            arm = (px - state[row, 0]) * ny - (py - state[row, 1]) * nx
-            closing, left = (
-                float(speed[0] * nx + speed[1] * ny + speed[2] * arm)
+            lever = (px - state[row, 0]) * ny - (py - state[row, 1]) * nx
+            closing_before, closing_after = (
+                float(speed[0] * nx + speed[1] * ny + speed[2] * lever)
                 for speed in (begun[row, 3:], state[row, 3:])
             )
             speed = hypot(begun[row, 3], begun[row, 4])
-            if 0 < closing < GENTLE * speed:
-                taken[body] = taken.get(body, 0.0) + push * (closing + left) / 2
-        return self._give(taken, lifted, pushes, state)
+            if 0 < closing_before < GENTLE * speed:
+                lost_energies[body] = (
+                    lost_energies.get(body, 0.0)
+                    + normal_impulse * (closing_before + closing_after) / 2
+                )
+        return self._scale_speeds(lost_energies, lift_works, impulses, state)
 
-    def _give(
+    def _scale_speeds(
         self,
-        taken: dict[int, float],
-        lifted: dict[int, float],
-        pushes: dict[int, tuple[float, float]],
+        lost_energies: dict[int, float],
+        lift_works: dict[int, float],
+        impulses: dict[int, tuple[float, float]],
         state: Array,
     ) -> tuple[float, float]:
-        """Change speeds in the state (M, 6) by energies of bodies; return both sums.
+        """Scale speeds in the state (M, 6) by energies of bodies; return both sums.
 
-        pushes: impulses by the curves. Their work is recorded at the mean of the
-        velocities before and after, with what is given here: that part is taken off.
+        `impulses` of the curves: their work is recorded at the mean of the velocities
+        before and after the step, which this changes; that part is subtracted.
         """
-        given = worked = 0.0
-        for body in {**taken, **lifted}:
+        total = total_work = 0.0
+        for body in {**lost_energies, **lift_works}:
             row = self._rows[body]
             kinetic = self._mass[body] * float(state[row, 3:5] @ state[row, 3:5]) / 2
             if kinetic <= 0:
                 continue
-            back, work = max(taken.get(body, 0.0), 0.0), lifted.get(body, 0.0)
+            energy = max(lost_energies.get(body, 0.0), 0.0)
+            work = lift_works.get(body, 0.0)
             if abs(work) > MOST_LIFTED * kinetic:
                 work = 0.0
-            if back == work:
+            if energy == work:
                 continue
-            change = state[row, 3:5] * (sqrt(1 + (back - work) / kinetic) - 1)
+            change = state[row, 3:5] * (sqrt(1 + (energy - work) / kinetic) - 1)
             state[row, 3:5] += change
-            given += back - float(change @ pushes[body]) / 2
-            worked += work
-        return given, worked
+            total += energy - float(change @ impulses[body]) / 2
+            total_work += work
+        return total, total_work
 
 
 def _blows(impacts: list[Impacts]) -> dict[tuple[int, int], tuple[float, float]]:
-    """Return the impulses of impacts, g·px/s: of each pair in both orders, on the first of it."""
-    found: dict[tuple[int, int], tuple[float, float]] = {}
+    """Return the impulses of impacts, g·px/s, for each pair in both orders, on its
+    first body.
+    """
+    impulses: dict[tuple[int, int], tuple[float, float]] = {}
     for impact in impacts:
         rows = zip(impact.first, impact.second, impact.impulse, strict=True)
         for first, second, (x, y) in rows:
@@ -152,6 +168,9 @@ def _blows(impacts: list[Impacts]) -> dict[tuple[int, int], tuple[float, float]]
                 ((int(first), int(second)), 1),
                 ((int(second), int(first)), -1),
             ):
-                before = found.get(key, (0.0, 0.0))
-                found[key] = before[0] + sign * float(x), before[1] + sign * float(y)
-    return found
+                earlier = impulses.get(key, (0.0, 0.0))
+                impulses[key] = (
+                    earlier[0] + sign * float(x),
+                    earlier[1] + sign * float(y),
+                )
+    return impulses
