@@ -4,6 +4,7 @@ closing time.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
@@ -23,6 +24,8 @@ TURN = 0.02
 """Change of a normal in a step beyond which the contact has not just rolled on."""
 WORDS, NUMBERS = 3, 14
 """Number of integers and of floats of one contact."""
+CONTACT = Struct(f"{NUMBERS}d")
+"""Format of the floats of one contact."""
 CONTACT_BYTES = 8 * NUMBERS
 """Bytes of the floats of one contact."""
 _POINTS = np.isin(np.arange(NUMBERS), np.arange(4, 13)).astype(np.float64)
@@ -45,6 +48,18 @@ class Brakes:
     array: NDArray[np.int64]  # (B, 2): the pairs as an array
     by: list[tuple[float, list[int]]]
     """Lever of the normal forces, px, and rows of contacts, of each brake."""
+
+
+@dataclass(frozen=True)
+class Meetings:
+    """Who touches whom in a step."""
+
+    listed: list[list[int]]
+    """Both partners and the count of points of each contact, as listed."""
+    rows: dict[Pair, list[int]]
+    """Partners, the lesser first -> their contacts, as listed."""
+    partners: dict[int, set[int]]
+    """Of each body or wall."""
 
 
 class Order:
@@ -74,9 +89,25 @@ class Order:
         """1 for the numbers of points, else 0, (14 K,)."""
         self.brakes: Brakes | None = None
         """Set by `Resistance`."""
+        self._meetings: Meetings | None = None
         self.rows_held: list[int] | None = None
         """Set by `Assemblies`."""
         self._mixed = bool((self._rows[1:] < self._rows[:-1]).any())
+
+    @property
+    def meetings(self) -> Meetings:
+        """Who touches whom."""
+        if self._meetings is None:
+            rows: dict[Pair, list[int]] = {}
+            partners: dict[int, set[int]] = {}
+            owners = self.listed.tolist()
+            for row, (first, second, _) in enumerate(owners):
+                pair = (first, second) if first < second else (second, first)
+                rows.setdefault(pair, []).append(row)
+                partners.setdefault(first, set()).add(second)
+                partners.setdefault(second, set()).add(first)
+            self._meetings = Meetings(owners, rows, partners)
+        return self._meetings
 
     def pairs_turned(self, numbers: bytes, before: bytes) -> frozenset[Pair]:
         """Return the partners, the lesser first, whose normals have turned since the
@@ -95,18 +126,20 @@ class Order:
 
         `rows` are those of pymunk's list; `state` (M, 6) of the bodies `moving` (M,).
         """
-        motions = dict(zip(moving.tolist(), state.tolist(), strict=True))
-        contacts = np.frombuffer(numbers).reshape(-1, NUMBERS)[rows].tolist()
+        rows_of = {body: row for row, body in enumerate(moving.tolist())}
+        states, listed = state.tolist(), self.meetings.listed
         fastest_speed = 0.0
-        for pair, contact in zip(self.listed[rows].tolist(), contacts, strict=True):
-            for k in range(pair[2]):
+        for row in rows:
+            first, second, count = listed[row]
+            contact = CONTACT.unpack_from(numbers, CONTACT.size * row)
+            for k in range(count):
                 # The velocity of a body's point is v + spin * (-dy, dx); take its
                 # normal component.
                 px, py = contact[4 + 5 * k], contact[5 + 5 * k]
                 closing = 0.0
-                for owner, sign in ((pair[0], 1.0), (pair[1], -1.0)):
-                    if owner in motions:
-                        x, y, _, vx, vy, spin = motions[owner]
+                for owner, sign in ((first, 1.0), (second, -1.0)):
+                    if owner in rows_of:
+                        x, y, _, vx, vy, spin = states[rows_of[owner]]
                         along = (vx - spin * (py - y)) * contact[2]
                         across = (vy + spin * (px - x)) * contact[3]
                         closing += sign * (along + across)
@@ -200,14 +233,10 @@ def new_contacts(words: bytes, before: bytes) -> Sequence[int]:
 @lru_cache(maxsize=512)
 def pairs_with_more_contacts(words: bytes, before: bytes) -> frozenset[Pair]:
     """Return the partners, the lesser first, with more contacts than before."""
-    present, counts = np.unique(_pairs(words), return_counts=True)
-    previous, earlier = np.unique(_pairs(before), return_counts=True)
-    earlier_counts = dict(zip(previous.tolist(), earlier.tolist(), strict=True))
-    return frozenset(
-        ((key >> 2) >> 32, (key >> 2) & 0xFFFFFFFF)
-        for key, count in zip(present.tolist(), counts.tolist(), strict=True)
-        if count > earlier_counts.get(key, 0)
-    )
+    known = Counter(_pairs(before).tolist())
+    counts = Counter(_pairs(words).tolist())
+    more = [key >> 2 for key, count in counts.items() if count > known[key]]
+    return frozenset((key >> 32, key & 0xFFFFFFFF) for key in more)
 
 
 @lru_cache(maxsize=256)

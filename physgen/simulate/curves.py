@@ -2,7 +2,8 @@
 
 The velocity of a step is tangential to the curve at the step's start, and points into
 the curve at its end. The contact removes the normal part in every step: some percent of
-the energy in a loop at 500 px/s.
+the energy in a loop at 500 px/s. The step also ends a little inside the curve. The
+correction of this overlap does work against gravity: a ball in a bowl gained 1 % in 2 s.
 """
 
 from __future__ import annotations
@@ -26,6 +27,10 @@ GENTLE = 0.1
 """Share of a body's speed: a body with a higher closing speed has not followed the
 curve.
 """
+MOST_LIFTED = 0.1
+"""Share of a body's kinetic energy: a larger work of a correction is that of a body that
+overlapped from the start.
+"""
 
 
 class CurvedWalls:
@@ -46,6 +51,9 @@ class CurvedWalls:
             if world.bodies[body].motion is Motion.DYNAMIC and body not in held
         }
         self._mass = [body.mass for body in world.bodies]
+        scales = np.array([body.gravity_scale for body in world.bodies])
+        self._weight = scales[:, None] * np.array(self._mass)[:, None] * world.gravity
+        """(N, 2) g·px/s²."""
         self._steps = 0
         self._touched: dict[tuple[int, int], int] = {}
         """The latest step with a touch, by body and wall."""
@@ -59,16 +67,20 @@ class CurvedWalls:
         self,
         begun: Array,
         state: Array,
+        h: float,
         order: Order,
         numbers: bytes,
         impacts: list[Impacts],
-    ) -> float:
-        """Return the energy to bodies that curves took from them in a step, g·px²/s².
+    ) -> tuple[float, float]:
+        """Return the energy to bodies that curves took from them in a step of h seconds.
 
-        `begun` (M, 3): velocities before the step; `state` (M, 6) after it is changed
-        in place.
+        `begun` (M, 6): states before the step; `state` (M, 6) after it is changed in
+        place. Returns this energy, and the work of corrected overlaps against gravity,
+        which bodies lose, g·px²/s².
         """
         lost_energies: dict[int, float] = {}
+        lift_works: dict[int, float] = {}
+        impulses: dict[int, tuple[float, float]] = {}
         impact_impulses = _blows(impacts)
         self._steps += 1
         contacts = np.frombuffer(numbers).reshape(-1, NUMBERS).tolist()
@@ -87,10 +99,15 @@ class CurvedWalls:
             if self._steps - last_step >= RECENT:
                 continue
             row = self._rows[body]
+            if not impacts:
+                shift = state[row, :2] - begun[row, :2] - h * begun[row, 3:5]
+                lift_works[body] = -float(self._weight[body] @ shift)
             # The normal points towards the wall.
             nx, ny = sign * contact[2], sign * contact[3]
             ix, iy = impact_impulses.pop((body, wall), (0.0, 0.0))
             ix, iy = ix + sign * contact[0], iy + sign * contact[1]
+            sum_x, sum_y = impulses.get(body, (0.0, 0.0))
+            impulses[body] = sum_x + ix, sum_y + iy
             # The work of the normal impulse: impulse times the mean closing speed of
             # the step.
             normal_impulse = -(ix * nx + iy * ny)
@@ -98,24 +115,45 @@ class CurvedWalls:
             lever = (px - state[row, 0]) * ny - (py - state[row, 1]) * nx
             closing_before, closing_after = (
                 float(speed[0] * nx + speed[1] * ny + speed[2] * lever)
-                for speed in (begun[row], state[row, 3:])
+                for speed in (begun[row, 3:], state[row, 3:])
             )
-            speed = hypot(begun[row, 0], begun[row, 1])
+            speed = hypot(begun[row, 3], begun[row, 4])
             if 0 < closing_before < GENTLE * speed:
                 lost_energies[body] = (
                     lost_energies.get(body, 0.0)
                     + normal_impulse * (closing_before + closing_after) / 2
                 )
-        total = 0.0
-        for body, energy in lost_energies.items():
+        return self._scale_speeds(lost_energies, lift_works, impulses, state)
+
+    def _scale_speeds(
+        self,
+        lost_energies: dict[int, float],
+        lift_works: dict[int, float],
+        impulses: dict[int, tuple[float, float]],
+        state: Array,
+    ) -> tuple[float, float]:
+        """Scale speeds in the state (M, 6) by energies of bodies; return both sums.
+
+        `impulses` of the curves: their work is recorded at the mean of the velocities
+        before and after the step, which this changes; that part is subtracted.
+        """
+        total = total_work = 0.0
+        for body in {**lost_energies, **lift_works}:
             row = self._rows[body]
-            square = float(state[row, 3] ** 2 + state[row, 4] ** 2)
-            if energy <= 0 or square <= 0:
+            kinetic = self._mass[body] * float(state[row, 3:5] @ state[row, 3:5]) / 2
+            if kinetic <= 0:
                 continue
-            # Scale the speed such that the kinetic energy grows by the lost energy.
-            state[row, 3:5] *= sqrt(1 + 2 * energy / (self._mass[body] * square))
-            total += energy
-        return total
+            energy = max(lost_energies.get(body, 0.0), 0.0)
+            work = lift_works.get(body, 0.0)
+            if abs(work) > MOST_LIFTED * kinetic:
+                work = 0.0
+            if energy == work:
+                continue
+            change = state[row, 3:5] * (sqrt(1 + (energy - work) / kinetic) - 1)
+            state[row, 3:5] += change
+            total += energy - float(change @ impulses[body]) / 2
+            total_work += work
+        return total, total_work
 
 
 def _blows(impacts: list[Impacts]) -> dict[tuple[int, int], tuple[float, float]]:

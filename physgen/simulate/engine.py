@@ -575,14 +575,25 @@ class Stepper:
         leave out.
         """
         if self.suspicious:
-            return self._space.hide_internal_edges(None)
+            return self._space.hide_internal_edges(None, order, numbers)
         if order is not self._order:
             pairs = pairs_with_more_contacts(order.raw, self._order.raw)
         elif new is None:
             pairs = order.pairs_turned(numbers, self._numbers)
         else:
             return False
-        return bool(pairs) and self._space.hide_internal_edges(pairs)
+        if not pairs:
+            return False
+        return self._space.hide_internal_edges(pairs, order, numbers)
+
+    def _nudged(self, state: Array | None) -> Array:
+        """Return the state (M, 6) at a step's begin with bodies moved off wrong contacts."""
+        state = (self.state() if state is None else state).copy()
+        moving = self._space.moving.tolist()
+        for body, shift in self._space.nudges.items():
+            state[moving.index(body), :2] += shift
+        self._space.nudges.clear()
+        return state
 
     def _again(
         self, h: float, state: Array | None, load: Forces | None
@@ -652,6 +663,8 @@ class Stepper:
             for _ in range(HIDINGS):
                 if not self._hides_contacts(order, numbers, new):
                     break
+                if self._space.nudges:
+                    state = self._nudged(state)
                 states, order, numbers = self._again(h, state, load)
                 new = self._new_contacts(order, numbers)
             if attempt < ATTEMPTS - 1 and (new is None or new):
@@ -695,9 +708,11 @@ class Stepper:
                 exact[:, :3] = state[:, :3] + state[:, 3:] * h
             if self._joined.busy:
                 strength = 0.5 if first else 1.0  # of the motors
-                begun = self.state() if before is None else before
-                begun_all = np.zeros_like(self._center)
-                begun_all[self._space.moving] = begun[:, -3:]
+                begun_all = None
+                if self._joined.has_bounds:
+                    begun = self.state() if before is None else before
+                    begun_all = np.zeros_like(self._center)
+                    begun_all[self._space.moving] = begun[:, -3:]
                 held = self._joined.hold(*self.everybody(exact), h, strength, begun_all)
                 driven, moving = held.work, self._space.moving
                 exact[:, 3:] = held.velocity[moving]
@@ -722,12 +737,14 @@ class Stepper:
             states = exact.tobytes()
         if self._curves.busy:
             exact = np.frombuffer(states, np.float64).reshape(-1, 6).copy()
-            started = original
-            if started is None:
-                started = (self.state() if state is None else state)[:, 3:]
-            returned = self._curves.restore(started, exact, order, numbers, impacts)
-            if returned:
-                kicks.append(EnergyEvent(end, -returned, 0.0))
+            started = (self.state() if state is None else state).copy()
+            if original is not None:
+                started[:, 3:] = original
+            given, lifted = self._curves.restore(
+                started, exact, h, order, numbers, impacts
+            )
+            if given or lifted:
+                kicks.append(EnergyEvent(end, -given, -lifted))
                 self._space.place(exact)
                 states = exact.tobytes()
         if (self._joined.has_scripts or self._breakages.busy) and len(self._states):

@@ -13,7 +13,14 @@ from functools import lru_cache
 from math import cos, hypot, inf, sin
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
 Spot = tuple[float, float]
+Box = tuple[float, float, float, float]
+"""Left, top, right and bottom, px."""
 
 
 @dataclass(frozen=True)
@@ -162,6 +169,12 @@ def edges_of(outline: ShapeOutline, frame: Frame = WORLD) -> list[Edge]:
 
 STILL = 1e-4
 """Distance, px, within which a contact at an internal edge stays one."""
+MOST_LISTED = 16
+"""Number of edges of an owner up to which plain numbers take less time than arrays."""
+LEEWAY = 0.05
+"""Distance, px, by which the quick check covers more contacts."""
+NEAREST, FARTHEST = ABOVE - LEEWAY, GAP + LEEWAY
+LOWEST, HIGHEST = BELOW + LEEWAY, LEVEL + LEEWAY
 NEIGHBOURS = 2.0
 """Largest distance of surfaces from a shape that they continue, px."""
 
@@ -237,6 +250,61 @@ class Cover:
         return own == owner or (own, owner) in self._exceptions
 
 
+class EdgeSet:
+    """Edges in one frame, for a quick look at which may continue a surface."""
+
+    __slots__ = ("_table", "edges")
+
+    def __init__(self, edges: list[Edge]) -> None:
+        self.edges = edges
+        self._table: Array | None = None
+        if len(edges) > MOST_LISTED:
+            self._table = np.array([edge[:6] for edge in edges]).T.copy()
+
+    def may_continue(self, frame: Frame, contact: Contact, slope: float) -> bool:
+        """Return whether an edge in a frame may cover a contact, whose normal is from the surface.
+
+        As `_spot_over` decides, with some leeway.
+        """
+        if frame is not WORLD:
+            contact = frame.locate_contact(contact)
+        (nx, ny), points, _ = contact
+        if self._table is not None:
+            return self._may_one_continue(contact, slope)
+        for x, y, dx, dy, length, is_segment, _ in self.edges:
+            into = nx * dx + ny * dy
+            if -slope <= into <= slope:
+                continue
+            highest = LOWEST if is_segment else HIGHEST
+            for px, py in points:
+                ahead = (px - x) * dx + (py - y) * dy
+                if into > 0:
+                    ahead = length - ahead
+                if NEAREST < ahead < length + FARTHEST:
+                    height = (px - x) * dy - (py - y) * dx
+                    if -LOWEST < height < highest:
+                        return True
+        return False
+
+    def _may_one_continue(self, contact: Contact, slope: float) -> bool:
+        """Return the same of many edges, by arrays."""
+        assert self._table is not None
+        x, y, dx, dy, length, is_segment = self._table
+        (nx, ny), points, _ = contact
+        into = nx * dx + ny * dy
+        highest = np.where(is_segment > 0, LOWEST, HIGHEST)
+        for px, py in points:
+            away_x, away_y = px - x, py - y
+            ahead = away_x * dx + away_y * dy
+            ahead = np.where(into > 0, length - ahead, ahead)
+            height = away_x * dy - away_y * dx
+            is_near = (ahead > NEAREST) & (ahead < length + FARTHEST)
+            is_near &= (height > -LOWEST) & (height < highest)
+            if (is_near & (np.abs(into) > slope)).any():
+                return True
+        return False
+
+
 class InternalEdges:
     """Finds contacts at internal edges, by the shapes of a world."""
 
@@ -249,6 +317,8 @@ class InternalEdges:
         self._outlines = outlines
         self._apart = set(apart)
         self._edges = [edges_of(outline) for outline in outlines]
+        self._boxes = [_box_around(outline.corners) for outline in outlines]
+        """Around what is near a shape, in the frame of its owner."""
         self._of_owner: dict[int, list[int]] = {}
         for k, outline in enumerate(outlines):
             if outline.corners:
@@ -258,6 +328,13 @@ class InternalEdges:
         for owner, shapes in self._of_owner.items():
             reaches = [hypot(*outlines[k].center) + outlines[k].reach for k in shapes]
             self._reach_of_owner[owner] = max(reaches) + 2 * NEIGHBOURS
+        self._static = {outline.owner for outline in outlines if outline.is_static}
+        self._every_edge: dict[int, EdgeSet] = {}
+        self._seams: dict[int, EdgeSet] = {}
+        """Edges that may continue a shape of an owner, in the frame of the owner or, of a
+        static one, of the world."""
+        self._placed: dict[int, tuple[list[Spot], Box, list[Edge]]] = {}
+        """Corners of static shapes, boxes around them and edges, in the frame of the world."""
         self._static_edges: dict[int, list[Edge]] = {}
         """Placed edges of static shapes near a static shape."""
         self._own_edges: dict[int, list[Edge]] = {}
@@ -270,6 +347,65 @@ class InternalEdges:
     def unite(self, first: int, second: int) -> None:
         """Let two owners collide from now on, after their joint broke."""
         self._apart -= {(first, second), (second, first)}
+
+    def may_cover(
+        self,
+        frames: Frames,
+        pair: tuple[int, int],
+        partners: Mapping[int, Collection[int]],
+        contact: Contact,
+    ) -> bool:
+        """Return whether a contact of two owners may be at an internal edge.
+
+        A quick look: most contacts have no third surface near them.
+        """
+        of_owner = self._of_owner
+        count = (pair[0] in of_owner) + (pair[1] in of_owner)
+        if not count:
+            return False  # two circles
+        slope = TOLERANCE.slope if count == 2 else TOLERANCE.slope_of_circles
+        # the normal goes from the first to the second
+        sides = (pair[0], pair[1], contact), (pair[1], pair[0], contact.reversed())
+        for surface, own, touch in sides:
+            if surface not in of_owner:
+                continue
+            is_static = surface in self._static
+            if is_static or count == 2:
+                seams = self._seams_of(surface, frames)
+                frame = WORLD if is_static else frames.of(surface)
+                if seams.edges and seams.may_continue(frame, touch, slope):
+                    return True
+            thirds = partners.get(own, ())
+            if own in self._static:  # much touches a floor
+                thirds = set(thirds).intersection(partners.get(surface, ()))
+            for third in thirds:
+                if third == surface or third not in of_owner:
+                    continue
+                edges = self._edges_of_owner(third)
+                if edges.may_continue(frames.of(third), touch, slope):
+                    return True
+        return False
+
+    def _edges_of_owner(self, owner: int) -> EdgeSet:
+        """Return all edges of an owner in its frame."""
+        if owner not in self._every_edge:
+            shapes = self._of_owner[owner]
+            edges = [edge for k in shapes for edge in self._edges[k]]
+            self._every_edge[owner] = EdgeSet(edges)
+        return self._every_edge[owner]
+
+    def _seams_of(self, owner: int, frames: Frames) -> EdgeSet:
+        """Return the edges that may continue one of an owner's shapes."""
+        if owner not in self._seams:
+            edges: dict[Edge, None] = {}
+            for k in self._of_owner[owner]:
+                if self._outlines[k].is_static:
+                    beside = self._edges_beside_static(k, frames)
+                else:
+                    beside = self._edges_beside(k)
+                edges |= dict.fromkeys(beside)
+            self._seams[owner] = EdgeSet(list(edges))
+        return self._seams[owner]
 
     def room(
         self,
@@ -366,10 +502,13 @@ class InternalEdges:
         shape, surface = self._outlines[own], self._outlines[other]
         if not surface.corners:
             return 0.0
-        cover = self._begin_cover(frames, (own, other), contact)
-        point = contact.points[0]
-        nearby_edges = self._nearby_edges(frames, own, other, partners, point)
+        cover: Cover | None = None
+        nearby_edges = self._nearby_edges(frames, own, other, partners, contact.points)
         for order, (place, edges) in enumerate(nearby_edges):
+            if not edges:
+                continue
+            if cover is None:
+                cover = self._begin_cover(frames, (own, other), contact)
             cover.extend(place, edges)
             if not cover.is_whole:
                 continue
@@ -388,9 +527,9 @@ class InternalEdges:
         own: int,
         other: int,
         partners: Mapping[int, Collection[int]],
-        point: Spot,
+        points: Sequence[Spot],
     ) -> Iterator[tuple[Frame, Sequence[Edge]]]:
-        """Yield the edges near a point that may continue the other shape, with their
+        """Yield the edges near points that may continue the other shape, with their
         frames.
         """
         owner, other_owner = self._outlines[own].owner, self._outlines[other].owner
@@ -412,11 +551,14 @@ class InternalEdges:
             if is_static and self._outlines[shapes[0]].is_static:
                 continue
             frame = frames.of(third_owner)
-            x, y = frame.locate(point)
+            x, y = frame.locate(points[0])
             if hypot(x, y) >= self._reach_of_owner[third_owner]:
                 continue
+            spots = [(x, y), *map(frame.locate, points[1:])]
             edges: list[Edge] = []
             for k in shapes:
+                if not _is_in(self._boxes[k], spots):
+                    continue
                 outline = self._outlines[k]
                 reach = outline.reach + NEIGHBOURS
                 if hypot(x - outline.center[0], y - outline.center[1]) < reach:
@@ -429,18 +571,22 @@ class InternalEdges:
         frame.
         """
         # Static shapes never move: find their neighbours once.
+        if not self._placed:
+            for k, outline in enumerate(self._outlines):
+                if outline.is_static and outline.corners:
+                    frame = frames.of(outline.owner)
+                    corners = [frame.place(corner) for corner in outline.corners]
+                    box = _box_around(corners)
+                    self._placed[k] = corners, box, edges_of(outline, frame)
         if shape not in self._static_edges:
-            outline = self._outlines[shape]
-            frame = frames.of(outline.owner)
-            corners = [frame.place(corner) for corner in outline.corners]
-            edges_nearby = []
-            for k, neighbour in enumerate(self._outlines):
-                if k != shape and neighbour.is_static and neighbour.corners:
-                    edges = edges_of(neighbour, frames.of(neighbour.owner))
-                    edges_nearby += [
-                        edge for edge in edges if _is_beside(edge, corners)
-                    ]
-            self._static_edges[shape] = edges_nearby
+            corners, box, _ = self._placed[shape]
+            self._static_edges[shape] = [
+                edge
+                for k, (_, other, edges) in self._placed.items()
+                if k != shape and _do_meet(box, other)
+                for edge in edges
+                if _is_beside(edge, corners)
+            ]
         return self._static_edges[shape]
 
     def _edges_beside(self, shape: int) -> list[Edge]:
@@ -452,7 +598,9 @@ class InternalEdges:
             self._own_edges[shape] = [
                 edge
                 for k in self._of_owner[outline.owner]
-                if k != shape and self._are_near(k, shape)
+                if k != shape
+                and _do_meet(self._boxes[k], self._boxes[shape])
+                and self._are_near(k, shape)
                 for edge in self._edges[k]
                 if _is_beside(edge, outline.corners)
             ]
@@ -479,6 +627,31 @@ def internal_edges(
     return InternalEdges(outlines, exceptions)
 
 
+def _is_in(box: Box, spots: Sequence[Spot]) -> bool:
+    """Return whether one of these places is within a box."""
+    left, top, right, bottom = box
+    return any(left < x < right and top < y < bottom for x, y in spots)
+
+
+def _do_meet(one: Box, other: Box) -> bool:
+    """Return whether two boxes overlap."""
+    return (
+        one[0] <= other[2]
+        and other[0] <= one[2]
+        and one[1] <= other[3]
+        and other[1] <= one[3]
+    )
+
+
+def _box_around(corners: Sequence[Spot]) -> Box:
+    """Return the box around what is near corners."""
+    xs, ys = [x for x, _ in corners], [y for _, y in corners]
+    left, top = min(xs, default=0.0), min(ys, default=0.0)
+    right, bottom = max(xs, default=0.0), max(ys, default=0.0)
+    margin = NEIGHBOURS
+    return left - margin, top - margin, right + margin, bottom + margin
+
+
 def _is_beside(edge: Edge, corners: Sequence[Spot]) -> bool:
     """Check whether an end of an edge is near a shape, or a corner of the shape near
     the edge.
@@ -493,12 +666,18 @@ def _is_beside(edge: Edge, corners: Sequence[Spot]) -> bool:
 
 def _has_gap(ends: Sequence[Spot], corners: Sequence[Spot], axis: int) -> bool:
     """Check whether the gap between an edge and a shape along an axis is too large."""
-    end_places = [end[axis] for end in ends]
-    corner_places = [corner[axis] for corner in corners]
-    gap = max(
-        min(end_places) - max(corner_places), min(corner_places) - max(end_places)
-    )
-    return gap > NEIGHBOURS
+    low, high = ends[0][axis], ends[1][axis]
+    if low > high:
+        low, high = high, low
+    before, behind = low - NEIGHBOURS, high + NEIGHBOURS
+    is_below = is_above = True
+    for corner in corners:
+        place = corner[axis]
+        if place >= before:
+            is_below = False
+        if place <= behind:
+            is_above = False
+    return is_below or is_above
 
 
 def _spot_over(edge: Edge, contact: Contact, point: Spot) -> Spot | None:

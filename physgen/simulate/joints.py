@@ -145,11 +145,21 @@ class Assemblies:
         self._jolt = float(np.hypot(*world.gravity))
         """Gravity, px/s²: gaps that close more slowly than a fall are no jolts."""
         self._all = sorted({body for _, bodies, _ in self._held for body in bodies})
+        self._places = [
+            {body: 3 * k for k, body in enumerate(bodies)}
+            for _, bodies, _ in self._held
+        ]
+        """Of each group: body -> its place in the velocities of the group."""
         self._bounded = {
             number: BoundedGroup()
             for number, (joints, _, _) in enumerate(self._held)
             if any(map(has_bounds, joints))
         }
+
+    @property
+    def has_bounds(self) -> bool:
+        """Whether joints have limits, lengths or friction."""
+        return bool(self._bounded)
 
     def of(self, body: int) -> int | None:
         """Return the group of a body; None for a body without joints."""
@@ -187,12 +197,12 @@ class Assemblies:
         """
         work, has_motors, spots = 0.0, strength is not None, _Spots(pose, self._all)
         loss = early_loss = script_loss = 0.0
-        shift = np.zeros_like(pose)
+        shift = np.zeros(pose.shape)
         speeds = dict(
             zip(self._all, velocity.take(self._all, axis=0).tolist(), strict=True)
         )
         for number, (joints, bodies, inverse_masses) in enumerate(self._held):
-            first_column = {body: 3 * k for k, body in enumerate(bodies)}
+            first_column = self._places[number]
             if number in self._bounded:
                 speeds_before = [speed for body in bodies for speed in speeds[body]]
                 bounded = self._hold_bounded(
@@ -490,7 +500,10 @@ def _energy(light: Sequence[float], speeds: Sequence[float] | Array) -> float:
 
     `light`: 1/mass and 1/moment, 0 for infinite mass.
     """
-    doubled = sum(v * v / m for m, v in zip(light, speeds, strict=True) if m)
+    doubled = 0.0
+    for m, v in zip(light, speeds, strict=True):
+        if m:
+            doubled += v * v / m
     return float(doubled / 2)
 
 
@@ -504,9 +517,11 @@ def is_jolt(
 
     `least`: speed, px/s, that any group may get.
     """
+    energy, usual = _energy(light, change), JOLT * _energy(light, before)
+    if energy <= usual:
+        return False
     mass = sum(1 / m for m in light[::3] if m)
-    permitted_energy = JOLT * _energy(light, before) + mass * least * least
-    return _energy(light, change) > permitted_energy
+    return energy > usual + mass * least * least
 
 
 def _few_changes(

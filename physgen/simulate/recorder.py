@@ -6,7 +6,7 @@ Steps are read in blocks, so that arrays can be used instead of loops.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -456,7 +456,11 @@ class Recorder:
             # both.
             if step.original is not None:
                 displacements[row, (step.original != step.before).any(axis=1)] = 0.0
-        return -(displacements[:, :, :2] @ self.world.gravity) @ self._mass[self.moving]
+        scales = np.array([body.gravity_scale for body in self.world.bodies])
+        weight: Array = self._mass * scales
+        moved = displacements[:, :, :2] @ self.world.gravity
+        lifted: Array = -moved @ weight[self.moving]
+        return lifted
 
     def _braked(self, steps: list[Step], spin: Array) -> Array:
         """Return the loss (S,) to rolling resistance; `spin` (S, N)."""
@@ -579,12 +583,14 @@ class Recorder:
             0.5 + (opening[1] - opening[0]) / (2 * self._even), 0.0, 1.0
         )
         share_of_first[count == 1] = 1.0
+        # The impulse acts on each body at the body's own point: overlaps shorten levers.
         places = [
-            share_of_first * first_place + (1 - share_of_first) * second_place
-            for first_place, second_place in zip(*point_places, strict=True)
+            share_of_first[:, None] * on[:, 0]
+            + (1 - share_of_first[:, None]) * on[:, 1]
+            for on in (touch.on_first, touch.on_second)
         ]
         v1, v2 = (
-            speed(columns(mean_velocities, partner), partner, *places)
+            speed(columns(mean_velocities, partner), partner, *places[partner].T)
             for partner in (0, 1)
         )
         # An impulse does its work at the mean of the velocities before and after the
@@ -606,9 +612,8 @@ class Recorder:
             axis=1,
         ).astype(np.float64)
         if (count == 2).any():
-            place_array = np.stack(places, axis=1)
             energy_flow[:, 0] += self._misplaced(
-                steps, touch, step_rows, place_array, (pose, before, after)
+                steps, touch, step_rows, places, (pose, before, after)
             )
         self._note_accuracy(opening, touch)
         # A sample at the time of an impulse shows the energy before it, except at
@@ -689,21 +694,21 @@ class Recorder:
         steps: list[Step],
         touch: Touching,
         row: Index,
-        place: Array,
+        places: Sequence[Array],
         motion: tuple[Array, Array, Array],
     ) -> Array:
         """Return the energy (S,) that contacts lost in addition to that at their
         estimated places.
 
         The engine reports the sum of the impulses of a contact's two points, and
-        `place` (R, 2) is an estimate of the place of the sum in the step `row` (R,).
-        Contacts that contradict each other, like those of pieces with corners on a
-        boundary, invalidate the estimate; the body's angular momentum then shows the
-        error of the torque. `motion`: poses (S, N, 3), and velocities (S, N, 3) before
-        and after.
+        `places` (two of (R, 2), on the first and on the second body) are an estimate of
+        the place of the sum in the step `row` (R,). Contacts that contradict each other,
+        like those of pieces with corners on a boundary, invalidate the estimate; the
+        body's angular momentum then shows the error of the torque. `motion`: poses
+        (S, N, 3), and velocities (S, N, 3) before and after.
         """
         pose, before, after = motion
-        torque, leeway = self._torques(touch, row, place, pose)
+        torque, leeway = self._torques(touch, row, places, pose)
         error = self._moment * (after - before)[:, :, 2] - torque
         for step_number, step in enumerate(steps):
             if step.load is not None:
@@ -721,9 +726,9 @@ class Recorder:
         return np.asarray((losses * is_counted).sum(axis=1))
 
     def _torques(
-        self, touch: Touching, row: Index, place: Array, pose: Array
+        self, touch: Touching, row: Index, places: Sequence[Array], pose: Array
     ) -> tuple[Array, Array]:
-        """Return the angular impulses (S, N) of contacts at `place` (R, 2), and their
+        """Return the angular impulses (S, N) of contacts at `places`, and their
         tolerances.
 
         The sum of a contact's two impulses acts somewhere between its two points.
@@ -737,7 +742,8 @@ class Recorder:
             (touch.count == 2)[:, None], points[:, 1] - points[:, 0], 0.0
         )
         torque_ranges = np.abs(cross(offsets, touch.impulse))
-        for objects, sign in ((touch.first, 1.0), (touch.second, -1.0)):
+        partners = ((touch.first, 1.0), (touch.second, -1.0))
+        for (objects, sign), place in zip(partners, places, strict=True):
             is_body = objects < body_count
             targets = row[is_body], objects[is_body]
             levers = place[is_body] - pose[targets][:, :2]

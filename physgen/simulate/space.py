@@ -24,7 +24,14 @@ from pymunk.batch import ArbiterFields, BodyFields
 
 from physgen.compile.world import EVERY_GROUP, Body, Joint, Passage, Wall, World
 from physgen.scene.scene import SPRINGS, JointKind, Motion
-from physgen.simulate.contacts import NO_CONTACTS, WORDS, Array, Order, Pair
+from physgen.simulate.contacts import (
+    CONTACT,
+    NO_CONTACTS,
+    WORDS,
+    Array,
+    Order,
+    Pair,
+)
 from physgen.simulate.internal_edges import (
     Contact,
     Frames,
@@ -45,6 +52,10 @@ SLOP = 0.005
 """Permitted overlap, px: it keeps resting contacts alive and is invisible."""
 SEAM = 0.5
 """Gap between the ends of two walls, px, within which they form one smooth line."""
+NUDGE = 1e-6
+"""Displacement, px, of a circle whose centre is in line with a side of a polygon."""
+LEAST_ASIDE = 1e-3
+"""Share of a circle's radius by which a contact with a wrong normal is beside it."""
 STRAIGHT = 0.999
 """Cosine of the angle up to which two walls form one smooth line."""
 
@@ -171,6 +182,11 @@ class Space:
             for owner, body in enumerate(places)
             for shape in body.shapes
         )
+        self._outlines = outlines
+        self._dynamic = {
+            k for k, b in enumerate(world.bodies) if b.motion is Motion.DYNAMIC
+        }
+        self._circles = {o.owner: o for o in outlines if not o.corners}
         self._owners = [outline.owner for outline in outlines]
         reach = [hypot(*outline.center) + outline.reach for outline in outlines]
         self._reach = [
@@ -187,6 +203,8 @@ class Space:
         With each, the distance that they may move before the next test, px, and their
         relative position at the last one.
         """
+        self.nudges: dict[int, tuple[float, float]] = {}
+        """Bodies whose contacts have a wrong normal, and the px by which to move them."""
         self.parting: list[Joint] = []
         """Broken joints of bodies that still overlap, and do not collide yet."""
         LIVING.add(self)
@@ -292,36 +310,96 @@ class Space:
             contact_list
         ), visible_numbers.tobytes()
 
-    def hide_internal_edges(self, pairs: frozenset[Pair] | None) -> bool:
+    def hide_internal_edges(
+        self, pairs: frozenset[Pair] | None, order: Order, numbers: bytes
+    ) -> bool:
         """Leave contacts at internal edges out of the next steps.
 
         `pairs`: of objects, the lesser first, that may touch at such an edge; None for
-        all. Returns whether such a contact acted in this step.
+        all. The contacts and their numbers are as listed. Returns whether such a contact
+        acted in this step.
         """
-        frames: Frames | None = None
-        partners: dict[int, set[int]] = {}
-        candidates: list[tuple[Any, Pair]] = []
-        for arbiter in self._arbiters():
+        meetings = order.meetings
+        self._partners = meetings.partners
+        frames = self._frames()
+        candidates: set[Pair] = set()
+        for pair in meetings.rows if pairs is None else pairs:
+            if not self._smooth.isdisjoint(pair):
+                continue
+            for row in meetings.rows.get(pair, ()):
+                if self._is_doubtful(frames, meetings.listed[row], row, numbers):
+                    candidates.add(pair)
+                    break
+        is_changed = False
+        for arbiter in self._arbiters() if candidates else ():
             if not arbiter.count:
                 continue
             key = self._numbers[arbiter.a], self._numbers[arbiter.b]
             first, second = self._owners[key[0]], self._owners[key[1]]
-            partners.setdefault(first, set()).add(second)
-            partners.setdefault(second, set()).add(first)
             pair = (first, second) if first < second else (second, first)
-            if (pairs is None or pair in pairs) and self._smooth.isdisjoint(pair):
-                candidates.append((arbiter, key))
-        self._partners = partners
-        is_changed = False
-        # Compute the frames of all bodies only if a candidate exists.
-        for arbiter, key in candidates:
-            frames = frames or self._frames()
+            if pair not in candidates:
+                continue
+            if self._nudge(frames, arbiter, key):
+                is_changed = True
+                continue
             room = self._room(frames, key)
             if room > 0:
                 lib.cpArbiterSetProcessCollision(arbiter, False)
                 self.hidden[key] = room, self._distances(frames, key)
                 is_changed = True
         return is_changed
+
+    def _is_doubtful(
+        self, frames: Frames, words: list[int], row: int, numbers: bytes
+    ) -> bool:
+        """Return whether a contact may be at an internal edge or have a wrong normal.
+
+        words: partners and count of points of the contact in this row, as listed.
+        """
+        first, second, count = words
+        contact = CONTACT.unpack_from(numbers, CONTACT.size * row)
+        nx, ny, ax, ay, bx, by = contact[2:8]
+        for owner, x, y in ((first, bx, by), (second, ax, ay)):
+            circle = self._circles.get(owner)
+            if circle is not None:
+                cx, cy = frames.of(owner).place(circle.center)
+                aside = nx * (y - cy) - ny * (x - cx)
+                if abs(aside) > LEAST_ASIDE * circle.reach / 2:
+                    return True
+        points = [((ax + bx) / 2, (ay + by) / 2)]
+        if count > 1:
+            ax, ay, bx, by = contact[9:13]
+            points.append(((ax + bx) / 2, (ay + by) / 2))
+        pair = first, second
+        touch = Contact((nx, ny), points)
+        return self._edges.may_cover(frames, pair, self._partners, touch)
+
+    def _nudge(self, frames: Frames, arbiter: Any, key: Pair) -> bool:
+        """Note by how much to move a circle in contact with a corner of a polygon if the normal is wrong.
+
+        If the centre is in line with a side, the engine takes the normal of the side for
+        that of the corner, and the radius for the overlap.
+        """
+        first, second = self._outlines[key[0]], self._outlines[key[1]]
+        is_second = not second.corners
+        circle, other = (second, first) if is_second else (first, second)
+        if circle.corners or len(other.corners) < 3:
+            return False
+        center = frames.of(circle.owner).place(circle.center)
+        pose = frames.poses[other.owner]
+        arm = arbiter.contacts[0].r1 if is_second else arbiter.contacts[0].r2
+        nx, ny = arbiter.n.x, arbiter.n.y
+        aside = nx * (pose[1] + arm.y - center[1]) - ny * (pose[0] + arm.x - center[0])
+        if abs(aside) < LEAST_ASIDE * circle.reach:
+            return False
+        step = NUDGE if is_second else -NUDGE
+        owner = circle.owner
+        if owner not in self._dynamic:
+            owner, step = other.owner, -step
+        if owner not in self._dynamic:
+            return False
+        self.nudges[owner] = step * nx, step * ny
+        return True
 
     def review_internal_edges(self) -> None:
         """Activate the contacts no longer at an internal edge."""
@@ -522,9 +600,9 @@ def _shape_outline(shape: pymunk.Shape, owner: int) -> ShapeOutline:
             corners = []
     assert shape.body is not None
     is_static = shape.body.body_type == pymunk.Body.STATIC
-    points = np.array(corners or [(0.0, 0.0)])
-    x, y = ((points.min(axis=0) + points.max(axis=0)) / 2).tolist()
-    reach = float(np.hypot(*(points - (x, y)).T).max())
+    xs, ys = [x for x, _ in corners] or [0.0], [y for _, y in corners] or [0.0]
+    x, y = (min(xs) + max(xs)) / 2, (min(ys) + max(ys)) / 2
+    reach = max(map(hypot, [u - x for u in xs], [v - y for v in ys]))
     if isinstance(shape, pymunk.Circle):
         (x, y), reach = shape.offset, shape.radius
     return ShapeOutline(owner, is_static, tuple(corners), (x, y), reach)

@@ -281,7 +281,7 @@ part("tools").addEventListener("keydown", (event) => {
 });
 
 // ---- begin: each module is given the editor, and may be asked by the others
-const MODULES = ["stage", "listed", "player", "timeline", "final", "arrows", "pick", "walls", "joints", "inspect", "world", "measure", "light", "keys",
+const MODULES = ["stage", "listed", "player", "timeline", "final", "arrows", "pick", "walls", "limits", "joints", "inspect", "world", "measure", "light", "keys",
   "variants", "todo", "perceived", "masks", "yaml", "keep", "render", "hint"];
 async function begin() {
   for (const name of MODULES) {

@@ -3,10 +3,12 @@
 import { button, element } from "./elements.js";
 import { named, pathOf } from "./app.js";
 import { written } from "./dragging.js";
+import { specOf } from "./fields.js";
 import { makeMaterials } from "./materials.js";
 
 export const HOLDS = ["pivot", "spring", "weld", "motor", "slider", "rope", "pulley", "gear", "finger"];
 export const FIELDS = ["wind", "air", "water", "magnet", "attractor"];
+const LIMITS = [-45, 45]; // degrees, of a pin that gets limits
 const ENDS = { finger: [], spring: ["from", "to"], slider: ["from", "to"], rope: ["from", "to"], pulley: ["from", "over", "and", "to"], gear: [] };
 
 // `kit` makes rows, titles and deeds
@@ -206,6 +208,23 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
             { set: [...path, "objects"], value: k ? [named(entry).objects[0], value].filter(Boolean) : [value, ...named(entry).objects.slice(1)] },
           ],
         });
+      // the least and the largest angle; a limit that is set alone has its mirror image opposite
+      const limit = (k) =>
+        row([...path, "limits", k], k ? "upper limit" : "lower limit", {
+          whole: [...path, "limits"],
+          spec: specOf([...path, "limits"]).prefixItems?.[k] || {},
+          unit: "°",
+          step: 5,
+          called: `${entry.name} limits`,
+          says: (v) => (v == null ? "freely" : ""),
+          edits: (value) => {
+            if (value === null) return [{ unset: [...path, "limits"] }];
+            const limits = named(entry).limits ? [...named(entry).limits] : [-value, -value];
+            limits[k] = value;
+            return [{ set: [...path, "limits"], value: limits }];
+          },
+        });
+      const turns = kind === "pivot" || kind === "motor";
       return [
         ...title(
           "joint",
@@ -222,7 +241,14 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
             finger: "finger: it pulls along its way, then lets go",
           }[kind],
         ),
-        deeds(erase(entry)),
+        deeds(
+          turns && !item.limits
+            ? button("Limit its angle", () => editor.edit([{ set: [...path, "limits"], value: LIMITS }], `${entry.name} limited`).catch(() => {}), {
+                title: "Handles around the pin set how far the first object turns",
+              })
+            : null,
+          erase(entry),
+        ),
         heading("What it holds"),
         renamed(entry),
         holds(0),
@@ -251,6 +277,7 @@ export function makePanels(editor, { row, title, heading, deeds, erase, renamed,
               row([...path, "force"], "force", { says: (v) => (v == null ? "as much as it takes" : "") }),
             ]
           : []),
+        ...(turns ? [limit(0), limit(1)] : []),
         ...(kind === "pivot" ? [row([...path, "friction"], "friction")] : []),
         row([...path, "breaks"], "breaks at", { says: (v) => (v == null ? "never" : "") }),
         row([...path, "collide"], "bump", { spec: { type: "boolean", description: "Whether the two objects also collide with each other." } }),

@@ -43,7 +43,8 @@ function ranged({ minimum: low, maximum: high, exclusiveMinimum: above }) {
   return top !== null ? `at most ${top}` : "";
 }
 
-// path: keys of the scene; name: the row's word; options: {spec, choices, says(value) -> words below, edits(value) -> ops}
+// path: keys of the scene; name: the row's word; options: {spec, choices, says(value) -> words below, edits(value) -> ops,
+// whole: the path that is written, if the row shows an item of a list}
 export function makeRow(editor, path, name, options = {}) {
   const spec = options.spec || specOf(path),
     id = `row-${(count += 1)}`,
@@ -146,7 +147,7 @@ export function makeRow(editor, path, name, options = {}) {
     if (focused && kind === "number" && !value?.wrong) words = [words, ranged(spec)].filter(Boolean).join(" · ");
     note.textContent = words;
     note.hidden = !words;
-    back.disabled = options.required || !written(editor, path);
+    back.disabled = options.required || !written(editor, options.whole || path);
   }
   function tried() {
     const value = read();
@@ -164,7 +165,7 @@ export function makeRow(editor, path, name, options = {}) {
       say();
       return;
     }
-    if (value === null && (options.required || !written(editor, path))) {
+    if (value === null && (options.required || !written(editor, options.whole || path))) {
       editor.preview(null);
       fill(true);
       return;

@@ -28,7 +28,7 @@ export function start(editor) {
       return `list ${JSON.stringify(scene() && [Object.entries(scene().objects || {}).map(([n, o]) => [n, o.label, o.motion]), Object.keys(scene().boundaries || {}), (scene().forces || []).map((f) => Object.keys(f).concat(f.object)), Object.keys(scene().joints || {}), Object.keys(scene().fields || {})])}`;
     const pushes =
       entry.kind === "object" ? (scene().forces || []).map((f, k) => (f.object === entry.name ? `${k}${Object.keys(f)}` : "")).join() : "";
-    return `${entry.kind} ${entry.name} ${item.label ?? ""} ${Object.keys(item).filter((key) => [...HOLDS, "impulse", "force", "torque", "wind", "attractor", "segment", "polyline", "mask"].includes(key) && item[key] != null)} ${JSON.stringify(item.motion)} ${scene().world?.view} ${pushes} ${editor.materials.length} ${Object.keys(scene().objects || {})} ${entry.kind === "object" ? oddities(entry.name) : ""}`;
+    return `${entry.kind} ${entry.name} ${item.label ?? ""} ${Object.keys(item).filter((key) => [...HOLDS, "impulse", "force", "torque", "wind", "attractor", "segment", "polyline", "mask", "limits"].includes(key) && item[key] != null)} ${JSON.stringify(item.motion)} ${scene().world?.view} ${pushes} ${editor.materials.length} ${Object.keys(scene().objects || {})} ${entry.kind === "object" ? oddities(entry.name) : ""}`;
   };
   function show() {
     const entry = editor.selected && named(editor.selected) ? editor.selected : null,

@@ -12,12 +12,18 @@ const HOLDS = [
   ["slider", "Slider"],
   ["rope", "Rope"],
 ];
+const HINTS = {
+  spring: "Drag from an object to where the spring ends, or click both ends.",
+  slider: "Drag from an object along its rail, or click both ends of the rail.",
+  rope: "Click the two objects that the rope ties, or an object and a fixed point; dragging does the same.",
+};
 const SAG = 20; // px by which a weight stretches its spring
 
 export function start(editor) {
   let hold = "pivot",
     field = "wind",
-    line = null;
+    line = null,
+    begun = false; // whether a click set the first end of a line
   const stage = () => editor.stage,
     objects = () => editor.state.scene.objects || {};
   const mass = (name) => editor.state.derived.objects[name]?.mass || 1,
@@ -72,6 +78,9 @@ export function start(editor) {
   };
   const held = choice("What is made", HOLDS, hold, (value) => {
     hold = value;
+    line = null;
+    begun = false;
+    editor.redraw();
   });
   const blown = choice(
     "What is made",
@@ -87,8 +96,7 @@ export function start(editor) {
   function describe() {
     held.hidden = editor.tool?.name !== "joint";
     blown.hidden = editor.tool?.name !== "field";
-    held.querySelector("p").textContent =
-      hold === "spring" ? "Drag from an object to where the spring ends." : "Click where the joint is: it connects the two objects there, or one and the world.";
+    held.querySelector("p").textContent = HINTS[hold] || "Click where the joint is: it connects the two objects there, or one and the world.";
     blown.querySelector("p").textContent = field === "wind" ? "Drag in the direction of the wind." : "Click the point that attracts.";
   }
   editor.on("tool", describe);
@@ -114,7 +122,7 @@ export function start(editor) {
       cursor: "crosshair",
       down(point) {
         editor.player.rewind();
-        line = [point, point];
+        line = [begun ? line[0] : point, point];
         editor.redraw();
       },
       move(point) {
@@ -125,14 +133,22 @@ export function start(editor) {
       },
       up(point) {
         if (!line) return;
-        const [from] = line;
+        const [from] = line,
+          clicked = Math.hypot(point[0] - from[0], point[1] - from[1]) < 6 * stage().unit;
+        if (name === "joint" && HINTS[hold] && clicked && !begun && all(from).length) {
+          begun = true;
+          editor.say(`Now click where the ${hold} ends; Esc cancels`);
+          return;
+        }
         line = null;
+        begun = false;
         editor.redraw();
         ended(from, point);
       },
       cancel() {
         const had = line;
         line = null;
+        begun = false;
         editor.redraw();
         return Boolean(had);
       },
@@ -141,7 +157,7 @@ export function start(editor) {
         const [a, b] = line;
         if (name === "field" && field === "wind") pen.arrow(a[0], a[1], b[0] - a[0], b[1] - a[1], INKS.field, 1, 3);
         else if (name === "joint") {
-          if (hold === "spring") pen.stroke(lineOf(line), INKS.joint, 2.4, 1, [5, 4]);
+          if (HINTS[hold]) pen.stroke(lineOf(line), INKS.joint, 2.4, 1, [5, 4]);
           const dot = new Path2D();
           dot.arc(a[0], a[1], 5 * pen.unit, 0, 2 * Math.PI);
           pen.stroke(dot, INKS.joint, 2);
@@ -162,7 +178,7 @@ export function start(editor) {
         editor.say("Begin on an object: a joint connects one or two");
         return;
       }
-      if (["spring", "slider", "rope"].includes(hold)) {
+      if (HINTS[hold]) {
         if (Math.hypot(to[0] - from[0], to[1] - from[1]) < 6 * stage().unit) {
           editor.say(`Drag from an object to where the ${hold} ends`);
           return;
