@@ -36,6 +36,7 @@ from physgen.maps import F32, Percepts
 from physgen.materials import kind
 from physgen.messages import Message
 from physgen.perceive import document
+from physgen.perceive.hanging_parts import attach_hanging_parts
 from physgen.perceive.hidden_parts import continue_outlines
 from physgen.perceive.inpaint.outgrowths import attach_outgrowths
 from physgen.perceive.remains import Remain, attach_remains, find_remains
@@ -56,6 +57,7 @@ from physgen.perceive.roles import (
     Shadows,
     Suitability,
 )
+from physgen.perceive.segment.network import run_network
 from physgen.perceive.segment.plain_ground import shows_ground_beyond
 from physgen.perceive.segment.prompts import Segmenter
 from physgen.perceive.shadow.backgrounds import (
@@ -69,6 +71,7 @@ from physgen.perceive.shadow.backgrounds import (
 from physgen.perceive.shadow.mirror_images import remove_mirror_images
 from physgen.perceive.shadow.shadow_removal import remove_reflections
 from physgen.perceive.spheres import has_round_form, is_shaded_as_sphere
+from physgen.perceive.support.view_classifier import view_chances
 from physgen.perceive.support.viewpoint import judge_suitability
 from physgen.perceive.wheels import find_vehicles
 from physgen.photometry import decode, encode_u8
@@ -141,7 +144,10 @@ def perceive(
         attached, unsure = attach_remains(
             found.labels, find_remains(rgb, found.labels, ids)
         )
-        found = replace(found, labels=attach_outgrowths(rgb, attached))
+        attached = attach_outgrowths(rgb, attached)
+        if view is None and view_chances(run_network(rgb).features).is_level:
+            attached = attach_hanging_parts(attached, found.confidence)
+        found = replace(found, labels=attached)
     objects, specks = fit_objects(rgb, found)
     if not objects:
         document.relabel_objects(objects, renames, {})

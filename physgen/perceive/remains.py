@@ -33,6 +33,10 @@ class RemainConstants:
     plain: float = 0.55  # share of the surroundings that is so near to one colour
     unlike: float = 40.0  # 8-bit codes from that colour to a part
     sharp: float = 12.0  # 8-bit codes per px at the border of a part; shadows have less
+    as_sharp: float = 0.6  # of the object's own border, from which a part is as sharp
+    softest: float = 4.0  # 8-bit codes per px of that, at least
+    as_unlike: float = 0.7  # of what the object's border differs, from which a part does
+    drops: int = 3  # fits of the ground's colours, each without what is unlike the last
     least_share: float = 0.004  # of the object's area, that such a part has
     most_share: float = 0.4
     alike: float = 30.0  # 8-bit codes between two colours that look alike
@@ -134,7 +138,7 @@ def _remains_of(rgb: Rgb, labels: Labels, i: int) -> list[Remain]:
                     candidates.append((strength, part))
     found = []
     taken = np.zeros_like(mine)
-    for part in _unlike_plain(rgb[window], free, away, area):
+    for part in _unlike_plain(rgb[window], mine, free, away):
         if not (part & beside).any():
             taken |= part
             full = np.zeros(labels.shape, bool)
@@ -157,19 +161,21 @@ def _remains_of(rgb: Rgb, labels: Labels, i: int) -> list[Remain]:
     return found
 
 
-def _unlike_plain(rgb: Rgb, free: Mask, away: F32, area: int) -> list[Mask]:
-    """Return parts of any width that start at an object before one plain colour.
+def _unlike_plain(rgb: Rgb, own: Mask, free: Mask, away: F32) -> list[Mask]:
+    """Return parts of any width that start at an object before a plain ground.
 
-    Shadows and reflections have soft borders and are none.
+    The ground may be shaded evenly. Shadows and reflections have softer borders than
+    the object and are not parts.
     """
-    colour = np.median(rgb[free], axis=0)
-    off = np.abs(rgb.astype(np.float32) - colour).max(axis=2)
+    off = _off_ground(rgb, free)
     if float((off[free] < REMAINS.even).mean()) < REMAINS.plain:
         return []
-    unlike = ((off > REMAINS.unlike) & free).astype(np.uint8)
+    unlike = ((off > _least_unlike(off, own)) & free).astype(np.uint8)
     closed = cv2.morphologyEx(unlike, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
     count, pieces, stats, _ = cv2.connectedComponentsWithStats(closed, connectivity=8)
     slope = _slope(rgb)
+    area = int(np.count_nonzero(own))
+    sharp = _border_sharpness(slope, off, away)
     parts = []
     for k in range(1, count):
         piece = pieces == k
@@ -182,9 +188,58 @@ def _unlike_plain(rgb: Rgb, free: Mask, away: F32, area: int) -> list[Mask]:
             continue
         inner = cv2.erode(piece.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
         border = piece & ~inner & (away > 2 * REMAINS.touches)
-        if border.any() and float(np.median(slope[border])) >= REMAINS.sharp:
+        if border.any() and float(np.median(slope[border])) >= sharp:
             parts.append(piece & (away > 0))
     return parts
+
+
+def _off_ground(rgb: Rgb, free: Mask) -> F32:
+    """Return `(h, w)` 8-bit codes from a photo to the shaded colour of its ground.
+
+    The colour is a polynomial of degree two in the position.
+    """
+    height, width = free.shape
+    x, y = np.meshgrid(np.linspace(-1, 1, width), np.linspace(-1, 1, height))
+    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
+    colours = rgb.astype(np.float64)
+    colour = np.median(rgb[free], axis=0)
+    off = np.abs(colours - colour).max(axis=2)
+    limit = REMAINS.unlike
+    for _ in range(REMAINS.drops):
+        ground = free & (off < limit)
+        if np.count_nonzero(ground) < REMAINS.plain * np.count_nonzero(free):
+            break
+        weights, *_ = np.linalg.lstsq(terms[ground], colours[ground], rcond=None)
+        off = np.abs(colours - terms @ weights).max(axis=2)
+        limit = 2 * REMAINS.even
+    return off.astype(np.float32)
+
+
+def _least_unlike(off: F32, own: Mask) -> float:
+    """Return the 8-bit codes by which parts of an object differ from its ground.
+
+    What is dark differs by more than the shadow at its feet.
+    """
+    inner = cv2.erode(own.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    deep = cv2.erode(own.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+    border = off[inner & ~deep]
+    if not border.size:
+        return REMAINS.unlike
+    return max(REMAINS.unlike, REMAINS.as_unlike * float(np.median(border)))
+
+
+def _border_sharpness(slope: F32, off: F32, away: F32) -> float:
+    """Return the slope, 8-bit codes per px, from which a part's border is sharp.
+
+    That of a part out of focus is as soft as the border of its object.
+    """
+    band = (away > 0) & (away <= 2 * REMAINS.touches)
+    unlike = cv2.dilate((off > REMAINS.unlike).astype(np.uint8), np.ones((3, 3))) > 0
+    own = slope[band & unlike]
+    if not own.size:
+        return REMAINS.sharp
+    as_own = REMAINS.as_sharp * float(np.median(own))
+    return float(np.clip(as_own, REMAINS.softest, REMAINS.sharp))
 
 
 def _slope(rgb: Rgb) -> F32:

@@ -40,6 +40,11 @@ class ViewChances:
     """People, animals, landscapes, rooms: nothing loose at rest."""
 
     @property
+    def is_level(self) -> bool:
+        """Return whether the photo is rather one from the side than any other."""
+        return self.side >= max(self.oblique, self.top)
+
+    @property
     def tilt(self) -> float | None:
         """Degrees by which the camera looks down on the ground of an oblique photo.
 
