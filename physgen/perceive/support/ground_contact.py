@@ -572,6 +572,8 @@ class _BaseLimits:
     """Height of the lower outline above the ground: higher ones stand on something."""
     round: float = 0.85
     """Share of its smallest circle from which fruit may roll, and gets no base."""
+    whole: float = 0.95
+    """Share of its area in its largest piece: smaller pieces are stray pixels."""
 
 
 BASE = _BaseLimits()
@@ -604,7 +606,10 @@ def add_base(foot: Foot, line: Line) -> Region | None:
     None if the lower outline is too high above the line, or consists of several pieces.
     """
     outline = foot.item.outline
-    if isinstance(outline, Disc) or len(outline.rings) != 1:
+    if isinstance(outline, Disc):
+        return None
+    outline = _largest_piece(outline)
+    if len(outline.rings) != 1:
         return None
     x0, y0, x1, y1 = bounds(outline)
     middle = float(mass_properties(outline).center[0])
@@ -628,6 +633,15 @@ def add_base(foot: Foot, line: Line) -> Region | None:
     if not joined.exterior.is_ccw:
         outer = outer[::-1]
     return Region((Ring(outer, outline.rings[0].holes),))
+
+
+def _largest_piece(outline: Region) -> Region:
+    """Return an outline without stray pieces beside its largest one."""
+    areas = [abs(polygon_moments(ring.outer).area) for ring in outline.rings]
+    largest = max(areas)
+    if len(areas) == 1 or largest < BASE.whole * sum(areas):
+        return outline
+    return Region((outline.rings[areas.index(largest)],))
 
 
 # rectangles
