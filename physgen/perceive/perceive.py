@@ -625,7 +625,10 @@ def _empty_scene(
 
 
 def _rounded(labels: Labels, objects: Sequence[PhotoObject]) -> Labels:
-    """The label map with the masks of round objects made round, where that changes little: no mug loses its handle."""
+    """Return the label map with the masks of round objects grown to their circles.
+
+    Only masks that change little: no mug gets a filled handle.
+    """
     result = labels.copy()
     for item in objects:
         if isinstance(item.outline, Disc):
@@ -637,8 +640,7 @@ def _rounded(labels: Labels, objects: Sequence[PhotoObject]) -> Labels:
             if np.count_nonzero(own & disc) > NEARLY_ROUND * np.count_nonzero(
                 own | disc
             ):
-                result[own] = 0
-                result[disc] = item.id
+                result[disc] = item.id  # nothing of the object stays in the background
     return result
 
 

@@ -269,7 +269,11 @@ def _with_motion(
     Slow motion is what suits the time in which something moves.
     """
     from physgen.geometry.scale import slow_motion_comment, story_slow_motion
-    from physgen.pipeline.verdicts import outcome_doubts, with_doubts
+    from physgen.pipeline.verdicts import (
+        outcome_doubts,
+        with_doubts,
+        without_parts_at_rest,
+    )
 
     document, comments = perceived.document, dict(perceived.comments)
     objects = dict(document["objects"])
@@ -290,6 +294,7 @@ def _with_motion(
     if render or "render" in document:
         document["render"] = render
     moved = replace(perceived, document=document, comments=comments)
+    moved = without_parts_at_rest(moved, outcome)
     return with_doubts(moved, outcome_doubts(moved, list(motions), outcome))
 
 

@@ -213,11 +213,12 @@ def _perceive_photo(
     full_size = None if rgb.shape[:2] == (height, width) else (width, height)
 
     def set_in_motion(perceived: PerceivedScene) -> PerceivedScene:
-        for problem in perceived.warnings:
-            warn(problem)
         progress("push", 0, 1)
         perceived = replace(perceived, full_size=full_size)
-        return start_motion(perceived, options.still, options.pushes, options.story)
+        moved = start_motion(perceived, options.still, options.pushes, options.story)
+        for problem in moved.warnings:
+            warn(problem)
+        return moved
 
     moved = run(
         rgb,
