@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from physgen.messages import Message
+from physgen.messages import Message, Note
 from physgen.pipeline.trial_scenes import open_trial
 from physgen.problems import InputError, Place, Warn
 from physgen.scene.provenance import meters, source
@@ -169,6 +169,7 @@ def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedS
     held object is released and pushed alone.
     """
     from physgen.pipeline.refusals import find_refusals
+    from physgen.pipeline.releases import is_oblique
     from physgen.pipeline.verdicts import stillness_doubts, with_doubts
 
     refusals = find_refusals(perceived)
@@ -177,13 +178,13 @@ def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedS
     names = set(perceived.document["objects"]) - set(refusals.objects)
     allowed = names & set(only) if only else names
     chosen = _chosen_push(perceived, allowed, refusals.barred)
-    is_weak = chosen is None or not chosen.outcome.is_inside
-    if is_weak and not only:
+    if not only and _is_weak(perceived, chosen):
         released = _release(perceived, refusals)
         if released is not None and _is_better(released[1], chosen):
-            name = released[1].name
-            doubt = f"{name} is pushed on a guessed floor: it is unsure what carries it"
-            return _with_push(with_doubts(released[0], [doubt]), released[1])
+            doubts = []
+            if not is_oblique(perceived):  # else the ground is visible around it
+                doubts.append(Note.GUESSED_FLOOR.text(name=released[1].name))
+            return _with_push(with_doubts(released[0], doubts), released[1])
     if chosen is None:
         reasons = [*refusals.reasons, *stillness_doubts(perceived, allowed)]
         return with_doubts(perceived, reasons)
@@ -227,9 +228,30 @@ def _chosen_push(
     return default_push(scene, shapes, confidence, unseen, facing, barred)
 
 
+def _is_weak(perceived: PerceivedScene, push: Push | None) -> bool:
+    """Return whether a released object may tell more than a push."""
+    from physgen.pipeline.push_trials import TRIAL
+    from physgen.pipeline.releases import is_oblique
+
+    if push is None or not push.outcome.is_inside:
+        return True
+    return is_oblique(perceived) and push.outcome.travel < TRIAL.travel
+
+
 def _is_better(push: Push, other: Push | None) -> bool:
-    """Return whether a push has a better grade than another one, if there is one."""
-    return other is None or push.outcome.grade > other.outcome.grade
+    """Return whether a push has a better grade than another one, if there is one.
+
+    Of two with one grade, the one that moves something farther is better, up to a limit.
+    """
+    from physgen.pipeline.push_trials import TRIAL
+
+    if other is None:
+        return True
+    ranks = [
+        (one.outcome.grade, min(one.outcome.travel, TRIAL.travel))
+        for one in (push, other)
+    ]
+    return ranks[0] > ranks[1]
 
 
 def _release(

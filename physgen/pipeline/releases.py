@@ -7,10 +7,10 @@ released on a level floor through its lowest point, and all other objects are he
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from math import sqrt
+from math import radians, sin, sqrt
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -37,7 +37,8 @@ from physgen.perceive.support.ground_contact import (
 from physgen.pipeline.push_trials import TRIAL
 from physgen.pipeline.trial_scenes import open_trial
 from physgen.problems import InputError
-from physgen.scene.scene import View
+from physgen.scene.scene import Scene, View
+from physgen.text import listed
 
 if TYPE_CHECKING:
     from physgen.perceive.roles import PerceivedScene
@@ -65,10 +66,16 @@ class ReleaseLimits:
     """Of the floor, as of those that perception finds."""
     floor_confidence: float = 0.3
     """Of the floor, for `from`."""
+    oblique: float = 30.0
+    """Degrees by which the camera looks down, from which objects pass each other."""
+    depth: float = 0.35
+    """Of two objects' smaller sides, on the ground, up to which they meet."""
 
 
 RELEASE = ReleaseLimits()
 FLOOR = "floor"
+MOVING, NEAR = "moving", "near"
+"""Collision groups of what moves and of what it may meet."""
 
 
 def releases(
@@ -81,12 +88,27 @@ def releases(
     if photo_scene.document["world"]["view"] != View.SIDE.value:
         return
     ranked = _ranked(photo_scene, refused)
+    if is_oblique(photo_scene):
+        ranked = sorted(ranked, key=lambda name: -_low(photo_scene, name))
     for name in ranked[: RELEASE.most]:
         if name not in photo_scene.document["objects"]:
             continue
         with suppress(InputError):  # its level outline may not be a shape
             whole = _with_parts(photo_scene, name)
             yield name, _released(whole, name)
+
+
+def is_oblique(photo_scene: PerceivedScene) -> bool:
+    """Return whether the ground is visible around objects, at an angle."""
+    tilt = float(photo_scene.document["world"].get("tilt", 0))
+    return tilt >= RELEASE.oblique
+
+
+def _low(photo_scene: PerceivedScene, name: str) -> float:
+    """Return the lowest row of an object's mask, px."""
+    number = photo_scene.document["objects"][name]["mask"]
+    rows = (photo_scene.percepts.labels == number).any(axis=1)
+    return float(np.flatnonzero(rows).max(initial=0))
 
 
 def _ranked(photo_scene: PerceivedScene, refused: Collection[str]) -> list[str]:
@@ -172,7 +194,73 @@ def _released(photo_scene: PerceivedScene, name: str) -> PerceivedScene:
     document = photo_scene.document | {"boundaries": kept | {FLOOR: floor}}
     why = f"a guess: through the lowest point of {name}"
     comments = {**photo_scene.comments, f"boundaries.{FLOOR}": why}
+    released = replace(photo_scene, document=document, comments=comments)
+    if is_oblique(photo_scene):
+        return _passing(released, name, dict(zip(_names(scene), outlines, strict=True)))
+    return released
+
+
+def _names(scene: Scene) -> list[str]:
+    return [item.name for item in scene.objects]
+
+
+def _passing(
+    photo_scene: PerceivedScene, name: str, outlines: Mapping[str, Outline]
+) -> PerceivedScene:
+    """Return the scene in which one object passes before and behind all others.
+
+    Only what stands about as far from the camera is in its way.
+    """
+    own = _GroundPlace.of(outlines[name])
+    tilt = radians(float(photo_scene.document["world"]["tilt"]))
+    places = {
+        other: _GroundPlace.of(outline)
+        for other, outline in outlines.items()
+        if other != name
+    }
+    objects = dict(photo_scene.document["objects"])
+    near = [key for key, place in places.items() if own.meets(place, tilt)]
+    behind = [key for key, place in places.items() if place.low <= own.low]
+    layer = max([0, *(objects[key].get("layer", 0) + 1 for key in behind)])
+    for other, place in places.items():
+        if other in near:
+            objects[other] = objects[other] | {"collision_group": NEAR}
+        if place.low > own.low:
+            front = max(objects[other].get("layer", 0), layer + 1)
+            objects[other] = objects[other] | {"layer": front}
+    meets = [MOVING, NEAR] if near else [MOVING]
+    moving = {"collision_group": MOVING, "collides_with": meets, "layer": layer}
+    objects[name] = objects[name] | moving
+    walls = dict(photo_scene.document["boundaries"])
+    walls[FLOOR] = walls[FLOOR] | {"collision_group": MOVING}
+    comments = dict(photo_scene.comments)
+    why = "it passes all that stands nearer or farther"
+    comments[f"objects.{name}.collision_group"] = why
+    comments[f"objects.{name}.layer"] = f"nearer than {listed(behind, 'and')}"
+    if not behind:
+        del comments[f"objects.{name}.layer"]
+    document = photo_scene.document | {"objects": objects, "boundaries": walls}
     return replace(photo_scene, document=document, comments=comments)
+
+
+@dataclass(frozen=True)
+class _GroundPlace:
+    """Where an object stands on ground that the camera sees at an angle, px."""
+
+    low: float
+    """Its lowest row."""
+    size: float
+    """The smaller side of its box."""
+
+    @staticmethod
+    def of(outline: Outline) -> _GroundPlace:
+        x0, y0, x1, y1 = bounds(outline)
+        return _GroundPlace(y1, min(x1 - x0, y1 - y0))
+
+    def meets(self, other: _GroundPlace, tilt: float) -> bool:
+        """Return whether two objects on a line across the photo may touch."""
+        reach = RELEASE.depth * (self.size + other.size) * sin(tilt)
+        return abs(self.low - other.low) < reach
 
 
 def _guessed_floor(width: int, height: float) -> dict[str, Any]:

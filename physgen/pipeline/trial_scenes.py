@@ -26,6 +26,8 @@ def open_trial(photo_scene: PerceivedScene, *more: str) -> Opened:
         "label",
         "facing",
         "wheels",
+        "collision_group",
+        "collides_with",
         *more,
     )
     heads = ("physgen", "world", "boundaries", "render")
