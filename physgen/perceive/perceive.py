@@ -36,6 +36,7 @@ from physgen.maps import F32, Percepts
 from physgen.materials import kind
 from physgen.messages import Message
 from physgen.perceive import document
+from physgen.perceive.contents import attach_contents
 from physgen.perceive.hanging_parts import attach_hanging_parts
 from physgen.perceive.hidden_parts import continue_outlines
 from physgen.perceive.inpaint.outgrowths import attach_outgrowths
@@ -145,9 +146,7 @@ def perceive(
             found.labels, find_remains(rgb, found.labels, ids)
         )
         attached = attach_outgrowths(rgb, attached)
-        if view is None and view_chances(run_network(rgb).features).is_level:
-            attached = attach_hanging_parts(attached, found.confidence)
-        found = replace(found, labels=attached)
+        found = _with_loose_parts(rgb, replace(found, labels=attached), view)
     objects, specks = fit_objects(rgb, found)
     if not objects:
         document.relabel_objects(objects, renames, {})
@@ -562,6 +561,21 @@ def fit_objects(rgb: Rgb, found: Detections) -> tuple[list[PhotoObject], int]:
             PhotoObject(i, outlines[i], cut=bool(beyond > 0 or i in on_border or ends))
         )
     return objects, len(every) - len(ids)
+
+
+def _with_loose_parts(
+    rgb: Rgb, found: Detections, view: BoundaryGuess | None
+) -> Detections:
+    """Return the detections with parts that move with their objects, as the view tells."""
+    if view is not None:
+        return found
+    chances = view_chances(run_network(rgb).features)
+    if chances.tilt is not None:
+        return attach_contents(found)
+    if chances.is_level:
+        attached = attach_hanging_parts(found.labels, found.confidence)
+        return replace(found, labels=attached)
+    return found
 
 
 def remain_problem(remain: Remain, name: str) -> Problem:

@@ -35,7 +35,9 @@ class RemainConstants:
     sharp: float = 12.0  # 8-bit codes per px at the border of a part; shadows have less
     as_sharp: float = 0.6  # of the object's own border, from which a part is as sharp
     softest: float = 4.0  # 8-bit codes per px of that, at least
-    as_unlike: float = 0.7  # of what the object's border differs, from which a part does
+    as_unlike: float = (
+        0.7  # of what the object's border differs, from which a part does
+    )
     drops: int = 3  # fits of the ground's colours, each without what is unlike the last
     least_share: float = 0.004  # of the object's area, that such a part has
     most_share: float = 0.4
