@@ -6,11 +6,11 @@ pushed, the fruit moves with it: both are one object.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from physgen.compile.shapes import fill_polygon
 from physgen.perceive.roles import Detections, Doubt, Labels, Mask
@@ -29,7 +29,9 @@ class ContentLimits:
     touch: int = 5
     """px between contents and what holds them."""
     gap: float = 0.05
-    """Of the outline's height: gaps between contents that are closed."""
+    """Of the outline's height: half the width of gaps behind which holes are closed."""
+    slit: float = 0.015
+    """The same of slits that are closed, too."""
 
 
 CONTENT = ContentLimits()
@@ -125,15 +127,29 @@ def _with_contents(found: Detections, container: _Container) -> Detections:
 
 
 def _closed(whole: Mask, height: int) -> Mask:
-    """Return a mask (H, W) without holes and narrow gaps."""
-    radius = max(1, round(CONTENT.gap * height))
-    kernel = cv2.getStructuringElement(
-        cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)
-    )
-    padded = np.pad(whole.astype(np.uint8), radius + 1)
-    closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, kernel)
-    outlines: Sequence[np.ndarray]
+    """Return a mask (H, W) without slits, and without the holes behind narrow gaps.
+
+    Wider bays that are open to the outside stay as they are.
+    """
+    reach = max(1, round(CONTENT.gap * height)) + 1
+    padded = np.pad(whole.astype(np.uint8), reach)
+    closed = _bridged(padded, CONTENT.gap * height)
     outlines, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     filled = np.zeros_like(closed)
     cv2.drawContours(filled, list(outlines), -1, 1, cv2.FILLED)
-    return np.asarray(filled[radius + 1 : -radius - 1, radius + 1 : -radius - 1] > 0)
+    added = ((filled > 0) & (padded == 0)).astype(np.uint8)
+    _, pieces = cv2.connectedComponents(added, connectivity=4)
+    outside = cv2.dilate((filled == 0).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    is_open = np.zeros(int(pieces.max()) + 1, bool)
+    is_open[np.unique(pieces[outside])] = True
+    holes = (added > 0) & ~is_open[pieces]
+    full = _bridged((holes | (padded > 0)).astype(np.uint8), CONTENT.slit * height)
+    return np.asarray(full[reach:-reach, reach:-reach] > 0)
+
+
+def _bridged(mask: NDArray[np.uint8], width: float) -> NDArray[np.uint8]:
+    """Return a mask (H, W) whose gaps up to twice this width, px, are closed."""
+    radius = max(1, round(width))
+    size = (2 * radius + 1, 2 * radius + 1)
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, size)
+    return np.asarray(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, kernel), np.uint8)
