@@ -27,8 +27,6 @@ PIXELS = 60_000
 """Of the pictures of an atlas; a single one may have more."""
 WIDEST = 4_000
 """Half pixels along an atlas: the farther along, the coarser is a float of 32 bits."""
-STANDS_OUT = 1.5
-"""px beyond a ball's circle from which a part of its mask stands out."""
 ALIKE = 1.3
 """Sizes that share an atlas are within this ratio."""
 
@@ -138,20 +136,6 @@ def _skin_at(skin: F32, places: F64, center: F64, radius: float) -> F32:
     return np.asarray(picture, np.float32)
 
 
-def _within_circle(coverage: F32, ball: Ball, corner: tuple[int, int]) -> F32:
-    """Return the coverage (h, w) of a ball without what stands out of its circle.
-
-    A stem or a bulge has no place on the skin. `corner` is that of the picture in the
-    photo, px.
-    """
-    rows, columns = np.indices(coverage.shape)
-    x, y = ball.center[0] - corner[0], ball.center[1] - corner[1]
-    beyond = np.hypot(columns - x, rows - y) - ball.radius
-    if not ((coverage > 0.5) & (beyond > STANDS_OUT)).any():
-        return coverage
-    return np.asarray(coverage * np.clip(0.5 - beyond, 0, 1), np.float32)
-
-
 class BallSprites:
     """All of a stage's balls."""
 
@@ -214,8 +198,7 @@ class _Atlas:
         for sprite, ball in members:
             x0, y0, x1, y1 = sprite.within
             box = np.s_[y0:y1, x0:x1]
-            first = (x0 + sprite.corner[0], y0 + sprite.corner[1])
-            coverage = _within_circle(sprite.coverage[box], ball, first)
+            coverage = sprite.coverage[box]
             alpha, nothing = coverage[..., None], np.zeros_like(coverage)
             still.append(np.dstack([ball.gloss[box] * alpha, coverage]))
             lit.append(np.dstack([ball.lit[box] * alpha, nothing]))
