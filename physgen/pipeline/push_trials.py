@@ -262,9 +262,9 @@ def choose_push(
             break
         again = _try(trials, candidate, facing, trials.world)
         again = _weighted(again, confidence)
-        if again.outcome.grade >= candidate.outcome.grade:
-            return again
         verified.append(again)
+        if again.outcome.grade >= candidate.outcome.grade:
+            break
     moving = [one for one in verified if one.outcome.grade > Grade.NOTHING]
     return max(moving, key=_preference, default=ordered[0])
 

@@ -256,12 +256,20 @@ def halos_left(sprites: Sequence[Sprite], stands: Sequence[SpritePose]) -> F32:
     return shares
 
 
+def _moved_px(sprite: Sprite, stand: SpritePose) -> float:
+    """Return how far a sprite is from its start, px, with half its turn."""
+    side = max(min(sprite.coverage.shape), 1)
+    way = hypot(stand.pose.x - stand.start.x, stand.pose.y - stand.start.y)
+    return way + abs(stand.pose.angle - stand.start.angle) * side / 2
+
+
 def draw_halo(
     sprite: Sprite, stand: SpritePose, shares: F32
 ) -> tuple[Slices, F32] | None:
     """Draw a box of the canvas and (h, w, 3) what still shows of `Sprite.halo`, by `halos_left`.
 
-    None if nothing does.
+    What is at the outline, as a rim that the mask left out, goes after as many px as it
+    is wide; soft shade farther out stays longer. None if nothing shows.
     """
     own_share = shares[sprite.body + 1]
     if sprite.halo is None or stand.where is None or own_share < FAINT:
@@ -272,6 +280,11 @@ def draw_halo(
     pixel_shares = np.minimum(shares[beside], own_share)
     if pixel_shares.min() == 1:
         return box, picture
+    moved = _moved_px(sprite, stand)
+    if moved > 0:
+        width_px = sprite.halo_reach + np.float32(FADE)
+        rims = np.exp(-np.square(np.float32(moved) / width_px))
+        pixel_shares = np.minimum(pixel_shares, rims)
     return box, picture * three_channels(pixel_shares)
 
 
