@@ -47,6 +47,9 @@ class _FootLimits:
     )
     short: float = 8.0  # px: the slope of a shorter edge is the raggedness of its mask
     ragged: float = 1.5  # px by which a mask's straight edge bulges
+    columns: int = 64  # at which a sloped edge is compared with the outline
+    gap: float = 0.03  # of an object's height: it lies on the edge
+    touching: float = 0.5  # share of the edge that it lies on, at least
     invisible: float = 0.06  # px by which points are off a line that replaces them
     two_tilt: float = 0.04  # slope of a floor through two objects only, at most
 
@@ -138,14 +141,33 @@ def find_foot(item: PhotoObject) -> Foot:
         return Foot(item, left, right, hull)
     first, last = _straight_part(hull, k)
     run, rise = hull[last] - hull[first]
-    if (
-        run >= max(FOOT.short, FOOT.broad * (hull[-1, 0] - hull[0, 0]))
-        and abs(rise) <= FOOT.steepest * run
-    ):
+    is_long = run >= max(FOOT.short, FOOT.broad * (hull[-1, 0] - hull[0, 0]))
+    is_slope = is_long and abs(rise) <= FOOT.steepest * run
+    if is_slope and _lies_along(item.outline, hull[first], hull[last]):
         return Foot(item, hull[first], hull[last], hull)
     x, y = hull[int(np.argmax(hull[:, 1]))]
     aside = 0.1 * (hull[-1, 0] - hull[0, 0])
     return Foot(item, np.array([x - aside, y]), np.array([x + aside, y]), hull)
+
+
+def _lies_along(outline: Region, start: Array, end: Array) -> bool:
+    """Return whether most of an outline's lower side lies on a line between two points.
+
+    A line through two feet that stand nearer and farther is no slope.
+    """
+    _, top, _, low = bounds(outline)
+    x = np.linspace(start[0], end[0], FOOT.columns + 2)[1:-1]
+    line = np.interp(x, [start[0], end[0]], [start[1], end[1]])
+    lowest = np.full(len(x), -np.inf)
+    for ring in outline.rings:
+        first, second = ring.outer, np.roll(ring.outer, -1, axis=0)
+        for (xa, ya), (xb, yb) in zip(first, second, strict=True):
+            is_over = (x >= min(xa, xb)) & (x <= max(xa, xb))
+            share = (x - xa) / (xb - xa) if xb != xa else np.zeros_like(x)
+            y = ya + share * (yb - ya)
+            lowest = np.where(is_over, np.maximum(lowest, y), lowest)
+    near = line - lowest <= max(2 * FOOT.ragged, FOOT.gap * (low - top))
+    return bool(near.mean() >= FOOT.touching)
 
 
 def _straight_part(hull: Array, k: int) -> tuple[int, int]:
