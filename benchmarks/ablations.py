@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from physgen.evaluate.fidelity import Truth, Ways, ours, paper, true_light, ways
+from physgen.evaluate.fidelity import (
+    Truth,
+    Ways,
+    paper,
+    render_own_frames,
+    true_light,
+    ways,
+)
 
 
 def ablations(truth: Truth) -> Ways:
@@ -21,10 +28,10 @@ def ablations(truth: Truth) -> Ways:
     return {
         "ours": own["ours"],
         "ours, true maps": own["ours, true maps"],
-        "ours, true maps, no relighting": lambda: ours(
+        "ours, true maps, no relighting": lambda: render_own_frames(
             truth, replace(scene, render=dull), maps
         ),
-        "ours, true maps, no shadows": lambda: ours(
+        "ours, true maps, no shadows": lambda: render_own_frames(
             truth, replace(scene, render=flat), maps
         ),
         "paper": lambda: paper(truth, shadowed, None),

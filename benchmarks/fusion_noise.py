@@ -15,7 +15,7 @@ import json
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.refine.fusion import fused, steps_fused, steps_run
+from physgen.refine.fusion import fuse_latents, steps_fused, steps_run
 
 STEPS, STRENGTH, STOP, DRAWS, SEED = 50, 0.5, 5, 400_000, 0
 SPREADS = (1.0, 0.5, 0.2)
@@ -51,7 +51,9 @@ def refined(a: Array, b: Array, spread: float, mask: float, fresh: bool) -> floa
         z0 = a[k] * spread**2 / (a[k] ** 2 * spread**2 + b[k] ** 2) * z  # E[z0 | z]
         return a[k + 1] * z0 + b[k + 1] / b[k] * (z - a[k] * z0)
 
-    z = fused(data, mask, noised=noised, denoised=denoised, count=len(a) - 1, stop=STOP)
+    z = fuse_latents(
+        data, mask, noised=noised, denoised=denoised, count=len(a) - 1, stop=STOP
+    )
     return round(float(z.var() / data.var()), 3)
 
 

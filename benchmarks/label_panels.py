@@ -17,7 +17,7 @@ from PIL import Image, ImageDraw, ImageFont
 from pycocotools import mask as rle
 from pycocotools.coco import COCO
 
-from physgen.export.flow import GONE, HIDDEN
+from physgen.export.flow import HIDDEN, OUTSIDE
 
 U8 = NDArray[np.uint8]
 LETTER, WIDE = 17, 640
@@ -149,7 +149,7 @@ def flo(clip: Shown) -> Iterator[tuple[str, U8]]:
     told = clip.read("flo/visible/forward/{:05d}.png")
     shown = clip.rgb.copy()
     tinted(shown, told == HIDDEN, (255, 40, 40), 0.8)
-    tinted(shown, told == GONE, (60, 90, 255), 0.8)
+    tinted(shown, told == OUTSIDE, (60, 90, 255), 0.8)
     picture, draw = pen(shown)
     for y in range(8, moved.shape[0], 16):
         for x in range(8, moved.shape[1], 16):

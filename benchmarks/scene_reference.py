@@ -9,7 +9,7 @@ from string import Template
 from physgen.files import SCENE_FORMATS
 from physgen.problems import Limit
 from physgen.scene.files import SUFFIXES
-from physgen.scene.schema import Schema, at, expanded, measure
+from physgen.scene.schema import Schema, find_schema_part, load_expanded_schema, measure
 from physgen.text import example, listed
 
 EXAMPLE = """\
@@ -38,7 +38,7 @@ FORMS = {"array": "a list", "object": "a mapping", "boolean": "`true` or `false`
 
 def markdown() -> str:
     """The reference as Markdown."""
-    schema = expanded()
+    schema = load_expanded_schema()
     groups = [
         group
         for _, part in _mappings(schema, "")
@@ -59,7 +59,7 @@ def markdown() -> str:
         limits="\n".join(
             f"| {row.what} | {row.expected}; {row.fix} |" for row in Limit
         ),
-        corners=f"{at('objects.*.shape.polygon')['maxItems']:,}",
+        corners=f"{find_schema_part('objects.*.shape.polygon')['maxItems']:,}",
         formats=listed({"WEBP": "WebP"}.get(name, name) for name in SCENE_FORMATS),
         suffixes=listed(f"`{suffix}`" for suffix in SUFFIXES),
     )

@@ -14,7 +14,7 @@ from PIL import Image
 ROOT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
 from physgen import pipeline, registry  # noqa: E402
-from physgen.evaluate.fidelity import ours, truths  # noqa: E402
+from physgen.evaluate.fidelity import render_own_frames, truths  # noqa: E402
 from physgen.photos import read_image  # noqa: E402
 from physgen.render.overlay import annotate_frames  # noqa: E402
 from physgen.render.stage import Frame  # noqa: E402
@@ -73,7 +73,7 @@ def sheet(name: str) -> np.ndarray:
         times = np.linspace(0, pipeline.load(file).world.duration * 0.95, COLUMNS)
         return row([f.rgb for f in frames(file, times)])
     (truth,) = truths(ROOT / "studio/truth", [name])
-    drawn = [truth.maps.rgb, *ours(truth, truth.scene, truth.maps)]
+    drawn = [truth.maps.rgb, *render_own_frames(truth, truth.scene, truth.maps)]
     pick = [0, *(1 + np.linspace(0, len(drawn) - 2, COLUMNS - 1)).astype(int)]
     true = [
         truth.maps.rgb,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from physgen import pipeline
-from physgen.compile.compile import Compiled
+from physgen.compile.compile import CompiledScene
 from physgen.compile.world import World
 from physgen.scene.scene import Scene
 
@@ -16,7 +16,7 @@ def loaded(folder: Path, text: str, *edits: str, variant: str | None = None) -> 
     return pipeline.load(path, edits, variant)
 
 
-def compiled(folder: Path, text: str, *edits: str) -> Compiled:
+def compiled(folder: Path, text: str, *edits: str) -> CompiledScene:
     scene = loaded(folder, text, *edits)
     return pipeline.compile(scene, pipeline.percepts(scene))
 

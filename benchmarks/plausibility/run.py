@@ -12,7 +12,7 @@ import numpy as np
 from physgen import pipeline
 from physgen.evaluate.plausibility.judge import Verdict, judge
 from physgen.evaluate.plausibility.tracks import Tracks, from_scene, from_world
-from physgen.scene.load import Opened
+from physgen.scene.load import OpenedScene
 
 from .confusion import counted
 from .trial import HELD_OUT, trial
@@ -58,7 +58,7 @@ def bundled_clips() -> Iterator[tuple[Path, str | None]]:
     """Files of bundled scenes, and None or a variant."""
     for path in sorted((ROOT / "scenes").glob("*/*.yaml")):
         yield path, None
-        for variant in Opened(path).document().get("variants") or {}:
+        for variant in OpenedScene(path).document().get("variants") or {}:
             yield path, variant
 
 

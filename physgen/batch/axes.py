@@ -42,20 +42,20 @@ class Key:
 
 
 @dataclass(frozen=True)
-class Listed(Key):
+class ListAxis(Key):
     """Values one by one: an axis of the grid."""
 
     values: tuple[Value, ...]
 
 
 @dataclass(frozen=True)
-class Drawn(Key):
+class DistributionAxis(Key):
     """Values of a distribution."""
 
     distribution: Distribution
 
 
-Axis = Listed | Drawn
+Axis = ListAxis | DistributionAxis
 
 
 def read_axes(arguments: Sequence[str]) -> tuple[Axis, ...]:
@@ -91,22 +91,22 @@ def _read_axis(argument: str) -> Axis:
             raise Message.AXIS_WITHOUT_KEY.refusal(example=EXAMPLE)
         raise Message.AXIS_KEY_WRONG.refusal(key=quoted(key), example=EXAMPLE)
     if values.startswith("~"):
-        return Drawn(key, argument, read_distribution(values))
+        return DistributionAxis(key, argument, read_distribution(values))
     if (call := re.match(r"(\w+)\s*\(", values)) and call[1] in EXAMPLES:
         raise Message.AXIS_IS_TEXT.refusal(key=key, values=values)
-    return Listed(key, argument, read_values(values))
+    return ListAxis(key, argument, read_values(values))
 
 
 def same_key(axis: Axis) -> str:
     """Return the key in one spelling: `pivot[0]` as `pivot.0`."""
-    return ".".join(map(_bare, axis.path))
+    return ".".join(map(_strip_brackets, axis.path))
 
 
 def _covers(later: KeyPath, former: KeyPath) -> bool:
     """Return whether everything that the former key names lies within what the later one sets."""
-    pairs = zip(map(_bare, later), map(_bare, former), strict=False)
+    pairs = zip(map(_strip_brackets, later), map(_strip_brackets, former), strict=False)
     return len(later) <= len(former) and all(a in ("*", b) for a, b in pairs)
 
 
-def _bare(part: object) -> str:
+def _strip_brackets(part: object) -> str:
     return str(part).strip("[]")

@@ -37,7 +37,7 @@ from distributed import (
 )
 from distributed.comm import CommClosedError
 
-from physgen.batch.shipping import Store, shipped
+from physgen.batch.shipping import Store, run_shipped
 from physgen.batch.workers import LostError
 from physgen.environment import keep_freed_memory
 from physgen.messages import Message
@@ -181,7 +181,7 @@ def run_on_cluster(
     """
     if ship is not None:
         yield from run_on_cluster(
-            address, *shipped(Store(ship), work, items, lost), report=report
+            address, *run_shipped(Store(ship), work, items, lost), report=report
         )
         return
     with _connect(address) as client:

@@ -57,11 +57,11 @@ class Splits:
     shares: tuple[tuple[str, float], ...]
     seed: int
 
-    def of(self, photo: str) -> str:
+    def assign(self, photo: str) -> str:
         """The split of all clips of a photo, by its SHA-256 and the seed only, so that more photos change nothing.
 
         >>> even = Splits((("train", 0.5), ("test", 0.5)), 0)
-        >>> [even.of(photo) for photo in "abcdef"]
+        >>> [even.assign(photo) for photo in "abcdef"]
         ['test', 'test', 'test', 'train', 'test', 'train']
         """
         digest = hashlib.sha256(f"{self.seed}:{photo}".encode()).digest()
@@ -164,7 +164,7 @@ def _metadata(
         "parameters": json.dumps(
             dict(map(_parameter, manifest["overrides"])), ensure_ascii=False
         ),
-        "split": splits.of(photo),
+        "split": splits.assign(photo),
         "photo": photo,
         "frames": frames,
         "fps": fps,

@@ -118,7 +118,7 @@ class State(Enum):
 
 
 @dataclass(frozen=True)
-class Done:
+class JobResult:
     """Result of a job: a folder and warnings, or errors and no folder."""
 
     job: Job
@@ -132,7 +132,7 @@ class Done:
     outcomes: Mapping[str, Cell] | None = None  # see `batch.outcomes.outcomes`
 
 
-def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
+def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> JobResult:
     """Makes one clip in this process, unless it exists unchanged."""
     if job.video is None:
         result = _run(job, progress)
@@ -144,10 +144,10 @@ def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> Done:
         trajectory = read_trajectory(result.folder / "trajectory.npz")
         return replace(result, outcomes=outcomes(trajectory, job.tracked))
     except (OSError, ValueError, KeyError) as error:  # another command replaces it
-        return failed(job, error, result.problems, result.seconds)
+        return report_failure(job, error, result.problems, result.seconds)
 
 
-def _run_to_file(job: Job, video: Path, progress: pipeline.Progress) -> Done:
+def _run_to_file(job: Job, video: Path, progress: pipeline.Progress) -> JobResult:
     """Make one clip, and copy its video to a file.
 
     A file there is kept as `NAME~` unless an earlier run of this clip wrote it.
@@ -169,7 +169,7 @@ def _run_to_file(job: Job, video: Path, progress: pipeline.Progress) -> Done:
         else:
             write_with_backup(video, data, backups.append)
     except OSError as error:
-        return failed(job, error, result.problems, result.seconds)
+        return report_failure(job, error, result.problems, result.seconds)
     warnings = [_backup_warning(video, path) for path in backups]
     return replace(result, problems=(*result.problems, *warnings))
 
@@ -182,7 +182,7 @@ def _backup_warning(path: Path, backup: Path) -> Problem:
     )
 
 
-def _run(job: Job, progress: pipeline.Progress) -> Done:
+def _run(job: Job, progress: pipeline.Progress) -> JobResult:
     start_time = time.perf_counter()
     warnings: list[Problem] = []
     try:
@@ -194,7 +194,7 @@ def _run(job: Job, progress: pipeline.Progress) -> Done:
             if manifest and manifest["source"] == source_of(
                 Path(job.scene), job.folder
             ):
-                return Done(
+                return JobResult(
                     job, job.folder, tuple(recorded_warnings(manifest)), State.UNCHANGED
                 )
         folder = pipeline.render_scene(
@@ -207,12 +207,12 @@ def _run(job: Job, progress: pipeline.Progress) -> Done:
             warn=warnings.append,
         )
     except Exception as error:
-        return failed(job, error, warnings, time.perf_counter() - start_time)
+        return report_failure(job, error, warnings, time.perf_counter() - start_time)
     if job.pictures:
         from physgen.report.gallery import keep_pictures
 
         keep_pictures(folder, Path(job.out) / "index.html")
-    return Done(
+    return JobResult(
         job, folder, tuple(warnings), State.MADE, time.perf_counter() - start_time
     )
 
@@ -229,9 +229,9 @@ def _refiners(refiner: Refiner) -> pipeline.Refiners:
     return pipeline.Refiners(refiner.plan)
 
 
-def failed(
+def report_failure(
     job: Job, error: Exception, warnings: Sequence[Problem] = (), seconds: float = 0.0
-) -> Done:
+) -> JobResult:
     """Return the result of a job that raised `error`."""
     if isinstance(error, InputError):
         problems: Sequence[Problem] = list(error.problems)
@@ -241,7 +241,7 @@ def failed(
         problems = [message.problem(Place(job.scene), failure=failure, fix=fix)]
     disk_full = isinstance(error, OSError) and error.errno in NO_ROOM
     can_write = not isinstance(error, OutputError)
-    return Done(
+    return JobResult(
         job,
         None,
         (*warnings, *problems),
@@ -275,7 +275,7 @@ def describe_failure(error: Exception) -> tuple[str, str]:
     )
 
 
-def record_failure(done: Done, out: Path, gallery: bool) -> None:
+def record_failure(done: JobResult, out: Path, gallery: bool) -> None:
     """Removes the record of an earlier failure, or writes that of this one for the `gallery` of `out`.
 
     A record that cannot be written is left out: the problems were printed.

@@ -193,7 +193,7 @@ class Shipper:
         return name.relative_to(self._home).as_posix()
 
 
-def shipped(
+def run_shipped(
     store: Store,
     work: Callable[[Any], Result],
     items: Iterable[Any],

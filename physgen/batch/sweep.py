@@ -21,14 +21,14 @@ from math import prod
 from pathlib import Path
 from typing import Any
 
-from physgen.batch.axes import Axis, Drawn, Listed, same_key
-from physgen.batch.run import Done
+from physgen.batch.axes import Axis, DistributionAxis, ListAxis, same_key
+from physgen.batch.run import JobResult
 from physgen.batch.values import Value
 from physgen.files import back_up
 from physgen.messages import Message
 from physgen.problems import InputError, Place, Problem, Severity, collect
 from physgen.report.sweep_keys import shortest_names
-from physgen.scene.load import Opened
+from physgen.scene.load import OpenedScene
 from physgen.scene.scene import Scene
 from physgen.tables import Cell
 from physgen.text import quoted
@@ -100,8 +100,8 @@ class Sweep:
         ]
 
     @cached_property
-    def _grid(self) -> tuple[Listed, ...]:
-        return tuple(axis for axis in self.axes if isinstance(axis, Listed))
+    def _grid(self) -> tuple[ListAxis, ...]:
+        return tuple(axis for axis in self.axes if isinstance(axis, ListAxis))
 
     @cached_property
     def _short_keys(self) -> list[str]:
@@ -113,11 +113,13 @@ class Sweep:
     def _values(self, indices: Iterator[int], draw_number: int) -> tuple[Value, ...]:
         values = []
         for axis in self.axes:
-            if isinstance(axis, Listed):
+            if isinstance(axis, ListAxis):
                 values.append(axis.values[next(indices)])
             else:
                 values.append(
-                    axis.distribution.at(draw(self.seed, same_key(axis), draw_number))
+                    axis.distribution.quantile(
+                        draw(self.seed, same_key(axis), draw_number)
+                    )
                 )
         return tuple(values)
 
@@ -131,7 +133,9 @@ class Sweep:
     def typical(self) -> tuple[Value, ...]:
         """Return the first value of each list and the median of each distribution."""
         return tuple(
-            axis.values[0] if isinstance(axis, Listed) else axis.distribution.at(0.5)
+            axis.values[0]
+            if isinstance(axis, ListAxis)
+            else axis.distribution.quantile(0.5)
             for axis in self.axes
         )
 
@@ -142,7 +146,7 @@ def draw(seed: int, key: str, number: int) -> float:
     return ((int.from_bytes(digest[:8], "big") >> 12) + 0.5) / 2**52
 
 
-def planned(
+def plan_clips(
     axes: Sequence[Axis],
     variants: Sequence[str | None] = (None,),
     samples: int | None = None,
@@ -151,7 +155,7 @@ def planned(
     """Return a sweep whose parts fit together; None is an option that was not given. Raise InputError."""
     problems: list[Problem] = []
 
-    draws = [axis for axis in axes if isinstance(axis, Drawn)]
+    draws = [axis for axis in axes if isinstance(axis, DistributionAxis)]
     if draws and samples is None:
         problems.append(Message.DRAWS_WITHOUT_COUNT.problem(draws[0].place))
     if not draws:
@@ -220,7 +224,7 @@ def _short_scalar(data: Any) -> str:
 
 
 def check_values(
-    sweep: Sweep, opened: Opened, overrides: Sequence[str] = ()
+    sweep: Sweep, opened: OpenedScene, overrides: Sequence[str] = ()
 ) -> tuple[str, ...]:
     """Load the scene with a typical value of every key, and return the names of all objects that can move.
 
@@ -244,7 +248,7 @@ def check_values(
 
 def _scene(
     sweep: Sweep,
-    opened: Opened,
+    opened: OpenedScene,
     overrides: Sequence[str],
     values: Sequence[Value],
     variant: str | None,
@@ -281,7 +285,7 @@ def table_columns(sweep: Sweep, outcomes: Sequence[str]) -> tuple[str, ...]:
     )
 
 
-def table_row(sweep: Sweep, point: Point, done: Done) -> dict[str, Cell]:
+def table_row(sweep: Sweep, point: Point, done: JobResult) -> dict[str, Cell]:
     """Return cells by the names of columns; paths are relative to the sweep's folder."""
     cells: dict[str, Cell] = {
         "number": point.number,

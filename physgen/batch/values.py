@@ -15,7 +15,7 @@ import yaml
 
 from physgen.messages import Message
 from physgen.problems import InputError
-from physgen.scene.document import Source, plain, read
+from physgen.scene.document import Source, read, to_plain_data
 from physgen.tables import Cell
 from physgen.text import listed, nearest, number, quoted
 
@@ -108,7 +108,7 @@ def _read_value(text: str) -> Value:
 
 def parse_yaml(text: str) -> Value:
     """Raises InputError with messages that name no place."""
-    return Value(text, plain(read(text, Source("", Path()), counted=False)))
+    return Value(text, to_plain_data(read(text, Source("", Path()), counted=False)))
 
 
 def number_value(data: int | float) -> Value:
@@ -169,7 +169,7 @@ class Distribution:
     ] = ()  # both ends; of a normal distribution its mean and its standard deviation
     values: tuple[Value, ...] = ()  # of a choice; a repeated value is drawn more often
 
-    def at(self, share: float) -> Value:
+    def quantile(self, share: float) -> Value:
         """Return the quantile: the value below which that share of draws lies, 0 < share < 1."""
         if self.name == "choice":
             return self.values[int(share * len(self.values))]

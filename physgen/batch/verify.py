@@ -65,7 +65,7 @@ class MotionDifference:
             if before != count_now
             else ""
         )
-        deviations = few(
+        deviations = summarize_texts(
             [f"{name} by up to {rounded(px)} px" for name, px in self.objects.items()]
         )
         return f"{counts}from sample {self.sample} ({self.time:.3f} s){': ' * bool(deviations)}{deviations}"
@@ -125,14 +125,14 @@ class Verdict:
                 (self.files, "file"),
             )
             parts.append(", ".join(counted(number, noun) for number, noun in counts))
-        parts += [f"since then {few(self.changed)}"] if self.changed else []
+        parts += [f"since then {summarize_texts(self.changed)}"] if self.changed else []
         parts += [str(problem) for problem in self.problems]
-        parts += [few(self.damaged)] if self.damaged else []
+        parts += [summarize_texts(self.damaged)] if self.damaged else []
         parts += [f"motion {self.motion.text()}"] if self.motion else []
         parts += [self.pictures.text()] if self.pictures else []
         if self.motion or self.pictures:
             causes = (
-                few(self.elsewhere)
+                summarize_texts(self.elsewhere)
                 if self.elsewhere
                 else ""
                 if self.changed
@@ -161,10 +161,10 @@ def verify(
             str(request.folder), Outcome.UNKNOWN, problems=tuple(error.problems)
         )
     except Exception as error:  # a manifest is untrusted, and other clips wait
-        return failed(request, error)
+        return report_failure(request, error)
 
 
-def failed(request: VerifyRequest, error: Exception) -> Verdict:
+def report_failure(request: VerifyRequest, error: Exception) -> Verdict:
     """Return the verdict where the machine or physgen failed, not the scene."""
     failure, fix = describe_failure(error)
     folder, message = str(request.folder), Message.JOB_FAILED
@@ -332,7 +332,7 @@ def changed_environment(
             yield f"{name} is {quoted(now[name], '', 200)}, was {quoted(value, '', 200)}"
 
 
-def few(texts: Sequence[str]) -> str:
+def summarize_texts(texts: Sequence[str]) -> str:
     """Return the first ones, and the number of the others."""
     left_out = len(texts) - MAX_NAMED
     return ", ".join(texts[:MAX_NAMED]) + (

@@ -208,7 +208,7 @@ class Command:
     mixed: bool = False  # whether flags may stand between arguments, of which there can be several
 
 
-def whole(low: int, high: int) -> Callable[[str], int]:
+def integer_reader(low: int, high: int) -> Callable[[str], int]:
     """Return a reader of whole numbers from `low` to `high`."""
 
     def read(text: str) -> int:
@@ -226,10 +226,10 @@ def whole(low: int, high: int) -> Callable[[str], int]:
     return read
 
 
-count = whole(1, 1024)
-draws = whole(2, 1000)
-number_of_clips = whole(1, 10_000_000)
-seed = whole(0, 10**18)
+count = integer_reader(1, 1024)
+draws = integer_reader(2, 1000)
+number_of_clips = integer_reader(1, 10_000_000)
+seed = integer_reader(0, 10**18)
 
 
 def positive(text: str) -> float:
@@ -251,7 +251,7 @@ def names(text: str) -> list[str]:
     )
 
 
-def among(known: Sequence[str]) -> Callable[[str], list[str]]:
+def choice_reader(known: Sequence[str]) -> Callable[[str], list[str]]:
     """Return a reader of `a,b` where each name is one of `known`."""
 
     def read(text: str) -> list[str]:

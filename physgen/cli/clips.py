@@ -18,7 +18,7 @@ from physgen.cli.arguments import (
     FORMATS,
     WRONG_INPUT,
     Parser,
-    among,
+    choice_reader,
     count,
     draws,
     names,
@@ -38,9 +38,9 @@ from physgen.problems import (
 )
 
 if TYPE_CHECKING:
-    from physgen.batch.run import Done, Job, Refiner
-    from physgen.compile.compile import Compiled
-    from physgen.scene.load import Opened
+    from physgen.batch.run import Job, JobResult, Refiner
+    from physgen.compile.compile import CompiledScene
+    from physgen.scene.load import OpenedScene
     from physgen.scene.scene import Scene
 
 
@@ -104,7 +104,7 @@ def _motion_edits(
 
 
 def _story_edits(
-    path: str, scene: Scene, compiled: Compiled, options: argparse.Namespace
+    path: str, scene: Scene, compiled: CompiledScene, options: argparse.Namespace
 ) -> dict[str, Any]:
     """Return the edits of --story and print the outcome. Raises InputError."""
     from physgen.pipeline.stages import ended
@@ -160,7 +160,7 @@ def preview_edits(
     return tuple(edits)
 
 
-def _open_scene(path: str, allow_outside: bool) -> Opened:
+def _open_scene(path: str, allow_outside: bool) -> OpenedScene:
     """Read a file once for many clips, until it is written."""
     scene_file = _read(path, allow_outside, os.getcwd())
     if not scene_file.stale():
@@ -170,10 +170,10 @@ def _open_scene(path: str, allow_outside: bool) -> Opened:
 
 
 @lru_cache(maxsize=1)
-def _read(path: str, allow_outside: bool, folder: str) -> Opened:
-    from physgen.scene.load import Opened
+def _read(path: str, allow_outside: bool, folder: str) -> OpenedScene:
+    from physgen.scene.load import OpenedScene
 
-    return Opened(path, allow_outside)
+    return OpenedScene(path, allow_outside)
 
 
 def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
@@ -291,7 +291,7 @@ class Tally:
         self.disk_full = False
         self._warnings: set[str] = set()
 
-    def add(self, done: Done) -> None:
+    def add(self, done: JobResult) -> None:
         """Count one clip."""
         self.counts[done.state.name.lower()] += 1
         if done.folder is not None:
@@ -300,7 +300,7 @@ class Tally:
                     self.newest, (done.folder / "manifest.json").stat().st_mtime
                 )
 
-    def new_warnings(self, done: Done) -> Iterator[str]:
+    def new_warnings(self, done: JobResult) -> Iterator[str]:
         """Yield the problems of a clip that were not printed for another clip of the scene."""
         for problem in done.problems:
             text = str(problem)
@@ -322,7 +322,7 @@ def make_all(
     jobs: Iterable[Job],
     count: int,
     options: argparse.Namespace,
-    on_done: Callable[[Done], None] = lambda done: None,
+    on_done: Callable[[JobResult], None] = lambda done: None,
     finish: Callable[[], Sequence[str]] = lambda: (),
     gallery: bool = True,
 ) -> int:
@@ -330,8 +330,8 @@ def make_all(
 
     `on_done` is called after each job; `finish` is called at the end, and returns the files to print.
     """
-    from physgen.batch.run import failed, record_failure, run
-    from physgen.report.folders import cleaned_up
+    from physgen.batch.run import record_failure, report_failure, run
+    from physgen.report.folders import clean_up_after_error
 
     out = Path(options.output)
     index = out / INDEX
@@ -345,8 +345,8 @@ def make_all(
     _announce(bar, 1, count)
     work = run if is_parallel(options, count) else partial(run, progress=bar.show)
     with (
-        cleaned_up(out),
-        closing(run_all(options, work, jobs, count, failed)) as results,
+        clean_up_after_error(out),
+        closing(run_all(options, work, jobs, count, report_failure)) as results,
     ):
         for result in results:
             bar.clear()
@@ -390,7 +390,7 @@ def _announce(bar: Bar, number: int, count: int) -> None:
         bar.write(bar.prefix)
 
 
-def _print_done(done: Done, as_json: bool, store: str | None) -> None:
+def _print_done(done: JobResult, as_json: bool, store: str | None) -> None:
     """A line on stdout: the folder, in its store if there is one, or all about the clip as JSON."""
     folder = None if done.folder is None else str(done.folder)
     if store is not None and folder is not None:
@@ -412,7 +412,7 @@ def _print_done(done: Done, as_json: bool, store: str | None) -> None:
         print_line(str(done.job.video or folder))
 
 
-def _video_entry(done: Done) -> dict[str, str]:
+def _video_entry(done: JobResult) -> dict[str, str]:
     """Return the file that `-o` names for the video, if there is one."""
     return {"video": str(done.job.video)} if done.job.video and done.folder else {}
 
@@ -473,7 +473,7 @@ def add_clips(parser: Parser) -> None:
     parser.option(
         "--format",
         "LIST",
-        among(FORMATS),
+        choice_reader(FORMATS),
         "any of mp4,gif,webp,png; default: mp4",
     )
     help_text = (

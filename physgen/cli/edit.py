@@ -13,7 +13,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from physgen.cli.arguments import Command, Parser, check_folder_name, whole
+from physgen.cli.arguments import Command, Parser, check_folder_name, integer_reader
 from physgen.cli.output import (
     OK,
     Bar,
@@ -95,13 +95,13 @@ def edit_file(options: argparse.Namespace) -> int:
     from physgen.edit.operations import edited
     from physgen.pipeline.pushes import named
     from physgen.problems import EditError
-    from physgen.scene.load import Opened
+    from physgen.scene.load import OpenedScene
     from physgen.scene.saving import note_copies, save_scene
 
     path: Path = options.scene
     words = [*options.objects, *([options.to] if "to" in options else [])]
     _refuse_scene_behind(options.command, path, words)
-    before = Opened(path, options.allow_outside)
+    before = OpenedScene(path, options.allow_outside)
     scene = before.scene()
     check_writable(path.resolve().parent)
     _refuse_other_names(scene, path, options.objects)
@@ -132,7 +132,7 @@ def edit_file(options: argparse.Namespace) -> int:
     except EditError as error:
         refusal = RefusedError(error.message, error.fix, error.code)
         raise InputError([refusal.problem(Place(str(path)))]) from None
-    after = Opened(path, options.allow_outside, correction.text)
+    after = OpenedScene(path, options.allow_outside, correction.text)
     after.scene()
     failed_variants = {problem.variant for problem in before.variant_problems}
     new_problems = [
@@ -249,7 +249,10 @@ def add(parser: Parser) -> None:
     help_text = "folder of what is rendered from the page; default: out"
     parser.option("-o --output", "DIR", Path, help_text, Path("out"))
     parser.option(
-        "--port", "N", whole(0, 65535), "port to listen at; default: a free one"
+        "--port",
+        "N",
+        integer_reader(0, 65535),
+        "port to listen at; default: a free one",
     )
     help_text = "name or address to listen at; default: 127.0.0.1, which only this machine can reach"
     parser.option("--host", "HOST", str, help_text, LOOPBACK[0])

@@ -11,7 +11,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from physgen.cli import measures
-from physgen.cli.arguments import Command, Parser, check_folder_name, count, seed, whole
+from physgen.cli.arguments import (
+    Command,
+    Parser,
+    check_folder_name,
+    count,
+    integer_reader,
+    seed,
+)
 from physgen.cli.output import (
     FAILED,
     OK,
@@ -133,12 +140,12 @@ def add_fid(parser: Parser) -> None:
     parser.option(
         "--size",
         "PX",
-        whole(16, 4096),
+        integer_reader(16, 4096),
         "the shorter side of all frames; default: 256",
         256,
     )
     help_text = "resamplings of clips for intervals, 0 for none; default: 200"
-    parser.option("--draws", "N", whole(0, 10_000), help_text, 200)
+    parser.option("--draws", "N", integer_reader(0, 10_000), help_text, 200)
     add_output(parser)
 
 

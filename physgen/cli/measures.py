@@ -8,7 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from physgen.cli.arguments import Parser, names, positive, whole, wrong_value
+from physgen.cli.arguments import Parser, integer_reader, names, positive, wrong_value
 from physgen.cli.clips import add_overlays
 from physgen.cli.output import Bar, print_error, print_problem
 from physgen.messages import Message
@@ -54,7 +54,7 @@ def add_controllability(parser: Parser) -> None:
     help_text = "the object that is pushed; default: the one that the scene pushes, or that moves first"
     parser.option("--object", "NAME", str, help_text)
     help_text = "directions: all round seen from above, upwards from right to left seen from the side; default: 8"
-    parser.option("--angles", "N", whole(1, 360), help_text, 8)
+    parser.option("--angles", "N", integer_reader(1, 360), help_text, 8)
     help_text = "of the pushes: px/s that they give, e.g. 50,100,200; default: five, up to a third of the canvas"
     parser.option("--sizes", "LIST", read_speeds, help_text, [])
     add_overlays(parser)
@@ -121,10 +121,10 @@ def add_physics(parser: Parser) -> None:
     help_text = "some rows, e.g. 1,5,12; default: all"
     parser.option("--rows", "LIST", numbers, help_text, [])
     help_text = "seeded draws of a row's parameters; default: 5"
-    parser.option("--draws", "N", whole(1, 1000), help_text)
+    parser.option("--draws", "N", integer_reader(1, 1000), help_text)
     parser.flag("--no-convergence", "only at default settings")
     help_text = "draws run at a time; default: one a processor"
-    parser.option("--jobs", "N", whole(1, 1024), help_text)
+    parser.option("--jobs", "N", integer_reader(1, 1024), help_text)
     help_text = "keep every scene file that is run in this folder"
     parser.option("--scenes", "DIR", Path, help_text)
 

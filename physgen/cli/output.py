@@ -66,9 +66,9 @@ def write_result(
 
 def _print_assets_place(text: str) -> None:
     """Print where the assets of a scene on stdout are, and how to save the scene."""
-    from physgen.scene.yaml_edit import marked
+    from physgen.scene.yaml_edit import mark_values
 
-    assets = marked(text).data()["assets"]
+    assets = mark_values(text).data()["assets"]
     print_error(
         f"{assets}: holds the maps of the scene on stdout; save the scene as a file "
         f"in {Path().resolve()}, or name the file with -o"

@@ -15,9 +15,9 @@ from physgen.cli.arguments import (
     check_folder_name,
     check_scene_name,
     coordinates,
+    integer_reader,
     names,
     refuse_split_values,
-    whole,
 )
 from physgen.cli.output import (
     OK,
@@ -380,7 +380,7 @@ def add_photo_flags(parser: Parser) -> None:
     help_text = "what an object is; may be repeated"
     parser.option("--label", "NAME=TEXT", str, help_text, [], action="append")
     help_text = "longest side of the scene's photo, px; default: at most 1600"
-    parser.option("--side", "PX", whole(LEAST_SIDE, 100_000), help_text)
+    parser.option("--side", "PX", integer_reader(LEAST_SIDE, 100_000), help_text)
     parser.flag("--still", "leave out the push that sets the scene in motion")
     help_text = "how the photo was taken, if perceive takes it the other way"
     parser.option("--view", "side|top", str, help_text, choices=("side", "top"))

@@ -30,7 +30,7 @@ from physgen.problems import InputError, Problem, Severity, variant_named
 from physgen.text import value_text
 
 if TYPE_CHECKING:
-    from physgen.compile.compile import Compiled
+    from physgen.compile.compile import CompiledScene
     from physgen.scene.scene import Scene
 
 
@@ -67,7 +67,7 @@ def show(options: argparse.Namespace) -> int:
     return OK
 
 
-def object_rows(scene: Scene, compiled: Compiled) -> list[dict[str, Any]]:
+def object_rows(scene: Scene, compiled: CompiledScene) -> list[dict[str, Any]]:
     """Return the main values of each object, in the order of names."""
     from physgen.compile.warnings import supports
     from physgen.scene.provenance import source

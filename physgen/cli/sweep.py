@@ -46,18 +46,18 @@ MOST_TRACKED = 32
 
 def sweep(options: argparse.Namespace) -> int:
     from physgen.batch.axes import read_axes
-    from physgen.batch.sweep import check_values, planned
-    from physgen.scene.load import Opened
+    from physgen.batch.sweep import check_values, plan_clips
+    from physgen.scene.load import OpenedScene
 
     if "=" in options.scene and not Path(options.scene).exists():
         raise Message.SWEEP_WITHOUT_SCENE.error(options.scene)
     check_folder_name(options.output)
     check_cluster(options)
-    scene_file = Opened(Path(options.scene), options.allow_outside)
+    scene_file = OpenedScene(Path(options.scene), options.allow_outside)
     variants = (
         [None, *scene_file.variants] if options.variant == "all" else [options.variant]
     )
-    plan = planned(read_axes(options.axes), variants, options.samples, options.seed)
+    plan = plan_clips(read_axes(options.axes), variants, options.samples, options.seed)
     objects = check_values(plan, scene_file, options.set)
     return (
         _list_clips(plan, options)

@@ -40,7 +40,7 @@ def verify(options: argparse.Namespace) -> int:
         work = partial(batch.verify, progress=bar.show)
     counts: Counter[batch.Outcome] = Counter()
     with closing(
-        run_all(options, work, requests, len(requests), batch.failed)
+        run_all(options, work, requests, len(requests), batch.report_failure)
     ) as verdicts:
         for verdict in verdicts:
             bar.clear()

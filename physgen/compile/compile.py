@@ -42,7 +42,7 @@ from physgen.geometry.polygon import (
 from physgen.messages import Message
 from physgen.problems import InputError, Limit, Problem
 from physgen.scene import scene as model
-from physgen.scene.load import EARTH
+from physgen.scene.construction import EARTH
 from physgen.scene.scene import (
     Auto,
     JointKind,
@@ -111,15 +111,15 @@ def _joint(item: model.Joint, ends: Sequence[int], bodies: Sequence[Body]) -> Jo
         stiffness=item.stiffness,
         damping=item.damping,
         speed=radians(item.speed),
-        limit=_most(item.limit),
+        limit=_or_infinite(item.limit),
         collide=item.collide,
         guide=guide,
         ratio=item.gear,
         limits=_in_radians(item.limits),
         friction=item.friction,
         drive=item.drive,
-        force=_most(item.force),
-        breaks=_most(item.breaks),
+        force=_or_infinite(item.force),
+        breaks=_or_infinite(item.breaks),
         knots=np.array(item.knots, np.float64) if item.knots else None,
     )
 
@@ -167,7 +167,7 @@ RAIL_END = 1e-3
 """px beyond the end of a rail that do not count."""
 
 
-def _most(limit: float | None) -> float:
+def _or_infinite(limit: float | None) -> float:
     return inf if limit is None else limit
 
 
@@ -266,7 +266,7 @@ INERTIA = {Solid.SPHERE: 2 / 5, Solid.DISC: 1 / 2, Solid.HOOP: 1.0}
 
 
 @dataclass(frozen=True)
-class Compiled:
+class CompiledScene:
     """What the stages after this one read."""
 
     world: World
@@ -285,7 +285,7 @@ class Compiled:
         return self.shapes.fits.scenery
 
 
-def compile_scene(scene: Scene, labels: U16 | None) -> Compiled:
+def compile_scene(scene: Scene, labels: U16 | None) -> CompiledScene:
     """Return the compiled scene; `labels` is the photo's label map, None without one. Raise InputError."""
     check_steps(scene)
     return compile_shapes(scene, shapes_of(scene, labels))
@@ -300,7 +300,7 @@ def check_steps(scene: Scene) -> None:
         )
 
 
-def compile_shapes(scene: Scene, shapes: Shapes) -> Compiled:
+def compile_shapes(scene: Scene, shapes: Shapes) -> CompiledScene:
     """Return the world of a scene with these `shapes`. Raises InputError."""
     shown = snapped_to_boundaries(
         scene, shapes.outlines, [it is None for it in shapes.written]
@@ -351,7 +351,7 @@ def compile_shapes(scene: Scene, shapes: Shapes) -> Compiled:
         joints=joints,
         fields=fields_of(scene, bodies),
     )
-    return Compiled(world, outlines, shapes)
+    return CompiledScene(world, outlines, shapes)
 
 
 def frame_times(scene: Scene, duration: float) -> Array:

@@ -69,7 +69,7 @@ def object_labels(
             for k, outline in enumerate(written)
             if outline is None and not pixel_counts[k + 1]
         )
-        problems = [_hidden(scene, scene.objects[k]) for k in hidden_names]
+        problems = [_report_hidden_mask(scene, scene.objects[k]) for k in hidden_names]
     if problems:
         raise InputError(problems)
     return out
@@ -105,13 +105,13 @@ def _mask_problem(
     return message.problem(scene.place(path), path, mask_text)
 
 
-def _hidden(scene: Scene, item: Object) -> Problem:
+def _report_hidden_mask(scene: Scene, item: Object) -> Problem:
     path = f"objects.{item.name}.mask"
     return Message.HIDDEN_BY_MASKS.problem(scene.place(path), path, item.name)
 
 
 @dataclass(frozen=True)
-class Fitted:
+class FittedOutlines:
     """What the masks of objects and boundaries became, fitted together so that neighbours touch."""
 
     objects: dict[
@@ -125,7 +125,7 @@ class Fitted:
 
 def fit_masks(
     scene: Scene, labels: U16 | None, of_objects: U16, fitted: list[int]
-) -> Fitted:
+) -> FittedOutlines:
     """Return the outlines of the objects `fitted` and of every boundary that is a mask. Raises InputError.
 
     A boundary shares its lines with what its mask touches. One whose mask lies across another's is fitted alone, as if
@@ -162,7 +162,9 @@ def fit_masks(
     walls = {
         k: fit for k, i in shared_ids.items() if isinstance(fit := fits[i], Region)
     } | lone_regions
-    return Fitted({i: fits[i] for i in fitted}, walls, scenery & (of_objects == 0))
+    return FittedOutlines(
+        {i: fits[i] for i in fitted}, walls, scenery & (of_objects == 0)
+    )
 
 
 def circle_corners(radius: float) -> Array:
@@ -224,7 +226,7 @@ class Shapes:
     written: tuple[Outline | None, ...]
     """Outlines as the file or the assets have them; None where one is fitted."""
     labels: U16  # (H, W): id k + 1 is the k-th object; 0 = background
-    fits: Fitted
+    fits: FittedOutlines
     wholes: tuple[Outline | None, ...] = ()
     """With the parts that other objects hide, as the assets have them; None if none is known."""
 

@@ -13,7 +13,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely.affinity import translate
 
-from physgen.compile.compile import Compiled
+from physgen.compile.compile import CompiledScene
 from physgen.compile.shapes import U16
 from physgen.compile.starts import velocities_that_joints_allow
 from physgen.compile.world import Body
@@ -23,8 +23,8 @@ from physgen.geometry.raster import coverage_box
 from physgen.maps import U8, Percepts
 from physgen.messages import Message
 from physgen.problems import Problem, by_place
+from physgen.scene.construction import EARTH
 from physgen.scene.files import equal
-from physgen.scene.load import EARTH
 from physgen.scene.scene import (
     Auto,
     FieldKind,
@@ -35,7 +35,7 @@ from physgen.scene.scene import (
     Solid,
     View,
     collides,
-    held,
+    confine_center,
 )
 from physgen.text import listed, percent, quoted
 
@@ -98,7 +98,7 @@ SAMPLES = 32  # places along a boundary within an object at which its depth is t
 
 
 def lint(
-    scene: Scene, compiled: Compiled, maps: Percepts | None = None
+    scene: Scene, compiled: CompiledScene, maps: Percepts | None = None
 ) -> list[Problem]:
     """Return every warning, sorted by place; those of the photo's maps where `maps` are given."""
     rules = (
@@ -127,7 +127,7 @@ def warning(
     return message.warning(scene.place(path), path, found, **values)
 
 
-def _without_effect(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+def _without_effect(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
     """Yield warnings of keys that a reader would expect to change the clip, and that do not."""
     motion = {item.name: item.motion for item in scene.objects}
     if scene.world.table_friction > 0 and scene.world.view is not View.TOP:
@@ -202,7 +202,7 @@ def _object_keys_without_effect(
 
 
 def _forces_without_effect(
-    scene: Scene, compiled: Compiled, motion: Mapping[str, Motion]
+    scene: Scene, compiled: CompiledScene, motion: Mapping[str, Motion]
 ) -> Iterator[Problem]:
     """Yield warnings of forces on objects that cannot move, and of forces after the end."""
     end = compiled.world.duration
@@ -246,7 +246,7 @@ def _gears_without_pins(
             )
 
 
-def _excluded_starts(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+def _excluded_starts(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
     """Yield warnings of velocities at t = 0 that joints exclude, with those that they allow."""
     world = compiled.world
     if not world.joints:
@@ -270,7 +270,7 @@ def _excluded_starts(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         yield warning(scene, path, key, message, x=x, y=y, spin=spin)
 
 
-def _weak_gravity(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+def _weak_gravity(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
     """Yield warnings of gravity without a unit that is too weak to be meant in px/s²."""
     world = scene.world
     strength = float(np.hypot(*world.gravity)) / world.pixels_per_meter
@@ -290,7 +290,7 @@ def _weak_gravity(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         )
 
 
-def _coarse_steps(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+def _coarse_steps(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
     """Steps in which gravity moves objects so far that stacks sink or fall."""
     world = compiled.world
     strength = float(np.hypot(*world.gravity))
@@ -305,7 +305,7 @@ def _coarse_steps(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
     yield warning(scene, path, found, message, fall=fall, steps=steps)
 
 
-def _invisible(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+def _invisible(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
     """Yield warnings of objects smaller than a pixel, as sizes in meters are."""
     for item, body in zip(scene.objects, compiled.world.bodies, strict=True):
         if body.reach >= LIMITS.visible:
@@ -315,7 +315,7 @@ def _invisible(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         yield warning(scene, path, size_text, Message.SHAPE_INVISIBLE)
 
 
-def _outdated_values(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+def _outdated_values(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
     """Yield warnings of numbers that follow a label or a scale, where the file still has those for another."""
     record, scale = scene.record, scene.world.pixels_per_meter
     stated = "world.pixels_per_meter" in scene.places
@@ -343,7 +343,7 @@ def _outdated_values(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
                 yield warning(scene, key_path, scale_text, message, values=values)
 
 
-def _long(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+def _long(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
     """Yield the warning of a clip of many frames, which takes long."""
     frames, (width, height) = len(compiled.world.times), scene.video_size
     if frames > LIMITS.frames:
@@ -359,14 +359,16 @@ def _long(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
         )
 
 
-def _views(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+def _views(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
     """Yield warnings of views of the camera that would leave the photo, or that are reached when the clip is over."""
     for index, sight in enumerate(scene.render.camera):
         path = "render.camera"
         if f"{path}[{index}]" in scene.places:
             path += f"[{index}]"
         if sight.center is not None:
-            x, y = held(sight.center, scene.size, scene.video_size, sight.zoom)
+            x, y = confine_center(
+                sight.center, scene.size, scene.video_size, sight.zoom
+            )
             if max(abs(x - sight.center[0]), abs(y - sight.center[1])) > LIMITS.away:
                 center_text = f"[{sight.center[0]:g}, {sight.center[1]:g}]"
                 yield warning(
@@ -398,7 +400,7 @@ def maps_cover_masks(maps: Percepts, labels: U16, scenery: Mask) -> bool:
 
 
 def photo_differs(
-    scene: Scene, compiled: Compiled, maps: Percepts | None
+    scene: Scene, compiled: CompiledScene, maps: Percepts | None
 ) -> Iterator[Problem]:
     """Yield the warning of a photo edited after its maps were made: the clip shows `background.png`.
 
@@ -488,7 +490,7 @@ def _grow(mask: Mask, by: int) -> Mask:
     )
 
 
-def _missed_masks(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+def _missed_masks(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
     """Yield warnings of written shapes that differ from the object's mask."""
     shapes = zip(scene.objects, compiled.shapes.written, strict=True)
     for k, (item, outline) in enumerate(shapes):
@@ -510,7 +512,7 @@ def _missed_masks(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
 
 
 def _shape_differences(
-    item: Object, outline: Outline, mask: Mask, compiled: Compiled
+    item: Object, outline: Outline, mask: Mask, compiled: CompiledScene
 ) -> tuple[Mask, Mask]:
     """Return the part of a mask outside of its shape, and the part of the shape where the photo shows something else.
 
@@ -556,7 +558,7 @@ def _fill_holes(mask: Mask) -> Mask:
     return np.asarray(outside[1:-1, 1:-1] != 2)
 
 
-def _overlaps(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+def _overlaps(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
     shapes = [outline_shape(outline) for outline in compiled.outlines]
     tree = shapely.STRtree(shapes)
     # a wheel may lie before the car that it is joined to
@@ -618,7 +620,7 @@ def depth_across(shape: shapely.Geometry, wall: shapely.LineString) -> float:
 # Support
 
 
-def supports(scene: Scene, compiled: Compiled) -> list[list[str]]:
+def supports(scene: Scene, compiled: CompiledScene) -> list[list[str]]:
     """Return the names of what each object meets on its way down; all empty without gravity in the photo's plane.
 
     What only touches an object's side is no support.
@@ -645,7 +647,7 @@ def supports(scene: Scene, compiled: Compiled) -> list[list[str]]:
     return [met(i) for i in range(len(shapes))]
 
 
-def _unsupported_objects(scene: Scene, compiled: Compiled) -> Iterator[Problem]:
+def _unsupported_objects(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
     """Objects of a photo, at rest where they are in it, with nothing under them or under what they are joined to."""
     if (
         scene.image is None

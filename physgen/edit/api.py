@@ -1,7 +1,9 @@
-"""The HTTP interface of the editor: what each address takes, and how it asks the session.
+"""The HTTP interface of the editor: the parameters of each address and the call it
+makes.
 
-Requests are checked by the models below, which are also the source of /api/openapi.json. Handlers are plain
-functions, which FastAPI runs in threads, so that a slow one holds up no other.
+Requests are checked by the models below, which are also the source of
+/api/openapi.json. Handlers are plain functions, which FastAPI runs in threads, so that
+a slow request does not delay the others.
 """
 
 from __future__ import annotations
@@ -30,21 +32,22 @@ MAX_OPS = 1000
 MAX_SAMPLE = 10**8
 MAX_EVENT = 2**53 - 1
 KEPT_EVENTS = 1000
-"""Events that wait for the pages."""
+"""Number of events that are stored for pages that poll."""
 
 Data = dict[str, Any]
 
 
 class Events:
-    """Events for the open pages, which ask again and again; its methods may be called from any thread.
+    """A queue of events for the open pages, which poll it; all methods are thread-safe.
 
-    No stream is held open: of those a browser has six for all its windows together. Where pages ask, the session also
-    looks at the file, which another program may have written.
+    The pages poll because a browser allows six open connections per server for all its
+    windows together. Each poll also makes the session compare the scene file with the
+    disk, since another program may have written it.
     """
 
     def __init__(self) -> None:
         self.run = secrets.token_urlsafe(6)
-        """Identifies this server: numbers of events start again with each."""
+        """Random name of this server: each server numbers its events from 0."""
         self._lock = threading.Lock()
         self._events: deque[Data] = deque(maxlen=KEPT_EVENTS)
         self._next = 0
@@ -56,28 +59,34 @@ class Events:
             self._next += 1
 
     def since(self, run: str, number: int) -> Data:
-        """Events of this server from a number on; none for a page that knows another run."""
+        """Return the events of this server from a number on, and the next number.
+
+        A page that knows another `run` was loaded from an earlier server, whose numbers
+        mean nothing here: such a page receives no events.
+        """
         with self._lock:
-            old = max(number - (self._next - len(self._events)), 0)
-            events = list(self._events)[old:] if run == self.run else []
+            # The queue drops its oldest events, so that its first event has the number
+            # `_next - len`.
+            skipped_count = max(number - (self._next - len(self._events)), 0)
+            events = list(self._events)[skipped_count:] if run == self.run else []
             return {"run": self.run, "next": self._next, "events": events}
 
 
 @dataclass(frozen=True)
 class Services:
-    """What the handlers work with; kept in the state of the application."""
+    """The objects that the handlers use, stored in the state of the application."""
 
     session: Session
     events: Events
     rendering: RenderJob
     token: str
-    once: set[str]  # keys that open the page one time
+    once: set[str]  # one-time keys that open the page
 
 
 def services_of(request: Request) -> Services:
-    """The services of the application that serves a request."""
-    found: Services = request.app.state.services
-    return found
+    """Return the services of the application that handles a request."""
+    services: Services = request.app.state.services
+    return services
 
 
 Served = Annotated[Services, Depends(services_of)]
@@ -87,7 +96,9 @@ Served = Annotated[Services, Depends(services_of)]
 
 
 class Operations(EditRequest):
-    """Operations, all or none; a path is a list of keys and of indices from 0."""
+    """A list of operations, applied all or none; a path is a list of keys and indices
+    from 0.
+    """
 
     ops: Annotated[list[Op], Field(max_length=MAX_OPS)]
 
@@ -101,7 +112,7 @@ class Save(EditRequest):
 
 
 class MaskEdit(EditRequest):
-    """A correction of masks; see physgen.edit.masks for the operations."""
+    """A correction of masks; `physgen.edit.masks` defines the operations."""
 
     op: dict[str, JsonValue]
 
@@ -119,7 +130,7 @@ class Nothing(Body):
 
 PNG: dict[int | str, dict[str, Any]] = {200: {"content": {"image/png": {}}}}
 TOKEN_HEADER = APIKeyHeader(name=TOKEN, scheme_name="token", auto_error=False)
-"""For the description: `Guard` has checked the token already."""
+"""The token for the OpenAPI description only: `Guard` has already checked it."""
 api = APIRouter(
     default_response_class=JSONResponse, dependencies=[Security(TOKEN_HEADER)]
 )
@@ -130,7 +141,7 @@ api = APIRouter(
 
 @api.get("/api/materials")
 def materials() -> list[Data]:
-    """The table of materials."""
+    """Return the table of materials."""
     from physgen import materials as table
 
     return [asdict(row) for row in table.materials()]
@@ -138,14 +149,14 @@ def materials() -> list[Data]:
 
 @api.get("/api/state")
 def state(served: Served, variant: Words | None = None) -> Response:
-    """The scene, its problems and its motion."""
+    """Return the scene, its problems and its motion."""
     served.session.look_outside()
     return JSONResponse(served.session.state(variant or None))
 
 
 @api.get("/api/photo", responses=PNG, response_class=Response)
 def photo(served: Served) -> Response:
-    """The photo."""
+    """Return the photo as a PNG."""
     return Response(served.session.photo(), media_type="image/png")
 
 
@@ -155,7 +166,7 @@ def mask(
     object: Annotated[str, Query(min_length=1)],
     variant: Words | None = None,
 ) -> Response:
-    """The mask of an object."""
+    """Return the mask of an object as a PNG."""
     return Response(
         served.session.mask(variant or None, object), media_type="image/png"
     )
@@ -167,16 +178,18 @@ def motion(
     key: str,
     start: Annotated[int, Query(alias="from", ge=0, le=MAX_SAMPLE)] = 0,
 ) -> Response:
-    """A further part of a motion, from a sample on."""
+    """Return the next part of a motion, from a sample on."""
     return _present(served.session.live.more(key, start))
 
 
 @api.get("/api/picture/{key}")
 def picture(served: Served, key: str, motion: str | None = None) -> Response:
-    """Background and objects; with a motion, their shadows."""
+    """Return the background and the sprites; with `motion`, their shadows."""
     pictures = served.session.pictures
-    found = pictures.look(key) if motion is None else pictures.shadows(key, motion)
-    return _present(found)
+    picture_data = (
+        pictures.look(key) if motion is None else pictures.shadows(key, motion)
+    )
+    return _present(picture_data)
 
 
 @api.get("/api/frame/{key}", responses=PNG, response_class=Response)
@@ -186,11 +199,11 @@ def frame(
     motion: str,
     number: Annotated[int, Query(ge=0, le=MAX_SAMPLE)],
 ) -> Response:
-    """A frame of a motion in the quality of the video, without its camera."""
-    found = served.session.pictures.frame(key, motion, number)
-    if found is None:
+    """Render a frame of a motion in the quality of the video, without its camera."""
+    frame_png = served.session.pictures.frame(key, motion, number)
+    if frame_png is None:
         raise overtaken()
-    return Response(found, media_type="image/png")
+    return Response(frame_png, media_type="image/png")
 
 
 def _present(found: Mapping[str, Any] | None) -> Response:
@@ -203,7 +216,7 @@ def _present(found: Mapping[str, Any] | None) -> Response:
 def events(
     served: Served, run: str = "", since: Annotated[int, Query(ge=0, le=MAX_EVENT)] = 0
 ) -> Response:
-    """What happened since an event of a run of the server."""
+    """Return the events after a number of a run of the server."""
     served.session.look_outside()
     return JSONResponse(served.events.since(run, since))
 
@@ -213,31 +226,32 @@ def events(
 
 @api.post("/api/edit")
 def edit(served: Served, body: Operations) -> Response:
-    """Make operations, all or none."""
+    """Apply operations, all or none."""
     return JSONResponse(served.session.edit(body, body.ops))
 
 
 @api.post("/api/preview")
 def preview(served: Served, body: Operations) -> Response:
-    """The motion that operations would give; `overtaken` where the page showed an older version."""
+    """Return the motion after operations; `overtaken` is true for an outdated version."""
     try:
         return JSONResponse(served.session.preview(body, body.ops))
     except EditError as error:
         if error.why is not Why.STALE:
             raise
-        # a page asks many times while something is dragged, and a browser's console shows every refused request
+        # While the user drags an object, the page sends many previews, and the
+        # browser's console lists every refused request: an outdated one is no error.
         return JSONResponse({"motion": None, "problems": [], "overtaken": True})
 
 
 @api.post("/api/undo")
 def undo(served: Served, body: EditRequest) -> Response:
-    """One step back."""
+    """Restore the state before the latest edit."""
     return JSONResponse(served.session.step(body, -1))
 
 
 @api.post("/api/redo")
 def redo(served: Served, body: EditRequest) -> Response:
-    """One step forward."""
+    """Restore the state after the edit that was undone."""
     return JSONResponse(served.session.step(body, 1))
 
 
@@ -249,13 +263,13 @@ def write(served: Served, body: Text) -> Response:
 
 @api.post("/api/save")
 def save(served: Served, body: Save) -> Response:
-    """Write the file; `resolve` chooses a text where another program changed the file."""
+    """Save the file; `resolve` chooses a text if another program changed the file."""
     return JSONResponse(served.session.save(body, body.resolve))
 
 
 @api.post("/api/mask")
 def correct(served: Served, body: MaskEdit) -> Response:
-    """Correct a mask, and what follows from it."""
+    """Apply a correction of a mask, and change the values that follow from the mask."""
     return JSONResponse(served.session.correct(body, body.op))
 
 
@@ -264,10 +278,12 @@ def correct(served: Served, body: MaskEdit) -> Response:
 
 @api.post("/api/render")
 def render(served: Served, body: Render) -> Response:
-    """Save, and start to render."""
-    unknown = set(body.variants or ()) - {None, *served.session.variants()}
-    if unknown:
-        raise Message.NO_SUCH_VARIANT.impossible(name=quoted(str(unknown.pop())))
+    """Save the file and start to render it."""
+    unknown_variants = set(body.variants or ()) - {None, *served.session.variants()}
+    if unknown_variants:
+        raise Message.NO_SUCH_VARIANT.impossible(
+            name=quoted(str(unknown_variants.pop()))
+        )
     served.session.save_for_rendering(body.version)
     job = served.rendering.start(
         body.variants, body.format or "mp4", body.refine is not False
@@ -277,7 +293,7 @@ def render(served: Served, body: Render) -> Response:
 
 @api.get("/api/render")
 def rendered(served: Served) -> Response:
-    """Progress and results."""
+    """Report the progress and the results of rendering."""
     return JSONResponse(served.rendering.status())
 
 
@@ -295,17 +311,21 @@ def command(
     format: Words = "mp4",
     refine: Literal["true", "false"] = "true",
 ) -> Response:
-    """The command line that renders the same."""
+    """Return the command line that renders the same clips."""
     line = served.rendering.command(variant or None, format, refine == "true")
     return JSONResponse({"command": line})
 
 
 @api.get("/result/{key}/{name:path}", include_in_schema=False)
 def result(served: Served, key: str, name: str) -> Response:
-    """A file of the last run."""
+    """Return a file of the latest run."""
     job = served.rendering.status()["job"]
-    known = job is not None and secrets.compare_digest(key.encode(), job.encode())
-    found = served.rendering.file(name) if known else None
-    if found is None:
+    # Compare in constant time: the key of the job is also the permission to read its
+    # files.
+    is_current_job = job is not None and secrets.compare_digest(
+        key.encode(), job.encode()
+    )
+    path = served.rendering.file(name) if is_current_job else None
+    if path is None:
         raise EditError(Why.ABSENT, "there is no such result", "render again")
-    return FileResponse(found)
+    return FileResponse(path)

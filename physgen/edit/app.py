@@ -1,8 +1,9 @@
-"""The editor's server: the application, its page, the checks of all requests, and the socket it listens at.
+"""The editor's server: the application, its page, the check of requests, and the
+socket.
 
-A page of another site can make a browser send requests here, and can point its own host name at this machine. Host
-and origin are therefore compared with those that are served, and everything that reads or changes the scene needs
-the token.
+A page of another site can make a browser send requests to this server, and can point
+its own host name at this machine. The server therefore compares host and origin with
+its own, and requires the token for every request that reads or changes the scene.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ from physgen.operating_system import IS_POSIX
 from physgen.problems import EditError, InputError, Why
 
 PLAYER = ("motion", "clock", "scene", "balls", "touch", "units", "quantities", "layers")
-"""Scripts of the report's player without its charts and page, joined in this order."""
+"""Scripts of the report's player, without its charts and page, joined in this order."""
 STYLES = ("page.css", "player.css", "edit.css")
 SCHEMA = "scene-1.schema.json"
 _PART = re.compile(r"edit/[a-z][a-z0-9_-]{0,40}\.(js|css)").fullmatch
@@ -58,7 +59,7 @@ HANDLED = (
 
 
 def application(services: Services) -> FastAPI:
-    """The page and the interface of a session."""
+    """Create the application: the page and the interface of a session."""
     app = FastAPI(
         title="physgen edit",
         version=__version__,
@@ -76,7 +77,10 @@ def application(services: Services) -> FastAPI:
 
 
 def page(served: Served, once: str | None = None) -> Response:
-    """The page, which holds nothing of the scene. A one-time key is exchanged for the token."""
+    """Return the page, which contains no data of the scene.
+
+    A one-time key is exchanged for the token by a redirection.
+    """
     if once is not None and once in served.once:
         served.once.discard(once)
         return RedirectResponse(f"/?token={served.token}", 303)
@@ -95,7 +99,9 @@ def page(served: Served, once: str | None = None) -> Response:
 
 
 def static(name: str) -> Response:
-    """A script or a style: one that is listed, or a file of the folder `edit` with a plain name."""
+    """Return a script or a style: a name on the list, or a plain name in the folder
+    `edit`.
+    """
     data = None
     with suppress(FileNotFoundError):
         if name == "player.js":
@@ -116,13 +122,15 @@ def static(name: str) -> Response:
 
 
 async def _answer(request: Request, error: Exception) -> Response:
-    """An exception as an answer."""
+    """Convert an exception to an answer with a message, a fix and its problems."""
     problems: list[dict[str, Any]] = []
     headers: Mapping[str, str] | None = None
     match error:
         case EditError():
             return JSONResponse(error.body(), error.why.value)
-        case InputError():  # a problem of the scene that no edit expected
+        # A problem of the scene that no edit expected: the page lists all problems, and
+        # shows the first as the message.
+        case InputError():
             first = error.problems[0]
             problems = [
                 problem.as_dict() | {"object": None} for problem in error.problems
@@ -130,10 +138,10 @@ async def _answer(request: Request, error: Exception) -> Response:
             status, fix = Why.IMPOSSIBLE.value, first.fix
             message = " ".join(part for part in (first.found, first.expected) if part)
         case RequestValidationError():
-            wrong = error.errors()[0]
-            where = ".".join(str(part) for part in wrong["loc"][1:])
+            first_error = error.errors()[0]
+            location = ".".join(str(part) for part in first_error["loc"][1:])
             status, fix = Why.MALFORMED.value, "see /api/openapi.json"
-            message = f"{where}: {wrong['msg']}"[:300]
+            message = f"{location}: {first_error['msg']}"[:300]
         case HTTPException():
             status, message, fix = (
                 error.status_code,
@@ -142,12 +150,12 @@ async def _answer(request: Request, error: Exception) -> Response:
             )
             headers = error.headers
         case OSError():  # the disk is full, or may not be written
-            where = (
+            location = (
                 f"{Path(error.filename).name}: "
                 if isinstance(error.filename, str)
                 else ""
             )
-            message = f"{where}{(error.strerror or 'it could not be read or written').lower()}"
+            message = f"{location}{(error.strerror or 'it could not be read or written').lower()}"
             status, fix = 507, "make room, or correct the permissions, and try again"
         case _:
             status, message = 500, f"the editor failed: {type(error).__name__}"
@@ -162,12 +170,13 @@ async def _answer(request: Request, error: Exception) -> Response:
 # Checks of requests
 
 BODY = 8 * 2**20 + 2**16
-"""Bytes of a body: a scene file is at most 8 MiB."""
+"""Maximum size of a body, bytes: a scene file is at most 8 MiB."""
 ESCAPED_SURROGATE = re.compile(rb"\\u[dD][89a-fA-F]")
 RESULT = "/result/"
-"""Rendered files: their address holds a key of its own, as a link carries no header."""
+"""Folder of rendered files: their address contains a key, as a link carries no header.
+"""
 OPEN = ("/static/", RESULT)
-"""Addresses that need no token: they hold nothing of the scene, or have a key of their own."""
+"""Addresses that need no token: public files, and files with a key in the address."""
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
     "img-src 'self' blob: data:; media-src 'self' blob:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
@@ -181,11 +190,14 @@ HEADERS = {
 
 
 def result_headers(host: str) -> dict[str, str]:
-    """Headers of rendered files: their scripts run in an origin of their own, which cannot reach the editor."""
-    own = f"data: blob: 'self' http://{host}"
+    """Return the headers of rendered files.
+
+    Their scripts run in an origin of their own, which cannot reach the editor.
+    """
+    source_list = f"data: blob: 'self' http://{host}"
     policy = (
         "sandbox allow-scripts; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
-        f"font-src data:; img-src {own}; media-src {own}; base-uri 'none'; form-action 'none'"
+        f"font-src data:; img-src {source_list}; media-src {source_list}; base-uri 'none'; form-action 'none'"
     )
     return HEADERS | {
         "Content-Security-Policy": policy,
@@ -194,30 +206,34 @@ def result_headers(host: str) -> dict[str, str]:
 
 
 class Guard:
-    """ASGI middleware that answers the requests which it refuses, and adds headers to all answers."""
+    """ASGI middleware that answers the requests it refuses, and adds headers to all
+    answers.
+    """
 
     def __init__(self, app: ASGIApp, token: str, host: str, port: int) -> None:
         self.app, self.token, self.host, self.port = app, token, host, port
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """One request."""
+        """Handle one request."""
         if scope["type"] != "http":
             return
 
         async def send_with_headers(message: ServerMessage) -> None:
             if message["type"] == "http.response.start":
                 is_result = scope["path"].startswith(RESULT)
-                chosen = (
+                headers = (
                     result_headers(f"{self.host}:{self.port}") if is_result else HEADERS
                 )
-                own = [
+                added_headers = [
                     (key.lower().encode(), value.encode())
-                    for key, value in chosen.items()
+                    for key, value in headers.items()
                 ]
-                names = {key for key, _ in own}
+                # A header of the handler with the same name is replaced, so that it
+                # cannot weaken ours.
+                names = {key for key, _ in added_headers}
                 message["headers"] = [
                     (k, v) for k, v in message["headers"] if k not in names
-                ] + own
+                ] + added_headers
             await send(message)
 
         try:
@@ -236,7 +252,13 @@ class Guard:
             headers["host"]
         ):
             raise EditError(Why.FOREIGN, "the Host header names another server", fix)
-        is_foreign = headers.get("origin", own := f"http://{headers['host']}") != own
+        # Browsers send the origin with every request that changes something, and the
+        # site with every request: a page of another site is refused by either. Links
+        # from other sites may only open the page itself and rendered files.
+        is_foreign = (
+            headers.get("origin", own_origin := f"http://{headers['host']}")
+            != own_origin
+        )
         site = headers.get("sec-fetch-site")
         if (
             site in ("cross-site", "same-site")
@@ -248,8 +270,8 @@ class Guard:
             raise EditError(Why.FOREIGN, "another site's page asks", fix)
         if path == "/" or path.startswith(OPEN):
             return
-        given = headers.get(TOKEN, "")
-        if not secrets.compare_digest(given.encode(), self.token.encode()):
+        sent_token = headers.get(TOKEN, "")
+        if not secrets.compare_digest(sent_token.encode(), self.token.encode()):
             raise EditError(Why.UNTRUSTED, "the token is missing or wrong", fix)
         length = headers.get("content-length", "0")
         if (
@@ -260,21 +282,23 @@ class Guard:
             raise too_large()
 
     def is_ours(self, host: str) -> bool:
-        """Whether a Host header names this server."""
+        """Check whether a Host header names this server."""
         name, mark, port = host.rpartition(":")
         if not mark or host.endswith("]"):
             name, port = host, "80"
         if port != str(self.port):
             return False
         name = name.strip("[]").lower()
-        known = {"localhost", "127.0.0.1", "::1", self.host.lower()}
-        if name in known:
+        own_names = {"localhost", "127.0.0.1", "::1", self.host.lower()}
+        if name in own_names:
             return True
         if self.host not in ("0.0.0.0", "::"):
             return False
         if name == socket.gethostname().lower():
             return True
-        try:  # anyone can point a name at this machine, but not an address
+        # On all interfaces, every numerical address is accepted: a stranger can point
+        # a name at this machine, but not an address.
+        try:
             ipaddress.ip_address(name)
         except ValueError:
             return False
@@ -282,16 +306,21 @@ class Guard:
 
 
 async def _body(scope: Scope, receive: Receive) -> Receive:
-    """A `receive` that has read the whole body. Raises EditError for a body that is too large or not JSON."""
+    """Read the whole body and return a `receive` that replays it.
+
+    Raises EditError if the body is too large or is not JSON.
+    """
     if scope["method"] not in ("POST", "PUT"):
         return receive
-    data, more = bytearray(), True
-    while more:
+    data, has_more = bytearray(), True
+    while has_more:
         message = await receive()
         if message["type"] == "http.disconnect":
             raise EditError(Why.MALFORMED, "the body ended early", "send it again")
         data += message.get("body", b"")
-        more = message.get("more_body", False)
+        has_more = message.get("more_body", False)
+        # Clients can send more than the Content-Length header announces, or omit the
+        # header.
         if len(data) > BODY:
             raise too_large()
     kind = (
@@ -304,7 +333,9 @@ async def _body(scope: Scope, receive: Receive) -> Receive:
             "send Content-Type: application/json",
         )
     if ESCAPED_SURROGATE.search(data):
-        with suppress(ValueError):  # what is no JSON is refused by its reader
+        # Text that is not JSON passes here, since its reader refuses it. An escaped
+        # surrogate alone is valid JSON but cannot be stored as UTF-8.
+        with suppress(ValueError):
             try:
                 json.dumps(json.loads(data), ensure_ascii=False).encode()
             except UnicodeEncodeError:
@@ -322,7 +353,7 @@ async def _body(scope: Scope, receive: Receive) -> Receive:
 
 
 def too_large() -> EditError:
-    """A body beyond its limit."""
+    """Return the error for a body beyond the limit."""
     return EditError(
         Why.TOO_LARGE, f"the body is larger than {BODY // 2**20} MiB", "send less"
     )
@@ -332,12 +363,11 @@ def too_large() -> EditError:
 
 
 class Editor:
-    """The server of one scene. It listens once it is constructed and answers once it runs; `close` ends it.
+    """The server of one scene, which listens from its construction on and answers in
+    `run`.
 
-    `port` None: any free one.
-
-    Raises InputError where the scene cannot be opened or the address is taken, BusyError where another editor has the
-    scene.
+    `port` None stands for any free port. Raises InputError if the scene cannot be
+    opened or the address is in use, BusyError if another editor has the scene.
     """
 
     def __init__(
@@ -355,10 +385,12 @@ class Editor:
         try:
             self._socket = _listening(host, port)
             self.port: int = self._socket.getsockname()[1]
-            shown = "127.0.0.1" if host in ("0.0.0.0", "::") else host
-            shown = f"[{shown}]" if ":" in shown else shown
-            self.address = f"http://{shown}:{self.port}/?token={self.token}"
+            url_host = "127.0.0.1" if host in ("0.0.0.0", "::") else host
+            url_host = f"[{url_host}]" if ":" in url_host else url_host
+            self.address = f"http://{url_host}:{self.port}/?token={self.token}"
             self.session.draft.listens(self.address)
+        # The session has locked the draft folder: release it if the server cannot
+        # listen.
         except BaseException:
             self.session.close()
             raise
@@ -377,7 +409,11 @@ class Editor:
         self.server = uvicorn.Server(config)
 
     def once(self) -> str:
-        """An address that opens the page one time: the list of processes shows it to all users of the machine."""
+        """Create an address that opens the page one time.
+
+        The list of processes shows the browser's address to all users of the machine,
+        hence the address of `once` must not contain the token.
+        """
         key = secrets.token_urlsafe(24)
         self.services.once.add(key)
         return f"{self.address.partition('?')[0]}?once={key}"
@@ -387,28 +423,33 @@ class Editor:
         self.server.run(sockets=[self._socket])
 
     def stop(self) -> None:
-        """From any thread."""
+        """Stop the server; may be called from any thread."""
         self.server.should_exit = True
 
     def close(self) -> Path | None:
-        """Release the scene. Returns the folder of its draft where something is not saved."""
+        """Close the session and return the folder of its draft if it has unsaved
+        changes.
+        """
         self.rendering.stop()
         self._socket.close()
         return self.session.close()
 
 
 def _listening(host: str, port: int | None) -> socket.socket:
+    """Open a listening TCP socket. Raises InputError, which names the option to change."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    # with the protocol named, asyncio sends small answers at once instead of after 40 ms
-    made = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
+    # If the protocol is named, asyncio sets TCP_NODELAY; otherwise small answers wait
+    # for 40 ms.
+    listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     try:
-        if IS_POSIX:  # elsewhere, this option lets two servers share a port
-            made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        made.bind((host, port or 0))
-        made.listen(128)
+        # On Windows, this option would let two servers share a port.
+        if IS_POSIX:
+            listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((host, port or 0))
+        listener.listen(128)
     except OSError as error:
-        made.close()
-        where = f"--port {port}" if port else f"--host {host}"
+        listener.close()
+        option = f"--port {port}" if port else f"--host {host}"
         reason = (error.strerror or str(error)).lower()
-        raise Message.PORT_UNUSABLE.error(where, reason=reason) from None
-    return made
+        raise Message.PORT_UNUSABLE.error(option, reason=reason) from None
+    return listener

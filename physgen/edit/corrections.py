@@ -1,7 +1,9 @@
-"""A corrected mask: the maps, shapes and numbers that follow from it, written as one edit.
+"""A corrected mask: the maps, shapes and numbers that follow from it, written as one
+edit.
 
-What a user set stays. Maps are computed again only around what changed: all other pixels stay as they are stored, so
-that what was painted by hand or made by a model elsewhere is kept. Boundaries stay where they are.
+Values of the user stay. Maps are computed again only around the changed pixels: all
+other pixels stay as they are stored, so that paint by hand or by a model elsewhere is
+preserved. Boundaries stay at their places.
 """
 
 from __future__ import annotations
@@ -45,45 +47,59 @@ from physgen.photos import read_channels
 from physgen.problems import InputError
 from physgen.scene.files import OUTLINES, OVERVIEW, RECORD, read_record
 from physgen.scene.scene import MaskId
-from physgen.scene.yaml_edit import without_comments
+from physgen.scene.yaml_comments import without_comments
 
 Window = tuple[slice, slice]
-"""Rows and columns."""
+"""Slices of rows and columns."""
 
 AROUND = 128
-"""px beside what changes that are looked at, at least; or half its size."""
+"""Margin around the changed pixels, px; for larger changes, half their size."""
 SOFT = 10
-"""px from a mask's border within which coverage follows it; see `matte_edge`."""
+"""Distance from a mask's border within which coverage changes, px; see `matte_edge`."""
 PATCHED_AROUND = 6
-"""px around a mask that its border may have coloured: the background is filled again up to there."""
+"""Margin around a mask, px, within which the background is filled again: its border may
+have coloured these pixels.
+"""
 LARGE = 4_000_000
-"""px of a photo beyond which maps are compressed less, in a third of the time."""
+"""Number of pixels of a photo above which maps are compressed less, in a third of the
+time.
+"""
 
 
 @dataclass(frozen=True)
 class Corrected:
-    """A correction: the new text, its name for the history, the new object, and the folder of its maps, if any."""
+    """The result of a correction: the new text and its name in the history.
+
+    `made` is the name of a new object, `folder` the folder of new maps, if any.
+    """
 
     text: str
     what: str
     made: str | None = None
     folder: Path | None = None
     corrected: str | None = None
-    """The object whose mask is another now, if none is new."""
+    """The object with a changed mask, if no object is new."""
 
 
 @dataclass(frozen=True)
 class Painted:
-    """The pixels of all objects after a correction, and those of masks.png before and after."""
+    """The pixels of all objects after a correction, and masks.png before and
+    after it.
+    """
 
-    labels: U16  # (H, W): ids as `ids` has them, 0 for none
+    labels: U16  # (H, W): ids of `ids`, 0 for the background
     ids: Mapping[str, int]
     stored: Mapping[str, int]
-    """By name, ids in masks.png of the objects whose mask is stored there from now on."""
-    before: U16  # (H, W) of masks.png, without doubtful regions, which stay there; zeros where there is none
+    """Ids in masks.png by name, for the objects with a mask stored there from
+    now on.
+    """
+    before: U16
+    """(H, W): masks.png without its doubtful regions, which stay; zeros without
+    file.
+    """
     after: U16
-    touched: Mask  # (H, W): what the corrected objects covered, or cover now
-    union: Mask  # (H, W): all that objects, also left-out ones, cover now
+    touched: Mask  # (H, W): pixels of the corrected objects before or after
+    union: Mask  # (H, W): pixels of all objects after, also of those left out
     union_before: Mask
 
 
@@ -93,31 +109,38 @@ def correct(
     op: Mapping[str, Any],
     segmenter: PromptSegmenter | None = None,
 ) -> Corrected:
-    """One operation on masks; see docs/editor.md. Where maps change, the new text names a new folder for all of them.
+    """Apply one operation on masks; docs/editor.md describes the operations.
 
-    Unchanged maps are linked. Raises EditError where it is impossible; then nothing is left behind.
+    If maps change, the new text names a new folder for all maps, in which unchanged
+    maps are linked. Raises EditError if the operation is impossible; no file is left
+    behind then.
     """
-    parsed = parse_op(op)
-    out: Path | None = None
+    mask_op = parse_op(op)
+    map_folder: Path | None = None
     try:
-        work = begin(live, text)
-        what = make(work, parsed, segmenter or PromptSegmenter())
-        if work.masks or work.fresh:
-            out = _linked_maps(work.scene.assets, live.path)
-            _finish(work, out)
-        new = edited(work.text, work.ops).text
-        ours = work.scene.record.comments
-        stale = [op["set"] for op in work.ops if "set" in op]
-        stale += [["objects", name, "mask"] for name in work.masks]
-        new = without_comments(new, stale, ours)
-        bodies = live.state(new).compiled.world.bodies
-        if work.gone:
-            what += "".join(
-                f" ({one.mass:,.4g} g)" for one in bodies if one.name in work.masks
+        correction = begin(live, text)
+        title = make(correction, mask_op, segmenter or PromptSegmenter())
+        if correction.masks or correction.fresh:
+            map_folder = _linked_maps(correction.scene.assets, live.path)
+            _finish(correction, map_folder)
+        new_text = edited(correction.text, correction.ops).text
+        # Comments of perception about values that changed are no longer true: remove
+        # them.
+        own_comments = correction.scene.record.comments
+        changed_paths = [op["set"] for op in correction.ops if "set" in op]
+        changed_paths += [["objects", name, "mask"] for name in correction.masks]
+        new_text = without_comments(new_text, changed_paths, own_comments)
+        bodies = live.state(new_text).compiled.world.bodies
+        if correction.gone:
+            title += "".join(
+                f" ({one.mass:,.4g} g)"
+                for one in bodies
+                if one.name in correction.masks
             )
     except BaseException as error:
-        if out is not None:
-            shutil.rmtree(out, ignore_errors=True)
+        # The folder is new and no text names it yet.
+        if map_folder is not None:
+            shutil.rmtree(map_folder, ignore_errors=True)
         if isinstance(error, InputError):
             problem = error.problems[0]
             message = (
@@ -127,42 +150,56 @@ def correct(
                 reason=message, fix=problem.fix
             ) from error
         raise
-    made, changed = next(iter(work.fresh), None), next(iter(work.masks), None)
-    return Corrected(new, what, made, out, changed if made is None else None)
+    new_name, changed_name = (
+        next(iter(correction.fresh), None),
+        next(iter(correction.masks), None),
+    )
+    return Corrected(
+        new_text,
+        title,
+        new_name,
+        map_folder,
+        changed_name if new_name is None else None,
+    )
 
 
 def _linked_maps(assets: Path | None, path: Path) -> Path:
-    """A new folder beside the scene with all files of its assets under a second name, or copied to another disk.
+    """Create a folder beside the scene with hard links to all files of its assets.
 
-    The overview stays behind: it shows the masks as perception found them.
+    On another disk, files are copied. The overview is left out, since it shows the
+    masks of perception.
     """
-    out = free_folder(path)[0]
-    out.mkdir()
+    folder = free_folder(path)[0]
+    folder.mkdir()
     for file in assets.iterdir() if assets is not None and assets.is_dir() else ():
         if file.is_file() and file.name != OVERVIEW:
             try:
-                os.link(os.path.realpath(file), out / file.name)
+                os.link(os.path.realpath(file), folder / file.name)
             except OSError:
-                shutil.copyfile(file, out / file.name)
-    return out
+                shutil.copyfile(file, folder / file.name)
+    return folder
 
 
 def _finish(work: Correction, out: Path) -> None:
-    """Write the maps, and add the operations on the text that follow."""
+    """Write the maps, and add the operations on the text that follow from the new
+    masks.
+    """
     painted = _paint(work)
     work.ops.append({"set": ["assets"], "value": out.name})
     objects = _photo_objects(work, painted)
     entries: dict[str, Data] = {}
-    for name, one in objects.items():
-        made = _entry(work, name, one, painted.labels)
-        _set_provenance(work, name, made)
-        made["mask"] = painted.stored[name]
-        entries[name] = {**made, "shape": document.shape_entry(one.outline)}
+    for name, new_object in objects.items():
+        entry = _entry(work, name, new_object, painted.labels)
+        _set_provenance(work, name, entry)
+        entry["mask"] = painted.stored[name]
+        entries[name] = {**entry, "shape": document.shape_entry(new_object.outline)}
         work.ops += (
-            [{"add": ["objects", name], "value": made}]
+            [{"add": ["objects", name], "value": entry}]
             if name in work.fresh
-            else written(work, name, made)
+            else written(work, name, entry)
         )
+    # The paint of a correction would be hidden by an outline in the file: such objects
+    # get a mask in masks.png, too.
     for name in painted.stored.keys() - objects.keys():
         work.ops.append(
             {"set": ["objects", name, "mask"], "value": painted.stored[name]}
@@ -172,101 +209,125 @@ def _finish(work: Correction, out: Path) -> None:
 
 
 def _write_record(folder: Path, entries: Mapping[str, Data], labels: U16) -> None:
-    """Write the corrected objects, as they are now, into the outlines and the record of perception, where these are."""
+    """Write the corrected objects into the outlines and the record of perception, if
+    present.
+
+    Both files tell a later run of perception which values are its own: without the
+    correction, it would take the new values for the user's.
+    """
     for file in (OUTLINES, RECORD):
-        found = read_record(folder / file)
-        known = found if file == OUTLINES else found.get("objects")
-        if not isinstance(known, dict) or not known:
+        content = read_record(folder / file)
+        records = content if file == OUTLINES else content.get("objects")
+        if not isinstance(records, dict) or not records:
             continue
         for entry in entries.values():
             id_ = str(entry["mask"])
-            was: Data = known[id_] if isinstance(known.get(id_), dict) else {}
-            if file == RECORD:  # a velocity is the user's where it differs
-                known[id_] = {"velocity": [0, 0], **was, **entry} | {
-                    "velocity": was.get("velocity", [0, 0])
+            old_record: Data = (
+                records[id_] if isinstance(records.get(id_), dict) else {}
+            )
+            # A velocity that differs from the record counts as the user's.
+            if file == RECORD:
+                records[id_] = {"velocity": [0, 0], **old_record, **entry} | {
+                    "velocity": old_record.get("velocity", [0, 0])
                 }
             else:
                 solid = {"solid": entry["solid"]} if "solid" in entry else {}
-                stored = {
+                outline_record = {
                     "crc": mask_crc(labels, entry["mask"]),
                     "shape": entry["shape"],
                 }
-                known[id_] = {
-                    **{key: was[key] for key in was.keys() & {"solid"}},
+                records[id_] = {
+                    **{key: old_record[key] for key in old_record.keys() & {"solid"}},
                     **solid,
-                    **stored,
+                    **outline_record,
                 }
         write_atomic(
-            folder / file, json.dumps(found, ensure_ascii=False).encode() + b"\n"
+            folder / file, json.dumps(content, ensure_ascii=False).encode() + b"\n"
         )
 
 
 def _paint(work: Correction) -> Painted:
-    """The label maps after the correction. Raises EditError."""
+    """Paint the label maps after the correction. Raises EditError."""
     scene, labels, before = work.scene, work.labels, work.maps.cut_out
     ids = {item.name: k + 1 for k, item in enumerate(scene.objects)}
     ids |= {name: len(scene.objects) + 1 + k for k, name in enumerate(work.fresh)}
-    corrected = (*work.masks, *work.fresh)
-    cleared = [ids[name] for name in (*work.masks, *work.gone)]
+    corrected_names = (*work.masks, *work.fresh)
+    cleared_ids = [ids[name] for name in (*work.masks, *work.gone)]
+    # Clear all changed objects first: a pixel belongs to the object painted last.
     after = labels.copy()
-    after[np.isin(labels, cleared)] = 0
+    after[np.isin(labels, cleared_ids)] = 0
     for name, mask in (*work.masks.items(), *work.fresh.items()):
         after[mask] = ids[name]
-    moved = list(corrected)
+    repainted_names = list(corrected_names)
     for item in scene.objects:
-        if item.name in corrected or item.name in work.gone:
+        if item.name in corrected_names or item.name in work.gone:
             continue
-        was, now = (part == ids[item.name] for part in (labels, after))
-        if was.any() and count(now) < min(count(was), SMALLEST_OBJECT):
+        old_pixels, new_pixels = (part == ids[item.name] for part in (labels, after))
+        if old_pixels.any() and count(new_pixels) < min(
+            count(old_pixels), SMALLEST_OBJECT
+        ):
             raise Message.NOTHING_LEFT.impossible(name=item.name)
-        if not isinstance(item.mask, MaskId) and (was != now).any():
-            moved.append(
-                item.name
-            )  # an outline in the file would be drawn over what was painted
-    own = {
+        if not isinstance(item.mask, MaskId) and (old_pixels != new_pixels).any():
+            # An outline in the file would be drawn over the new paint: store the
+            # remaining pixels of the object as a mask.
+            repainted_names.append(item.name)
+    mask_ids = {
         item.name: item.mask.id
         for item in scene.objects
         if isinstance(item.mask, MaskId)
     }
-    used = {
+    # Ids of boundaries count, too: masks.png stores them with those of objects.
+    used_ids = {
         item.mask.id for item in scene.boundaries if isinstance(item.mask, MaskId)
-    } | set(own.values())
-    free = iter(range(max({int(work.maps.labels.max()), *used}) + 1, 65536))
-    new = before.copy()
-    new[
-        np.isin(before, [own[name] for name in (*moved, *work.gone) if name in own])
+    } | set(mask_ids.values())
+    free_ids = iter(range(max({int(work.maps.labels.max()), *used_ids}) + 1, 65536))
+    masks_png = before.copy()
+    masks_png[
+        np.isin(
+            before,
+            [
+                mask_ids[name]
+                for name in (*repainted_names, *work.gone)
+                if name in mask_ids
+            ],
+        )
     ] = 0
     stored: dict[str, int] = {}
-    for name in moved:
-        identity = own[name] if name in own else next(free, None)
+    for name in repainted_names:
+        identity = mask_ids[name] if name in mask_ids else next(free_ids, None)
         if identity is None:
             raise Message.NO_ID_LEFT.impossible()
-        new[after == ids[name]] = stored[name] = identity
+        masks_png[after == ids[name]] = stored[name] = identity
+    # Boundaries in masks.png are part of the background, not of the union of objects.
     scenery = work.sight.compiled.scenery
-    touched = np.isin(labels, cleared) | np.isin(
-        after, [ids[name] for name in corrected]
+    changed_pixels = np.isin(labels, cleared_ids) | np.isin(
+        after, [ids[name] for name in corrected_names]
     )
     union_before = (labels > 0) | ((before > 0) & ~scenery)
-    union = (after > 0) | ((new > 0) & ~scenery)
-    return Painted(after, ids, stored, before, new, touched, union, union_before)
+    union = (after > 0) | ((masks_png > 0) & ~scenery)
+    return Painted(
+        after, ids, stored, before, masks_png, changed_pixels, union, union_before
+    )
 
 
 def _photo_objects(work: Correction, painted: Painted) -> dict[str, PhotoObject]:
-    """The corrected objects by name with their new outlines, set on what supports them."""
+    """Fit new outlines to the corrected objects by name, and set them on their
+    supports.
+    """
     names = (*work.masks, *work.fresh)
     ids = [painted.ids[name] for name in names]
     fits = fit_outlines(painted.labels, ids)
-    placed = snapped_to_boundaries(
+    outlines = snapped_to_boundaries(
         work.scene, tuple(fits[i] for i in ids), [True] * len(ids)
     )
     return {
         name: photo_object(i, outline, _label(work, name), work.scene.size)
-        for name, i, outline in zip(names, ids, placed, strict=True)
+        for name, i, outline in zip(names, ids, outlines, strict=True)
     }
 
 
 def _label(work: Correction, name: str) -> str:
-    """The label of an object, or of the one that a new one was split from."""
+    """Return the label of an object; a new part has the label of the divided object."""
     if name in work.entries:
         return str(work.entries[name]["label"])
     source = name if name in work.masks else next(iter(work.masks))
@@ -274,25 +335,32 @@ def _label(work: Correction, name: str) -> str:
 
 
 def _entry(work: Correction, name: str, one: PhotoObject, labels: U16) -> Data:
-    """The entry of a corrected object with the numbers that follow: halves share a mass, joined ones add up."""
+    """Return the entry of a corrected object with the numbers that follow from its
+    shape.
+
+    Halves share a mass in proportion to their areas; the masses of merged objects add
+    up.
+    """
     if name in work.entries:
         return dict(work.entries[name]) | {"shape": document.shape_entry(one.outline)}
     source = name if name in work.masks else next(iter(work.masks))
-    made = changed_entry(work, source, name, one, labels)
-    written_as = work.was(source)
-    if "mass" in written_as and "mass" not in table_keys(
-        written_as
-    ):  # a mass that is not the table's
+    entry = changed_entry(work, source, name, one, labels)
+    old_entry = work.was(source)
+    # Only a mass of the user is shared or added: one of the table follows from the
+    # area.
+    if "mass" in old_entry and "mass" not in table_keys(old_entry):
         if work.gone:
-            made["mass"] = float(f"{joined_mass(work, source, *work.gone):.4g}")
+            entry["mass"] = float(f"{joined_mass(work, source, *work.gone):.4g}")
         elif work.fresh:
             share = count(labels == one.id) / max(count(work.mask(source)), 1)
-            made["mass"] = float(f"{joined_mass(work, source) * share:.4g}")
-    return made
+            entry["mass"] = float(f"{joined_mass(work, source) * share:.4g}")
+    return entry
 
 
 def _set_provenance(work: Correction, name: str, made: Data) -> None:
-    """`from` and `prompt` name the source of the mask; a mask that a user drew has none."""
+    """Set `from` and `prompt` to the source of the mask; a mask drawn by a user has no
+    source.
+    """
     sources = {
         key: value
         for key, value in (made.pop("from", None) or {}).items()
@@ -300,8 +368,8 @@ def _set_provenance(work: Correction, name: str, made: Data) -> None:
     }
     made.pop("prompt", None)
     if name in work.found:
-        sure, prompt = work.found[name]
-        sources = {"mask": document.provenance("pointed at", sure), **sources}
+        confidence, prompt = work.found[name]
+        sources = {"mask": document.provenance("pointed at", confidence), **sources}
         made["prompt"] = prompt
     if sources:
         made["from"] = sources
@@ -313,66 +381,104 @@ def _set_provenance(work: Correction, name: str, made: Data) -> None:
 def _write_maps(
     work: Correction, folder: Path, painted: Painted, objects: Sequence[PhotoObject]
 ) -> None:
-    """Write into `folder`, which holds all maps as they were, those that change."""
+    """Write the maps that change into `folder`, which contains links to the previous
+    maps.
+    """
     maps = work.maps
     if (painted.before != painted.after).any() or not (folder / "masks.png").is_file():
-        doubtful = np.where(painted.before == 0, maps.labels, np.uint16(0))
+        doubtful_labels = np.where(painted.before == 0, maps.labels, np.uint16(0))
         _write_map(
-            folder / "masks.png", np.where(painted.after == 0, doubtful, painted.after)
+            folder / "masks.png",
+            np.where(painted.after == 0, doubtful_labels, painted.after),
         )
-    part = _window(painted.touched | (painted.union != painted.union_before))
-    touched, union = painted.touched[part], painted.union[part]
-    near = dilate(union != painted.union_before[part], SOFT)
-    known = {one.name: getattr(maps, one.name) for one in fields(maps)}
-    cut: dict[str, Any] = {
-        name: None if values is None else values[part] for name, values in known.items()
+    window = _window(painted.touched | (painted.union != painted.union_before))
+    touched_pixels, object_pixels = painted.touched[window], painted.union[window]
+    # A matte is slow and soft: it is computed only in a band around the changed border.
+    border_band = dilate(object_pixels != painted.union_before[window], SOFT)
+    map_values = {one.name: getattr(maps, one.name) for one in fields(maps)}
+    map_parts: dict[str, Any] = {
+        name: None if values is None else values[window]
+        for name, values in map_values.items()
     }
-    here = Percepts(**cut)
-    if here.coverage is not None and near.any():
-        made = registry.make("matte")(
-            np.ascontiguousarray(here.rgb), union.astype(np.uint16)
+    percepts = Percepts(**map_parts)
+    if percepts.coverage is not None and border_band.any():
+        new_values = registry.make("matte")(
+            np.ascontiguousarray(percepts.rgb), object_pixels.astype(np.uint16)
         )
-        coverage = np.where(near, made, here.coverage)
-        _patch(folder / "coverage.png", part, near, coverage)
-        where = dilate(touched, PATCHED_AROUND) | near
-        for name, picture in (("background", here.background), ("clean", here.clean)):
+        coverage = np.where(border_band, new_values, percepts.coverage)
+        _patch(folder / "coverage.png", window, border_band, coverage)
+        changed_pixels = dilate(touched_pixels, PATCHED_AROUND) | border_band
+        # The fill sees only the window: pixels that no object covers now are
+        # background.
+        for name, picture in (
+            ("background", percepts.background),
+            ("clean", percepts.clean),
+        ):
             if picture is not None:
-                filled = np.where((coverage == 0)[..., None], here.rgb, picture)
-                # what a shadow was lifted from stays so, where nothing covered it before
-                filled = np.where((here.coverage == 0)[..., None], picture, filled)
-                hole = where & (coverage > 0)
+                filled_picture = np.where(
+                    (coverage == 0)[..., None], percepts.rgb, picture
+                )
+                # Pixels that no object covered before keep their values: in the clean
+                # background, their shadows have been removed.
+                filled_picture = np.where(
+                    (percepts.coverage == 0)[..., None], picture, filled_picture
+                )
+                hole = changed_pixels & (coverage > 0)
                 if hole.any():
-                    made = registry.make("inpaint")(np.ascontiguousarray(filled), hole)
-                    filled = np.where(hole[..., None], made, filled)
-                _patch(folder / f"{name}.png", part, where, filled / np.float32(255))
-    if here.normals is not None and objects:
-        by = -np.array([part[1].start, part[0].start], np.float64)
-        labels = np.ascontiguousarray(painted.labels[part])
-        there = [
-            replace(one, outline=translated_outline(one.outline, by)) for one in objects
+                    new_values = registry.make("inpaint")(
+                        np.ascontiguousarray(filled_picture), hole
+                    )
+                    filled_picture = np.where(
+                        hole[..., None], new_values, filled_picture
+                    )
+                _patch(
+                    folder / f"{name}.png",
+                    window,
+                    changed_pixels,
+                    filled_picture / np.float32(255),
+                )
+    if percepts.normals is not None and objects:
+        # The backend of normals sees only the window, hence the outlines move into its
+        # frame.
+        offset = -np.array([window[1].start, window[0].start], np.float64)
+        labels = np.ascontiguousarray(painted.labels[window])
+        shifted_objects = [
+            replace(one, outline=translated_outline(one.outline, offset))
+            for one in objects
         ]
         guess = BoundaryGuess(work.scene.world.view, 0.0, "", ())
         normals = registry.make("normals")(
-            np.ascontiguousarray(here.rgb), labels, there, guess
+            np.ascontiguousarray(percepts.rgb), labels, shifted_objects, guess
         )
-        where = np.isin(labels, [one.id for one in objects]) | (touched & (labels == 0))
-        _patch(folder / "normals.png", part, where, normals, signed=True)
+        changed_pixels = np.isin(labels, [one.id for one in objects]) | (
+            touched_pixels & (labels == 0)
+        )
+        _patch(folder / "normals.png", window, changed_pixels, normals, signed=True)
 
 
 def _window(mask: Mask) -> Window:
-    """Rows and columns of what a mask (H, W) holds, and of enough around it; all where it holds nothing."""
+    """Return the slices of a mask's (H, W) bounding box with a margin; of all for no
+    pixel.
+    """
     rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
     if not len(rows):
         return slice(0, mask.shape[0]), slice(0, mask.shape[1])
-    by = max(AROUND, int(rows[-1] - rows[0]) // 2, int(columns[-1] - columns[0]) // 2)
+    margin = max(
+        AROUND, int(rows[-1] - rows[0]) // 2, int(columns[-1] - columns[0]) // 2
+    )
     return tuple(  # type: ignore[return-value]
-        slice(max(0, int(held[0]) - by), min(side, int(held[-1]) + by + 1))
-        for held, side in zip((rows, columns), mask.shape, strict=True)
+        slice(
+            max(0, int(indices[0]) - margin), min(side, int(indices[-1]) + margin + 1)
+        )
+        for indices, side in zip((rows, columns), mask.shape, strict=True)
     )
 
 
 def _write_map(path: Path, picture: U8 | U16) -> None:
-    """(H, W) or (H, W, 3) RGB, whole or not at all; what another name links to stays as it is."""
+    """Write a picture, (H, W) or (H, W, 3) RGB, as a new file under its name.
+
+    The new file replaces the link; the linked file of the previous assets stays.
+    """
     write_atomic(
         path,
         png_bytes(picture, 1 if picture.shape[0] * picture.shape[1] > LARGE else 4),
@@ -382,16 +488,22 @@ def _write_map(path: Path, picture: U8 | U16) -> None:
 def _patch(
     path: Path, part: Window, where: Mask, values: NDArray[Any], *, signed: bool = False
 ) -> None:
-    """Write values of 0..1 (-1..1 where `signed`) into a window of a stored map, in its own depth."""
+    """Write values into a window of a stored map, in the depth of its file.
+
+    `values`: 0..1, or -1..1 if `signed`; `where` (h, w): the pixels to change.
+    """
     stored = read_channels(path)
     if stored.ndim == 3:
         stored = stored[:, :, :3] if values.ndim == 3 else stored[:, :, 0]
     stored = stored.copy()
-    full = np.iinfo(stored.dtype).max
-    middle = (full + 1) // 2 if signed else 0
-    new = np.clip(
-        np.rint(values * (middle - 1 if signed else full)) + middle, 0, full
+    largest_value = np.iinfo(stored.dtype).max
+    middle = (largest_value + 1) // 2 if signed else 0
+    encoded_values = np.clip(
+        np.rint(values * (middle - 1 if signed else largest_value)) + middle,
+        0,
+        largest_value,
     ).astype(stored.dtype)
-    if (new[where] != stored[part][where]).any():
-        stored[part][where] = new[where]
+    # A file without changes stays a link to the previous one.
+    if (encoded_values[where] != stored[part][where]).any():
+        stored[part][where] = encoded_values[where]
         _write_map(path, stored)

@@ -1,7 +1,8 @@
-"""The draft folder beside a scene: what is not saved yet, held by one editor at a time.
+"""The draft folder beside a scene: unsaved changes, locked by one editor at a time.
 
-`.NAME.editing/` holds `draft.json` with the newest text and the address of the editor. It is removed when the editor
-ends with everything saved; the next editor continues one that is left.
+`.NAME.editing/` contains `draft.json` with the newest text and the address of the
+editor. An editor removes the folder at its end if everything is saved; otherwise, the
+next editor continues the draft.
 """
 
 from __future__ import annotations
@@ -21,7 +22,9 @@ from physgen.problems import InputError
 
 
 class Unsaved(BaseModel):
-    """What draft.json holds. Earlier formats held the whole history, or copies of maps."""
+    """The content of draft.json. Earlier formats stored the whole history, or copies of
+    maps.
+    """
 
     model_config = ConfigDict(extra="forbid", strict=True)
 
@@ -29,11 +32,11 @@ class Unsaved(BaseModel):
     text: str
     saved: str  # the text that the file held when it was read or written last
     folders: list[Annotated[str, Field(pattern=r"^[^/\\]+\.assets$")]] = []
-    """Maps of corrections, beside the scene."""
+    """Folders of maps beside the scene, written by corrections."""
 
 
 class BusyError(Exception):
-    """Another editor, at `address`, has the scene."""
+    """Error: another editor, at `address`, has opened the scene."""
 
     def __init__(self, address: str) -> None:
         super().__init__(address)
@@ -41,31 +44,36 @@ class BusyError(Exception):
 
 
 def draft_folder(path: Path) -> Path:
-    """The draft folder of a scene file."""
+    """Return the draft folder of a scene file."""
     real = Path(os.path.realpath(path))
     return real.with_name(f".{real.name}.editing")
 
 
 class Draft:
-    """The draft folder of one scene, held by this process alone. Raises BusyError, InputError."""
+    """The draft folder of one scene, locked by this process. Raises BusyError,
+    InputError.
+    """
 
     def __init__(self, path: Path) -> None:
         self.folder = draft_folder(path)
         self._file = self.folder / "draft.json"
         try:
             self.folder.mkdir(mode=0o700, exist_ok=True)
-            found = os.lstat(self.folder)
+            folder_status = os.lstat(self.folder)
         except OSError as error:
             reason = (error.strerror or str(error)).lower()
             raise Message.DRAFT_IMPOSSIBLE.error(str(path), reason=reason) from None
-        if self.folder.is_symlink() or not is_private(found):
+        # The draft contains the scene: in a folder of another user, it could be read or
+        # replaced.
+        if self.folder.is_symlink() or not is_private(folder_status):
             raise self._strange("is a draft of another user or machine")
         self._lock_file = self.folder / "lock"
         self._lock = FileLock(self._lock_file, timeout=0)
         try:
             self._lock.acquire()
         except Timeout:
-            address = self.folder / "address"  # not there while the other one starts
+            # The other editor writes its address once it listens, after it has locked.
+            address = self.folder / "address"
             raise BusyError(
                 address.read_text("utf-8") if address.is_file() else ""
             ) from None
@@ -74,7 +82,9 @@ class Draft:
         return Message.DRAFT_STRANGE.error(str(self.folder), fault=what)
 
     def load(self) -> Unsaved | None:
-        """What `store` wrote last; None where there is nothing. Raises InputError."""
+        """Load the newest stored draft; None if nothing is stored. Raises
+        InputError.
+        """
         try:
             return Unsaved.model_validate_json(self._file.read_bytes())
         except FileNotFoundError:
@@ -83,17 +93,18 @@ class Draft:
             raise self._strange("is a draft of another version of physgen") from None
 
     def store(self, unsaved: Unsaved) -> None:
-        """Write it to the disk; what was stored before stays until this is complete. Raises OSError."""
-        if (
-            not self._lock_file.exists()
-        ):  # the folder was removed: hold the new one, too
+        """Store a draft; the previous one stays until the new one is complete. Raises
+        OSError.
+        """
+        # If another program removed the folder, its lock is lost: lock the new folder.
+        if not self._lock_file.exists():
             self.folder.mkdir(mode=0o700, exist_ok=True)
             self._lock.release()
             self._lock.acquire()
         write_atomic(self._file, unsaved.model_dump_json().encode())
 
     def clear(self) -> None:
-        """Remove what is stored: everything is saved."""
+        """Remove the stored draft, since everything is saved."""
         self._file.unlink(missing_ok=True)
 
     def listens(self, address: str) -> None:
@@ -101,11 +112,11 @@ class Draft:
         write_atomic(self.folder / "address", address.encode())
 
     def close(self, keep: bool) -> None:
-        """Release the folder, and remove it unless it is to be kept."""
+        """Release the folder, and remove it unless `keep` is true."""
         if not keep:
             shutil.rmtree(self.folder, ignore_errors=True)
         self.release()
 
     def release(self) -> None:
-        """Leave the folder, as it is, to others."""
+        """Release the lock and leave the folder as it is."""
         self._lock.release()

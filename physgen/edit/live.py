@@ -1,4 +1,6 @@
-"""Problems, values and the motion of a scene's text, computed in parts while the user edits."""
+"""Problems, values and the motion of a scene's text, computed in parts during
+editing.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.compile import Compiled
+from physgen.compile.compile import CompiledScene
 from physgen.compile.world import World, appearance, photo_poses
 from physgen.maps import Percepts
 from physgen.messages import Message
@@ -34,7 +36,7 @@ from physgen.report.perception import (
 )
 from physgen.report.player import figure, fixed_data, plate, shadows, sprites, touches
 from physgen.scene.files import RECORD, read_record
-from physgen.scene.load import Opened
+from physgen.scene.load import OpenedScene
 from physgen.scene.provenance import Provenance, source
 from physgen.scene.scene import Scene, Solid
 from physgen.simulate.engine import Running
@@ -57,34 +59,41 @@ SECTIONS = (
 
 
 def problem_data(problem: Problem, file: str) -> Data:
-    """A problem for the page: `line` is that of the text in the editor, null where it stands elsewhere.
+    """Return a problem for the page.
 
-    `object` is the one in whose entry it stands, if any.
+    `line` is that of the text in the editor, null for a problem in another file.
+    `object` is the object with the problem in its entry, if any.
     """
-    inside = _OBJECT.search(problem.path)
-    here = problem.place.file == file and problem.place.line > 0
-    named = f"variant {problem.variant}: {problem.path}" if problem.variant else ""
-    parts = (named, problem.found, problem.expected)
+    object_match = _OBJECT.search(problem.path)
+    is_in_editor = problem.place.file == file and problem.place.line > 0
+    variant_path = (
+        f"variant {problem.variant}: {problem.path}" if problem.variant else ""
+    )
+    parts = (variant_path, problem.found, problem.expected)
     return problem.as_dict() | {
-        "file": None if here else problem.place.file,
-        "line": problem.place.line if here else None,
-        "column": problem.place.column if here else None,
+        "file": None if is_in_editor else problem.place.file,
+        "line": problem.place.line if is_in_editor else None,
+        "column": problem.place.column if is_in_editor else None,
         "message": " ".join(part for part in parts if part),
-        "object": inside[1] if inside else None,
+        "object": object_match[1] if object_match else None,
     }
 
 
 def scene_data(scene: Scene) -> Data:
-    """What the file means, with defaults, as a file would have it: px, s, g, degrees."""
-    found: Data = {name: scene.document.get(name) for name in SECTIONS}
-    found["size"] = list(scene.size)
-    found["image"] = None if scene.image is None else PurePath(scene.image).name
-    found["written"] = sorted(scene.places)
-    return found
+    """Return the content of the file with defaults, in units of the file: px, s, g,
+    degrees.
+    """
+    data: Data = {name: scene.document.get(name) for name in SECTIONS}
+    data["size"] = list(scene.size)
+    data["image"] = None if scene.image is None else PurePath(scene.image).name
+    data["written"] = sorted(scene.places)
+    return data
 
 
 RING_TOLERANCE = 0.75
-"""px by which the outline of a doubtful region may be off, so that the page gets few points."""
+"""Tolerance of the outline of a doubtful region, px, so that the page gets few
+points.
+"""
 
 
 def doubtful_data(scene: Scene, percepts: Percepts | None) -> list[Data]:
@@ -104,7 +113,9 @@ def doubtful_data(scene: Scene, percepts: Percepts | None) -> list[Data]:
 
 
 def perceived_data(scene: Scene) -> Data | None:
-    """Return the verdict on the photo and the summary of perception, if it wrote them."""
+    """Return the verdict on the photo and the summary of perception, if it
+    wrote them.
+    """
     record = read_record(scene.assets / RECORD) if scene.assets is not None else {}
     verdict = written_suitability(scene.assets)
     summary = record.get("summary")
@@ -114,8 +125,10 @@ def perceived_data(scene: Scene) -> Data | None:
     return {"verdict": verdict, "summary": lines}
 
 
-def derived_data(scene: Scene, compiled: Compiled) -> Data:
-    """What follows from it: centres, masses and moments, as the engine has them."""
+def derived_data(scene: Scene, compiled: CompiledScene) -> Data:
+    """Return the values that follow from the scene: centres, masses and moments of the
+    engine.
+    """
     world = compiled.world
     objects: dict[str, Data] = {}
     for item, body in zip(scene.objects, world.bodies, strict=True):
@@ -141,7 +154,11 @@ MAX_ROWS = 300
 
 
 def todo(scene: Scene | None, problems: Sequence[Data]) -> list[Data]:
-    """Rows as the page shows them: `kind`, `object`, `path`, `line`, `text`, `fix`, `ops`; None: the user decides."""
+    """Return the list of open questions for the page.
+
+    A row has `kind`, `object`, `path`, `line`, `text`, `fix` and `ops`; `ops` None:
+    only the user can decide. Errors come first, then guesses by confidence, then lints.
+    """
     rows = [
         _row("error", p, p["message"], p["fix"])
         for p in problems
@@ -149,19 +166,21 @@ def todo(scene: Scene | None, problems: Sequence[Data]) -> list[Data]:
     ]
     if scene is not None:
         rows += [row for _, row in sorted(_unsure(scene), key=lambda doubt: doubt[0])]
-    odd = (p for p in problems if p["severity"] != "error")
-    rows += [_row("lint", p, p["message"], p["fix"]) for p in odd]
+    lints = (p for p in problems if p["severity"] != "error")
+    rows += [_row("lint", p, p["message"], p["fix"]) for p in lints]
     return rows[:MAX_ROWS]
 
 
 def doubtful_rows(scene: Scene, doubtful: Sequence[Data]) -> list[Data]:
-    """Return a row for each region that may be an object, as `todo` does."""
+    """Return a row of `todo` for each region that may be an object."""
     rows = []
     for region in doubtful:
         path = f"doubtful.{region['name']}"
-        at = {"object": None, "path": path, "line": _line(scene, path)}
+        position = {"object": None, "path": path, "line": _line(scene, path)}
         text = f"{region['text']} may be an object, too"
-        rows.append(_row("doubt", at, text, "to have it, click on it with Mask, Point"))
+        rows.append(
+            _row("doubt", position, text, "to have it, click on it with Mask, Point")
+        )
     return rows
 
 
@@ -177,7 +196,9 @@ def _row(
 
 
 def _unsure(scene: Scene) -> Iterator[tuple[float, Data]]:
-    """Guesses about objects and boundaries that no user has confirmed, with their confidence."""
+    """Yield the unconfirmed guesses about objects, boundaries and the light, with
+    confidence.
+    """
     provenance = Provenance(scene, None)
     for item in scene.objects:
         yield from _of_one(
@@ -203,45 +224,51 @@ def _of_one(
     sources: Mapping[str, str],
     name: str | None,
 ) -> Iterator[tuple[float, Data]]:
-    where = ".".join(path)
-    found: list[tuple[float, str, str]] = []
+    """Yield the row of one entry, with its least confidence, if it has uncertain
+    guesses.
+    """
+    entry_path = ".".join(path)
+    guesses: list[tuple[float, str, str]] = []
     for part, guess in sources.items():
-        sure = source(guess).sure
-        value = f"{where}.{part}" if part else where
-        if sure is None or sure >= SURE:
+        confidence = source(guess).sure
+        value = f"{entry_path}.{part}" if part else entry_path
+        if confidence is None or confidence >= SURE:
             continue
-        if provenance.of(value, guess, written_at=f"{where}.from").kind == "guess":
-            found.append(
+        if provenance.of(value, guess, written_at=f"{entry_path}.from").kind == "guess":
+            guesses.append(
                 (
-                    sure,
+                    confidence,
                     part,
-                    f"{part or path[-1]} ({guess.rpartition(' ')[0]}, {sure:.0%})",
+                    f"{part or path[-1]} ({guess.rpartition(' ')[0]}, {confidence:.0%})",
                 )
             )
-    found.sort()
-    if found:
-        least, first, _ = found[0]
-        value = f"{where}.{first}" if first else where
-        at = {
+    # The least certain value decides the place of the row among all rows.
+    guesses.sort()
+    if guesses:
+        least_confidence, first_key, _ = guesses[0]
+        value = f"{entry_path}.{first_key}" if first_key else entry_path
+        position = {
             "object": name,
             "path": value,
-            "line": _line(scene, value) or _line(scene, where),
+            "line": _line(scene, value) or _line(scene, entry_path),
         }
-        left = {
+        other_sources = {
             key: one
             for key, one in sources.items()
-            if key not in {key for _, key, _ in found}
+            if key not in {key for _, key, _ in guesses}
         }
-        recorded = name is not None and f"{where}.from" not in scene.places
+        recorded = name is not None and f"{entry_path}.from" not in scene.places
         ops: list[Data] = [{"unset": [*path, "from"]}]
-        if left or recorded:  # in the file it counts before the record
-            ops = [{"set": [*path, "from"], "value": left}]
+        # The record of perception also names the source: an empty `from` in the file
+        # overrides the record.
+        if other_sources or recorded:
+            ops = [{"set": [*path, "from"], "value": other_sources}]
         yield (
-            least,
+            least_confidence,
             _row(
                 "doubt",
-                at,
-                "; ".join(what for *_, what in found),
+                position,
+                "; ".join(what for *_, what in guesses),
                 "correct as it is",
                 ops,
             ),
@@ -260,17 +287,19 @@ def _line(scene: Scene, path: str) -> int | None:
 Array = NDArray[np.float64]
 
 SUBSAMPLES = 4
-"""Samples of a frame, so that a bounce within one shows."""
+"""Samples per frame, so that a bounce between two frames is visible."""
 MAX_SUBSAMPLED = 100_000
-"""Samples times objects up to which frames have so many samples."""
+"""Samples times objects up to which each frame has `SUBSAMPLES` samples."""
 MAX_PART = 200_000
 """Samples times objects of one part of a motion: about 15 MB of JSON."""
 FIRST, MORE = 0.045, 0.08
-"""s that a look, and a part of a motion after its first, simulate."""
+"""Time for simulation, s, of a look, and of each later part of a motion."""
 SLICE = 0.03
-"""s for which a motion that is simulated to its end keeps others waiting."""
+"""Time, s, for which a simulation to the end blocks other threads."""
 MAX_MOTIONS = 6
-"""Motions that are kept: of the tabs, and of before and after an undo."""
+"""Number of motions in memory: those of the tabs, and those before and after an
+undo.
+"""
 ENERGY = ("kinetic", "potential", "dissipated", "work")
 COLUMNS = ("x", "y", "a", "vx", "vy", "w")
 
@@ -278,24 +307,29 @@ COLUMNS = ("x", "y", "a", "vx", "vy", "w")
 class MotionStream:
     """The motion of one world, simulated in parts as the page asks for them.
 
-    Numbers are little-endian float64 in base64: at the frames those of `physgen simulate`. No step is simulated twice.
+    Numbers are little-endian float64 in base64; at the frames they equal those of
+    `physgen simulate`. No step is simulated twice.
     """
 
     def __init__(self, key: str, scene: Scene, world: World) -> None:
         self.key = key
         self.scene, self.world = scene, world
-        N, frames = max(len(world.bodies), 1), world.times
-        finer = SUBSAMPLES if len(frames) * SUBSAMPLES * N <= MAX_SUBSAMPLED else 1
+        body_count, frames = max(len(world.bodies), 1), world.times
+        subsamples = (
+            SUBSAMPLES if len(frames) * SUBSAMPLES * body_count <= MAX_SUBSAMPLED else 1
+        )
+        # The page draws contacts and bounces between the frames, as long as the numbers
+        # fit.
         times = frames
-        if finer > 1 and len(frames) > 1:
-            between = frames[:-1, None] + np.diff(frames)[:, None] * (
-                np.arange(finer) / finer
+        if subsamples > 1 and len(frames) > 1:
+            subframe_times = frames[:-1, None] + np.diff(frames)[:, None] * (
+                np.arange(subsamples) / subsamples
             )
-            times = np.unique(np.concatenate([between.ravel(), frames]))
+            times = np.unique(np.concatenate([subframe_times.ravel(), frames]))
         self._frames = np.searchsorted(times, frames)
         self._running = Running(world, times, most=0)
         self.problems: list[Problem] = []
-        """Why the motion ends early."""
+        """Reasons for an early end of the motion."""
 
     @property
     def total(self) -> int:
@@ -306,57 +340,62 @@ class MotionStream:
         return bool(self.problems) or self._running.done >= self.total
 
     def trajectory(self) -> Trajectory:
-        """The motion; samples that are not simulated yet are zeros."""
+        """Return the motion; samples that are not simulated yet are zeros."""
         return self._running.trajectory()
 
     def part(self, start: int, deadline: float) -> Data:
-        """Samples from `start` on, at least one; simulated until `deadline`, a time of `time.perf_counter`."""
+        """Return the samples from `start` on, at least one.
+
+        Simulates until `deadline`, a time of `time.perf_counter`.
+        """
         start = max(0, min(start, self.total))
         self.simulate(start + 1, deadline)
         run, N = self._running, max(len(self.world.bodies), 1)
-        upto = max(start, min(run.done, start + max(1, MAX_PART // N)))
-        known = run.trajectory()
-        found: Data = {
+        end = max(start, min(run.done, start + max(1, MAX_PART // N)))
+        trajectory = run.trajectory()
+        data: Data = {
             "key": self.key,
             "id": self.key,
             "from": start,
-            "upto": upto,
+            "upto": end,
             "total": self.total,
-            "done": self.done and upto == run.done,
+            "done": self.done and end == run.done,
             "problems": [],
         }
-        turning = known.turns.shape[1] > 0
-        found["bodies"] = [
+        has_turns = trajectory.turns.shape[1] > 0
+        data["bodies"] = [
             {
                 "name": body.name,
                 **{
-                    name: packed(known.poses[start:upto, k, c])
+                    name: packed(trajectory.poses[start:end, k, c])
                     for c, name in enumerate(COLUMNS[:3])
                 },
                 **{
-                    name: packed(known.velocities[start:upto, k, c])
+                    name: packed(trajectory.velocities[start:end, k, c])
                     for c, name in enumerate(COLUMNS[3:])
                 },
-                "q": [packed(part) for part in known.turns[start:upto, k].T]
-                if turning
+                "q": [packed(part) for part in trajectory.turns[start:end, k].T]
+                if has_turns
                 else None,
             }
             for k, body in enumerate(self.world.bodies)
         ]
-        found["contacts"] = found["energy"] = None
-        if found["done"] and not self.problems:
-            energy = known.energy
-            found["energy"] = {name: packed(getattr(energy, name)) for name in ENERGY}
-            found["contacts"] = {
-                "surfaces": list(known.contacts.surfaces),
-                "touches": touches(known),
+        # Contacts and energies refer to the whole motion, so that the last part carries
+        # them.
+        data["contacts"] = data["energy"] = None
+        if data["done"] and not self.problems:
+            energy = trajectory.energy
+            data["energy"] = {name: packed(getattr(energy, name)) for name in ENERGY}
+            data["contacts"] = {
+                "surfaces": list(trajectory.contacts.surfaces),
+                "touches": touches(trajectory),
             }
         if start == 0:
-            self._begin(found)
-        return found
+            self._begin(data)
+        return data
 
     def simulate(self, least: int, deadline: float) -> None:
-        """Simulate until the deadline, and until at least so many samples are taken."""
+        """Simulate until the deadline, and until at least `least` samples are taken."""
         run = self._running
         if self.done:
             return
@@ -365,12 +404,14 @@ class MotionStream:
                 run.on(run.end, enough=partial(_late, deadline))
                 if run.done >= min(least, self.total) and _late(deadline):
                     break
+                # The deadline has passed without the required samples: simulate 10 ms
+                # at a time.
                 deadline = max(deadline, time.perf_counter() + 0.01)
         except InputError as error:
             self.problems = error.problems
 
     def _begin(self, found: Data) -> None:
-        """Add what only the first part has: all that does not change with time."""
+        """Add the data of the first part: everything that is constant in time."""
         scene, world = self.scene, self.world
         for k, body in enumerate(world.bodies):
             found["bodies"][k] |= figure(scene, k, body)
@@ -382,11 +423,12 @@ class MotionStream:
 
 
 def _late(deadline: float) -> bool:
+    """Check whether a deadline has passed."""
     return time.perf_counter() > deadline
 
 
 def packed(values: Array) -> str:
-    """Little-endian float64, base64.
+    """Encode values as little-endian float64 in base64.
 
     >>> packed(np.array([1.0]))
     'AAAAAAAA8D8='
@@ -396,26 +438,28 @@ def packed(values: Array) -> str:
 
 @dataclass(frozen=True)
 class Look:
-    """A state of the text for the page. Where the text is wrong, only `problems` and `todo` are set."""
+    """A state of the text for the page; a wrong text has only `problems` and `todo`."""
 
     problems: tuple[Data, ...] = ()  # errors, then lints
     scene: Data | None = None
     derived: Data | None = None
-    motion: Data | None = None  # the first part of its motion; see `MotionStream`
+    motion: Data | None = None  # the first part of the motion; see `MotionStream`
     picture: str | None = None  # key of the picture
     todo: tuple[Data, ...] = ()
     doubtful: tuple[Data, ...] = ()  # regions that may be objects
-    perceived: Data | None = None  # what perception wrote about the photo
+    perceived: Data | None = None  # the verdict and the summary of perception
 
 
 @dataclass(frozen=True)
-class CompiledScene:
-    """A scene that is compiled; without its maps, as many texts of one large photo may be kept."""
+class LiveScene:
+    """A compiled scene without its maps, so that many texts of a large photo fit in
+    memory.
+    """
 
     scene: Scene
-    compiled: Compiled
-    key: str  # of its photo and maps
-    picture: str  # key of its picture
+    compiled: CompiledScene
+    key: str  # key of the photo and its maps
+    picture: str  # key of the picture
     read: Callable[[Scene], Percepts | None]
     lints: list[tuple[Problem, ...]] = field(
         default_factory=list
@@ -423,65 +467,82 @@ class CompiledScene:
 
     @property
     def percepts(self) -> Percepts | None:
-        """The photo and its maps, None for a scene without a photo."""
+        """Return the photo and its maps, None for a scene without a photo."""
         return self.read(self.scene)
 
 
 class Live:
-    """One scene file while it is edited: problems, values and motion of its text.
+    """One scene file during editing: problems, values and motion of its text.
 
-    What an edit leaves as it was is kept: the photo and its maps, outlines, and motions. The methods may be called from
-    any thread; they wait for each other.
+    Results that an edit does not change are reused: the photo and its maps, outlines,
+    and motions. The methods are thread-safe: one runs at a time.
     """
 
     def __init__(self, path: Path, allow_outside: bool = False) -> None:
         self.path, self.allow_outside = path, allow_outside
         self._lock = RLock()
         self._warm = Stages(Keep.EDITING)
-        self._opened: Recent[Opened] = Recent(6)
-        self._known: Recent[CompiledScene] = Recent(8)
+        self._opened: Recent[OpenedScene] = Recent(6)
+        self._known: Recent[LiveScene] = Recent(8)
         self._motions: Recent[MotionStream] = Recent(MAX_MOTIONS)
-        self._sights: Recent[CompiledScene] = Recent(4)
+        self._sights: Recent[LiveScene] = Recent(4)
 
     def look(
         self, text: str, variant: str | None = None, *, motion_only: bool = False
     ) -> Look:
-        """All that the page shows of a text, or its motion and problems alone, while the user drags something."""
+        """Return the data of the page for a text.
+
+        `motion_only`: only the motion and its problems, while the user drags an object.
+        """
         with self._lock:
-            begun = time.perf_counter()
+            start_time = time.perf_counter()
             try:
                 opened = self._open(text)
-                known = self._mean(opened, variant)
+                compiled_scene = self._mean(opened, variant)
             except InputError as error:
                 rows = tuple(self._row(problem) for problem in error.problems)
                 return Look(rows, todo=tuple(todo(None, rows)))
-            stream, motion = self._motion(known, begun)
+            stream, motion = self._motion(compiled_scene, start_time)
             if motion_only:
                 return Look(
-                    tuple(self._row(p, known.scene) for p in stream.problems),
+                    tuple(self._row(p, compiled_scene.scene) for p in stream.problems),
                     motion=motion,
                 )
-            if not known.lints:
-                known.lints.append(
-                    tuple(lint(known.scene, known.compiled, known.percepts))
+            # Lints take long and depend on the text alone: compute them once per text.
+            if not compiled_scene.lints:
+                compiled_scene.lints.append(
+                    tuple(
+                        lint(
+                            compiled_scene.scene,
+                            compiled_scene.compiled,
+                            compiled_scene.percepts,
+                        )
+                    )
                 )
-            failing = as_warnings(opened.variant_problems)
-            found = (*stream.problems, *failing, *known.lints[0])
-            rows = tuple(self._row(problem, known.scene) for problem in found)
-            doubtful = doubtful_data(known.scene, known.percepts)
+            variant_warnings = as_warnings(opened.variant_problems)
+            problems = (*stream.problems, *variant_warnings, *compiled_scene.lints[0])
+            rows = tuple(
+                self._row(problem, compiled_scene.scene) for problem in problems
+            )
+            doubtful = doubtful_data(compiled_scene.scene, compiled_scene.percepts)
             return Look(
                 rows,
-                scene_data(known.scene),
-                derived_data(known.scene, known.compiled),
+                scene_data(compiled_scene.scene),
+                derived_data(compiled_scene.scene, compiled_scene.compiled),
                 motion,
-                known.picture,
-                (*todo(known.scene, rows), *doubtful_rows(known.scene, doubtful)),
+                compiled_scene.picture,
+                (
+                    *todo(compiled_scene.scene, rows),
+                    *doubtful_rows(compiled_scene.scene, doubtful),
+                ),
                 tuple(doubtful),
-                perceived_data(known.scene),
+                perceived_data(compiled_scene.scene),
             )
 
     def more(self, key: str, start: int) -> Data | None:
-        """The next part of a motion, from a sample on; None where it is not kept any more."""
+        """Return the next part of a motion, from a sample on; None if its stream was
+        dropped.
+        """
         with self._lock:
             stream = self._motions.get(key)
             if stream is None:
@@ -491,7 +552,10 @@ class Live:
             return part
 
     def whole(self, key: str) -> tuple[Trajectory, World] | None:
-        """A motion simulated to its end, and its world; None where it is not kept, or cannot be simulated."""
+        """Simulate a motion to its end, and return it with its world.
+
+        None if its stream was dropped or cannot be simulated.
+        """
         while True:
             with self._lock:
                 stream = self._motions.get(key)
@@ -500,65 +564,81 @@ class Live:
                 if stream.done:
                     return stream.trajectory(), stream.world
                 stream.simulate(0, time.perf_counter() + SLICE)
-            time.sleep(0)  # lets waiting looks go first
+            # Let waiting threads take the lock between two slices.
+            time.sleep(0)
 
-    def sight(self, key: str) -> CompiledScene | None:
-        """The scene of a picture's key."""
+    def sight(self, key: str) -> LiveScene | None:
+        """Return the scene of a picture's key."""
         with self._lock:
             return self._sights.get(key)
 
-    def state(self, text: str, variant: str | None = None) -> CompiledScene:
-        """The scene of a text with its maps, compiled. Raises InputError."""
+    def state(self, text: str, variant: str | None = None) -> LiveScene:
+        """Compile the scene of a text with its maps. Raises InputError."""
         with self._lock:
             return self._mean(self._open(text), variant)
 
     def document(self, text: str) -> Data:
-        """The text as plain data, with what it extends and without any default. Raises InputError."""
+        """Return the text as plain data, with `extends` and without defaults. Raises
+        InputError.
+        """
         with self._lock:
             return self._open(text).document()
 
-    def _open(self, text: str) -> Opened:
-        def read() -> Opened:
-            return Opened(self.path, self.allow_outside, text=text)
+    def _open(self, text: str) -> OpenedScene:
+        """Read a text, or return the scene file that was read for the same text."""
+
+        def read() -> OpenedScene:
+            return OpenedScene(self.path, self.allow_outside, text=text)
 
         opened = self._opened.of(text, read)
-        if opened.stale():  # a file that it extends was written
+        # Another program changed a file that the scene extends.
+        if opened.stale():
             self._opened.forget(text)
             opened = self._opened.of(text, read)
         return opened
 
-    def _mean(self, opened: Opened, variant: str | None) -> CompiledScene:
-        """The scene of a text, compiled. Raises InputError."""
+    def _mean(self, opened: OpenedScene, variant: str | None) -> LiveScene:
+        """Compile the scene of a text. Raises InputError."""
         scene = opened.scene((), variant)
-        seen = self._warm.maps(scene)
-        read = (opened, variant, seen.key)
+        maps = self._warm.maps(scene)
+        cache_key = (opened, variant, maps.key)
 
-        def make() -> CompiledScene:
-            compiled = self._warm.compile(scene, seen)
+        def make() -> LiveScene:
+            compiled = self._warm.compile(scene, maps)
             masks = (
                 [item.mask for item in scene.objects],
                 [item.mask for item in scene.boundaries],
             )
-            # of these and the maps follows whose pixels are whose: hashing those of a large photo takes long
-            drawn = compiled.outlines if seen.percepts is None else ()
+            # The label map follows from outlines, masks and maps. Hashing these is much
+            # faster than hashing the label map of a large photo.
+            outlines = compiled.outlines if maps.percepts is None else ()
             picture = key(
-                "picture", seen.key, *appearance(scene, compiled.world), drawn, masks
+                "picture", maps.key, *appearance(scene, compiled.world), outlines, masks
             )
-            made = CompiledScene(scene, compiled, seen.key, picture, self._percepts)
-            self._sights.of(picture, lambda: made)
-            return made
+            compiled_scene = LiveScene(
+                scene, compiled, maps.key, picture, self._percepts
+            )
+            self._sights.of(picture, lambda: compiled_scene)
+            return compiled_scene
 
-        return self._known.of(read, make)
+        return self._known.of(cache_key, make)
 
     def _percepts(self, scene: Scene) -> Percepts | None:
+        """Read the maps of a scene from the cache of stages."""
         with self._lock:
             return self._warm.maps(scene).percepts
 
-    def _motion(self, known: CompiledScene, begun: float) -> tuple[MotionStream, Data]:
+    def _motion(self, known: LiveScene, begun: float) -> tuple[MotionStream, Data]:
+        """Return the stream of a scene's motion and its first part."""
         world = known.compiled.world
-        name = motion_key(world)
-        stream = self._motions.of(name, lambda: MotionStream(name, known.scene, world))
-        stream.scene = known.scene  # which may differ in labels or the frame rate
+        stream_key = motion_key(world)
+        stream = self._motions.of(
+            stream_key, lambda: MotionStream(stream_key, known.scene, world)
+        )
+        # Scenes with equal motion may differ in labels or the frame rate.
+        stream.scene = known.scene
+        # Reading and compiling use up most of the time of a slow look: simulate at
+        # least a third.
         part = stream.part(0, max(begun + FIRST, time.perf_counter() + FIRST / 3))
         part["problems"] = [
             self._row(problem, known.scene) for problem in stream.problems
@@ -566,9 +646,9 @@ class Live:
         return stream, part
 
     def _row(self, problem: Problem, scene: Scene | None = None) -> Data:
-        if (
-            scene is not None and not problem.place.line and problem.path
-        ):  # found while simulating
+        """Return a problem for the page, with its line."""
+        # A problem of the simulation has a path but no line.
+        if scene is not None and not problem.place.line and problem.path:
             problem = replace(problem, place=scene.place(problem.path))
         return problem_data(problem, os.fspath(self.path))
 
@@ -577,72 +657,95 @@ class Live:
 
 
 class Pictures:
-    """Of one scene file while it is edited; its methods may be called from any thread and hold up no look."""
+    """Pictures of one scene file during editing.
+
+    The methods are thread-safe, and their own lock keeps them from blocking looks.
+    """
 
     def __init__(self, live: Live) -> None:
         self._live, self._lock = live, Lock()
         self._stages: Recent[Stage] = Recent(2)
 
     def look(self, key: str) -> Data | None:
-        """`names` of the bodies, `background` and `sprites` as `report.cutouts` has them; None: the key is gone."""
+        """Return the background and the sprites for a picture's key; None for a dropped
+        key.
+
+        `names`: the objects; `background` and `sprites` as in `report.cutouts`.
+        """
         sight = self._live.sight(key)
         if sight is None:
             return None
         with self._lock:
-            drawn = self._stage(key, sight)
-            background = plate(drawn, range(len(drawn.sprites)))
+            render_stage = self._stage(key, sight)
+            background = plate(render_stage, range(len(render_stage.sprites)))
             names = [item.name for item in sight.scene.objects]
             return {
                 "key": key,
                 "names": names,
                 "background": background,
-                "sprites": sprites(drawn),
+                "sprites": sprites(render_stage),
                 "shadows": [],
             }
 
     def shadows(self, key: str, motion: str) -> Data | None:
-        """Shadows of every object for a motion, which is simulated to its end; None: one of the two is gone."""
+        """Return the shadows of every object for a motion, which is simulated to its
+        end.
+
+        None if the picture or the motion was dropped.
+        """
         sight = self._live.sight(key)
-        seen = None if sight is None else self._live.whole(motion)
-        if sight is None or seen is None:
+        motion_and_world = None if sight is None else self._live.whole(motion)
+        if sight is None or motion_and_world is None:
             return None
-        trajectory, world = seen
+        trajectory, world = motion_and_world
         with self._lock:
-            drawn = replace(self._stage(key, sight), starts=photo_poses(world))
-            same = len(trajectory.names) == len(sight.scene.objects)
-            rows = shadows(drawn, trajectory, range(len(drawn.sprites))) if same else []
+            render_stage = replace(self._stage(key, sight), starts=photo_poses(world))
+            # The text may have changed between the picture and the motion, with another
+            # set of objects.
+            is_same_scene = len(trajectory.names) == len(sight.scene.objects)
+            rows = (
+                shadows(render_stage, trajectory, range(len(render_stage.sprites)))
+                if is_same_scene
+                else []
+            )
             return {"key": key, "motion": motion, "shadows": rows}
 
     def frame(self, key: str, motion: str, number: int) -> bytes | None:
-        """PNG of all of the photo at a frame of a motion, as the video shows it; None: one of the two is gone.
+        """Render the photo at a frame of a motion as a PNG, as in the video.
 
-        A number beyond the last frame means the last.
+        A number beyond the last frame selects the last. None if the picture or the
+        motion was dropped.
         """
         sight = self._live.sight(key)
-        seen = None if sight is None else self._live.whole(motion)
-        if sight is None or seen is None:
+        motion_and_world = None if sight is None else self._live.whole(motion)
+        if sight is None or motion_and_world is None:
             return None
-        trajectory, world = seen
+        trajectory, world = motion_and_world
         with self._lock:
-            drawn = replace(self._stage(key, sight), starts=photo_poses(world))
+            render_stage = replace(self._stage(key, sight), starts=photo_poses(world))
         blur = sight.scene.render.motion_blur
         at_frames = trajectory.sampled(world.times)
-        moments, parts = exposure_times(at_frames, world, blur)
-        fine = at_frames if parts == 1 else trajectory.sampled(moments)
-        first = min(number, len(world.times) - 1) * parts
-        order = range(first, first + parts)
-        frame = next(render_frames(drawn, fine, order, parts))
+        # Motion blur averages several samples within the exposure of a frame.
+        exposure_moments, parts = exposure_times(at_frames, world, blur)
+        exposure_samples = (
+            at_frames if parts == 1 else trajectory.sampled(exposure_moments)
+        )
+        first_sample = min(number, len(world.times) - 1) * parts
+        sample_indices = range(first_sample, first_sample + parts)
+        frame = next(
+            render_frames(render_stage, exposure_samples, sample_indices, parts)
+        )
         return _png(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR))
 
-    def _stage(self, key: str, sight: CompiledScene) -> Stage:
-        """With the poses in which objects were cut out of the photo."""
+    def _stage(self, key: str, sight: LiveScene) -> Stage:
+        """Prepare the stage of a scene, with objects at the poses of the photo."""
         return self._stages.of(
             key, lambda: stage(sight.scene, sight.compiled, sight.percepts)
         )
 
 
-def photo_png(sight: CompiledScene) -> bytes:
-    """PNG of the photo; a scene without one has a plain background."""
+def photo_png(sight: LiveScene) -> bytes:
+    """Encode the photo as a PNG; a scene without a photo has a plain background."""
     from physgen.render.staging import flat_background
 
     maps = sight.percepts
@@ -650,8 +753,11 @@ def photo_png(sight: CompiledScene) -> bytes:
     return _png(cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2BGR))
 
 
-def mask_png(sight: CompiledScene, name: str) -> bytes:
-    """An object's pixels as a grey PNG of the photo's size, 0 or 255. Raises EditError, InputError."""
+def mask_png(sight: LiveScene, name: str) -> bytes:
+    """Encode an object's mask as a grey PNG of the photo's size, 0 or 255.
+
+    Raises EditError, InputError.
+    """
     names = [item.name for item in sight.scene.objects]
     if name not in names:
         raise Message.NAME_UNKNOWN.impossible(name=name)
@@ -663,6 +769,7 @@ def mask_png(sight: CompiledScene, name: str) -> bytes:
 
 
 def _png(picture: NDArray[Any]) -> bytes:
-    done, data = cv2.imencode(".png", picture)
-    assert done
+    """Encode a picture, (H, W) or (H, W, 3) BGR, as a PNG."""
+    is_encoded, data = cv2.imencode(".png", picture)
+    assert is_encoded
     return data.tobytes()

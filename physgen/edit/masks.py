@@ -1,6 +1,7 @@
 """Mask operations: brush, eraser, polygon, box, point, merge, split and relabel.
 
-Each sets the new pixels of objects, or the operations on the scene's text, of a correction, and returns its name.
+Each operation sets the new pixels of objects, or the operations on the scene's text, of
+a correction, and returns its name for the history.
 """
 
 from __future__ import annotations
@@ -45,23 +46,27 @@ from physgen.registry import Backends
 from physgen.text import listed
 
 MAX_STROKE_WORK = 10**9
-"""Distances of pixels to segments that are computed for one stroke: about half a minute."""
+"""Limit on the distances of pixels to segments for one stroke: about half a minute."""
 SAME = 0.5, 0.3
-"""A box or a point means an existing object where they share this much of the smaller mask, and of the old one."""
+"""Overlap above which a box or a point selects an existing object: shares of the
+smaller mask, and of the object's mask.
+"""
 
 Pixels = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1e6, le=1e6)]
-"""px of the photo."""
+"""Length or coordinate, px of the photo."""
 Point = Annotated[list[Pixels], Field(min_length=2, max_length=2)]
 MAX_POINTS = 20_000
-"""Of a stroke or a polygon."""
+"""Points of a stroke or a polygon."""
 
 
 MAX_MERGED = 1000
-"""Objects and regions that one operation makes one."""
+"""Objects and regions that one operation merges."""
 
 
 class BoxOp(BaseModel):
-    """An object in a box (left, top, width, height); `new`: never one that is there already."""
+    """An object in a box (left, top, width, height); `new` never selects an existing
+    object.
+    """
 
     kind: Literal["box", "new"]
     box: Annotated[list[Pixels], Field(min_length=4, max_length=4)]
@@ -111,22 +116,22 @@ _PARSER: TypeAdapter[MaskOp] = TypeAdapter(
 
 
 def parse_op(op: Mapping[str, Any]) -> MaskOp:
-    """A mask operation. Raises EditError."""
+    """Parse a mask operation. Raises EditError."""
     try:
         return _PARSER.validate_python(dict(op))
     except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"][1:])
+        first_error = error.errors()[0]
+        location = ".".join(str(part) for part in first_error["loc"][1:])
         message = (
-            f"{where}: {first['msg']}"
-            if where
-            else f"a mask operation is not known: {first['msg']}"
+            f"{location}: {first_error['msg']}"
+            if location
+            else f"a mask operation is not known: {first_error['msg']}"
         )
         raise Message.OPERATION_MALFORMED.impossible(reason=message[:300]) from None
 
 
 def make(work: Correction, op: MaskOp, finder: PromptSegmenter) -> str:
-    """Carry out one operation; returns its name. Raises EditError."""
+    """Apply one operation and return its name. Raises EditError."""
     match op:
         case BoxOp():
             prompt = {"box": [round(v, 2) for v in op.box]}
@@ -139,9 +144,13 @@ def make(work: Correction, op: MaskOp, finder: PromptSegmenter) -> str:
             )
         case PointOp():
             x, y = op.point
-            found = finder.point(work.maps.rgb, work.sight.key, (x, y))
+            prompted_mask = finder.point(work.maps.rgb, work.sight.key, (x, y))
             return _prompted(
-                work, op.object, False, found, {"point": [round(x, 2), round(y, 2)]}
+                work,
+                op.object,
+                False,
+                prompted_mask,
+                {"point": [round(x, 2), round(y, 2)]},
             )
         case PolygonOp():
             return _polygon(work, op)
@@ -158,21 +167,25 @@ def make(work: Correction, op: MaskOp, finder: PromptSegmenter) -> str:
 def _prompted(
     work: Correction, name: str | None, is_new: bool, found: PromptedMask, prompt: Data
 ) -> str:
-    """Use the mask of a box or a point for an object that is there, or for a new one."""
+    """Use the mask of a box or a point for an existing object, or for a new one."""
     labels, number = work.labels, len(work.scene.objects)
     mask = found.mask
+    # Without a name, the mask corrects the object with the largest overlap, unless the
+    # overlap is so small that another object is meant.
     if name is None and not is_new:
-        there, every = (
+        overlaps, areas = (
             np.bincount(part.ravel(), minlength=number + 1)
             for part in (labels[mask], labels)
         )
-        k = int(there[1:].argmax()) + 1 if number else 0
-        if k and there[k] > max(
-            SAME[0] * min(count(mask), int(every[k])), SAME[1] * int(every[k])
+        best_id = int(overlaps[1:].argmax()) + 1 if number else 0
+        if best_id and overlaps[best_id] > max(
+            SAME[0] * min(count(mask), int(areas[best_id])),
+            SAME[1] * int(areas[best_id]),
         ):
-            name = work.scene.objects[k - 1].name
-    own = 0 if name is None else work.index(name) + 1
-    mask = mask & ((labels == 0) | (labels == own))
+            name = work.scene.objects[best_id - 1].name
+    own_id = 0 if name is None else work.index(name) + 1
+    # A new mask never takes pixels of other objects.
+    mask = mask & ((labels == 0) | (labels == own_id))
     if name is None:
         name = _new(work, mask)
         work.found[name] = found.confidence, prompt
@@ -183,13 +196,14 @@ def _prompted(
 
 
 def _set_mask(work: Correction, name: str, mask: Mask) -> None:
-    """Give an object other pixels. Raises EditError for too few."""
+    """Set the pixels of an object. Raises EditError for too few."""
     work.index(name)
     check_size(mask, name)
     work.masks[name] = mask
 
 
 def _polygon(work: Correction, op: PolygonOp) -> str:
+    """Draw the mask of a new or an existing object as a polygon."""
     mask = fill_polygon(tuple((x, y) for x, y in op.polygon), work.scene.size)
     if op.object is None:
         return f"a new object, {_new(work, mask)}"
@@ -198,59 +212,67 @@ def _polygon(work: Correction, op: PolygonOp) -> str:
 
 
 def _brush(work: Correction, op: BrushOp) -> str:
-    was = work.mask(op.object)
-    painted = stroke(op.strokes, op.radius, work.scene.size)
-    mask = was | painted if op.kind == "brush" else was & ~painted
-    if (mask == was).all():
+    """Add a stroke to an object's mask, or erase it from the mask."""
+    old_mask = work.mask(op.object)
+    painted_mask = stroke(op.strokes, op.radius, work.scene.size)
+    mask = old_mask | painted_mask if op.kind == "brush" else old_mask & ~painted_mask
+    if (mask == old_mask).all():
         raise Message.STROKE_CHANGES_NOTHING.impossible()
     _set_mask(work, op.object, mask)
     return f"{'add to' if op.kind == 'brush' else 'erase from'} the mask of {op.object}"
 
 
 def _new(work: Correction, mask: Mask) -> str:
-    """The name of a new object, which it gets by its looks."""
+    """Create a new object and return its name, which follows from its label."""
     check_size(mask, "the new object")
     id_, size = len(work.scene.objects) + 1, work.scene.size
     labels = np.where(mask, np.uint16(id_), work.labels)
-    one = photo_object(id_, fit_outlines(labels, [id_])[id_], "", size)
-    guess: Mapping[int, Name] = registry.make("label")(work.maps.rgb, labels, [one])
-    one = photo_object(id_, one.outline, guess[id_].label, size)
+    new_object = photo_object(id_, fit_outlines(labels, [id_])[id_], "", size)
+    guess: Mapping[int, Name] = registry.make("label")(
+        work.maps.rgb, labels, [new_object]
+    )
+    # The label is known only now, and the object is described again with it.
+    new_object = photo_object(id_, new_object.outline, guess[id_].label, size)
     name = object_names(
-        [one], {k + 1: item.name for k, item in enumerate(work.scene.objects)}
+        [new_object], {k + 1: item.name for k, item in enumerate(work.scene.objects)}
     )[id_]
-    work.entries[name] = new_entry(work, labels, one, name, guess[id_])
+    work.entries[name] = new_entry(work, labels, new_object, name, guess[id_])
     work.fresh[name] = mask
     return name
 
 
 def _merge(work: Correction, op: MergeOp) -> str:
-    """Give the first object the pixels of the others, objects or doubtful regions."""
-    kept, *names = op.objects
-    work.index(kept)
+    """Add the pixels of the other objects or doubtful regions to the first object."""
+    target_name, *names = op.objects
+    work.index(target_name)
     if len(set(op.objects)) < len(op.objects):
         raise Message.MERGE_WITH_ITSELF.impossible()
-    own = work.mask(kept)
+    target_mask = work.mask(target_name)
     masks = {name: _region(work, name) for name in names}
     document = dict(work.document)
-    referring: list[str] = []
+    all_removed_parts: list[str] = []
+    # A doubtful region has no entry to merge; objects also may be named by joints and
+    # forces.
     for name in names:
         if name in doubtful_ids(work.document):
             work.ops.append({"remove": ["doubtful", name]})
             continue
-        document, changed = replaced(document, name, kept)
-        referring += changed
-        work.ops.append({"merge": ["objects", name], "to": kept})
+        document, removed_parts = replaced(document, name, target_name)
+        all_removed_parts += removed_parts
+        work.ops.append({"merge": ["objects", name], "to": target_name})
         work.gone = (*work.gone, name)
-    away = cv2.distanceTransform(
-        (~own).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
+    # Distances of all pixels from the target, px: parts that lie apart become one rigid
+    # body, and the title says so.
+    distances = cv2.distanceTransform(
+        (~target_mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
     )
-    gap = max(away[mask].min(initial=np.inf) - 1 for mask in masks.values())
-    work.masks[kept] = np.logical_or.reduce([own, *masks.values()])
-    what = f"merge {listed(names, 'and')} into {kept}"
-    if referring:
-        what += f", without {' and '.join(dict.fromkeys(referring))}"
-    is_far = NEAR * max(away.shape) < gap < np.inf
-    return what + (f", {gap:.0f} px away: one rigid body now" if is_far else "")
+    gap = max(distances[mask].min(initial=np.inf) - 1 for mask in masks.values())
+    work.masks[target_name] = np.logical_or.reduce([target_mask, *masks.values()])
+    title = f"merge {listed(names, 'and')} into {target_name}"
+    if all_removed_parts:
+        title += f", without {' and '.join(dict.fromkeys(all_removed_parts))}"
+    is_far = NEAR * max(distances.shape) < gap < np.inf
+    return title + (f", {gap:.0f} px away: one rigid body now" if is_far else "")
 
 
 def doubtful_ids(document: Mapping[str, Any]) -> dict[str, int]:
@@ -274,19 +296,21 @@ def _region(work: Correction, name: str) -> Mask:
 
 
 def _split(work: Correction, op: SplitOp) -> str:
+    """Split an object along a line; the larger part keeps the name."""
     mask = work.mask(op.object)
     (x0, y0), (x1, y1) = op.line
     if (x0, y0) == (x1, y1):
         raise Message.SPLIT_AT_POINT.impossible()
     y, x = np.indices(mask.shape)
-    side = (x1 - x0) * (y - y0) - (y1 - y0) * (
-        x - x0
-    ) > 0  # to the right of the extended line
-    larger, smaller = sorted((mask & side, mask & ~side), key=lambda part: -count(part))
+    # The sign of the cross product tells the sides of the extended line apart.
+    is_right_side = (x1 - x0) * (y - y0) - (y1 - y0) * (x - x0) > 0
+    larger, smaller = sorted(
+        (mask & is_right_side, mask & ~is_right_side), key=lambda part: -count(part)
+    )
     check_size(smaller, "one of the halves")
-    taken = {item.name for item in work.scene.objects}
+    used_names = {item.name for item in work.scene.objects}
     number = 2
-    while f"{op.object}-{number}" in taken:
+    while f"{op.object}-{number}" in used_names:
         number += 1
     work.masks[op.object] = larger
     work.fresh[f"{op.object}-{number}"] = smaller
@@ -294,21 +318,22 @@ def _split(work: Correction, op: SplitOp) -> str:
 
 
 def _relabel(work: Correction, op: RelabelOp) -> str:
+    """Set the label of an object, and the values that follow from the label."""
     label = op.label.strip()
-    old = work.photo_object(op.object)
-    one = PhotoObject(old.id, old.outline, label, old.cut)
-    made = changed_entry(work, op.object, op.object, one, work.labels, label)
-    work.ops += written(work, op.object, {**made, "label": label})
+    old_object = work.photo_object(op.object)
+    new_object = PhotoObject(old_object.id, old_object.outline, label, old_object.cut)
+    entry = changed_entry(work, op.object, op.object, new_object, work.labels, label)
+    work.ops += written(work, op.object, {**entry, "label": label})
     return f"call {op.object} {label}"
 
 
 def count(mask: Mask) -> int:
-    """Pixels."""
+    """Count the pixels of a mask."""
     return int(np.count_nonzero(mask))
 
 
 def check_size(mask: Mask, what: str) -> None:
-    """Raises EditError for a mask that is only a speck."""
+    """Check the size of a mask. Raises EditError if it is only a speck."""
     if count(mask) < SMALLEST_OBJECT:
         raise Message.MASK_TOO_SMALL.impossible(part=what, least=SMALLEST_OBJECT)
 
@@ -317,31 +342,34 @@ def check_size(mask: Mask, what: str) -> None:
 
 
 class PromptSegmenter:
-    """Finds the objects in boxes and at points; segments of a photo are kept for the next point."""
+    """Finds objects in boxes and at points; stores the segments of the latest photo."""
 
     def __init__(self) -> None:
         self._segmented: Recent[Segments] = Recent(1)
 
     def box(self, rgb: Rgb, box: Sequence[float]) -> PromptedMask:
-        """The object in a box (left, top, width, height). Raises EditError."""
+        """Segment the object in a box (left, top, width, height). Raises EditError."""
         with _edit_errors():
             x, y, width, height = box
             return segment_box(rgb, (x, y, width, height))
 
     def point(self, rgb: Rgb, key: str, point: tuple[float, float]) -> PromptedMask:
-        """The object at a point. Raises EditError; `key` identifies the photo."""
+        """Segment the object at a point; `key` identifies the photo. Raises
+        EditError.
+        """
         with _edit_errors():
-            found = self._segmented.of(key, partial(Segmenter(Backends()), rgb))
-            return segment_point(rgb, point, found)
+            segments = self._segmented.of(key, partial(Segmenter(Backends()), rgb))
+            return segment_point(rgb, point, segments)
 
 
 @contextmanager
 def _edit_errors() -> Iterator[None]:
-    """Turn errors of perception into errors of the editor."""
+    """Convert errors of perception to errors of the editor."""
     try:
         yield
     except InputError as error:
         problem = error.problems[0]
+        # The fixes of perception name flags and coordinates, which the page has not.
         fix = "draw a box close around it" if "--" in problem.fix else problem.fix
         if fix.startswith("write x,y"):
             fix = "mark it on the photo"
@@ -352,35 +380,40 @@ def _edit_errors() -> Iterator[None]:
 def stroke(
     points: Sequence[Sequence[float]], radius: float, size: tuple[int, int]
 ) -> Mask:
-    """(H, W): pixels whose centre is within a radius of a line; `size` is width, height. Raises EditError for too many.
+    """Return the mask (H, W) of pixels with a centre within a radius of a line.
+
+    `size` is width, height in px. Raises EditError for a stroke that is too long.
 
     >>> int(stroke([(2, 2)], 1.0, (5, 5)).sum())
     5
     """
     width, height = size
-    near = np.zeros((height, width), np.bool_)
+    is_painted = np.zeros((height, width), np.bool_)
     line = np.array(points, np.float64)
-    work = 0
-    for a, b in zip(
+    distance_count = 0
+    for start, end in zip(
         line[: max(len(line) - 1, 1)], line[1:] if len(line) > 1 else line, strict=True
     ):
-        x0, y0 = np.floor(np.minimum(a, b) - radius).astype(int)
-        x1, y1 = np.ceil(np.maximum(a, b) + radius).astype(int) + 1
+        # Only the bounding box of the segment is looked at, clipped to the photo.
+        x0, y0 = np.floor(np.minimum(start, end) - radius).astype(int)
+        x1, y1 = np.ceil(np.maximum(start, end) + radius).astype(int) + 1
         x0, y0, x1, y1 = max(x0, 0), max(y0, 0), min(x1, width), min(y1, height)
-        if x1 <= x0 or y1 <= y0 or near[y0:y1, x0:x1].all():
+        if x1 <= x0 or y1 <= y0 or is_painted[y0:y1, x0:x1].all():
             continue
-        work += int((x1 - x0) * (y1 - y0))
-        if work > MAX_STROKE_WORK:
+        distance_count += int((x1 - x0) * (y1 - y0))
+        if distance_count > MAX_STROKE_WORK:
             raise Message.STROKE_TOO_LONG.impossible()
         y, x = np.mgrid[y0:y1, x0:x1]
-        along, (dx, dy) = b - a, (x - a[0], y - a[1])
-        length = float(along @ along)
-        part = (
-            np.clip((dx * along[0] + dy * along[1]) / length, 0, 1)
+        direction, (dx, dy) = end - start, (x - start[0], y - start[1])
+        length = float(direction @ direction)
+        # Parameter of the nearest point on the segment, 0 at its start and 1 at its
+        # end; a single point has no direction.
+        fraction = (
+            np.clip((dx * direction[0] + dy * direction[1]) / length, 0, 1)
             if length > 0
             else np.zeros(x.shape)
         )
-        near[y0:y1, x0:x1] |= (dx - part * along[0]) ** 2 + (
-            dy - part * along[1]
+        is_painted[y0:y1, x0:x1] |= (dx - fraction * direction[0]) ** 2 + (
+            dy - fraction * direction[1]
         ) ** 2 <= radius**2 + 1e-9
-    return near
+    return is_painted

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen import registry
-from physgen.edit.live import CompiledScene, Live
+from physgen.edit.live import Live, LiveScene
 from physgen.edit.operations import edited
 from physgen.geometry.polygon import Disc, mass_properties
 from physgen.geometry.scale import is_assumed, photo_object
@@ -29,53 +29,56 @@ Mask = NDArray[np.bool_]
 
 @dataclass
 class Correction:
-    """A scene before a correction, and what the correction changes."""
+    """A scene before a correction, and the changes of the correction."""
 
     live: Live
     text: str
-    sight: CompiledScene
+    sight: LiveScene
     maps: Percepts
-    document: Mapping[
-        str, Any
-    ]  # the file's data, with what it extends, without defaults
-    masks: dict[str, Mask] = field(
-        default_factory=dict
-    )  # new pixels of objects that were there
+    document: Mapping[str, Any]  # the file's data with `extends`, without defaults
+    masks: dict[str, Mask] = field(default_factory=dict)
+    """New pixels of existing objects."""
     fresh: dict[str, Mask] = field(default_factory=dict)  # pixels of new objects
     entries: dict[str, Data] = field(default_factory=dict)
-    """Their entries, as far as they are known; masks, shapes and numbers come at the end."""
+    """Entries of new objects, as far as known; masks, shapes and numbers are added at
+    the end.
+    """
     found: dict[str, tuple[float, Data]] = field(default_factory=dict)
-    """How sure a mask is, and the prompt that it was found by."""
+    """Confidence of a mask, and the prompt that selected it."""
     gone: tuple[str, ...] = ()  # objects that were merged into another
     ops: list[Data] = field(default_factory=list)
 
     @property
     def scene(self) -> Scene:
-        """Before the correction."""
+        """Return the scene before the correction."""
         return self.sight.scene
 
     @property
     def labels(self) -> U16:
-        """(H, W): id k + 1 is the k-th object."""
+        """Return the label map before the correction, (H, W): k + 1 is the k-th
+        object.
+        """
         return self.sight.compiled.labels
 
     def index(self, name: str) -> int:
-        """Of an object. Raises EditError."""
-        every = [item.name for item in self.scene.objects]
-        if name not in every or name not in self.document["objects"]:
+        """Return the index of an object. Raises EditError."""
+        names = [item.name for item in self.scene.objects]
+        if name not in names or name not in self.document["objects"]:
             raise Message.NAME_UNKNOWN.impossible(name=name)
-        return every.index(name)
+        return names.index(name)
 
     def mask(self, name: str) -> Mask:
-        """Pixels of an object as they are. Raises EditError."""
+        """Return the mask of an object before the correction, (H, W). Raises
+        EditError.
+        """
         return np.asarray(self.labels == self.index(name) + 1)
 
     def was(self, name: str) -> Data:
-        """The entry of an object as it is written."""
+        """Return the entry of an object as it is in the file."""
         return dict(self.document["objects"][name])
 
     def photo_object(self, name: str) -> PhotoObject:
-        """The object as perception describes it."""
+        """Return the object as perception describes it."""
         k = self.index(name)
         outline = self.sight.compiled.shapes.outlines[k]
         return photo_object(
@@ -84,7 +87,9 @@ class Correction:
 
 
 def begin(live: Live, text: str) -> Correction:
-    """A correction of a text begins. Raises EditError where the text is wrong, or shows no photo."""
+    """Create a correction of a text. Raises EditError for a wrong text or one without a
+    photo.
+    """
     try:
         sight = live.state(text)
         written = live.document(text)
@@ -93,15 +98,19 @@ def begin(live: Live, text: str) -> Correction:
     percepts = sight.percepts
     if percepts is None:
         raise Message.NO_PHOTO_TO_MASK.impossible()
-    scene, own = sight.scene, written.get("objects") or {}
-    names = [item.name for item in scene.objects if item.name in own]
-    plain = {**written, "objects": {name: dict(own[name] or {}) for name in names}}
-    plain = with_sources(plain, scene)
-    return Correction(live, text, sight, percepts, plain)
+    scene, own_entries = sight.scene, written.get("objects") or {}
+    names = [item.name for item in scene.objects if item.name in own_entries]
+    # Only objects of this file can be corrected, not those of a file that it extends.
+    own_document = {
+        **written,
+        "objects": {name: dict(own_entries[name] or {}) for name in names},
+    }
+    own_document = with_sources(own_document, scene)
+    return Correction(live, text, sight, percepts, own_document)
 
 
 def table_keys(was: Data) -> set[str]:
-    """Keys of an object that the material table gave."""
+    """Return the keys of an object with values from the material table."""
     return perceived_keys(was, [registry.find("physics").name])
 
 
@@ -113,27 +122,29 @@ def new_entry(
     label: Name | None,
     scale: float | None = None,
 ) -> Data:
-    """The entry of a new object as perception writes it; `label` None: a user named it, with `one.label`.
+    """Return the entry of a new object as perception writes it.
 
-    `scale` is that of the scene, px/m, where it follows the label.
+    `label` None: the user has named it, and `one.label` is the name. `scale`: the scale
+    of the scene, px/m, if it follows from the label.
     """
-    stated = scale or work.scene.world.pixels_per_meter
-    known = None if is_assumed(stated, max(work.scene.size)) else stated
-    matter = registry.make("physics")(work.maps.rgb, [one], known)
+    scene_scale = scale or work.scene.world.pixels_per_meter
+    # A scale that was only assumed is no evidence about the size of an object.
+    known_scale = None if is_assumed(scene_scale, max(work.scene.size)) else scene_scale
+    materials = registry.make("physics")(work.maps.rgb, [one], known_scale)
     source = "" if label is None else registry.find("label").name
     labels_of_one = document.ObjectLabels(
         {one.id: label or Name(one.label, 1.0)}, {one.id: source}
     )
-    made, _ = document.object_entries(
+    entries, _ = document.object_entries(
         Detections(labels, "drawn", {}, {}),
         [one],
         {one.id: name},
-        matter,
+        materials,
         BoundaryGuess(work.scene.world.view, 0.0, "", ()),
         labels_of_one,
         registry.find("physics").name,
     )
-    entry: Data = made[name]
+    entry: Data = entries[name]
     return entry
 
 
@@ -145,19 +156,24 @@ def changed_entry(
     labels: U16,
     label: str | None = None,
 ) -> Data:
-    """The entry of `source` as that of `name`, with the outline, or the label, of `one`; its mask is the caller's.
+    """Return the entry of `source` for `name`, with the outline or the label of `one`.
 
-    Values of the table are computed again; what a user set stays.
+    Values of the material table are computed again, values of the user stay. The caller
+    sets the mask.
     """
-    was = work.was(source)
-    ours = table_keys(was)
+    old_entry = work.was(source)
+    perceived = table_keys(old_entry)
     scale = None
     if label is not None:
-        named = edited(
+        # The scale may follow from the size of a labelled object: read it from the
+        # scene with the new label.
+        named_text = edited(
             work.text, [{"set": ["objects", name, "label"], "value": label}]
         ).text
-        scale = work.live.state(named).scene.world.pixels_per_meter
-    result = rewritten(was, new_entry(work, labels, one, name, None, scale), ours)
+        scale = work.live.state(named_text).scene.world.pixels_per_meter
+    result = rewritten(
+        old_entry, new_entry(work, labels, one, name, None, scale), perceived
+    )
     if label is not None:
         result["label"] = label
         if "from" in result:
@@ -166,22 +182,24 @@ def changed_entry(
             }
     if isinstance(result.get("shape"), Mapping):
         result["shape"] = document.shape_entry(one.outline)
-    if not isinstance(one.outline, Disc):  # only round objects roll
+    # Only round objects roll.
+    if not isinstance(one.outline, Disc):
         if result.get("solid", "plate") != "plate":
             result["solid"] = "plate"
         result.pop("roll", None)
-        if "rolling" in ours:
+        if "rolling" in perceived:
             result.pop("rolling", None)
             result["from"] = {
                 key: who for key, who in result["from"].items() if key != "rolling"
             }
     path = result.get("motion")
-    if isinstance(path, Mapping) and path.get("path"):  # of the centre
-        old, new = (
+    # A path contains positions of the centre, which moves with the outline.
+    if isinstance(path, Mapping) and path.get("path"):
+        old_centre, new_centre = (
             mass_properties(outline).center
             for outline in (work.photo_object(source).outline, one.outline)
         )
-        dx, dy = (new - old).tolist()
+        dx, dy = (new_centre - old_centre).tolist()
         knots = [
             [t, round(x + dx, 2), round(y + dy, 2), *rest]
             for t, x, y, *rest in path["path"]
@@ -191,27 +209,25 @@ def changed_entry(
 
 
 def joined_mass(work: Correction, *names: str) -> float:
-    """g: the sum of masses."""
+    """Return the sum of masses, g."""
     return sum(
         work.sight.compiled.world.bodies[work.index(name)].mass for name in names
     )
 
 
 def written(work: Correction, name: str, made: Data) -> list[Data]:
-    """Operations for what differs from the entry as it is written."""
-    was, path = work.was(name), ["objects", name]
+    """Return the operations for all differences from the entry in the file."""
+    old_entry, path = work.was(name), ["objects", name]
+    # `from` is always written, since the file may name values that the user changed.
     ops = [
         {"set": [*path, key], "value": value}
         for key, value in made.items()
-        if key not in was
-        or was[key] != value
-        or key == "from"  # the file may name what a user has changed since
+        if key not in old_entry or old_entry[key] != value or key == "from"
     ]
-    gone = [
+    # Setting a mass also removes the density.
+    removed_keys = [
         key
-        for key in was
+        for key in old_entry
         if key not in made and (key != "density" or "mass" not in made)
     ]
-    return ops + [
-        {"unset": [*path, key]} for key in gone
-    ]  # setting a mass drops the density
+    return ops + [{"unset": [*path, key]} for key in removed_keys]

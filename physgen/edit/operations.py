@@ -28,10 +28,11 @@ from pydantic import (
 from physgen.messages import Message
 from physgen.problems import InputError
 from physgen.scene import yaml_edit
-from physgen.scene.document import Node, Source, plain
+from physgen.scene.document import Node, Source, to_plain_data
 from physgen.scene.overlay import NAMED, SEALED, Edit, apply, kind_of, parse_key, rivals
-from physgen.scene.schema import published, schema_at
-from physgen.scene.yaml_edit import marked, same
+from physgen.scene.schema import load_published_schema, schema_at
+from physgen.scene.yaml_comments import with_true_comments
+from physgen.scene.yaml_edit import are_equal, mark_values
 from physgen.text import KeyPath, dotted
 
 Data = dict[str, Any]
@@ -258,7 +259,7 @@ class Target:
 
     def __init__(self, text: str, variant: str | None) -> None:
         self.text, self.variant = text, variant
-        self._whole: Data = marked(text).data()
+        self._whole: Data = mark_values(text).data()
         if self._whole.get("extends") is not None:
             raise Message.FILE_EXTENDS.impossible()
         self.data = self._whole
@@ -281,7 +282,7 @@ class Target:
         """
         if self.variant is None:
             text = yaml_edit.write(self.text, data)
-            self.text = yaml_edit.with_true_comments(text, self.data, renamed or {})
+            self.text = with_true_comments(text, self.data, renamed or {})
             return
         changes = {
             path: value
@@ -316,7 +317,8 @@ class Target:
         ):  # a later key may override one that stays in its place
             now = _with_edits(self._whole, edits)
             if all(
-                same(now.get(key), data.get(key)) for key in {*now, *data} - set(SEALED)
+                are_equal(now.get(key), data.get(key))
+                for key in {*now, *data} - set(SEALED)
             ):
                 self._write_edits(edits)
                 return
@@ -359,7 +361,7 @@ def _changes(old: Any, new: Any, path: KeyPath) -> Iterator[tuple[KeyPath, Any]]
     elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
         for at, (one, other) in enumerate(zip(old, new, strict=True)):
             yield from _changes(one, other, (*path, at))
-    elif not same(old, new):
+    elif not are_equal(old, new):
         yield path, new
 
 
@@ -369,7 +371,7 @@ def _with_edits(whole: Data, edits: Mapping[str, Any]) -> Data:
     for key, value in edits.items():
         with suppress(InputError):
             root = apply(root, Edit(key, _node(value), ()))
-    made: Data = plain(root)
+    made: Data = to_plain_data(root)
     return made
 
 
@@ -411,7 +413,7 @@ def _rename(target: Target, path: KeyPath, to: str) -> str:
         raise Message.VARIANT_CANNOT_RENAME.impossible()
     if len(path) != 2 or path[0] not in NAMED or reach(target.data, path) is ABSENT:
         raise Message.NOT_RENAMABLE.impossible(path=dotted(path))
-    rule = published()["$defs"]["name"]
+    rule = load_published_schema()["$defs"]["name"]
     if not re.fullmatch(rule["pattern"].strip("^$"), to):
         raise Message.NEW_NAME_WRONG.impossible(form=rule["x-pattern"])
     section, old = str(path[0]), str(path[1])

@@ -1,6 +1,6 @@
 """`physgen render` in a process of its own: start, progress, stop and results.
 
-It runs the command that a user would type, so that both make the same files.
+The process runs the command of the terminal, so that both create the same files.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from physgen.problems import EditError, Why
 Data = dict[str, Any]
 
 MAX_LINES = 50
-"""Lines of output that are kept."""
+"""Number of stored lines of output."""
 STOP_PATIENCE = 10.0
-"""s that a run may take to end cleanly once it is stopped."""
+"""Time after a stop, s, for the run to end cleanly."""
 STAGES = {
     "compile": "reading the scene",
     "simulate": "simulating",
     "render": "drawing frames",
     "refine": "retouching frames",
 }
-"""Words for the stages of the command's progress."""
+"""Words for the stages in the progress of the command."""
 VIDEOS = ("video.mp4", "video.webp", "video.gif")
 IDLE: Data = {
     "job": None,
@@ -50,7 +50,9 @@ IDLE: Data = {
 
 
 class RenderJob:
-    """Renders one scene file into one folder, one run at a time; its methods may be called from any thread."""
+    """Renders one scene file into one folder, one run at a time; its methods are
+    thread-safe.
+    """
 
     def __init__(self, path: Path, output: Path, allow_outside: bool = False) -> None:
         self.path, self.output, self.allow_outside = path, output, allow_outside
@@ -61,27 +63,35 @@ class RenderJob:
         self._status: Data = {**IDLE}
 
     def status(self) -> Data:
-        """`state` is idle, running, done, stopped or failed; `done` of `total` are steps of the stage."""
+        """Return the state and the progress of the run.
+
+        `state` is idle, running, done, stopped or failed; `done` of `total` counts
+        steps of the stage.
+        """
         with self._lock:
             return {**self._status, "lines": list(self._status["lines"])}
 
     def command(
         self, variant: str | None = None, format: str = "mp4", refine: bool = True
     ) -> str:
-        """The command line that renders the same, quoted for a shell."""
+        """Return the command line that renders the same clip, quoted for a shell."""
         return shlex.join(["physgen", *self._arguments(variant, format, refine)])
 
     def file(self, name: str) -> Path | None:
-        """A file of this run's results by its path below the output folder; None where there is no such file."""
+        """Return a result file of this run by its path below the output folder.
+
+        None if no such file exists.
+        """
         folders = [row["folder"] for row in self.status()["result"] or ()]
         try:
+            # Links are resolved, so that no name leads out of the folders of this run.
             path, root = (self.output / name).resolve(), self.output.resolve()
-            inside = any(
+            is_inside = any(
                 path.is_relative_to((root / folder).resolve()) for folder in folders
             )
             return (
                 path
-                if inside and path.is_relative_to(root) and path.is_file()
+                if is_inside and path.is_relative_to(root) and path.is_file()
                 else None
             )
         except (OSError, ValueError):
@@ -93,13 +103,18 @@ class RenderJob:
         format: str = "mp4",
         refine: bool = True,
     ) -> str:
-        """Start; returns the job's name. `variants` None: the file itself. Raises EditError."""
-        wanted = [None] if variants is None else list(dict.fromkeys(variants))
-        if not wanted:
+        """Start a run and return the job's name. Raises EditError.
+
+        `variants` None stands for the file itself.
+        """
+        variant_names = [None] if variants is None else list(dict.fromkeys(variants))
+        if not variant_names:
             raise Message.NO_VARIANT_CHOSEN.impossible()
         if not set(format.split(",")) <= {one.value for one in Format}:
             raise Message.UNKNOWN_VIDEO_FORMAT.impossible()
-        commands = [self._arguments(variant, format, refine) for variant in wanted]
+        commands = [
+            self._arguments(variant, format, refine) for variant in variant_names
+        ]
         with self._lock:
             if self._status["running"]:
                 raise EditError(
@@ -118,13 +133,15 @@ class RenderJob:
                 ),
             }
             self._thread = Thread(
-                target=self._run, args=(commands, wanted), daemon=True
+                target=self._run, args=(commands, variant_names), daemon=True
             )
             self._thread.start()
         return job
 
     def stop(self) -> None:
-        """End the run cleanly, without half-written files. Returns once it has ended."""
+        """Stop the run without half-written files; returns once the process has
+        ended.
+        """
         with self._lock:
             self._stopped = self._status["running"]
             process, thread = self._process, self._thread
@@ -138,16 +155,20 @@ class RenderJob:
             thread.join(STOP_PATIENCE)
 
     def _arguments(self, variant: str | None, format: str, refine: bool) -> list[str]:
-        found = ["render", str(self.path), "-o", str(self.output)]
-        found += [] if variant is None else ["--variant", variant]
-        found += [] if format == "mp4" else ["--format", format]
-        found += [] if refine else ["--refine", "none"]
-        found += ["--allow-outside"] if self.allow_outside else []
-        return found
+        """Return the arguments of the command; defaults are left out."""
+        arguments = ["render", str(self.path), "-o", str(self.output)]
+        arguments += [] if variant is None else ["--variant", variant]
+        arguments += [] if format == "mp4" else ["--format", format]
+        arguments += [] if refine else ["--refine", "none"]
+        arguments += ["--allow-outside"] if self.allow_outside else []
+        return arguments
 
     def _run(
         self, commands: Sequence[Sequence[str]], variants: Sequence[str | None]
     ) -> None:
+        """Run all commands until one fails or the job is stopped, and record the
+        outcome.
+        """
         error: Data | None = None
         for command, variant in zip(commands, variants, strict=True):
             if self._stopped or error:
@@ -172,7 +193,7 @@ class RenderJob:
             }
 
     def _run_one(self, command: Sequence[str], variant: str | None) -> int:
-        """Run one command to its end; returns its exit code."""
+        """Run one command to its end and return its exit code."""
         process = subprocess.Popen(
             [sys.executable, "-m", "physgen", *command, "--json"],
             stdin=subprocess.DEVNULL,
@@ -186,35 +207,38 @@ class RenderJob:
         )
         with self._lock:
             self._process = process
-        if self._stopped:  # between two commands
+        # `stop` was called between two commands, without a process to stop.
+        if self._stopped:
             stop_process(process)
         assert process.stdout is not None
+        # A line of JSON reports progress or a clip; other lines are messages for the
+        # user.
         for line in process.stdout:
             try:
-                found = json.loads(line)
+                event = json.loads(line)
             except ValueError:
-                found = None
+                event = None
             with self._lock:
-                if not isinstance(found, dict):
-                    kept = (
+                if not isinstance(event, dict):
+                    lines = (
                         [*self._status["lines"], line.rstrip("\n")]
                         if line.strip()
                         else self._status["lines"]
                     )
-                    self._status["lines"] = kept[-MAX_LINES:]
-                elif "progress" in found:
-                    stage = STAGES.get(found["progress"], found["progress"])
+                    self._status["lines"] = lines[-MAX_LINES:]
+                elif "progress" in event:
+                    stage = STAGES.get(event["progress"], event["progress"])
                     self._status |= {
                         "stage": stage,
-                        "done": found["done"],
-                        "total": found["total"],
+                        "done": event["done"],
+                        "total": event["total"],
                     }
-                elif found.get("clip") and found.get("folder"):
-                    self._add_result(found, variant)
+                elif event.get("clip") and event.get("folder"):
+                    self._add_result(event, variant)
         return process.wait()
 
     def _add_result(self, found: Data, variant: str | None) -> None:
-        """A clip that is complete."""
+        """Add a complete clip to the results."""
         folder = Path(found["folder"])
         row = {
             "variant": variant,
@@ -225,7 +249,7 @@ class RenderJob:
         self._status["result"] = [*(self._status["result"] or ()), row]
 
     def _failure(self, code: int) -> Data:
-        """The last message of a run."""
+        """Return the last message of a run and its fix."""
         lines = [line for line in self.status()["lines"] if "warning:" not in line]
         message = lines[-1] if lines else f"the run ended with exit code {code}"
         text, _, fix = message.partition("; ")

@@ -1,4 +1,6 @@
-"""One editing session of a scene file: its states, edits, undo, redo and saving, safe to call from any thread."""
+"""One editing session of a scene file: states, edits, undo, redo and saving;
+thread-safe.
+"""
 
 from __future__ import annotations
 
@@ -26,14 +28,15 @@ from physgen.messages import Message
 from physgen.problems import EditError, InputError, Limit, Why
 from physgen.scene.document import decode
 from physgen.scene.files import scene_bytes
-from physgen.scene.yaml_edit import marked, without_comments
+from physgen.scene.yaml_comments import without_comments
+from physgen.scene.yaml_edit import mark_values
 
 PAUSE = 5.0
-"""s after which an edit is a step of its own, whatever its tag."""
+"""Pause, s, after which an edit is a step of its own in spite of its tag."""
 MAX_STEPS = 200
-"""Steps that can be undone; the oldest are forgotten."""
+"""Number of steps for undo; older steps are removed."""
 BY_OTHERS = "changed by another program"
-"""What the history calls a state that another program wrote."""
+"""Name in the history for a state written by another program."""
 LOOK_KEYS = (
     "problems",
     "todo",
@@ -46,7 +49,7 @@ LOOK_KEYS = (
 )
 
 MAX_WORDS = 200
-"""Characters of names, and of what an edit is called."""
+"""Maximum number of characters of names and of titles of edits."""
 
 Data = dict[str, Any]
 Words = Annotated[str, Field(max_length=MAX_WORDS)]
@@ -56,18 +59,25 @@ Send = Callable[[Data], None]
 
 @dataclass(frozen=True)
 class State:
-    """The file's text after an edit. Corrections write maps into new folders, which the text names."""
+    """The file's text after an edit. Corrections write maps into new folders, which the
+    text names.
+    """
 
     text: str
     what: str = ""
     """The edit that led here, for the undo button: `push cue-ball`."""
     tag: str | None = None
-    """Consecutive edits with the same tag are one step, unless one was saved or a pause passed."""
+    """Consecutive edits with the same tag are one step, unless the file was saved or
+    `PAUSE` passed in between.
+    """
     time: float = 0.0  # s since 1970
 
 
 class History:
-    """The states, which of them is present, and a version that counts all changes of that."""
+    """The list of states, the index of the present state, and a version.
+
+    The version counts all changes of the present state.
+    """
 
     def __init__(self, states: Sequence[State]) -> None:
         self._states = list(states)
@@ -76,17 +86,17 @@ class History:
 
     @property
     def now(self) -> State:
-        """The present state."""
+        """Return the present state."""
         return self._states[self._at]
 
     @property
     def undo(self) -> str | None:
-        """What would be undone; None at the beginning."""
+        """Return the title of the edit to undo; None at the beginning."""
         return self.now.what if self._at else None
 
     @property
     def redo(self) -> str | None:
-        """What would be done again; None at the end."""
+        """Return the title of the edit to redo; None at the end."""
         return (
             self._states[self._at + 1].what
             if self._at + 1 < len(self._states)
@@ -94,9 +104,15 @@ class History:
         )
 
     def push(self, state: State) -> None:
-        """Add a state; what was undone before is forgotten. With the tag of the present state, its step grows."""
-        alike = state.tag is not None and self.now.tag == state.tag and self._at > 0
-        if alike and state.time - self.now.time < PAUSE:
+        """Add a state after the present one, and remove the states that were undone.
+
+        A state with the tag of the present state replaces it, so that both are one
+        step.
+        """
+        has_same_tag = (
+            state.tag is not None and self.now.tag == state.tag and self._at > 0
+        )
+        if has_same_tag and state.time - self.now.time < PAUSE:
             self._at -= 1
         self._states[self._at + 1 :] = [state]
         del self._states[: -MAX_STEPS - 1]
@@ -104,24 +120,28 @@ class History:
         self.version += 1
 
     def beside(self, by: int) -> State:
-        """The state before (-1) or after (1) the present one. Raises EditError."""
+        """Return the state before (-1) or after (1) the present one. Raises
+        EditError.
+        """
         if not 0 <= self._at + by < len(self._states):
             raise Message.NOTHING_TO_UNDO.impossible(step="undo" if by < 0 else "redo")
         return self._states[self._at + by]
 
     def step(self, by: int) -> None:
-        """Go to the state `beside`."""
+        """Move to the state before (-1) or after (1) the present one."""
         self._at += by
         self.end_step()
         self.version += 1
 
     def end_step(self) -> None:
-        """Make the next edit a step of its own."""
+        """Remove the tag of the present state, so that the next edit is a step of its
+        own.
+        """
         self._states[self._at] = replace(self.now, tag=None)
 
 
 class EditRequest(Body):
-    """A request for an edit: the version and the variant it is about, and its name in the history."""
+    """A request for an edit: its version and variant, and its title for the history."""
 
     version: Annotated[
         int, Field(strict=True, ge=0, le=2**53 - 1), BeforeValidator(whole)
@@ -134,7 +154,7 @@ class EditRequest(Body):
 class Session:
     """Edits one file, one edit at a time.
 
-    Raises InputError where the file cannot be opened, BusyError where another editor has it.
+    Raises InputError if the file cannot be opened, BusyError if another editor has it.
     """
 
     def __init__(
@@ -142,59 +162,68 @@ class Session:
     ) -> None:
         self.path, self.allow_outside = path, allow_outside
         self.is_new = False
-        """Whether the photo was perceived for this session, and the page says so."""
+        """True if the photo was perceived for this session; the page then says so."""
         self.real = Path(os.path.realpath(path))
         self._send = send
         self._edits = threading.RLock()
         self._names: list[str] = []
         self._segmenter = PromptSegmenter()
         self.outside: str | None = None
-        """`changed` or `gone`: what another program did to the file, where that is still to be resolved."""
-        gone = not self.real.exists() and (draft_folder(path) / "draft.json").is_file()
-        data = b"" if gone else scene_bytes(path, str(path))  # the draft still holds it
+        """Unresolved change of the file by another program: `changed` or `gone`."""
+        # If the file was removed, the text is still in the draft.
+        is_removed = (
+            not self.real.exists() and (draft_folder(path) / "draft.json").is_file()
+        )
+        data = b"" if is_removed else scene_bytes(path, str(path))
         text = decode(data, str(path))
         self._bom, self._crlf = data.startswith(codecs.BOM_UTF8), "\r\n" in text
         self.draft = Draft(path)
         try:
-            found = self.draft.load()
+            unsaved = self.draft.load()
         except InputError:
             self.draft.release()
             raise
         self.saved = text
-        """What the file held when it was read or written last."""
+        """Content of the file when it was read or written last."""
         states = [State(text)]
         self._folders: list[str] = []
-        if found is not None and found.text != found.saved:
-            self.saved, self._folders = found.saved, found.folders
+        # The first state is the file, the second the draft: undo restores the file.
+        if unsaved is not None and unsaved.text != unsaved.saved:
+            self.saved, self._folders = unsaved.saved, unsaved.folders
             states = [
-                State(found.saved if gone else text),
-                State(found.text, "the edits of last time"),
+                State(unsaved.saved if is_removed else text),
+                State(unsaved.text, "the edits of last time"),
             ]
         self.history = History(states)
         self._look_outside()
         self.recovered = not self.is_saved
-        """Whether it continues what an editor left that ended before everything was saved."""
+        """True if the session continues the draft of an editor that did not end
+        cleanly.
+        """
         self.live = Live(path, allow_outside)
         self.pictures = Pictures(self.live)
         self._stamp = self._read = file_stamp(self.real)
 
     @property
     def now(self) -> State:
-        """The present state."""
+        """Return the present state."""
         return self.history.now
 
     @property
     def is_saved(self) -> bool:
-        """Whether the file holds the present state."""
+        """Check whether the file contains the present state."""
         return self._nothing_made and self.outside != "gone"
 
     @property
     def _nothing_made(self) -> bool:
+        """Check whether the present text equals the saved one."""
         return self.now.text == self.saved
 
     def close(self) -> Path | None:
-        """End. Returns the draft's folder where something is not saved."""
+        """Close the session; return the draft's folder if it has unsaved changes."""
         with self._edits:
+            # Remove the maps of corrections that neither the file nor the draft refers
+            # to.
             for name in self._folders:
                 if name not in self.saved and (
                     self.is_saved or name not in self.now.text
@@ -206,11 +235,13 @@ class Session:
     # What the page shows
 
     def state(self, variant: str | None = None) -> Data:
-        """All that the page shows of the present state, in a variant or in the file itself."""
+        """Return the data of the page for the present state, in a variant or in the
+        file itself.
+        """
         with self._edits:
             history = self.history
             text = self.now.text
-            known: Data = {
+            session_data: Data = {
                 "version": history.version,
                 "file": {
                     "name": self.path.name,
@@ -227,101 +258,118 @@ class Session:
                 "made": None,
                 "corrected": None,
             }
+        # Simulation takes long and must not block edits: it runs outside the lock.
         look = self.live.look(text, variant)
-        shown: Data = {name: getattr(look, name) for name in LOOK_KEYS}
-        if shown["perceived"] is not None:
-            shown["perceived"] = shown["perceived"] | {"new": self.is_new}
-        return known | shown
+        look_data: Data = {name: getattr(look, name) for name in LOOK_KEYS}
+        if look_data["perceived"] is not None:
+            look_data["perceived"] = look_data["perceived"] | {"new": self.is_new}
+        return session_data | look_data
 
     def variants(self) -> list[str]:
-        """Names of the variants; of a text with errors, those that it had before."""
+        """List the names of the variants; for a text with errors, the names before the
+        errors.
+        """
         try:
-            node = marked(self.now.text).child("variants")
+            node = mark_values(self.now.text).child("variants")
         except EditError:
             return self._names
         self._names = [key for key, _, _ in node.keys] if node is not None else []
         return self._names
 
     def photo(self) -> bytes:
-        """PNG of the photo. Raises InputError."""
+        """Return the photo as a PNG. Raises InputError."""
         return photo_png(self.live.state(self.now.text))
 
     def mask(self, variant: str | None, name: str) -> bytes:
-        """PNG of the photo's size: 255 where an object is. Raises EditError."""
+        """Return the mask of an object as a PNG of the photo's size, 0 or 255. Raises
+        EditError.
+        """
         return mask_png(self.live.state(self.now.text, variant), name)
 
     # Edits
 
     def edit(self, request: EditRequest, ops: Sequence[Op | Mapping[str, Any]]) -> Data:
-        """Make operations, all or none. Raises EditError."""
+        """Apply operations, all or none. Raises EditError."""
         with self._edits:
-            now = self._current(request)
-            made = edited(now.text, ops, request.variant)
-            text = made.text
-            with suppress(InputError):  # a text with errors keeps its comments
-                ours = (
+            present_state = self._current(request)
+            edit_result = edited(present_state.text, ops, request.variant)
+            text = edit_result.text
+            # Comments of perception about changed values are no longer true. A text
+            # with errors keeps its comments, since its record cannot be read.
+            with suppress(InputError):
+                own_comments = (
                     frozenset()
                     if request.variant
-                    else self.live.state(now.text).scene.record.comments
+                    else self.live.state(present_state.text).scene.record.comments
                 )
                 text = without_comments(
-                    text, [op.set for op in ops if isinstance(op, SetOp)], ours
+                    text, [op.set for op in ops if isinstance(op, SetOp)], own_comments
                 )
-            what = made.what
-            change = hold_objects(self.live, now.text, text, request.variant)
+            title = edit_result.what
+            # After a change of the view, objects would fall without new supports.
+            change = hold_objects(self.live, present_state.text, text, request.variant)
             if change is not None:
-                text, what = change.text, f"{request.what or what}: {change.what}"
+                text, title = change.text, f"{request.what or title}: {change.what}"
                 request = request.model_copy(update={"what": None})
-            self._push(request, text, what)
+            self._push(request, text, title)
         return self.state(request.variant)
 
     def preview(
         self, request: EditRequest, ops: Sequence[Op | Mapping[str, Any]]
     ) -> Data:
-        """The motion that operations would give, without making them. Raises EditError."""
+        """Return the motion after operations, without applying them. Raises
+        EditError.
+        """
         with self._edits:
             text = self._current(request).text
-        made = edited(text, ops, request.variant)
-        look = self.live.look(made.text, request.variant, motion_only=True)
+        edit_result = edited(text, ops, request.variant)
+        look = self.live.look(edit_result.text, request.variant, motion_only=True)
         return {"motion": look.motion, "problems": look.problems}
 
     def write(self, request: EditRequest, text: str) -> Data:
-        """Replace the text, by a valid one or not. Raises EditError."""
+        """Replace the text; it may contain errors. Raises EditError."""
         with self._edits:
             self._current(request)
             text = text.removeprefix("\ufeff")
-            if (
-                self._crlf and "\r" not in text
-            ):  # fields of a page have no carriage returns
+            # Text fields of a page have no carriage returns: restore those of the file.
+            if self._crlf and "\r" not in text:
                 text = text.replace("\n", "\r\n")
             self._push(request, text, "edit the YAML")
         return self.state(request.variant)
 
     def correct(self, request: EditRequest, op: Mapping[str, Any]) -> Data:
-        """Correct a mask, and what follows from it. Raises EditError."""
+        """Apply a correction of a mask, and change the values that follow. Raises
+        EditError.
+        """
         with self._edits:
-            made = correct(self.live, self._current(request).text, op, self._segmenter)
-            if made.folder is not None:
-                self._folders.append(made.folder.name)
+            correction = correct(
+                self.live, self._current(request).text, op, self._segmenter
+            )
+            if correction.folder is not None:
+                self._folders.append(correction.folder.name)
             try:
-                self._push(request, made.text, made.what)
+                self._push(request, correction.text, correction.what)
             except BaseException:
-                if made.folder is not None:
-                    shutil.rmtree(made.folder, ignore_errors=True)
+                if correction.folder is not None:
+                    shutil.rmtree(correction.folder, ignore_errors=True)
                 raise
-        outcome = {"made": made.made, "corrected": made.corrected}
+        outcome = {"made": correction.made, "corrected": correction.corrected}
         return self.state(request.variant) | outcome
 
     def step(self, request: EditRequest, by: int) -> Data:
-        """Undo (-1) or redo (1). Raises EditError."""
+        """Undo (-1) or redo (1) one step. Raises EditError."""
         with self._edits:
             self._current(request)
+            # Store first: if the disk is full, the history stays.
             self._store(self.history.beside(by))
             self.history.step(by)
             self._changed()
         return self.state(request.variant)
 
     def _current(self, request: EditRequest) -> State:
+        """Return the present state. Raises EditError if the request is about an older
+        version.
+        """
         version = self.history.version
         if request.version != version:
             message = f"version {request.version} is not the present one, {version}"
@@ -330,6 +378,9 @@ class Session:
         return self.now
 
     def _push(self, request: EditRequest, text: str, what: str) -> None:
+        """Add a state with a changed text. Raises EditError if the text is too
+        large.
+        """
         if text == self.now.text:
             return
         if len(text.encode()) > Limit.BYTES.most:
@@ -341,17 +392,20 @@ class Session:
         self._changed()
 
     def _add(self, state: State) -> None:
-        """A new state. Raises OSError: then it is not added."""
+        """Store a state and add it to the history. Raises OSError; the state is not
+        added then.
+        """
         self._store(state)
         self.history.push(state)
 
     def _store(self, state: State) -> None:
-        """Write a state to the draft before it is answered."""
+        """Store a state in the draft, before the request is answered."""
         self.draft.store(
             Unsaved(text=state.text, saved=self.saved, folders=self._folders)
         )
 
     def _changed(self) -> None:
+        """Send the new version to all pages."""
         self._send(
             {"type": "version", "version": self.history.version, "saved": self.is_saved}
         )
@@ -359,14 +413,19 @@ class Session:
     # The file
 
     def save(self, request: EditRequest, resolve: str | None = None) -> Data:
-        """Write the file; `resolve` chooses `mine` or `theirs` where another program changed it. Raises EditError."""
+        """Write the file. Raises EditError.
+
+        `resolve` chooses `mine` or `theirs` if another program changed the file.
+        """
         with self._edits:
             self._current(request)
             self._save(resolve)
         return self.state(request.variant)
 
     def save_for_rendering(self, version: int | None) -> None:
-        """Write the file, so that what is rendered is what the page shows. Raises EditError."""
+        """Write the file, so that the rendered scene is the one on the page. Raises
+        EditError.
+        """
         with self._edits:
             if version is not None:
                 self._current(EditRequest(version=version))
@@ -374,12 +433,15 @@ class Session:
                 self._save(None)
 
     def _save(self, resolve: str | None) -> None:
+        """Write the present text, after a comparison with the text on the disk."""
         try:
             theirs = self._theirs()
         except EditError:
             if resolve != "mine":
                 raise
-            back_up(self.real)  # as NAME~: it cannot be a step of the history
+            # The file is not text and cannot be a state of the history: copy it to
+            # NAME~ before it is overwritten.
+            back_up(self.real)
             theirs = None
         if resolve == "theirs":
             self._take(theirs)
@@ -394,7 +456,8 @@ class Session:
                         "reload it, or overwrite it",
                         {"conflict": True},
                     )
-                mine = self.now  # theirs is one undo away
+                # Their text becomes the state before mine: one undo restores it.
+                mine = self.now
                 self._add(State(theirs, BY_OTHERS))
                 self._add(
                     replace(mine, what="keep mine over another program's", tag=None)
@@ -405,7 +468,7 @@ class Session:
         self._changed()
 
     def _take(self, theirs: str | None) -> None:
-        """Make the text on the disk the newest state. Raises EditError."""
+        """Set the text on the disk as the newest state. Raises EditError."""
         if theirs is None:
             raise Message.FILE_REMOVED.impossible()
         if theirs != self.now.text:
@@ -413,14 +476,19 @@ class Session:
         self._set_saved(theirs)
 
     def _set_saved(self, saved: str) -> None:
+        """Record the text of the file as saved, and remove the draft."""
         self.saved, self.outside = saved, None
         self.history.end_step()
         self.draft.clear()
 
     def look_outside(self) -> None:
-        """Take in what another program did to the file, once it stayed the same from one call to the next."""
+        """Compare the file with the disk; called with each poll of a page.
+
+        A change by another program is used once the file is the same in two calls,
+        since the program may still be writing.
+        """
         if not self._edits.acquire(blocking=False):
-            return  # the next call looks again
+            return  # an edit is in progress: the next call compares again
         try:
             before, self._stamp = self._stamp, file_stamp(self.real)
             if self._stamp == self._read or self._stamp != before:
@@ -435,13 +503,16 @@ class Session:
                         "version": self.history.version,
                     }
                 )
-        except OSError:  # a full disk, say
+        except OSError:  # for example a full disk: the next call tries again
             pass
         finally:
             self._edits.release()
 
     def _look_outside(self) -> str | None:
-        """`taken`, `clash`, `gone`, or None for no change: what was not edited here is taken in."""
+        """Compare the file with the disk, and use its text if nothing was edited here.
+
+        Returns `taken`, `clash`, `gone`, or None for no change.
+        """
         try:
             theirs = self._theirs()
         except EditError:
@@ -461,7 +532,10 @@ class Session:
         return "clash"
 
     def _theirs(self) -> str | None:
-        """The text of the file; None where it is gone. Raises EditError where it is not text."""
+        """Read the text of the file; None if the file was removed.
+
+        Raises EditError if the content is not text.
+        """
         try:
             with open(self.real, "rb") as stream:
                 return decode(stream.read(Limit.BYTES.most + 1), str(self.path))

@@ -1,7 +1,8 @@
-"""A changed view: what holds the objects is found anew, so that they stay in the picture.
+"""A changed view: supports are found anew, so that the objects stay in the picture.
 
-Perception lays floors and ledges under objects that it sees from the side, and rails around those that it sees from
-above. A scene whose view is set has those of the other view: seen from the side, all that lies on a table would fall.
+Perception lays floors and ledges under objects seen from the side, and rails around
+objects seen from above. After a change of the view, the scene still has the boundaries
+of the other view: seen from the side, all objects on a table would fall.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 
 from physgen import registry
 from physgen.compile.compile import compile_shapes
-from physgen.edit.live import CompiledScene, Live
+from physgen.edit.live import Live, LiveScene
 from physgen.edit.operations import edited
 from physgen.geometry.scale import photo_object
 from physgen.maps import Percepts
@@ -32,20 +33,26 @@ from physgen.text import counted
 
 Data = dict[str, Any]
 WATCHED = 2.0
-"""s for which objects must stay at rest; perception watches them as long."""
+"""Time for which objects must stay at rest, s, as in perception."""
 SAMPLES = 81
-"""Times at which positions are compared, 40 a second."""
+"""Number of times at which positions are compared: 40 a second."""
 PUSHED = 4.0
-"""s after which what is pushed must be in the picture; most clips are over by then."""
+"""Time after which pushed objects must be in the picture, s; most clips are over by
+then.
+"""
 PUSHES = (1.0, 0.5, 0.25, 0.0)
-"""Parts of perception's push that are tried, until nothing leaves the picture."""
+"""Factors of perception's push, tried in this order until no object leaves the
+picture.
+"""
 STILL = 1.0
-"""px by which an object at rest may move, as in perception."""
+"""Distance by which an object at rest may move, px, as in perception."""
 
 
 @dataclass(frozen=True)
 class ViewChange:
-    """A text in which objects stay where they are, and what was done, in words."""
+    """A text in which objects stay at their places, and the list of changes in
+    words.
+    """
 
     text: str
     what: str
@@ -54,10 +61,10 @@ class ViewChange:
 def hold_objects(
     live: Live, before: str, after: str, variant: str | None = None
 ) -> ViewChange | None:
-    """Find what holds the objects if an edit changed the view.
+    """Find the supports of the objects if an edit changed the view.
 
-    `before` and `after` are texts of the file. None if the view is the same, if the scene has no photo, or if one of
-    the texts is not a scene.
+    `before` and `after` are texts of the file. None if the view is the same, if the
+    scene has no photo, or if one of the texts is not a scene.
     """
     try:
         old = live.state(before, variant).scene.world.view
@@ -67,18 +74,19 @@ def hold_objects(
         if is_same or percepts is None or not state.scene.objects:
             return None
         return _held(live, after, state, percepts, variant)
-    except (InputError, EditError):  # the edit itself is made all the same
+    except (InputError, EditError):
+        # The edit of the user is applied even if no supports can be found.
         return None
 
 
 def _held(
     live: Live,
     text: str,
-    state: CompiledScene,
+    state: LiveScene,
     percepts: Percepts,
     variant: str | None,
 ) -> ViewChange:
-    """Return the text in which walls, held objects and the push are those of its view."""
+    """Set walls, held objects and the push for the new view; returns the text."""
     guess = _guess(state, percepts)
     ops = [
         *_world_ops(state.scene, live.document(text), guess.tilt),
@@ -86,19 +94,22 @@ def _held(
         *_shape_ops(state.scene, guess),
     ]
     text = edited(text, ops, variant).text
-    held: list[str] = []
+    # Seen from above, gravity acts only along a tilted table, and no object falls.
+    held_objects: list[str] = []
     if state.scene.world.view is View.SIDE:
-        held = _falling(live.state(text, variant))
-    ops = [{"set": ["objects", name, "motion"], "value": "static"} for name in held]
+        held_objects = _falling(live.state(text, variant))
+    ops = [
+        {"set": ["objects", name, "motion"], "value": "static"} for name in held_objects
+    ]
     text = edited(text, ops, variant).text
     ops = _push_ops(live.state(text, variant))
-    what = f"{counted(len(guess.walls), 'support')} found"
-    if held:
-        what += f", {counted(len(held), 'object')} held"
-    return ViewChange(edited(text, ops, variant).text, what)
+    title = f"{counted(len(guess.walls), 'support')} found"
+    if held_objects:
+        title += f", {counted(len(held_objects), 'object')} held"
+    return ViewChange(edited(text, ops, variant).text, title)
 
 
-def _guess(state: CompiledScene, percepts: Percepts) -> BoundaryGuess:
+def _guess(state: LiveScene, percepts: Percepts) -> BoundaryGuess:
     """Return the walls that perception finds in the scene's view."""
     scene = state.scene
     objects = [
@@ -107,8 +118,8 @@ def _guess(state: CompiledScene, percepts: Percepts) -> BoundaryGuess:
             zip(scene.objects, state.compiled.shapes.outlines, strict=True)
         )
     ]
-    find = registry.make("boundary")
-    guess: BoundaryGuess = find(
+    find_boundaries = registry.make("boundary")
+    guess: BoundaryGuess = find_boundaries(
         percepts.rgb, state.compiled.labels, objects, scene.world.view
     )
     return guess
@@ -124,7 +135,8 @@ def _world_ops(
     world = written.get("world") or {}
     ops: list[Data] = []
     is_top = scene.world.view is View.TOP
-    if is_top and "gravity" in world:  # it would draw objects over the table
+    # Seen from above, a gravity for the side view would move objects over the table.
+    if is_top and "gravity" in world:
         ops.append({"unset": ["world", "gravity"]})
     if is_top and "table" not in world:
         ops.append({"set": ["world", "table"], "value": dict(document.TABLE)})
@@ -140,17 +152,19 @@ def _world_ops(
 def _wall_ops(scene: Scene, guess: BoundaryGuess) -> list[Data]:
     """Return the operations that replace perception's walls; those of the user stay."""
     walls = scene.document["boundaries"]
-    wrote = scene.record.world.get("boundaries", {})
-    kept = [
-        name for name, wall in walls.items() if not _is_perceived(wall, wrote.get(name))
+    perceived_walls = scene.record.world.get("boundaries", {})
+    user_walls = [
+        name
+        for name, wall in walls.items()
+        if not _is_perceived(wall, perceived_walls.get(name))
     ]
     ops: list[Data] = [
-        {"remove": ["boundaries", name]} for name in walls if name not in kept
+        {"remove": ["boundaries", name]} for name in walls if name not in user_walls
     ]
-    names = set(kept)
+    used_names = set(user_walls)
     for wall in guess.walls:
-        name = free_name(wall.name, names)
-        names.add(name)
+        name = free_name(wall.name, used_names)
+        used_names.add(name)
         path = ["boundaries", name]
         ops.append({"set": path, "value": document.wall_entry(wall)})
     return ops
@@ -166,7 +180,7 @@ def _is_perceived(wall: Mapping[str, Any], wrote: Mapping[str, Any] | None) -> b
 
 
 def _shape_ops(scene: Scene, guess: BoundaryGuess) -> list[Data]:
-    """Return the operations that set objects level on what supports them."""
+    """Return the operations to set objects level on their supports."""
     ops: list[Data] = []
     for k, item in enumerate(scene.objects):
         outline = guess.outlines.get(k + 1)
@@ -176,22 +190,23 @@ def _shape_ops(scene: Scene, guess: BoundaryGuess) -> list[Data]:
     return ops
 
 
-def _push_ops(state: CompiledScene) -> list[Data]:
+def _push_ops(state: LiveScene) -> list[Data]:
     """Return the operations that change perception's push so that nothing leaves the picture.
 
-    Seen from the side it is level: what is thrown up is lost.
+    In the side view the push is level: an object thrown upwards leaves the picture.
     """
     scene = state.scene
     pushes = list(perceived_pushes(scene))
     if not pushes:
         return []
-    stays = _leaving(state, dict.fromkeys(pushes, (0.0, 0.0)))
+    # Objects that leave the picture even without a push do not count against a push.
+    unavoidable_objects = _leaving(state, dict.fromkeys(pushes, (0.0, 0.0)))
     velocities: dict[str, tuple[float, float]] = {}
     for factor in PUSHES:
         for item in scene.objects:
             if item.name in pushes:
                 velocities[item.name] = _scaled_push(item, scene.world.view, factor)
-        if _leaving(state, velocities) <= stays:
+        if _leaving(state, velocities) <= unavoidable_objects:
             break
     ops: list[Data] = []
     for item in scene.objects:
@@ -204,7 +219,9 @@ def _push_ops(state: CompiledScene) -> list[Data]:
 
 
 def _scaled_push(item: Object, view: View, factor: float) -> tuple[float, float]:
-    """Return an object's velocity, px/s, times a factor; level if seen from the side."""
+    """Return an object's velocity, px/s, times a factor; level if seen from the
+    side.
+    """
     x, y = item.velocity
     if view is View.SIDE and y:
         x, y = copysign(hypot(x, y), x or 1.0), 0.0
@@ -212,7 +229,7 @@ def _scaled_push(item: Object, view: View, factor: float) -> tuple[float, float]
 
 
 def _leaving(
-    state: CompiledScene, velocities: Mapping[str, tuple[float, float]]
+    state: LiveScene, velocities: Mapping[str, tuple[float, float]]
 ) -> set[str]:
     """Return the objects that end outside the picture if they have these velocities."""
     objects = tuple(
@@ -221,30 +238,34 @@ def _leaving(
     )
     scene = replace(state.scene, objects=objects)
     world = compile_shapes(scene, state.compiled.shapes).world
-    end = simulate(world, np.linspace(0, PUSHED, SAMPLES)).poses[-1, :, :2]
-    is_inside = np.all((end >= 0) & (end < scene.size), axis=1)
-    outside = np.flatnonzero(~is_inside).tolist()
-    return {scene.objects[k].name for k in outside}
+    end_positions = simulate(world, np.linspace(0, PUSHED, SAMPLES)).poses[-1, :, :2]
+    is_inside = np.all((end_positions >= 0) & (end_positions < scene.size), axis=1)
+    outside_indices = np.flatnonzero(~is_inside).tolist()
+    return {scene.objects[k].name for k in outside_indices}
 
 
-def _falling(state: CompiledScene) -> list[str]:
-    """Return the objects that do not stay at rest by themselves, the first to go first."""
+def _falling(state: LiveScene) -> list[str]:
+    """Return the objects that do not stay at rest by themselves, in order of motion."""
     objects = tuple(
         replace(item, velocity=(0.0, 0.0), spin=0.0) for item in state.scene.objects
     )
     scene = replace(state.scene, objects=objects, forces=())
     times = np.linspace(0, WATCHED, SAMPLES)
     falling: list[str] = []
+    # Hold the first objects that move and simulate again: objects that rest on them may
+    # stay at rest then.
     while True:
         world = compile_shapes(scene, state.compiled.shapes).world
         poses = simulate(world, times).poses[..., :2]
         distances = np.hypot(*np.moveaxis(poses - poses[:1], -1, 0))
         is_free = [item.motion is Motion.DYNAMIC for item in scene.objects]
-        moves = (distances > STILL) & np.array(is_free)
-        if not moves.any():
+        is_moving = (distances > STILL) & np.array(is_free)
+        if not is_moving.any():
             return falling
-        first = np.flatnonzero(moves[int(moves.any(axis=1).argmax())]).tolist()
-        names = [scene.objects[k].name for k in first]
+        first_indices = np.flatnonzero(
+            is_moving[int(is_moving.any(axis=1).argmax())]
+        ).tolist()
+        names = [scene.objects[k].name for k in first_indices]
         falling += names
         objects = tuple(
             replace(item, motion=Motion.STATIC) if item.name in names else item

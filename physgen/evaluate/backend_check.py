@@ -37,6 +37,7 @@ from physgen.perceive.roles import (
 from physgen.refine.denoiser import PromptSettings
 from physgen.refine.fusion import Refinement, RefineSettings
 from physgen.registry import Backend, Choice, Plan, Setup
+from physgen.weights import offline_hub
 
 SIZE = (128, 96)
 """px, width and height of the photo: a detector finds its shapes, and a model on a CPU takes seconds."""
@@ -257,7 +258,7 @@ def check_backends(
     The plan has weights, device and options. Nothing is fetched.
     """
     for role, choice in pairs or _all_choices(plan):
-        with registry.offline_hub():
+        with offline_hub():
             yield _check(replace(plan, choices={role: choice}), role)
 
 
@@ -301,7 +302,7 @@ def _measure(row: Backend, setup: Setup, sample: Sample) -> dict[str, Any]:
     _reset_gpu_peak()
     memory = peak_memory()
     start = time.perf_counter()
-    with _released(registry.make(row.role, row.name, setup)) as backend:
+    with _release_after(registry.make(row.role, row.name, setup)) as backend:
         load = getattr(backend, "load", None)
         if load is not None:
             load()
@@ -317,7 +318,7 @@ def _measure(row: Backend, setup: Setup, sample: Sample) -> dict[str, Any]:
 
 
 @contextmanager
-def _released(backend: Any) -> Iterator[Any]:
+def _release_after(backend: Any) -> Iterator[Any]:
     """Close a backend at the end, and return its memory."""
     try:
         yield backend

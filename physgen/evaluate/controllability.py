@@ -408,17 +408,17 @@ def _sentences(
     """Yield the sentences on all pushes; `lowest` is the lowest correlation, `drift` the px without a push."""
     if whole.steps[1]:
         yield (
-            f"A harder push takes {pushes.object} farther in {_of(whole.steps)} steps; Spearman's correlation of push "
-            f"and answer is {whole.spearman:.3f} on average over directions, {lowest:.3f} at the least."
+            f"A harder push takes {pushes.object} farther in {_share_text(whole.steps)} steps; Spearman's correlation "
+            f"of push and answer is {whole.spearman:.3f} on average over directions, {lowest:.3f} at the least."
         )
         has_contacts = any(outcome.has_contact for outcome in pushes.outcomes)
         if whole.free_steps[1] and has_contacts:
-            yield f"Where it meets no object, a harder push takes it farther in {_of(whole.free_steps)} steps."
+            yield f"Where it meets no object, a harder push takes it farther in {_share_text(whole.free_steps)} steps."
     deviations = whole.deviations
     if pushes.view is View.SIDE and whole.sideways[1]:
         yield (
-            f"Until it meets an object it goes to the side that it is pushed to in {_of(whole.sideways)} pushes. Seen "
-            "from the side, angles say less: what is pushed up comes down again."
+            f"Until it meets an object it goes to the side that it is pushed to in {_share_text(whole.sideways)} "
+            "pushes. Seen from the side, angles say less: what is pushed up comes down again."
         )
     elif deviations:
         median = _format_angle(float(np.median(deviations)))
@@ -428,7 +428,7 @@ def _sentences(
     yield "The paper shows the same as pictures (figure 6) and gives no number."
 
 
-def _of(share: Share) -> str:
+def _share_text(share: Share) -> str:
     return f"{share[0]} of {share[1]}"
 
 
@@ -453,7 +453,7 @@ def _direction_row(group: PushGroup) -> tuple[str, ...]:
         f"{round(group.outcomes[0].push.angle) % 360}",
         str(len(group.outcomes)),
         number(group.spearman, ".3f"),
-        _of(group.steps),
+        _share_text(group.steps),
         f"{longest:.1f}",
         _format_angle(max(deviations)) if deviations else "-",
         str(sum(outcome.has_contact for outcome in group.outcomes)),

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen import pipeline
-from physgen.compile.compile import Compiled
+from physgen.compile.compile import CompiledScene
 from physgen.compile.world import Body
 from physgen.evaluate.measure import Bar, Findings, Progress, Section, Table, number
 from physgen.geometry.polygon import rotation
@@ -108,7 +108,7 @@ def _read_truth(name: str, path: Path, root: Path) -> Truth:
     return Truth(name, scene, maps, film, path.parent)
 
 
-def replay(truth: Truth, compiled: Compiled) -> Trajectory:
+def replay(truth: Truth, compiled: CompiledScene) -> Trajectory:
     """Return the stored poses as a trajectory, t = 0 first; the roll of balls is simulated again."""
     times = np.array([0.0, *truth.film["times_s"]])
     trajectory = simulate(compiled.world, times)
@@ -120,7 +120,7 @@ def replay(truth: Truth, compiled: Compiled) -> Trajectory:
     return replace(trajectory, poses=poses)
 
 
-def ours(truth: Truth, scene: Scene, maps: Percepts) -> Iterator[U8]:
+def render_own_frames(truth: Truth, scene: Scene, maps: Percepts) -> Iterator[U8]:
     """Yield physgen's frames after the photo itself."""
     compiled = pipeline.compile(scene, maps)
     stage = pipeline.stage(scene, compiled, maps)
@@ -214,8 +214,8 @@ def ways(truth: Truth) -> Ways:
     background = truth.maps.background
     assert background is not None
     return {
-        "ours": lambda: ours(truth, *perceive_truth(truth)),
-        "ours, true maps": lambda: ours(truth, truth.scene, truth.maps),
+        "ours": lambda: render_own_frames(truth, *perceive_truth(truth)),
+        "ours, true maps": lambda: render_own_frames(truth, truth.scene, truth.maps),
         "paper, relit": lambda: paper(truth, background, true_light(truth)),
     }
 
@@ -307,7 +307,7 @@ def evaluate(
     split = json.loads(path.read_text()) if path.exists() else {}
     rows: list[dict[str, Any]] = []
     for k, truth in enumerate(films):
-        half = _half_of(truth.name, split)
+        half = _find_half(truth.name, split)
         for name, draw in ways(truth).items():
             progress(f"{truth.name}: {name}", k, len(films))
             row = {"scene": truth.name, "half": half, "way": name}
@@ -316,7 +316,7 @@ def evaluate(
     return {"rows": rows, "means": averages, "ahead": ahead(averages)}
 
 
-def _half_of(name: str, split: Mapping[str, Sequence[str]]) -> str:
+def _find_half(name: str, split: Mapping[str, Sequence[str]]) -> str:
     """Return the half of a scene; "" for a scene of no half."""
     for half in ("tune", "test"):
         if name in split.get(half, ()):

@@ -26,7 +26,7 @@ from physgen.messages import Message
 from physgen.perceive.roles import Matter, PhotoObject, Physics, Rgb
 from physgen.problems import Place
 from physgen.registry import Backends
-from physgen.scene.document import Source, decode, plain, read
+from physgen.scene.document import Source, decode, read, to_plain_data
 from physgen.simulate.uncertainty import wilson
 
 NEAR = 0.3
@@ -136,7 +136,7 @@ def _parse_table(path: Path) -> Objects:
     """Return a table. Raise an error of Python for a file that is not one."""
     text = decode(path.read_bytes(), str(path))
     source_file = Source(str(path), path.parent)
-    data: Any = plain(read(text, source_file, start=TABLE_START))
+    data: Any = to_plain_data(read(text, source_file, start=TABLE_START))
     items = [_item(str(path), name, **row) for name, row in data["objects"].items()]
     rankings = []
     for name in data.get("rankings", {}):

@@ -291,7 +291,7 @@ def _part_table(runs: Sequence[Run], parts: Sequence[Mapping[str, Any]]) -> Tabl
     for row in parts:
         lines.append((row["name"], *_cells(row), number(row["paper"], "g")))
     paper = f"{_paper_time(runs):g} of {PAPER}"
-    lines.append(("whole runs", *_cells(_whole(runs)), paper))
+    lines.append(("whole runs", *_cells(_select_whole_runs(runs)), paper))
     heads = ("part", *HEADS, "the paper, A40")
     return Table(heads, tuple(lines), note=NOTE)
 
@@ -334,7 +334,7 @@ def _place_of_stage(stage: str) -> int:
     return ORDER.index(stage) if stage in ORDER else len(ORDER)
 
 
-def _whole(runs: Sequence[Run]) -> dict[str, Any]:
+def _select_whole_runs(runs: Sequence[Run]) -> dict[str, Any]:
     """Return the times of runs with recorded perceiving, if there are any: the others began with a scene."""
     whole_runs = [run for run in runs if run.has_perception] or runs
     return spread([total(list(run.stages.values())) for run in whole_runs])
@@ -352,7 +352,7 @@ def _paper_time(runs: Sequence[Run]) -> float:
 
 def _summary(runs: Sequence[Run]) -> str:
     """Return the sentence on whole runs."""
-    whole = _whole(runs)
+    whole = _select_whole_runs(runs)
     steps = ["simulating, rendering and encoding"]
     paper = f"{_paper_time(runs):g} s for these parts, on an A40"
     if any(run.has_perception for run in runs):

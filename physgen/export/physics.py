@@ -145,7 +145,7 @@ def _object(
         "velocity": list(item.velocity),
         "velocity_m_s": [scale.meters(value) for value in item.velocity],
         "spin": item.spin,
-        **_stated(item, CONTACT_KEYS, (None,)),
+        **_select_stated(item, CONTACT_KEYS, (None,)),
         "from": _sources(scene, f"objects.{item.name}", SOURCE_KEYS, item.provenance),
     }
 
@@ -164,7 +164,7 @@ def _boundary(scene: Scene, boundary: Boundary, wall: Wall) -> dict[str, Any]:
         "lines": [chain.tolist() for chain in wall.chains],
         "friction": boundary.friction,
         "elasticity": boundary.elasticity,
-        **_stated(boundary, CONTACT_KEYS, (None,)),
+        **_select_stated(boundary, CONTACT_KEYS, (None,)),
         "from": _sources(scene, path, keys, {}),
     }
 
@@ -187,7 +187,7 @@ def _field(field: Field, world: World) -> dict[str, Any]:
         "drag": field.drag,
         "strength": field.strength,
         "soften": field.soften,
-        **_stated(field, FIELD_KEYS, (0, (0, 0))),
+        **_select_stated(field, FIELD_KEYS, (0, (0, 0))),
         **_belt(field),
     }
 
@@ -199,7 +199,7 @@ def _belt(field: Field) -> dict[str, Any]:
     return {"velocity": field.velocity.tolist()}
 
 
-def _stated(
+def _select_stated(
     item: Field | Object | Boundary, keys: tuple[str, ...], absent: tuple[Any, ...]
 ) -> dict[str, Any]:
     """Return the values of those keys that are not `absent`."""

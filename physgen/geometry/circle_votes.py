@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 STRONG = 0.7
-"""Quantile of gradients that vote: most of a picture is no edge."""
+"""Quantile of gradients above which they vote: most of a picture is not an edge."""
 WEAKEST = 4.0
-"""8-bit codes: a weaker gradient is noise."""
+"""Gradient, 8-bit codes per px, below which it is noise."""
 SPREAD = 0.12
-"""Of the radius: standard deviation of votes of a circle seen a little from the side."""
+"""Standard deviation of votes, radii, for a circle seen slightly from the side."""
 
 
 def circle_votes(
@@ -36,21 +36,22 @@ def circle_votes(
         return np.zeros((len(radii), *grey.shape), np.float32)
     lowest_gradient = max(float(np.quantile(size[surroundings], STRONG)), WEAKEST)
     rows, columns = np.nonzero(surroundings & (size >= lowest_gradient))
-    way = np.stack([gx, gy])[:, rows, columns] / size[rows, columns]
+    directions = np.stack([gx, gy])[:, rows, columns] / size[rows, columns]
     height, width = grey.shape
     votes = []
     for radius in radii:
         total = np.zeros(height * width, np.float32)
         for sign in (1, -1):
-            x = np.rint(columns + sign * radius * way[0]).astype(np.int64)
-            y = np.rint(rows + sign * radius * way[1]).astype(np.int64)
-            inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-            place = y[inside] * width + x[inside]
-            # a circle counts with light on one side of its edge or the other
+            x = np.rint(columns + sign * radius * directions[0]).astype(np.int64)
+            y = np.rint(rows + sign * radius * directions[1]).astype(np.int64)
+            is_inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+            place = y[is_inside] * width + x[is_inside]
+            # A circle may be brighter or darker than its surroundings.
             counts = np.bincount(place, minlength=height * width)
             total = np.maximum(total, counts.astype(np.float32))
         spread = max(SPREAD * radius, 1.0)
         picture = cv2.GaussianBlur(total.reshape(height, width), (0, 0), spread)
-        # all votes of a full circle fall into about this many pixels
+        # Normalise such that the votes of a complete circle, spread over its centre,
+        # give 1.
         votes.append(picture * (2 * np.pi * spread**2) / (2 * np.pi * radius))
     return np.stack(votes)

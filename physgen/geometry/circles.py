@@ -1,9 +1,11 @@
-"""Circle fitting: one mask, or several circles together so that neighbours touch.
+"""Circle fitting: one mask, or several circles together such that neighbours touch.
 
-A single circle maximises the intersection over union with its mask; beyond the photo it is neither right nor wrong.
-Circles of touching objects are then fitted together by damped Gauss-Newton least squares over all centres and radii:
-each to its mask's border, contacts as stiff springs, hidden borders with little weight. Touching circles of about one
-size share one radius, so a rack of billiard balls is a true lattice; radii are reduced by what overlap is left.
+A single circle maximises the intersection over union with its mask; pixels beyond the
+photo do not count. Circles of touching objects are then fitted together by damped
+Gauss-Newton least squares over all centres and radii: to the borders of their masks,
+with contacts as stiff springs, and with little weight of hidden borders. Touching
+circles of about one size share one radius, so that a rack of billiard balls is an exact
+lattice; radii are reduced by the remaining overlap.
 """
 
 from __future__ import annotations
@@ -20,15 +22,17 @@ from physgen.arrays import Mask
 from physgen.geometry.polygon import Array, Disc, Region, cross
 
 _GRID = 160
-"""Larger masks are searched on a grid of about this many samples a side; the score is always taken at full size."""
+"""Larger masks are searched on a grid of about this many samples a side; the score is
+always taken at full size.
+"""
 
 
 def fit_circle(mask: Mask, border: Array) -> tuple[Disc, float]:
-    """Fit the disc of highest IoU to a mask `(H, W)`; return it and that IoU.
+    """Fit the disc of highest IoU to a mask `(H, W)`; return it and the IoU.
 
-    `border` `(n, 2)` px is the mask's contour. Starts from the circle of the mask's own area, and from a robust
-    least-squares circle that a neighbour hiding a part of the mask does not pull; the better is refined by a pattern
-    search.
+    `border` `(n, 2)` px is the mask's contour. The search starts from the circle of the
+    mask's area, and from a robust least-squares circle that is insensitive to a hidden
+    part of the mask; the better one is refined by a pattern search.
     """
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     low = np.array([columns[0], rows[0]], dtype=np.float64)
@@ -41,18 +45,19 @@ def fit_circle(mask: Mask, border: Array) -> tuple[Disc, float]:
     starts = [np.array([*center, radius]), robust_circle(border)]
     best = _pattern_search(score, max(starts, key=score.iou), stride)
     if stride > 1:
-        # The grid knows the circle to a share of its spacing only; a start may be better at full size.
+        # The grid limits the accuracy to a share of its spacing: a start may be better
+        # at full size.
         score = _Score(mask, 1)
         best = max((best, *starts), key=score.iou)
     return Disc(best[:2].copy(), float(best[2])), score.iou(best)
 
 
 HOPELESS = 0.7
-"""IoU up to which a circle is not refined: the mask is no circle."""
+"""IoU below which a circle is not refined, since the mask is not a circle."""
 
 
 def _pattern_search(score: _Score, circle: Array, stride: int) -> Array:
-    """Return the best circle near a start, by steps along x, y and the radius that get smaller."""
+    """Refine a circle by steps along x, y and the radius that become smaller."""
     value = score.iou(circle)
     if value <= HOPELESS:
         return circle
@@ -69,9 +74,9 @@ def _pattern_search(score: _Score, circle: Array, stride: int) -> Array:
 
 
 def robust_circle(points: Array) -> Array:
-    """Fit `(3,)` px: x, y, radius of the circle through most of the points.
+    """Fit the circle x, y, radius `(3,)` px through most of the points.
 
-    By least squares (Kasa 1976) with Tukey weights.
+    Least squares (Kasa 1976) with Tukey weights.
     """
     weight: Array = np.ones(len(points))
     middle = points.mean(axis=0)
@@ -96,11 +101,15 @@ _MOVES = np.array(
     + [(0, 0, 1), (0, 0, -1)],
     np.float64,
 )
-"""Pattern search: the neighbours of x, y on a grid, and a larger and a smaller radius."""
+"""Pattern search: the neighbours of x, y on a grid, and a larger and a smaller
+radius.
+"""
 
 
 class _Score:
-    """IoU of circles with one mask, on every `stride`-th pixel of the mask's surroundings within the photo."""
+    """IoU of circles with one mask, on every `stride`-th pixel of the mask's
+    surroundings.
+    """
 
     def __init__(self, mask: Mask, stride: int) -> None:
         height, width = mask.shape
@@ -113,13 +122,13 @@ class _Score:
         left, right = max(columns[0] - margin, 0), min(columns[-1] + margin + 1, width)
         part = np.asarray(mask[top:bottom, left:right], dtype=np.float32)
         if stride > 1:
-            half = cv2.resize(
+            reduced = cv2.resize(
                 part, None, fx=1 / stride, fy=1 / stride, interpolation=cv2.INTER_AREA
             )
-            part = np.asarray(half, dtype=np.float32)
+            part = np.asarray(reduced, dtype=np.float32)
         self._mask = part
         self._area = float(part.sum())
-        # centre of the first sample, and the samples' true spacing after rounding to whole samples
+        # After rounding to whole samples, the spacing differs slightly from the stride.
         self._dx, self._dy = (
             (right - left) / part.shape[1],
             (bottom - top) / part.shape[0],
@@ -135,7 +144,7 @@ class _Score:
         x, y, radius = circle
         if radius <= 0:
             return 0.0
-        # in place: large masks are scored in thousands of circles
+        # In place, since large masks are compared with thousands of circles.
         inside = (self._x[None, :] - x) ** 2 + (self._y[:, None] - y) ** 2
         np.sqrt(inside, out=inside)
         np.subtract(radius, inside, out=inside)
@@ -150,15 +159,20 @@ class _Score:
 
 
 EQUAL = 0.06
-"""Touching circles whose radii are within this share of their median are taken for one size."""
+"""Relative difference of radii from their median within which touching circles have one
+size.
+"""
 
 _SLACK = 1e-9
-"""px that circles stay apart, for rounding."""
+"""Distance that circles keep for rounding, px."""
 
 
 @dataclass(frozen=True, eq=False)
 class RoughDisc:
-    """A circle fitted alone, its mask's border `(n, 2)` px, and a weight `(n,)`: 1 free, less where hidden."""
+    """A circle fitted alone, the border `(n, 2)` px of its mask, and weights `(n,)`.
+
+    The weights are 1 for free parts of the border, and less for hidden ones.
+    """
 
     disc: Disc
     border: Array
@@ -172,19 +186,24 @@ def fit_discs(
 ) -> list[Disc]:
     """Fit discs without overlap, close to the rough ones.
 
-    `contacts`: pairs of discs that touch. `obstacles`: for a disc, the regions near it, and whether it touches them.
+    `contacts`: pairs of touching discs. `obstacles`: for a disc, the regions near it,
+    and whether it touches them.
     """
     if not rough:
         return []
     problem = _Problem(rough, contacts, obstacles)
     state = problem.start()
+    # Stiffer and stiffer springs: with stiff ones from the start, the iteration would
+    # not leave its start.
     for stiffness in (1.0, 10.0, 100.0, 1e3, 1e4):
         state = problem.solve(state, stiffness)
     return problem.apart(state)
 
 
 class _Problem:
-    """State: x and y of all centres, then the radius of each group."""
+    """The least-squares problem; its state is x and y of all centres, then a radius per
+    group.
+    """
 
     def __init__(
         self,
@@ -287,7 +306,7 @@ class _Problem:
         return row
 
     def apart(self, state: Array) -> list[Disc]:
-        """Reduce the radii until nothing overlaps."""
+        """Reduce the radii until no discs overlap."""
         centers, radii = self.split(state)
         radii = radii.copy()
         for i, edges, _ in self.obstacles:
@@ -318,7 +337,7 @@ class _Problem:
 
 @dataclass(frozen=True)
 class _NormalEquations:
-    """Normal matrix (n, n) and gradient (n,), to which residuals are added."""
+    """Normal matrix (n, n) and gradient (n,), as sums over residuals."""
 
     matrix: Array
     gradient: Array
@@ -335,7 +354,7 @@ class _NormalEquations:
 def _groups(
     radii: list[float], contacts: Sequence[tuple[int, int]]
 ) -> NDArray[np.intp]:
-    """Return the group of each disc: discs that touch, also through others, and are of about one size."""
+    """Return the group of each disc: connected discs of about one size."""
     root = list(range(len(radii)))
 
     def find(i: int) -> int:
@@ -357,7 +376,7 @@ def _groups(
 
 
 def _neighbours_of(discs: Sequence[Disc]) -> NDArray[np.intp]:
-    """Return pairs `(m, 2)` of discs that could come to overlap while they are moved by a few px."""
+    """Return pairs `(m, 2)` of discs that might overlap after moves by a few px."""
     centers = np.array([disc.center for disc in discs])
     radii = np.array([disc.radius for disc in discs])
     x, y = (centers[:, None] - centers[None]).transpose(2, 0, 1)
@@ -374,7 +393,9 @@ def _edges(region: Region) -> tuple[Array, Array]:
 
 
 def _clearance(edges: tuple[Array, Array], point: Array) -> tuple[float, Array]:
-    """Return the distance px from a region to a point (negative inside) and its gradient `(2,)`."""
+    """Return the distance from a region to a point, px (negative inside), and its
+    gradient.
+    """
     start, end = edges
     edge = end - start
     length_squared = np.maximum((edge * edge).sum(1), 1e-300)

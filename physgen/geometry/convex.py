@@ -1,6 +1,7 @@
 """Convex pieces of regions, and the overlap of two outlines.
 
-Regions are cut into ear-cut triangles, which are merged across their longest edges (Hertel and Mehlhorn 1983).
+Regions are triangulated by ear cutting, and the triangles are merged across their
+longest edges (Hertel and Mehlhorn 1983).
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from physgen.geometry.polygon import (
 )
 
 SLIVER = 1e-3
-"""px²: smaller pieces are left out; an engine makes nothing of them."""
+"""Area of a piece, px², below which it is left out, since an engine cannot use it."""
 
 
 @dataclass(frozen=True)
@@ -33,19 +34,21 @@ class PieceTuning:
     """Limits of convex pieces."""
 
     seam: float = 0.5
-    """px between two pieces of one object that is meant to be whole there."""
+    """Gap between two pieces of one object that is an artefact, px."""
     flush: float = 0.02
-    """px by which corners may lie within the hull of pieces that become one."""
+    """Depth of corners within the hull of merged pieces that is tolerated, px."""
     many: int = 200
-    """Pieces of a body above which seams stay as they are: every two are looked at."""
+    """Number of pieces of a body above which seams stay: all pairs would be
+    compared.
+    """
     remembered: int = 1000
-    """Regions."""
+    """Number of regions in the cache."""
     flat: float = 1e-9
-    """px²: a corner this flat is straight."""
+    """Area of a corner's triangle, px², below which the corner is straight."""
     rounding: float = 1e-9
-    """px²: a smaller overlap is none."""
+    """Area of an overlap, px², below which it is a rounding error."""
     corners: int = 64
-    """Of a quarter of a circle as a polygon."""
+    """Number of corners of a quarter of a circle as a polygon."""
 
 
 PIECES = PieceTuning()
@@ -53,11 +56,12 @@ PIECES = PieceTuning()
 
 @lru_cache(PIECES.remembered)
 def convex_pieces(outline: Region) -> tuple[Array, ...]:
-    """Return convex polygons `(K, 2)` float64 px that make up the region, each turning +x towards +y, without slivers.
+    """Return the convex pieces `(K, 2)` float64 px of a region, without slivers.
 
-    At most four times as many as the fewest possible (Hertel and Mehlhorn); usually near the fewest. Pieces of
-    different rings that lie within a hair of each other and are convex together become one: nothing trips over a seam.
-    Those of the last regions are remembered, and read-only.
+    Each turns +x towards +y. Their number is at most four times the minimum (Hertel and
+    Mehlhorn), and usually near the minimum. Pieces of different rings with a tiny gap
+    that are convex together are merged, since objects would be stopped by the seam. The
+    cached arrays are read-only.
     """
     numbered_pieces = []
     for number, ring in enumerate(outline.rings):
@@ -69,7 +73,9 @@ def convex_pieces(outline: Region) -> tuple[Array, ...]:
 
 
 def _join(pieces: list[tuple[int, Array]]) -> list[tuple[int, Array]]:
-    """Replace neighbours of different rings by their hull if it adds no more than the seam between them."""
+    """Replace neighbours of different rings by their hull, if the hull only adds the
+    seam.
+    """
     if len({ring for ring, _ in pieces}) < 2 or len(pieces) > PIECES.many:
         return pieces
     while True:
@@ -82,9 +88,8 @@ def _join(pieces: list[tuple[int, Array]]) -> list[tuple[int, Array]]:
 
 
 def _first_joint(pieces: list[tuple[int, Array]]) -> tuple[int, int, Array] | None:
-    """Return the first two pieces of different rings that become one, and their hull.
-
-    None if there are none.
+    """Return the first two pieces of different rings that can be merged, and their
+    hull.
     """
     for i, j in combinations(range(len(pieces)), 2):
         (ring, piece), (other_ring, other_piece) = pieces[i], pieces[j]
@@ -97,7 +102,9 @@ def _first_joint(pieces: list[tuple[int, Array]]) -> tuple[int, int, Array] | No
 
 
 def _as_one(a: Array, b: Array) -> Array | None:
-    """Return the hull of two convex polygons that are a seam apart and, but for it, convex together; else None."""
+    """Return the hull of two convex polygons that are convex together except for a
+    seam.
+    """
     is_left_or_above = (a.min(axis=0) > b.max(axis=0) + PIECES.seam).any()
     if is_left_or_above or (b.min(axis=0) > a.max(axis=0) + PIECES.seam).any():
         return None
@@ -117,7 +124,9 @@ def _as_one(a: Array, b: Array) -> Array | None:
 
 
 def _hull(points: Array) -> Array:
-    """Return the convex hull `(K, 2)` of points, turning +x towards +y, from its leftmost corner on."""
+    """Return the convex hull `(K, 2)` of points, turning +x towards +y, from its
+    leftmost corner on.
+    """
     shape = shapely.convex_hull(shapely.multipoints(points))
     corners: Array = shapely.get_coordinates(shape)[-2::-1]
     first = int(np.lexsort((corners[:, 1], corners[:, 0]))[0])
@@ -125,6 +134,7 @@ def _hull(points: Array) -> Array:
 
 
 def _ring_pieces(ring: Ring) -> list[Array]:
+    """Return the convex pieces of a ring, px."""
     borders = []
     for points in (ring.outer, *ring.holes):
         corners = _without_straight_corners(points)
@@ -134,7 +144,7 @@ def _ring_pieces(ring: Ring) -> list[Array]:
         return []
     points = np.concatenate(borders)
     ends = np.cumsum([len(border) for border in borders]).astype(np.uint32)
-    # About the middle: ear cutting compares products of coordinates.
+    # Relative to the middle, since ear cutting compares products of coordinates.
     local = np.ascontiguousarray(points - points.mean(axis=0))
     indices = mapbox_earcut.triangulate_float64(local, ends)
     triangles = indices.reshape(-1, 3).astype(np.int64)
@@ -147,17 +157,18 @@ def _ring_pieces(ring: Ring) -> list[Array]:
 
 
 def _area(points: Array) -> float:
+    """Return the area of a polygon, px²; 0 for less than three corners."""
     return polygon_moments(points).area if len(points) >= 3 else 0.0
 
 
 def _without_straight_corners(points: Array) -> Array:
-    """Remove repeated points and corners within a straight line."""
+    """Remove repeated points and straight corners."""
     while len(points) >= 3:
         before, after = np.roll(points, 1, axis=0), np.roll(points, -1, axis=0)
         is_flat_corner = np.abs(cross(points - before, after - points)) <= PIECES.flat
         if not is_flat_corner.any():
             break
-        # not two neighbours at once: dropping one may make the other a corner
+        # Not two neighbours at once: without one, the other may be a true corner.
         drop = is_flat_corner & ~np.roll(is_flat_corner, 1)
         if not drop.any():
             drop[int(np.argmax(is_flat_corner))] = True
@@ -166,6 +177,9 @@ def _without_straight_corners(points: Array) -> Array:
 
 
 def _orient(points: Array, triangles: NDArray[np.int64]) -> list[list[int]]:
+    """Return the faces of triangles that turn +x towards +y, without degenerate
+    ones.
+    """
     a, b, c = (points[triangles[:, k]] for k in range(3))
     turn = cross(b - a, c - a)
     faces = np.where((turn < 0)[:, None], triangles[:, ::-1], triangles)
@@ -174,7 +188,7 @@ def _orient(points: Array, triangles: NDArray[np.int64]) -> list[list[int]]:
 
 
 def _merge(points: Array, faces: list[list[int]]) -> list[list[int]]:
-    """Remove inner edges, longest first, wherever the two faces together are convex."""
+    """Remove inner edges, the longest first, if both faces together are convex."""
     xy = points.tolist()
     edges: dict[tuple[int, int], int] = {}
     for index, face in enumerate(faces):
@@ -213,7 +227,7 @@ def _merge(points: Array, faces: list[list[int]]) -> list[list[int]]:
 
 
 def _rotate(face: list[int], first: int) -> list[int]:
-    """Return the same face from the corner `first` on."""
+    """Return the same face with `first` as its first corner."""
     place = face.index(first)
     return face[place:] + face[:place]
 
@@ -228,9 +242,10 @@ def outline_shape(outline: Outline) -> shapely.Geometry:
 
 
 def overlap_depth(a: Outline, b: Outline) -> float:
-    """Return the overlap px of two outlines: the diameter of the largest circle in their common area; 0 if they touch.
+    """Return the depth of the overlap of two outlines, px; 0 if they only touch.
 
-    Of circles, and of sides that are longer than they overlap, it is the penetration depth.
+    It is the diameter of the largest circle in their common area. For circles, and for
+    sides longer than the overlap, this is the penetration depth.
     """
     depths = [0.0]
     common = outline_shape(a).intersection(outline_shape(b))

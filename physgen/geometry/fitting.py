@@ -19,7 +19,9 @@ from physgen.geometry.raster import coverage
 from physgen.geometry.regions import close_gaps, fit_regions, trace_borders
 
 CIRCLE_IOU = 0.85
-"""A circle that covers a mask at least this well stands for it (the paper, supplement, primitive fitting)."""
+"""IoU with a mask above which a circle replaces it (the paper, supplement, primitive
+fitting).
+"""
 
 
 @dataclass(frozen=True)
@@ -27,32 +29,39 @@ class FitTuning:
     """Thresholds of fitted outlines."""
 
     round: float = 0.93
-    """So well, but for half a pixel at its border, a circle covers a mask that it stands for. Of COCO's photos cake,
-    pizza, cups and bananas reach less; balls of 6 px and more reach more in photos of any quality."""
+    """IoU of a circle that replaces a completely visible mask, reduced by half a pixel
+    at its border. In photos of COCO, cakes, pizzas, cups and bananas reach less; balls
+    of 6 px and more reach more in photos of any quality.
+    """
     foot: float = 2.0
     foot_depth: float = 0.065
-    """px, and share of its radius, by which a circle sinks below what stands on a flat foot. Masks of balls in tuning
-    photos lack 0.05 at most."""
+    """Depth of a circle below the flat foot of its mask: px, and share of the radius.
+    Masks of balls in tuning photos lack at most 0.05."""
     foot_width: float = 1.5
-    """Times as wide as a circle is 1.5 px above its lowest point, at its second row."""
+    """Width of a flat foot, relative to a circle 1.5 px above its lowest point."""
     foot_iou: float = 0.97
-    """A circle that covers a mask so well stands for it, whatever is hidden of its foot: grass, a rug."""
+    """IoU above which a circle replaces a mask with a flat foot: grass or a rug may hide
+    a ball's foot."""
     touch: int = 2
-    """px between two masks that still count as touching."""
+    """Distance between two touching masks, px."""
     keep_iou: float = 0.7
-    """A disc that had to leave its mask further than this to make room becomes a region after all. In a rack of balls
-    of 20 px, from a photo of low quality, 0.78 is left of discs that lie right and of masks that do not."""
+    """IoU of a disc below which it is replaced by a region, after it was moved to make
+    room. In a rack of balls of 20 px, in a photo of low quality, discs at the right
+    places keep 0.78."""
     hidden: float = 0.1
-    """Weight of a border point that faces another object: it may be the other's border."""
+    """Weight of a border point beside another object, as it may be the other's
+    border.
+    """
 
 
 FIT = FitTuning()
 
 
 def disc_of(mask: Mask, whole: bool) -> Disc | None:
-    """Fit the circle of a clean mask; None if it covers the mask too little, or less well than a rectangle does.
+    """Fit a circle to a clean mask; None if it fits too badly, or worse than a
+    rectangle.
 
-    `whole`: nothing may hide a part of it.
+    `whole`: no part of the mask can be hidden.
     """
     border = long_border(mask)
     disc, iou = fit_circle(mask, border)
@@ -63,9 +72,10 @@ def disc_of(mask: Mask, whole: bool) -> Disc | None:
 
 
 def stands_flat(part: NDArray[np.integer], i: int, disc: Disc) -> bool:
-    """Return whether object i of a label map `(H, W)` stands on a flat foot, as bowls do, not on the round of `disc`.
+    """Check whether object i of a label map `(H, W)` stands on a flat foot, as bowls
+    do.
 
-    A foot that other objects or the photo's border hide does not count.
+    A foot hidden by other objects or by the photo's border does not count.
     """
     mask = part == i
     rows, columns = np.nonzero(mask)
@@ -94,10 +104,13 @@ def long_border(mask: Mask) -> Array:
 
 
 def box_iou(border: Array) -> float:
-    """Return how well the smallest turned rectangle around a contour `(n, 2)` covers its inside.
+    """Return the IoU of the smallest rotated rectangle around a contour `(n, 2)` and
+    its inside.
 
-    A circle's best IoU with a square is 0.834, and 0.85 with rounded corners: the paper's rule alone would make wheels
-    of toy blocks. The paper takes "the primitive type with the maximum coverage", so the circle has to beat this too.
+    A circle's best IoU with a square is 0.834, and 0.85 with rounded corners: by the
+    paper's rule alone, toy blocks would become wheels. The paper takes "the primitive
+    type with the maximum coverage", hence the circle must be better than the rectangle,
+    too.
     """
     (_, (width, height), _) = cv2.minAreaRect(border.astype(np.float32))
     return abs(polygon_moments(border).area) / max(width * height, 1e-9)
@@ -132,7 +145,7 @@ def without_specks(mask: Mask) -> Mask:
 
 
 def _box(mask: Mask) -> tuple[int, int, int, int]:
-    """Return first and one past the last row, then column, of the mask."""
+    """Return the first row, the last + 1, and the same of columns, of the mask."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     return int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
 
@@ -140,11 +153,12 @@ def _box(mask: Mask) -> tuple[int, int, int, int]:
 def fit_outlines(
     labels: NDArray[np.integer], ids: Sequence[int], never_discs: Collection[int] = ()
 ) -> dict[int, Outline]:
-    """Fit outlines to the objects `ids` of a label map `(H, W)`; ValueError if an id has no pixels.
+    """Fit outlines to the objects `ids` of a label map `(H, W)`.
 
-    Discs where circles fit, moved together; the other objects share their borders, which stand off the half-level
-    lines of their masks by at most 0.5 px (Hausdorff distance). Those of `never_discs` are regions, however round, and
-    so is what stands on a flat foot. Pieces under a few px² are dropped and such holes filled.
+    Circles are fitted together; other objects share their borders, which differ from
+    the half-level lines of their masks by at most 0.5 px (Hausdorff distance). Objects
+    of `never_discs`, and those on a flat foot, are regions. Pieces of a few px² are
+    dropped, and such holes are filled. Raises ValueError if an id has no pixels.
     """
     owners = _owned(labels, ids)
     views = _views(owners, ids)
@@ -169,9 +183,11 @@ def fit_outlines(
 
 
 def _disc_in_view(part: NDArray[np.int64], i: int) -> Disc | None:
-    """Return the disc of object i in a part of a label map; None for an object that is no disc."""
+    """Return the disc of object i in a part of a label map; None if it is not a
+    disc.
+    """
     mask = part == i
-    # Beyond the photo, something may hide a part of the object.
+    # The object may continue beyond the photo.
     others = np.pad((part > 0) & ~mask, 1, constant_values=True)
     padded_mask = np.pad(mask, 1).astype(np.uint8)
     surroundings = cv2.dilate(padded_mask, np.ones((5, 5), np.uint8)) > 0
@@ -184,7 +200,7 @@ def _disc_in_view(part: NDArray[np.int64], i: int) -> Disc | None:
 def touching_masks(
     labels: NDArray[np.integer], ids: Sequence[int]
 ) -> list[tuple[int, int]]:
-    """Return pairs of objects whose masks are at most `FIT.touch` px apart."""
+    """Return the pairs of objects with masks at most `FIT.touch` px apart."""
     pairs = set()
     id_set = set(ids)
     side = 2 * FIT.touch + 1
@@ -202,7 +218,9 @@ View = tuple[slice, slice]
 
 
 def _views(labels: NDArray[np.integer], ids: Sequence[int]) -> dict[int, View]:
-    """Return for each id the rows and columns of its surroundings, half its size to each side, within the photo."""
+    """Return the surroundings of each id as rows and columns, with half its size as
+    margin.
+    """
     boxes = _label_boxes(labels)
     views = {}
     for i in ids:
@@ -216,13 +234,15 @@ def _views(labels: NDArray[np.integer], ids: Sequence[int]) -> dict[int, View]:
 
 
 def _label_boxes(labels: NDArray[np.integer]) -> dict[int, tuple[int, int, int, int]]:
-    """Return first row and column, last row and column of each id but 0, in one pass over the map."""
+    """Return first row and column, last row and column of each id but 0, in one pass
+    over the map.
+    """
     pixels = np.flatnonzero(labels)
     if not len(pixels):
         return {}
     owner = labels.reshape(-1)[pixels]
     if int(owner.max()) < 2**16:
-        owner = owner.astype(np.uint16)  # which NumPy sorts in one pass
+        owner = owner.astype(np.uint16)  # NumPy sorts 16 bits by radix sort
     order = np.argsort(owner, kind="stable")
     pixels, owner = pixels[order], owner[order]
     is_first = np.concatenate([[True], owner[1:] != owner[:-1]])
@@ -237,16 +257,17 @@ def _label_boxes(labels: NDArray[np.integer]) -> dict[int, tuple[int, int, int, 
 
 
 def _corner(view: View) -> Array:
+    """Return the first column and row of a view, (2,)."""
     return np.array([view[1].start, view[0].start], dtype=np.float64)
 
 
 def _owned(labels: NDArray[np.integer], ids: Sequence[int]) -> NDArray[np.int64]:
-    """Return the map of the ids alone, without specks."""
+    """Return the label map of the ids alone, without specks."""
     known_labels = np.where(np.isin(labels, list(ids)), labels, 0).astype(np.int64)
     owners = np.zeros_like(known_labels)
     for i, view in _views(known_labels, ids).items():
         part = known_labels[view]
-        # A hole is filled only where no other object is.
+        # A hole is filled only with pixels of no other object.
         is_free = (part == i) | (part == 0)
         owners[view][without_specks(part == i) & is_free] = i
     return owners
@@ -258,7 +279,7 @@ def _fit_together(
     rough: dict[int, Disc],
     regions: dict[int, Region],
 ) -> dict[int, Disc]:
-    """Move discs so that they touch their neighbours, discs and regions."""
+    """Move discs such that they touch their neighbours, discs and regions."""
     ids = list(rough)
     place = {i: k for k, i in enumerate(ids)}
     pairs = touching_masks(owned, [*ids, *regions])
@@ -277,7 +298,7 @@ def _fit_together(
 
 
 def _is_near(disc: Disc, region: Region) -> bool:
-    """Return whether the boxes of a disc and a region are at most 8 px apart."""
+    """Check whether the boxes of a disc and a region are at most 8 px apart."""
     low = disc.center - disc.radius - 8
     high = disc.center + disc.radius + 8
     points = np.concatenate([ring.outer for ring in region.rings])
@@ -286,13 +307,17 @@ def _is_near(disc: Disc, region: Region) -> bool:
 
 
 def _could_touch(a: Disc, b: Disc) -> bool:
-    """Return whether two discs are near enough as circles, too: ragged masks may meet and their circles not."""
+    """Check whether two discs are near as circles: ragged masks may touch without the
+    circles.
+    """
     gap = float(np.hypot(*(a.center - b.center))) - a.radius - b.radius
     return gap <= max(2.0 * FIT.touch, 0.1 * min(a.radius, b.radius))
 
 
 def _rough_shape(owned: NDArray[np.int64], i: int, view: View, disc: Disc) -> RoughDisc:
-    """Return a disc with its mask's border, of which hidden and cut parts have little weight."""
+    """Return a disc with the border of its mask; hidden and cut parts have little
+    weight.
+    """
     part = owned[view]
     local = long_border(part == i)
     local = local[:: max(1, len(local) // 128)]
@@ -310,11 +335,12 @@ def _rough_shape(owned: NDArray[np.int64], i: int, view: View, disc: Disc) -> Ro
 
 
 def disc_iou(disc: Disc, mask: Mask) -> float:
-    """Return how well a disc covers a mask `(H, W)` of the photo."""
+    """Return the IoU of a disc and a mask `(H, W)` of the photo."""
     return _iou(disc, mask, (slice(0, None), slice(0, None)))
 
 
 def _iou(disc: Disc, mask: Mask, view: View) -> float:
+    """Return the IoU of a disc and a mask in a view."""
     height, width = mask.shape
     local = Disc(disc.center - _corner(view), disc.radius)
     coverage_map = coverage(local, (width, height))

@@ -1,7 +1,8 @@
-"""Frames of reference, polygons, and outlines of discs and regions with their area, centre of mass and moments.
+"""Frames of reference, polygons, and outlines with area, centre of mass and moments.
 
-Image axes: origin at the top-left pixel's centre, +x right, +y down; a positive angle turns +x towards +y.
-Pixel (column i, row j) covers [i - 0.5, i + 0.5] x [j - 0.5, j + 0.5]. Lengths are px.
+Image axes: the origin is the centre of the top-left pixel, +x right, +y down; a
+positive angle turns +x towards +y. Pixel (column i, row j) covers [i - 0.5, i + 0.5] x
+[j - 0.5, j + 0.5]. Lengths are px.
 """
 
 from __future__ import annotations
@@ -18,19 +19,21 @@ Array = F64
 
 
 class Pose(NamedTuple):
-    """Where a body's centre of mass is (px) and how far the body has turned since t = 0 (rad)."""
+    """Position of a body's centre of mass, px, and its rotation since t = 0, rad."""
 
     x: float
     y: float
     angle: float
 
     def apply(self, points: Array) -> Array:
-        """Convert points of the body frame (about the centre of mass) to the photo, `(..., 2)` px."""
+        """Convert points of the body frame (about the centre of mass) to the photo,
+        `(..., 2)` px.
+        """
         return points @ rotation(self.angle).T + (self.x, self.y)
 
 
 def rotation(angle: float) -> Array:
-    """Return the (2, 2) matrix that turns +x towards +y by `angle` rad.
+    """Return the matrix (2, 2) of a rotation by `angle` rad from +x towards +y.
 
     >>> (rotation(np.pi / 2) @ [1.0, 0.0]).round(12).tolist()
     [0.0, 1.0]
@@ -49,7 +52,10 @@ def cross(a: Array, b: Array) -> Array:
 
 
 class MassProperties(NamedTuple):
-    """Area px², centre of mass (2,) px, and the polar second moment px⁴ of a uniform plate of density 1 about it."""
+    """Area px², centre of mass (2,) px and polar second moment px⁴ of a uniform plate.
+
+    The density is 1, and the moment is about the centre of mass.
+    """
 
     area: float
     center: Array
@@ -81,9 +87,10 @@ def polygon_moments(points: Array) -> MassProperties:
 
 @dataclass(frozen=True, eq=False)
 class Ring:
-    """One piece: the border `(K, 2)` float64 px and the borders of its holes, each `(K, 2)` float64 px.
+    """One piece: its border `(K, 2)` float64 px, and the borders of its holes.
 
-    Fitted rings turn +x towards +y and their holes the other way; measures do not rely on it.
+    Fitted rings turn +x towards +y and their holes the other way; measures do not
+    depend on it.
     """
 
     outer: Array
@@ -106,7 +113,9 @@ class Region:
 
     @property
     def borders(self) -> list[tuple[Array, float]]:
-        """Return every border and its sign, with which areas add up: 1 for pieces, -1 for holes."""
+        """Return every border with its sign in sums of areas: 1 for pieces, -1 for
+        holes.
+        """
         borders = []
         for ring in self.rings:
             borders.append((ring.outer, 1.0))
@@ -136,7 +145,8 @@ def mass_properties(outline: Outline) -> MassProperties:
     area = sum(part.area for part in parts)
     if not area > 0:
         raise ValueError("the outline has no area")
-    # About the first centroid: far from the origin, sums about (0, 0) would lose digits.
+    # Sums are about the first centroid: far from the origin, sums about (0, 0) would
+    # lose digits.
     origin = parts[0].center
     shift = sum((part.area * (part.center - origin) for part in parts), np.zeros(2))
     center = origin + shift / area
@@ -148,9 +158,10 @@ def mass_properties(outline: Outline) -> MassProperties:
 
 
 def mean_distance(outline: Outline, center: Array) -> float:
-    """Return the mean distance of the outline's area from a point, px: the arm of a table's friction as it spins.
+    """Return the mean distance of the outline's area from a point, px.
 
-    Each edge adds the integral of r² dr dphi over the triangle that it makes with the point; signs subtract holes.
+    It is the lever of a table's friction on a spinning body. Each edge adds the
+    integral of r² dr dphi over its triangle with the point; signs subtract holes.
 
     >>> round(mean_distance(Disc(np.zeros(2), 3.0), np.zeros(2)), 6)
     2.0
@@ -165,7 +176,7 @@ def mean_distance(outline: Outline, center: Array) -> float:
         length = np.maximum(np.hypot(*edge.T), 1e-12)
         twice_areas = start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]
         height = np.maximum(np.abs(twice_areas) / length, 1e-12)
-        # tangents of the angles of both ends, from the foot of the height
+        # Tangents of the angles of both ends, measured at the point from the height.
         from_start = (start * edge).sum(axis=1) / length / height
         from_end = (end * edge).sum(axis=1) / length / height
         integral = height**3 / 6 * (_sec_cubed(from_end) - _sec_cubed(from_start))

@@ -12,11 +12,13 @@ from physgen.arrays import F32
 from physgen.geometry.polygon import Array, Disc, Outline, bounds
 
 _SAGITTA = 1e-4
-"""px that a chord may stand off its circle; the coverage is then true to about 1e-4."""
+"""Distance of a chord from its circle, px; the coverage is then exact to about 1e-4."""
 
 
 def coverage(outline: Outline, size: tuple[int, int]) -> F32:
-    """Return the covered share of each pixel of a photo of `size` (W, H) px: `(H, W)` float32 in 0..1."""
+    """Return the covered share of each pixel of a photo of `size` (W, H): `(H, W)`
+    float32.
+    """
     width, height = size
     canvas = np.zeros((height, width), dtype=np.float32)
     box, (x0, y0) = coverage_box(outline, (0, 0, width, height))
@@ -27,10 +29,10 @@ def coverage(outline: Outline, size: tuple[int, int]) -> F32:
 def coverage_box(
     outline: Outline, window: tuple[int, int, int, int] | None = None
 ) -> tuple[F32, tuple[int, int]]:
-    """Return the outline's own box of pixels, `(h, w)` float32 in 0..1, and its first pixel `(x0, y0)`.
+    """Return the coverage 0..1 on the outline's own box, `(h, w)`, and its first pixel.
 
-    Only what lies in `window` (first and last pixel + 1 in x and y: x0, y0, x1, y1) is computed and held, however
-    large the outline is; the box is then empty where they do not meet.
+    Only pixels in `window` (x0, y0, x1, y1: first and last + 1) are computed, however
+    large the outline is; without common pixels the box is empty.
     """
     left, top, right, bottom = bounds(outline)
     x0, y0 = floor(left + 0.5), floor(top + 0.5)
@@ -55,7 +57,9 @@ def coverage_box(
 
 
 def _circle_points(disc: Disc) -> Array:
-    """Return the polygon `(K, 2)` px of the disc's own area, with chords at most `_SAGITTA` off the circle."""
+    """Return the polygon `(K, 2)` px of the disc's own area, with chords at most
+    `_SAGITTA` off the circle.
+    """
     radius = float(disc.radius)
     count = max(12, ceil(pi / sqrt(2 * _SAGITTA / max(radius, 1e-9))))
     step = 2 * pi / count
@@ -67,7 +71,10 @@ def _circle_points(disc: Disc) -> Array:
 
 
 def _accumulate(sums: Array, points: Array, sign: float) -> None:
-    """Add one border, in box coordinates (pixel i covers [i, i + 1]), to the row-wise differences `sums`."""
+    """Add one border, in box coordinates, to the row-wise differences `sums`.
+
+    In box coordinates pixel i covers [i, i + 1].
+    """
     start, end = points, np.roll(points, -1, axis=0)
     turn = float((start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0]).sum())
     if turn < 0:
@@ -81,56 +88,61 @@ def _accumulate(sums: Array, points: Array, sign: float) -> None:
     column = np.clip(np.floor(middle[:, 0]).astype(np.intp), 0, width - 2)
     row = np.clip(np.floor(middle[:, 1]).astype(np.intp), 0, height - 1)
     fraction = middle[:, 0] - column
-    # the inside lies to the left of a segment that goes down (+y) on a ring that turns +x towards +y
+    # On a ring that turns +x towards +y, the inside is to the left of a downward
+    # segment.
     np.add.at(sums, (row, column), -rise * (1 - fraction))
     np.add.at(sums, (row, column + 1), -rise * fraction)
 
 
 def _within(start: Array, end: Array, width: int, height: int) -> tuple[Array, Array]:
-    """Clip segments `(K, 2)` to a box: rows outside are dropped.
+    """Clip segments `(K, 2)` to a box.
 
-    What is left or right of it moves to its side.
+    Rows outside are dropped; parts to the left or right move to the box's side.
     """
     lines = ((0, 0.0), (0, float(width)), (1, 0.0), (1, float(height)))
     for axis, line in lines:
         a, b = start[:, axis], end[:, axis]
         crosses = (a < line) != (b < line)
         share = (line - a[crosses]) / (b[crosses] - a[crosses])
-        way = end[crosses] - start[crosses]
-        middle = start[crosses] + share[:, None] * way
+        vectors = end[crosses] - start[crosses]
+        middle = start[crosses] + share[:, None] * vectors
         middle[:, axis] = line
         start = np.concatenate([start[~crosses], start[crosses], middle])
         end = np.concatenate([end[~crosses], middle, end[crosses]])
     y = (start[:, 1] + end[:, 1]) / 2
-    inside = (y > 0) & (y < height)
-    low, high = np.zeros(2), np.array([float(width), float(height)])
-    return np.clip(start[inside], low, high), np.clip(end[inside], low, high)
+    is_inside = (y > 0) & (y < height)
+    lower_corner, upper_corner = np.zeros(2), np.array([float(width), float(height)])
+    return np.clip(start[is_inside], lower_corner, upper_corner), np.clip(
+        end[is_inside], lower_corner, upper_corner
+    )
 
 
 def _cut(start: Array, end: Array, axis: int) -> tuple[Array, Array]:
-    """Cut segments `(K, 2) -> (K, 2)` wherever their coordinate `axis` passes a whole number."""
+    """Cut segments `(K, 2)` at integers of one coordinate."""
     a, b = start[:, axis], end[:, axis]
-    low, high = np.minimum(a, b), np.maximum(a, b)
-    first = np.floor(low) + 1
-    count = np.maximum(np.ceil(high) - first, 0).astype(np.intp)
+    lower, upper = np.minimum(a, b), np.maximum(a, b)
+    first = np.floor(lower) + 1
+    count = np.maximum(np.ceil(upper) - first, 0).astype(np.intp)
     pieces = count + 1
     owner = np.repeat(np.arange(len(a)), pieces)
     rank = np.arange(len(owner)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-    span = np.where(high > low, high - low, 1.0)
+    span = np.where(upper > lower, upper - lower, 1.0)
 
     def share_at(number: NDArray[np.intp]) -> Array:
-        """Return the share of the way from the low end to the high end; cut 0 is the low end."""
-        inner = (first[owner] + number - 1 - low[owner]) / span[owner]
+        """Return the share of the way from the low end to the high end; cut 0 is the
+        low end.
+        """
+        inner = (first[owner] + number - 1 - lower[owner]) / span[owner]
         share = np.where(number == pieces[owner], 1.0, inner)
         return np.where(number == 0, 0.0, share)[:, None]
 
-    rises = (b >= a)[owner][:, None]
-    bottom = np.where(rises, start[owner], end[owner])
-    top = np.where(rises, end[owner], start[owner])
+    is_rising = (b >= a)[owner][:, None]
+    bottom = np.where(is_rising, start[owner], end[owner])
+    top = np.where(is_rising, end[owner], start[owner])
     lower_side = bottom + (top - bottom) * share_at(rank)
     upper_side = bottom + (top - bottom) * share_at(rank + 1)
-    return np.where(rises, lower_side, upper_side), np.where(
-        rises, upper_side, lower_side
+    return np.where(is_rising, lower_side, upper_side), np.where(
+        is_rising, upper_side, lower_side
     )
 
 
@@ -142,31 +154,31 @@ HALFWAY = [np.float32(lobe / (2 * sum(_LOBES))) for lobe in _LOBES]
 def double_resolution(picture: F32) -> F32:
     """Return (2h - 1, 2w - 1[, C]) of a picture (h, w[, C])."""
     rows = _halve(picture, 0)
-    # In bands of rows, which stay in the processor's cache.
+    # Bands of rows fit into the processor's cache.
     bands = [_halve(rows[k : k + 64], 1) for k in range(0, len(rows), 64)]
     return np.concatenate(bands)
 
 
 def _halve(values: F32, axis: int) -> F32:
-    """Sample at half steps along an axis, by Lanczos' kernel of three lobes; the ends are far from any light.
+    """Sample at half steps along an axis, by Lanczos' kernel of three lobes.
 
-    Each is held between the least and the greatest of its four neighbours: no rings.
+    Each value is limited to the range of its four neighbours, against ringing.
     """
     margin = (2, 2, 0, 0) if axis == 0 else (0, 0, 2, 2)
     padded_values = cv2.copyMakeBorder(values, *margin, cv2.BORDER_REPLICATE)
     padded_values = np.moveaxis(padded_values, axis, 0)
     gaps = len(padded_values) - 5
-    # the three pixels before each gap, and the three behind it
+    # The three pixels before each gap, and the three behind it.
     p = [padded_values[k : k + gaps] for k in range(6)]
     halves: F32 = np.zeros(p[0].shape, np.float32)
     for k, weight in enumerate(HALFWAY):
         halves += weight * (p[k] + p[5 - k])
-    low = np.minimum(np.minimum(p[2], p[3]), np.minimum(p[1], p[4]))
-    high = np.maximum(np.maximum(p[2], p[3]), np.maximum(p[1], p[4]))
+    lower_limits = np.minimum(np.minimum(p[2], p[3]), np.minimum(p[1], p[4]))
+    upper_limits = np.maximum(np.maximum(p[2], p[3]), np.maximum(p[1], p[4]))
     shape = list(values.shape)
     shape[axis] += gaps
     result = np.empty(shape, np.float32)
     along_axis = np.moveaxis(result, axis, 0)
     along_axis[::2] = np.moveaxis(values, axis, 0)
-    np.clip(halves, low, high, out=along_axis[1::2])
+    np.clip(halves, lower_limits, upper_limits, out=along_axis[1::2])
     return result

@@ -1,8 +1,10 @@
-"""Label map to regions: borders between labels are traced once and shared by neighbours.
+"""From a label map to regions: borders are traced once and shared by neighbours.
 
-A border runs along pixel edges, so a ring's area is its count of pixels. Pixels of one label that meet at a corner only
-are separate, unless they part two objects. Every border is simplified once, so neighbours touch without overlap. Where
-three borders meet, the junction moves to where the straight borders around it agree, those between two objects first.
+A border runs along pixel edges, hence a ring's area is its number of pixels. Pixels of
+one label that meet only at a corner are separate, unless they separate two objects.
+Every border is simplified once, so that neighbours touch without overlap. A junction of
+three borders moves to the common point of the straight borders around it; those between
+two objects have the most weight.
 """
 
 from __future__ import annotations
@@ -19,7 +21,8 @@ from physgen.arrays import Mask
 from physgen.geometry.polygon import Array, Region, Ring, polygon_moments
 from physgen.geometry.simplify import crossings, end_lines, simplify
 
-# directions along the pixel grid, each one a quarter turn (+x towards +y) after the last
+# Directions along the pixel grid, each a quarter turn (+x towards +y) after the one
+# before.
 _NORTH, _EAST, _SOUTH, _WEST = range(4)
 _STEP = ((-1, 0), (0, 1), (1, 0), (0, -1))
 """Row, column."""
@@ -27,10 +30,11 @@ _STEP = ((-1, 0), (0, 1), (1, 0), (0, -1))
 
 @dataclass(frozen=True, eq=False)
 class Border:
-    """Where two labels meet: `corners` `(n + 1, 2)` float64 px, one pixel edge after another.
+    """The border of two labels: `corners` `(n + 1, 2)` float64 px along pixel edges.
 
-    Going along it, `right` is the label on the side that +x turned towards +y shows (for a step along +x: below).
-    A closed border repeats no corner; an open one runs from a junction of three or four labels to another.
+    `right` is the label on the side reached by a turn from +x towards +y (for a step
+    along +x: below). A closed border repeats no corner; an open one connects two
+    junctions.
     """
 
     corners: Array
@@ -40,9 +44,11 @@ class Border:
 
     @property
     def middles(self) -> Array:
-        """Return the half-level line `(m, 2)`: the middles of the pixel edges, with both ends of an open border.
+        """Return the half-level line `(m, 2)`: the middles of pixel edges, and both
+        open ends.
 
-        It stands off the pixel border by at most 0.354 px and turns stairs into slopes.
+        It differs from the pixel border by at most 0.354 px, and turns stairs into
+        slopes.
         """
         if self.closed:
             return (self.corners + np.roll(self.corners, -1, axis=0)) / 2
@@ -52,14 +58,15 @@ class Border:
 
 @dataclass(frozen=True)
 class Step:
-    """A border on a label's way round: its index, and whether it is walked against its own direction."""
+    """A border as part of a loop: its index, and whether it is traversed backwards."""
 
     border: int
     backwards: bool
 
 
 Loop = tuple[Step, ...]
-"""A label's way round one ring; the label lies on its right, so outer rings turn +x towards +y, holes the other way."""
+"""A closed path around a label, which is on its right: outer rings turn +x towards +y,
+holes the other way."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +78,9 @@ class BorderMap:
 
 
 def trace_borders(labels: NDArray[np.integer]) -> BorderMap:
-    """Trace a label map `(H, W)`, 0 = background, what lies beyond the photo included."""
+    """Trace a label map `(H, W)`, 0 = background; the area beyond the photo is
+    background.
+    """
     padded_labels = np.zeros((labels.shape[0] + 2, labels.shape[1] + 2), dtype=np.int64)
     padded_labels[1:-1, 1:-1] = labels
     borders: list[Border] = []
@@ -97,7 +106,7 @@ def trace_borders(labels: NDArray[np.integer]) -> BorderMap:
 
 
 def _closed_loops(borders: Sequence[Border]) -> dict[int, list[Loop]]:
-    """Return the loops of one closed border each, by label."""
+    """Return the loops of single closed borders, by label."""
     loops: dict[int, list[Loop]] = {}
     for index, border in enumerate(borders):
         if border.closed:
@@ -109,7 +118,10 @@ def _closed_loops(borders: Sequence[Border]) -> dict[int, list[Loop]]:
 def _open_loops(
     borders: Sequence[Border], leaving: dict[tuple[int, int, int], Step]
 ) -> Iterator[tuple[int, Loop]]:
-    """Yield a label and a loop of open borders, by the step that leaves each corner in each direction."""
+    """Yield a label and a loop of open borders.
+
+    `leaving`: the step that starts at each corner in each direction.
+    """
     places = {step: key for key, step in leaving.items()}
     remaining = dict.fromkeys(leaving.values())
     while remaining:
@@ -118,7 +130,7 @@ def _open_loops(
         del remaining[first]
         while True:
             step = loop[-1]
-            # A border ends where its reverse leaves.
+            # The end of a border is the start of its reverse.
             end = places[Step(step.border, not step.backwards)]
             following = _next_step(end, leaving)
             if following == first:
@@ -132,7 +144,7 @@ def _open_loops(
 def _next_step(
     end: tuple[int, int, int], leaving: dict[tuple[int, int, int], Step]
 ) -> Step:
-    """Return the step that goes on from the end of another, towards the label on the right."""
+    """Return the step that continues another one, with the label on the right."""
     row, column, direction = end
     for turn in (3, 2, 1):
         step = leaving.get((row, column, (direction + turn) % 4))
@@ -158,9 +170,9 @@ def walk(
 
 
 def _links(padded: NDArray[np.int64]) -> list[NDArray[np.int8]]:
-    """Return for each direction `(H + 1, W + 1)` int8: the edge that goes on from this one.
+    """Return the next edge of each edge, per direction `(H + 1, W + 1)` int8.
 
-    -1 a junction, -2 no edge.
+    -1 stands for a junction, -2 for no edge.
     """
     nw, ne = padded[:-1, :-1], padded[:-1, 1:]
     sw, se = padded[1:, :-1], padded[1:, 1:]
@@ -169,10 +181,11 @@ def _links(padded: NDArray[np.int64]) -> list[NDArray[np.int8]]:
     links = [np.where(is_edge[d], -1, -2).astype(np.int8) for d in range(4)]
     for d, e in permutations(range(4), 2):
         links[d][(degree == 2) & is_edge[d] & is_edge[e]] = e
-    # Where two pairs of pixels cross, one of the pairs joins.
+    # At a crossing of two pairs of pixels, one of the pairs is connected.
     falling, rising = (nw == se) & (degree == 4), (ne == sw) & (degree == 4)
     is_crossing = falling & rising
-    # Of two equal pairs the background joins, so that corners part an object's pixels.
+    # If both pairs have equal pixels, the background is connected, and the corner
+    # separates the object's pixels.
     falling, rising = (
         falling & ~(is_crossing & (nw != 0)),
         rising & ~(is_crossing & (nw == 0)),
@@ -187,6 +200,7 @@ def _link_pairs(
     crossing: Mask,
     pairs: tuple[tuple[int, int], ...],
 ) -> None:
+    """Connect pairs of directions at crossings, in place."""
     for d, e in pairs:
         links[d][crossing], links[e][crossing] = e, d
 
@@ -194,9 +208,10 @@ def _link_pairs(
 def _walks(
     links: list[NDArray[np.int8]],
 ) -> Iterator[tuple[list[tuple[int, int]], list[int], bool]]:
-    """Yield corners (row, column), the directions between them, and whether they close a ring.
+    """Yield paths along edges: corners (row, column), directions, and whether they are
+    closed.
 
-    Every edge once.
+    Every edge occurs once.
     """
     table = np.stack(links, axis=-1)
     places = np.argwhere((table != -2).any(axis=-1))
@@ -211,7 +226,9 @@ def _walks(
 def _walk_starts(
     table: NDArray[np.int8], onward: dict[tuple[int, ...], list[int]]
 ) -> Iterator[tuple[int, int, int]]:
-    """Yield the edges that leave junctions, then edges to the right, as of loops without junctions."""
+    """Yield edges from junctions, then edges to the right, as of loops without
+    junctions.
+    """
     for row, column in np.argwhere((table == -1).any(axis=-1)).tolist():
         for direction in range(4):
             if onward[row, column][direction] == -1:
@@ -225,7 +242,9 @@ def _follow(
     onward: dict[tuple[int, ...], list[int]],
     visited: set[tuple[int, int, int]],
 ) -> tuple[list[tuple[int, int]], list[int], bool]:
-    """Follow edges to a junction or back to the start, and mark both directions of each as visited."""
+    """Follow edges to a junction or back to the start; mark both directions as
+    visited.
+    """
     row, column, direction = start
     corners, directions = [(row, column)], []
     while True:
@@ -243,23 +262,25 @@ def _follow(
 def _sides(
     padded: NDArray[np.int64], row: int, column: int, direction: int
 ) -> tuple[int, int]:
-    """Return the labels to the left and right of the edge that leaves a corner."""
+    """Return the labels to the left and right of an edge from a corner."""
     nw, ne = int(padded[row, column]), int(padded[row, column + 1])
     sw, se = int(padded[row + 1, column]), int(padded[row + 1, column + 1])
     return ((nw, ne), (ne, se), (se, sw), (sw, nw))[direction]
 
 
 TOLERANCE = 0.75
-"""px that an outline may stand off its mask's half-level line (Hausdorff distance)."""
+"""Distance of an outline from its mask's half-level line, px (Hausdorff distance)."""
 
 CONTACT_TOLERANCE = 1.0
-"""px, the same for the border between two objects, so that contacts are straight."""
+"""The same for the border of two objects, px, such that contacts are straight."""
 
 _JUNCTION_REACH = 0.5
-"""px that a junction may move."""
+"""Maximum displacement of a junction, px."""
 
 _TINY = 30
-"""px²: the borders of a smaller object between others stay as they are, lest nothing is left of it."""
+"""Area of an object, px², below which its borders are not simplified, so that it does
+not vanish.
+"""
 
 
 def fit_regions(labels: NDArray[np.int64]) -> dict[int, Region]:
@@ -287,12 +308,12 @@ def fit_regions(labels: NDArray[np.int64]) -> dict[int, Region]:
 
 
 def close_gaps(labels: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Join objects up to 2 px apart: background between two of them, along a row or a column, is shared out."""
+    """Join objects up to 2 px apart: background pixels between them are divided."""
     closed_labels = labels.copy()
     for view in (closed_labels, closed_labels.T):
         padded_view = np.pad(view, 2)
         width = view.shape[1]
-        # the pixels 2 and 1 before, and 1 and 2 after each pixel
+        # The pixels 2 and 1 before, and 1 and 2 after each pixel.
         neighbours = [padded_view[2:-2, k : k + width] for k in (0, 1, 3, 4)]
         two_before, before, after, two_after = neighbours
         free = view == 0
@@ -308,18 +329,21 @@ def close_gaps(labels: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def distinct(ring: Array) -> Array:
-    """Remove corners that repeat the one before."""
+    """Remove corners equal to the one before."""
     step = np.abs(ring - np.roll(ring, 1, axis=0)).max(axis=1)
     corners: Array = ring[step > 1e-9]
     return corners
 
 
 def _tolerance(border: Border) -> float:
+    """Return the tolerance of a border, px."""
     return CONTACT_TOLERANCE if border.left and border.right else TOLERANCE
 
 
 def _settle_junctions(borders: tuple[Border, ...], tiny: set[int]) -> list[Array]:
-    """Return the half-level lines, with open ends moved to where the straight borders at each junction agree."""
+    """Return the half-level lines, with open ends moved to their junctions' best
+    places.
+    """
     lines = [border.middles for border in borders]
     junctions: dict[tuple[float, float], list[tuple[int, int]]] = {}
     runs = {}
@@ -346,13 +370,17 @@ def _settle_junctions(borders: tuple[Border, ...], tiny: set[int]) -> list[Array
 def _moved_junction(
     junction: Array, straight: Sequence[tuple[Border, tuple[Array, Array, int]]]
 ) -> Array:
-    """Return the place (2,) px near a junction where straight borders agree: points, directions, numbers of points."""
+    """Return the point (2,) px near a junction that is closest to its straight borders.
+
+    `straight`: a border with point, direction and number of points of its straight end.
+    """
     normal = 0.5 * np.eye(2)
     target = 0.5 * junction
     for border, (point, direction, count) in straight:
         if count < 4:
             continue
-        # Borders between two objects count most, so that contacts are straight.
+        # Borders between two objects have the most weight, so that contacts are
+        # straight.
         importance = 4.0 if border.left and border.right else 1.0
         weight = min(count, 20) * importance
         normal_weight = weight * (np.eye(2) - np.outer(direction, direction))
@@ -364,7 +392,7 @@ def _moved_junction(
 
 
 def _untangle(traced: BorderMap, middles: list[Array], tiny: set[int]) -> list[Array]:
-    """Simplify each border; where two of them then cross, simplify those less."""
+    """Simplify each border; if two of them then cross, simplify these less."""
     borders = traced.borders
     tolerance = [_tolerance(border) for border in borders]
     lines = []
@@ -381,7 +409,8 @@ def _untangle(traced: BorderMap, middles: list[Array], tiny: set[int]) -> list[A
         for k in crossing_rings.tolist():
             border = borders[k]
             tolerance[k] /= 2
-            # In the end the line is not simplified, then not moved at its junctions.
+            # After several attempts the line is not simplified, and finally its
+            # junctions are not moved.
             if attempt < 3:
                 lines[k] = simplify(middles[k], tolerance[k], border.closed)
             elif attempt < 4:
@@ -393,12 +422,14 @@ def _untangle(traced: BorderMap, middles: list[Array], tiny: set[int]) -> list[A
 
 
 def _there_and_back(line: Array, border: Border) -> Array:
-    """Return an open line as a closed one without an edge from its end to its start."""
+    """Return an open line as a closed one, there and back."""
     return line if border.closed else np.concatenate([line, line[-2:0:-1]])
 
 
 def _nest(loops: list[Array]) -> list[Ring]:
-    """Put each hole (a loop that turns the other way) into the smallest piece around it."""
+    """Assign each hole (a loop that turns the other way) to the smallest piece around
+    it.
+    """
     areas = [polygon_moments(loop).area for loop in loops]
     outers = [k for k, area in enumerate(areas) if area > 0]
     outers.sort(key=lambda k: areas[k])
@@ -416,6 +447,6 @@ def _nest(loops: list[Array]) -> list[Ring]:
 
 
 def inside(ring: Array, x: float, y: float) -> bool:
-    """Return whether a point is within a ring `(K, 2)` or on it."""
+    """Check whether a point is within a ring `(K, 2)` or on it."""
     contour = ring.astype(np.float32)[:, None]
     return cv2.pointPolygonTest(contour, (float(x), float(y)), False) >= 0

@@ -1,4 +1,6 @@
-"""Depth, volume, mass and true size of objects from their outlines, and the scale of the photo."""
+"""Depth, volume, mass and true size of objects by their outlines, and the photo's
+scale.
+"""
 
 from __future__ import annotations
 
@@ -23,25 +25,26 @@ from physgen.geometry.raster import coverage
 from physgen.materials import Kind
 
 PAPER_SCALE = 100
-"""px/m: the paper's 1 px = 1 cm, of scene files that name no scale."""
+"""Scale of scene files without one, px/m: the paper's 1 px = 1 cm."""
 MIN_SCALE_CONFIDENCE = 0.25
-"""From which a scene takes the scale: an error of 35 %, where the assumed width of half a
-metre is off by a factor of two as often as not."""
+"""Confidence above which a scene uses the estimated scale: an error of 35 %. The assumed
+scale is wrong by a factor of two as often as not.
+"""
 
 
 @dataclass(frozen=True)
 class _ShapeLimits:
-    """Solids of revolution, and how an object faces the camera.
+    """Limits for solids of revolution, and for the view of an object.
 
     Costs are |log| of an aspect ratio.
     """
 
     slices: int = 480
-    """Cells of the grid along the longer side of a solid of revolution."""
+    """Grid cells along the longer side of a solid of revolution."""
     boxy: float = 0.88
-    """Share of its smallest box from which an outline is a box's."""
+    """Share of its smallest box above which an outline is that of a box."""
     lying: float = 0.25
-    """Cost of an axis that is not upright."""
+    """Cost of an inclined axis."""
     end_on: float = 0.4
     """Cost of a view from the object's end."""
     flat: float = 0.2
@@ -50,18 +53,22 @@ class _ShapeLimits:
 
 @dataclass(frozen=True)
 class _ScaleLimits:
-    """Which objects count for the scale; spreads are standard deviations of the log of size."""
+    """Limits for objects that count for the scale; spreads are standard deviations of
+    log size.
+    """
 
     min_label: float = 0.7
-    """Confidence of a label: a guess from a shape has no size."""
+    """Minimum confidence of a label: a guess from a shape has no size."""
     max_mismatch: float = 0.6
-    """|log| of proportions: beyond, part of it is hidden, or the label is wrong."""
+    """Maximum |log| of proportions: beyond it, a part is hidden, or the label
+    is wrong.
+    """
     any_size: float = 0.5
-    """Spread from which an object says nothing of scale: a plank is of any length."""
+    """Spread above which an object does not count: a plank has any length."""
     vague: float = 0.3
-    """Spread at which the confidence has fallen to 1 / e."""
+    """Spread at which the confidence is 1 / e."""
     judged: float = 0.1
-    """Least spread of a size that is judged by eye."""
+    """Minimum spread of a size estimated by eye."""
 
 
 SHAPE, LIMITS = _ShapeLimits(), _ScaleLimits()
@@ -74,17 +81,17 @@ class PhotoObject:
     id: int
     outline: Outline
     label: str = ""
-    """`""` until it is named."""
+    """The label; `""` before labelling."""
     cut: bool = False
-    """Whether the photo's border cuts it off."""
+    """Whether the photo's border cuts the object off."""
     top: float = 0.0
-    """px of its mask above its front, where the outline is the section half-way to its back."""
+    """Height of its mask above its front, px, for an outline half-way to its back."""
 
 
 def photo_object(
     id_: int, outline: Outline, label: str, size: tuple[int, int]
 ) -> PhotoObject:
-    """Return an object, and whether the border of a photo of this width and height cuts it off."""
+    """Create an object; its `cut` follows from the photo's width and height `size`."""
     x0, y0, x1, y1 = bounds(outline)
     is_cut = min(x0, y0) < 0 or x1 > size[0] - 1 or y1 > size[1] - 1
     return PhotoObject(id_, outline, label, is_cut)
@@ -95,29 +102,30 @@ class Extent:
     """Measures of an object from its outline and kind."""
 
     volume: float
-    """Px³ that it takes up, hollows included."""
+    """Volume with hollows, px³."""
     per_mm: float | None
-    """px per mm if it is of its ordinary size, None where it has none."""
+    """px per mm at its ordinary size; None without one."""
     mismatch: float
-    """|log| of its proportions over the ordinary ones; 0 where they are unknown."""
+    """|log| of its proportions over the ordinary ones; 0 for unknown proportions."""
 
 
 @dataclass(frozen=True)
 class Revolved:
-    """A body of revolution from the mirror-symmetric part of an outline, px."""
+    """A solid of revolution from the mirror-symmetric part of an outline, px."""
 
     volume: float
     height: float
-    """Along its axis."""
+    """Length along its axis."""
     diameter: float
-    """At its widest."""
+    """Largest diameter."""
 
 
 def object_extent(outline: Outline, what: Kind) -> Extent:
     """Return size and depth of an object with this outline (px) and of this kind.
 
-    Open sizes follow from the sides of the ordinary object: those two that fit the outline best are seen, the third is
-    the depth. A bottle's depth is its width, slice by slice.
+    The sides of the ordinary object tell hidden sizes: the two sides that fit the
+    outline best are visible, and the third is the depth. A bottle's depth is its width,
+    slice by slice.
     """
     if what.form == "turned":
         return _turned_extent(outline, what)
@@ -141,7 +149,9 @@ def object_extent(outline: Outline, what: Kind) -> Extent:
 
 
 def _rounding(what: Kind, shows_face: bool) -> float:
-    """Return the mean depth over the largest; discs that show their face are as deep all over."""
+    """Return the mean depth over the largest; discs seen from their face have a
+    constant depth.
+    """
     if what.form == "lump":
         return 2 / 3
     if what.form == "slab" or shows_face:
@@ -150,7 +160,9 @@ def _rounding(what: Kind, shows_face: bool) -> float:
 
 
 def box_sides(outline: Outline) -> tuple[float, float]:
-    """Return the longer and the shorter side of the smallest box around it, of any angle, px."""
+    """Return the longer and the shorter side of the smallest rotated box around an
+    outline, px.
+    """
     if isinstance(outline, Disc):
         return 2 * outline.radius, 2 * outline.radius
     points = np.concatenate([ring.outer for ring in outline.rings]).astype(np.float32)
@@ -163,49 +175,51 @@ def box_sides(outline: Outline) -> tuple[float, float]:
 
 
 def revolve(outline: Region, axis: Array) -> Revolved:
-    """Revolve the outline about a line along `axis` (2,), the one that gives the largest volume.
+    """Revolve an outline about the line along `axis` (2,) with the largest volume.
 
-    In each slice only what is symmetric about the axis counts, so that a mug's handle is left out.
+    In each slice only the symmetric part counts, so that a mug's handle is left out.
     """
     radii, scale = _symmetric_radii(outline, axis)
     best = radii[:, int(np.argmax((radii**2).sum(axis=0)))]
-    # A spike at an end (a stalk, a spout) is no part of the height.
+    # A narrow end, such as a stalk or a spout, does not count for the height.
     slices = np.count_nonzero(best > 0.05 * best.max())
     volume = float(pi * (best**2).sum() / scale)
     return Revolved(volume, float(slices) / scale, float(2 * best.max()))
 
 
 def _symmetric_radii(outline: Region, axis: Array) -> tuple[Array, float]:
-    """Return (slices, places) px how far an outline reaches to both sides of lines along `axis`.
+    """Return the symmetric half-widths (slices, places) px about lines along `axis`.
 
-    And slices a px.
+    Also returns the number of slices per px.
     """
     unit_axis = np.asarray(axis, float) / np.hypot(*axis)
     frame = np.stack(
         [np.array([-unit_axis[1], unit_axis[0]]), unit_axis]
     )  # across, along
     points = np.concatenate([ring.outer for ring in outline.rings]) @ frame.T
-    low, size = points.min(axis=0), np.ptp(points, axis=0)
+    lower_corner, size = points.min(axis=0), np.ptp(points, axis=0)
     scale = SHAPE.slices / max(size)
 
     def place(points: Array) -> Array:
-        return np.asarray((points @ frame.T - low) * scale - 0.5)
+        return np.asarray((points @ frame.T - lower_corner) * scale - 0.5)
 
     rings = []
     for ring in outline.rings:
         rings.append(Ring(place(ring.outer), tuple(map(place, ring.holes))))
     width, height = np.ceil(size * scale).astype(int).tolist()
-    inside = coverage(Region(tuple(rings)), (width, height)) >= 0.5
+    is_inside = coverage(Region(tuple(rings)), (width, height)) >= 0.5
     columns = np.arange(width)
-    before = np.maximum.accumulate(np.where(inside, -1, columns), axis=1)
-    reversed_ends = np.where(inside, width, columns)[:, ::-1]
-    after = np.minimum.accumulate(reversed_ends, axis=1)[:, ::-1]
-    reach = np.minimum(columns - before, after - columns) - 0.5
-    return np.where(inside, reach, 0.0) / scale, scale
+    outside_before = np.maximum.accumulate(np.where(is_inside, -1, columns), axis=1)
+    reversed_ends = np.where(is_inside, width, columns)[:, ::-1]
+    outside_after = np.minimum.accumulate(reversed_ends, axis=1)[:, ::-1]
+    reach = np.minimum(columns - outside_before, outside_after - columns) - 0.5
+    return np.where(is_inside, reach, 0.0) / scale, scale
 
 
 def _turned_extent(outline: Outline, what: Kind) -> Extent:
-    """Return size and depth of an object of revolution: upright, lying, or seen from its end."""
+    """Return size and depth of a solid of revolution: upright, lying, or seen from its
+    end.
+    """
     long, short = box_sides(outline)
     area = mass_properties(outline).area
     end_on = None
@@ -230,11 +244,12 @@ def _turned_extent(outline: Outline, what: Kind) -> Extent:
         mismatch = abs(log(tallness / breadth))
         extent = Extent(solid.volume, sqrt(tallness * breadth), mismatch)
         extents.append((mismatch + cost, extent))
-    # Of equal costs the first counts: a view from the end comes last.
+    # For equal costs the first candidate wins: a view from the end is last.
     return min([*extents, *candidates], key=lambda candidate: candidate[0])[1]
 
 
 def _slenderness(solid: Revolved) -> float:
+    """Return height over diameter."""
     return solid.height / max(solid.diameter, 1e-6)
 
 
@@ -249,13 +264,19 @@ def _box_axes(outline: Region) -> tuple[Array, Array]:
 def _facing(
     aspect: float, box: tuple[float, float, float]
 ) -> tuple[tuple[float, float], float, float]:
-    """Return the two sides (mm) of a box that fit the aspect ratio best, the hidden one, and |log| of the misfit."""
+    """Return the visible sides (mm) of a box, its hidden side, and the mismatch.
+
+    The visible sides fit the aspect ratio best; the mismatch is |log| of the
+    difference.
+    """
     candidates = []
-    for hidden, pair in zip((2, 1, 0), combinations(range(3), 2), strict=True):
+    for hidden_index, pair in zip((2, 1, 0), combinations(range(3), 2), strict=True):
         short, long = sorted((box[pair[0]], box[pair[1]]))
         mismatch = abs(log(aspect * short / long))
         cost = mismatch if long == max(box) else mismatch + SHAPE.end_on
-        candidates.append((cost, hidden, (long, short), box[hidden], mismatch))
+        candidates.append(
+            (cost, hidden_index, (long, short), box[hidden_index], mismatch)
+        )
     _, _, visible, depth, mismatch = min(candidates)
     return visible, depth, mismatch
 
@@ -276,13 +297,13 @@ class WeighingConstants:
     """Constants of the masses."""
 
     unscaled: float = 0.3
-    """Confidence of a mass, at most, where the scale is assumed."""
+    """Maximum confidence of a mass with an assumed scale."""
     standard: float = 0.05
-    """Spread of sizes up to which the kind has one standard mass."""
+    """Spread of sizes up to which a kind has one standard mass."""
     like: float = 0.4
-    """|log| of the size ratio up to which an object may be the typical one."""
+    """|log| of the size ratio up to which an object may be the ordinary one."""
     lightest: float = 1e-3
-    """g."""
+    """Minimum mass, g."""
 
 
 WEIGHING = WeighingConstants()
@@ -291,7 +312,7 @@ WEIGHING = WeighingConstants()
 def weigh(
     outline: Outline, what: Kind, pixels_per_meter: float
 ) -> tuple[float, float, str]:
-    """Return the mass in g to three digits, its confidence and a sentence."""
+    """Return the mass in g to three digits, its confidence and an explanation."""
     extent = object_extent(outline, what)
     mass, confidence, reason = _mass(extent, what, pixels_per_meter)
     return float(f"{max(mass, WEIGHING.lightest):.3g}"), confidence, reason
@@ -300,6 +321,7 @@ def weigh(
 def _mass(
     extent: Extent, what: Kind, pixels_per_meter: float
 ) -> tuple[float, float, str]:
+    """Return the mass in g, its confidence and an explanation."""
     volume = extent.volume / pixels_per_meter**3 * 1e6
     what = what.hollowed(10 * (6 * volume / pi) ** (1 / 3))
     mass = volume * what.density
@@ -326,7 +348,7 @@ def _confidence_of_kind(what: Kind) -> float:
 
 
 def _stuff(what: Kind) -> str:
-    """Return the material, in words.
+    """Describe the material in words.
 
     >>> from physgen.materials import kind
     >>> _stuff(kind("steel ball")), _stuff(kind("beer bottle"))
@@ -348,7 +370,7 @@ class Scale:
     """The scale of a photo."""
 
     pixels_per_meter: float
-    """px/m, to as many digits as are significant."""
+    """Scale, px/m, with significant digits only."""
     confidence: float
     """0..1: 0.6 at an uncertainty of 20 %, 0.9 at 7 %."""
     reason: str
@@ -359,10 +381,11 @@ def photo_scale(
     kinds: Mapping[int, Kind],
     sure: Mapping[int, float] | None = None,
 ) -> Scale | None:
-    """Estimate the photo's scale by the ordinary sizes of its objects; None if none has one.
+    """Estimate the photo's scale by the ordinary sizes of its objects.
 
-    `sure` are the confidences of labels, 1 where absent. Objects of one kind are one witness, by their median; the
-    median of witnesses counts, weighted by how little the sizes of such objects differ. Cut objects do not count.
+    `sure` are the confidences of labels, 1 by default. All objects of one kind are one
+    witness, by their median. The result is the median of the witnesses, weighted by the
+    spread of their sizes. Cut objects do not count. None without any witness.
     """
     witnesses: dict[str, list[tuple[float, float]]] = {}
     for item in objects:
@@ -387,12 +410,14 @@ def photo_scale(
 def _combine(
     witnesses: Sequence[Sequence[tuple[float, float]]],
 ) -> tuple[float, float]:
-    """Return the log of the scale, px/mm, and its standard deviation, by the scales and spreads of each witness."""
+    """Return log of the scale, px/mm, and its standard deviation, from all
+    witnesses.
+    """
     medians = [np.median([scale for scale, _ in witness]) for witness in witnesses]
     spreads = [np.median([spread for _, spread in witness]) for witness in witnesses]
     logs, weights = np.log(np.array(medians)), np.array(spreads) ** -2.0
     middle = _weighted_median(logs, weights)
-    # The witnesses' own uncertainty, or their disagreement if that is larger.
+    # The uncertainty is that of the witnesses, or their disagreement, if it is larger.
     variance = (weights * (logs - middle) ** 2).sum() / weights.sum()
     disagreement = np.sqrt(variance / max(len(logs) - 1, 1))
     return middle, max(float(weights.sum() ** -0.5), float(disagreement))
@@ -400,36 +425,40 @@ def _combine(
 
 @dataclass(frozen=True)
 class _Playback:
-    """The photo's assumed size, and how a push and a clip suit it."""
+    """The photo's assumed size, and typical times of a push and a clip."""
 
     width: float = 0.5
-    """m along the longer side of a photo that shows no scale: a table top seen from near by."""
+    """Longer side of a photo without a known scale, m: a table top seen from nearby."""
     gravity: float = 9.8
-    """m/s²."""
+    """Gravity, m/s²."""
     fall: float = 0.15
-    """Of the photo's longer side: a fall over it gives the speed of a push."""
+    """Height of a fall, as a share of the photo's longer side, that gives a push its
+    speed.
+    """
     crossing: float = 1.5
-    """s of the video in which a push crosses the photo, about."""
+    """Approximate time of the video in which a push crosses the photo, s."""
     longest: float = 2.5
-    """s of the video in which something moves, in less slow motion where that helps."""
+    """Duration of visible motion in the video, s, above which slow motion is
+    reduced.
+    """
     pause: float = 0.7
-    """s of the video after that."""
+    """Duration of the video after the motion, s."""
     shortest: float = 2.5
-    """s of a clip: a shorter one is over before it is watched."""
+    """Minimum duration of a clip, s."""
     least_motion: float = 1.0
-    """s of the video in which a push moves something."""
+    """Minimum duration of the motion by a push in the video, s."""
 
 
 PLAYBACK = _Playback()
 
 
 def assumed_scale(side: int) -> float:
-    """Return px/m of a photo that shows no scale; `side` is its longer side, px."""
+    """Return the assumed scale, px/m, of a photo with this longer side, px."""
     return side / PLAYBACK.width
 
 
 def is_assumed(pixels_per_meter: float, side: int) -> bool:
-    """Return whether a scene's scale is one that perception assumes, today or as the paper does."""
+    """Check whether a scale is an assumed one, by perception or by the paper."""
     return pixels_per_meter in (PAPER_SCALE, assumed_scale(side))
 
 
@@ -438,7 +467,7 @@ def scale_entry(
 ) -> tuple[float, str]:
     """Return px/m for the scene, and its comment.
 
-    The user's number wins, then a scale that is sure enough.
+    The user's number has priority, then a scale with sufficient confidence.
     """
     if given is not None:
         return given, "as given"
@@ -453,31 +482,31 @@ def scale_entry(
 
 
 def push_speed(side: int, pixels_per_meter: float) -> float:
-    """Return px/s to two digits: a speed at which objects of a photo slide and topple visibly.
+    """Return the speed of a push, px/s, at which objects slide and topple visibly.
 
-    `side`: the photo's longer side, px.
+    `side`: the photo's longer side, px. The result has two digits.
     """
     speed = sqrt(2 * PLAYBACK.gravity * pixels_per_meter * PLAYBACK.fall * side)
     return float(f"{speed:.2g}")
 
 
 def slow_motion(side: int, pixels_per_meter: float) -> int:
-    """Return `render.slow` (1, 2, 4 ...) at which a push can be watched."""
+    """Return `render.slow` (1, 2, 4 ...) for a push at a comfortable speed."""
     crossing = side / push_speed(side, pixels_per_meter)
     return int(2 ** max(0, round(log(PLAYBACK.crossing / crossing, 2))))
 
 
 def slow_motion_comment(slow: float) -> str:
-    """Return the comment of a scene that plays `slow` times slower than real."""
+    """Return the comment of a scene in slow motion."""
     return f"slowed down {slow:g}x: at real speed the motion would soon be over"
 
 
 def story_slow_motion(usual: int, seconds: float) -> int:
-    """Return `render.slow` of a clip in which something moves for these s.
+    """Return `render.slow` of a clip with a motion of these seconds.
 
     It is halved while the motion takes longer than `PLAYBACK.longest` s of video, and
-    doubled once if the motion takes less than `PLAYBACK.least_motion` s: what slides
-    to a stop within the picture is a jerk otherwise.
+    doubled once if the motion takes less than `PLAYBACK.least_motion` s: a short slide
+    within the picture would look like a jerk.
 
     >>> story_slow_motion(4, 0.5), story_slow_motion(4, 1.0), story_slow_motion(4, 9.0)
     (4, 2, 1)
@@ -512,6 +541,7 @@ def _weighted_median(values: Array, weights: Array) -> float:
 def _reason(
     witnesses: Mapping[str, Sequence[object]], kinds: Mapping[int, Kind], spread: float
 ) -> str:
+    """Describe the witnesses of a scale in words."""
     sizes = {object_kind.noun: object_kind.size for object_kind in kinds.values()}
     parts = []
     for noun, objects in witnesses.items():

@@ -1,9 +1,11 @@
-"""Cast shadows of a silhouette on a floor, an upright wall or a table, under one distant light of some width.
+"""Cast shadows of a silhouette on a floor, a wall or a table, under one distant light.
 
-A surface that gets the share d of its light directly, of which v is blocked, and of whose sky the part a is hidden,
-keeps 1 - d v - (1 - d) a of it. Negative logarithms of such shares ("darkness") add up over objects. A point of
-a floor is dark where its ray to the light meets the object: a ball, or a silhouette that reaches evenly through the
-plane of motion; the higher it meets it, the softer the shadow.
+A surface gets the share d of its light directly. If v of it is blocked, and the part a
+of its sky is hidden, the surface keeps 1 - d v - (1 - d) a of its light. Negative
+logarithms of such shares ("darkness") add up over objects. A point of a floor is dark
+if its ray to the light meets the object: a ball, or a silhouette of constant thickness
+across the plane of motion. The higher the ray meets the object, the softer is the
+shadow.
 """
 
 from __future__ import annotations
@@ -25,9 +27,11 @@ PixelBox = tuple[
 ]  # first and last + 1 column and row: x0, y0, x1, y1
 
 LEAST_LIGHT_HEIGHT = 0.2
-"""Least sine of the light's height over a surface: lower lights throw shadows without end."""
+"""Minimum sine of the light's height over a surface: lower lights cast endless
+shadows.
+"""
 MOST_BLOCKED = 0.98
-"""Of the direct or the ambient light, no more is taken away."""
+"""Maximum blocked share of the direct or the ambient light."""
 
 
 @dataclass(frozen=True)
@@ -35,20 +39,25 @@ class ShadowModel:
     """Resolution and limits of cast shadows."""
 
     sky: float = 0.5
-    """By how much more ambient light falls on what faces up: skies are brighter."""
+    """Additional share of ambient light on upward surfaces, since skies are
+    brighter.
+    """
     levels: int = 10
-    """Heights at which an object's silhouette is looked at."""
+    """Number of heights at which an object's silhouette is sampled."""
     finer: int = 2
-    """Lines of the floor in a row of pixels: seen from the side, a row is deep."""
+    """Lines of the floor per row of pixels: in the side view, a row is deep."""
     wall: int = 4
-    """Columns of a wall beside in a column of pixels: it goes back, and is foreshortened."""
+    """Columns of a side wall per column of pixels: the wall is foreshortened."""
     sunk: float = 3.0
-    """px by which an object's picture may reach farther below its floor than its thickness implies."""
+    """Depth of an object's picture below its floor, px, beyond that by its
+    thickness.
+    """
     far: float = 1e4
-    """px: a sky without anything in it."""
+    """Distance of an open sky, px."""
     under: float = 0.9
     beside: float = 0.4
-    """Of the sky that an object hides, what it does not give back by its own light: from under it, and beside it."""
+    """Share of the hidden sky that an object does not replace by its own light: below
+    it, and beside it."""
 
 
 MODEL = ShadowModel()
@@ -56,24 +65,28 @@ MODEL = ShadowModel()
 
 @dataclass(frozen=True)
 class ShadowSetting:
-    """What light falls on, beside the objects."""
+    """The surroundings of the objects: light, floor, wall or table."""
 
     light: DistantLight
     softness: float
-    """degrees: half the width of the light as the objects see it."""
+    """Half the angular width of the light, degrees."""
     top: bool
-    """Seen from above: a table behind everything."""
+    """True in the top view: the background is a table."""
     tilt: float
-    """Side view: px by which a floor's point appears higher for each px that it lies farther back."""
+    """Side view: rise of a floor's point in the picture per px of distance."""
     backdrop: float
-    """Side view: px from the plane of motion back to an upright wall; infinite without."""
+    """Side view: distance from the plane of motion back to a wall, px; infinite without
+    one.
+    """
     size: tuple[int, int]
     """Width and height of the photo, px."""
     lacking: float = 1.0
-    """Share of the direct light that shadows lack: some comes back from other surfaces."""
+    """Blocked share of the direct light in shadows: some light returns from other
+    surfaces.
+    """
 
     def direct(self, normal: tuple[float, float, float]) -> float:
-        """Return the share of a surface's light that is direct."""
+        """Return the direct share of a surface's light."""
         pairs = zip(self.light.direction, normal, strict=True)
         facing = sum(a * b for a, b in pairs)
         direct_light = self.light.intensity * max(facing, 0.0)
@@ -85,9 +98,10 @@ class ShadowSetting:
         return min(self.lacking * direct_light / max(direct_light + ambient, 1e-9), 1.0)
 
     def distance(self, row: float) -> float:
-        """Return px from a camera, which looks level at the picture's middle, to a floor whose line is at `row`.
+        """Return the distance of a level camera from a floor with its line at `row`,
+        px.
 
-        No camera sees more than as wide as it is far.
+        The field of view is at most as wide as the distance.
         """
         return float(max((row - self.size[1] / 2) / max(self.tilt, 1e-3), self.size[0]))
 
@@ -105,41 +119,40 @@ class ShadowSetting:
 
 @dataclass(frozen=True)
 class Silhouette:
-    """An object as it stands now."""
+    """An object at its present pose."""
 
     coverage: F32
-    """(h, w) in 0..1."""
+    """Coverage, (h, w) in 0..1."""
     corner: tuple[int, int]
-    """Photo column and row of its first pixel."""
+    """Column and row of its first pixel in the photo."""
     center: tuple[float, float]
-    """px."""
+    """Centre, px."""
     radius: float | None
-    """px, of a sphere; None for all others."""
+    """Radius of a sphere, px; None for other objects."""
     thick: float
-    """px that it reaches through the plane of motion (side view), or above the table (top view)."""
+    """Thickness across the plane of motion (side view), or above the table (top view),
+    px.
+    """
     floor: float | None
-    """Side view: the row, px, at which the floor below it is; None where nothing lies below."""
-    ends: tuple[float, float] = (
-        -inf,
-        inf,
-    )  # the columns, px, between which that floor goes on
-    walls: tuple[bool, bool] = (
-        False,
-        False,
-    )  # whether one stands at either end of that floor, and goes back
+    """Side view: row of the floor below it, px; None without a floor."""
+    ends: tuple[float, float] = (-inf, inf)
+    """Columns of both ends of that floor, px."""
+    walls: tuple[bool, bool] = (False, False)
+    """Whether a wall stands at either end of that floor, and leads backwards."""
     id: int = 0
-    """Of the object in the label map; 0 where it is not needed, or where it is several."""
+    """Id of the object in the label map; 0 if unknown, or for several objects."""
 
     @cached_property
     def rows(self) -> NDArray[np.intp]:
-        """Return the rows of `coverage` that show the object."""
+        """Return the rows of `coverage` with the object."""
         return np.flatnonzero(self.coverage.max(axis=1) > 0.5)
 
     @cached_property
     def lowest(self) -> tuple[int, NDArray[np.intp]]:
-        """Return the first column that shows the object, and the row below its lowest pixel in each column.
+        """Return the first column with the object, and in each column the row below its
+        foot.
 
-        0 in a column between that shows nothing; no columns at all where none shows anything.
+        0 in empty columns between; no columns for an empty silhouette.
         """
         solid = self.coverage > 0.5
         columns = np.flatnonzero(solid.any(axis=0))
@@ -169,9 +182,8 @@ def penumbra_width(
 def clipped_box(
     box: tuple[float, float, float, float], size: tuple[int, int]
 ) -> PixelBox | None:
-    """Return the whole pixels of a photo of `size` (w, h) that a box touches.
-
-    None if it lies outside.
+    """Return the whole pixels of a photo of `size` (w, h) in a box; None outside the
+    photo.
     """
     x0, y0 = max(floor(box[0]), 0), max(floor(box[1]), 0)
     x1, y1 = min(ceil(box[2]) + 1, size[0]), min(ceil(box[3]) + 1, size[1])
@@ -179,7 +191,9 @@ def clipped_box(
 
 
 def attenuation(direct: float, blocked_share: F32, hidden_share: F32) -> F32:
-    """Return -log of the remaining light if such shares of direct and ambient light are taken away."""
+    """Return -log of the remaining light, from lost shares of direct and
+    ambient light.
+    """
     lost_share = (
         np.float32(direct) * blocked_share + np.float32(1 - direct) * hidden_share
     )
@@ -187,7 +201,7 @@ def attenuation(direct: float, blocked_share: F32, hidden_share: F32) -> F32:
 
 
 def faded_out(x: F32, y: F32, reach: float) -> F32:
-    """Return 1 near the origin and 0 from `reach` on: an end to a shadow that thins out for ever."""
+    """Return 1 near the origin and 0 beyond `reach`: the end of a very wide shadow."""
     distance = np.sqrt(x * x + y * y) / np.float32(reach)
     return np.asarray(np.clip(1.5 - 1.5 * distance, 0, 1), np.float32)
 
@@ -210,7 +224,9 @@ def moved_silhouette(
 
 
 def blurred(picture: F32, sigma: float) -> F32:
-    """Return a Gaussian blur; a wide one is computed on a grid of at least 4 by 4 cells."""
+    """Blur a picture by a Gaussian; a wide one on a coarser grid of at least 4 by 4
+    cells.
+    """
     if sigma < 0.3:
         return picture
     step = min(int(sigma / 3), min(picture.shape) // 4)
@@ -225,6 +241,7 @@ def blurred(picture: F32, sigma: float) -> F32:
 
 
 def _gaussian(picture: F32, sigma: float) -> F32:
+    """Blur a picture by a Gaussian of `sigma` px."""
     result = cv2.GaussianBlur(picture, (0, 0), sigma, borderType=cv2.BORDER_CONSTANT)
     return np.asarray(result, np.float32)
 
@@ -236,7 +253,10 @@ def blocked_by_ball(
     y: F32 | float,
     z: F32 | float,
 ) -> F32:
-    """Return the share of light that a ball hides from points so far (px) right of, below and before its centre."""
+    """Return the share of light that a ball blocks at points.
+
+    `x`, `y`, `z`: px to the right of, below and in front of its centre.
+    """
     lx, ly, lz = setting.light.direction
     depth_to_ball = -(x * np.float32(lx) + y * np.float32(ly) + z * np.float32(lz))
     depth_to_ball = np.asarray(depth_to_ball, np.float32)
@@ -259,21 +279,20 @@ class FloorContact:
     """The floor below an object, px."""
 
     row: float
-    """Of the photo, where the plane of motion meets the floor."""
+    """Row of the photo at which the plane of motion meets the floor."""
     foot: float
-    """Row at which an object that stands there ends: its near edge, lower than `row`."""
+    """Row of the foot of a standing object: its near edge, lower than `row`."""
     half: float
-    """How far the object reaches to either side of the plane of motion."""
+    """Half the thickness of the object."""
     low: float
     """Height of its lowest point over the floor."""
     high: float
-    """And of its highest."""
+    """Height of its highest point."""
 
 
 def floor_contact(silhouette: Silhouette, tilt: float) -> FloorContact | None:
-    """Return the floor below an object.
-
-    None if there is no floor, or no visible pixel of the object.
+    """Return the floor below an object; None without a floor, or without visible
+    pixels.
     """
     floor = silhouette.floor
     if floor is None:
@@ -287,32 +306,38 @@ def floor_contact(silhouette: Silhouette, tilt: float) -> FloorContact | None:
         return None
     top = silhouette.corner[1] + rows[0] - 0.5
     bottom = silhouette.corner[1] + rows[-1] + _row_share(silhouette)
-    # An object is no deeper than a disc of its area.
+    # An object is at most as thick as a disc of its area.
     thickness = min(silhouette.thick, 1.13 * silhouette.area**0.5)
-    # A floor may be drawn where the plane of motion meets it, or at the visible ends of objects.
+    # Users draw floors either at the plane of motion, or at the visible feet of
+    # objects.
     hidden_height = min(max(bottom - floor, 0.0), tilt * thickness / 2 + MODEL.sunk)
     half_depth = max(thickness / 2, hidden_height / tilt)
     foot = floor + hidden_height
-    raised = min(max(foot - bottom, 0.0), 1.0)
-    rise = tilt * half_depth * (1 - raised / 2)
+    lift = min(max(foot - bottom, 0.0), 1.0)
+    rise = tilt * half_depth * (1 - lift / 2)
     low, high = max(foot - bottom, 0.0), max(foot - top, 1.0)
     return FloorContact(min(floor, foot - rise), foot, half_depth, low, high)
 
 
 def _row_share(silhouette: Silhouette) -> float:
-    """Return px from the last row's middle to the lower edge of an object, where its coverage falls to a half."""
+    """Return px from the last row's middle to the lower edge of an object.
+
+    The edge is at a coverage of one half.
+    """
     last = int(silhouette.rows[-1])
-    most = silhouette.coverage.max(axis=1)
-    below = float(most[last + 1]) if last + 1 < len(most) else 0.0
-    return (float(most[last]) - 0.5) / max(float(most[last]) - below, 0.5)
+    row_maxima = silhouette.coverage.max(axis=1)
+    next_maximum = float(row_maxima[last + 1]) if last + 1 < len(row_maxima) else 0.0
+    return (float(row_maxima[last]) - 0.5) / max(
+        float(row_maxima[last]) - next_maximum, 0.5
+    )
 
 
 def shadow_on_floor(
     silhouette: Silhouette, setting: ShadowSetting
 ) -> tuple[PixelBox, F32] | None:
-    """Return a box of the photo and (h, w) -log of the remaining light.
+    """Return a shadow as a box of the photo and -log of the remaining light (h, w).
 
-    None if there is no floor below.
+    None without a floor.
     """
     tilt = max(setting.tilt, 1e-3)
     contact = floor_contact(silhouette, tilt)
@@ -323,7 +348,7 @@ def shadow_on_floor(
         return None
     columns = np.arange(box[0], box[2], dtype=np.float32)
     rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
-    # px towards the viewer, of each row
+    # Coordinate of each row towards the viewer, px.
     depths = (rows - np.float32(contact.row)) / np.float32(tilt)
     blocked_share = _blocked_on_floor(silhouette, setting, contact, columns, depths)
     upon = floor_share(silhouette.ends, setting, box, contact.row)
@@ -338,7 +363,7 @@ def shadow_on_floor(
 def _floor_shadow_box(
     silhouette: Silhouette, setting: ShadowSetting, contact: FloorContact, tilt: float
 ) -> PixelBox | None:
-    """Return the box that a shadow on the floor and the hidden sky beside it can reach."""
+    """Return the box of a shadow on the floor and of the hidden sky beside it."""
     ax, az, rise = _slopes(setting)
     left, width = silhouette.corner[0], silhouette.coverage.shape[1]
     height = contact.high - contact.low
@@ -363,8 +388,11 @@ def _blocked_on_floor(
     columns: F32,
     depths: F32,
 ) -> F32:
-    """Return (h, w) the share of direct light that an object hides from the floor, with `depths` (h, 1) px."""
-    # Seen from the side, a row of pixels is deep: it is the mean of several lines of the floor.
+    """Return the share of direct light (h, w) that an object blocks on the floor.
+
+    `depths` (h, 1) px towards the viewer.
+    """
+    # In the side view a row of pixels is deep: average several lines of the floor.
     tilt = max(setting.tilt, 1e-3)
     offsets = np.arange(MODEL.finer, dtype=np.float32) - (MODEL.finer - 1) / 2
     offset_rows = offsets / np.float32(MODEL.finer * tilt)
@@ -386,9 +414,10 @@ def _blocked_on_floor(
 def floor_share(
     ends: tuple[float, float], setting: ShadowSetting, box: PixelBox, row: float
 ) -> F32:
-    """Return (h, w) 0..1: the share of a box's pixels that is a floor, whose line at `row` px spans the columns `ends`.
+    """Return the share 0..1 of a box's pixels on a floor, (h, w).
 
-    What lies farther back is seen nearer to the middle of the picture.
+    The floor's line at `row` px spans the columns `ends`; farther parts are nearer to
+    the middle of the picture.
     """
     middle, tilt = setting.size[0] / 2, max(setting.tilt, 1e-3)
     distance = setting.distance(row)
@@ -403,8 +432,10 @@ def floor_share(
 
 
 def _slopes(setting: ShadowSetting) -> tuple[float, float, float]:
-    """Return px sideways and towards the viewer that a shadow moves for each px of height, and the sine of the
-    light's height.
+    """Return the shift of a shadow per px of height, and the sine of the light's
+    height.
+
+    The shift is px sideways and px towards the viewer.
     """
     lx, ly, lz = setting.light.direction
     rise = max(-ly, LEAST_LIGHT_HEIGHT)
@@ -419,7 +450,7 @@ class _Bands:
     """First row of each band."""
     upper: NDArray[np.float64]
     lower: NDArray[np.float64]
-    """Heights over the floor of a band's two ends."""
+    """Heights of both ends of a band over the floor."""
 
     @property
     def height(self) -> NDArray[np.float64]:
@@ -427,7 +458,9 @@ class _Bands:
 
 
 def _split_rows(silhouette: Silhouette, contact: FloorContact) -> _Bands:
-    """Split the rows of a silhouette into `MODEL.levels` bands, or fewer if it is small."""
+    """Split the rows of a silhouette into `MODEL.levels` bands, or fewer for a small
+    one.
+    """
     rows = silhouette.rows
     heights = np.maximum(contact.foot - (silhouette.corner[1] + rows), 0.0)
     count = min(MODEL.levels, len(rows))
@@ -445,11 +478,14 @@ def _blocked_by_silhouette(
     columns: F32,
     depths: F32,
 ) -> F32:
-    """Return (h, w) the share of light that an object hides from `columns` and `depths` (h, 1) of the floor."""
+    """Return the share of light (h, w) that an object blocks on the floor.
+
+    The points are at `columns`, and at `depths` (h, 1) px.
+    """
     ax, az, rise = _slopes(setting)
     x0, y0 = silhouette.corner
     bands = _split_rows(silhouette, contact)
-    # Every row moves as far as its height throws it.
+    # The shadow of each row moves sideways in proportion to its height: a shear.
     shift = x0 + ax * (contact.foot - y0) - float(columns[0])
     shear = np.array([[1.0, -ax, shift], [0, 1, 0]])
     size = (len(columns), silhouette.coverage.shape[0])
@@ -463,7 +499,7 @@ def _blocked_by_silhouette(
     height = bands.height
     lines = _soften(profiles, _penumbra_widths(setting, rise, ax, height))
     depth_widths = _penumbra_widths(setting, rise, az, height)
-    # Distance in depth from a band's shadow, in widths of its soft edge.
+    # Distances in depth from the bands' shadows, in widths of their soft edges.
     gap = np.abs(depths.T - (az * height)[:, None].astype(np.float32))
     reach = contact.half + abs(az) * (bands.upper - bands.lower) / 2
     gap -= reach[:, None].astype(np.float32)
@@ -477,16 +513,17 @@ def _blocked_by_silhouette(
 def _penumbra_widths(
     setting: ShadowSetting, rise: float, slope: float, height: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the widths of the soft edges of bands, px; the softness grows evenly with the height."""
+    """Return the widths of the soft edges of bands, px; they grow linearly with
+    height.
+    """
     smallest_width = penumbra_width(setting, 0.0, rise)
     growth = penumbra_width(setting, 1.0, rise, slope) - smallest_width
     return smallest_width + growth * height
 
 
 def _soften(profiles: F32, sigma: NDArray[np.float64]) -> F32:
-    """Return rows (n, w), each blurred by its own Gaussian of `sigma` (n,) px.
-
-    Beyond their ends is nothing.
+    """Blur rows (n, w), each by its own Gaussian of `sigma` (n,) px; zero beyond the
+    ends.
     """
     width = profiles.shape[1]
     margin = ceil(3 * float(sigma.max(initial=0.0)))
@@ -501,13 +538,13 @@ def _soften(profiles: F32, sigma: NDArray[np.float64]) -> F32:
 def _hidden_sky(
     silhouette: Silhouette, contact: FloorContact, columns: F32, depths: F32
 ) -> F32:
-    """Return (h, w) the share of the floor's sky that an object hides."""
+    """Return the share of the floor's sky that an object hides, (h, w)."""
     if silhouette.radius is not None:
         return _sky_behind_ball(silhouette, contact, columns, depths)
     left, lowest = silhouette.lowest
     if not len(lowest):
         return np.zeros((len(depths), len(columns)), np.float32)
-    # px between the object and the floor in each of its columns
+    # Gap between the object and the floor in each of its columns, px.
     gaps = contact.foot - (silhouette.corner[1] + lowest - 0.5)
     gaps = np.maximum(gaps, 0.5).astype(np.float32)
     gaps[lowest == 0] = MODEL.far
@@ -533,7 +570,10 @@ def _sky_behind_ball(
 def _sky_beside_feet(
     gaps: F32, first_column: int, contact: FloorContact, columns: F32, depths: F32
 ) -> F32:
-    """Return the share of sky that an object hides beside its feet, where an upright side hides half the sky."""
+    """Return the share of sky that an object hides beside its feet.
+
+    An upright side hides half the sky at its foot.
+    """
     height = contact.high - contact.low
     is_foot = gaps < gaps.min() + 1 + 0.1 * height
     feet = (first_column + np.flatnonzero(is_foot)).astype(np.float32)
@@ -558,7 +598,10 @@ def _add_sky_below(
     columns: F32,
     depths: F32,
 ) -> None:
-    """Raise `hidden_share` below the object to the share of sky that a rectangle so high over the floor hides."""
+    """Raise `hidden_share` below the object, in place.
+
+    The object is taken for a rectangle at its height over the floor.
+    """
     x0 = np.float32(first_column - 0.5)
     x1 = np.float32(first_column + len(gaps) - 0.5)
     smooth_gaps = np.asarray(cv2.blur(gaps[None], (5, 1))[0], np.float32)
@@ -568,7 +611,7 @@ def _add_sky_below(
     start, end = np.searchsorted(columns, span)
     if end <= start:
         return
-    # The four sides of the rectangle add up, each by the sine of its angle.
+    # The view factor of a rectangle is the sum over its sides of sines of their angles.
     x, height = columns[start:end], heights[start:end]
     side_share = (x - x0) / np.hypot(x - x0, height) + (x1 - x) / np.hypot(
         x1 - x, height
@@ -584,9 +627,10 @@ def _add_sky_below(
 def shadow_on_table(
     silhouette: Silhouette, setting: ShadowSetting
 ) -> tuple[PixelBox, F32] | None:
-    """Return a box of the photo and (h, w) -log of the remaining light; None if it lies outside the photo.
+    """Return a shadow as a box and -log of the remaining light (h, w); None outside the
+    photo.
 
-    Of the sky that an object hides beside its shadow, less is missed in the shadow: table and object light each other.
+    In the shadow, the hidden sky counts less: table and object illuminate each other.
     """
     if silhouette.radius is not None:
         parts = _ball_on_table(silhouette, silhouette.radius, setting)
@@ -601,7 +645,11 @@ def shadow_on_table(
 
 
 def _slopes_before(setting: ShadowSetting) -> tuple[float, float, float]:
-    """Return px right and down that a shadow moves for each px before a table or a wall, and the light's z."""
+    """Return the shift of a shadow per px of distance from a table or a wall, and the
+    light's z.
+
+    The shift is px right and px down.
+    """
     lx, ly, lz = setting.light.direction
     rise = max(lz, LEAST_LIGHT_HEIGHT)
     return -lx / rise, -ly / rise, rise
@@ -610,7 +658,9 @@ def _slopes_before(setting: ShadowSetting) -> tuple[float, float, float]:
 def _ball_on_table(
     ball: Silhouette, radius: float, setting: ShadowSetting
 ) -> tuple[PixelBox, F32, F32] | None:
-    """Return a box, and the shares of direct light and of sky that a ball hides in it."""
+    """Return a box, and the shares of direct light and of sky that a ball
+    blocks there.
+    """
     ax, ay, rise = _slopes_before(setting)
     cx, cy = ball.center
     blur_width = penumbra_width(setting, radius, rise)
@@ -627,7 +677,7 @@ def _ball_on_table(
     x = (np.arange(box[0], box[2], dtype=np.float32) - np.float32(cx))[None, :]
     y = (np.arange(box[1], box[3], dtype=np.float32) - np.float32(cy))[:, None]
     blocked_share = blocked_by_ball(radius, setting, x, y, -radius)
-    # cosine-weighted solid angle of a sphere that lies on the table
+    # The cosine-weighted solid angle of a sphere on the table.
     square = np.float32(radius * radius)
     contact_share = square / (x * x + y * y + square)
     hidden_share = (
@@ -637,13 +687,17 @@ def _ball_on_table(
 
 
 LEVELS_ON_TABLE = (0.0, 0.33, 0.67, 1.0)
-"""Shares of an object's height at which its silhouette casts a shadow on a table."""
+"""Heights, as shares of an object's, at which its silhouette casts a shadow on
+a table.
+"""
 
 
 def _silhouette_on_table(
     silhouette: Silhouette, setting: ShadowSetting
 ) -> tuple[PixelBox, F32, F32] | None:
-    """Return a box, and the shares of direct light and of sky that an object hides in it."""
+    """Return a box, and the shares of direct light and of sky that an object blocks
+    there.
+    """
     ax, ay, rise = _slopes_before(setting)
     height, width = silhouette.coverage.shape
     thickness = silhouette.thick
@@ -673,13 +727,13 @@ def _silhouette_on_table(
 def shadow_on_wall(
     silhouette: Silhouette, setting: ShadowSetting
 ) -> tuple[PixelBox, F32] | None:
-    """Return a box of the photo and (h, w) -log of the remaining light.
+    """Return a shadow as a box and -log of the remaining light (h, w).
 
-    None if there is no wall, or no shadow on it.
+    None without a wall, or without a shadow on it.
     """
     if not np.isfinite(setting.backdrop) or setting.light.direction[2] < 0.05:
         return None
-    lean = setting.tilt * setting.backdrop  # what lies farther back appears higher
+    lean = setting.tilt * setting.backdrop  # farther points appear higher
     if silhouette.radius is not None:
         shadow = _ball_on_wall(silhouette, silhouette.radius, setting, lean)
     else:
@@ -688,7 +742,7 @@ def shadow_on_wall(
         return None
     box, blocked_share = shadow
     if silhouette.floor is not None:
-        # The wall ends where the floor begins.
+        # The wall ends at the floor.
         rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
         end = np.float32(silhouette.floor - lean + 0.5)
         blocked_share = blocked_share * np.clip(end - rows, 0, 1)
@@ -700,7 +754,7 @@ def shadow_on_wall(
 def _ball_on_wall(
     ball: Silhouette, radius: float, setting: ShadowSetting, lean: float
 ) -> tuple[PixelBox, F32] | None:
-    """Return a box, and the share of direct light that a ball hides in it."""
+    """Return a box, and the share of direct light that a ball blocks there."""
     ax, ay, rise = _slopes_before(setting)
     distance = setting.backdrop
     blur_width = penumbra_width(setting, distance, rise, hypot(ax, ay))
@@ -721,7 +775,7 @@ def _ball_on_wall(
 def _silhouette_on_wall(
     silhouette: Silhouette, setting: ShadowSetting, lean: float
 ) -> tuple[PixelBox, F32] | None:
-    """Return a box, and the share of direct light that an object hides in it."""
+    """Return a box, and the share of direct light that an object blocks there."""
     ax, ay, rise = _slopes_before(setting)
     distance, slope = setting.backdrop, hypot(ax, ay)
     blur_width = penumbra_width(setting, distance, rise, slope)
@@ -740,7 +794,7 @@ def _silhouette_on_wall(
         return None
     blocked_share = moved_silhouette(silhouette, box, dx, dy, 0.0)
     if half_depth * slope > 1:
-        # The near and the far side of a thick object throw their shadows apart.
+        # The near and the far side of a thick object cast separate shadows.
         for back in (-half_depth, half_depth):
             side = moved_silhouette(
                 silhouette, box, dx + ax * back, dy + ay * back, 0.0
@@ -752,9 +806,9 @@ def _silhouette_on_wall(
 def shadows_on_sides(
     silhouette: Silhouette, setting: ShadowSetting
 ) -> Iterator[tuple[PixelBox, F32]]:
-    """Yield a box of the photo and (h, w) -log of the remaining light for each wall beside.
+    """Yield a box and -log of the remaining light (h, w) for each side wall.
 
-    Such a wall goes straight back.
+    Such a wall leads straight backwards.
     """
     lx, _, lz = setting.light.direction
     if silhouette.floor is None or lz < LEAST_LIGHT_HEIGHT:
@@ -763,8 +817,8 @@ def shadows_on_sides(
     sides = zip(silhouette.ends, silhouette.walls, (1.0, -1.0), strict=True)
     for end, has_wall, facing in sides:
         is_visible = has_wall and (end - middle) * facing < 0
-        is_lit = lx * facing >= LEAST_LIGHT_HEIGHT
-        if not (is_visible and is_lit):
+        faces_light = lx * facing >= LEAST_LIGHT_HEIGHT
+        if not (is_visible and faces_light):
             continue
         box = _side_wall_box(silhouette, setting, silhouette.floor, end)
         if box is None:
@@ -779,7 +833,7 @@ def shadows_on_sides(
 def _side_wall_box(
     silhouette: Silhouette, setting: ShadowSetting, floor: float, end: float
 ) -> PixelBox | None:
-    """Return the box of the shadow on a wall that goes back from column `end`."""
+    """Return the box of the shadow on a side wall at column `end`."""
     lx, ly, lz = setting.light.direction
     (x0, y0), (height, width) = silhouette.corner, silhouette.coverage.shape
     wall_distance, mx, my = (
@@ -788,7 +842,8 @@ def _side_wall_box(
         setting.size[1] / 2,
     )
     columns, rows = np.array([x0, x0 + width]), np.array([y0, y0 + height])
-    path = np.maximum((columns - end) / lx, 0.0)[:, None]  # px along the light
+    # Length of the light's path from the object to the wall, px.
+    path = np.maximum((columns - end) / lx, 0.0)[:, None]
     shrink = wall_distance / (wall_distance + path * lz)
     x = mx + (end - mx) * shrink
     y = my + (rows - path * ly - my) * shrink
@@ -803,13 +858,13 @@ def _blocked_on_side(
     end: float,
     box: PixelBox,
 ) -> F32:
-    """Return (h, w) the share of direct light that an object hides from a wall that goes back from column `end`."""
+    """Return the share of direct light (h, w) that an object blocks on a side wall."""
     wall_distance, mx, my = (
         setting.distance(floor),
         setting.size[0] / 2,
         setting.size[1] / 2,
     )
-    # The wall is foreshortened: a column of pixels is the mean of several columns of it.
+    # The wall is foreshortened: average several of its columns per column of pixels.
     steps = np.arange(MODEL.wall * (box[2] - box[0]))[None] + 0.5
     columns = box[0] - 0.5 + steps / MODEL.wall
     shrink = np.maximum((columns - mx) / (end - mx), 1e-3).astype(np.float32)
@@ -833,7 +888,10 @@ def _blocked_on_side(
 def _cast_sideways(
     silhouette: Silhouette, setting: ShadowSetting, end: float, back: F32, y: F32
 ) -> F32:
-    """Return the silhouette as the light throws it on points `back` (1, w) and `y` (h, w) of a wall beside."""
+    """Project the silhouette along the light to points of a side wall.
+
+    `back` (1, w) and `y` (h, w): distance from the plane of motion, and row.
+    """
     lx, ly, lz = setting.light.direction
     x0, y0 = silhouette.corner
     distance = float(np.median(back)) / lz
@@ -851,9 +909,8 @@ def _cast_sideways(
 def shadow_darkness(
     silhouette: Silhouette, setting: ShadowSetting
 ) -> tuple[PixelBox, F32] | None:
-    """Return a box of the photo and (h, w) -log of the remaining light.
-
-    None if it throws no shadow.
+    """Return a shadow as a box and -log of the remaining light (h, w); None without a
+    shadow.
     """
     if setting.top:
         return shadow_on_table(silhouette, setting)

@@ -12,17 +12,17 @@ from physgen.arrays import Mask
 from physgen.geometry.polygon import Array, cross, polygon_moments
 
 _PRICE = 3.0
-"""Squared distance that is worth another edge, in squared tolerances."""
+"""Squared distance, in squared tolerances, that costs as much as another edge."""
 
 _MOST_BREAKS = 600
-"""Longer lines may break only where Douglas and Peucker would."""
+"""Number of points above which only Douglas and Peucker's points may be breaks."""
 
 
 def simplify(points: Array, tolerance: float, closed: bool) -> Array:
-    """Simplify `(n, 2)` px to `(K, 2)` px, no further apart than `tolerance` px (Hausdorff distance).
+    """Simplify `(n, 2)` px to `(K, 2)` px within `tolerance` px (Hausdorff distance).
 
-    An open line keeps its ends. A closed line keeps its area within 3 %: where the tolerance would flatten a small
-    ring, a smaller one is taken.
+    An open line keeps its ends. A closed line keeps its area within 3 %: for a small
+    ring, a smaller tolerance is used.
     """
     if not closed:
         if len(points) <= 2:
@@ -43,7 +43,7 @@ def simplify(points: Array, tolerance: float, closed: bool) -> Array:
 
 
 def _straighten(points: Array, tolerance: float, closed: bool) -> Array:
-    """Simplify as `simplify`; a closed line has its first point again at its end, in and out."""
+    """Simplify as `simplify`; a closed line repeats its first point at its end."""
     runs = _runs(points, tolerance)
     pinned_corners: set[int] = set()
     for _ in range(12):
@@ -51,6 +51,8 @@ def _straighten(points: Array, tolerance: float, closed: bool) -> Array:
         distant_runs = _deviation(points, runs, corners, tolerance)
         if not distant_runs:
             return np.array([corner for pair in corners for corner in pair])
+        # Runs beyond the tolerance get more breaks, with corners fixed to points of the
+        # line.
         for first, last in distant_runs:
             local = _douglas_peucker(points[first : last + 1], tolerance)
             breaks = [first + k for k in local]
@@ -60,7 +62,10 @@ def _straighten(points: Array, tolerance: float, closed: bool) -> Array:
 
 
 def _runs(points: Array, tolerance: float) -> list[int]:
-    """Return the indices of the breaks of least price, the first and the last point among them."""
+    """Return the breaks of minimum price, including the first and the last point.
+
+    Dynamic programming over the last break.
+    """
     count = len(points)
     if count <= _MOST_BREAKS:
         candidates = np.arange(count)
@@ -68,7 +73,7 @@ def _runs(points: Array, tolerance: float) -> list[int]:
         candidates = np.array(_douglas_peucker(points, 0.6 * tolerance))
     x, y = (points - points.mean(axis=0)).T
     columns = np.column_stack([np.ones(count), x, y, x**2, x * y, y**2])
-    # Sums up to each point give the moments of any run as a difference.
+    # Cumulative sums give the moments of any run as a difference.
     sums = np.concatenate([np.zeros((1, 6)), np.cumsum(columns, axis=0)])
     before, after = sums[candidates], sums[candidates + 1]
     best = np.zeros(len(candidates))
@@ -86,15 +91,22 @@ def _runs(points: Array, tolerance: float) -> list[int]:
 
 
 def _squared_distances(moments: Array) -> Array:
-    """Return (m,) the sum of squared distances from the best line of runs with moments (6, m): n, x, y, xx, xy, yy."""
+    """Return the sum (m,) of squared distances of runs from their best lines.
+
+    `moments` (6, m): n, x, y, xx, xy, yy.
+    """
     n, x, y, xx, xy, yy = moments
     a, b, c = xx - x * x / n, xy - x * y / n, yy - y * y / n
     return np.asarray((a + c) / 2 - np.sqrt(((a - c) / 2) ** 2 + b * b))
 
 
 def _run_line(run: Array) -> tuple[Array, Array]:
-    """Return a point on the line of total least squares and its unit direction, along the order of the points."""
-    # the ends of a run belong to two runs, and corners are rounded there
+    """Return a point and the unit direction of the line of total least squares.
+
+    The direction follows the order of the points.
+    """
+    # The ends of a run belong to two runs, and corners are rounded there: leave them
+    # out.
     points = run[1:-1] if len(run) >= 5 else run
     center = points.mean(axis=0)
     x, y = (points - center).T
@@ -106,14 +118,20 @@ def _run_line(run: Array) -> tuple[Array, Array]:
 
 
 def end_lines(points: Array, tolerance: float) -> dict[int, tuple[Array, Array, int]]:
-    """Return the straight runs at both ends (0 and -1) of an open line: point, unit direction, number of points."""
+    """Return the straight runs at both ends (0 and -1) of an open line.
+
+    Each has a point, a unit direction and a number of points.
+    """
     runs = _runs(points, tolerance)
     first, last = points[: runs[1] + 1], points[runs[-2] :]
     return {0: (*_run_line(first), len(first)), -1: (*_run_line(last), len(last))}
 
 
 def distances(points: Array, start: Array, end: Array) -> Array:
-    """Return `(n,)` px from each point to the segment from `start` to `end`, each `(2,)` or `(n, 2)`."""
+    """Return the distance (n,) px of each point from a segment.
+
+    `start`, `end`: `(2,)` or `(n, 2)`.
+    """
     edge = end - start
     length = np.maximum((edge * edge).sum(axis=-1), 1e-300)
     share = np.clip(((points - start) * edge).sum(axis=-1) / length, 0.0, 1.0)
@@ -123,7 +141,7 @@ def distances(points: Array, start: Array, end: Array) -> Array:
 
 
 def distances_to_line(points: Array, line: Array, closed: bool) -> Array:
-    """Return `(n,)` px from each point to the nearest segment of a line `(K, 2)`."""
+    """Return the distance (n,) px of each point from a line `(K, 2)`."""
     start, end = line[:-1], line[1:]
     if closed:
         start, end = line, np.roll(line, -1, axis=0)
@@ -133,14 +151,14 @@ def distances_to_line(points: Array, line: Array, closed: bool) -> Array:
 
 
 def _distinct(corners: Array) -> Array:
-    """Remove corners that repeat the one before, all the way round."""
+    """Remove corners equal to the one before, also across the end."""
     step = np.abs(corners - np.roll(corners, -1, axis=0)).max(axis=1)
     result: Array = corners[step > 1e-6]
     return result
 
 
 def _douglas_peucker(points: Array, tolerance: float) -> list[int]:
-    """Return the indices of the points that remain, the first and the last among them."""
+    """Return the indices of the remaining points, including the first and the last."""
     indices = {0, len(points) - 1}
     parts = [(0, len(points) - 1)]
     while parts:
@@ -159,9 +177,9 @@ def _douglas_peucker(points: Array, tolerance: float) -> list[int]:
 def _corners(
     points: Array, runs: list[int], pinned: set[int], closed: bool, limit: float
 ) -> list[list[Array]]:
-    """Return at each break one corner or the two of a bevel.
+    """Return for each break one corner, or the two of a bevel.
 
-    A closed line repeats its first ones at its end.
+    A closed line repeats its first corners at its end.
     """
     lines = [_run_line(points[a : b + 1]) for a, b in pairwise(runs)]
     corners = []
@@ -184,9 +202,9 @@ def _corners(
 
 
 def _joint(end: Array, line: tuple[Array, Array], sign: float) -> list[Array]:
-    """Return the point that soon brings the edge from an end back to its run's line.
+    """Return the point at which the edge from an end reaches its run's line.
 
-    None if the end lies on it.
+    Empty if the end lies on the line.
     """
     point, direction = line
     distance = float(abs(cross(direction, end - point)))
@@ -203,9 +221,10 @@ def _meet(
     after: tuple[Array, Array],
     limit: float,
 ) -> list[Array]:
-    """Return the corner of two lines (a point and a direction each) at the break `here` of the points `around`.
+    """Return the corner of two lines (a point and a direction each) at the break
+    `here`.
 
-    A corner that would stand off the points by more than `limit` is bevelled.
+    A corner farther than `limit` from the points `around` is bevelled.
     """
     (p, u), (q, v) = before, after
     turn = float(cross(u, v))
@@ -222,7 +241,9 @@ def _meet(
 def _deviation(
     points: Array, runs: list[int], corners: list[list[Array]], tolerance: float
 ) -> list[tuple[int, int]]:
-    """Return runs (first and last index) farther off their edge than the tolerance, or against its direction."""
+    """Return the runs (first and last index) beyond the tolerance, or with reversed
+    edges.
+    """
     is_closed_line = bool((points[0] == points[-1]).all())
     share = np.linspace(0, 1, 17)[:, None]
     limit = tolerance + 1e-9
@@ -271,7 +292,9 @@ def _points_around(points: Array, runs: list[int], k: int, closed: bool) -> Arra
 
 
 def crossings(rings: list[Array]) -> NDArray[np.intp]:
-    """Return pairs of rings `(m, 2)` whose edges truly cross (a ring with itself included)."""
+    """Return the pairs of rings `(m, 2)` with crossing edges, also of a ring with
+    itself.
+    """
     start = np.concatenate(rings)
     edge = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings]) - start
     owner = np.repeat(np.arange(len(rings)), [len(ring) for ring in rings])
@@ -291,6 +314,6 @@ def crossings(rings: list[Array]) -> NDArray[np.intp]:
 
 
 def _opposite(a: Array, b: Array) -> Mask:
-    """Return whether areas px² lie strictly on two sides, beyond rounding."""
+    """Check whether areas, px², have opposite signs beyond rounding."""
     is_opposite: Mask = (np.minimum(a, b) < -1e-9) & (np.maximum(a, b) > 1e-9)
     return is_opposite

@@ -1,6 +1,6 @@
-"""What a user set in a scene, put into the scene of another photo.
+"""Transfer the user's settings of a scene to the scene of another photo.
 
-Values in pixels belong to the old photo and are left out; masses, names of materials,
+Values in pixels belong to the old photo and are dropped. Masses, materials,
 coefficients, speeds in m/s and the settings of the video are kept.
 """
 
@@ -26,18 +26,20 @@ PIXEL_KEYS = {
     "wheels",
     "facing",
 }
-"""Keys of an object that belong to the pixels of one photo."""
+"""Keys of an object with values in pixels of one photo."""
 VIEW_KEYS = {"view", "tilt", "backdrop", "table", "pixels_per_meter"}
-"""Keys of `world` that follow from one photo."""
+"""Keys of `world` with values of one photo."""
 PHOTO_SECTIONS = ("forces", "joints", "fields", "variants", "maps")
-"""Sections that name places or objects of one photo."""
+"""Sections with places or objects of one photo."""
 FREE_SECTIONS = ("refine",)
-"""Sections without any length in pixels."""
+"""Sections without lengths in pixels."""
 
 
 @dataclass
 class Carried:
-    """A scene with values of an old one; dotted keys that were kept and left out."""
+    """A scene with values of an old one, and the dotted keys that were kept and
+    dropped.
+    """
 
     perceived: PerceivedScene
     kept: list[str] = field(default_factory=list)
@@ -45,33 +47,34 @@ class Carried:
 
 
 def carry_over(old: Entry, record: Record, new: PerceivedScene) -> Carried:
-    """Put what a user set in the `old` scene into the `new` one.
+    """Transfer the user's settings in the `old` scene to the `new` one.
 
-    Objects are matched by name; `record` is what perception wrote of the old scene.
+    Objects are matched by name; `record` holds the values that perception wrote in the
+    old scene.
     """
-    carried = Carried(new)
-    for name, was in old.get("objects", {}).items():
-        _carry_object(name, was, record.entry(name, was), carried)
+    result = Carried(new)
+    for name, entry in old.get("objects", {}).items():
+        _carry_object(name, entry, record.entry(name, entry), result)
     wrote = {"world": {}, "render": {"slow": record.world.get("slow")}}
-    for section, known in wrote.items():
-        _carry_section(section, old.get(section, {}), known, carried)
+    for section, record_section in wrote.items():
+        _carry_section(section, old.get(section, {}), record_section, result)
     for section in FREE_SECTIONS:
         if section in old:
-            document = {**carried.perceived.document, section: old[section]}
-            carried.perceived = replace(carried.perceived, document=document)
-            carried.kept.append(section)
-    carried.dropped += [section for section in PHOTO_SECTIONS if old.get(section)]
+            document = {**result.perceived.document, section: old[section]}
+            result.perceived = replace(result.perceived, document=document)
+            result.kept.append(section)
+    result.dropped += [section for section in PHOTO_SECTIONS if old.get(section)]
     walls = record.world.get("boundaries", {})
     for name, wall in old.get("boundaries", {}).items():
         if not equal(wall, walls.get(name)):
-            carried.dropped.append(f"boundaries.{name}")
-    return carried
+            result.dropped.append(f"boundaries.{name}")
+    return result
 
 
 def _carry_object(name: str, was: Entry, wrote: Entry, carried: Carried) -> None:
-    """Put the values of one object that a user set into the object of the same name."""
-    perceived = carried.perceived
-    objects = dict(perceived.document["objects"])
+    """Transfer the user's settings of one object to the object of the same name."""
+    scene = carried.perceived
+    objects = dict(scene.document["objects"])
     values: dict[str, Any] = {}
     for key, value in was.items():
         if key in PIXEL_KEYS or equal(value, wrote.get(key)):
@@ -83,42 +86,48 @@ def _carry_object(name: str, was: Entry, wrote: Entry, carried: Carried) -> None
             carried.dropped.append(f"objects.{name}.{key}")
     if not values:
         return
-    now = objects[name]
-    sources = {key: one for key, one in now["from"].items() if key not in values}
-    objects[name] = {**now, **values, "from": sources}
+    current = objects[name]
+    sources = {
+        key: origin for key, origin in current["from"].items() if key not in values
+    }
+    objects[name] = {**current, **values, "from": sources}
     if "density" in values:
         objects[name].pop("mass", None)
-    wrote_now = {key: now[key] for key in values if key in now}
+    wrote_now = {key: current[key] for key in values if key in current}
     comments = {
         key: words
-        for key, words in perceived.comments.items()
-        if key not in {f"objects.{name}.{one}" for one in values}
+        for key, words in scene.comments.items()
+        if key not in {f"objects.{name}.{origin}" for origin in values}
     }
     carried.perceived = replace(
-        perceived,
-        document={**perceived.document, "objects": objects},
+        scene,
+        document={**scene.document, "objects": objects},
         comments=comments,
-        wrote={**perceived.wrote, name: wrote_now},
+        wrote={**scene.wrote, name: wrote_now},
     )
 
 
 def _carry_section(section: str, was: Entry, wrote: Entry, carried: Carried) -> None:
-    """Put the settings of `world` or `render` that a user set into the new scene."""
-    perceived = carried.perceived
-    now = dict(perceived.document.get(section, {}))
+    """Transfer the user's settings of `world` or `render` to the new scene."""
+    scene = carried.perceived
+    settings = dict(scene.document.get(section, {}))
     for key, value in was.items():
         follows_photo = section == "world" and key in VIEW_KEYS
-        if follows_photo or equal(value, now.get(key)) or equal(value, wrote.get(key)):
+        if (
+            follows_photo
+            or equal(value, settings.get(key))
+            or equal(value, wrote.get(key))
+        ):
             continue
         if _is_free_of_pixels(value, (section, key)):
-            now[key] = value
+            settings[key] = value
             carried.kept.append(f"{section}.{key}")
         else:
             carried.dropped.append(f"{section}.{key}")
-    document = {**perceived.document, section: now}
-    carried.perceived = replace(perceived, document=document)
+    document = {**scene.document, section: settings}
+    carried.perceived = replace(scene, document=document)
 
 
 def _is_free_of_pixels(value: Any, path: tuple[str, ...]) -> bool:
-    """Return whether a value stays as it is if the photo is twice as large."""
+    """Return whether a value stays the same if the photo is twice as large."""
     return equal(scale_part(value, path, 2.0), value)

@@ -1,4 +1,4 @@
-"""The scene document: entries of objects, names, boundaries, light, comments and provenance; its files."""
+"""The scene document: entries, names, comments, sources and files."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ from physgen.scene.files import (
     RECORD,
     UNKNOWN,
     Record,
-    recorded,
+    read_recorded,
 )
 from physgen.scene.provenance import provenance as provenance
 from physgen.scene.provenance import stated_scale, table_confidences
@@ -58,30 +58,32 @@ from physgen.scene.saving import note_files, note_scene, save_scene
 from physgen.scene.scene import ADD_OBJECT, Solid, View
 from physgen.scene.schema import schema_at
 from physgen.scene.write import scene_text
-from physgen.scene.yaml_edit import (
-    marked,
-    with_comments,
-    without_comments,
-    write,
-    written_anew,
-)
+from physgen.scene.yaml_comments import with_comments, without_comments
+from physgen.scene.yaml_edit import mark_values, write, written_anew
 from physgen.text import counted, listed
 
 GENERIC = ("object", "thing")
-"""Labels without meaning."""
+"""Labels without information."""
 USUAL = ("friction", "elasticity")
-"""Numbers that the file leaves out at their defaults, which are those of an unknown material."""
+"""Numbers that the file omits at their defaults, the values of an unknown material."""
 PERHAPS = 0.2
-"""Confidence from which a region is worth a line."""
+"""Least confidence of a region that gets an entry."""
 LIKELY = 0.1
-"""Chance from which another label is named."""
-TABLE = {"friction": 0.2}  # what is written where it is seen from above
+"""Least probability of an alternative label in a comment."""
+TABLE = {"friction": 0.2}
+"""The table's entry in new scenes seen from above."""
 SCHEMA = "scene-1.schema.json"
-"""Copied into the assets, so that editors complete and check the scene wherever it lies, offline too."""
+"""Copied into the assets, so that editors complete and check the scene offline and at
+any path.
+"""
 BARE = {"mask", "from", "confidence"}
-"""Keys of an object that the user took from `doubtful:`, or gave by its mask alone: a refresh fills in the rest."""
+"""Keys of an object that the user took from `doubtful:` or gave by its mask alone; a
+refresh adds the other keys.
+"""
 MOTION_BLUR = 0.5
-"""Of new files: a shutter that is open for half of a frame's time, as film cameras have."""
+"""Motion blur of new files: the shutter is open for half of a frame's time, as in film
+cameras.
+"""
 HOLD = 10
 """Frames of new files that show the photo before the motion: a third of a second."""
 
@@ -90,18 +92,24 @@ HOLD = 10
 class Names:
     """Labels and names of the objects, by id."""
 
-    objects: Sequence[PhotoObject]  # with their labels
+    # The objects with their labels.
+    objects: Sequence[PhotoObject]
     labels: Mapping[int, Name]
-    sources: Mapping[
-        int, str
-    ]  # sources of the labels, for `from`; `""` where they are the user's
+    # Sources of the labels, for `from`; `""` for labels of the user.
+    sources: Mapping[int, str]
     confidence: Mapping[int, float]
-    before: Mapping[int, str]  # names without the user's new labels
-    renamed: set[int]  # ids of objects that the user gave a new label
+    # Names without the user's new labels.
+    before: Mapping[int, str]
+    # Ids of objects with a new label of the user.
+    renamed: set[int]
 
 
 def slug(label: str) -> str:
-    """A label as the start of a name: letters, digits and -, beginning with a letter, at most 48 long."""
+    """Return a label as the start of a name.
+
+    The result has letters, digits and -, begins with a letter and is at most 48
+    characters long.
+    """
     text = re.sub(r"[^a-z0-9]+", "-", label.lower()).strip("-")[:48].strip("-")
     if not text:
         return "object"
@@ -111,22 +119,25 @@ def slug(label: str) -> str:
 def object_names(
     objects: Sequence[PhotoObject], kept: Mapping[int, str] | None = None
 ) -> dict[int, str]:
-    """A name for every object, by id, from left to right: its label and a number; names in `kept` stay."""
+    """Return a name for every object by id, numbered per label from left to right.
+
+    Names in `kept` stay.
+    """
     kept = kept or {}
-    taken = set(kept.values())
-    ordered = sorted(
+    used_names = set(kept.values())
+    objects_by_position = sorted(
         objects,
         key=lambda t: (round(float(mass_properties(t.outline).center[0]), 1), t.id),
     )
     counts: dict[str, int] = {}
     result = {}
-    for item in ordered:
+    for item in objects_by_position:
         if item.id in kept:
             result[item.id] = kept[item.id]
             continue
         start = slug(item.label)
         counts[start] = counts.get(start, 0) + 1
-        while f"{start}-{counts[start]}" in taken:
+        while f"{start}-{counts[start]}" in used_names:
             counts[start] += 1
         result[item.id] = f"{start}-{counts[start]}"
     return result
@@ -135,9 +146,11 @@ def object_names(
 def relabel_objects(
     objects: Sequence[PhotoObject], renames: Sequence[str], called: Mapping[int, str]
 ) -> tuple[list[PhotoObject], set[int]]:
-    """Objects, named as in `called`, under their new labels, and the ids of those that got one.
+    """Return the objects with their new labels, and the ids of objects with a new
+    label.
 
-    Raises InputError with every wrong NAME of `renames`, each NAME=TEXT.
+    `called` gives the objects' names by id. Raises InputError with every invalid NAME
+    of `renames`, each NAME=TEXT.
     """
     labels, problems = renamed_labels(renames, called)
     if problems:
@@ -150,27 +163,34 @@ def relabel_objects(
 def renamed_labels(
     renames: Sequence[str], called: Mapping[int, str]
 ) -> tuple[dict[int, str], list[Problem]]:
-    """The new label of each object that one of `renames` names, by id, a name before a pattern; and what is wrong."""
+    """Return the new labels by object id, and problems with unknown names.
+
+    An exact name takes precedence over a pattern.
+    """
     labels: dict[int, str] = {}
     exact: dict[int, str] = {}
     problems = []
     for rename in renames:
         name, sign, text = (part.strip() for part in rename.partition("="))
-        own = [i for i, n in called.items() if name in (n, str(i))]
-        hits = own or [i for i, n in called.items() if fnmatch.fnmatchcase(n, name)]
+        exact_ids = [i for i, n in called.items() if name in (n, str(i))]
+        hits = exact_ids or [
+            i for i, n in called.items() if fnmatch.fnmatchcase(n, name)
+        ]
         if not (sign and text and hits):
-            near = difflib.get_close_matches(name, called.values(), 1)
-            known = ", ".join(list(called.values())[:8]) + (
+            matches = difflib.get_close_matches(name, called.values(), 1)
+            known_names = ", ".join(list(called.values())[:8]) + (
                 ", ..." if len(called) > 8 else ""
             )
-            fix = f"the objects are {known}"
-            if near and near[0] != name:
-                fix = did_you_mean(near[0])
-            wrong = Message.LABEL_WITHOUT_NAME
+            fix = f"the objects are {known_names}"
+            if matches and matches[0] != name:
+                fix = did_you_mean(matches[0])
+            message = Message.LABEL_WITHOUT_NAME
             if sign and text:
-                wrong = Message.LABEL_OF_NO_OBJECT
-            problems.append(wrong.problem(Place("--label"), "", f'"{rename}"', fix=fix))
-        (exact if own else labels).update(dict.fromkeys(hits, text))
+                message = Message.LABEL_OF_NO_OBJECT
+            problems.append(
+                message.problem(Place("--label"), "", f'"{rename}"', fix=fix)
+            )
+        (exact if exact_ids else labels).update(dict.fromkeys(hits, text))
     return labels | exact, problems
 
 
@@ -180,22 +200,24 @@ def label_confidences(
     guessed: Mapping[int, Name],
     renamed: set[int],
 ) -> dict[int, float]:
-    """Confidence of each label: 1 where the user gave it, or changed what was guessed."""
-    given = found.names if found.object_names or found.named_by == "given" else {}
-    own = {
-        i for i in given if i not in guessed or found.names[i].label != guessed[i].label
+    """Return the confidence of each label: 1 if the user gave or changed it."""
+    user_names = found.names if found.object_names or found.named_by == "given" else {}
+    user_ids = {
+        i
+        for i in user_names
+        if i not in guessed or found.names[i].label != guessed[i].label
     } | renamed
-    return {i: 1.0 if i in own else name.confidence for i, name in named.items()}
+    return {i: 1.0 if i in user_ids else name.confidence for i, name in named.items()}
 
 
 def unknown_label(label: str) -> Problem | None:
-    """A warning about a label that the material table does not know; None for one that it knows."""
-    what = kind(label)
-    if what.noun or what.material.name != "unknown" or label in GENERIC:
+    """Return a warning about a label that is missing in the material table, or None."""
+    label_kind = kind(label)
+    if label_kind.noun or label_kind.material.name != "unknown" or label in GENERIC:
         return None
-    known = sorted({word for _, every in nouns() for word in every})
+    known_nouns = sorted({word for _, words in nouns() for word in words})
     matches = (
-        difflib.get_close_matches(text, known, 1)
+        difflib.get_close_matches(text, known_nouns, 1)
         for text in (label.lower(), label.lower().split()[-1])
     )
     close = next((match for match in matches if match), None)
@@ -205,7 +227,7 @@ def unknown_label(label: str) -> Problem | None:
     return Message.UNKNOWN_LABEL.warning(Place("--label"), "", f'"{label}"', fix=fix)
 
 
-# entries
+# Entries of the document.
 
 
 @dataclass(frozen=True)
@@ -214,7 +236,7 @@ class ObjectLabels:
 
     names: Mapping[int, Name]
     sources: Mapping[int, str]
-    """Sources of the labels, for `from`; `""` for those of the user."""
+    """Sources of the labels, for `from`; `""` for labels of the user."""
 
 
 def object_entries(
@@ -227,7 +249,10 @@ def object_entries(
     table: str,
     vehicles: Mapping[int, Vehicle] = MappingProxyType({}),
 ) -> tuple[dict[str, Any], dict[str, str]]:
-    """`objects:`, and comments by dotted path. `table` is the backend of matter."""
+    """Return the entries of `objects:` and the comments by dotted path.
+
+    `table` is the name of the backend of matter.
+    """
     layer_of, kept = drawing_layers(
         occlusion_orders(found.labels, [item.id for item in objects]), found.layers
     )
@@ -235,27 +260,29 @@ def object_entries(
     comments: dict[str, str] = {}
     for item in sorted(objects, key=lambda t: list(called).index(t.id)):
         name, its = called[item.id], matter[item.id]
-        at = f"objects.{name}"
+        path = f"objects.{name}"
         sources = {"mask": _mask_source(found, item.id)}
         if labels.sources[item.id]:
             guess = labels.names[item.id]
             sources["label"] = provenance(
                 guess.source or labels.sources[item.id], guess.confidence
             )
-            likely = [
+            alternatives = [
                 f"{label} {chance:g}"
                 for label, chance in guess.likely
                 if chance >= LIKELY and label != item.label
             ]
-            comments[f"{at}.label"] = (
-                sources["label"] + (", or " if likely else "") + ", ".join(likely)
+            comments[f"{path}.label"] = (
+                sources["label"]
+                + (", or " if alternatives else "")
+                + ", ".join(alternatives)
             )
         sources |= {
-            key: provenance(table, sure)
-            for key, sure in table_confidences(its.confidence).items()
+            key: provenance(table, confidence)
+            for key, confidence in table_confidences(its.confidence).items()
         }
         grip = boundaries.grip.get(item.id, 0.0)
-        one: dict[str, Any] = {
+        entry: dict[str, Any] = {
             "label": item.label,
             "mask": item.id,
             "shape": shape_entry(item.outline),
@@ -264,60 +291,60 @@ def object_entries(
             "friction": max(its.friction, grip),
             "elasticity": its.elasticity,
         }
-        held = item.id in boundaries.held
-        # circles roll seen from the side, spheres seen from above, too
+        is_static = item.id in boundaries.held
+        # Circles roll when seen from the side; from above only spheres roll.
         rolls = isinstance(item.outline, Disc) and (
             boundaries.view is View.SIDE or its.solid is Solid.SPHERE
         )
-        vehicle = None if held else vehicles.get(item.id)
+        vehicle = None if is_static else vehicles.get(item.id)
         if vehicle is not None:
-            one["rolling"] = max(its.rolling, kind("wheel").material.rolling)
-        elif rolls and not (item.cut or held):
-            one["rolling"] = its.rolling
+            entry["rolling"] = max(its.rolling, kind("wheel").material.rolling)
+        elif rolls and not (item.cut or is_static):
+            entry["rolling"] = its.rolling
         else:
             del sources["rolling"]
         if its.surface:
-            comments[f"{at}.friction"] = its.surface
-        if not (item.cut or held):
-            one["velocity"] = [0, 0]
+            comments[f"{path}.friction"] = its.surface
+        if not (item.cut or is_static):
+            entry["velocity"] = [0, 0]
         else:
-            why = (
+            reason = (
                 "cut off by the photo's border"
                 if item.cut
                 else "nothing that is seen keeps it from falling"
             )
-            one["motion"] = "static"
-            comments[f"{at}.motion"] = f"{why}, so it is held; dynamic lets it go"
+            entry["motion"] = "static"
+            comments[f"{path}.motion"] = f"{reason}, so it is held; dynamic lets it go"
         if its.friction < grip:
             sources["friction"] = provenance("lies on a slope", 0.5)
-            comments[f"{at}.friction"] = (
+            comments[f"{path}.friction"] = (
                 "at least this much, since it lies still on a slope"
             )
         if vehicle is not None:
-            one |= vehicle_entry(vehicle)
+            entry |= vehicle_entry(vehicle)
             sources["wheels"] = provenance("circles", vehicle.confidence)
             sources["facing"] = provenance("cabin", FACING_CONFIDENCE)
-            comments[f"{at}.wheels"] = (
+            comments[f"{path}.wheels"] = (
                 f"circles at its lower edge (confidence {vehicle.confidence:g});"
                 " they turn and carry it"
             )
-            comments[f"{at}.facing"] = (
+            comments[f"{path}.facing"] = (
                 "a guess: the cabin is behind the middle; left or right"
             )
         if item.id in layer_of:
-            behind = [order for order in kept if order.front == item.id]
-            one["layer"] = layer_of[item.id]
+            orders = [order for order in kept if order.front == item.id]
+            entry["layer"] = layer_of[item.id]
             sources["layer"] = provenance(
-                "outlines", max(order.confidence for order in behind)
+                "outlines", max(order.confidence for order in orders)
             )
-            *names, last = [called[order.behind] for order in behind]
-            hidden = ", ".join(names) + (" and " if names else "") + last
-            comments[f"{at}.layer"] = f"in front: it hides parts of {hidden}"
-        comments[f"{at}.mask"] = (
+            *names, last = [called[order.behind] for order in orders]
+            hidden_names = ", ".join(names) + (" and " if names else "") + last
+            comments[f"{path}.layer"] = f"in front: it hides parts of {hidden_names}"
+        comments[f"{path}.mask"] = (
             f"{sources['mask']}, {shape_words(item.outline, its.solid)}"
         )
-        comments[f"{at}.mass"] = f"g, {sources['mass']}: {its.reason}"
-        entries[name] = {**one, "from": sources}
+        comments[f"{path}.mass"] = f"g, {sources['mass']}: {its.reason}"
+        entries[name] = {**entry, "from": sources}
         if item.id in found.prompts:
             entries[name]["prompt"] = dict(found.prompts[item.id])
     return entries, comments
@@ -345,7 +372,7 @@ def _mask_source(found: Detections, i: int) -> str:
 
 
 def light_entry(light: DistantLight) -> dict[str, Any]:
-    """The scene's `light:`."""
+    """Return the scene's `light:`."""
     return {
         "direction": [round(v, 3) for v in light.direction],
         "intensity": round(min(light.intensity, 1000.0), 3),
@@ -354,7 +381,9 @@ def light_entry(light: DistantLight) -> dict[str, Any]:
 
 
 def view_entry(shadows: Shadows, side: bool) -> dict[str, Any]:
-    """The part of `world:` that places shadows; empty where none are seen."""
+    """Return the entries of `world:` that place shadows; none if no shadow is
+    visible.
+    """
     if shadows.clean is None or not side:
         return {}
     return {"tilt": shadows.tilt} | (
@@ -363,7 +392,10 @@ def view_entry(shadows: Shadows, side: bool) -> dict[str, Any]:
 
 
 def shape_entry(outline: Outline) -> dict[str, Any]:
-    """`shape:` of an outline, to 0.01 px; radii are rounded down, so that balls that touch do not overlap."""
+    """Return `shape:` of an outline, to 0.01 px.
+
+    Radii are rounded down, so that touching balls do not overlap.
+    """
     if isinstance(outline, Disc):
         (center,) = corners(outline.center[None])
         return {
@@ -387,7 +419,9 @@ def shape_entry(outline: Outline) -> dict[str, Any]:
 
 
 def shape_words(outline: Outline, solid: Solid) -> str:
-    """A shape in words, whose numbers lie in the assets: sphere of radius 20.13."""
+    """Describe a shape in words, e.g. sphere of radius 20.13; its numbers are in the
+    assets.
+    """
     if isinstance(outline, Disc):
         return f"{solid.value} of radius {floor(outline.radius * 100) / 100:g}"
     if len(outline.rings) == 1 and (box := _box(outline.rings[0].outer)) is not None:
@@ -396,7 +430,7 @@ def shape_words(outline: Outline, solid: Solid) -> str:
 
 
 def _box(points: Array) -> dict[str, Any] | None:
-    """`box:` of four corners at right angles, else None."""
+    """Return `box:` if the points are four corners with right angles, else None."""
     if len(points) != 4:
         return None
     sides = np.roll(points, -1, axis=0) - points
@@ -413,20 +447,20 @@ def _box(points: Array) -> dict[str, Any] | None:
 
 
 def corners(points: Array) -> list[list[float]]:
-    """`(K, 2)` px -> [[x, y], ...] to 0.01 px, none twice in a row."""
-    rounded = np.round(points, 2) + 0.0
-    fresh = np.any(rounded != np.roll(rounded, 1, axis=0), axis=1)
-    kept = rounded[fresh] if fresh.sum() >= 3 else rounded
-    return [[short(x), short(y)] for x, y in kept]
+    """Return `(K, 2)` px as [[x, y], ...] to 0.01 px, without repeated points."""
+    grid_points = np.round(points, 2) + 0.0
+    is_new = np.any(grid_points != np.roll(grid_points, 1, axis=0), axis=1)
+    distinct = grid_points[is_new] if is_new.sum() >= 3 else grid_points
+    return [[short(x), short(y)] for x, y in distinct]
 
 
 def short(value: float) -> float:
-    """The number, as a whole one where it is one: 18, not 18.0."""
+    """Return the number, as an integer if possible: 18 instead of 18.0."""
     return int(value) if float(value).is_integer() else float(value)
 
 
 def wall_entry(wall: Wall) -> dict[str, Any]:
-    """One boundary: a segment of two points, a polyline of more."""
+    """Return a boundary's entry: a segment of two points, or a polyline of more."""
     points = [[short(x), short(y)] for x, y in wall.points]
     entry: dict[str, Any] = (
         {"segment": points} if len(points) == 2 else {"polyline": points}
@@ -437,7 +471,7 @@ def wall_entry(wall: Wall) -> dict[str, Any]:
     return entry | {"from": provenance(wall.source, wall.confidence)}
 
 
-# comments
+# Comments of the document.
 
 
 def scene_comments(
@@ -446,14 +480,14 @@ def scene_comments(
     specks: int,
     boundaries: BoundaryGuess,
 ) -> dict[str, str]:
-    """Sentences about the source of each guess, by dotted path."""
+    """Return comments on the sources of all estimates, by dotted path."""
     sources = {
         "given": "from the masks given",
         "pointed at": "where you pointed",
         "kept": "as the scene had them"
         + (", and where you pointed" if found.prompts else ""),
     }
-    how = sources.get(found.source, f"found by {found.source}")
+    origin = sources.get(found.source, f"found by {found.source}")
     left_out = (
         f"; {specks} specks of under {SMALLEST_OBJECT} px left out" if specks else ""
     )
@@ -461,7 +495,7 @@ def scene_comments(
     comments = {
         "physgen": "as perceived in a photo: change any number, then physgen render THIS-FILE",
         "world.view": f"side or top: {boundaries.reason.partition(' and ')[0]} (confidence {boundaries.confidence:g})",
-        "objects": f"{counts}, {how}, counted from left to right{left_out}",
+        "objects": f"{counts}, {origin}, counted from left to right{left_out}",
     }
     if boundaries.view is View.TOP:
         comments["world.table"] = (
@@ -483,32 +517,43 @@ def scene_comments(
 
 
 def label_counts(labels: Mapping[int, str]) -> str:
-    """The number of objects of each label: 2 x ball, 1 x block."""
+    """Return the number of objects of each label, e.g. 2 x ball, 1 x block."""
     counts: dict[str, int] = {}
     for label in labels.values():
         counts[label or "object"] = counts.get(label or "object", 0) + 1
-    ordered = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
-    return ", ".join(f"{n} x {label}" for label, n in ordered)
+    sorted_counts = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
+    return ", ".join(f"{n} x {label}" for label, n in sorted_counts)
 
 
 def summary(perceived: PerceivedScene) -> list[str]:
-    """What was found, how sure it is, and how to correct it: the first line in short, then a line for each subject."""
+    """Return the results, their confidence and possible corrections as lines.
+
+    The first line is short; one line per subject follows.
+    """
     document, comments = perceived.document, perceived.comments
     objects, world = document["objects"], document["world"]
-    sure = {name: mask_confidence(item) for name, item in objects.items()}
-    ends = sorted({min(sure.values(), default=0.0), max(sure.values(), default=0.0)})
-    confidence = (
-        f", confidence {' to '.join(f'{end:.2f}' for end in ends)}" if sure else ""
+    confidences = {name: mask_confidence(item) for name, item in objects.items()}
+    ends = sorted(
+        {min(confidences.values(), default=0.0), max(confidences.values(), default=0.0)}
     )
-    unsure = [
-        f"{name} ({one:.2f})" for name, one in sure.items() if one < DOUBTS.unsure
+    confidence = (
+        f", confidence {' to '.join(f'{end:.2f}' for end in ends)}"
+        if confidences
+        else ""
+    )
+    doubtful_names = [
+        f"{name} ({value:.2f})"
+        for name, value in confidences.items()
+        if value < DOUBTS.unsure
     ]
-    check = f", but look at {listed([name.split()[0] for name in unsure], 'and')}"
-    suits = f"{perceived.suitability}{check if unsure and str(perceived.suitability) == 'good' else ''}"
+    check = (
+        f", but look at {listed([name.split()[0] for name in doubtful_names], 'and')}"
+    )
+    suits = f"{perceived.suitability}{check if doubtful_names and str(perceived.suitability) == 'good' else ''}"
     first = f"{counted(len(objects), 'object')}{confidence}; suitability: {suits}"
     if not objects:
         lines = [first, f"  objects   {Note.NO_OBJECTS.text(fix=ADD_OBJECT)}"]
-        if doubts := _doubtful_row(perceived, unsure):
+        if doubts := _doubtful_row(perceived, doubtful_names):
             lines.append(f"  doubtful  {doubts}")
         return lines
     table = {
@@ -523,7 +568,7 @@ def summary(perceived: PerceivedScene) -> list[str]:
     }
     table["support"] = _support_row(document)
     table["motion"] = _motion_row(perceived)
-    if doubts := _doubtful_row(perceived, unsure):
+    if doubts := _doubtful_row(perceived, doubtful_names):
         table["doubtful"] = doubts
     return [
         first,
@@ -532,7 +577,7 @@ def summary(perceived: PerceivedScene) -> list[str]:
 
 
 def _support_row(document: Mapping[str, Any]) -> str:
-    """Return the names of the boundaries, and of the objects that do not move."""
+    """Return the names of the boundaries and of the static objects."""
     walls = [name for name in document["boundaries"] if name != "bottom"]
     row = ", ".join(walls) or Note.NO_BOUNDARY.text()
     static = []
@@ -545,7 +590,7 @@ def _support_row(document: Mapping[str, Any]) -> str:
 
 
 def _motion_row(perceived: PerceivedScene) -> str:
-    """Return the pushes of the summary."""
+    """Return the row with the pushes."""
     pushes = []
     for name, item in perceived.document["objects"].items():
         if any(item.get("velocity", ())):
@@ -556,16 +601,16 @@ def _motion_row(perceived: PerceivedScene) -> str:
 
 
 def _doubtful_row(perceived: PerceivedScene, unsure: Sequence[str]) -> str:
-    """Return what the summary says of `unsure` objects and of doubtful regions."""
+    """Return the row with `unsure` objects and doubtful regions."""
     document, comments = perceived.document, perceived.comments
     doubts: list[str] = []
     if unsure:
         doubts.append(Note.UNSURE.text(names=", ".join(unsure)))
-    # a user's regions have no confidence
+    # Regions drawn by the user have no confidence and are not doubtful.
     regions = [
         name
-        for name, one in document.get("doubtful", {}).items()
-        if "confidence" in one
+        for name, entry in document.get("doubtful", {}).items()
+        if "confidence" in entry
     ]
     if regions:
         name = regions[0]
@@ -585,16 +630,17 @@ def _doubtful_row(perceived: PerceivedScene, unsure: Sequence[str]) -> str:
 
 
 def mask_confidence(item: Mapping[str, Any]) -> float:
-    """Confidence of an object's mask, from its `from`."""
+    """Return the confidence of an object's mask, from its `from`."""
     return float(item["from"]["mask"].rpartition(" ")[2])
 
 
 def with_doubtful(
     labels: Labels, doubtful: Sequence[Doubt]
 ) -> tuple[Labels, dict[str, Any], dict[str, str]]:
-    """Return the label map with ids for regions that may be objects, `doubtful:`, and its comments.
+    """Return the label map with ids for doubtful regions, their entries and their
+    comments.
 
-    A region ends where an object is.
+    Pixels of objects are excluded from the regions.
     """
     result = labels.copy()
     entries: dict[str, Any] = {}
@@ -620,7 +666,7 @@ def with_doubtful(
     return result, entries, comments
 
 
-# files
+# Files of the scene.
 
 
 def write_scene(
@@ -633,18 +679,21 @@ def write_scene(
     known: Record = UNKNOWN,
     stdout: Path | None = None,
 ) -> str:
-    """Writes the assets, and the scene file where `output` is given; returns the scene's text.
+    """Write the assets, and the scene file if `output` is given; return the scene's
+    text.
 
-    `before` is the text of a scene that was perceived again: lines, comments and shapes stay where nothing is new;
-    `known` is the record beside it.
+    `before` is the text of a refreshed scene: its lines, comments and shapes stay
+    unless their values are new; `known` is its record.
 
-    Assets go to `OUTPUT-STEM.assets/` beside the scene; without `output`, to those of the
-    file `stdout` that the caller writes the text to, or to `NAME.assets/` in the current
-    folder. Assets of another scene in the way stay, and the new ones go to
+    Assets go to `OUTPUT-STEM.assets/` beside the scene. Without `output` they go to the
+    folder of the file `stdout`, which the caller writes, or to `NAME.assets/` in the
+    current folder. Assets of another scene are not overwritten; the new ones then go to
     `OUTPUT-STEM-2.assets/`.
-    `photo` is its file; None where no scene can name the file as it is. Of that, and of a file outside the scene's
-    folder, the pixels are written as `NAME.png`: a copy of the file would keep where the photo was taken. Existing
-    files that differ are kept as `NAME~` (`keep` is called with them).
+
+    `photo` is the photo's file, or None if a scene cannot name it. In that case, and if
+    the file is outside the scene's folder, its pixels are written as `NAME.png`; a copy
+    of the file would contain the place where the photo was taken. Existing files with
+    other content are kept as `NAME~`, and `keep` is called with them.
     """
     target = output or stdout or Path(f"{name}.yaml")
     folder = target.parent
@@ -652,7 +701,7 @@ def write_scene(
     copy = "" if inside else _free_of_maps(f"{name}.png")
     heads = ("physgen", "image", "assets", "maps")
     body = {key: value for key, value in perceived.document.items() if key not in heads}
-    old: dict[str, Any] = {} if before is None else marked(before).data()
+    old: dict[str, Any] = {} if before is None else mark_values(before).data()
     body["objects"], outlines = short_entries(
         body["objects"],
         perceived.percepts.labels,
@@ -661,7 +710,7 @@ def write_scene(
     )
 
     def written(assets: Path) -> str:
-        """The scene's text with the assets in this folder."""
+        """Return the scene's text with the assets in this folder."""
         image = assets / copy if copy or photo is None else photo
         head = {
             "physgen": 1,
@@ -678,28 +727,30 @@ def write_scene(
             text,
         )
 
-    # a folder that is there may be another scene's
-    assets, there = free_folder(target)
+    # An existing folder may belong to another scene.
+    assets, existing_folder = free_folder(target)
     if output is not None:
-        same = (
-            there
+        is_same_scene = (
+            existing_folder
             and output.is_file()
-            and written(there).encode() == output.read_bytes()
+            and written(existing_folder).encode() == output.read_bytes()
         )
         folder.mkdir(parents=True, exist_ok=True)
     else:
-        same = there and not any(
-            there.name.encode() in one.read_bytes() for one in folder.glob("*.yaml")
+        is_same_scene = existing_folder and not any(
+            existing_folder.name.encode() in scene_file.read_bytes()
+            for scene_file in folder.glob("*.yaml")
         )
-    assets = there if there and same else assets
-    ours = {*(f"{name}.png" for name in MAPS), OUTLINES, OVERVIEW, SCHEMA}
-    for file, crc in recorded(assets, "files").items():
+    assets = existing_folder if existing_folder and is_same_scene else assets
+    file_names = {*(f"{name}.png" for name in MAPS), OUTLINES, OVERVIEW, SCHEMA}
+    for file, crc in read_recorded(assets, "files").items():
         if (
-            file in ours
+            file in file_names
             and (assets / file).is_file()
             and crc32((assets / file).read_bytes()) == crc
         ):
-            (assets / file).unlink()  # as it was written: nobody painted in it
+            # Delete only files with unchanged content: users may have painted in a map.
+            (assets / file).unlink()
     ranges = write_assets(perceived.percepts, assets, keep)
     if copy:
         write_png(assets / copy, perceived.percepts.rgb, keep)
@@ -745,13 +796,13 @@ def write_scene(
         }
     if description is not None:
         record["summary"] = list(description.summary)
-    made = sorted(file for file in assets.iterdir() if file.name in ours)
-    record["files"] = {file.name: crc32(file.read_bytes()) for file in made}
+    asset_files = sorted(file for file in assets.iterdir() if file.name in file_names)
+    record["files"] = {file.name: crc32(file.read_bytes()) for file in asset_files}
     write_atomic(
         assets / RECORD, json.dumps(record, ensure_ascii=False).encode() + b"\n"
     )
     text = written(assets)
-    note_files(assets, {*ours, RECORD, copy} - {""})
+    note_files(assets, {*file_names, RECORD, copy} - {""})
     if output is None:
         note_scene(target, text.encode("utf-8"))
     else:
@@ -766,70 +817,77 @@ def _rewritten(
     perceived: PerceivedScene,
     known: Record,
 ) -> str:
-    """The text with new data, and with comments on the values that are new, or whose reason is.
+    """Return the text with new data, and with comments on new values and new reasons.
 
-    Comments of perception on values that are the user's go. Objects of nothing but a mask, and boundaries that are
-    new, are written as in a new file.
+    Comments of perception on values of the user are removed. Objects that consist of a
+    mask alone, and new boundaries, are written as in a new file.
     """
-    objects, changed = (
+    objects, has_changes = (
         old.get("objects", {}),
         old.get("objects", {}).keys() != new["objects"].keys(),
     )
-    bare = {name for name, was in objects.items() if was.keys() <= BARE}
-    fresh = {
+    bare_names = {
+        name for name, old_sources in objects.items() if old_sources.keys() <= BARE
+    }
+    new_keys = {
         key for key in perceived.comments if value_at(new, key) != value_at(old, key)
     }
-    fresh |= {key for key in perceived.comments if bare & set(key.split(".")[1:2])}
-    fresh -= set() if changed else {"objects"}
-    stale = (
+    new_keys |= {
+        key for key in perceived.comments if bare_names & set(key.split(".")[1:2])
+    }
+    new_keys -= set() if has_changes else {"objects"}
+    removed_keys = (
         ["world.pixels_per_meter"] if perceived.wrote.get("", {}).get("given") else []
     )
-    same = []  # the file says how they were found first
+    # The file already describes how these objects were found.
+    unchanged_keys = []
     for name, item in perceived.document["objects"].items():
-        wrote, now = known.entry(name, item), item.get("from", {})
-        was = wrote.get("from", {})
-        theirs = {
+        wrote, sources = known.entry(name, item), item.get("from", {})
+        old_sources = wrote.get("from", {})
+        user_keys = {
             key
             for key in ("label", "mass", "friction")
-            if key in was and key not in now
+            if key in old_sources and key not in sources
         }
-        stale += [
+        removed_keys += [
             f"objects.{name}.{key}"
-            for key in theirs | perceived.wrote.get(name, {}).keys()
+            for key in user_keys | perceived.wrote.get(name, {}).keys()
         ]
-        stale += [] if any(item.get("velocity", ())) else [f"objects.{name}.velocity"]
-        if was.get("mask") == now.get("mask") and wrote.get("label") == item.get(
+        removed_keys += (
+            [] if any(item.get("velocity", ())) else [f"objects.{name}.velocity"]
+        )
+        if old_sources.get("mask") == sources.get("mask") and wrote.get(
             "label"
-        ):
-            same += [
+        ) == item.get("label"):
+            unchanged_keys += [
                 key
                 for part in ("mask", "mass")
-                if (key := f"objects.{name}.{part}") not in fresh
+                if (key := f"objects.{name}.{part}") not in new_keys
             ]
         else:
-            changed = True
-    same += [] if changed else ["objects"]
+            has_changes = True
+    unchanged_keys += [] if has_changes else ["objects"]
     comments = {
         key: words
         for key, words in perceived.comments.items()
-        if key not in (*stale, *same)
+        if key not in (*removed_keys, *unchanged_keys)
     }
     for section, names in (
-        ("objects", bare),
+        ("objects", bare_names),
         ("boundaries", old.get("boundaries", {})),
     ):
         for name in names:
-            now = new.get(section, {}).get(name)
-            if now is not None and now != old[section][name]:
-                text = written_anew(text, (section, name), now)
+            sources = new.get(section, {}).get(name)
+            if sources is not None and sources != old[section][name]:
+                text = written_anew(text, (section, name), sources)
     text = without_comments(
-        write(text, new), [key.split(".") for key in stale], known.comments
+        write(text, new), [key.split(".") for key in removed_keys], known.comments
     )
-    return with_comments(text, comments, known.comments, fresh)
+    return with_comments(text, comments, known.comments, new_keys)
 
 
 def value_at(document: Mapping[str, Any], key: str) -> object:
-    """The value at a dotted key, or None."""
+    """Return the value at a dotted key, or None."""
     value: Any = document
     for part in key.split("."):
         value = value.get(part) if isinstance(value, Mapping) else None
@@ -842,35 +900,41 @@ def short_entries(
     written: Mapping[str, Any],
     wholes: Mapping[int, Outline] = MappingProxyType({}),
 ) -> tuple[dict[str, Any], str]:
-    """The objects as the file has them, and `outlines.json` with their shapes and solids, and their `wholes` by id.
+    """Return the objects as the file has them, and the text of `outlines.json`.
 
-    The file has no shape, solid, `from` or default but where it was `written`, or where the object's mask is no id.
+    `outlines.json` holds shapes, solids and `wholes`, by mask id. The file omits shape,
+    solid, `from` and defaults, except if it was `written` with them or the object's
+    mask is not an id.
     """
-    short, stored, usual = {}, [], (schema_at(("objects", "")) or {})["properties"]
+    short, stored_shapes, usual = (
+        {},
+        [],
+        (schema_at(("objects", "")) or {})["properties"],
+    )
     for name, item in objects.items():
-        kept, mask = written.get(name, {}), item.get("mask")
-        if "shape" in item and "shape" not in kept and isinstance(mask, int):
-            ours = ["shape"] if "solid" in kept else ["shape", "solid"]
+        written_entry, mask = written.get(name, {}), item.get("mask")
+        if "shape" in item and "shape" not in written_entry and isinstance(mask, int):
+            shape_keys = ["shape"] if "solid" in written_entry else ["shape", "solid"]
             entry = {"crc": mask_crc(labels, mask)} | {
-                key: item[key] for key in ours if key in item
+                key: item[key] for key in shape_keys if key in item
             }
             if mask in wholes:
                 entry["whole"] = shape_entry(wholes[mask])
-            stored.append(f"{json.dumps(str(mask))}: {json.dumps(entry)}")
-            item = {key: value for key, value in item.items() if key not in ours}
+            stored_shapes.append(f"{json.dumps(str(mask))}: {json.dumps(entry)}")
+            item = {key: value for key, value in item.items() if key not in shape_keys}
         short[name] = {
             key: value
             for key, value in item.items()
-            if key in kept
+            if key in written_entry
             or (key != "from" and (key not in USUAL or value != usual[key]["default"]))
         }
-    return short, "{\n" + ",\n".join(stored) + "\n}\n"
+    return short, "{\n" + ",\n".join(stored_shapes) + "\n}\n"
 
 
 def _free_of_maps(name: str) -> str:
-    """The photo's name among the assets: no other picture has it."""
-    taken = {*MAPS, Path(OVERVIEW).stem}
-    return f"photo-{name}" if Path(name).stem.lower() in taken else name
+    """Return a name for the photo among the assets that differs from all maps."""
+    map_names = {*MAPS, Path(OVERVIEW).stem}
+    return f"photo-{name}" if Path(name).stem.lower() in map_names else name
 
 
 def _relative(path: Path, folder: Path) -> str:

@@ -1,8 +1,9 @@
-"""Outlines of objects as they go on behind others.
+"""Outlines of objects continued behind others.
 
-The engine needs outlines that do not overlap; the renderer needs the whole object, since
-what hides it moves away. A ball or a fruit is a circle through its visible border, other
-round things an ellipse; else a bay that another object fills is closed by the hull.
+The engine needs outlines without overlap; the renderer needs the complete object,
+because the object in front moves away. A ball or a fruit is a circle through its
+visible border, and other round objects are ellipses. Otherwise the hull closes a bay
+that another object fills.
 """
 
 from __future__ import annotations
@@ -22,27 +23,43 @@ from physgen.perceive.occlusion import OcclusionOrder, drawing_layers, occlusion
 from physgen.perceive.roles import Labels, Mask, PhotoObject
 
 ROLLING_FORMS = ("ball", "lump")
-"""Of `materials.Kind`: what is about as deep as it is wide and high."""
+"""Values of `materials.Kind.form` of objects with about equal depth, width and
+height.
+"""
 
 
 @dataclass(frozen=True)
 class HiddenConstants:
     """Constants of continued outlines, tuned on apples and toys by eye."""
 
-    near: float = 3.0  # px: a border so near to another object may be that one's
-    points: int = 24  # of a visible border, at least
-    arc: float = 0.3  # of a turn that a circle's visible border covers, at least
-    ellipse_arc: float = 0.45  # the same of an ellipse
-    lumpy: float = 0.09  # of its radius, by which a fruit's border leaves its circle
-    fits: float = 0.8  # share of the border that lies so near
-    smooth: float = 0.03  # of its size, by which a border leaves an ellipse
-    open: float = 0.08  # share of a circle that may show what is behind the object
-    least: float = 0.02  # of an object's area: less is not worth completing
-    least_of_ball: float = 0.004  # of a ball's disc: a bite shows on a round outline
-    most: float = 1.5  # times its area: more is a guess
-    bay: float = 0.8  # share of a bay that objects in front fill
-    smallest: float = 0.6  # of a ball's radius that is left where neighbours touch
-    moved: float = 0.06  # of a ball's radius by which neighbours push it off its border
+    # px: a border this near to another object may belong to that object.
+    near: float = 3.0
+    # Least number of points of a visible border.
+    points: int = 24
+    # Least visible part of a circle's border, as a share of a turn.
+    arc: float = 0.3
+    # The same for an ellipse.
+    ellipse_arc: float = 0.45
+    # Largest distance of a fruit's border from its circle, as a share of the radius.
+    lumpy: float = 0.09
+    # Least share of the border within that distance.
+    fits: float = 0.8
+    # Largest distance of a border from its ellipse, as a share of the size.
+    smooth: float = 0.03
+    # Largest share of a circle that shows the background.
+    open: float = 0.08
+    # Least hidden area that is completed, as a share of the object's area.
+    least: float = 0.02
+    # The same as a share of a ball's disc: a bite is visible on a round outline.
+    least_of_ball: float = 0.004
+    # Largest hidden area as a multiple of the visible area; more would be a guess.
+    most: float = 1.5
+    # Least share of a bay that objects in front fill.
+    bay: float = 0.8
+    # Least share of a ball's radius that remains between touching neighbours.
+    smallest: float = 0.6
+    # Displacement by neighbours from which a ball returns to its border, in radii.
+    moved: float = 0.06
 
 
 HIDDEN = HiddenConstants()
@@ -51,46 +68,46 @@ HIDDEN = HiddenConstants()
 def continue_outlines(
     labels: Labels, objects: Sequence[PhotoObject]
 ) -> tuple[list[PhotoObject], dict[int, Outline]]:
-    """Return the objects, hidden balls as discs, and whole outlines by id.
+    """Return the objects, with hidden balls as discs, and full outlines by id.
 
-    An object has a whole outline if others hide a part of it.
+    An object has a full outline if other objects hide a part of it.
     """
     ids = [item.id for item in objects]
     _, orders = drawing_layers(occlusion_orders(labels, ids), {})
     fronts = with_neighbours_of_balls(fronts_of(orders), labels, objects)
     wholes: dict[int, Outline] = {}
-    completed = list(objects)
+    result = list(objects)
     for place, item in enumerate(objects):
         if item.id not in fronts or item.cut:
             continue
-        whole = _whole_outline(labels, item, fronts[item.id])
-        if whole is not None:
-            wholes[item.id] = whole
-        circle = whole
-        if not isinstance(whole, Disc):
+        full_outline = _whole_outline(labels, item, fronts[item.id])
+        if full_outline is not None:
+            wholes[item.id] = full_outline
+        circle = full_outline
+        if not isinstance(full_outline, Disc):
             circle = _border_circle(labels, item, fronts[item.id])
         if isinstance(circle, Disc):
-            others = [other for other in completed if other.id != item.id]
+            others = [other for other in result if other.id != item.id]
             disc = _free_disc(circle, others)
             if disc is not None:
-                completed[place] = replace(item, outline=disc)
-    return completed, wholes
+                result[place] = replace(item, outline=disc)
+    return result, wholes
 
 
 def _border_circle(labels: Labels, item: PhotoObject, fronts: set[int]) -> Disc | None:
-    """Return the circle of a ball's border if neighbours pushed its disc off it.
+    """Return the circle of a ball's border if neighbours displaced its disc, else None.
 
-    Discs of balls that touch are moved together, which lumpy fruit does not bear.
+    The fit moves the discs of touching balls together, which distorts lumpy fruit.
     """
     disc = item.outline
     if not isinstance(disc, Disc) or kind(item.label).form not in ROLLING_FORMS:
         return None
     window, corner = _window(labels, item.id)
-    own = window == item.id
-    border = _free_border(own, window)
+    mask = window == item.id
+    border = _free_border(mask, window)
     if len(border) < HIDDEN.points:
         return None
-    circle = _circle(border, own, np.isin(window, list(fronts)))
+    circle = _circle(border, mask, np.isin(window, list(fronts)))
     if circle is None:
         return None
     center = circle.center + corner
@@ -103,21 +120,22 @@ def _border_circle(labels: Labels, item: PhotoObject, fronts: set[int]) -> Disc 
 def with_neighbours_of_balls(
     fronts: Mapping[int, set[int]], labels: Labels, objects: Sequence[PhotoObject]
 ) -> dict[int, set[int]]:
-    """Return the fronts, of each ball with all that it touches.
+    """Return the fronts, with all neighbours of each ball added.
 
-    Its circle shows the hidden part of it, also where an order of two is unsure.
+    The ball's circle shows its hidden part even if the order of two objects is
+    uncertain.
     """
-    completed = {i: set(front) for i, front in fronts.items()}
+    result = {i: set(front) for i, front in fronts.items()}
     balls = {item.id for item in objects if kind(item.label).form in ROLLING_FORMS}
     for i, j in touching_masks(labels, [item.id for item in objects]):
-        for own, other in ((i, j), (j, i)):
-            if own in balls:
-                completed.setdefault(own, set()).add(other)
-    return completed
+        for ball, other in ((i, j), (j, i)):
+            if ball in balls:
+                result.setdefault(ball, set()).add(other)
+    return result
 
 
 def fronts_of(orders: Sequence[OcclusionOrder]) -> Mapping[int, set[int]]:
-    """Return the ids of what hides each object."""
+    """Return the ids of the objects that hide each object."""
     fronts: dict[int, set[int]] = {}
     for order in orders:
         fronts.setdefault(order.behind, set()).add(order.front)
@@ -127,29 +145,30 @@ def fronts_of(orders: Sequence[OcclusionOrder]) -> Mapping[int, set[int]]:
 def _whole_outline(
     labels: Labels, item: PhotoObject, fronts: set[int]
 ) -> Outline | None:
-    """Return the outline with its hidden part; None if none is found."""
+    """Return the outline with its hidden part, or None."""
     window, corner = _window(labels, item.id)
-    own = window == item.id
-    by = np.isin(window, list(fronts))
-    border = _free_border(own, window)
+    mask = window == item.id
+    front_mask = np.isin(window, list(fronts))
+    border = _free_border(mask, window)
     if len(border) < HIDDEN.points:
         return None
     is_ball = kind(item.label).form in ROLLING_FORMS
     if is_ball:
-        disc = _circle(border, own, by)
-        if disc is None or _hidden_share(disc, own, by) < HIDDEN.least_of_ball:
+        disc = _circle(border, mask, front_mask)
+        if disc is None or _hidden_share(disc, mask, front_mask) < HIDDEN.least_of_ball:
             return None
         return Disc(disc.center + corner, disc.radius)
-    hidden = _ellipse(border, own, by)
-    if hidden is None:
-        hidden = _bays(own, by)
-    whole = own | (hidden & by)
-    gained = np.count_nonzero(whole) - np.count_nonzero(own)
-    area = np.count_nonzero(own)
-    if not HIDDEN.least * area <= gained <= HIDDEN.most * area:
+    hidden_part = _ellipse(border, mask, front_mask)
+    if hidden_part is None:
+        hidden_part = _bays(mask, front_mask)
+    full_mask = mask | (hidden_part & front_mask)
+    hidden_area = np.count_nonzero(full_mask) - np.count_nonzero(mask)
+    area = np.count_nonzero(mask)
+    if not HIDDEN.least * area <= hidden_area <= HIDDEN.most * area:
         return None
+    # The completed mask may leave the photo; only the inner pixels are fitted.
     full = np.zeros(labels.shape, np.uint16)
-    rows, columns = np.nonzero(whole)
+    rows, columns = np.nonzero(full_mask)
     inside_rows, inside_columns = rows + int(corner[1]), columns + int(corner[0])
     is_inside = (inside_rows >= 0) & (inside_rows < labels.shape[0])
     is_inside &= (inside_columns >= 0) & (inside_columns < labels.shape[1])
@@ -158,24 +177,24 @@ def _whole_outline(
 
 
 def _window(labels: Labels, i: int) -> tuple[Labels, Array]:
-    """Return the label map around an object, and the photo's px at its corner."""
+    """Return the label map around an object, and the position of its corner, px."""
     x, y, width, height = cv2.boundingRect((labels == i).astype(np.uint8))
     margin = max(width, height) // 2 + 6
-    padded = np.pad(labels, margin)
-    part = padded[y : y + height + 2 * margin, x : x + width + 2 * margin]
+    padded_labels = np.pad(labels, margin)
+    part = padded_labels[y : y + height + 2 * margin, x : x + width + 2 * margin]
     return part, np.array([x - margin, y - margin], np.float64)
 
 
 def _free_border(own: Mask, window: Labels) -> Array:
-    """Return `(N, 2)` px of the border that no other object is near."""
+    """Return the border `(N, 2)` away from other objects, px."""
     border = long_border(own)
     others = ((window != 0) & ~own).astype(np.uint8)
     if not others.any():
         return border
-    away = cv2.distanceTransform(1 - others, cv2.DIST_L2, 5)
+    distance = cv2.distanceTransform(1 - others, cv2.DIST_L2, 5)
     columns = np.clip(np.rint(border[:, 0]).astype(int), 0, own.shape[1] - 1)
     rows = np.clip(np.rint(border[:, 1]).astype(int), 0, own.shape[0] - 1)
-    is_free = away[rows, columns] > HIDDEN.near
+    is_free = distance[rows, columns] > HIDDEN.near
     return np.asarray(border[is_free], np.float64)
 
 
@@ -187,11 +206,11 @@ def _covered_turn(border: Array, center: Array) -> float:
 
 
 def _circle(border: Array, own: Mask, by: Mask) -> Disc | None:
-    """Return the circle of a ball or a fruit."""
+    """Return the circle of a ball or a fruit, or None."""
     circle = robust_circle(border)
     center, radius = circle[:2], float(circle[2])
-    off = np.abs(np.hypot(*(border - center).T) - radius)
-    fits = float((off <= max(1.0, HIDDEN.lumpy * radius)).mean())
+    distances = np.abs(np.hypot(*(border - center).T) - radius)
+    fits = float((distances <= max(1.0, HIDDEN.lumpy * radius)).mean())
     if fits < HIDDEN.fits or _covered_turn(border, center) < HIDDEN.arc:
         return None
     rows, columns = np.indices(own.shape)
@@ -202,15 +221,15 @@ def _circle(border: Array, own: Mask, by: Mask) -> Disc | None:
 
 
 def _hidden_share(disc: Disc, own: Mask, by: Mask) -> float:
-    """Return the share of a disc that what is in front of it hides."""
+    """Return the share of a disc that objects in front hide."""
     rows, columns = np.indices(own.shape)
-    away = np.hypot(columns - disc.center[0], rows - disc.center[1])
-    inside = away <= disc.radius
+    distance = np.hypot(columns - disc.center[0], rows - disc.center[1])
+    inside = distance <= disc.radius
     return float((inside & by).sum() / max(inside.sum(), 1))
 
 
 def _ellipse(border: Array, own: Mask, by: Mask) -> Mask | None:
-    """Return the pixels of an ellipse through the border; None if it fits none."""
+    """Return the pixels of an ellipse through the border, or None."""
     (x, y), axes, angle = cv2.fitEllipseAMS(border.astype(np.float32))
     size = float(min(axes)) / 2
     if not np.isfinite([x, y, *axes]).all() or not 2 < size < max(own.shape):
@@ -220,35 +239,37 @@ def _ellipse(border: Array, own: Mask, by: Mask) -> Mask | None:
     if _covered_turn(border, np.array([x, y])) < HIDDEN.ellipse_arc:
         return None
     turn = np.radians(angle)
-    along = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-    scaled = (border - [x, y]) @ along.T / (np.array(axes) / 2)
-    off = np.abs(np.hypot(*scaled.T) - 1)
-    if float(np.quantile(off, HIDDEN.fits)) > HIDDEN.smooth:
+    axes_matrix = np.array(
+        [[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]
+    )
+    unit_points = (border - [x, y]) @ axes_matrix.T / (np.array(axes) / 2)
+    distances = np.abs(np.hypot(*unit_points.T) - 1)
+    if float(np.quantile(distances, HIDDEN.fits)) > HIDDEN.smooth:
         return None
-    filled = np.zeros(own.shape, np.uint8)
-    cv2.ellipse(filled, ((x, y), axes, angle), 1, -1)
-    inside = filled > 0
+    ellipse_mask = np.zeros(own.shape, np.uint8)
+    cv2.ellipse(ellipse_mask, ((x, y), axes, angle), 1, -1)
+    inside = ellipse_mask > 0
     open_ = (inside & ~own & ~by).sum()
     return None if open_ > HIDDEN.open * inside.sum() else inside
 
 
 def _bays(own: Mask, by: Mask) -> Mask:
-    """Return the bays of an object's hull that what is in front of it fills."""
+    """Return the bays of an object's hull that objects in front fill."""
     hull = np.zeros(own.shape, np.uint8)
     corners = cv2.convexHull(np.argwhere(own)[:, ::-1].astype(np.int32))
     cv2.fillConvexPoly(hull, corners, 1)
     open_ = ((hull > 0) & ~own).astype(np.uint8)
     count, bays, stats, _ = cv2.connectedComponentsWithStats(open_, connectivity=4)
-    filled = np.bincount(bays[by], minlength=count)
-    is_filled = filled >= HIDDEN.bay * stats[:, cv2.CC_STAT_AREA]
-    is_filled[0] = False
-    return np.asarray(is_filled[bays])
+    fill_counts = np.bincount(bays[by], minlength=count)
+    bay_mask = fill_counts >= HIDDEN.bay * stats[:, cv2.CC_STAT_AREA]
+    bay_mask[0] = False
+    return np.asarray(bay_mask[bays])
 
 
 def _free_disc(whole: Disc, others: Sequence[PhotoObject]) -> Disc | None:
-    """Return the largest disc about the ball's middle that overlaps no other object.
+    """Return the largest disc about the ball's centre without overlap, or None.
 
-    None if little is left: the ball stays as it is visible.
+    None means that little would remain; then the ball keeps its visible outline.
     """
     radius = whole.radius
     for other in others:

@@ -1,8 +1,9 @@
-"""Import of a scene folder of the paper's public code, with the meaning that its numbers have there.
+"""Import of a scene folder of the paper's public code. original.png, mask.png and
+sim.yaml are required; inpaint.png, normal.npy, shading.npy and depth.npy are optional.
 
-original.png, mask.png and sim.yaml are needed; inpaint.png, normal.npy, shading.npy and depth.npy are used if present.
-The meaning was measured by running that code: `init_acc` is a change of velocity, coefficients of two surfaces
-multiply, walls have friction 1 and elasticity 0 by default, balls turn as discs.
+The meaning of the numbers was measured by running that code: `init_acc` is a change of
+velocity, coefficients of two surfaces multiply, walls have friction 1 and elasticity 0
+by default, and balls have the moment of inertia of discs.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ from physgen.photometry import fit_light
 from physgen.photos import read_image
 from physgen.problems import InputError, Place, Problem, Severity
 from physgen.progress import Progress, silent
-from physgen.scene.document import Node, Source, children, decode, plain, read
+from physgen.scene.document import Node, Source, children, decode, read, to_plain_data
 from physgen.scene.scene import View
 from physgen.scene.schema import Schema, expand
 from physgen.text import dotted, nearest, shown
@@ -59,14 +60,14 @@ from physgen.text import dotted, nearest, shown
 Vector = tuple[float, float]
 NEEDED = ("original.png", "mask.png", "sim.yaml")
 STEP = 1 / 60
-"""s, of that code's simulation."""
+"""s: time step of that code's simulation."""
 LEAST_SPREAD = 0.06
-"""Of normals that determine a light; the flat fronts of blocks do not."""
+"""Least spread of normals that determine a light; the flat fronts of blocks do not."""
 
 
 @cache
 def _schema() -> Schema:
-    """Of sim.yaml, with that code's defaults."""
+    """Return the schema of sim.yaml with that code's defaults."""
     return expand(
         json.loads(
             resource("schemas", "physgen-sim.schema.json").read_text(encoding="utf-8")
@@ -79,18 +80,23 @@ class Body:
     """One entry of `obj_info`."""
 
     label: str
-    primitive: str  # "circle", or "polygon": that of its mask
-    mass: float  # g, of circles
-    density: float  # g/px², of polygons
+    # "circle", or "polygon" for the polygon of its mask.
+    primitive: str
+    # g, for circles.
+    mass: float
+    # g/px², for polygons.
+    density: float
     friction: float
     elasticity: float
     place: Place
-    velocity: Vector | None  # px/s
-    push: Vector | None  # `init_acc`, a change of velocity, px/s
+    # px/s.
+    velocity: Vector | None
+    # `init_acc`, a change of velocity, px/s.
+    push: Vector | None
 
     @property
     def circle(self) -> bool:
-        """Whether it is one."""
+        """Return whether the body is a circle."""
         return self.primitive == "circle"
 
 
@@ -98,24 +104,28 @@ class Body:
 class Sim:
     """The content of sim.yaml, with that code's defaults."""
 
-    gravity: float  # px/s² down; 0 seen from above
-    num_steps: float  # of 1/60 s
+    # px/s² down; 0 if seen from above.
+    gravity: float
+    # Steps of 1/60 s.
+    num_steps: float
     animation_frames: float
     ground_friction: float
     ground_elasticity: float
     denoise_strength: float | None
-    bodies: dict[int, Body]  # by id in mask.png
-    edges: list[tuple[Vector, Vector]]  # px
+    # Bodies by id in mask.png.
+    bodies: dict[int, Body]
+    # px.
+    edges: list[tuple[Vector, Vector]]
     warnings: tuple[Problem, ...]
 
     @property
     def duration(self) -> float:
-        """s."""
+        """Return the duration, s."""
         return int(self.num_steps) * STEP
 
     @property
     def frames(self) -> int:
-        """Of the video."""
+        """Return the number of frames of the video."""
         return int(self.animation_frames)
 
 
@@ -126,9 +136,10 @@ def import_physgen(
     assets: str = "photo.assets",
     progress: Progress = silent,
 ) -> PerceivedScene:
-    """The scene of one folder; `image` and `assets` are their names in the document.
+    """Return the scene of a folder; `image` and `assets` are names in the document.
 
-    Raises InputError with every file that is missing or wrong, and every wrong line of sim.yaml.
+    Raises InputError with every missing or invalid file and every invalid line of
+    sim.yaml.
     """
     _check_folder(folder)
     progress("read", 0, 4)
@@ -160,13 +171,17 @@ def import_physgen(
     if (light := _fitted_light(normals, shading, labels)) is not None:
         document["light"] = light
     shadows = _find_shadows(percepts, objects, sim)
-    if (clean := shadows.clean) is not None:
+    if (clean_background := shadows.clean) is not None:
         if not shadows.faint:
             standing = labels if sim.gravity else None
-            clean = refill_background(
-                clean, background, coverage, registry.make("inpaint"), standing
+            clean_background = refill_background(
+                clean_background,
+                background,
+                coverage,
+                registry.make("inpaint"),
+                standing,
             )
-        percepts = replace(percepts, clean=clean)
+        percepts = replace(percepts, clean=clean_background)
         source = provenance("shadows", shadows.confidence)
         document["light"] = light_entry(shadows.light) | {
             "softness": shadows.softness,
@@ -189,23 +204,24 @@ def import_physgen(
 def outlines_by_kind(
     labels: NDArray[np.uint16], circle: Mapping[int, bool]
 ) -> dict[int, Outline]:
-    """Outlines by id of `labels` (H, W): a circle where `circle` is true, else polygons, however round.
+    """Return outlines by id of `labels` (H, W): circles if `circle` is true, else
+    polygons.
 
-    Neighbours are fitted together as far as their kind is the one that the fit would choose.
+    Neighbours are fitted together if their kind is the one that the fit would choose.
     """
-    found: dict[int, Outline] = dict(fit_outlines(labels, list(circle)))
-    for i, wanted in circle.items():
-        if isinstance(found[i], Disc) != wanted:
+    outlines: dict[int, Outline] = dict(fit_outlines(labels, list(circle)))
+    for i, is_circle in circle.items():
+        if isinstance(outlines[i], Disc) != is_circle:
             mask = without_specks(labels == i)
-            as_circle = fit_circle(mask, long_border(mask))[0] if wanted else None
-            found[i] = as_circle or fit_regions(mask.astype(np.int64))[1]
-    return found
+            as_circle = fit_circle(mask, long_border(mask))[0] if is_circle else None
+            outlines[i] = as_circle or fit_regions(mask.astype(np.int64))[1]
+    return outlines
 
 
 def _document(
     sim: Sim, objects: list[PhotoObject], image: str, assets: str
 ) -> dict[str, Any]:
-    """World, objects, boundaries and forces."""
+    """Return the document: world, objects, boundaries and forces."""
     names = object_names(objects)
     world: dict[str, Any] = {
         "view": "side" if sim.gravity else "top",
@@ -217,24 +233,30 @@ def _document(
     world |= {"combine": "multiply", "duration": round(sim.duration, 9)}
     order = list(names)
     entries, forces = {}, []
-    for one in sorted(objects, key=lambda one: order.index(one.id)):
-        body = sim.bodies[one.id]
-        entry = {"label": one.label, "mask": one.id, "shape": shape_entry(one.outline)}
-        if isinstance(one.outline, Disc):
+    for item in sorted(objects, key=lambda one: order.index(one.id)):
+        body = sim.bodies[item.id]
+        entry = {
+            "label": item.label,
+            "mask": item.id,
+            "shape": shape_entry(item.outline),
+        }
+        if isinstance(item.outline, Disc):
             entry |= {"solid": "disc", "mass": body.mass}
         else:
             entry["density"] = body.density
         entry |= {"friction": body.friction, "elasticity": body.elasticity}
         if body.velocity is not None:
             entry["velocity"] = list(body.velocity)
-        entries[names[one.id]] = entry
-    for one in objects:
-        body = sim.bodies[one.id]
+        entries[names[item.id]] = entry
+    for item in objects:
+        body = sim.bodies[item.id]
         if body.push is not None:
-            area = mass_properties(one.outline).area
-            mass = body.mass if isinstance(one.outline, Disc) else body.density * area
+            area = mass_properties(item.outline).area
+            mass = body.mass if isinstance(item.outline, Disc) else body.density * area
             impulse = [float(f"{mass * v:.6g}") for v in body.push]
-            forces.append({"object": names[one.id], "impulse": impulse})
+            # `init_acc` is added to the velocity at t = 0, so that it becomes an
+            # impulse.
+            forces.append({"object": names[item.id], "impulse": impulse})
     surface = {"friction": sim.ground_friction, "elasticity": sim.ground_elasticity}
     walls = {
         f"wall-{k}": {"segment": [list(a), list(b)], **surface}
@@ -271,7 +293,7 @@ def _comments(sim: Sim, folder: Path) -> dict[str, str]:
 
 
 def _find_shadows(percepts: Percepts, objects: list[PhotoObject], sim: Sim) -> Shadows:
-    """The photo's shadows, by a light near the one that explains the maps."""
+    """Return the photo's shadows, starting from the light that explains the maps."""
     surface = sim.ground_friction, sim.ground_elasticity
     walls = tuple(
         Wall(f"wall-{k}", ends, *surface, 1.0, "", "")
@@ -286,16 +308,19 @@ def _find_shadows(percepts: Percepts, objects: list[PhotoObject], sim: Sim) -> S
     guess: LightGuess = registry.make("light")(
         rgb, labels, objects, normals, intrinsics
     )
-    found: Shadows = registry.make("shadow")(
+    shadows: Shadows = registry.make("shadow")(
         percepts.background, percepts.coverage, labels, objects, matter, boundary, guess
     )
-    return found
+    return shadows
 
 
 def _fitted_light(
     normals: F32 | None, shading: F32 | None, labels: NDArray[np.uint16]
 ) -> dict[str, Any] | None:
-    """The light that explains the shading of the objects; None where the maps do not determine it."""
+    """Return the light that explains the shading of the objects, or None.
+
+    None means that the maps do not determine it.
+    """
     if normals is None or shading is None:
         return None
     inside = labels > 0
@@ -309,27 +334,31 @@ def _fitted_light(
 
 
 def _check_folder(folder: Path) -> None:
-    needed = ", ".join(NEEDED)
+    """Raise InputError with all missing files of a folder."""
+    file_names = ", ".join(NEEDED)
     if not folder.is_dir():
-        raise Message.IMPORT_NOT_FOLDER.error(str(folder), needed=needed)
-    missing = [folder / name for name in NEEDED if not (folder / name).is_file()]
-    if missing:
+        raise Message.IMPORT_NOT_FOLDER.error(str(folder), needed=file_names)
+    absent_files = [folder / name for name in NEEDED if not (folder / name).is_file()]
+    if absent_files:
         raise InputError(
             [
-                Message.IMPORT_FILE_MISSING.problem(Place(str(path)), needed=needed)
-                for path in missing
+                Message.IMPORT_FILE_MISSING.problem(Place(str(path)), needed=file_names)
+                for path in absent_files
             ]
         )
 
 
 def _check_size(path: Path, size: tuple[int, ...], rgb: Rgb) -> None:
+    """Raise InputError if a picture has another size than the photo."""
     if tuple(size[:2]) != rgb.shape[:2]:
-        found, photo = (f"{s[1]} x {s[0]} px" for s in (size, rgb.shape))
-        raise Message.IMPORT_SIZE.error(str(path), found, size=photo)
+        file_size, photo = (f"{s[1]} x {s[0]} px" for s in (size, rgb.shape))
+        raise Message.IMPORT_SIZE.error(str(path), file_size, size=photo)
 
 
 def _read_labels(path: Path, rgb: Rgb, sim: Sim) -> NDArray[np.uint16]:
-    """The mask with the ids of sim.yaml's objects; other ids belong to the background."""
+    """Return the mask with the ids of sim.yaml's objects; other ids become
+    background.
+    """
     labels = read_labels(path)
     _check_size(path, labels.shape[:2], rgb)
     problems = [
@@ -343,6 +372,9 @@ def _read_labels(path: Path, rgb: Rgb, sim: Sim) -> NDArray[np.uint16]:
 
 
 def _read_background(path: Path, rgb: Rgb, hole: NDArray[np.bool_]) -> Rgb:
+    """Return the folder's background with seamless borders, or a fill if there is
+    none.
+    """
     if not path.is_file():
         return fill_behind(rgb, hole, registry.make("inpaint"))
     other = read_image(path)
@@ -351,9 +383,10 @@ def _read_background(path: Path, rgb: Rgb, hole: NDArray[np.bool_]) -> Rgb:
 
 
 def _read_maps(folder: Path, rgb: Rgb) -> tuple[F32 | None, F32 | None, F32 | None]:
-    """Normals, shading and depth in our axes, None for those that are missing."""
+    """Return normals, shading and depth in physgen's axes, None for missing files."""
     normals = _read_array(folder / "normal.npy", rgb.shape)
-    if normals is not None:  # x points left there, y up (measured on balls and floors)
+    # In that code x points left and y up (measured on balls and floors).
+    if normals is not None:
         normals = normals * np.array([-1, -1, 1], np.float32)
         normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-6)
     shading, depth = (
@@ -364,6 +397,7 @@ def _read_maps(folder: Path, rgb: Rgb) -> tuple[F32 | None, F32 | None, F32 | No
 
 
 def _read_array(path: Path, shape: tuple[int, ...]) -> F32 | None:
+    """Return an array of the given shape as float32, or None if the file is missing."""
     if not path.is_file():
         return None
     try:
@@ -376,10 +410,11 @@ def _read_array(path: Path, shape: tuple[int, ...]) -> F32 | None:
         or array.dtype.kind not in "fiu"
         or array.shape != shape
     ):
-        found, wanted = (
-            " x ".join(map(str, one)) for one in (getattr(array, "shape", ()), shape)
+        size, photo_size = (
+            " x ".join(map(str, sizes))
+            for sizes in (getattr(array, "shape", ()), shape)
         )
-        raise Message.ARRAY_WRONG.error(str(path), found or "it", wanted=wanted)
+        raise Message.ARRAY_WRONG.error(str(path), size or "it", wanted=photo_size)
     values = np.array(array, np.float32)
     if not np.isfinite(values).all():
         raise Message.ARRAY_NOT_FINITE.error(str(path), "NaN or infinity")
@@ -387,20 +422,20 @@ def _read_array(path: Path, shape: tuple[int, ...]) -> F32 | None:
 
 
 SIM_START = "`obj_info:` and one entry per object"
-"""First key of the file, as messages name it."""
+"""The first key of the file, as written in messages."""
 
 
 def read_sim(path: Path) -> Sim:
-    """Raises InputError with every wrong line."""
+    """Read sim.yaml, or raise InputError with every invalid line."""
     source = Source(str(path), path.parent)
     root = read(decode(path.read_bytes(), str(path)), source, start=SIM_START)
-    data, known = plain(root), _schema()["properties"]
-    of_object = known["obj_info"]["additionalProperties"]["properties"]
+    data, properties = to_plain_data(root), _schema()["properties"]
+    of_object = properties["obj_info"]["additionalProperties"]["properties"]
     problems = [
         _fault(root, error)
         for error in Draft202012Validator(_schema()).iter_errors(data)
     ]
-    problems += _unknown_keys(root, known, "")
+    problems += _unknown_keys(root, properties, "")
     nodes = children(root, "obj_info")
     for key, node in nodes.items():
         problems += _unknown_keys(node, of_object, f"obj_info.{key}")
@@ -429,12 +464,15 @@ def read_sim(path: Path) -> Sim:
         )
     edges = [((a[0], a[1]), (b[0], b[1])) for a, b in data.get("edge_list") or []]
     return Sim(
-        **_settings(data, known), bodies=bodies, edges=edges, warnings=tuple(problems)
+        **_settings(data, properties),
+        bodies=bodies,
+        edges=edges,
+        warnings=tuple(problems),
     )
 
 
 def _settings(entry: Mapping[str, Any], known: Mapping[str, Schema]) -> dict[str, Any]:
-    """The value of each key that has a default, which stands for null, too."""
+    """Return the value of each key with a default; null means the default."""
     defaults = {
         key: part["default"] for key, part in known.items() if "default" in part
     }
@@ -445,28 +483,30 @@ def _settings(entry: Mapping[str, Any], known: Mapping[str, Schema]) -> dict[str
 
 
 def _fault(root: Node, error: ValidationError) -> Problem:
-    """The message of a violation of the schema, with its line."""
+    """Return the problem of a violation of the schema, with its line."""
     node: Any = root
     for key in error.absolute_path:
         node = node.value[key]
-    wanted = str(error.schema.get("description", "a number"))  # type: ignore[union-attr]
-    found = shown(error.instance if error.validator == "pattern" else node.value)
-    wrong = Message.SIM_VALUE_WRONG
+    expected_value = str(error.schema.get("description", "a number"))  # type: ignore[union-attr]
+    actual_value = shown(error.instance if error.validator == "pattern" else node.value)
+    message = Message.SIM_VALUE_WRONG
     if error.validator == "required":
-        wrong = Message.SIM_VALUE_MISSING
+        message = Message.SIM_VALUE_MISSING
     path = dotted(tuple(error.absolute_path))
-    return wrong.problem(node.place, path, found, wanted=wanted)
+    return message.problem(node.place, path, actual_value, wanted=expected_value)
 
 
 def _unknown_keys(node: Node, known: Mapping[str, Any], path: str) -> Iterator[Problem]:
-    """An error for a misspelt key, a warning for an unknown one."""
+    """Yield an error for a misspelt key and a warning for an unknown one."""
     for key, child in children(node).items():
         if key not in known:
-            near = nearest(key, known)
-            where = f"{path}.{key}" if path else key
-            place, found = child.key_place, f'"{key}"'
+            similar_key = nearest(key, known)
+            key_path = f"{path}.{key}" if path else key
+            place, quoted_key = child.key_place, f'"{key}"'
             unknown = Message.UNKNOWN_SIM_KEY
-            if near is None:
-                yield unknown.warning(place, where, found, fix="it is ignored")
+            if similar_key is None:
+                yield unknown.warning(place, key_path, quoted_key, fix="it is ignored")
             else:
-                yield unknown.problem(place, where, found, fix=did_you_mean(near))
+                yield unknown.problem(
+                    place, key_path, quoted_key, fix=did_you_mean(similar_key)
+                )

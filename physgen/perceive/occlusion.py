@@ -1,8 +1,10 @@
-"""Occlusion order of objects, and the layers to draw them in.
+"""Occlusion order of objects, and the layers in which they are drawn.
 
-A hidden part follows from how its outline would go on: a round object's circle, or the hull that closes a bay or a
-hole, passes under what lies in front (amodal completion, Kanizsa 1979). A border that two objects share belongs to
-the nearer one, so it follows that one's own smooth outline. Where two objects just touch, nothing is hidden.
+A hidden part follows from the continuation of the visible outline: a round object's
+circle, or the hull that closes a bay or a hole, continues under the object in front
+(amodal completion, Kanizsa 1979). A common border of two objects belongs to the nearer
+one and therefore follows that object's smooth outline. If two objects only touch, no
+part is hidden.
 """
 
 from __future__ import annotations
@@ -25,23 +27,32 @@ Box = tuple[int, int, int, int]
 
 @dataclass(frozen=True)
 class _Limits:
-    """When an object reaches under another; px unless stated."""
+    """Limits of occlusion; px unless stated."""
 
-    deep: float = 6.0  # and at least ...
-    part: float = 0.1  # ... this share of the smaller object's size: true masks of objects on each other,
-    # seen a little from above, reach 5 px under (chosen on the studio's tuning half)
-    twice: float = 2.0  # how much deeper one of two must reach, where each seems to reach under the other
-    free_arc: float = 0.25  # of a full turn: what must be seen of a circle's border that it is known to go on
-    rounded: float = 0.04  # of its radius, and at least ...
-    coarse: float = (
-        0.8  # ... this: by how much the border of a round object may lie off its circle
-    )
-    fits: float = 0.95  # share of the seen border that lies so near to the circle
-    # share of a circle that may show the background, where the object would be if it went on
+    # Least depth of an object under another, and at least ...
+    deep: float = 6.0
+    # ... this share of the smaller object's size. True masks of stacked objects seen
+    # slightly from above overlap by 5 px (chosen on the studio's tuning half).
+    part: float = 0.1
+    # Least ratio of both depths if each object seems to reach under the other.
+    twice: float = 2.0
+    # Least visible part of a circle's border, as a share of a full turn.
+    free_arc: float = 0.25
+    # Largest distance of a round object's border from its circle, as a share of the
+    # radius, and at least ...
+    rounded: float = 0.04
+    # ... this distance.
+    coarse: float = 0.8
+    # Least share of the visible border within that distance.
+    fits: float = 0.95
+    # Largest share of a circle that shows the background instead of the object.
     open: float = 0.04
-    filled: float = 0.8  # share of a bay or a hole that another object fills
-    whole: float = 0.97  # share of its circle that is seen of a round object in front
-    near: float = 2.6  # between borders that two objects share
+    # Least share of a bay or hole that another object fills.
+    filled: float = 0.8
+    # Least visible share of the circle of a round object in front.
+    whole: float = 0.97
+    # Largest distance between common borders of two objects.
+    near: float = 2.6
 
 
 LIMITS = _Limits()
@@ -49,7 +60,7 @@ LIMITS = _Limits()
 
 @dataclass(frozen=True)
 class OcclusionOrder:
-    """One object in front of another, by their ids."""
+    """An object in front of another, by their ids."""
 
     front: int
     behind: int
@@ -57,9 +68,10 @@ class OcclusionOrder:
 
 
 def occlusion_orders(labels: Labels, ids: Sequence[int]) -> list[OcclusionOrder]:
-    """Pairs where one object hides a part of the other, the surest first.
+    """Return pairs of objects in which one hides a part of the other, most confident
+    first.
 
-    Those of the last labels are kept, since outlines and layers need them.
+    The result of the last label map is cached, since outlines and layers both use it.
     """
     return list(
         _find_orders(labels.tobytes(), labels.shape, labels.dtype.str, tuple(ids))
@@ -70,8 +82,9 @@ def occlusion_orders(labels: Labels, ids: Sequence[int]) -> list[OcclusionOrder]
 def _find_orders(
     numbers: bytes, shape: tuple[int, ...], kind: str, ids: tuple[int, ...]
 ) -> list[OcclusionOrder]:
+    """Return the occlusion orders of a label map given as bytes."""
     labels: Labels = np.frombuffer(numbers, kind).reshape(shape)
-    found = []
+    orders = []
     touching = touching_masks(labels, ids)
     boxes = {i: _box_of(labels, i) for i in {i for pair in touching for i in pair}}
     free = {i: _free_circle(labels, i, box) for i, box in boxes.items()}
@@ -81,30 +94,34 @@ def _find_orders(
         circles = {
             k: None if (circle := free[k]) is None else circle - corner for k in (i, j)
         }
-        under = [_reach_under(part, inner, circles, a, b) for a, b in ((i, j), (j, i))]
-        deep = max(under)
-        if deep < max(LIMITS.deep, LIMITS.part * size) or deep < LIMITS.twice * min(
-            under
+        depths = [_reach_under(part, inner, circles, a, b) for a, b in ((i, j), (j, i))]
+        depth = max(depths)
+        # The depth must be large for the objects' size, and clearly larger than the
+        # opposite depth.
+        if depth < max(LIMITS.deep, LIMITS.part * size) or depth < LIMITS.twice * min(
+            depths
         ):
             continue
-        front, behind = (j, i) if under[0] > under[1] else (i, j)
-        found.append(
-            OcclusionOrder(front, behind, round(min(0.5 + 0.4 * deep / size, 0.9), 2))
+        front, back = (j, i) if depths[0] > depths[1] else (i, j)
+        orders.append(
+            OcclusionOrder(front, back, round(min(0.5 + 0.4 * depth / size, 0.9), 2))
         )
     return sorted(
-        found, key=lambda order: (-order.confidence, order.front, order.behind)
+        orders, key=lambda order: (-order.confidence, order.front, order.behind)
     )
 
 
 def drawing_layers(
     found: Sequence[OcclusionOrder], fixed: Mapping[int, int] | None = None
 ) -> tuple[dict[int, int], list[OcclusionOrder]]:
-    """The layers of all objects in `found` that are not 0, by id, and the orders that they keep.
+    """Return the layers of all objects in `found` that are not 0, by id, and their
+    orders.
 
-    Orders that would close a ring are left out, the least sure first. `fixed` layers stay.
+    Orders that would close a cycle are dropped, the least confident first. `fixed`
+    layers stay.
     """
     before: dict[int, set[int]] = {}
-    kept: list[OcclusionOrder] = []
+    kept_orders: list[OcclusionOrder] = []
     for order in sorted(found, key=lambda one: -one.confidence):
         if (
             order.front in _all_behind(order.behind, before)
@@ -112,7 +129,7 @@ def drawing_layers(
         ):
             continue
         before.setdefault(order.front, set()).add(order.behind)
-        kept.append(order)
+        kept_orders.append(order)
     level = dict(fixed or {})
 
     def layer(i: int) -> int:
@@ -120,60 +137,70 @@ def drawing_layers(
             level[i] = max((layer(k) + 1 for k in before.get(i, ())), default=0)
         return level[i]
 
-    layers = {i: layer(i) for one in kept for i in (one.front, one.behind)}
-    return {i: k for i, k in layers.items() if k and i not in (fixed or {})}, kept
+    layers = {i: layer(i) for one in kept_orders for i in (one.front, one.behind)}
+    return {
+        i: k for i, k in layers.items() if k and i not in (fixed or {})
+    }, kept_orders
 
 
 def _all_behind(start: int, before: Mapping[int, set[int]]) -> set[int]:
-    """Objects behind an object, and behind those, and so on."""
-    seen: set[int] = set()
+    """Return all objects behind an object, directly or through others."""
+    ids: set[int] = set()
     left = [start]
     while left:
-        for i in before.get(left.pop(), set()) - seen:
-            seen.add(i)
+        for i in before.get(left.pop(), set()) - ids:
+            ids.add(i)
             left.append(i)
-    return seen
+    return ids
 
 
 def _reach_under(
     part: Labels, inner: Mask, circles: Mapping[int, Array | None], i: int, j: int
 ) -> float:
-    """px by which object i seems to reach under object j; `circles` are those of their free borders."""
-    mine, other = part == i, part == j
-    deep = _filled_bay(mine, other)
+    """Return the apparent depth of object i under object j, px.
+
+    `circles` are the circles of their free borders.
+    """
+    mask, other = part == i, part == j
+    depth = _filled_bay(mask, other)
     if (circle := circles[i]) is not None:
-        off = circle[2] - _distance(circle, other.shape)
-        if ((off > 0) & (part == 0) & inner).sum() <= LIMITS.open * np.pi * circle[
-            2
-        ] ** 2:
-            deep = max(deep, float(off[other].max()))
+        rim_depth = circle[2] - _distance(circle, other.shape)
+        # The circle may continue under j only, not over visible background.
+        if (
+            (rim_depth > 0) & (part == 0) & inner
+        ).sum() <= LIMITS.open * np.pi * circle[2] ** 2:
+            depth = max(depth, float(rim_depth[other].max()))
     if (circle := circles[j]) is not None:
-        within = _distance(circle, other.shape) <= circle[2]
-        if (within & other).sum() >= LIMITS.whole * (within & inner).sum():
-            deep = max(deep, _bulge(mine, other))
-    return deep
+        in_circle = _distance(circle, other.shape) <= circle[2]
+        # If j is a complete circle, a common border that bulges into i belongs to j.
+        if (in_circle & other).sum() >= LIMITS.whole * (in_circle & inner).sum():
+            depth = max(depth, _bulge(mask, other))
+    return depth
 
 
 def _filled_bay(mine: Mask, other: Mask) -> float:
-    """px by which another object reaches into the hull of one, in bays and holes that it fills."""
+    """Return the depth of an object inside the hull of another, px.
+
+    Only bays and holes filled by the first object count.
+    """
     hull = np.zeros(mine.shape, np.uint8)
     cv2.fillConvexPoly(
         hull, cv2.convexHull(np.argwhere(mine)[:, ::-1].astype(np.int32)), 1
     )
-    within = cv2.distanceTransform(np.pad(hull, 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
+    hull_depth = cv2.distanceTransform(np.pad(hull, 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
     open_ = ((hull > 0) & ~mine).astype(np.uint8)
     count, bays, stats, _ = cv2.connectedComponentsWithStats(open_, connectivity=4)
-    filled = (
+    is_filled = (
         np.bincount(bays[other], minlength=count)
         >= LIMITS.filled * stats[:, cv2.CC_STAT_AREA]
     )
-    filled[0] = False
-    reached = within[filled[bays] & other]
-    return float(reached.max()) if len(reached) else 0.0
+    is_filled[0] = False
+    depths = hull_depth[is_filled[bays] & other]
+    return float(depths.max()) if len(depths) else 0.0
 
 
 def _free_circle(labels: Labels, i: int, box: Box) -> Array | None:
-    """`(3,)` px: x, y, radius of the circle that the free border of an object lies on; None where it lies on none."""
+    """Return the circle (x, y, radius; px) of an object's free border, or None."""
     part, inner, corner = _window(labels, box)
     border = long_border(part == i)
     others = (part != 0) & (part != i)
@@ -184,50 +211,55 @@ def _free_circle(labels: Labels, i: int, box: Box) -> Array | None:
         return None
     circle = robust_circle(free)
     x, y = (free - circle[:2]).T
-    seen = np.unique((np.arctan2(y, x) * 36 / np.pi).astype(int))
-    off = np.abs(np.hypot(x, y) - circle[2])
-    fits = float((off <= max(LIMITS.coarse, LIMITS.rounded * circle[2])).mean())
+    angles = np.unique((np.arctan2(y, x) * 36 / np.pi).astype(int))
+    distances = np.abs(np.hypot(x, y) - circle[2])
+    fits = float((distances <= max(LIMITS.coarse, LIMITS.rounded * circle[2])).mean())
     return (
         circle + corner
-        if len(seen) >= LIMITS.free_arc * 72 and fits >= LIMITS.fits
+        if len(angles) >= LIMITS.free_arc * 72 and fits >= LIMITS.fits
         else None
     )
 
 
 def _bulge(mine: Mask, other: Mask) -> float:
-    """px by which the border that another object shares with one bulges into it."""
+    """Return the bulge of the common border of two objects into the first one, px."""
     border = long_border(other)
-    shared = _gap(mine, border) <= LIMITS.near
-    if shared.all():
+    is_common = _gap(mine, border) <= LIMITS.near
+    if is_common.all():
         return float(np.ptp(border, axis=0).min())
-    order = np.roll(np.arange(len(border)), -int(np.argmin(shared)))
-    along = np.flatnonzero(shared[order])
-    if not len(along):
+    # Start outside the common border, so that each common stretch is contiguous.
+    order = np.roll(np.arange(len(border)), -int(np.argmin(is_common)))
+    common_points = np.flatnonzero(is_common[order])
+    if not len(common_points):
         return 0.0
-    run = max(np.split(along, np.flatnonzero(np.diff(along) > 5) + 1), key=len)
+    run = max(
+        np.split(common_points, np.flatnonzero(np.diff(common_points) > 5) + 1), key=len
+    )
     points = border[order[run]]
     chord = points[-1] - points[0]
-    off = np.abs((points - points[0]) @ [-chord[1], chord[0]]) / max(
+    distances = np.abs((points - points[0]) @ [-chord[1], chord[0]]) / max(
         float(np.hypot(*chord)), 1e-9
     )
-    return float(off.max())
+    return float(distances.max())
 
 
 def _distance(circle: Array, shape: tuple[int, ...]) -> Array:
-    """(h, w) px from the centre of a circle."""
+    """Return the distance (h, w) from the centre of a circle, px."""
     y, x = np.ogrid[: shape[0], : shape[1]]
     return np.asarray(np.hypot(x - circle[0], y - circle[1]))
 
 
 def _gap(mask: Mask, points: Array) -> Array:
-    """`(N,)` px from points `(N, 2)` to a mask; infinite where it is empty."""
+    """Return the distance `(N,)` from points `(N, 2)` to a mask, px; infinite if it is
+    empty.
+    """
     if not mask.any():
         return np.full(len(points), np.inf)
-    away = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
+    distance = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
     column, row = np.clip(
         np.round(points).astype(np.intp), 0, np.array(mask.shape[::-1]) - 1
     ).T
-    return np.asarray(away[row, column], np.float64)
+    return np.asarray(distance[row, column], np.float64)
 
 
 def _box_of(labels: Labels, i: int) -> Box:
@@ -245,9 +277,11 @@ def _box_around(boxes: Sequence[Box]) -> Box:
 
 
 def _window(labels: Labels, box: Box) -> tuple[Labels, Mask, Array]:
-    """The label map around a box, the part of it within the photo, and where it begins: x, y, 0."""
+    """Return the label map around a box, its pixels inside the photo, and its corner
+    (x, y, 0).
+    """
     x, y, width, height = box
-    # a circle may reach farther than what is seen of it
+    # A circle may reach farther than its visible part.
     margin = (max(width, height) - 1) // 2 + 4
     top, left = max(y - margin, 0), max(x - margin, 0)
     cut = labels[top : y + height + margin, left : x + width + margin]

@@ -1,9 +1,10 @@
-"""Photo to percepts and scene document: the stages of perception in order.
+"""Photo to percepts and scene document: the stages of perception in order. photo ->
+segment -> label -> physics -> boundary -> normals -> intrinsic -> light -> matte ->
+shadow -> inpaint
 
-    photo -> segment -> label -> physics -> boundary -> normals -> intrinsic -> light -> matte -> shadow -> inpaint
-
-Each stage is a role that a backend fills (`physgen.perceive.roles`, `physgen.registry`). `write_scene` in
-`physgen.perceive.document` writes the result: a scene file and its assets.
+Each stage is a role, and a backend fills the role (`physgen.perceive.roles`,
+`physgen.registry`). `write_scene` in `physgen.perceive.document` writes the result: a
+scene file and its assets.
 """
 
 from __future__ import annotations
@@ -83,30 +84,35 @@ from physgen.scene.scene import View
 from physgen.text import listed
 
 UNKNOWN = BoundaryGuess(View.SIDE, 0.0, "", ())
-"""Before boundaries are found."""
+"""The boundaries before the boundary stage."""
 POINT = "mark them with --masks FILE, --box x,y,w,h or --point x,y"
-# ids from which mostly specks, and objects from which anything, is no label map
+# Limits of a label map: ids if most of them are specks, and objects in any case.
 MOST_IDS, MOST_OBJECTS = (200, 5000)
 EXACTLY_ROUND = 0.975
-"""IoU with its circle from which a mask is that of a disc, whatever it is: a wheel, a lid.
-Of COCO's photos a clock reaches 0.90, a pizza 0.93, a cup 0.96."""
-NEARLY_ROUND = (
-    0.93  # IoU with its circle from which a mask becomes that circle; balls have 0.96
-)
-SMALLEST_SIDE = 8  # px; the shadow search takes slopes at a coarse scale
-LONGEST_SIDE = 1600  # px, by default: more than most screens show of a clip, and perception takes seconds
+"""Least IoU of a mask with its circle for a disc of any label: a wheel, a lid.
+
+In COCO's photos a clock reaches 0.90, a pizza 0.93, a cup 0.96.
+"""
+# Least IoU of a mask with its circle for its replacement; balls have 0.96.
+NEARLY_ROUND = 0.93
+# px; the shadow search computes slopes at a coarse scale.
+SMALLEST_SIDE = 8
+# px, by default: more than most screens show, and perception still takes seconds.
+LONGEST_SIDE = 1600
 ROLES = (
     "categories", "segment", "label", "physics", "depth", "boundary", "normals", "intrinsic", "light", "matte",
     "shadow", "inpaint",
 )  # fmt: skip
-"""In the order in which they run."""
+"""The roles in the order in which they run."""
 KEPT = ("inpaint", "normals", "label")
-"""Roles that are called again, or whose model the next role may share: they are released later."""
+"""Roles that are called again or share a model with the next role, so that they are
+released later.
+"""
 
 
 @dataclass(frozen=True)
 class KnownFacts:
-    """What is known of a photo before it is perceived; None is guessed."""
+    """Facts that are known before perception; None is estimated."""
 
     view: BoundaryGuess | None = None
     pixels_per_meter: float | None = None
@@ -127,26 +133,28 @@ def perceive(
     progress: Progress = silent,
     meanwhile: Callable[[PerceivedScene], PerceivedScene] = lambda scene: scene,
 ) -> PerceivedScene:
-    """Perceives a photo; `found` None: segment it.
+    """Perceive a photo; segment it if `found` is None.
 
-    `renames` are `NAME=TEXT`: NAME is the name that an object would have without, its mask id, or a pattern
-    (`ball-*`). `crew` fills the roles; `asked` are the nouns to search for, for segmenters that take nouns. `known`
-    is not guessed. `meanwhile` completes the scene while its backgrounds are made, which the scene does
-    not hold yet. Raises InputError where no scene can be made.
+    `renames` are `NAME=TEXT`: NAME is an object's name without renaming, its mask id,
+    or a pattern (`ball-*`). `crew` fills the roles; `asked` are nouns for segmenters
+    that take nouns; `known` facts are not estimated. `meanwhile` completes the scene
+    while its backgrounds are computed, so that the scene passed to it has no
+    backgrounds yet. Raises InputError if no scene is possible.
     """
     check_size(rgb)
     view, pixels_per_meter = known.view, known.pixels_per_meter
     run = _Run(rgb, crew or Backends(), progress)
     scenery: Scenery | None = None
-    unsure: Sequence[Remain] = ()
+    doubtful_parts: Sequence[Remain] = ()
     if found is None:
         found, scenery = run.detect(asked)
         ids = [int(i) for i in np.unique(found.labels) if i > 0]
-        attached, unsure = attach_remains(
+        extended_labels, doubtful_parts = attach_remains(
             found.labels, find_remains(rgb, found.labels, ids)
         )
-        attached = attach_outgrowths(rgb, attached)
-        found = _with_loose_parts(rgb, replace(found, labels=attached), view)
+        extended_labels = attach_outgrowths(rgb, extended_labels)
+        found = replace(found, labels=extended_labels)
+        found = _with_loose_parts(rgb, found, view)
     objects, specks = fit_objects(rgb, found)
     if not objects:
         document.relabel_objects(objects, renames, {})
@@ -154,18 +162,20 @@ def perceive(
     if found.source != "given":
         new = [item for item in objects if item.id not in found.mask_sources]
         found = replace(found, labels=_rounded(found.labels, new))
-    filled = (
+    filled_labels = (
         found.labels
         if found.gone is None
         else np.where(found.labels > 0, found.labels, found.gone)
     )
-    with ThreadPoolExecutor(1) as beside:
+    # The matte and the fill run in a second thread, because no other stage needs them
+    # until the end.
+    with ThreadPoolExecutor(1) as executor:
         is_core = run.core("matte")
-        cutting = beside.submit(run.cut_out, filled) if is_core else None
+        cutting = executor.submit(run.cut_out, filled_labels) if is_core else None
         names = run.name(found, objects, renames)
-        outlined = outline_as_named(rgb, found.labels, names.objects)
-        outlined, wholes = continue_outlines(found.labels, outlined)
-        names = replace(names, objects=outlined)
+        outlined_objects = outline_as_named(rgb, found.labels, names.objects)
+        outlined_objects, wholes = continue_outlines(found.labels, outlined_objects)
+        names = replace(names, objects=outlined_objects)
         matter, scale = run.weigh(names, pixels_per_meter)
         boundaries, depth, normals = run.find_boundaries(
             found, names.objects, view, scenery
@@ -174,20 +184,19 @@ def perceive(
             replace(t, outline=boundaries.outlines.get(t.id, t.outline))
             for t in names.objects
         ]
-        if normals is None or run.core(
-            "normals"
-        ):  # the core's normals depend on the boundaries
+        # The default normals depend on the boundaries, so they are computed again.
+        if normals is None or run.core("normals"):
             normals = run.role("normals", rgb, found.labels, objects, boundaries)
         run.crew.release("normals")
         intrinsics: Intrinsics = run.role("intrinsic", rgb, found.labels, normals)
         light: LightGuess = run.role(
             "light", rgb, found.labels, objects, normals, intrinsics
         )
-        around = cutting.result() if cutting else run.cut_out(filled)
-        coverage = around.coverage
+        surroundings = cutting.result() if cutting else run.cut_out(filled_labels)
+        coverage = surroundings.coverage
         shadows: Shadows = run.role(
             "shadow",
-            around.guess,
+            surroundings.guess,
             coverage,
             found.labels,
             objects,
@@ -197,19 +206,20 @@ def perceive(
         )
         standing = found.labels if boundaries.view is View.SIDE else None
         run.progress("inpaint", ROLES.index("inpaint"), len(ROLES))
-        # the fill takes as long as all that does not need it
-        # what the border cuts off stays where it is, as scenery for all others
+        # Objects cut off by the border do not move: they are scenery for the others.
         cut = [item.id for item in objects if item.cut]
-        fixed = find_scenery(filled, cut)
-        scenery_mask = nearest_labels(filled, fixed) & (coverage > 0)
-        filling = beside.submit(run.fill, around, shadows, standing, scenery_mask)
+        fixed_ids = find_scenery(filled_labels, cut)
+        scenery_mask = nearest_labels(filled_labels, fixed_ids) & (coverage > 0)
+        filling = executor.submit(
+            run.fill, surroundings, shadows, standing, scenery_mask
+        )
         labels, doubtful, reasons = document.with_doubtful(found.labels, found.doubtful)
-        kept = {
+        kept_names = {
             i: n
             for i, n in names.before.items()
             if i in found.object_names or i not in names.renamed
         }
-        called = document.object_names(objects, kept)
+        names_by_id = document.object_names(objects, kept_names)
         vehicles = (
             find_vehicles(rgb, found.labels, objects, names.labels, boundaries.walls)
             if boundaries.view is View.SIDE
@@ -218,7 +228,7 @@ def perceive(
         entries, comments = document.object_entries(
             found,
             objects,
-            called,
+            names_by_id,
             matter,
             boundaries,
             document.ObjectLabels(names.labels, names.sources),
@@ -259,20 +269,21 @@ def perceive(
         unknown = (
             document.unknown_label(t.label) for t in objects if t.id in names.renamed
         )
+        # A label missing in the material table gives one warning, not one per object.
         warnings = tuple(dict.fromkeys(problem for problem in unknown if problem))
         warnings += tuple(
-            remain_problem(remain, called[remain.owner])
-            for remain in unsure
-            if remain.owner in called
+            remain_problem(remain, names_by_id[remain.owner])
+            for remain in doubtful_parts
+            if remain.owner in names_by_id
         )
-        if moved := [
+        if changes := [
             f"{names.before[i]} is {name}"
-            for i, name in called.items()
+            for i, name in names_by_id.items()
             if names.before[i] != name
         ]:
             warnings += (
                 Message.NAMES_FOLLOW_LABELS.warning(
-                    Place("--label"), "", listed(moved, "and")
+                    Place("--label"), "", listed(changes, "and")
                 ),
             )
         suits = judge_suitability(rgb, found, objects, boundaries)
@@ -281,27 +292,31 @@ def perceive(
             depth=depth, normals=normals, albedo=intrinsics.albedo, shading=intrinsics.shading,
         )  # fmt: skip
         reason = document.provenance(boundaries.reason, boundaries.confidence)
-        made = meanwhile(
+        scene_draft = meanwhile(
             PerceivedScene(
                 percepts, scene, comments, warnings, (), suits, reason, wholes=wholes
             )
         )
         backgrounds = filling.result()
-        clean = backgrounds.clean
+        clean_background = backgrounds.clean
         if boundaries.view is View.SIDE:
             standing_ids = [t.id for t in objects if t.id not in boundaries.held]
-            seen = backgrounds.shaded if clean is None else clean
-            mirrorless = run.without_mirror_images(
-                seen, found.labels, coverage, standing_ids
+            visible_background = (
+                backgrounds.shaded if clean_background is None else clean_background
             )
-            clean = clean if mirrorless is None else mirrorless
+            mirrorless = run.without_mirror_images(
+                visible_background, found.labels, coverage, standing_ids
+            )
+            clean_background = clean_background if mirrorless is None else mirrorless
         run.crew.release("inpaint")
-        percepts = replace(made.percepts, background=backgrounds.shaded, clean=clean)
-        return run.signed(replace(made, percepts=percepts))
+        percepts = replace(
+            scene_draft.percepts, background=backgrounds.shaded, clean=clean_background
+        )
+        return run.signed(replace(scene_draft, percepts=percepts))
 
 
 def check_size(rgb: Rgb, file: str = "the photo") -> None:
-    """Raises InputError where a photo is too small."""
+    """Raise InputError if a photo is too small."""
     if min(rgb.shape[:2]) < SMALLEST_SIDE:
         found_size = f"{rgb.shape[1]} x {rgb.shape[0]} px"
         raise Message.PHOTO_TOO_SMALL.error(file, found_size, least=SMALLEST_SIDE)
@@ -309,14 +324,16 @@ def check_size(rgb: Rgb, file: str = "the photo") -> None:
 
 @dataclass(frozen=True)
 class _Run:
-    """One photo, the backends that perceive it, and the stages that need more than one call."""
+    """A photo, the backends that perceive it, and the stages with more than one
+    call.
+    """
 
     rgb: Rgb
     crew: Backends
     progress: Progress
 
     def role(self, name: str, *arguments: Any, **extra: Any) -> Any:
-        """Runs one role."""
+        """Run one role and return its result."""
         self.progress(name, ROLES.index(name), len(ROLES))
         result = self.crew.call(name, *arguments, **extra)
         if name not in KEPT:
@@ -324,11 +341,14 @@ class _Run:
         return result
 
     def core(self, *roles: str) -> bool:
-        """Whether no role is filled by a model of the extras, which may want all memory for itself."""
+        """Return whether none of the roles is filled by a model of the extras.
+
+        Such a model may need the whole memory, so that nothing runs beside it.
+        """
         return all(self.crew.row(role).extra is None for role in roles)
 
     def cut_out(self, labels: Labels) -> Surroundings:
-        """Return the photo with the objects cut out and a guess behind them."""
+        """Return the photo without the objects, with an estimate behind them."""
         coverage: F32 = self.crew.call("matte", self.rgb, labels)
         self.crew.release("matte")
         return find_surroundings(self.rgb, coverage)
@@ -340,9 +360,10 @@ class _Run:
         standing: Labels | None,
         scenery_mask: Mask,
     ) -> Backgrounds:
-        """Fill what lies behind the objects, last behind those of `scenery_mask`.
+        """Fill the background behind the objects; those of `scenery_mask` come last.
 
-        Without shadows, what a floor mirrors of objects `standing` on it goes, too.
+        If no shadows are removed, reflections of objects `standing` on a floor are
+        removed as well.
         """
         inpaint = partial(self.crew.call, "inpaint")
         has_movable = ((around.coverage > 0) & ~scenery_mask).any()
@@ -352,72 +373,80 @@ class _Run:
             backgrounds = fill_backgrounds(around, shadows, inpaint)
         if backgrounds.clean is None or shadows.faint or standing is None:
             return backgrounds
-        # scenery stays in the picture, and so do its reflections
+        # Scenery stays in the picture, and so do its reflections.
         movable = np.where(scenery_mask, np.uint16(0), standing)
         coverage = np.where(scenery_mask, np.float32(0), around.coverage)
-        clean = remove_reflections(backgrounds.clean, movable, coverage, inpaint)
-        return replace(backgrounds, clean=clean)
+        clean_background = remove_reflections(
+            backgrounds.clean, movable, coverage, inpaint
+        )
+        return replace(backgrounds, clean=clean_background)
 
     def without_mirror_images(
         self, clean: Rgb, labels: Labels, coverage: F32, ids: Sequence[int]
     ) -> Rgb | None:
-        """Return a background without mirror images of objects; None if it shows none."""
+        """Return a background without mirror images of objects, or None if it has
+        none.
+        """
         inpaint = partial(self.crew.call, "inpaint")
         return remove_mirror_images(self.rgb, clean, labels, coverage, ids, inpaint)
 
     def detect(self, nouns: Sequence[str]) -> tuple[Detections, Scenery | None]:
-        """Segments the photo."""
+        """Segment the photo into detections and scenery."""
         self.progress("segment", ROLES.index("segment"), len(ROLES))
         segments = Segmenter(self.crew, nouns)(self.rgb)
         self.crew.release("segment")
-        sure = {k + 1: float(c) for k, c in enumerate(segments.confidence)}
-        by = self.crew.name("segment")
-        found = Detections(
+        confidences = {k + 1: float(c) for k, c in enumerate(segments.confidence)}
+        backend_name = self.crew.name("segment")
+        detections = Detections(
             segments.labels,
-            by,
-            sure,
+            backend_name,
+            confidences,
             segments.names,
             doubtful=segments.doubtful,
-            named_by=by,
+            named_by=backend_name,
         )
-        return found, segments.scenery
+        return detections, segments.scenery
 
     def name(
         self, found: Detections, objects: Sequence[PhotoObject], renames: Sequence[str]
     ) -> document.Names:
-        """Labels the objects."""
-        # a model does not label objects that have labels; the core's labels let a refresh see which names they made
-        unnamed = (
+        """Label the objects."""
+        # A model labels only objects without labels. The default labels are computed
+        # for all, so that a refresh can tell which names they made.
+        new_objects = (
             [t for t in objects if t.id not in found.names]
             if self.crew.row("label").extra
             else objects
         )
-        guessed: Mapping[int, Name] = (
-            self.role("label", self.rgb, found.labels, unnamed) if unnamed else {}
+        guesses: Mapping[int, Name] = (
+            self.role("label", self.rgb, found.labels, new_objects)
+            if new_objects
+            else {}
         )
-        named = {**guessed, **found.names}
+        labels = {**guesses, **found.names}
         source = {
             t.id: found.named_by if t.id in found.names else self.crew.name("label")
             for t in objects
         }
-        if found.object_names:  # an existing scene has the sources of its labels
+        # An existing scene already contains the sources of its labels.
+        if found.object_names:
             source |= dict.fromkeys(found.names, "")
-        objects = [replace(t, label=named[t.id].label) for t in objects]
-        known = {
+        objects = [replace(t, label=labels[t.id].label) for t in objects]
+        old_names = {
             t.id: found.object_names[t.id]
             for t in objects
             if t.id in found.object_names
         }
-        before = document.object_names(objects, known)
-        objects, renamed = document.relabel_objects(objects, renames, before)
-        source |= dict.fromkeys(renamed, "")
-        confidence = document.label_confidences(found, named, guessed, renamed)
-        return document.Names(objects, named, source, confidence, before, renamed)
+        before = document.object_names(objects, old_names)
+        objects, renamed_ids = document.relabel_objects(objects, renames, before)
+        source |= dict.fromkeys(renamed_ids, "")
+        confidence = document.label_confidences(found, labels, guesses, renamed_ids)
+        return document.Names(objects, labels, source, confidence, before, renamed_ids)
 
     def weigh(
         self, names: document.Names, pixels_per_meter: float | None
     ) -> tuple[Mapping[int, Matter], Scale | None]:
-        """Physical properties of the objects, by id, and the photo's scale."""
+        """Return the matter of the objects by id, and the photo's scale."""
         objects = names.objects
         scale = photo_scale(
             objects, {t.id: kind(t.label) for t in objects}, names.confidence
@@ -443,18 +472,20 @@ class _Run:
         view: BoundaryGuess | None,
         scenery: Any,
     ) -> tuple[BoundaryGuess, Any, Any]:
-        """View and walls, with depth and normals where they were needed (else None)."""
+        """Return view and walls, with depth and normals if they were computed, else
+        None.
+        """
         extra: dict[str, Any] = {"scenery": scenery}
-        needed = self.crew.row("boundary").uses
-        if "depth" in needed or "depth" in self.crew.plan.choices:
+        inputs = self.crew.row("boundary").uses
+        if "depth" in inputs or "depth" in self.crew.plan.choices:
             extra["depth"] = self.role("depth", self.rgb)
-        if "normals" in needed:
+        if "normals" in inputs:
             extra["normals"] = self.role(
                 "normals", self.rgb, found.labels, objects, UNKNOWN
             )
-        known = view and view.view
+        known_view = view and view.view
         guess: BoundaryGuess = self.role(
-            "boundary", self.rgb, found.labels, objects, known, **extra
+            "boundary", self.rgb, found.labels, objects, known_view, **extra
         )
         guess = (
             replace(guess, confidence=view.confidence, reason=view.reason)
@@ -465,8 +496,8 @@ class _Run:
         return guess, depth, extra.get("normals")
 
     def signed(self, made: PerceivedScene) -> PerceivedScene:
-        """With the record of the backends, where models took part."""
-        # one of them may have run beside the others
+        """Return the scene with the record of the backends, if models took part."""
+        # A role in the second thread may have finished out of order.
         self.crew.steps.sort(key=lambda step: ROLES.index(step.role))
         return (
             made
@@ -477,47 +508,51 @@ class _Run:
 
 def nearest_labels(labels: Labels, ids: Sequence[int]) -> Mask:
     """Return the pixels (H, W) whose nearest object has one of the ids."""
-    own = np.isin(labels, ids)
-    if not own.any():
+    own_mask = np.isin(labels, ids)
+    if not own_mask.any():
         return np.zeros(labels.shape, bool)
-    others = (labels > 0) & ~own
+    others = (labels > 0) & ~own_mask
     if not others.any():
         return np.ones(labels.shape, bool)
-    to_own, to_others = (
+    own_distance, other_distance = (
         cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
-        for mask in (own, others)
+        for mask in (own_mask, others)
     )
-    return np.asarray(to_own < to_others)
+    return np.asarray(own_distance < other_distance)
 
 
 def judged_scale(
     objects: Sequence[PhotoObject], matter: Mapping[int, Matter], source: str
 ) -> Scale | None:
-    """The photo's scale by the judged size of each object (`Matter.size`), None where none was judged.
+    """Return the photo's scale by the estimated sizes of objects (`Matter.size`), or
+    None.
 
-    The median counts; the unweighted disagreement of the judgements gives the confidence.
+    The scale is the median of the estimates; their unweighted disagreement determines
+    the confidence.
     """
-    found = [
+    estimates = [
         (box_sides(item.outline)[0] / size, matter[item.id].confidence)
         for item in objects
         if not item.cut and (size := matter[item.id].size)
     ]
-    if not found:
+    if not estimates:
         return None
-    logs = np.log([per_meter for per_meter, _ in found])
+    logs = np.log([per_meter for per_meter, _ in estimates])
     middle = float(np.median(logs))
     spread = 1.5 * LIMITS.judged
     if len(logs) > 1:
         spread = max(float(np.median(np.abs(logs - middle))) * 1.48, LIMITS.judged)
-    sure = float(np.median([confidence for _, confidence in found])) ** 0.5
-    count = f"{len(found)} objects" if len(found) > 1 else "one object"
+    reliability = float(np.median([confidence for _, confidence in estimates])) ** 0.5
+    count = f"{len(estimates)} objects" if len(estimates) > 1 else "one object"
     reason = f"{source} judged the size of {count}, which agree to about {100 * spread:.0f} %"
-    confidence = round(0.95 * sure * exp(-((spread / LIMITS.vague) ** 2)), 2)
+    confidence = round(0.95 * reliability * exp(-((spread / LIMITS.vague) ** 2)), 2)
     return Scale(float(f"{exp(middle):.2g}"), confidence, reason)
 
 
 def fit_objects(rgb: Rgb, found: Detections) -> tuple[list[PhotoObject], int]:
-    """Every object that is more than a speck, with its outline, and the number of specks."""
+    """Return every object with its outline, without specks, and the number of
+    specks.
+    """
     labels = found.labels
     height, width = rgb.shape[:2]
     if labels.shape != (height, width):
@@ -525,42 +560,43 @@ def fit_objects(rgb: Rgb, found: Detections) -> tuple[list[PhotoObject], int]:
         differs = Message.NOT_PHOTO_SIZE
         raise differs.error("--masks", size, width=width, height=height)
     counts = np.bincount(labels.ravel(), minlength=2)
-    every = np.flatnonzero(counts[1:]) + 1
-    ids = [int(i) for i in every if counts[i] >= SMALLEST_OBJECT]
-    mostly_specks = 2 * len(ids) < len(every)
-    if (len(every) > MOST_IDS and mostly_specks) or len(ids) > MOST_OBJECTS:
+    all_ids = np.flatnonzero(counts[1:]) + 1
+    ids = [int(i) for i in all_ids if counts[i] >= SMALLEST_OBJECT]
+    mostly_specks = 2 * len(ids) < len(all_ids)
+    if (len(all_ids) > MOST_IDS and mostly_specks) or len(ids) > MOST_OBJECTS:
         specks = ", most of them of a few pixels" if mostly_specks else ""
-        count = f"{len(every):,} ids{specks}"
+        count = f"{len(all_ids):,} ids{specks}"
         raise Message.NOT_A_LABEL_MAP.error("--masks", count=count)
     if not ids and found.source == "given":
-        if len(every):
+        if len(all_ids):
             raise Message.MASKS_OF_SPECKS.error("--masks", least=SMALLEST_OBJECT)
         raise Message.MASKS_EMPTY.error("--masks")
     if not ids:
-        return [], len(every)
+        return [], len(all_ids)
     outlines = fit_outlines(labels, ids)
-    # a network's mask may end before the border that cuts its object
-    near = min(round(0.012 * max(width, height)), min(width, height) // 4)
-    on_border, beside = (
+    # The mask of a network may end slightly before the border that cuts its object.
+    margin = min(round(0.012 * max(width, height)), min(width, height) // 4)
+    on_border, ids_near_border = (
         np.unique(
             np.concatenate([labels[k], labels[-1 - k], labels[:, k], labels[:, -1 - k]])
         )
-        for k in (0, near)
+        for k in (0, margin)
     )
     by_hand = ("given", "pointed at", "drawn", "kept")
     objects = []
     for i in ids:
         x0, y0, x1, y1 = bounds(outlines[i])
-        beyond = max(-0.5 - x0, -0.5 - y0, x1 - width + 0.5, y1 - height + 0.5)
+        excess = max(-0.5 - x0, -0.5 - y0, x1 - width + 0.5, y1 - height + 0.5)
         exact = i in found.prompts or (
             found.mask_sources.get(i) or found.source
         ).startswith(by_hand)
-        ends = not exact and not isinstance(outlines[i], Disc) and i in beside
-        ends = ends and not shows_ground_beyond(rgb, labels == i, near)
+        ends = not exact and not isinstance(outlines[i], Disc) and i in ids_near_border
+        # Visible ground outside the mask shows that the object is complete.
+        ends = ends and not shows_ground_beyond(rgb, labels == i, margin)
         objects.append(
-            PhotoObject(i, outlines[i], cut=bool(beyond > 0 or i in on_border or ends))
+            PhotoObject(i, outlines[i], cut=bool(excess > 0 or i in on_border or ends))
         )
-    return objects, len(every) - len(ids)
+    return objects, len(all_ids) - len(ids)
 
 
 def _with_loose_parts(
@@ -579,22 +615,23 @@ def _with_loose_parts(
 
 
 def remain_problem(remain: Remain, name: str) -> Problem:
-    """Return a warning about a part beside an object that may stay behind."""
+    """Return a warning about a narrow part beside an object that may stay behind."""
     x, y = remain.place
-    found = f"something narrow at {x}, {y}"
+    description = f"something narrow at {x}, {y}"
     path = f"objects.{name}.mask"
-    return Message.REMAINS_BEHIND.warning(THIS_PHOTO, path, found)
+    return Message.REMAINS_BEHIND.warning(THIS_PHOTO, path, description)
 
 
 def outline_as_named(
     rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]
 ) -> list[PhotoObject]:
-    """Return the objects, circles without a reason as regions.
+    """Return the objects, with circles replaced by regions unless there is evidence for
+    them.
 
-    A label of something round is a reason, or the light of a sphere: a pouf, a van or
+    Evidence is the label of a round object or the shading of a sphere: a pouf, a van or
     the face of a box does not roll.
     """
-    unfounded = [
+    rejected_ids = [
         item.id
         for item in objects
         if isinstance(item.outline, Disc)
@@ -602,12 +639,12 @@ def outline_as_named(
         and not is_shaded_as_sphere(rgb, item.outline)
         and disc_iou(item.outline, labels == item.id) < EXACTLY_ROUND
     ]
-    if not unfounded:
+    if not rejected_ids:
         return list(objects)
     ids = [item.id for item in objects]
-    regions = fit_outlines(labels, ids, never_discs=unfounded)
+    regions = fit_outlines(labels, ids, never_discs=rejected_ids)
     return [
-        replace(item, outline=regions[item.id]) if item.id in unfounded else item
+        replace(item, outline=regions[item.id]) if item.id in rejected_ids else item
         for item in objects
     ]
 
@@ -615,7 +652,7 @@ def outline_as_named(
 def _empty_scene(
     rgb: Rgb, found: Detections, pixels_per_meter: float | None
 ) -> PerceivedScene:
-    """A scene without objects: the photo as it is."""
+    """Return a scene without objects: the unchanged photo."""
     scene: dict[str, Any] = {
         "physgen": 1, "image": "photo.png", "assets": "photo.assets",
         "world": {
@@ -630,31 +667,32 @@ def _empty_scene(
         np.zeros(rgb.shape[:2], np.uint16), found.doubtful
     )
     comments |= reasons
-    none = np.zeros(labels.shape, np.float32)
+    no_coverage = np.zeros(labels.shape, np.float32)
     percepts = Percepts(
-        rgb=rgb, labels=labels, coverage=none, background=rgb, clean=None
+        rgb=rgb, labels=labels, coverage=no_coverage, background=rgb, clean=None
     )
     suits = Suitability(("no sure objects",))
     return PerceivedScene(percepts, scene, comments, suitability=suits)
 
 
 def _rounded(labels: Labels, objects: Sequence[PhotoObject]) -> Labels:
-    """Return the label map with the masks of round objects grown to their circles.
+    """Return the label map with the masks of round objects extended to their discs.
 
-    Only masks that change little: no mug gets a filled handle.
+    A mask is extended only if it changes little, so that a mug keeps its handle.
     """
     result = labels.copy()
     for item in objects:
         if isinstance(item.outline, Disc):
-            own = result == item.id
+            mask = result == item.id
             disc = (
                 raster.coverage(item.outline, (labels.shape[1], labels.shape[0])) >= 0.5
             )
-            disc &= own | (result == 0)
-            if np.count_nonzero(own & disc) > NEARLY_ROUND * np.count_nonzero(
-                own | disc
+            disc &= mask | (result == 0)
+            if np.count_nonzero(mask & disc) > NEARLY_ROUND * np.count_nonzero(
+                mask | disc
             ):
-                result[disc] = item.id  # nothing of the object stays in the background
+                # Parts outside the disc stay in the mask, not in the background.
+                result[disc] = item.id
     return result
 
 
@@ -685,9 +723,9 @@ def _light(guess: LightGuess, shadows: Shadows) -> dict[str, Any]:
 
 
 def shrink_photo(rgb: Rgb, side: int) -> Rgb:
-    """The photo (H, W, 3) with its longer side at most `side` px; itself where it is no larger.
+    """Return the photo (H, W, 3) with a longer side of at most `side` px.
 
-    Averaged over areas in linear light, as a camera of fewer pixels would have seen it.
+    Areas are averaged in linear light, as in a camera with fewer pixels.
     """
     height, width = rgb.shape[:2]
     scale = side / max(height, width)
@@ -698,7 +736,9 @@ def shrink_photo(rgb: Rgb, side: int) -> Rgb:
         decode(np.arange(256, dtype=np.uint8)) * np.float32(65535) + np.float32(0.5)
     ).astype(np.uint16)
     small = np.empty((size[1], size[0], 3), np.uint8)
-    for c in range(3):  # one by one: the light of a large photo is twice its size
+    # Channels are reduced one by one, since linear light takes twice the memory of the
+    # photo.
+    for c in range(3):
         mean = cv2.resize(
             cv2.LUT(cv2.extractChannel(rgb, c), light),
             size,
@@ -709,7 +749,11 @@ def shrink_photo(rgb: Rgb, side: int) -> Rgb:
 
 
 def shrink_detections(found: Detections, full: tuple[int, int], rgb: Rgb) -> Detections:
-    """Objects marked on the photo of `full` width and height, px, on the smaller `rgb`; others stay as they are."""
+    """Return detections of a photo of `full` width and height, px, for the smaller
+    `rgb`.
+
+    Detections of another size stay as they are.
+    """
     size = (rgb.shape[1], rgb.shape[0])
     if size == full or found.labels.shape != full[::-1]:
         return found

@@ -1,7 +1,8 @@
-"""Refresh of a scene: its photo is perceived again, and what the user set is kept.
+"""Refresh of a scene: perceive its photo again and keep the user's values.
 
-The rule: a value that `from` names, and that is still as perception wrote it, is written anew; any other is the user's
-and stays. Labels and names stay. Masks stay, but for objects with a prompt.
+A value with an entry in `from` is replaced if it is still as perception wrote it; other
+values belong to the user and stay. Labels and names stay. Masks stay, except for
+objects with a prompt.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ from physgen.perceive.segment.prompts import (
     Segmenter,
     from_prompts,
 )
-from physgen.scene.files import Record, equal, recorded
+from physgen.scene.files import Record, equal, read_recorded
 from physgen.scene.provenance import (
     label_confidence,
     perceived_keys,
@@ -44,40 +45,46 @@ from physgen.scene.provenance import (
 from physgen.scene.scene import BoxPrompt, MaskId, Object, PointPrompt, Scene
 
 OVERLAP = (0.5, 0.3)
-"""Share of the smaller mask, and of the old one, from which a new prompt means an existing object."""
+"""Share of the smaller mask, and of the old mask, above which a new prompt selects an
+existing object.
+"""
 PIXEL_KEYS = ("mask", "shape", "prompt")
-"""Keys of an object that follow its pixels."""
+"""Keys of an object that depend on its pixels."""
 LINES, SAME = {"segment", "polyline"}, 3.0
-"""Keys of a boundary's points; px up to which those that are found again differ."""
+"""Keys of a boundary's points; largest distance (px) of a boundary found again."""
 Entry = Mapping[str, Any]
 """One object or boundary of the scene's data."""
 
 
 @dataclass(frozen=True)
 class RefreshStart:
-    """The objects that perception starts from, and what became of those in the scene, by name."""
+    """The objects with which perception starts, and the changes to the scene's objects
+    by name.
+    """
 
     found: Detections
-    prompted: frozenset[
-        str
-    ]  # objects whose pixels a prompt of the scene, or a new one, gives
-    gone: tuple[str, ...]  # objects that a new prompt took in
+    # Objects whose pixels come from a prompt, old or new.
+    prompted: frozenset[str]
+    # Objects that a new prompt absorbed.
+    gone: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class PromptFrames:
-    """The photos in whose pixels prompts are written."""
+    """The photos in whose pixels prompts are given."""
 
-    new: PromptFrame  # of new boxes and points
-    old: PromptFrame  # of those in the scene
+    # Photo of new boxes and points.
+    new: PromptFrame
+    # Photo of the scene's prompts.
+    old: PromptFrame
 
 
 def full_size(scene: Scene) -> tuple[int, int] | None:
-    """Return width and height, px, of the photo that was made smaller for a scene.
+    """Return width and height, px, of the photo before it was reduced for a scene.
 
-    None if the scene shows the photo as it was given, or another one.
+    Returns None if the scene shows the original photo, or another photo.
     """
-    photo = recorded(scene.assets, "photo")
+    photo = read_recorded(scene.assets, "photo")
     if scene.image is None or scene.image.name != photo.get("image"):
         return None
     match photo.get("size"):
@@ -117,10 +124,12 @@ def start_refresh(
     segment: Segmenter,
     frames: PromptFrames | None = None,
 ) -> RefreshStart:
-    """Keeps objects without a prompt, segments those with one again; new boxes and points replace what they cover.
+    """Keep objects without a prompt, segment objects with a prompt again, and add new
+    ones.
 
-    `old` is the scene's data with its sources. `labels` (H, W): id k + 1 is the k-th of `objects`. Ids of masks stay.
-    Raises InputError as `from_prompts`.
+    New boxes and points replace the objects that they cover. `old` is the scene's data
+    with its sources. `labels` (H, W): id k + 1 is the k-th of `objects`. Ids of masks
+    stay. Raises InputError as `from_prompts`.
     """
     ids = _mask_ids(objects)
     by_box = [k for k, item in enumerate(objects) if isinstance(item.prompt, BoxPrompt)]
@@ -131,110 +140,140 @@ def start_refresh(
     ]
     frames = frames or PromptFrames(PromptFrame.of(rgb), PromptFrame.of(rgb))
     new = from_prompts(rgb, boxes, points, segment, frames.new)
-    whole = replace(segment, is_smallest_meant=False)
-    again = from_prompts(rgb, *prompts_of(objects), whole, frames.old)
+    whole_segmenter = replace(segment, is_smallest_meant=False)
+    new_detections = from_prompts(
+        rgb, *prompts_of(objects), whole_segmenter, frames.old
+    )
 
     result = np.zeros(labels.shape, np.uint16)
-    owner = {i: k for k, i in enumerate(ids)}  # id -> index in objects
+    # Maps ids to indices of `objects`.
+    owner = {i: k for k, i in enumerate(ids)}
     confidence: dict[int, float] = {}
     prompts: dict[int, Mapping[str, Any]] = {}
     for k, i in enumerate(ids):
         if objects[k].prompt is None:
             result[labels == k + 1] = i
     for n, k in enumerate([*by_box, *by_point], 1):
-        result[again.labels == n] = ids[k]
-        confidence[ids[k]], prompts[ids[k]] = again.confidence[n], again.prompts[n]
-    gone: list[str] = []
-    replaced = set()  # their labels are guessed again
-    most = max(ids, default=0) + len(new.prompts)
+        result[new_detections.labels == n] = ids[k]
+        confidence[ids[k]], prompts[ids[k]] = (
+            new_detections.confidence[n],
+            new_detections.prompts[n],
+        )
+    absorbed_names: list[str] = []
+    # Labels of these objects are estimated again.
+    replaced_ids = set()
+    largest_id = max(ids, default=0) + len(new.prompts)
     for n, prompt in new.prompts.items():
         mask = new.labels == n
-        shared, every = (
-            np.bincount(part.ravel(), minlength=most + 1)
+        common, areas = (
+            np.bincount(part.ravel(), minlength=largest_id + 1)
             for part in (result[mask], result)
         )
         size = int(mask.sum())
-        meant = [
+        # A new prompt selects the old objects under it: the largest overlap keeps its
+        # id, the others are absorbed.
+        selected_ids = [
             i
             for i in owner
-            if shared[i] > max(OVERLAP[0] * min(size, every[i]), OVERLAP[1] * every[i])
+            if common[i] > max(OVERLAP[0] * min(size, areas[i]), OVERLAP[1] * areas[i])
         ]
-        meant.sort(key=lambda i: -int(shared[i]))
-        result[np.isin(result, meant)] = 0
-        for i in meant[1:]:
-            gone.append(objects[owner.pop(i)].name)
+        selected_ids.sort(key=lambda i: -int(common[i]))
+        result[np.isin(result, selected_ids)] = 0
+        for i in selected_ids[1:]:
+            absorbed_names.append(objects[owner.pop(i)].name)
             confidence.pop(i, None)
             prompts.pop(i, None)
-        i = meant[0] if meant else max(ids, default=0) + n
+        i = selected_ids[0] if selected_ids else max(ids, default=0) + n
         result[mask] = i
         confidence[i], prompts[i] = new.confidence[n], prompt
-        replaced.add(i)
-    named = {i: objects[k] for i, k in owner.items()}
+        replaced_ids.add(i)
+    items = {i: objects[k] for i, k in owner.items()}
     sources = {
         i: old["objects"].get(item.name, {}).get("from", {})
-        for i, item in named.items()
+        for i, item in items.items()
     }
-    masks = {i: one.get("mask", "") for i, one in sources.items() if i not in prompts}
+    masks = {
+        i: origins.get("mask", "") for i, origins in sources.items() if i not in prompts
+    }
     confidence |= {
-        i: sure for i, text in masks.items() if (sure := source(text).sure) is not None
+        i: value
+        for i, text in masks.items()
+        if (value := source(text).sure) is not None
     }
-    found = Detections(
+    detections = Detections(
         result,
         "kept",
         confidence,
         names={
             i: Name(item.label, label_confidence(item.provenance))
-            for i, item in named.items()
-            if item.label and not (i in replaced and "label" in sources[i])
+            for i, item in items.items()
+            if item.label and not (i in replaced_ids and "label" in sources[i])
         },
         prompts=prompts,
-        object_names={i: item.name for i, item in named.items()},
+        object_names={i: item.name for i, item in items.items()},
         mask_sources=masks,
     )
     return RefreshStart(
-        found, frozenset(named[i].name for i in prompts if i in named), tuple(gone)
+        detections,
+        frozenset(items[i].name for i in prompts if i in items),
+        tuple(absorbed_names),
     )
 
 
 def _mask_ids(objects: Sequence[Object]) -> list[int]:
-    """An id for each: its own in `masks.png`, or the next that is free."""
-    own = [item.mask.id if isinstance(item.mask, MaskId) else 0 for item in objects]
-    free = iter(range(max(own, default=0) + 1, 65536))
-    return [i if i and i not in own[:k] else next(free) for k, i in enumerate(own)]
+    """Return an id for each object: its id in `masks.png`, or the next free one."""
+    given_ids = [
+        item.mask.id if isinstance(item.mask, MaskId) else 0 for item in objects
+    ]
+    free = iter(range(max(given_ids, default=0) + 1, 65536))
+    return [
+        i if i and i not in given_ids[:k] else next(free)
+        for k, i in enumerate(given_ids)
+    ]
 
 
 def with_sources(data: Entry, scene: Scene) -> dict[str, Any]:
-    """A scene's data, in which `from` of each object names what is still as perception wrote it."""
+    """Return a scene's data in which `from` lists only values that the user has not
+    changed.
+    """
     sources = {item.name: dict(item.provenance) for item in scene.objects}
-    for name, own in data["objects"].items():
-        if own.keys() <= document.BARE and "confidence" in own:
-            sources[name].setdefault("mask", provenance("doubtful", own["confidence"]))
+    for name, entry in data["objects"].items():
+        if entry.keys() <= document.BARE and "confidence" in entry:
+            sources[name].setdefault(
+                "mask", provenance("doubtful", entry["confidence"])
+            )
     objects = {
-        name: {**own, "from": sources[name]} if "from" in own or sources[name] else own
-        for name, own in data["objects"].items()
+        name: {**entry, "from": sources[name]}
+        if "from" in entry or sources[name]
+        else entry
+        for name, entry in data["objects"].items()
     }
     return {**data, "objects": objects}
 
 
 def known_view(scene: Scene) -> BoundaryGuess:
-    """The scene's view, with the confidence and reason that perception wrote, or as the user gave it."""
+    """Return the scene's view with the recorded confidence and reason, or as the user
+    gave it.
+    """
     record, view = scene.record.world, scene.world.view
     wrote = record.get("view_from") if record.get("view") == view.value else None
-    why = source(str(wrote or "as given 1"))
-    return BoundaryGuess(view, 1.0 if why.sure is None else why.sure, why.text, ())
+    origin = source(str(wrote or "as given 1"))
+    return BoundaryGuess(
+        view, 1.0 if origin.sure is None else origin.sure, origin.text, ()
+    )
 
 
 def as_before(
     perceived: PerceivedScene, scene: Scene, is_resized: bool = False
 ) -> PerceivedScene:
-    """What is perceived, with the boundaries and the doubts that the scene has.
+    """Return the perceived scene with the boundaries and doubts of the old scene.
 
-    Boundaries of a photo that `is_resized` move to those found near them, on which the
-    objects stand in its pixels.
+    If the photo `is_resized`, its boundaries move to nearby new ones, because the
+    objects stand on those in its pixels.
     """
     walls, doubts = (
         scene.record.world["boundaries"],
-        recorded(scene.assets, "suitability"),
+        read_recorded(scene.assets, "suitability"),
     )
     if is_resized:
         anew = perceived.document["boundaries"].values()
@@ -263,23 +302,33 @@ def _nearest_wall(wall: Entry, others: Iterable[Entry]) -> Entry:
 def true_comments(
     comments: Entry, merged: Entry, seen: Entry, world: Entry
 ) -> dict[str, str]:
-    """The comments on values of the `merged` scene that are as they are `seen` now, and on whole sections; on its view
-    where the record of its `world` says why."""
-    value, known = document.value_at, "view_from" in world
-    own = {k: why for k, why in comments.items() if known or k != "world.view"}
+    """Return the comments that are still true for the `merged` scene.
+
+    A comment is true if its value equals the value in `seen`, the new scene. Comments
+    on whole sections stay; the comment on the view requires a recorded reason in
+    `world`.
+    """
+    value, has_reason = document.value_at, "view_from" in world
+    candidates = {
+        k: reason for k, reason in comments.items() if has_reason or k != "world.view"
+    }
     return {
-        k: why
-        for k, why in own.items()
+        k: reason
+        for k, reason in candidates.items()
         if "." not in k or equal(value(merged, k), value(seen, k))
     }
 
 
 def user_layers(scene: Entry) -> dict[str, int]:
-    """Layers that the user set, by name: those without a `from`. An object without `from` is all the user's."""
+    """Return the drawing layers set by the user, by name.
+
+    These are layers without an entry in `from`; an object without `from` belongs to the
+    user completely.
+    """
     return {
-        name: int(was.get("layer", 0))
-        for name, was in scene["objects"].items()
-        if "from" not in was or ("layer" in was and "layer" not in was["from"])
+        name: int(entry.get("layer", 0))
+        for name, entry in scene["objects"].items()
+        if "from" not in entry or ("layer" in entry and "layer" not in entry["from"])
     }
 
 
@@ -291,83 +340,110 @@ def merge_documents(
     scaled: bool,
     record: Record,
 ) -> dict[str, Any]:
-    """The `old` scene as it was written, with what perception found again of the `new` scene, and new objects.
+    """Return the `old` scene with repeated results of the `new` scene and its new
+    objects.
 
-    `renamed` are new labels by name; `scaled`: whether the scale is perception's; `record` is that of `old`.
+    `renamed` are new labels by name, `scaled` says whether perception set the scale,
+    and `record` belongs to `old`.
     """
     objects: dict[str, Any] = {}
-    for name, was in old["objects"].items():
+    for name, old_entry in old["objects"].items():
         if name not in start.gone:
-            now = new["objects"].get(name)
+            new_entry = new["objects"].get(name)
             objects[name] = (
-                was if now is None else merge_object(was, now, name in start.prompted)
+                old_entry
+                if new_entry is None
+                else merge_object(old_entry, new_entry, name in start.prompted)
             )
-            held = was.get("motion")
-            held = held and held == record.entry(name, was).get("motion")
-            if now is not None and name in start.prompted and held:
+            static_motion = old_entry.get("motion")
+            static_motion = static_motion and static_motion == record.entry(
+                name, old_entry
+            ).get("motion")
+            if new_entry is not None and name in start.prompted and static_motion:
+                # An object with new pixels gets the motion of those pixels.
                 moves = {
-                    key: now[key] for key in ("motion", "velocity") if key in now
-                }  # the new pixels' own
+                    key: new_entry[key]
+                    for key in ("motion", "velocity")
+                    if key in new_entry
+                }
                 objects[name] = {
                     key: v for key, v in objects[name].items() if key != "motion"
                 } | moves
         if name in renamed and name in objects:
             sources = {
-                key: one
-                for key, one in objects[name].get("from", {}).items()
+                key: origin
+                for key, origin in objects[name].get("from", {}).items()
                 if key != "label"
             }
             objects[name] |= {"label": renamed[name]} | (
-                {"from": sources} if "from" in was else {}
+                {"from": sources} if "from" in old_entry else {}
             )
     objects |= {
-        name: now for name, now in new["objects"].items() if name not in old["objects"]
+        name: new_entry
+        for name, new_entry in new["objects"].items()
+        if name not in old["objects"]
     }
-    world, seen = dict(old.get("world", {})), new["world"]
-    if scaled and seen["pixels_per_meter"] != world.get(
+    world, new_world = dict(old.get("world", {})), new["world"]
+    if scaled and new_world["pixels_per_meter"] != world.get(
         "pixels_per_meter", PAPER_SCALE
     ):
-        world["pixels_per_meter"] = seen["pixels_per_meter"]
-    if "table" not in seen and world.get("table") in (document.TABLE, {"friction": 0}):
-        del world["table"]  # seen from the side now
-    is_turned = seen["view"] != record.world.get("view")
+        world["pixels_per_meter"] = new_world["pixels_per_meter"]
+    if "table" not in new_world and world.get("table") in (
+        document.TABLE,
+        {"friction": 0},
+    ):
+        # The new view is from the side, so there is no table.
+        del world["table"]
+    has_new_view = new_world["view"] != record.world.get("view")
     for key in ("table", "tilt"):
-        if is_turned and key in seen and key not in world:
-            world[key] = seen[key]
+        if has_new_view and key in new_world and key not in world:
+            world[key] = new_world[key]
     walls = merge_boundaries(old.get("boundaries", {}), new["boundaries"], record)
     result = {**old, "objects": objects} | ({"world": world} if world else {})
     return result | ({"boundaries": walls} if walls or "boundaries" in old else {})
 
 
 def merge_boundaries(was: Entry, now: Entry, record: Record) -> dict[str, Any]:
-    """Those that are `now`, with those of the user as they were; what the user changed or took out is not new."""
-    guessed = {name: wall for name, wall in was.items() if "from" in wall}
-    wrote = record.world.get("boundaries", guessed)
+    """Return the boundaries `now`, with those of the user as they were.
+
+    Boundaries that the user changed or deleted are not added again.
+    """
+    estimates = {name: wall for name, wall in was.items() if "from" in wall}
+    wrote = record.world.get("boundaries", estimates)
     walls = {
         name: wall for name, wall in was.items() if not equal(wall, wrote.get(name))
     }
-    known = [wall for name, wall in wrote.items() if name in walls or name not in was]
-    fresh = {
+    known_walls = [
+        wall for name, wall in wrote.items() if name in walls or name not in was
+    ]
+    new_walls = {
         free_name(name, walls): wall
         for name, wall in now.items()
         if not any(
-            equal(one.get(kind), wall[kind], SAME)
-            for one in known
+            equal(known_wall.get(kind), wall[kind], SAME)
+            for known_wall in known_walls
             for kind in LINES & wall.keys()
         )
     }
-    return fresh | walls
+    return new_walls | walls
 
 
 def taken_out(objects: Sequence[Object], before: Labels, labels: Labels) -> Labels:
-    """(H, W) ids of the map `before` that the scene no longer has, where no object is now; 0 elsewhere."""
+    """Return the ids (H, W) of deleted objects in the map `before`, 0 elsewhere.
+
+    Pixels of present objects are 0.
+    """
     return np.where(
         np.isin(before, _mask_ids(objects)) | (labels > 0), np.uint16(0), before
     )
 
 
 def same_objects(scene: Scene, before: Labels, labels: Labels) -> bool:
-    """Whether objects, their pixels and the view are as when boundaries were perceived: these are so, too, then."""
+    """Return whether objects, pixels and view are as they were when boundaries were
+    perceived.
+
+    In that case the boundaries are the same, too.
+    """
     world, assets = scene.record.world, scene.assets
     if (
         assets is None
@@ -375,21 +451,23 @@ def same_objects(scene: Scene, before: Labels, labels: Labels) -> bool:
         or "boundaries" not in world
     ):
         return False
-    painted = crc32((assets / "masks.png").read_bytes()) != recorded(
+    has_paint = crc32((assets / "masks.png").read_bytes()) != read_recorded(
         assets, "files"
     ).get("masks.png")
     ids = {str(item.mask.id) for item in scene.objects if isinstance(item.mask, MaskId)}
     return (
-        not painted
+        not has_paint
         and ids == scene.record.objects.keys()
         and np.array_equal(before, labels)
     )
 
 
 def merge_object(was: Entry, now: Entry, prompted: bool = False) -> dict[str, Any]:
-    """An object as it `was`, with what its `from` names as it is `now`; pixels follow where it is `prompted`.
+    """Return an object as it `was`, with the values listed in its `from` as they are
+    `now`.
 
-    An object of nothing but a mask is filled in.
+    If it is `prompted`, its pixels are new as well. An object with only a mask gets all
+    values.
     """
     if set(was) <= document.BARE:
         return {
@@ -398,19 +476,23 @@ def merge_object(was: Entry, now: Entry, prompted: bool = False) -> dict[str, An
             "from": {**now["from"], **was.get("from", {})},
         }
     keys = perceived_keys(was) | (set(PIXEL_KEYS) if prompted else set())
-    keys |= {"label"} & was.get("from", {}).keys() & now["from"].keys()  # guessed again
+    # A label with a source is estimated again.
+    keys |= {"label"} & was.get("from", {}).keys() & now["from"].keys()
     keys -= {
         key
         for key in keys
         if isinstance(was.get(key), str) and isinstance(now.get(key), int | float)
     }
     if "from" in was:
-        keys |= {"shape", "solid", "layer"} - was.keys()  # which lie in the assets
+        # These values are stored in the assets, not in the file.
+        keys |= {"shape", "solid", "layer"} - was.keys()
     return rewritten(was, now, keys)
 
 
 def rewritten(was: Entry, now: Entry, keys: Collection[str]) -> dict[str, Any]:
-    """An object as it `was`, with its `keys` and their sources as they are `now`."""
+    """Return an object as it `was`, with the values and sources of `keys` as they are
+    `now`.
+    """
     result, sources = dict(was), dict(was.get("from", {}))
     for key in keys:
         for values, new in ((result, now), (sources, now["from"])):
@@ -424,9 +506,10 @@ def rewritten(was: Entry, now: Entry, keys: Collection[str]) -> dict[str, Any]:
 def rescaled(
     old: Entry, new: dict[str, Any], record: Record, side: int
 ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
-    """The `new` data with speeds and playback for its scale, and what perception wrote where the user of `old` differs.
+    """Return the `new` data with speeds and playback for its scale, and changed values.
 
-    The second as `PerceivedScene.wrote`.
+    The second result has the form of `PerceivedScene.wrote`: values of perception that
+    the user of `old` has changed.
     """
     result = new
     for path, value in scaled_values(old, record, stated_scale(new), side).items():
@@ -437,11 +520,11 @@ def rescaled(
     wrote: dict[str, dict[str, Any]] = {
         "": {"given": True} if scale_is_given(old, record, side) else {}
     }
-    for name, was in old["objects"].items():
-        velocity = record.entry(name, was).get("velocity", [0, 0])
+    for name, entry in old["objects"].items():
+        velocity = record.entry(name, entry).get("velocity", [0, 0])
         wrote[name] = (
             {}
-            if equal(was.get("velocity", [0, 0]), velocity)
+            if equal(entry.get("velocity", [0, 0]), velocity)
             else {"velocity": velocity}
         )
     return result, wrote
@@ -450,17 +533,20 @@ def rescaled(
 def kept_doubtful(
     scene: Entry, before: Labels, labels: Labels, gone: Labels
 ) -> tuple[Labels, dict[str, Any]]:
-    """The new label map with the regions that are doubtful still, and those `gone`; entries of the former."""
+    """Return the label map with the remaining doubtful regions and `gone`, and entries.
+
+    Entries are those of the doubtful regions.
+    """
     result, entries = labels.copy(), {}
     for name, entry in scene.get("doubtful", {}).items():
-        if not isinstance(entry["mask"], int):  # drawn by the user
+        # The user drew this region.
+        if not isinstance(entry["mask"], int):
             entries[name] = entry
             continue
-        whole = before == entry["mask"]
-        region = whole & (result == 0)
-        if np.count_nonzero(region) > OVERLAP[0] * np.count_nonzero(
-            whole
-        ):  # else it is part of an object now
+        old_region = before == entry["mask"]
+        region = old_region & (result == 0)
+        # Otherwise the region has become part of an object.
+        if np.count_nonzero(region) > OVERLAP[0] * np.count_nonzero(old_region):
             id_ = (
                 int(result.max()) + 1
                 if (result == entry["mask"]).any()
@@ -473,7 +559,7 @@ def kept_doubtful(
 
 
 def free_name(name: str, taken: Collection[str]) -> str:
-    """The name, or the first of `name-2`, `name-3`, ... that is not taken."""
+    """Return the name, or the first of `name-2`, `name-3`, ... that is free."""
     free, k = name, 2
     while free in taken:
         free, k = f"{name}-{k}", k + 1

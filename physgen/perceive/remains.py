@@ -1,8 +1,8 @@
-"""Thin parts that a mask leaves out: stems, antennas, handles, straps, legs.
+"""Thin parts that a mask misses: stems, antennas, handles, straps, legs.
 
-A part is narrow, starts at the outline of an object, stands out from what is behind it
-on both of its sides, and ends nearby. It belongs to the object; one that is less sure is
-reported, so that it does not stay behind unseen.
+A part is narrow, starts at the outline of an object, stands out from the background on
+both sides and ends nearby. A confident part is added to the object; a doubtful one is
+reported, so that the user sees that it would stay behind.
 """
 
 from __future__ import annotations
@@ -21,36 +21,62 @@ from physgen.perceive.roles import Labels, Mask, Rgb
 class RemainConstants:
     """Constants of the search, tuned on three photos of toys and fruit by eye."""
 
-    side: int = 800  # px: longer side of the photo when it is searched
-    smallest: int = 2000  # px of an object: of a smaller one parts are too small to see
-    reach: float = 1.2  # of its size (root of its area), around it, that is searched
-    wide: float = 0.09  # of its size: the widest part
-    narrowest: int = 5  # px: the least of that
-    touches: int = 3  # px between a part and the mask
-    contrast: float = 22.0  # 8-bit codes by which a part stands out
-    clutter: float = 1.6  # times the strongest 5 % of other narrow things around
-    even: float = 14.0  # 8-bit codes within which a background is plain
-    plain: float = 0.55  # share of the surroundings that is so near to one colour
-    unlike: float = 40.0  # 8-bit codes from that colour to a part
-    sharp: float = 12.0  # 8-bit codes per px at the border of a part; shadows have less
-    as_sharp: float = 0.6  # of the object's own border, from which a part is as sharp
-    softest: float = 4.0  # 8-bit codes per px of that, at least
-    as_unlike: float = (
-        0.7  # of what the object's border differs, from which a part does
-    )
-    drops: int = 3  # fits of the ground's colours, each without what is unlike the last
-    least_share: float = 0.004  # of the object's area, that such a part has
+    # px: longer side of the photo in the search.
+    side: int = 800
+    # px of an object: parts of smaller objects are too small to detect.
+    smallest: int = 2000
+    # Width of the searched surroundings over the object's size (root of its area).
+    reach: float = 1.2
+    # Largest width of a part over the object's size.
+    wide: float = 0.09
+    # px: least value of that width.
+    narrowest: int = 5
+    # px: largest gap between a part and the mask.
+    touches: int = 3
+    # Least contrast of a part, 8-bit levels.
+    contrast: float = 22.0
+    # Least contrast as a multiple of the strongest 5 % of other narrow structures.
+    clutter: float = 1.6
+    # 8-bit levels: largest variation of a plain background.
+    even: float = 14.0
+    # Least share of the surroundings with one plain colour.
+    plain: float = 0.55
+    # 8-bit levels: least difference of a part from that colour.
+    unlike: float = 40.0
+    # 8-bit levels per px at the border of a part; shadows have softer borders.
+    sharp: float = 12.0
+    # Least sharpness of a part over that of the object's own border.
+    as_sharp: float = 0.6
+    # 8-bit levels per px: least value of that sharpness.
+    softest: float = 4.0
+    # Least difference of a part from the background over that of the object's border.
+    as_unlike: float = 0.7
+    # Fits of the background's colours, each without the outliers of the last one.
+    drops: int = 3
+    # Least area of such a part as a share of the object's.
+    least_share: float = 0.004
     most_share: float = 0.4
-    alike: float = 30.0  # 8-bit codes between two colours that look alike
-    rare: float = 0.02  # share of the surroundings that may look like a part
-    report: float = 0.8  # of both limits, from which an unsure part is reported
+    # 8-bit levels: largest difference between similar colours.
+    alike: float = 30.0
+    # Largest share of the surroundings with the colour of a part.
+    rare: float = 0.02
+    # Least share of both limits at which a doubtful part is reported.
+    report: float = 0.8
     levels: tuple[float, ...] = (0.8, 1.0, 1.5)
-    """Of the limit: at a low one a part is joined to lines behind it, at a high one torn."""
-    longest: float = 0.95  # of the reach: what goes on farther is a line behind
-    shortest: float = 0.1  # of its size
-    slender: float = 2.5  # length over mean width, at least
-    most: int = 4  # parts of an object; more are texture
-    share: float = 0.2  # of the object's area, at most
+    """Multiples of the limit: at a low one a part merges with lines behind it, at a
+    high one it breaks.
+    """
+    # Largest distance of its end over the reach: longer structures are lines in the
+    # background.
+    longest: float = 0.95
+    # Least length over the object's size.
+    shortest: float = 0.1
+    # Least ratio of length to mean width.
+    slender: float = 2.5
+    # Largest number of parts of an object; more are texture.
+    most: int = 4
+    # Largest total area as a share of the object's.
+    share: float = 0.2
 
 
 REMAINS = RemainConstants()
@@ -61,15 +87,15 @@ class Remain:
     """A narrow part beside an object."""
 
     owner: int
-    """Id of the object that it starts at."""
+    """Id of the object at which it starts."""
     mask: Mask
     """(H, W)."""
     is_sure: bool
-    """Whether it belongs to the object; else it is reported."""
+    """Whether it is added to the object; otherwise it is reported."""
 
     @property
     def place(self) -> tuple[int, int]:
-        """Column and row of its middle."""
+        """Return column and row of its middle."""
         rows, columns = np.nonzero(self.mask)
         return int(np.median(columns)), int(np.median(rows))
 
@@ -101,83 +127,96 @@ def find_remains(rgb: Rgb, labels: Labels, ids: Sequence[int]) -> list[Remain]:
 def attach_remains(
     labels: Labels, remains: Sequence[Remain]
 ) -> tuple[Labels, list[Remain]]:
-    """Return the label map with sure parts as their objects', and the unsure parts."""
-    attached = labels.copy()
-    unsure = []
+    """Return the label map with confident parts added to their objects, and the other
+    parts.
+    """
+    result = labels.copy()
+    doubtful_parts = []
     for remain in remains:
         if remain.is_sure:
-            attached[remain.mask & (attached == 0)] = remain.owner
+            result[remain.mask & (result == 0)] = remain.owner
         else:
-            unsure.append(remain)
-    return attached, unsure
+            doubtful_parts.append(remain)
+    return result, doubtful_parts
 
 
 def _remains_of(rgb: Rgb, labels: Labels, i: int) -> list[Remain]:
-    own = labels == i
-    area = int(np.count_nonzero(own))
+    """Return the narrow parts of object `i`."""
+    mask = labels == i
+    area = int(np.count_nonzero(mask))
     if area < REMAINS.smallest:
         return []
     size = float(np.sqrt(area))
     reach = round(REMAINS.reach * size)
-    x, y, width, height = cv2.boundingRect(own.astype(np.uint8))
+    x, y, width, height = cv2.boundingRect(mask.astype(np.uint8))
     window = np.s_[
         max(y - reach, 0) : y + height + reach, max(x - reach, 0) : x + width + reach
     ]
-    mine, others = own[window], (labels[window] > 0) & ~own[window]
-    away = cv2.distanceTransform((~mine).astype(np.uint8), cv2.DIST_L2, 5)
-    free = (away > 1) & (away <= reach) & ~others
+    window_mask, others = mask[window], (labels[window] > 0) & ~mask[window]
+    distance = cv2.distanceTransform((~window_mask).astype(np.uint8), cv2.DIST_L2, 5)
+    free = (distance > 1) & (distance <= reach) & ~others
     if not free.any():
         return []
-    beside = cv2.dilate(others.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
+    near_others = cv2.dilate(others.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
     candidates = []
-    for response in _narrow(rgb[window], mine, size):
+    # Several levels are tried, because no single limit separates parts from all
+    # backgrounds.
+    for response in _narrow(rgb[window], window_mask, size):
         usual = float(np.percentile(response[free], 95))
         limit = max(REMAINS.contrast, REMAINS.clutter * usual)
         for level in REMAINS.levels:
-            for part in _parts(response, free, away, limit * level, size):
-                if not (part & beside).any():
+            for part in _parts(response, free, distance, limit * level, size):
+                if not (part & near_others).any():
                     strength = float(np.median(response[part])) / limit
                     candidates.append((strength, part))
-    found = []
-    taken = np.zeros_like(mine)
-    for part in _unlike_plain(rgb[window], mine, free, away):
-        if not (part & beside).any():
-            taken |= part
+    remains = []
+    used_mask = np.zeros_like(window_mask)
+    # On a plain background a part may also be wide.
+    for part in _unlike_plain(rgb[window], window_mask, free, distance):
+        if not (part & near_others).any():
+            used_mask |= part
             full = np.zeros(labels.shape, bool)
             full[window] = part
-            found.append(Remain(i, full, True))
+            remains.append(Remain(i, full, True))
     narrow_area = 0
     for strength, part in sorted(candidates, key=lambda one: -one[0]):
-        if (part & taken).any():
+        if (part & used_mask).any():
             continue
-        taken |= part
+        used_mask |= part
         narrow_area += int(np.count_nonzero(part))
-        is_sure = strength >= 1 and _is_rare(rgb[window], part, free & ~part)
-        if not is_sure and np.count_nonzero(part) < REMAINS.least_share * area:
+        is_confident = strength >= 1 and _is_rare(rgb[window], part, free & ~part)
+        if not is_confident and np.count_nonzero(part) < REMAINS.least_share * area:
             continue
         full = np.zeros(labels.shape, bool)
         full[window] = part
-        found.append(Remain(i, full, is_sure))
-    if len(found) > REMAINS.most or narrow_area > REMAINS.share * area:
+        remains.append(Remain(i, full, is_confident))
+    # Many parts, or large ones, are the texture of the background.
+    if len(remains) > REMAINS.most or narrow_area > REMAINS.share * area:
         return []
-    return found
+    return remains
 
 
 def _unlike_plain(rgb: Rgb, own: Mask, free: Mask, away: F32) -> list[Mask]:
-    """Return parts of any width that start at an object before a plain ground.
+    """Return parts of any width that start at an object in front of a plain background.
 
-    The ground may be shaded evenly. Shadows and reflections have softer borders than
-    the object and are not parts.
+    The background may be shaded smoothly. Shadows and reflections have softer borders
+    than the object and are excluded.
     """
-    off = _off_ground(rgb, free)
-    if float((off[free] < REMAINS.even).mean()) < REMAINS.plain:
+    differences = _background_differences(rgb, free)
+    if float((differences[free] < REMAINS.even).mean()) < REMAINS.plain:
         return []
-    unlike = ((off > _least_unlike(off, own)) & free).astype(np.uint8)
-    closed = cv2.morphologyEx(unlike, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8))
-    count, pieces, stats, _ = cv2.connectedComponentsWithStats(closed, connectivity=8)
+    candidates = ((differences > _least_difference(differences, own)) & free).astype(
+        np.uint8
+    )
+    closed_mask = cv2.morphologyEx(
+        candidates, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)
+    )
+    count, pieces, stats, _ = cv2.connectedComponentsWithStats(
+        closed_mask, connectivity=8
+    )
     slope = _slope(rgb)
     area = int(np.count_nonzero(own))
-    sharp = _border_sharpness(slope, off, away)
+    least_slope = _border_sharpness(slope, differences, away)
     parts = []
     for k in range(1, count):
         piece = pieces == k
@@ -190,53 +229,55 @@ def _unlike_plain(rgb: Rgb, own: Mask, free: Mask, away: F32) -> list[Mask]:
             continue
         inner = cv2.erode(piece.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
         border = piece & ~inner & (away > 2 * REMAINS.touches)
-        if border.any() and float(np.median(slope[border])) >= sharp:
+        if border.any() and float(np.median(slope[border])) >= least_slope:
             parts.append(piece & (away > 0))
     return parts
 
 
-def _off_ground(rgb: Rgb, free: Mask) -> F32:
-    """Return `(h, w)` 8-bit codes from a photo to the shaded colour of its ground.
+def _background_differences(rgb: Rgb, free: Mask) -> F32:
+    """Return `(h, w)` 8-bit levels between a photo and the colour of its background.
 
-    The colour is a polynomial of degree two in the position.
+    The colour of the background is a polynomial of degree two in the position.
     """
     height, width = free.shape
     x, y = np.meshgrid(np.linspace(-1, 1, width), np.linspace(-1, 1, height))
     terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
     colours = rgb.astype(np.float64)
     colour = np.median(rgb[free], axis=0)
-    off = np.abs(colours - colour).max(axis=2)
+    differences = np.abs(colours - colour).max(axis=2)
     limit = REMAINS.unlike
     for _ in range(REMAINS.drops):
-        ground = free & (off < limit)
+        ground = free & (differences < limit)
         if np.count_nonzero(ground) < REMAINS.plain * np.count_nonzero(free):
             break
         weights, *_ = np.linalg.lstsq(terms[ground], colours[ground], rcond=None)
-        off = np.abs(colours - terms @ weights).max(axis=2)
+        differences = np.abs(colours - terms @ weights).max(axis=2)
         limit = 2 * REMAINS.even
-    return off.astype(np.float32)
+    return differences.astype(np.float32)
 
 
-def _least_unlike(off: F32, own: Mask) -> float:
-    """Return the 8-bit codes by which parts of an object differ from its ground.
+def _least_difference(differences: F32, own: Mask) -> float:
+    """Return the least difference of parts of an object from its background, levels.
 
-    What is dark differs by more than the shadow at its feet.
+    A dark object differs by more than the shadow at its feet.
     """
     inner = cv2.erode(own.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     deep = cv2.erode(own.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
-    border = off[inner & ~deep]
+    border = differences[inner & ~deep]
     if not border.size:
         return REMAINS.unlike
     return max(REMAINS.unlike, REMAINS.as_unlike * float(np.median(border)))
 
 
-def _border_sharpness(slope: F32, off: F32, away: F32) -> float:
-    """Return the slope, 8-bit codes per px, from which a part's border is sharp.
+def _border_sharpness(slope: F32, differences: F32, away: F32) -> float:
+    """Return the least slope at the border of a part, 8-bit levels per px.
 
-    That of a part out of focus is as soft as the border of its object.
+    Out of focus, the border of a part is as soft as that of its object.
     """
     band = (away > 0) & (away <= 2 * REMAINS.touches)
-    unlike = cv2.dilate((off > REMAINS.unlike).astype(np.uint8), np.ones((3, 3))) > 0
+    unlike = (
+        cv2.dilate((differences > REMAINS.unlike).astype(np.uint8), np.ones((3, 3))) > 0
+    )
     own = slope[band & unlike]
     if not own.size:
         return REMAINS.sharp
@@ -245,40 +286,43 @@ def _border_sharpness(slope: F32, off: F32, away: F32) -> float:
 
 
 def _slope(rgb: Rgb) -> F32:
-    """Return `(h, w)` 8-bit codes per px by which a photo changes."""
+    """Return the gradient `(h, w)` of a photo, 8-bit levels per px."""
     grey = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY).astype(np.float32)
-    across = cv2.Sobel(grey, cv2.CV_32F, 1, 0) / 8
+    x_gradient = cv2.Sobel(grey, cv2.CV_32F, 1, 0) / 8
     down = cv2.Sobel(grey, cv2.CV_32F, 0, 1) / 8
-    return np.hypot(across, down)
+    return np.hypot(x_gradient, down)
 
 
 def _is_rare(rgb: Rgb, part: Mask, around: Mask) -> bool:
-    """Return whether hardly anything around has the colour of a part.
+    """Return whether the colour of a part is rare in the surroundings.
 
-    A gap between boards looks like the other gaps.
+    For example, a gap between boards looks like the other gaps.
     """
     colour = np.median(rgb[part], axis=0)
-    off = np.abs(rgb[around].astype(np.float32) - colour).max(axis=1)
-    return float((off < REMAINS.alike).mean()) < REMAINS.rare
+    differences = np.abs(rgb[around].astype(np.float32) - colour).max(axis=1)
+    return float((differences < REMAINS.alike).mean()) < REMAINS.rare
 
 
 def _narrow(rgb: Rgb, own: Mask, size: float) -> list[F32]:
-    """Return by how much what is narrow stands out from both of its sides.
+    """Return the contrast of narrow structures against both of their sides.
 
-    Pictures `(h, w)`: brighter and darker in each channel. An orange antenna is the only
-    thing darker in blue than the sky and the road behind it.
+    The pictures `(h, w)` are brighter and darker responses of each channel. For
+    example, an orange antenna is darker in blue than both the sky and the road behind
+    it.
     """
-    wide = max(REMAINS.narrowest, round(REMAINS.wide * size)) | 1
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (wide, wide))
-    beside = _without_object(rgb, own)
-    bright = cv2.morphologyEx(beside, cv2.MORPH_TOPHAT, kernel)
-    dark = cv2.morphologyEx(beside, cv2.MORPH_BLACKHAT, kernel)
-    responses = [*cv2.split(bright), *cv2.split(dark)]
-    return [np.where(own, 0, one).astype(np.float32) for one in responses]
+    width = max(REMAINS.narrowest, round(REMAINS.wide * size)) | 1
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (width, width))
+    background = _without_object(rgb, own)
+    bright_response = cv2.morphologyEx(background, cv2.MORPH_TOPHAT, kernel)
+    dark_response = cv2.morphologyEx(background, cv2.MORPH_BLACKHAT, kernel)
+    responses = [*cv2.split(bright_response), *cv2.split(dark_response)]
+    return [np.where(own, 0, response).astype(np.float32) for response in responses]
 
 
 def _without_object(rgb: Rgb, own: Mask) -> Rgb:
-    """Return the photo with the nearest surroundings in place of an object."""
+    """Return the photo with each pixel of an object replaced by its nearest
+    surroundings.
+    """
     inside = cv2.dilate(own.astype(np.uint8), np.ones((3, 3), np.uint8))
     _, nearest = cv2.distanceTransformWithLabels(
         inside, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
@@ -294,9 +338,13 @@ def _parts(
     response: F32, free: Mask, away: F32, limit: float, size: float
 ) -> list[Mask]:
     """Return the connected narrow parts that start at the object and end nearby."""
-    strong = ((response >= limit) & free).astype(np.uint8)
-    closed = cv2.morphologyEx(strong, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-    count, pieces, stats, _ = cv2.connectedComponentsWithStats(closed, connectivity=8)
+    response_mask = ((response >= limit) & free).astype(np.uint8)
+    closed_mask = cv2.morphologyEx(
+        response_mask, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)
+    )
+    count, pieces, stats, _ = cv2.connectedComponentsWithStats(
+        closed_mask, connectivity=8
+    )
     parts = []
     for k in range(1, count):
         piece = pieces == k

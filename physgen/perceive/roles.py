@@ -1,7 +1,8 @@
 """Inputs and outputs of every role of perception: protocols and frozen results.
 
-Arrays follow the photo: `rgb` (H, W, 3) uint8 sRGB, `labels` (H, W) uint16 with 0 = background, depth (H, W) larger =
-farther, normals (H, W, 3) unit with +x right, +y down, +z to the viewer. Confidences are 0..1. Lengths are px.
+Arrays follow the photo: `rgb` (H, W, 3) uint8 sRGB, `labels` (H, W) uint16 with 0 =
+background, depth (H, W) larger = farther, normals (H, W, 3) unit with +x right, +y
+down, +z to the viewer. Confidences are 0..1. Lengths are px.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ Labels = NDArray[np.uint16]
 Mask = NDArray[np.bool_]
 
 SMALLEST_OBJECT = 12
-"""px: an id of fewer pixels is a speck, no object."""
+"""px: an id with fewer pixels is noise rather than an object."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,9 @@ class Doubt:
     polygon: Sequence[tuple[float, float]]
     confidence: float
     reason: str = ""
-    """Why it is no object, for the scene's comments; `""`: the region is unsure."""
+    """The reason against an object, for the scene's comments; `""` if the region is
+    uncertain.
+    """
 
 
 @dataclass(frozen=True)
@@ -47,53 +50,55 @@ class Name:
     label: str
     confidence: float
     likely: tuple[tuple[str, float], ...] = ()
-    """Other labels that it may have, with their probabilities, the likeliest first."""
+    """Alternative labels with their probabilities, the likeliest first."""
     source: str = ""
-    """For `from`; `""`: the backend's name."""
+    """Source for `from`; `""` stands for the backend's name."""
 
 
 @dataclass(frozen=True)
 class Category:
-    """A noun that a photo shows, singular."""
+    """A noun, in the singular, for objects or surfaces of a photo."""
 
     noun: str
     movable: bool
-    """Whether its instances are whole objects that could be moved; walls, floors, skies are not."""
+    """Whether its instances are whole objects that could be moved, unlike walls, floors
+    and skies.
+    """
 
 
 @dataclass(frozen=True)
 class Scenery:
-    """What does not move: walls, tables, floors."""
+    """The immovable parts of a photo: walls, tables, floors."""
 
     labels: Labels
     """(H, W), 0 = unnamed."""
     nouns: Mapping[int, str]
-    """By id."""
+    """Nouns by id."""
 
 
 @dataclass(frozen=True)
 class Segments:
-    """Objects found in a photo."""
+    """The objects of a photo."""
 
     labels: Labels
     """(H, W), 0 = background, ids 1..N, left to right by centroid."""
     confidence: NDArray[np.float64]
-    """(N,) that id k + 1 is a complete movable object."""
+    """(N,): probability that id k + 1 is a complete movable object."""
     doubtful: Sequence[Doubt] = ()
-    """Regions that are more likely no objects; the surest first."""
+    """Regions that are probably not objects, the most confident first."""
     names: Mapping[int, Name] = field(default_factory=dict)
-    """Labels that the segmenter gave, by id."""
+    """Labels from the segmenter, by id."""
     scenery: Scenery | None = None
 
 
 @dataclass(frozen=True)
 class PromptedMask:
-    """The object that a box or a point means; an empty mask where there is none."""
+    """The object selected by a box or a point; the mask is empty if there is none."""
 
     mask: Mask
     """(H, W)."""
     confidence: float
-    """That it is an object with about this outline."""
+    """Probability of an object with about this outline."""
 
 
 @dataclass(frozen=True)
@@ -108,15 +113,17 @@ class Matter:
     """Rolling resistance: moment = rolling x normal force x radius."""
     solid: Solid
     confidence: float
-    """Of the mass."""
+    """Confidence of the mass."""
     reason: str
-    """Source of the mass, a sentence for the scene's comments."""
+    """Source of the mass: a sentence for the scene's comments."""
     surface: str = ""
-    """Source of friction, elasticity and rolling, likewise."""
+    """Source of friction, elasticity and rolling: a sentence likewise."""
     size: float | None = None
-    """m: the longest side of what is seen of it, where the backend judges that; it sets the scene's scale."""
+    """m: longest visible side, if the backend estimates it; it sets the scene's
+    scale.
+    """
     material: str = ""
-    """As `materials.yaml` or the backend calls it."""
+    """The material's name in `materials.yaml`, or the backend's name for it."""
 
 
 @dataclass(frozen=True)
@@ -139,93 +146,111 @@ class Intrinsics:
 
 @dataclass(frozen=True)
 class Shadows:
-    """The objects' shadows, removed, and the light that casts them."""
+    """The background without the objects' shadows, and the light that casts them."""
 
     clean: Rgb | None
-    """The background without them; None where none are seen."""
+    """The background without shadows; None if no shadow is visible."""
     owners: Labels | None
-    """(H, W): the id of the object whose shadow lies there, 0 = none; None where none are seen."""
+    """(H, W): id of the object that casts the shadow, 0 = none; None if no shadow is
+    visible.
+    """
     light: DistantLight
     softness: float
-    """degrees: half the width of the light."""
+    """degrees: angular radius of the light."""
     tilt: float
-    """degrees by which the camera looks down on the floor."""
+    """degrees: tilt of the camera to the floor."""
     backdrop: float | None
-    """px from the objects back to an upright wall that shadows fall on."""
+    """px: distance from the objects back to an upright wall with shadows."""
     confidence: float
     faint: bool = False
-    """Whether so little was removed that `clean` needs no refill behind objects."""
+    """Whether the removed shadow is so faint that `clean` needs no refill behind
+    objects.
+    """
 
 
 @dataclass(frozen=True)
 class Wall:
-    """A fixed line that objects rest on or bump into."""
+    """A fixed line on which objects rest or with which they collide."""
 
     name: str
     points: tuple[tuple[float, float], ...]
-    """(K, 2), K >= 2; the first point again at the end closes it."""
+    """(K, 2), K >= 2; a repeated first point at the end closes the line."""
     friction: float
     elasticity: float
     confidence: float
     source: str
-    """In one to three words, for `from`."""
+    """One to three words for `from`."""
     reason: str
 
 
 @dataclass(frozen=True)
 class BoundaryGuess:
-    """The view, and the walls that hold the objects."""
+    """The view, and the walls that support objects."""
 
     view: View
     confidence: float
-    """Of the view."""
+    """Confidence of the view."""
     reason: str
     walls: tuple[Wall, ...]
     outlines: Mapping[int, Outline] = field(default_factory=dict)
-    """By id, of objects that stand better than their masks show: with level feet on what holds them."""
+    """Corrected outlines, by id, of objects with level feet on their supports."""
     held: frozenset[int] = frozenset()
-    """Ids of objects that nothing seen keeps from falling."""
+    """Ids of objects without a visible support."""
     grip: Mapping[int, float] = field(default_factory=dict)
-    """By id, the least friction that objects must have, since they lie still on a slope."""
+    """Least friction, by id, of objects at rest on a slope."""
     tilt: float | None = None
-    """Degrees by which the camera looks down on the ground, if it is seen at an angle."""
+    """Tilt of the camera to the ground in degrees, if the photo is oblique."""
 
 
-# The roles: what the backends of each are called with, and what they return.
+# The roles: arguments and results of the backends.
 
 Categories = Callable[[Rgb], Sequence[Category]]
-"""Nouns of what a photo shows, before anything is found in it: each once, the most striking first."""
+"""Nouns of a photo before segmentation: each once, the most conspicuous first."""
 
 
 class Segment(Protocol):
-    """Finds the movable objects of a photo.
+    """Find the movable objects of a photo.
 
-    Those that search for given nouns take `categories: Sequence[Category]`, too (`uses` in the table). Those that take
-    prompts have `meant(rgb, boxes, points) -> Sequence[PromptedMask]`: the object of each box (left, top, width,
-    height), then of each point (x, y); all lie on the photo.
+    Segmenters for given nouns also take `categories: Sequence[Category]` (`uses` in the
+    table). Segmenters with prompts have `meant(rgb, boxes, points) ->
+    Sequence[PromptedMask]`: the object of each box (left, top, width, height), then of
+    each point (x, y); all lie inside the photo.
     """
 
     def __call__(self, rgb: Rgb) -> Segments:
-        """Segments the photo."""
+        """Return the segments of the photo."""
         ...
 
 
 Label = Callable[[Rgb, Labels, Sequence[PhotoObject]], Mapping[int, Name]]
-"""A name for every object, by id."""
+"""Return a label for every object, by id."""
 Physics = Callable[[Rgb, Sequence[PhotoObject], float | None], Mapping[int, Matter]]
-"""Matter of every object, by id. The number is the photo's true scale, px/m; None where it is unknown."""
+"""Return the matter of every object, by id.
+
+The number is the photo's true scale in px/m, or None if it is unknown.
+"""
 Depth = Callable[[Rgb], F32]
-"""(H, W), finite, larger = farther; in m where the backend knows, else up to scale and shift."""
+"""Return the depth (H, W), finite, larger = farther; in m if known, else up to scale
+and shift.
+"""
 Normals = Callable[[Rgb, Labels, Sequence[PhotoObject], BoundaryGuess], F32]
-"""(H, W, 3) unit. The boundaries have confidence 0 where they are found by normals, later."""
+"""Return unit normals (H, W, 3).
+
+The boundaries have confidence 0 if a later step finds them by these normals.
+"""
 Intrinsic = Callable[[Rgb, Labels, F32], Intrinsics]
-"""Albedo and shading, from the photo, its labels and its normals."""
+"""Return albedo and shading from the photo, its labels and its normals."""
 Light = Callable[[Rgb, Labels, Sequence[PhotoObject], F32, Intrinsics], LightGuess]
-"""The light, from normals, albedo and shading. Never fails: what cannot be seen is guessed with little confidence."""
+"""Return the light from normals, albedo and shading.
+
+Backends never fail: without evidence they guess with low confidence.
+"""
 Matte = Callable[[Rgb, Labels], F32]
-"""(H, W) in 0..1: the share of each pixel that objects cover; 1 deep inside, 0 from 5 px outside on."""
+"""Return the share of each pixel (H, W), 0..1, that objects cover: 1 deep inside, 0
+from 5 px outside.
+"""
 Inpaint = Callable[[Rgb, Mask], Rgb]
-"""The photo with the hole (H, W) filled; it equals the photo outside the hole."""
+"""Return the photo with a filled hole (H, W); other pixels are unchanged."""
 Shadow = Callable[
     [
         Rgb,
@@ -238,14 +263,17 @@ Shadow = Callable[
     ],
     Shadows,
 ]
-"""Removes shadows from a background that has the objects filled and their shadows still there, by the objects'
-coverage, labels and matter. Never fails."""
+"""Remove shadows from a background with filled objects.
+
+The shadows are found by the objects' coverage, labels and matter. Backends never fail.
+"""
 
 
 class Boundary(Protocol):
-    """Decides the view and finds floors, shelves and walls.
+    """Decide on the view and find floors, shelves and walls.
 
-    Some take `depth` (H, W), `normals` (H, W, 3) and `scenery: Scenery | None`, too (`uses` in the table).
+    Some backends also take `depth` (H, W), `normals` (H, W, 3) and `scenery: Scenery |
+    None` (`uses` in the table).
     """
 
     def __call__(
@@ -256,49 +284,55 @@ class Boundary(Protocol):
         view: View | None,
         /,
     ) -> BoundaryGuess:
-        """`view` is the user's, None to find out.
+        """Return the view and the walls; `view` is the user's choice, or None to
+        estimate it.
 
-        Walls touch the outlines and never enter them: the objects' own, or those that the guess has instead.
+        Walls touch the outlines without entering them: the objects' outlines, or the
+        corrected ones of the guess.
         """
         ...
 
 
 @dataclass(frozen=True)
 class Detections:
-    """The objects that perception starts from, found or given."""
+    """The objects with which perception starts, detected or given."""
 
     labels: Labels
     source: str
-    """The source of the masks, for `from`."""
+    """Source of the masks, for `from`."""
     confidence: Mapping[int, float]
     """By id."""
     names: Mapping[int, Name]
-    """Labels that are known already, by id."""
+    """Known labels by id."""
     prompts: Mapping[int, Mapping[str, Any]] = field(default_factory=dict)
-    """The user's prompts, by id, as in the scene: `{"box": [x, y, w, h]}` or `{"point": [x, y]}`."""
+    """The user's prompts by id, as in the scene: `{"box": [x, y, w, h]}` or `{"point":
+    [x, y]}`.
+    """
     doubtful: Sequence[Doubt] = ()
     object_names: Mapping[int, str] = field(default_factory=dict)
-    """Names in an existing scene, by id."""
+    """Names of an existing scene, by id."""
     mask_sources: Mapping[int, str] = field(default_factory=dict)
-    """Sources of single masks, by id, as the scene's `from` has it; the others are from `source`."""
+    """Sources of single masks, by id, as in the scene's `from`; the other masks come
+    from `source`.
+    """
     layers: Mapping[int, int] = field(default_factory=dict)
-    """Drawing layers that the user set, by id."""
+    """Drawing layers set by the user, by id."""
     named_by: str = "given"
-    """The source of `names`, for `from`."""
+    """Source of `names`, for `from`."""
     gone: Labels | None = None
-    """(H, W) > 0: what a user took out, which is filled, too."""
+    """(H, W) > 0: regions removed by the user, which are filled, too."""
 
 
 @dataclass(frozen=True)
 class Suitability:
-    """Whether a photo is one of which perception makes a scene that moves as it would."""
+    """Whether perception can turn a photo into a scene that moves realistically."""
 
     reasons: tuple[str, ...] = ()
-    """Doubts; none: it is good."""
+    """Doubts; a photo without doubts is good."""
 
     @property
     def verdict(self) -> str:
-        """`good` or `doubtful`."""
+        """Return `good` or `doubtful`."""
         return "doubtful" if self.reasons else "good"
 
     def __str__(self) -> str:
@@ -307,12 +341,12 @@ class Suitability:
 
 @dataclass(frozen=True)
 class Description:
-    """What perception found, for people: nothing is computed from it."""
+    """The results of perception for people; later steps do not use it."""
 
     overview: bytes
     """A PNG file."""
     summary: Sequence[str]
-    """Lines: what was found in short, then one for each subject."""
+    """Lines: a short list of the results, then one line per subject."""
 
 
 @dataclass(frozen=True)
@@ -321,21 +355,27 @@ class PerceivedScene:
 
     percepts: Percepts
     document: dict[str, Any]
-    """A scene as plain YAML data, valid once the assets are written; the writer of the assets adds `maps`."""
+    """A scene as plain YAML data, valid once the assets are written; the writer of the
+    assets adds `maps`.
+    """
     comments: dict[str, str]
-    """Dotted path -> a sentence or more to stand above it."""
+    """Comments by dotted path: one or more sentences above the entry."""
     warnings: tuple[Problem, ...] = ()
     record: Sequence[Mapping[str, Any]] = ()
-    """How each role ran, where model backends took part."""
+    """One entry per role with a model backend: how the backend ran."""
     suitability: Suitability | None = None
-    """None where the scene was not perceived."""
+    """None if the scene was not perceived."""
     view_from: str = ""
-    """Reason and confidence of the view."""
+    """Reason for the view, and its confidence."""
     wrote: Mapping[str, dict[str, Any]] = field(default_factory=dict)
-    """What perception wrote where a user has set something else since, by object; `""` for the scale."""
+    """Values of perception that a user has changed since, by object; `""` for the
+    scale.
+    """
     wholes: Mapping[int, Outline] = field(default_factory=dict)
-    """Outlines with their hidden parts, by id in the label map, of objects behind others."""
+    """Outlines with their hidden parts, by id in the label map, of objects behind
+    others.
+    """
     full_size: tuple[int, int] | None = None
-    """Width and height, px, of a photo that was made smaller; None if it was not."""
+    """Width and height, px, of a photo that was reduced; None otherwise."""
     description: Description | None = None
-    """For people, and written among the assets."""
+    """A description for people, stored with the assets."""

@@ -1,4 +1,4 @@
-"""Whether the light on a round object is that of a sphere."""
+"""Test whether a round object is lit as a sphere."""
 
 from __future__ import annotations
 
@@ -16,31 +16,43 @@ from physgen.photometry import decode
 class SphereConstants:
     """Constants of the test; chosen on the round objects of COCO's photos."""
 
-    inner: float = (
-        0.9  # of the radius: farther out pixels are mixed with what is behind
-    )
-    dark: float = 0.03  # linear light: colours below tell little in logarithms
-    least: int = 30  # pixels: a smaller disc shows no shading
-    pixels: int = 4000  # at most, that are looked at
-    rounds: int = 5  # of reweighted least squares
-    outlier: float = 0.1  # of log light, from which a pixel counts less
-    stiff: float = 1e-4  # of the pixels: keeps the system regular
-    residual: float = 0.33  # of log light that the shading of a sphere leaves, at most
-    explained: float = 0.6  # of the variance of log light that it explains, at least
-    rim: float = 0.8  # of the radius, from which the rim's light is taken
-    middle: float = 0.4  # of the radius, up to which the middle's is
-    dimmest: float = -0.95  # log of the rim's light over the middle's: a tyre has less
-    brightest: float = -0.08  # the same of a sphere in even light
-    plain: float = 0.05  # of log light: a drawing without shading tells nothing
+    # Radius of the tested disc; outside it pixels are mixed with the background.
+    inner: float = 0.9
+    # Linear light: logarithms of darker colours are noise.
+    dark: float = 0.03
+    # Least number of pixels of a disc with measurable shading.
+    least: int = 30
+    # Largest number of sampled pixels.
+    pixels: int = 4000
+    # Rounds of reweighted least squares.
+    rounds: int = 5
+    # Residual of log light above which a pixel gets less weight.
+    outlier: float = 0.1
+    # Ridge term per pixel: keeps the system regular.
+    stiff: float = 1e-4
+    # Largest residual of log light of a sphere.
+    residual: float = 0.33
+    # Least share of the variance of log light that a sphere's shading explains.
+    explained: float = 0.6
+    # Inner radius of the rim.
+    rim: float = 0.8
+    # Outer radius of the middle.
+    middle: float = 0.4
+    # Least log ratio of light at the rim and in the middle; a tyre has less.
+    dimmest: float = -0.95
+    # Largest log ratio of a sphere: that in even light.
+    brightest: float = -0.08
+    # Log light: a drawing without shading has less variation and proves nothing.
+    plain: float = 0.05
 
 
 SPHERE = SphereConstants()
 ROUND_FORMS = ("ball", "lump", "disc", "hoop", "turned")
-"""Of `materials.Kind`: what may have a circle for its outline."""
+"""Values of `materials.Kind.form` of objects that may have a circular outline."""
 
 
 def has_round_form(what: Kind) -> bool:
-    """Return whether a kind of object may have a circle for its outline."""
+    """Return whether objects of a kind may have a circular outline."""
     return what.form in ROUND_FORMS
 
 
@@ -49,41 +61,42 @@ class SphereFit:
     """The shading of a sphere, fitted to a disc of a photo."""
 
     residual: float
-    """Standard deviation of log light that it leaves."""
+    """Standard deviation of log light that is not explained."""
     shading: float
-    """Standard deviation of log light that it has itself."""
+    """Standard deviation of log light that is explained."""
     rim: float
-    """Log of its light at the rim over that in the middle."""
+    """Log ratio of the light at the rim and in the middle."""
 
     @property
     def is_plain(self) -> bool:
-        """Return whether the disc has neither shading nor texture, as drawings have."""
+        """Return whether the disc has neither shading nor texture, as in drawings."""
         return max(self.residual, self.shading) < SPHERE.plain
 
     @property
     def is_sphere(self) -> bool:
         """Return whether the light is that of a sphere."""
         variance = self.residual**2 + self.shading**2
-        is_smooth = self.residual <= SPHERE.residual
-        is_explained = self.shading**2 >= SPHERE.explained * variance
-        is_round = SPHERE.dimmest <= self.rim <= SPHERE.brightest
-        return is_smooth and is_explained and is_round
+        has_small_residual = self.residual <= SPHERE.residual
+        has_shading = self.shading**2 >= SPHERE.explained * variance
+        has_dark_rim = SPHERE.dimmest <= self.rim <= SPHERE.brightest
+        return has_small_residual and has_shading and has_dark_rim
 
 
 def is_shaded_as_sphere(rgb: Rgb, disc: Disc) -> bool:
-    """Return whether a disc of the photo is lit as a sphere is.
+    """Return whether a disc of the photo is lit as a sphere.
 
-    Windows, faces, handles and seams leave more light unexplained. A disc without any
-    shading, as in drawings, counts as a sphere: nothing contradicts its outline.
+    Windows, faces, handles and seams leave larger residuals. A disc without any
+    shading, as in drawings, counts as a sphere, because its outline is the only
+    evidence.
     """
     fit = fit_sphere_shading(rgb, disc)
     return fit is not None and (fit.is_plain or fit.is_sphere)
 
 
 def fit_sphere_shading(rgb: Rgb, disc: Disc) -> SphereFit | None:
-    """Return the fit of light of second degree (Basri and Jacobs 2003) on a sphere.
+    """Return the fit of second-degree light (Basri and Jacobs 2003) on a sphere.
 
-    None if the photo shows too few pixels of the disc.
+    Returns None if the photo shows too few pixels of the disc.
     """
     (left, top), radius = disc.center - disc.radius, disc.radius
     x0, y0 = max(int(left), 0), max(int(top), 0)
@@ -101,21 +114,26 @@ def fit_sphere_shading(rgb: Rgb, disc: Disc) -> SphereFit | None:
 
 
 def _fitted(level: Array, u: Array, v: Array) -> SphereFit:
-    """Return the fit by iteratively reweighted least squares."""
+    """Return the fit by iteratively reweighted least squares.
+
+    Highlights and prints get less weight, so that they do not bend the fit.
+    """
     z = np.sqrt(1 - u * u - v * v)
-    one = np.ones_like(u)
-    harmonics = [one, u, v, z, u * v, u * z, v * z, u * u - v * v, z * z]
+    constant = np.ones_like(u)
+    harmonics = [constant, u, v, z, u * v, u * z, v * z, u * u - v * v, z * z]
     rows = np.column_stack(harmonics)
     stiffness = SPHERE.stiff * len(level) * np.eye(rows.shape[1])
     weight = np.ones(len(level))
     shading = level
     for _ in range(SPHERE.rounds):
-        weighted = rows * weight[:, None]
-        solution = np.linalg.solve(weighted.T @ rows + stiffness, weighted.T @ level)
+        weighted_rows = rows * weight[:, None]
+        solution = np.linalg.solve(
+            weighted_rows.T @ rows + stiffness, weighted_rows.T @ level
+        )
         shading = rows @ solution
         weight = 1 / np.maximum(np.abs(level - shading) / SPHERE.outlier, 1)
-    away = np.hypot(u, v)
-    outer, middle = away > SPHERE.rim, away < SPHERE.middle
+    distance = np.hypot(u, v)
+    outer, middle = distance > SPHERE.rim, distance < SPHERE.middle
     rim = 0.0
     if outer.any() and middle.any():
         rim = float(shading[outer].mean() - shading[middle].mean())

@@ -1,4 +1,4 @@
-"""Photos and maps at the size that stages work at whose results do not need more."""
+"""Reduced photos and maps for stages whose results need no full resolution."""
 
 from __future__ import annotations
 
@@ -40,16 +40,17 @@ def reduce_photo_maps(
 
 
 def reduce_known(picture: F32, hole: Mask) -> tuple[F32, Mask] | None:
-    """Return means of what is known of a picture (H, W, C), and where nothing is.
+    """Return the mean of the known pixels of a picture (H, W, C), and the unknown
+    pixels.
 
-    None if the picture is small.
+    Returns None if the picture is small.
     """
     size = working_size(hole.shape)
     if size is None:
         return None
-    known = (~hole).astype(np.float32)
-    share = cv2.resize(known, size, interpolation=cv2.INTER_AREA)
-    sums = cv2.resize(picture * known[..., None], size, interpolation=cv2.INTER_AREA)
+    weights = (~hole).astype(np.float32)
+    share = cv2.resize(weights, size, interpolation=cv2.INTER_AREA)
+    sums = cv2.resize(picture * weights[..., None], size, interpolation=cv2.INTER_AREA)
     sums = sums.reshape(*share.shape, -1)
     means = sums / np.maximum(share, 1e-6)[..., None]
     return np.asarray(means, np.float32), np.asarray(share < 1e-3)

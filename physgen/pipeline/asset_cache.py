@@ -1,10 +1,10 @@
 """Cache of one scene's decoded maps and sprites, in its assets folder.
 
-`perceive` makes the cache of a photo, and `render` adds what it draws from, so that
-neither a first clip nor a second one repeats the work. The name of an entry is a hash of
-all that it depends on, the bytes of the photo and its maps among them: a changed file
-never gives an old result. An entry holds arrays and plain data only, and classes of a
-fixed list: a cache that came with a stranger's scene runs no code.
+`perceive` creates the cache of a photo, and `render` adds the prepared stage, so that
+neither the first clip nor later clips repeat the work. The name of an entry is a hash
+of all its inputs, including the bytes of the photo and its maps: a changed file never
+leads to an old result. An entry consists of arrays, plain data, and classes of a fixed
+list: a cache in a scene of unknown origin runs no code.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from physgen.scene.saving import named_assets, named_photo
 
 Array = NDArray[Any]
 Digest = Callable[[Path], str]
-"""Returns the hash of a file."""
+"""Function from a file to its hash."""
 Range = tuple[float, float]
 CLASSES: Mapping[str, type] = {
     one.__name__: one
@@ -55,7 +55,7 @@ DAMAGED = (
     OSError, ValueError, LookupError, TypeError, AttributeError, EOFError,
     RecursionError, zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
-"""Errors of an entry that is not as it was written; it is made again."""
+"""Errors of a damaged entry, which is computed again."""
 
 
 class AssetCache:
@@ -66,14 +66,14 @@ class AssetCache:
 
     @property
     def exists(self) -> bool:
-        """Return whether `perceive` made a cache."""
+        """Check whether `perceive` created a cache."""
         folder = self._folder
         if folder is None or folder.is_symlink():
             return False
         return folder.is_dir()
 
     def create(self) -> None:
-        """Make the folder, and clear it. Nothing is raised if it cannot be written."""
+        """Create the folder and clear it; without write permission, do nothing."""
         if self._folder is None or self._folder.is_symlink():
             return
         with suppress(OSError):
@@ -86,8 +86,8 @@ class AssetCache:
     ) -> str:
         """Return the key of an entry.
 
-        `files` are the photo and the maps, whose hashes `digest` returns; `parts` is
-        what else the entry depends on. Raises OSError.
+        `files` are the photo and the maps, `digest` returns their hashes, and `parts`
+        are all other inputs of the entry. Raises OSError.
         """
         contents = [(file.name, digest(file)) for file in files]
         return key(kind, code_version(CODE), contents, *parts)
@@ -95,7 +95,9 @@ class AssetCache:
     def load_percepts(
         self, files: Sequence[Path], digest: Digest, maps: Mapping[str, Range]
     ) -> Percepts | None:
-        """Return the maps of these files, if they are in the cache; see `read_percepts`."""
+        """Load the maps of these files, if they are in the cache; see
+        `read_percepts`.
+        """
         try:
             pictures = self.load(self.entry("maps", files, digest))
         except OSError:
@@ -105,12 +107,12 @@ class AssetCache:
         return percepts_of(pictures[PHOTO], pictures.get, maps)
 
     def load_stage(self, entry: str) -> Stage | None:
-        """Return the stage of a key, if it is in the cache."""
+        """Load the stage of a key, if it is in the cache."""
         stage = self.load(entry)
         return stage if isinstance(stage, Stage) else None
 
     def load(self, key: str) -> Any:
-        """Return the value of a key; None if it is not in the cache, or damaged."""
+        """Load the value of a key; None if it is missing or damaged."""
         if self._folder is None:
             return None
         try:
@@ -124,32 +126,34 @@ class AssetCache:
     def save(self, key: str, value: Any) -> None:
         """Write the value of a key in place of the other entry of its kind.
 
-        Nothing is written without the folder, or if the disk is full.
+        Without the folder, or on a full disk, do nothing.
         """
         if self._folder is None or not self.exists:
             return
         entry = self._folder / f"{key}.npz"
         arrays: list[Array] = []
         text = json.dumps(encode_value(value, arrays))
-        stored: dict[str, Any] = {str(k): array for k, array in enumerate(arrays)}
-        stored[TREE] = np.frombuffer(text.encode(), np.uint8)
-        beside = partial(entry)
+        contents: dict[str, Any] = {str(k): array for k, array in enumerate(arrays)}
+        contents[TREE] = np.frombuffer(text.encode(), np.uint8)
+        # A reader never sees a partly written entry: the file gets its name when it is
+        # complete.
+        temporary_file = partial(entry)
         with suppress(OSError):
             for other in self._folder.glob(f"{key.partition('-')[0]}-*.npz"):
                 other.unlink()
             try:
-                with beside.open("wb") as stream:
-                    np.savez(stream, **stored)
-                beside.replace(entry)
+                with temporary_file.open("wb") as stream:
+                    np.savez(stream, **contents)
+                temporary_file.replace(entry)
             finally:
-                beside.unlink(missing_ok=True)
+                temporary_file.unlink(missing_ok=True)
 
 
 def make_cache(percepts: Percepts, text: str, target: Path | None) -> None:
-    """Put the maps of a scene that was just written into the cache in its assets folder.
+    """Write the maps of a new scene into the cache of its assets folder.
 
-    `text` is that of the scene, and `target` its file; None: it has none. Large photos
-    get no cache: it would take more room than all else.
+    `text` is the text of the scene, and `target` its file or None. Large photos get no
+    cache, which would be larger than all other files of the scene.
     """
     folder, data = Path() if target is None else target.parent, text.encode("utf-8")
     assets, photo = named_assets(data, folder), named_photo(data, folder)
@@ -177,25 +181,28 @@ def encode_value(value: Any, arrays: list[Array]) -> Any:
     if isinstance(value, slice):
         return {"slice": [value.start, value.stop, value.step]}
     if isinstance(value, dict):
-        pairs = [[k, encode_value(one, arrays)] for k, one in value.items()]
+        pairs = [[k, encode_value(item, arrays)] for k, item in value.items()]
         return {"dict": pairs}
     name = type(value).__name__
     if isinstance(value, (list, tuple)):
-        items = [encode_value(one, arrays) for one in value]
+        items = [encode_value(item, arrays) for item in value]
         return {"items": items, "class": _known_sequence(value, name)}
+    # Only classes of the list are accepted, since their constructors run while an entry
+    # of unknown origin is read.
     if is_dataclass(value) and CLASSES.get(name) is type(value):
         parts = {
-            one.name: encode_value(getattr(value, one.name), arrays)
-            for one in fields(value)
+            item.name: encode_value(getattr(value, item.name), arrays)
+            for item in fields(value)
         }
         return {"fields": parts, "class": name}
     raise TypeError(f"{name} is not a class of the cache")
 
 
 def _number_of(array: Array, arrays: list[Array]) -> int:
-    """Return the place of an array in the list, to which it is added once."""
+    """Return the index of an array in the list; add the array if it is new."""
     if array.dtype.hasobject:
         raise TypeError("an array of objects is not plain data")
+    # Sprites share arrays: each is stored once and shared again after loading.
     for k, other in enumerate(arrays):
         if other is array:
             return k
@@ -211,7 +218,7 @@ def _known_sequence(value: Any, name: str) -> str:
 
 
 def decode_value(data: Any, arrays: list[Array]) -> Any:
-    """Return the value of JSON data that `encode_value` made.
+    """Decode JSON data of `encode_value`.
 
     Raises KeyError, TypeError or IndexError if the data is damaged.
     """
@@ -224,7 +231,8 @@ def decode_value(data: Any, arrays: list[Array]) -> Any:
 
 
 def _decode_items(data: Mapping[str, Any], arrays: list[Array]) -> Any:
-    items = [decode_value(one, arrays) for one in data["items"]]
+    """Decode a list, a tuple or a named tuple."""
+    items = [decode_value(item, arrays) for item in data["items"]]
     if data["class"] == "list":
         return items
     if data["class"] == "tuple":
@@ -233,12 +241,14 @@ def _decode_items(data: Mapping[str, Any], arrays: list[Array]) -> Any:
 
 
 def _decode_fields(data: Mapping[str, Any], arrays: list[Array]) -> Any:
-    parts = {name: decode_value(one, arrays) for name, one in data["fields"].items()}
+    """Decode a dataclass."""
+    parts = {name: decode_value(item, arrays) for name, item in data["fields"].items()}
     return CLASSES[data["class"]](**parts)
 
 
 def _decode_dict(data: Mapping[str, Any], arrays: list[Array]) -> Any:
-    return {key: decode_value(one, arrays) for key, one in data["dict"]}
+    """Decode a dictionary."""
+    return {key: decode_value(item, arrays) for key, item in data["dict"]}
 
 
 FORMS: Mapping[str, Callable[[Mapping[str, Any], list[Array]], Any]] = {
@@ -249,4 +259,4 @@ FORMS: Mapping[str, Callable[[Mapping[str, Any], list[Array]], Any]] = {
     "fields": _decode_fields,
     "dict": _decode_dict,
 }
-"""What makes a value of JSON data, by the key of its form."""
+"""Decoders of JSON data by the key of its form."""

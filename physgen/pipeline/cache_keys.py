@@ -1,4 +1,4 @@
-"""Keys of results that a process keeps, and of clips on disk: hashes of everything that they depend on."""
+"""Keys of results in memory and of clips on disk: hashes of all their inputs."""
 
 from __future__ import annotations
 
@@ -36,9 +36,11 @@ CODE = (
 
 
 def key(stage: str, *parts: Any) -> str:
-    """`stage` and the SHA-256 of `parts`: plain data, arrays, dataclasses, enumerations; order of keys does not count.
+    """Return `stage` and the SHA-256 of `parts`.
 
-    Raises TypeError for anything else, ValueError for what is no number.
+    `parts` are plain data, arrays, dataclasses and enumerations; the order of
+    dictionary keys has no effect. Raises TypeError for other classes, ValueError for
+    NaN.
     """
     text = json.dumps(
         [_plain(part) for part in parts],
@@ -50,38 +52,42 @@ def key(stage: str, *parts: Any) -> str:
 
 
 def motion_key(world: World) -> str:
-    """The key of a world's motion at the times of its frames, in this process."""
+    """Return the key of a world's motion at the times of its frames, in this
+    process.
+    """
     return key("motion", world)
 
 
 @cache
 def code_version(rooms: Sequence[str]) -> dict[str, str]:
-    """Versions of what computes: physgen's sources in its folder and in those of `rooms`, Python, libraries, machine.
+    """Return the versions of all code that computes results.
 
-    Worked out once a process. Raises ValueError for a room that is none.
+    These are physgen's sources in its folder and in the packages `rooms`, Python, the
+    libraries, and the machine. Computed once per process. Raises ValueError for an
+    unknown package.
     """
-    home = os.path.dirname(physgen.__file__)
-    sources = [entry.path for entry in os.scandir(home)]
+    package_root = os.path.dirname(physgen.__file__)
+    sources = [entry.path for entry in os.scandir(package_root)]
     for room in rooms:
-        if not os.path.isdir(os.path.join(home, room)):
+        if not os.path.isdir(os.path.join(package_root, room)):
             raise ValueError(f"physgen has no room {room}")
-        for folder, _, names in os.walk(
-            os.path.join(home, room)
-        ):  # half the time of Path.rglob
+        # os.walk takes half the time of Path.rglob.
+        for folder, _, names in os.walk(os.path.join(package_root, room)):
             sources += [os.path.join(folder, name) for name in names]
-    found = sha256()
+    digest = sha256()
     for path in sorted(path for path in sources if path.endswith(".py")):
         with open(path, "rb") as file:
             text = file.read()
-        found.update(f"{path[len(home) :]} {len(text)}\n".encode() + text)
-    libraries = {
-        name: number for name, number in versions().items() if name != "av"
-    }  # it only encodes: see `mark`
-    return {**libraries, "machine": platform.machine(), "sources": found.hexdigest()}
+        digest.update(f"{path[len(package_root) :]} {len(text)}\n".encode() + text)
+    # PyAV only encodes the computed frames: `RenderOptions.mark` has its version.
+    libraries = {name: number for name, number in versions().items() if name != "av"}
+    return {**libraries, "machine": platform.machine(), "sources": digest.hexdigest()}
 
 
 def _plain(value: Any) -> Any:
-    """As JSON data; numbers that are equal are alike, however they were written."""
+    """Convert a value to JSON data; equal numbers give equal data, whatever
+    their type.
+    """
     if value is None or isinstance(value, (str, bool)):
         return value
     if isinstance(value, Enum):
@@ -89,6 +95,7 @@ def _plain(value: Any) -> Any:
     if isinstance(value, (int, float)):
         if value in (inf, -inf):
             return {"": str(value)}
+        # Adding 0.0 turns -0.0 into 0.0. Larger integers are not exact as floats.
         return float(value) + 0.0 if abs(value) < 2**53 else value
     if isinstance(value, np.ndarray):
         data = np.ascontiguousarray(value)

@@ -1,4 +1,6 @@
-"""Scene file to output folder: video, trajectory, report and manifest, complete or not at all."""
+"""Scene file to output folder: video, trajectory, report and manifest, complete or not
+at all.
+"""
 
 from __future__ import annotations
 
@@ -75,43 +77,48 @@ class Page(Enum):
 
 @dataclass(frozen=True)
 class RenderOptions:
-    """What a caller can choose about one clip of a scene."""
+    """Choices of a caller about one clip of a scene."""
 
     overrides: tuple[str, ...] = ()
-    """`KEY=VALUE`, as `--set` takes them."""
+    """`KEY=VALUE` texts, as for `--set`."""
     variant: str | None = None
     name: str | None = None
-    """Of the clip's folder; None: the scene's name, followed by the variant's."""
+    """Name of the clip's folder; None: the names of the scene and its variant."""
     allow_outside: bool = False
     """Whether the scene may read files outside its folder."""
     formats: tuple[Format, ...] = (Format.MP4,)
-    """Of the video; none where it is empty."""
+    """Formats of the video; empty for no video."""
     command: tuple[str, ...] = ()
-    """The command line, for the manifest."""
+    """The command line for the manifest."""
     draws: int = 0
-    """Simulations with drawn values of what is uncertain."""
+    """Number of simulations with uncertain values drawn at random."""
     draw_seed: int = 0
     cached: bool = True
-    """Whether a complete clip of the same options is kept."""
+    """Whether a complete clip with the same options is reused."""
     page: Page = Page.FULL
     sound: bool = True
-    """Whether the clip has the sound track that its scene asks for."""
+    """Whether the clip has the sound track of its scene."""
     export: tuple[str, ...] = ()
-    """Formats of ground truth: written to `truth/`, or to the clip's folder where there is no video."""
+    """Formats of ground truth, written to `truth/`, or to the clip's folder without a
+    video.
+    """
     models: tuple[str, ...] = ()
-    """Flags of the command line that choose the model that refines: `--refine=NAME:WEIGHTS`, `--config=FILE`."""
+    """Command-line flags of the refinement model: `--refine=NAME:WEIGHTS`,
+    `--config=FILE`.
+    """
     mark: str = ""
-    """Identifies all options and the code in the manifest."""
+    """Hash of all options and the code, for the manifest."""
 
 
 def command_alone(path: str | Path, options: RenderOptions) -> list[str]:
-    """The command that makes this clip and no other."""
-    formats = ",".join(one.value for one in options.formats)
-    chosen = any(flag.startswith("--refine=") for flag in options.models)
+    """Return the command that renders exactly this clip."""
+    formats = ",".join(video_format.value for video_format in options.formats)
+    has_refine_flag = any(flag.startswith("--refine=") for flag in options.models)
+    # The flag for the refinement model overrides an edit of the same key.
     edits = [
         edit
         for edit in options.overrides
-        if not (chosen and edit.startswith("refine.backend="))
+        if not (has_refine_flag and edit.startswith("refine.backend="))
     ]
     return [
         *("physgen", "render", str(path)),
@@ -130,7 +137,7 @@ def command_alone(path: str | Path, options: RenderOptions) -> list[str]:
 
 
 Tap = Callable[["Iterator[Frame]"], "Iterator[Frame]"]
-"""Returns the same frames."""
+"""Function that returns the same frames, and uses them on the way."""
 
 
 @dataclass(frozen=True)
@@ -139,32 +146,41 @@ class Labels:
 
     kinds: Sequence[LabelFormat]
     maps: Percepts | None
-    """Of the photo, where a format needs them."""
+    """Maps of the photo, if a format needs them."""
 
     @classmethod
     def of(cls, formats: Sequence[str], scene: Scene, maps: Percepts | None) -> Labels:
-        """Raises InputError where a format is unknown, or does not fit the scene."""
+        """Create the labels of a clip. Raises InputError for a wrong format for the
+        scene.
+        """
         if not formats:
             return cls((), None)
         from physgen.export.formats import check_fits, choose_formats
 
-        chosen = choose_formats(formats)
-        check_fits(chosen, scene, maps)
-        return cls(chosen, maps if any(kind.needs for kind in chosen) else None)
+        label_formats = choose_formats(formats)
+        check_fits(label_formats, scene, maps)
+        return cls(
+            label_formats, maps if any(kind.needs for kind in label_formats) else None
+        )
 
     def check_kept(self, final: Path) -> None:
-        """Raises InputError where the folder holds files of an earlier run that this one would remove."""
-        if lost := lost_files(
+        """Raise InputError if this run would remove files of an earlier run from the
+        folder.
+        """
+        if removed_files := lost_files(
             read_manifest(final),
             {"trajectory.npz", *(kind.name for kind in self.kinds)},
         ):
-            raise Message.FILES_WOULD_BE_LOST.error(str(final), files=lost)
+            raise Message.FILES_WOULD_BE_LOST.error(str(final), files=removed_files)
 
     @contextmanager
     def exported(
         self, film: Film, trajectory: Trajectory, folder: Path, record: RunRecord
     ) -> Iterator[Tap]:
-        """Labels into `folder`, of the frames that go through the tap; complete when the block ends."""
+        """Write labels of the frames that pass the tap into `folder`.
+
+        The labels are complete when the block ends.
+        """
         if not self.kinds:
             yield lambda frames: frames
             return
@@ -175,9 +191,11 @@ class Labels:
         shot = film.shot(trajectory)
         clip = labelled_clip(film, trajectory, record, self.maps)
         queues: list[MomentQueue] = []
-        with ExitStack() as held:
+        with ExitStack() as open_files:
             with record.stage("export"):
-                writers = held.enter_context(open_writers(self.kinds, folder, clip))
+                writers = open_files.enter_context(
+                    open_writers(self.kinds, folder, clip)
+                )
 
             def write(moment: Moment | None) -> None:
                 if moment is not None:
@@ -185,27 +203,28 @@ class Labels:
                         writer.add(moment)
 
             def tap(frames: Iterator[Frame]) -> Iterator[Frame]:
-                fine, parts = film.exposed(trajectory)
+                exposure_samples, parts = film.exposed(trajectory)
                 samples = [sample * parts + parts - 1 for sample in shot.order]
                 for frame in frames:
-                    wall, cpu = time.perf_counter(), time.thread_time()
+                    wall_time, cpu_time = time.perf_counter(), time.thread_time()
                     if not queues:
-                        queues.append(open_queue(clip, fine, samples))
+                        queues.append(open_queue(clip, exposure_samples, samples))
                     write(queues[0].put(frame))
-                    wall, cpu = time.perf_counter() - wall, time.thread_time() - cpu
-                    for stage, sign in (
-                        ("export", 1),
-                        ("render", -1),
-                    ):  # the caller counts it as drawing
+                    wall_time, cpu_time = (
+                        time.perf_counter() - wall_time,
+                        time.thread_time() - cpu_time,
+                    )
+                    # The caller counts all time of this generator as drawing.
+                    for stage, sign in (("export", 1), ("render", -1)):
                         times = record.stages.setdefault(stage, StageTime())
-                        times.wall += sign * wall
-                        times.cpu += sign * cpu
+                        times.wall += sign * wall_time
+                        times.cpu += sign * cpu_time
                     yield frame
 
             yield tap
             with record.stage("export"):
                 write(queues[0].end() if queues else None)
-                held.close()
+                open_files.close()
 
     def of_frames(
         self,
@@ -215,7 +234,7 @@ class Labels:
         record: RunRecord,
         progress: Progress,
     ) -> None:
-        """Labels into `folder`, of frames that are drawn for nothing else."""
+        """Write labels into `folder`, of frames drawn only for this purpose."""
         if not self.kinds:
             return
         count = len(film.shot(trajectory).order)
@@ -225,35 +244,39 @@ class Labels:
 
 
 def balance_advice(world: World) -> str:
-    """Return what to change if the energy balance of a world is off, by what the world contains."""
-    ways = ["raise world.steps_per_second"]
+    """Return advice against an error of the energy balance, by the content of the
+    world.
+    """
+    suggestions = ["raise world.steps_per_second"]
     if sum(body.motion is Motion.DYNAMIC for body in world.bodies) > 1:
-        ways.append("look for masses far apart")
+        suggestions.append("look for masses far apart")
     if world.joints:
-        ways.append("look for joints that contradict each other")
+        suggestions.append("look for joints that contradict each other")
     if any(push.load is not Load.IMPULSE for push in world.pushes) or world.fields:
-        ways.append("look for forces that are too strong")
-    if len(ways) == 1:
-        ways.append("look for a shape that overlaps a boundary at t = 0")
-    return listed(ways)
+        suggestions.append("look for forces that are too strong")
+    if len(suggestions) == 1:
+        suggestions.append("look for a shape that overlaps a boundary at t = 0")
+    return listed(suggestions)
 
 
 TABLE = "fan.csv"
-"""Table of all draws, in a clip's folder."""
+"""Name of the table of all draws in a clip's folder."""
 UNMOVED = 1.0
-"""px: a displacement of a point of an object that nobody sees."""
+"""Displacement, px, of a point of an object that is too small to be visible."""
 HARDLY = 0.005
-"""Of the longer side: the same where something is pushed."""
+"""The same for a pushed object, as a share of the photo's longer side."""
 DEPARTED = 0.2
-"""Of the clip, from its beginning: a picture that is still from then on is seldom meant."""
+"""Share of the clip's duration: a picture without motion from then on is seldom
+intended.
+"""
 UNBALANCED = 0.03
-"""Share of the energy that flows which may be unaccounted for before the user is warned."""
+"""Share of the energy flow that may be unaccounted for before the user is warned."""
 
 
 def imbalance(world: World, trajectory: Trajectory) -> float:
-    """Return the error of the energy balance as a part of the energy that flows.
+    """Return the error of the energy balance as a share of the energy that flows.
 
-    At rest no energy flows; a body's fall by a pixel is the least that counts.
+    At rest no energy flows; a body's fall by a pixel is the smallest flow that counts.
     """
     mass = sum(body.mass for body in world.bodies)
     return trajectory.imbalance(mass * float(np.hypot(*world.gravity)))
@@ -273,34 +296,38 @@ def motion_warnings(
 def accuracy_warnings(
     scene: Scene, world: World, trajectory: Trajectory, error: float
 ) -> list[Problem]:
-    """Return warnings about a large error of the energy balance, and about work that was not done."""
+    """Return warnings about a large error of the energy balance, and about reduced
+    accuracy.
+    """
     problems = []
     if error > UNBALANCED:
         place = scene.place("world")
-        what = "the energy balance"
+        subject = "the energy balance"
         problems.append(
             Message.ENERGY_ERROR.warning(
-                place, "world", what, error=percent(error), fix=balance_advice(world)
+                place, "world", subject, error=percent(error), fix=balance_advice(world)
             )
         )
     effort = trajectory.effort
     if effort.overworked >= 0:
         names = [name for name, _ in world.surfaces]
         if effort.overworked_by >= 0:
-            second = names[effort.overworked_by]
-            what = f"impacts of {names[effort.overworked]} and {second}"
+            second_name = names[effort.overworked_by]
+            subject = f"impacts of {names[effort.overworked]} and {second_name}"
             message = Message.IMPACTS_INEXACT
         else:
-            what = f"steps of {names[effort.overworked]}"
+            subject = f"steps of {names[effort.overworked]}"
             message = Message.STEPS_INEXACT
-        problems.append(message.warning(scene.place("objects"), "", what))
+        problems.append(message.warning(scene.place("objects"), "", subject))
     return problems
 
 
 def departure_warnings(
     scene: Scene, world: World, trajectory: Trajectory
 ) -> list[Problem]:
-    """Return a warning if all that moves has left the picture early in the clip."""
+    """Return a warning if all moving objects have left the picture early in the
+    clip.
+    """
     reaches = np.array([body.reach for body in world.bodies])
     time = trajectory.time_of_departure(reaches, world.size, UNMOVED)
     if time is None or time >= DEPARTED * world.duration:
@@ -313,18 +340,20 @@ def departure_warnings(
 
 
 def reduced_rates(scene: Scene, formats: Sequence[Format]) -> list[Problem]:
-    """Return warnings about formats that browsers would play too slowly at the scene's rate."""
+    """Return warnings about formats with a lower frame rate in browsers than the
+    scene's.
+    """
     fps = scene.render.fps
     problems = []
     for kind in formats:
-        fastest = MAX_RATES.get(kind, fps)
-        if fps <= fastest:
+        maximum_rate = MAX_RATES.get(kind, fps)
+        if fps <= maximum_rate:
             continue
-        found = f"{fps:g} frames/s"
+        rate_text = f"{fps:g} frames/s"
         place = scene.place("render.fps")
         problems.append(
             Message.RATE_REDUCED.warning(
-                place, "render.fps", found, fastest=fastest, format=kind.value
+                place, "render.fps", rate_text, fastest=maximum_rate, format=kind.value
             )
         )
     return problems
@@ -341,11 +370,12 @@ def render_scene(
     warn: Warn = ignore_warning,
     **changes: Any,
 ) -> Path:
-    """Render a scene to `out/<name>/`: video, trajectory, manifest and report, complete or not at all.
+    """Render a scene to `out/<name>/`: video, trajectory, manifest and report.
 
-    `changes` are fields of RenderOptions, which replace those of `options`. `refiners` and `stages` keep models and
-    results from one scene to the next. Returns the folder. Raises InputError; where refinement fails, the folder is
-    written all the same, with `unrefined.mp4`.
+    The folder is complete or not written at all. `changes` are fields of RenderOptions,
+    which replace those of `options`. `refiners` and `stages` share models and results
+    between scenes. Returns the folder. Raises InputError; if the refinement fails, the
+    folder is still written, with `unrefined.mp4`.
     """
     options = replace(options or RenderOptions(), **changes)
     run = _Run(path, Path(out), options, stages or Stages(Keep.NOTHING), progress, warn)
@@ -356,7 +386,7 @@ def render_scene(
 
 
 class _Run:
-    """One scene being rendered: what its stages share."""
+    """The state of one render, shared by its stages."""
 
     def __init__(
         self,
@@ -371,15 +401,16 @@ class _Run:
 
         self.options, self.progress, self._warn = options, progress, warn
         variant = options.variant
-        alone = command_alone(path, options)
+        command = command_alone(path, options)
         record = RunRecord(
-            scene="", command=list(options.command) or alone, alone=alone
+            scene="", command=list(options.command) or command, alone=command
         )
         record.overrides, record.variant, record.mark = (
             list(options.overrides),
             variant,
             options.mark,
         )
+        # Files that another program writes after this time make the clip outdated.
         self.record, self._begun = record, time.time_ns()
         with record.stage("load"):
             scene = stages.load(path, options.overrides, variant, options.allow_outside)
@@ -393,17 +424,20 @@ class _Run:
         record.source = source_of(Path(path), self.final)
         record.video = {"size": list(scene.video_size), "fps": scene.render.fps}
         progress("compile", 0, 1)
+        # Problems of a variant name it, so that the user can find the edit.
         with record.stage("compile"), variant_named(variant):
-            compiled = stages.compile(scene, maps)
-            record.document = resolved(scene, compiled)
-            warnings = lint(scene, compiled, maps.percepts)
+            compiled_scene = stages.compile(scene, maps)
+            record.document = resolved(scene, compiled_scene)
+            warnings = lint(scene, compiled_scene, maps.percepts)
         for problem in [*warnings, *reduced_rates(scene, options.formats)]:
             self.warn(problem)
-        self._failures: list[Problem] = []  # of formats that cannot be written
+        self._failures: list[Problem] = []  # formats that cannot be written
         self.paged = bool(options.formats) and options.page is not Page.NONE
-        self.film = Film(scene, compiled, maps, record, stages)
+        self.film = Film(scene, compiled_scene, maps, record, stages)
         self.labels = Labels.of(options.export, scene, maps.percepts)
         self.film.keeps_layers = any(kind.has_layers for kind in self.labels.kinds)
+        # Without a video, the labels are written to the clip's folder itself, and would
+        # replace the video of an earlier run.
         if options.export and not options.formats:
             self.labels.check_kept(self.final)
         self.aside = Aside(record, scene.size)
@@ -414,7 +448,7 @@ class _Run:
         self._sound_section: dict[str, Any] | None = None
 
     def made(self, refiners: Refiners) -> Path:
-        """The folder, complete. Raises InputError."""
+        """Write the complete folder and return it. Raises InputError."""
         record, film = self.record, self.film
         faults: Sequence[Problem] = ()
         footage = trajectory = None
@@ -425,15 +459,16 @@ class _Run:
         else:
             self.progress("simulate", 0, 1)
             trajectory = film.simulated(self.progress)
-            # not before: a thread beside the engine, which hands Python over at every step, costs more than it gains
+            # Only after the simulation: the engine switches between threads at every
+            # step, and a thread beside it costs more time than it gains.
             self._draw_perception()
         draws = self.analyse(trajectory)
         with atomic_folder(self.final) as folder:
             if footage is None:
-                first, changed = self.draw(trajectory, folder), None
+                first_frame, comparison = self.draw(trajectory, folder), None
             else:
-                faults, changed = self.refine(footage, folder, refiners)
-                first = footage.rgb[0]
+                faults, comparison = self.refine(footage, folder, refiners)
+                first_frame = footage.rgb[0]
                 if self.paged:
                     self._sample_player(trajectory)
             with record.stage("report", time.thread_time):
@@ -441,17 +476,22 @@ class _Run:
                 if draws is not None:
                     draws.save(folder)
                 if self.paged:
-                    self.write_page(trajectory, first, folder, changed, draws)
+                    self.write_page(trajectory, first_frame, folder, comparison, draws)
             if self._failures or not self.inputs_unchanged():
-                record.mark = ""  # the next run makes it again: a format is missing, or which of two inputs was drawn
+                # A format is missing, or an input changed during the run: without a
+                # mark, the next run renders the clip again.
+                record.mark = ""
             write_manifest(record, folder)
-            earlier = read_manifest(self.final)
-        source, place = earlier.get("source"), Place(str(self.final))
-        other = os.path.normpath(self.final / str(source))
-        if source != record.source and os.path.isfile(other):
-            self._warn(Message.CLIP_REPLACED.warning(place, scene=other))
-        elif lost := lost_files(earlier, {*record.files, "report.html"}):
-            self._warn(Message.FILES_REPLACED.warning(place, files=lost))
+            earlier_manifest = read_manifest(self.final)
+        source, place = earlier_manifest.get("source"), Place(str(self.final))
+        # Two scenes of the same name replace each other's clips.
+        other_scene = os.path.normpath(self.final / str(source))
+        if source != record.source and os.path.isfile(other_scene):
+            self._warn(Message.CLIP_REPLACED.warning(place, scene=other_scene))
+        elif replaced_files := lost_files(
+            earlier_manifest, {*record.files, "report.html"}
+        ):
+            self._warn(Message.FILES_REPLACED.warning(place, files=replaced_files))
         if faults:
             raise InputError(
                 [*faults, _kept(self.final, "has the clip without refinement")]
@@ -466,7 +506,9 @@ class _Run:
         return self.final
 
     def _draw_perception(self) -> None:
-        """Begin to make the report's pictures of the photo, whose maps are let go then."""
+        """Start to draw the report's pictures of the photo; its maps are
+        released then.
+        """
         from physgen.report.perception import perception
 
         if self.paged:
@@ -474,7 +516,9 @@ class _Run:
             self._perceived, self._percepts = self.aside.start("report", make), None
 
     def _sample_player(self, trajectory: Trajectory) -> None:
-        """Begin to make the report's data of the motion; its frames are sampled already."""
+        """Start to collect the report's data of the motion, from frames that are
+        sampled already.
+        """
         from physgen.report.html import template
         from physgen.report.player import player_data
 
@@ -482,7 +526,7 @@ class _Run:
         parts = film.compiled.world, trajectory, film.stage, film.shot(trajectory)
 
         def sample() -> Data | None:
-            template("report.html.j2")  # compiled meanwhile
+            template("report.html.j2")  # compile the template in this thread, too
             data = player_data(self.scene, *parts)
             if data is not None and film.hold:
                 data["clip"]["hold"] = film.hold
@@ -491,22 +535,24 @@ class _Run:
         self._player = self.aside.start("report", sample)
 
     def warn(self, problem: Problem) -> None:
-        """Warn the user, and note it in the record."""
+        """Warn the user, and add the warning to the record."""
         self._warn(problem)
         self.record.warnings.append({**problem.as_dict(), "text": str(problem)})
 
     def inputs_unchanged(self) -> bool:
-        """Whether no input of the clip was written since the run began."""
-        home = self.scene.folder.resolve()
+        """Check that no input of the clip was written since the run began."""
+        scene_folder = self.scene.folder.resolve()
         times = [
-            file_stamp(Path(os.path.normpath(home / name)))[:2]
+            file_stamp(Path(os.path.normpath(scene_folder / name)))[:2]
             for name in self.record.inputs
         ]
-        same = all(file_stamp(file) == stamp for file, stamp in self._stamps)
-        return same and all(max(pair) < self._begun for pair in times)
+        has_same_stamps = all(file_stamp(file) == stamp for file, stamp in self._stamps)
+        return has_same_stamps and all(max(pair) < self._begun for pair in times)
 
     def analyse(self, trajectory: Trajectory) -> Draws | None:
-        """Check the energy balance; draw uncertain values where the options say so."""
+        """Check motion and energy balance; return draws of uncertain values, if
+        requested.
+        """
         from physgen.compile.shapes import shapes_of
         from physgen.pipeline.pushes import default_push
 
@@ -517,32 +563,42 @@ class _Run:
             self.film.compiled.world,
         )
         reach = np.array([body.reach for body in world.bodies])[:, None]
-        moved = np.ptp(trajectory.poses, axis=0) * np.concatenate(
+        # Displacements, px: a rotation moves a body's farthest point by angle times
+        # reach.
+        displacements = np.ptp(trajectory.poses, axis=0) * np.concatenate(
             [np.ones((len(reach), 2)), reach], 1
         )
-        pushed = [item for item in scene.objects if any(item.velocity)]
-        least = HARDLY * max(scene.size) if pushed else UNMOVED
-        if moved.max(initial=0.0) < least:
-            look = 'see what holds it by --set "render.overlay=[outlines, contacts]"'
-            held = "write motion: dynamic, or " * any(
+        pushed_objects = [item for item in scene.objects if any(item.velocity)]
+        smallest_visible = HARDLY * max(scene.size) if pushed_objects else UNMOVED
+        if displacements.max(initial=0.0) < smallest_visible:
+            look_hint = (
+                'see what holds it by --set "render.overlay=[outlines, contacts]"'
+            )
+            motion_hint = "write motion: dynamic, or " * any(
                 item.motion is Motion.STATIC for item in scene.objects
             )
             fix = (
-                f"no push moves anything: {held}{look}" if world.bodies else ADD_OBJECT
+                f"no push moves anything: {motion_hint}{look_hint}"
+                if world.bodies
+                else ADD_OBJECT
             )
-            if pushed:
-                speed = float(np.hypot(*pushed[0].velocity))
-                slow = speed * world.duration < least
-                fix = f"{pushed[0].name} has a velocity and is stuck: {look}"
-                if slow:
-                    fix = f"{pushed[0].name} has {speed:.3g} px/s, too little to see"
+            if pushed_objects:
+                speed = float(np.hypot(*pushed_objects[0].velocity))
+                is_slow = speed * world.duration < smallest_visible
+                fix = (
+                    f"{pushed_objects[0].name} has a velocity and is stuck: {look_hint}"
+                )
+                if is_slow:
+                    fix = f"{pushed_objects[0].name} has {speed:.3g} px/s, too little to see"
             elif push := default_push(scene, shapes_of(scene, self._mask_ids), {}):
                 fix = (
                     f"try --push {push.name}={push.way}, or write a velocity or a force"
                 )
-            nothing = Message.NOTHING_MOVES if world.bodies else Message.NOTHING_TO_MOVE
-            self.warn(nothing.warning(scene.place("objects"), fix=fix))
-        else:  # at rest, no energy flows; a body's fall by a pixel is the least that counts
+            template = (
+                Message.NOTHING_MOVES if world.bodies else Message.NOTHING_TO_MOVE
+            )
+            self.warn(template.warning(scene.place("objects"), fix=fix))
+        else:
             record.imbalance = imbalance(world, trajectory)
             for problem in departure_warnings(scene, world, trajectory):
                 self.warn(problem)
@@ -561,28 +617,30 @@ class _Run:
         return draws
 
     def _draws(self) -> Draws | None:
-        """Simulations with drawn values; None, and a warning, where no value of the scene is uncertain."""
+        """Simulate with random values; None and a warning if no value of the scene is
+        uncertain.
+        """
         from physgen.simulate.uncertain_values import uncertain_values
         from physgen.simulate.uncertainty import verdicts
 
-        scene, compiled, options = self.scene, self.film.compiled, self.options
+        scene, compiled_scene, options = self.scene, self.film.compiled, self.options
         if not uncertain_values(scene, options.variant):
             self.warn(
                 Message.NOTHING_UNCERTAIN.warning(scene.place("objects"), "--fan")
             )
             return None
-        made = fan(
+        ensemble = fan(
             scene,
-            compiled,
+            compiled_scene,
             options.draws,
             options.draw_seed,
             options.variant,
             self.progress,
         )
-        return Draws(made, verdicts(made))
+        return Draws(ensemble, verdicts(ensemble))
 
     def draw(self, trajectory: Trajectory, folder: Path) -> U8:
-        """Write the video and the labels; returns the first frame."""
+        """Write the video and the labels, and return the first frame."""
         film, record = self.film, self.record
         film.exposed(trajectory)
         if not self.options.export:
@@ -601,13 +659,16 @@ class _Run:
         count = film.count(trajectory)
         with self.labels.exported(film, trajectory, self._truth(folder), record) as tap:
             frames = film.deliver_frames(tap(film.frames(trajectory)), trajectory)
-            record.frames, first = files.write(frames, count)
-        return first
+            record.frames, first_frame = files.write(frames, count)
+        return first_frame
 
     def refine(
         self, footage: Footage, folder: Path, refiners: Refiners
     ) -> tuple[Sequence[Problem], Comparison | None]:
-        """Write the clip unrefined and refined, and the labels; returns why it failed, and the changes."""
+        """Write the clip unrefined and refined, and the labels.
+
+        Returns the reasons for a failure, and the comparison of the most changed frame.
+        """
         film, record = self.film, self.record
         files = VideoFiles(
             self.scene,
@@ -622,10 +683,13 @@ class _Run:
         self.labels.of_frames(
             film, footage.trajectory, self._truth(folder), record, self.progress
         )
-        earlier = read_manifest(self.final)
+        earlier_manifest = read_manifest(self.final)
+        # The refined clip of an earlier run may have taken hours: keep it.
         if (
-            outcome.faults and earlier.get("refine") and earlier.get("frames")
-        ):  # hours of work may be in it
+            outcome.faults
+            and earlier_manifest.get("refine")
+            and earlier_manifest.get("frames")
+        ):
             raise InputError(
                 [
                     *outcome.faults,
@@ -635,7 +699,9 @@ class _Run:
         return outcome.faults, outcome.changed
 
     def _write_sound(self, trajectory: Trajectory, folder: Path) -> I16 | None:
-        """Write the sound track, if a format of the clip can have one; return its samples."""
+        """Write the sound track, if a format of the clip can have one; return its
+        samples.
+        """
         has_track = Format.MP4 in self.options.formats and self.options.sound
         if not has_track or self.scene.render.sound is None:
             return None
@@ -649,6 +715,7 @@ class _Run:
         return track.samples
 
     def _truth(self, folder: Path) -> Path:
+        """Return the folder of the labels."""
         return folder / "truth" if self.options.formats else folder
 
     def write_page(
@@ -659,11 +726,12 @@ class _Run:
         changed: Comparison | None,
         draws: Draws | None,
     ) -> None:
-        """The report; `first` is the clip's first frame, unrefined."""
+        """Write the report; `first` is the clip's first frame before refinement."""
         from physgen.report.films import linked_film
         from physgen.report.page import PageParts, report_page
         from physgen.scene.write import scene_text
 
+        # A failed refinement leaves only the unrefined video.
         scene, film, record, kinds = (
             self.scene,
             self.film,
@@ -673,11 +741,10 @@ class _Run:
         world, shot = film.compiled.world, film.shot(trajectory)
         name = "video" if record.frames else "unrefined"
         names = [kind.file_name(name) for kind in kinds]
-        made = [video for video in names if (folder / video).exists()]
-        shown = linked_film(made)
-        if (
-            scene.render.overlay or not shot.opens_on_photo
-        ):  # the page draws on the photo itself
+        video_files = [video for video in names if (folder / video).exists()]
+        film_link = linked_film(video_files)
+        # The page draws its own overlay on the bare first frame of the whole photo.
+        if scene.render.overlay or not shot.opens_on_photo:
             first = next(render(film.stage, trajectory)).rgb
         section = None if draws is None else draws.section(world, first)
         text = scene_text(record.document)
@@ -689,7 +756,7 @@ class _Run:
             home=self.final,
             sound=self._sound_section,
         )
-        html = report_page(scene, world, record, first, shown, text, parts)
+        html = report_page(scene, world, record, first, film_link, text, parts)
         (folder / "report.html").write_text(html, "utf-8", "backslashreplace")
 
 
@@ -701,11 +768,11 @@ class Draws:
     verdicts: list[Verdict]
 
     def as_dict(self) -> dict[str, Any]:
-        """For the manifest."""
+        """Return the summary for the manifest."""
         from physgen.simulate.uncertainty import headline
 
         ensemble = self.ensemble
-        drawn = [
+        drawn_values = [
             {
                 "path": doubt.path,
                 "value": doubt.value,
@@ -721,7 +788,7 @@ class Draws:
             "simulated": len(ensemble.whole),
             "verdict": headline(ensemble, self.verdicts),
             "objects": {verdict.name: verdict.as_dict() for verdict in self.verdicts},
-            "drawn": drawn,
+            "drawn": drawn_values,
             "failures": [str(problem) for problem in ensemble.failures],
             "table": TABLE,
         }
@@ -731,18 +798,21 @@ class Draws:
         (folder / TABLE).write_text(self.ensemble.table(), encoding="utf-8")
 
     def section(self, world: World, first: U8) -> dict[str, Any]:
-        """For the report."""
+        """Return the section of the report."""
         from physgen.report.uncertainty import uncertainty_section
 
         return uncertainty_section(self.ensemble, self.verdicts, world, first)
 
 
 def _kept(folder: Path, what: str) -> Problem:
+    """Return the warning that the folder contains an earlier or partial clip."""
     return Message.CLIP_KEPT.warning(Place(str(folder)), content=what)
 
 
 def write_manifest(record: RunRecord, folder: Path) -> None:
-    """Write the record, with the hashes of all files in the folder, and its times apart."""
+    """Write the record with the hashes of all files in the folder, and its
+    times apart.
+    """
     from physgen.report.record import TIMING, file_hash, write_json
 
     for file in sorted(
@@ -754,7 +824,7 @@ def write_manifest(record: RunRecord, folder: Path) -> None:
 
 
 def output_name(path: str | Path, variant: str | None) -> str:
-    """Name of a clip's folder: the scene's, followed by the variant's."""
+    """Return the name of a clip's folder: the names of the scene and its variant."""
     from physgen.scene.load import scene_name
 
     name = scene_name(Path(path))

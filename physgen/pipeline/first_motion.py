@@ -1,4 +1,6 @@
-"""The first motion of a perceived scene: what would fall is held, and one object is pushed."""
+"""The first motion of a perceived scene: falling objects are held, one object is
+pushed.
+"""
 
 from __future__ import annotations
 
@@ -26,15 +28,15 @@ if TYPE_CHECKING:
 
 
 REST_SECONDS = 2.0
-"""s in which an object that nothing holds has moved."""
+"""Time, s, in which an object without support moves."""
 REST_SAMPLES = 81
-"""Samples of that time."""
+"""Number of samples of that time."""
 REST_BLOCK = 9
-"""Samples after which the simulation is looked at; they divide all samples evenly."""
+"""Number of samples between two checks of the motion; it divides `REST_SAMPLES`."""
 REST_RATE = 240.0
-"""Steps in a second of that time; 120 are too few for objects on each other."""
+"""Steps per second of that simulation; 120 are too few for stacked objects."""
 REST_PX = 1.0
-"""px from which an object has moved."""
+"""Distance, px, from which an object counts as moving."""
 
 
 def start_motion(
@@ -45,12 +47,13 @@ def start_motion(
 ) -> PerceivedScene:
     """Return the scene with falling objects held and one object pushed, unless `still`.
 
-    `pushes`, or a `story` in words, take the place of the push that is chosen. Raises
-    InputError if one of them is wrong.
+    `pushes`, or a `story` in words, replace the automatic push. Raises InputError if
+    one of them is wrong.
     """
     from physgen.pipeline.verdicts import with_living_named, with_toys_named
 
-    with suppress(InputError):  # it is reported when the scene is rendered
+    # A problem of the scene is reported when the scene is rendered.
+    with suppress(InputError):
         perceived = _at_rest(perceived)
         if perceived.document["objects"] and not (still or pushes or story is not None):
             perceived = _pushed(perceived)
@@ -64,53 +67,62 @@ def start_motion(
 
 
 def _moved_by_story(perceived: PerceivedScene, story: str) -> PerceivedScene:
-    """Return the scene with the motion that a sentence asks for. Raises InputError."""
+    """Return the scene with the motion of a story in words. Raises InputError."""
     from physgen.pipeline.stages import compile, ended
     from physgen.pipeline.story import tell_story
 
     scene = open_trial(perceived, "motion").scene()
-    compiled, _ = ended(scene, compile(scene, None))
-    telling = tell_story(scene, compiled, story)
+    compiled_scene, _ = ended(scene, compile(scene, None))
+    plan = tell_story(scene, compiled_scene, story)
     document = dict(perceived.document)
     objects = dict(document["objects"])
     comments = dict(perceived.comments)
-    for key, value in telling.edits.items():
+    for key, value in plan.edits.items():
         if key == "forces":
             document["forces"] = value
-            comments["forces"] = telling.outcome
+            comments["forces"] = plan.outcome
             continue
         _, name, part = key.split(".")
+        # Perceived scenes have velocities in m/s, so that a corrected scale keeps the
+        # motion real.
         if part == "velocity":
             per_meter = scene.world.pixels_per_meter
-            value = [meters(one / per_meter) for one in value]
+            value = [meters(component / per_meter) for component in value]
         objects[name] = objects[name] | {part: value}
-        comments[key] = telling.outcome
+        comments[key] = plan.outcome
     document["objects"] = objects
     return replace(perceived, document=document, comments=comments)
 
 
 def _at_rest(perceived: PerceivedScene, kept: Collection[str] = ()) -> PerceivedScene:
-    """The scene in which objects are held, but for those `kept`, that go farther than 1 px in 2 s without a push, the
-    first to go at first."""
+    """Hold the objects that move more than `REST_PX` without a push, in order of
+    motion.
+
+    Objects of `kept` are not held. Only in the side view can objects fall.
+    """
     import numpy as np
 
     from physgen.compile.compile import compile_shapes
     from physgen.compile.shapes import shapes_of
     from physgen.scene.scene import View
 
-    opened = open_trial(perceived)
-    scene = opened.scene()
+    trial = open_trial(perceived)
+    scene = trial.scene()
     shapes = shapes_of(scene, None)
     objects, comments = dict(perceived.document["objects"]), dict(perceived.comments)
+    # Hold the first objects that move and simulate again: objects that rest on them may
+    # stay at rest then.
     while scene.world.view is View.SIDE:
-        goes = _first_to_go(
+        is_moving = _first_to_go(
             compile_shapes(scene, shapes).world,
             np.array([item.name not in kept for item in scene.objects], bool),
         )
-        if not goes.any():
+        if not is_moving.any():
             break
         for name in [
-            item.name for item, gone in zip(scene.objects, goes, strict=True) if gone
+            item.name
+            for item, is_gone in zip(scene.objects, is_moving, strict=True)
+            if is_gone
         ]:
             item = {
                 key: value
@@ -128,11 +140,11 @@ def _at_rest(perceived: PerceivedScene, kept: Collection[str] = ()) -> Perceived
             comments[f"objects.{name}.motion"] = (
                 "it would not stay there, so it is held; dynamic lets it go"
             )
-        scene = opened.scene(
+        scene = trial.scene(
             [
                 f"objects.{k}.motion=static"
-                for k, one in objects.items()
-                if "motion" in one
+                for k, entry in objects.items()
+                if "motion" in entry
             ]
         )
     return replace(
@@ -141,9 +153,9 @@ def _at_rest(perceived: PerceivedScene, kept: Collection[str] = ()) -> Perceived
 
 
 def _first_to_go(world: World, is_free: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which of the objects (N,) that are free move first, in a world at rest.
+    """Return the mask (N,) of the free objects that move first, in a world at rest.
 
-    The simulation ends as soon as one moves.
+    The simulation ends at the first motion.
     """
     import numpy as np
 
@@ -154,18 +166,18 @@ def _first_to_go(world: World, is_free: NDArray[np.bool_]) -> NDArray[np.bool_]:
     running = Running(replace(world, steps_per_second=rate), times)
     for stop in range(REST_BLOCK, REST_SAMPLES + 1, REST_BLOCK):
         running.on(float(times[stop - 1]))
-        places = running.trajectory().poses[:stop, :, :2]
-        away = np.hypot(*np.moveaxis(places - places[:1], -1, 0)) > REST_PX
-        away &= is_free
-        if away.any():
-            return np.asarray(away[away.any(axis=1).argmax()], bool)
+        positions = running.trajectory().poses[:stop, :, :2]
+        is_moving = np.hypot(*np.moveaxis(positions - positions[:1], -1, 0)) > REST_PX
+        is_moving &= is_free
+        if is_moving.any():
+            return np.asarray(is_moving[is_moving.any(axis=1).argmax()], bool)
     return np.zeros_like(is_free)
 
 
 def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedScene:
-    """Return the scene with the push that tells a short story and stays in the picture.
+    """Return the scene with the push of a short story that stays in the picture.
 
-    Only objects of `only`, if any are named, are pushed. If no push moves anything, a
+    Only objects of `only`, if any are named, are pushed. If no push moves an object, a
     held object is released and pushed alone.
     """
     from physgen.pipeline.refusals import find_refusals
@@ -175,28 +187,33 @@ def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedS
     refusals = find_refusals(perceived)
     if refusals.photo:
         return with_doubts(perceived, refusals.reasons)
-    names = set(perceived.document["objects"]) - set(refusals.objects)
-    allowed = names & set(only) if only else names
-    chosen = _chosen_push(perceived, allowed, refusals.barred)
-    if not only and _is_weak(perceived, chosen):
-        released = _release(perceived, refusals)
-        if released is not None and _is_better(released[1], chosen):
+    candidates = set(perceived.document["objects"]) - set(refusals.objects)
+    movable_names = candidates & set(only) if only else candidates
+    # Try the objects that nothing speaks against; someone beside an object bars one
+    # side.
+    push = _chosen_push(perceived, movable_names, refusals.barred)
+    if not only and _is_weak(perceived, push):
+        # A push of an object on a guessed floor is still better than no motion, or than
+        # a motion out of the picture.
+        release = _release(perceived, refusals)
+        if release is not None and _is_better(release[1], push):
             doubts = []
-            if not is_oblique(perceived):  # else the ground is visible around it
-                doubts.append(Note.GUESSED_FLOOR.text(name=released[1].name))
-            return _with_push(with_doubts(released[0], doubts), released[1])
-    if chosen is None:
-        reasons = [*refusals.reasons, *stillness_doubts(perceived, allowed)]
+            # At an angle, the ground is visible around the object.
+            if not is_oblique(perceived):
+                doubts.append(Note.GUESSED_FLOOR.text(name=release[1].name))
+            return _with_push(with_doubts(release[0], doubts), release[1])
+    if push is None:
+        reasons = [*refusals.reasons, *stillness_doubts(perceived, movable_names)]
         return with_doubts(perceived, reasons)
-    return _with_push(perceived, chosen)
+    return _with_push(perceived, push)
 
 
 def _with_push(perceived: PerceivedScene, push: Push) -> PerceivedScene:
     """Return the scene with a push, its comment and its doubts."""
     per_meter = perceived.document["world"]["pixels_per_meter"]
     speeds = [meters(part / per_meter) for part in push.velocity]
-    why = f"the push that sets it off, {push.phrase}; [0, 0] leaves it at rest"
-    return _with_motion(perceived, {push.name: (speeds, why)}, push.outcome)
+    comment = f"the push that sets it off, {push.phrase}; [0, 0] leaves it at rest"
+    return _with_motion(perceived, {push.name: (speeds, comment)}, push.outcome)
 
 
 def _chosen_push(
@@ -205,10 +222,11 @@ def _chosen_push(
     barred: Mapping[str, str],
     least: float = 0.0,
 ) -> Push | None:
-    """Return the best push of the objects of these names; None if none moves anything.
+    """Return the best push of the objects of these names; None if no push moves an
+    object.
 
-    `barred` are sides to which objects are not pushed. Objects that are less sure than
-    `least` count as if they were as sure.
+    `barred` are the sides to which objects are not pushed. Confidences below `least`
+    are raised to `least`.
     """
     from physgen.compile.shapes import shapes_of
     from physgen.perceive.document import mask_confidence
@@ -224,8 +242,8 @@ def _chosen_push(
     }
     scene = open_trial(perceived).scene()
     shapes = shapes_of(scene, None)
-    unseen = _unseen_walls(perceived)
-    return default_push(scene, shapes, confidence, unseen, facing, barred)
+    invisible_walls = _unseen_walls(perceived)
+    return default_push(scene, shapes, confidence, invisible_walls, facing, barred)
 
 
 def _is_weak(perceived: PerceivedScene, push: Push | None) -> bool:
@@ -257,24 +275,27 @@ def _is_better(push: Push, other: Push | None) -> bool:
 def _release(
     perceived: PerceivedScene, refusals: Refusals
 ) -> tuple[PerceivedScene, Push] | None:
-    """Return the scene with one held object released, and its push; None if none moves."""
+    """Release one held object and return its scene and push; None if no object
+    moves.
+    """
     from physgen.pipeline.releases import RELEASE, releases
 
     best: tuple[PerceivedScene, Push] | None = None
-    for name, released in releases(perceived, refusals.objects):
-        settled = _at_rest(released)
-        push = _chosen_push(settled, [name], refusals.barred, RELEASE.certainty)
+    for name, released_scene in releases(perceived, refusals.objects):
+        # The guessed floor may not support the object.
+        resting_scene = _at_rest(released_scene)
+        push = _chosen_push(resting_scene, [name], refusals.barred, RELEASE.certainty)
         if push is None:
             continue
         if best is None or _is_better(push, best[1]):
-            best = settled, push
+            best = resting_scene, push
         if push.outcome.is_calm:
             break
     return best
 
 
 def _unseen_walls(perceived: PerceivedScene) -> list[str]:
-    """Return the names of walls that the photo does not show."""
+    """Return the names of walls outside the picture."""
     from physgen.perceive.support.supports import SOURCE
 
     walls = perceived.document["boundaries"].items()
@@ -286,9 +307,10 @@ def _with_motion(
     motions: Mapping[str, tuple[list[Any], str]],
     outcome: Outcome,
 ) -> PerceivedScene:
-    """Return the scene with velocities and their comments, and doubts of the outcome.
+    """Return the scene with velocities and their comments, and doubts about the
+    outcome.
 
-    Slow motion is what suits the time in which something moves.
+    The slow motion is chosen for the duration of the visible motion.
     """
     from physgen.geometry.scale import slow_motion_comment, story_slow_motion
     from physgen.pipeline.verdicts import (
@@ -299,14 +321,16 @@ def _with_motion(
 
     document, comments = perceived.document, dict(perceived.comments)
     objects = dict(document["objects"])
-    for name, (velocity, why) in motions.items():
+    for name, (velocity, comment) in motions.items():
         item = {k: v for k, v in objects[name].items() if k != "motion"}
         objects[name] = item | {"velocity": velocity}
         comments.pop(f"objects.{name}.motion", None)
-        comments[f"objects.{name}.velocity"] = why
+        comments[f"objects.{name}.velocity"] = comment
     render = dict(document.get("render", {}))
-    usual = round(render.pop("slow", 1))
-    slow = story_slow_motion(usual, outcome.seconds)
+    # The slow motion of the perceived scene suits a fall across the picture; here, the
+    # duration of the simulated motion decides.
+    default_slow = round(render.pop("slow", 1))
+    slow = story_slow_motion(default_slow, outcome.seconds)
     render = ({"slow": slow} if slow > 1 else {}) | render
     if slow > 1:
         comments["render"] = slow_motion_comment(slow)
@@ -315,9 +339,11 @@ def _with_motion(
     document = document | {"objects": objects}
     if render or "render" in document:
         document["render"] = render
-    moved = replace(perceived, document=document, comments=comments)
-    moved = without_parts_at_rest(moved, outcome)
-    return with_doubts(moved, outcome_doubts(moved, list(motions), outcome))
+    moving_scene = replace(perceived, document=document, comments=comments)
+    moving_scene = without_parts_at_rest(moving_scene, outcome)
+    return with_doubts(
+        moving_scene, outcome_doubts(moving_scene, list(motions), outcome)
+    )
 
 
 def _pushed_by_user(perceived: PerceivedScene, pushes: Sequence[str]) -> PerceivedScene:
@@ -329,6 +355,8 @@ def _pushed_by_user(perceived: PerceivedScene, pushes: Sequence[str]) -> Perceiv
     dynamic_scene = _freed(
         perceived, [text.partition("=")[0].strip() for text in pushes]
     )
+    # The outcome of the pushes decides about slow motion and doubts, as for an
+    # automatic push.
     scene = open_trial(dynamic_scene).scene()
     shapes = shapes_of(scene, None)
     trials = compile_trials(scene, shapes, _unseen_walls(dynamic_scene))
@@ -336,10 +364,10 @@ def _pushed_by_user(perceived: PerceivedScene, pushes: Sequence[str]) -> Perceiv
     velocities = {}
     for item, velocity in named_pushes(scene, shapes, pushes):
         per_meter = scene.world.pixels_per_meter
-        in_meters = [meters(part / per_meter) for part in velocity]
+        velocity_in_meters = [meters(part / per_meter) for part in velocity]
         push = Push(item.name, velocity, direction_words(velocity))
-        why = f"the push that you gave, {push.phrase}; [0, 0] leaves it at rest"
-        motions[item.name] = (in_meters, why)
+        comment = f"the push that you gave, {push.phrase}; [0, 0] leaves it at rest"
+        motions[item.name] = (velocity_in_meters, comment)
         velocities[item.name] = velocity
     outcome = simulate_push(trials, velocities)
     return _with_motion(dynamic_scene, motions, outcome)
@@ -348,9 +376,9 @@ def _pushed_by_user(perceived: PerceivedScene, pushes: Sequence[str]) -> Perceiv
 def push_anew(
     perceived: PerceivedScene, scene: Scene, pushes: Sequence[str]
 ) -> PerceivedScene:
-    """Return a refreshed scene with pushes in place of the one of perception.
+    """Return a refreshed scene with pushes of the user in place of perception's push.
 
-    Velocities that the user wrote in `scene` stay. Raises InputError.
+    Velocities of the user in `scene` stay. Raises InputError.
     """
     from physgen.pipeline.pushes import perceived_pushes
 
@@ -363,7 +391,7 @@ def push_anew(
 
 
 def _freed(perceived: PerceivedScene, names: Collection[str]) -> PerceivedScene:
-    """Return the scene in which objects of these names are no longer held."""
+    """Return the scene with the objects of these names released."""
     objects = {}
     for name, item in perceived.document["objects"].items():
         if name in names:
@@ -379,9 +407,14 @@ def refresh_motion(
     still: bool,
     warn: Warn,
 ) -> tuple[PerceivedScene, dict[str, Any]]:
-    """The `scene` that is refreshed, whose objects `was` held, with what has a new prompt at rest, and a push where
-    nothing moves and an object is let go, the view is another, or the push that perception wrote moves nothing now,
-    which is a warning; and what moves as before, by name."""
+    """Set the objects of a refreshed scene in motion again.
+
+    Objects with a new prompt are held if they would fall. A push is added if nothing
+    else moves and if an object was released, the view has changed, or perception's old
+    push now moves nothing; the last case is a warning. `scene` is the scene before the
+    refresh, `was` its entries of objects by name. Returns the refreshed scene, and the
+    values of objects that move as before, by name.
+    """
     from physgen.compile.shapes import shapes_of
     from physgen.pipeline.push_trials import compile_trials, simulate_push
     from physgen.pipeline.pushes import perceived_pushes
@@ -396,50 +429,73 @@ def refresh_motion(
     )
     with suppress(InputError):
         objects = perceived.document["objects"]
-        same = [
+        unchanged_names = [
             k
             for k, item in was.items()
             if item.get("prompt") == objects.get(k, item).get("prompt")
         ]
-        perceived = _at_rest(perceived, same)
-        now = perceived.document["objects"]
-        free = {
+        # Objects with an unchanged prompt keep the motion that they had, whether they
+        # fall or not.
+        perceived = _at_rest(perceived, unchanged_names)
+        objects_at_rest = perceived.document["objects"]
+        released_names = {
             k
             for k, item in was.items()
-            if "motion" in item and "motion" not in now.get(k, item)
+            if "motion" in item and "motion" not in objects_at_rest.get(k, item)
         }
-        turned = scene.record.world.get("view") not in (None, scene.world.view.value)
+        has_new_view = scene.record.world.get("view") not in (
+            None,
+            scene.world.view.value,
+        )
         trial_scene = open_trial(perceived, "velocity", "place", "layer").scene()
-        able = [
+        pushed_objects = [
             item
             for item in trial_scene.objects
             if item.name in pushes and any(item.velocity)
         ]
+        # The push of perception may now meet an obstacle, since masks have changed.
         trials = compile_trials(trial_scene, shapes_of(trial_scene, None))
-        outcomes = [simulate_push(trials, {one.name: one.velocity}) for one in able]
-        moves = any(outcome.grade for outcome in outcomes)
-        stopped = pushes if turned or not moves else []
-        for name in stopped:
+        outcomes = [
+            simulate_push(trials, {pushed_item.name: pushed_item.velocity})
+            for pushed_item in pushed_objects
+        ]
+        has_motion = any(outcome.grade for outcome in outcomes)
+        stopped_names = pushes if has_new_view or not has_motion else []
+        for name in stopped_names:
             del moving[name]
-        rest = {
-            name: now[name] | {"velocity": [0, 0]} for name in stopped if name in now
+        stopped_entries = {
+            name: objects_at_rest[name] | {"velocity": [0, 0]}
+            for name in stopped_names
+            if name in objects_at_rest
         }
         perceived = replace(
-            perceived, document=perceived.document | {"objects": now | rest}
+            perceived,
+            document=perceived.document
+            | {"objects": objects_at_rest | stopped_entries},
         )
-        if (free or turned or stopped) and not (still or moving or scene.forces):
-            pushed = _pushed(perceived, () if turned or stopped else free)
-            document = perceived.document | {"objects": pushed.document["objects"]}
-            perceived = replace(perceived, document=document, comments=pushed.comments)
-        new = [
+        if (released_names or has_new_view or stopped_names) and not (
+            still or moving or scene.forces
+        ):
+            # After another view or a stopped push, any object may be pushed, otherwise
+            # only those that the refresh released.
+            pushed_scene = _pushed(
+                perceived, () if has_new_view or stopped_names else released_names
+            )
+            document = perceived.document | {
+                "objects": pushed_scene.document["objects"]
+            }
+            perceived = replace(
+                perceived, document=document, comments=pushed_scene.comments
+            )
+        pushed_names = [
             k
             for k, item in perceived.document["objects"].items()
             if any(item.get("velocity", ()))
         ]
         fix = "no other push moves anything"
-        if new:
-            fix = f"{listed(new, 'and')} is pushed instead"
-        nothing, place = Message.PUSH_MOVES_NOTHING, Place("--refresh")
-        for name in [] if turned else stopped:
-            warn(nothing.warning(place, name, "its push", fix=fix))
+        if pushed_names:
+            fix = f"{listed(pushed_names, 'and')} is pushed instead"
+        template, place = Message.PUSH_MOVES_NOTHING, Place("--refresh")
+        for name in [] if has_new_view else stopped_names:
+            warn(template.warning(place, name, "its push", fix=fix))
     return perceived, moving

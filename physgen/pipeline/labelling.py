@@ -1,4 +1,4 @@
-"""What labels and the sound track of a clip are made of."""
+"""The inputs of a clip's labels and of its sound track."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 def labelled_clip(
     film: Film, trajectory: Trajectory, record: RunRecord, maps: Percepts | None
 ) -> Clip:
-    """Return what labels and sound are made of; `maps` are the photo's, if they are needed."""
-    scene, compiled, shot = film.scene, film.compiled, film.shot(trajectory)
+    """Return the input of labels and sound; `maps` are the photo's maps, if needed."""
+    scene, compiled_scene, shot = film.scene, film.compiled, film.shot(trajectory)
     labels = None if maps is None else maps.cut_out
     return Clip(
         scene.name,
         scene,
-        compiled.world,
+        compiled_scene.world,
         trajectory,
         maps,
         scene.video_size,
@@ -31,10 +31,15 @@ def labelled_clip(
         len(shot.order),
         shot,
         record.inputs,
-        photo_ids=starting_labels(compiled.labels, labels, compiled.scenery),
+        photo_ids=starting_labels(
+            compiled_scene.labels, labels, compiled_scene.scenery
+        ),
     )
 
 
 def open_queue(clip: Clip, fine: Trajectory, samples: Sequence[int]) -> MomentQueue:
-    """Return a queue of frames; `fine` is the motion within exposures, `samples` the last of each frame."""
+    """Create a queue of frames.
+
+    `fine` is the motion within exposures, `samples` the last sample of each frame.
+    """
     return MomentQueue(clip.world, fine, samples, clip.shot)

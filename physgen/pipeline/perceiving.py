@@ -1,4 +1,6 @@
-"""A photo, a folder of the paper's code, or a scene to be perceived again: to the scene's text and its assets."""
+"""Perception as a whole: from a photo, a folder of the paper's code, or an older scene
+to a scene's text and its assets.
+"""
 
 from __future__ import annotations
 
@@ -26,43 +28,45 @@ if TYPE_CHECKING:
     from physgen.perceive.refresh import PromptFrames
     from physgen.perceive.roles import BoundaryGuess, Description, PerceivedScene
     from physgen.registry import Backends
-    from physgen.scene.load import Opened
+    from physgen.scene.load import OpenedScene
     from physgen.scene.scene import Scene
 
 Keep = Callable[[Path], None]
-"""Called with the new name of every file that stood in the way and was renamed."""
+"""Callback with the new name of every file that was renamed to make room."""
 
 
 @dataclass(frozen=True)
 class PerceiveOptions:
-    """What a caller can choose about perception."""
+    """Choices of a caller about perception."""
 
     masks: Path | None = None
-    """A label map that shows the objects."""
+    """A label map of the objects."""
     boxes: Sequence[tuple[float, float, float, float]] = ()
-    """x, y, w, h px of objects, in the photo that was given, upright."""
+    """Boxes of objects, x, y, w, h px, in the upright photo of the file."""
     points: Sequence[tuple[float, float]] = ()
-    """x, y px on objects, in the same photo."""
+    """Points on objects, x, y px, in the same photo."""
     smallest: bool = False
-    """Whether a point means the smallest object there, and not the whole one."""
+    """Whether a point selects the smallest object there, not the whole one."""
     labels: Sequence[str] = ()
-    """`NAME=TEXT`."""
+    """`NAME=TEXT` texts: labels of objects."""
     asked: Sequence[str] = ()
-    """Objects that the segment backend is to find."""
+    """Nouns of objects for the segment backend to find."""
     side: int | None = None
-    """px: longest side of the photo, made smaller above; None: the default."""
+    """Longest side of the photo, px, above which it is made smaller; None: the
+    default.
+    """
     still: bool = False
-    """Whether the push that sets the scene in motion is left out."""
+    """Whether the scene gets no push."""
     allow_outside: bool = False
-    """Whether a scene that is perceived again may read files outside its folder."""
+    """Whether a refreshed scene may read files outside its folder."""
     pushes: Sequence[str] = ()
-    """`NAME=DIRECTION[@SPEED]`, in place of the push that perception chooses."""
+    """`NAME=DIRECTION[@SPEED]` texts, in place of the automatic push."""
     story: str | None = None
-    """What is to happen, in words, in place of that push."""
+    """A sentence about the motion, in place of the automatic push."""
     view: str | None = None
     """`side` or `top`; None: perception decides."""
     makes_cache: bool = False
-    """Whether the assets get a cache, which `render` uses."""
+    """Whether the assets get a cache for `render`."""
 
 
 def perceive(
@@ -77,14 +81,15 @@ def perceive(
     stdout: Path | None = None,
     **given: Any,
 ) -> str:
-    """Photo -> the scene's text; assets, and the scene where `output` is given, are written. Raises InputError.
+    """Convert a photo to the text of a scene, and write the assets. Raises InputError.
 
-    `stdout` is the file that the caller writes the text to: without `output`, the assets
-    go beside it.
+    The scene itself is written only if `output` is given. `stdout` is the file to which
+    the caller writes the text: without `output`, the assets go beside it.
 
-    Objects come from `masks`, `boxes` and `points`, or else from the segment backend. `crew` fills the roles,
-    the offline backends unless given. `given` are fields of PerceiveOptions. `inform` is called with a summary:
-    some lines, the first of which has the photo's suitability.
+    Objects come from `masks`, `boxes` and `points`, or else from the segment backend.
+    `crew` fills the roles; by default, these are the offline backends. `given` are
+    fields of PerceiveOptions. `inform` is called with a summary of several lines, of
+    which the first contains the photo's suitability.
     """
     from physgen.perceive.document import write_scene
     from physgen.registry import Backends
@@ -111,7 +116,7 @@ def perceive(
         from physgen.pipeline.asset_cache import make_cache
 
         make_cache(perceived.percepts, text, output or stdout)
-    # last: nobody may read it any more
+    # The reader of the summary may have closed the pipe: inform at the very end.
     lines = [*description.summary, *_overview_lines(text, output or stdout)]
     inform(f"{image}: " + "\n".join(lines))
     return text
@@ -124,7 +129,8 @@ def _description(perceived: PerceivedScene) -> Description:
     from physgen.report.overview import overview_png
 
     velocities: dict[str, Sequence[float]] = {}
-    with suppress(InputError):  # it is reported when the scene is rendered
+    # A problem of the scene is reported when the scene is rendered.
+    with suppress(InputError):
         for item in open_trial(perceived, "velocity").scene().objects:
             velocities[item.name] = item.velocity
     rgb, labels = perceived.percepts.rgb, perceived.percepts.labels
@@ -133,7 +139,7 @@ def _description(perceived: PerceivedScene) -> Description:
 
 
 def _overview_lines(text: str, target: Path | None) -> list[str]:
-    """Return the line of the summary that names the overview of a scene's text."""
+    """Return the line of the summary with the path of the overview."""
     folder = Path() if target is None else target.parent
     assets = named_assets(text.encode("utf-8"), folder)
     if assets is None or not (assets / OVERVIEW).is_file():
@@ -143,11 +149,13 @@ def _overview_lines(text: str, target: Path | None) -> list[str]:
 
 @dataclass(frozen=True)
 class _PerceivedPhoto:
-    """The scene of a photo, set in motion, and how the scene can refer to the file."""
+    """The scene of a photo, set in motion, and the way in which it can refer to the
+    file.
+    """
 
     perceived: PerceivedScene
     is_nameable: bool
-    """Whether the file's pixels are those of the scene."""
+    """Whether the file has exactly the pixels of the scene."""
 
 
 def _perceive_photo(
@@ -188,28 +196,38 @@ def _perceive_photo(
         labels = read_object_masks(masks)
         _check_masks(masks, labels.shape, image, (photo.rgb.shape[:2], rgb.shape[:2]))
     height, width = photo.rgb.shape[:2]
-    as_it_is = photo.plain and rgb is photo.rgb
+    is_unchanged = photo.plain and rgb is photo.rgb
     if rgb is not photo.rgb:
-        was, now = f"{width} x {height} px", f"{rgb.shape[1]} x {rgb.shape[0]} px"
+        old_size, new_size = (
+            f"{width} x {height} px",
+            f"{rgb.shape[1]} x {rgb.shape[0]} px",
+        )
         warn(
             Message.PHOTO_MADE_SMALLER.warning(
-                place, "", f"the photo of {was}", width=max(width, height), size=now
+                place,
+                "",
+                f"the photo of {old_size}",
+                width=max(width, height),
+                size=new_size,
             )
         )
-    del photo  # a large one is larger than all maps together
-    found = None
+    # A large photo takes more memory than all maps together.
+    del photo
+    # Objects that the caller marks replace the detections of the segment backend.
+    detections = None
     if labels is not None:
-        found = from_masks(labels)
+        detections = from_masks(labels)
     elif boxes or points:
         frame = PromptFrame(width, height, rgb.shape[1] / width)
         check_prompts(boxes, points, frame)
         segmenter = Segmenter(crew, options.asked, options.smallest)
-        found = from_prompts(rgb, boxes, points, segmenter, frame)
+        detections = from_prompts(rgb, boxes, points, segmenter, frame)
+        # The segment backend is not needed any more, and its memory is.
         crew.release("segment")
     for problem in _unused_choices(crew, options):
         warn(problem)
-    if found is not None:
-        found = shrink_detections(found, (width, height), rgb)
+    if detections is not None:
+        detections = shrink_detections(detections, (width, height), rgb)
     full_size = None if rgb.shape[:2] == (height, width) else (width, height)
 
     def set_in_motion(perceived: PerceivedScene) -> PerceivedScene:
@@ -220,9 +238,9 @@ def _perceive_photo(
             warn(problem)
         return moved
 
-    moved = run(
+    moving_scene = run(
         rgb,
-        found,
+        detections,
         renames=options.labels,
         crew=crew,
         asked=options.asked,
@@ -230,7 +248,7 @@ def _perceive_photo(
         progress=progress,
         meanwhile=set_in_motion,
     )
-    return _PerceivedPhoto(moved, as_it_is)
+    return _PerceivedPhoto(moving_scene, is_unchanged)
 
 
 def _given_view(options: PerceiveOptions) -> BoundaryGuess | None:
@@ -249,18 +267,20 @@ def _check_masks(
     image: Path,
     photo_shapes: tuple[tuple[int, ...], ...],
 ) -> None:
-    """Raise InputError unless masks have the size of the photo, or of the smaller photo that the scene gets."""
+    """Check that masks have the size of the photo or of the scene. Raises
+    InputError.
+    """
     if shape in photo_shapes:
         return
-    found = f"{shape[1]} x {shape[0]} px"
+    size_text = f"{shape[1]} x {shape[0]} px"
     height, width = photo_shapes[0]
     raise Message.MASKS_SIZE.error(
-        str(masks), found, width=width, height=height, image=image
+        str(masks), size_text, width=width, height=height, image=image
     )
 
 
-def _prompt_frames(opened: Opened, scene: Scene) -> PromptFrames:
-    """Return the frames of new prompts, and of those that are written in a scene."""
+def _prompt_frames(opened: OpenedScene, scene: Scene) -> PromptFrames:
+    """Return the frames of new prompts, and of the prompts in a scene."""
     from physgen.perceive import refresh as old_and_new
     from physgen.perceive.segment.prompts import PromptFrame
     from physgen.scene.scene import BoxPrompt
@@ -268,6 +288,8 @@ def _prompt_frames(opened: Opened, scene: Scene) -> PromptFrames:
     width, height = scene.size
     full_width, full_height = old_and_new.full_size(scene) or scene.size
     places = {}
+    # Prompts of the scene are in its own pixels; a problem of one is reported at its
+    # line.
     for order, item in enumerate(old_and_new.prompted(scene.objects)):
         path = ("objects", item.name, "prompt")
         kind = "box" if isinstance(item.prompt, BoxPrompt) else "point"
@@ -282,19 +304,19 @@ def _prompt_frames(opened: Opened, scene: Scene) -> PromptFrames:
 
 
 def _unused_choices(crew: Backends, options: PerceiveOptions) -> list[Problem]:
-    """Warnings about options that the segment backend does not use."""
-    uses, found = crew.row("segment").uses, []
-    if options.asked and (options.masks or "categories" not in uses):
-        asked = f'"{", ".join(options.asked)}"'
-        found.append(Message.FIND_HAS_NO_EFFECT.warning(Place("--find"), "", asked))
-    if "categories" in crew.plan.choices and "categories" not in uses:
-        chosen = f"categories={crew.plan.choices['categories']}"
-        found.append(
+    """Return warnings about options without effect on the segment backend."""
+    options_in_use, problems = crew.row("segment").uses, []
+    if options.asked and (options.masks or "categories" not in options_in_use):
+        nouns = f'"{", ".join(options.asked)}"'
+        problems.append(Message.FIND_HAS_NO_EFFECT.warning(Place("--find"), "", nouns))
+    if "categories" in crew.plan.choices and "categories" not in options_in_use:
+        choice = f"categories={crew.plan.choices['categories']}"
+        problems.append(
             Message.CATEGORIES_HAVE_NO_EFFECT.warning(
-                Place("--backend"), "", chosen, name=crew.name("segment")
+                Place("--backend"), "", choice, name=crew.name("segment")
             )
         )
-    return found
+    return problems
 
 
 def import_physgen(
@@ -305,17 +327,20 @@ def import_physgen(
     keep: Keep = lambda kept: None,
     stdout: Path | None = None,
 ) -> str:
-    """A folder of the paper's public code -> the scene's text; writes as `perceive` does."""
+    """Convert a folder of the paper's public code to the text of a scene.
+
+    Writes files as `perceive` does.
+    """
     from physgen.perceive.document import write_scene
     from physgen.perceive.import_physgen import import_physgen as run
 
     check_text_names(folder, output)
     check_writable((output or stdout or Path()).parent)
-    imported = run(folder, progress=progress)
-    for problem in imported.warnings:
+    scene = run(folder, progress=progress)
+    for problem in scene.warnings:
         warn(problem)
     return write_scene(
-        imported,
+        scene,
         folder / "original.png",
         folder.resolve().name,
         output,
@@ -335,11 +360,13 @@ def refresh(
     inform: Callable[[str], None] = lambda line: None,
     **given: Any,
 ) -> str:
-    """A scene's photo perceived again -> the new scene's text; writes as `perceive` does. Raises InputError.
+    """Perceive a scene's photo again, and return the text of the new scene.
 
-    Values that `from` names are written anew where they are as perception wrote them; all others stay, and so does
-    every other line. Objects with a `prompt` are found again; new `boxes` and `points` replace what they cover, with a
-    warning for objects inside them. `inform` is called with a summary, as by `perceive`.
+    Writes files as `perceive` does. A value named in `from` is replaced if it is still
+    as perception wrote it; all other values and lines stay. Objects with a `prompt` are
+    found again. New `boxes` and `points` replace the objects that they cover, with a
+    warning for objects inside them. `inform` is called with a summary. Raises
+    InputError.
     """
     from physgen.pipeline.rebuilding import (
         check_own_assets,
@@ -347,53 +374,60 @@ def refresh(
         with_fitting_assets,
     )
     from physgen.registry import Backends
-    from physgen.scene.load import Opened
+    from physgen.scene.load import OpenedScene
 
     options = PerceiveOptions(**given)
     crew = crew or Backends()
     crew.begin()
     check_writable(output.parent)
-    opened = Opened(path, options.allow_outside)
-    is_resized = opened.ground.perceived_size is not None
+    scene_file = OpenedScene(path, options.allow_outside)
+    has_new_size = scene_file.ground.perceived_size is not None
     run = _Refresh(
-        path, output, options, crew, progress, warn, keep, inform, is_resized
+        path, output, options, crew, progress, warn, keep, inform, has_new_size
     )
-    if has_other_shape(opened.ground):
+    if has_other_shape(scene_file.ground):
         check_own_assets(path.read_bytes().decode("utf-8-sig"), path)
-        return _perceive_anew(opened, run)
+        # No length in pixels fits a photo of other proportions: perceive it as a new
+        # photo.
+        return _perceive_anew(scene_file, run)
 
     def perceive_objects(
         image: Path, boxes: Sequence[Any], points: Sequence[Any]
     ) -> PerceivedScene:
-        # the scene is in the pixels of its photo, which keeps its size
-        side = max(opened.ground.size or (0, 0)) or None
+        # The scene is in pixels of its photo: the photo must not be made smaller.
+        side = max(scene_file.ground.size or (0, 0)) or None
         prompts = PerceiveOptions(boxes=boxes, points=points, side=side)
         photo = _perceive_photo(image, prompts, run.crew, progress, ignore_warning)
         return photo.perceived
 
-    with with_fitting_assets(opened, path, output, perceive_objects) as (fitting, text):
-        return _refresh(*_with_view(fitting, text, options.view), run)
+    with with_fitting_assets(scene_file, path, output, perceive_objects) as (
+        fitting_scene,
+        text,
+    ):
+        return _refresh(*_with_view(fitting_scene, text, options.view), run)
 
 
-def _with_view(opened: Opened, text: str, view: str | None) -> tuple[Opened, str]:
+def _with_view(
+    opened: OpenedScene, text: str, view: str | None
+) -> tuple[OpenedScene, str]:
     """Return the scene and its text with another `world.view`, if one is given.
 
     Boundaries and the push are found anew, as if the user had written the view.
     """
-    from physgen.scene.load import Opened
-    from physgen.scene.yaml_edit import marked, write
+    from physgen.scene.load import OpenedScene
+    from physgen.scene.yaml_edit import mark_values, write
 
-    document = marked(text).data()
+    document = mark_values(text).data()
     world = document.get("world") or {}
     if view is None or world.get("view") == view:
         return opened, text
     text = write(text, document | {"world": {**world, "view": view}})
-    return Opened(opened.file, opened.allow_outside, text), text
+    return OpenedScene(opened.file, opened.allow_outside, text), text
 
 
 @dataclass(frozen=True)
 class _Refresh:
-    """What the steps of a refresh share: files, options and callbacks."""
+    """The state of a refresh, shared by its steps: files, options and callbacks."""
 
     path: Path
     output: Path
@@ -404,53 +438,57 @@ class _Refresh:
     keep: Keep
     inform: Callable[[str], None]
     is_resized: bool
-    """Whether the photo has another size than when it was perceived."""
+    """Whether the photo's size has changed since it was perceived."""
 
 
-def _perceive_anew(opened: Opened, run: _Refresh) -> str:
-    """Perceive a photo of other proportions; keep what is not in pixels of the old one."""
+def _perceive_anew(opened: OpenedScene, run: _Refresh) -> str:
+    """Perceive a photo of other proportions; values without pixels of the old photo are
+    kept.
+    """
     from physgen.perceive.carry import carry_over
     from physgen.perceive.document import write_scene
 
     image, path = opened.ground.image, run.path
     assert image is not None
-    anew = _perceive_photo(image, run.options, run.crew, run.progress, run.warn)
-    old = opened.document()
-    _report_lost_objects(old, anew.perceived, path, run.warn)
-    carried = carry_over(old, opened.ground.record, anew.perceived)
-    description = _description(carried.perceived)
-    for key in carried.dropped:
+    new_photo = _perceive_photo(image, run.options, run.crew, run.progress, run.warn)
+    old_document = opened.document()
+    _report_lost_objects(old_document, new_photo.perceived, path, run.warn)
+    transfer = carry_over(old_document, opened.ground.record, new_photo.perceived)
+    description = _description(transfer.perceived)
+    for key in transfer.dropped:
         run.warn(Message.VALUE_OF_OTHER_PHOTO.warning(Place(str(path)), key))
     text = write_scene(
-        replace(carried.perceived, description=description),
-        image if anew.is_nameable else None,
+        replace(transfer.perceived, description=description),
+        image if new_photo.is_nameable else None,
         image.stem,
         run.output,
         run.keep,
     )
     lines = [*description.summary, *_overview_lines(text, run.output)]
     run.inform(f"{path}: " + "\n".join(lines))
-    run.inform(f"{path}: kept: {listed(carried.kept, 'and') or 'nothing'}")
+    run.inform(f"{path}: kept: {listed(transfer.kept, 'and') or 'nothing'}")
     return text
 
 
 def _report_lost_objects(
     old: dict[str, Any], perceived: PerceivedScene, path: Path, warn: Warn
 ) -> None:
-    """Warn of objects that are not in the new photo. Raises InputError if none is."""
+    """Warn of objects that are missing in the new photo. Raises InputError if
+    all are.
+    """
     names = perceived.document["objects"]
-    lost = [name for name in old.get("objects", {}) if name not in names]
-    if lost and not names:
+    lost_names = [name for name in old.get("objects", {}) if name not in names]
+    if lost_names and not names:
         raise Message.NO_OBJECT_FOUND_AGAIN.error(str(path))
-    for name in lost:
+    for name in lost_names:
         problem = Message.OBJECT_NOT_FOUND_AGAIN.problem(
             Place(str(path)), f"objects.{name}"
         )
         warn(replace(problem, severity=Severity.WARNING))
 
 
-def _refresh(opened: Opened, text: str, run: _Refresh) -> str:
-    """Refresh a scene whose assets fit its photo; `text` is that of its file."""
+def _refresh(opened: OpenedScene, text: str, run: _Refresh) -> str:
+    """Refresh a scene with fitting assets; `text` is the text of its file."""
     from physgen.compile.compile import compile_scene
     from physgen.perceive import refresh as old_and_new
     from physgen.perceive.document import renamed_labels, write_scene
@@ -465,111 +503,148 @@ def _refresh(opened: Opened, text: str, run: _Refresh) -> str:
     scene = opened.scene()
     if scene.image is None:
         raise Message.REFRESH_WITHOUT_PHOTO.error("--refresh", f'"{path}"')
+    # Check all prompts before any slow work.
     frames = _prompt_frames(opened, scene)
     check_prompts(options.boxes, options.points, frames.new)
     check_prompts(*old_and_new.prompts_of(scene.objects), frames.old)
     maps = percepts(scene)
     ids = compile_scene(scene, None if maps is None else maps.labels).labels
     photo = read_photo(scene.image)
-    find = Segmenter(crew, options.asked, options.smallest)
-    own = opened.document()
-    old = old_and_new.with_sources(own, scene)
-    begun = old_and_new.start_refresh(
+    segmenter = Segmenter(crew, options.asked, options.smallest)
+    written_document = opened.document()
+    old_document = old_and_new.with_sources(written_document, scene)
+    # Objects without a prompt keep their pixels, those with one are segmented again.
+    selection = old_and_new.start_refresh(
         photo.rgb,
         scene.objects,
-        old,
+        old_document,
         ids,
         options.boxes,
         options.points,
-        find,
+        segmenter,
         frames,
     )
     crew.release("segment")
-    for name in begun.gone:
+    for name in selection.gone:
         warn(Message.POINTED_PART_LOST.warning(Place(str(path)), f"objects.{name}"))
-    called = {
+    old_names = {
         i: name
-        for i, name in begun.found.object_names.items()
-        if name in old["objects"]
+        for i, name in selection.found.object_names.items()
+        if name in old_document["objects"]
     }
+    # A scale that follows from perception may change; a scale of the user is a known
+    # fact.
     side, record = max(scene.size), scene.record
-    scaled = follows_scale(old, record, side)
-    gone = (
+    has_default_scale = follows_scale(old_document, record, side)
+    removed_pixels = (
         None
         if maps is None
-        else old_and_new.taken_out(scene.objects, maps.cut_out, begun.found.labels)
+        else old_and_new.taken_out(scene.objects, maps.cut_out, selection.found.labels)
     )
-    layers = old_and_new.user_layers(old)
-    layer_of = {i: layers[name] for i, name in called.items() if name in layers}
+    # The layers of the user decide which object covers which, also in the new masks.
+    layers = old_and_new.user_layers(old_document)
+    layer_of = {i: layers[name] for i, name in old_names.items() if name in layers}
     perceived = perceive_scene(
         photo.rgb,
-        replace(begun.found, layers=layer_of, gone=gone),
+        replace(selection.found, layers=layer_of, gone=removed_pixels),
         renames=options.labels,
         crew=crew,
         known=KnownFacts(
             _given_view(options) or old_and_new.known_view(scene),
-            None if scaled else scene.world.pixels_per_meter,
+            None if has_default_scale else scene.world.pixels_per_meter,
         ),
         progress=run.progress,
     )
     new_labels = {
-        called[i]: text for i, text in renamed_labels(options.labels, called)[0].items()
+        old_names[i]: text
+        for i, text in renamed_labels(options.labels, old_names)[0].items()
     }
     doubtful: dict[str, Any] = {}
-    if maps is not None and gone is not None:
-        marked, doubtful = old_and_new.kept_doubtful(
-            old, maps.labels, perceived.percepts.labels, gone
+    if maps is not None and removed_pixels is not None:
+        new_labels_map, doubtful = old_and_new.kept_doubtful(
+            old_document, maps.labels, perceived.percepts.labels, removed_pixels
         )
-        if old_and_new.same_objects(scene, maps.labels, marked):
+        # With the same objects, small differences of masks are noise: keep the former
+        # values.
+        if old_and_new.same_objects(scene, maps.labels, new_labels_map):
             is_resized = run.is_resized
             perceived = old_and_new.as_before(perceived, scene, is_resized)
-    seen, every = perceived.document, perceived.comments
-    document = old_and_new.merge_documents(old, seen, begun, new_labels, scaled, record)
-    reasons = old_and_new.true_comments(every, document, seen, record.world)
-    document, wrote = old_and_new.rescaled(own, document, record, side)
-    wrote[""]["boundaries"] = seen["boundaries"]
+    perceived_document, perceived_comments = perceived.document, perceived.comments
+    document = old_and_new.merge_documents(
+        old_document,
+        perceived_document,
+        selection,
+        new_labels,
+        has_default_scale,
+        record,
+    )
+    # A comment stays only if it is about a value that perception still stands for.
+    reasons = old_and_new.true_comments(
+        perceived_comments, document, perceived_document, record.world
+    )
+    document, record_changes = old_and_new.rescaled(
+        written_document, document, record, side
+    )
+    record_changes[""]["boundaries"] = perceived_document["boundaries"]
     if maps is not None:
-        document |= {"doubtful": doubtful} if "doubtful" in old else {}
-        # whether shadows were removed depends on the scene's own light
+        document |= {"doubtful": doubtful} if "doubtful" in old_document else {}
+        # Whether the clean background exists depends on the light of this scene, not
+        # on that of the new perception.
         clean = None if maps.clean is None else perceived.percepts.clean
         depth = (
             maps.depth if perceived.percepts.depth is None else perceived.percepts.depth
         )
-        kept_maps = replace(perceived.percepts, labels=marked, clean=clean, depth=depth)
-        perceived = replace(perceived, percepts=kept_maps)
+        final_maps = replace(
+            perceived.percepts, labels=new_labels_map, clean=clean, depth=depth
+        )
+        perceived = replace(perceived, percepts=final_maps)
     perceived = replace(perceived, document=document, comments=reasons)
+    # Motion comes last, since it depends on all shapes and supports.
     is_still = options.still or bool(options.pushes)
-    perceived, moving = refresh_motion(perceived, scene, old["objects"], is_still, warn)
+    perceived, moving = refresh_motion(
+        perceived, scene, old_document["objects"], is_still, warn
+    )
     if options.pushes:
         perceived, moving = push_anew(perceived, scene, options.pushes), {}
-    document, told = perceived.document, dict(seen["objects"])
-    for name in told.keys() & document["objects"].keys():
-        own = document["objects"][name] | moving.get(name, {})
-        told[name] = told[name] | {
-            key: own[key] for key in ("motion", "velocity") if key in own
+    document, summary_objects = perceived.document, dict(perceived_document["objects"])
+    # The summary describes the photo as perceived, but with the motion of the final
+    # scene.
+    for name in summary_objects.keys() & document["objects"].keys():
+        written_document = document["objects"][name] | moving.get(name, {})
+        summary_objects[name] = summary_objects[name] | {
+            key: written_document[key]
+            for key in ("motion", "velocity")
+            if key in written_document
         }
-    all_of = {**seen, "objects": told, "doubtful": doubtful}
-    summed = replace(
-        perceived, document=all_of, comments={**every, **perceived.comments}
+    summary_document = {
+        **perceived_document,
+        "objects": summary_objects,
+        "doubtful": doubtful,
+    }
+    summary_scene = replace(
+        perceived,
+        document=summary_document,
+        comments={**perceived_comments, **perceived.comments},
     )
-    before = None if "extends" in own else text
+    # A scene that extends another one is written as a whole, without the old text.
+    old_text = None if "extends" in written_document else text
     perceived = replace(
         perceived,
-        comments={} if before is None else perceived.comments,
-        wrote=wrote,
+        comments={} if old_text is None else perceived.comments,
+        wrote=record_changes,
         full_size=old_and_new.full_size(scene),
     )
     image = scene.image if photo.plain else None
-    description = _description(summed)
-    new = write_scene(
+    description = _description(summary_scene)
+    new_text = write_scene(
         replace(perceived, description=description),
         image,
         scene.image.stem,
         run.output,
         run.keep,
-        before,
+        old_text,
         record,
     )
-    lines = [*description.summary, *_overview_lines(new, run.output)]
+    lines = [*description.summary, *_overview_lines(new_text, run.output)]
     run.inform(f"{path}: " + "\n".join(lines))
-    return new
+    return new_text

@@ -1,4 +1,6 @@
-"""What sets a scene in motion: the push that perception writes, and the shorthands --push, --drop and --kick."""
+"""Pushes: the one that perception writes, and the shorthands --push, --drop and
+--kick.
+"""
 
 from __future__ import annotations
 
@@ -27,35 +29,37 @@ from physgen.scene.scene import ADD_OBJECT, Motion, Object, Scene, View
 from physgen.text import nearest, quantity, quoted
 
 if TYPE_CHECKING:
-    from physgen.compile.compile import Compiled
+    from physgen.compile.compile import CompiledScene
     from physgen.compile.shapes import Shapes
 
 
 WRITTEN = 0.01
-"""Of a speed, by which one that is written with three digits may differ."""
+"""Relative tolerance of a speed that is written with three digits."""
 WORDS = {"right": (1, 0), "left": (-1, 0), "up": (0, -1), "down": (0, 1)}
 """Directions in image axes; two of them are joined by a hyphen: up-right."""
 _WORD = "(right|left|up|down)(?:wards?)?"
 _SPELLING = re.compile(f"(?:to the )?{_WORD}(?:[-_+ ]?(?:and )?(?:to the )?{_WORD})?")
 """Spellings of a direction in lower case: down-right, downright, up_left."""
 NEAR = 0.05
-"""Of the picture's longer side, by which a kick may miss an object, and objects that are one be apart."""
+"""Share of the picture's longer side by which a kick may miss an object, and by which
+parts of one object may lie apart.
+"""
 LARGEST = 1e9
-"""Of the numbers of a shorthand."""
+"""Largest number in a shorthand."""
 
 
 @dataclass(frozen=True)
 class Push:
-    """A velocity that sets a scene in motion."""
+    """A velocity at the start of a scene's motion."""
 
     name: str
     velocity: tuple[float, float]  # px/s
-    way: str  # as a push is written: up-right
+    way: str  # the direction in words, as in a shorthand: up-right
     outcome: Outcome = NO_MOTION
 
     @property
     def phrase(self) -> str:
-        """Return the direction as a sentence has it: to the right, up and left."""
+        """Return the direction as a phrase: to the right, up and left."""
         vertical, _, horizontal = self.way.rpartition("-")
         if vertical:
             return f"{vertical} and {horizontal}"
@@ -70,30 +74,34 @@ def default_push(
     facing: Mapping[str, str] | None = None,
     barred: Mapping[str, str] | None = None,
 ) -> Push | None:
-    """Return the push that tells a short story and stays in the picture.
+    """Return the push of a short story that stays in the picture.
 
-    None if no push moves anything. Seen from the side it goes left or right, from above
-    towards other objects. `confidence` are confidences of objects by name; `unseen`
-    are walls that the photo does not show: an object that one of them throws back
-    would bounce off nothing. `facing` are the sides to which vehicles drive, and
-    `barred` those to which objects are not pushed.
+    None if no push moves an object. In the side view a push goes left or right, in the
+    top view towards other objects. `confidence` are confidences of objects by name.
+    `unseen` are walls outside the photo: a rebound from them would look like a rebound
+    from empty space. `facing` are the sides to which vehicles drive, and `barred` the
+    sides to which objects are not pushed.
     """
     trials = compile_trials(scene, shapes, unseen, barred or {})
-    chosen = choose_push(trials, confidence, facing or {})
-    if chosen is None:
+    best_trial = choose_push(trials, confidence, facing or {})
+    if best_trial is None:
         return None
-    way = direction_words(chosen.direction)
-    return Push(chosen.item.name, chosen.velocity, way, chosen.outcome)
+    way = direction_words(best_trial.direction)
+    return Push(best_trial.item.name, best_trial.velocity, way, best_trial.outcome)
 
 
 def direction_words(velocity: tuple[float, float]) -> str:
-    """Return the direction of a velocity as a push is written: right, up-left."""
+    """Return the direction of a velocity in words, as in a shorthand: right,
+    up-left.
+    """
     length = hypot(*velocity) or 1.0
-    least = sin(radians(22.5))
+    # Eight sectors of 45 degrees: a word counts if its axis is less than 67.5 degrees
+    # away.
+    smallest_cosine = sin(radians(22.5))
     words = [
         word
         for word, (x, y) in WORDS.items()
-        if (velocity[0] * x + velocity[1] * y) / length > least
+        if (velocity[0] * x + velocity[1] * y) / length > smallest_cosine
     ]
     return "-".join(reversed(words))
 
@@ -103,17 +111,17 @@ def direction_words(velocity: tuple[float, float]) -> str:
 
 def motion_edits(
     scene: Scene,
-    compiled: Compiled,
+    compiled: CompiledScene,
     pushes: Sequence[str],
     drops: Sequence[str],
     kicks: Sequence[str],
 ) -> dict[str, Any]:
-    """Dotted keys and values that set a scene in motion.
+    """Return the dotted keys and values of shorthands for a motion.
 
-    `pushes` are `NAME=DIRECTION[@SPEED]`, `drops` names, `kicks` `X,Y[@SPEED]`. They take the place of the push that
-    perception wrote. Raises InputError.
+    `pushes` are `NAME=DIRECTION[@SPEED]`, `drops` names, `kicks` `X,Y[@SPEED]`. They
+    replace the push of perception. Raises InputError with all problems.
     """
-    made = collect(
+    motions = collect(
         [
             *(partial(_push, scene, compiled.shapes, text) for text in pushes),
             *(partial(_drop, scene, compiled, name) for name in drops),
@@ -122,18 +130,17 @@ def motion_edits(
     )
     edits: dict[str, Any] = {}
     forces = [*scene.document["forces"]]
-    for item, moved in made:
-        forces += moved.pop("forces", [])
+    for item, values in motions:
+        forces += values.pop("forces", [])
         edits |= (
             {}
             if item.motion is Motion.DYNAMIC
             else {f"objects.{item.name}.motion": "dynamic"}
         )
-        edits |= moved
-        if f"objects.{item.name}.place" in moved and any(item.velocity):
-            edits.setdefault(
-                f"objects.{item.name}.velocity", [0, 0]
-            )  # it falls straight, unless pushed
+        edits |= values
+        # A dropped object falls straight down, unless another shorthand pushes it.
+        if f"objects.{item.name}.place" in values and any(item.velocity):
+            edits.setdefault(f"objects.{item.name}.velocity", [0, 0])
     if kicks:
         edits["forces"] = forces
     for name in perceived_pushes(scene) if edits else ():
@@ -142,21 +149,29 @@ def motion_edits(
 
 
 def perceived_pushes(scene: Scene) -> Iterator[str]:
-    """Objects that have the velocity which perception wrote, at the scale of then or as it followed the scale."""
-    now = scene.world.pixels_per_meter
-    followed = sqrt((scene.record.scale or now) / now)
+    """Yield the names of objects that still have perception's velocity.
+
+    The scale may have changed since. A velocity counts if it is as recorded, or as
+    rewritten with the scale: by Froude's law, a speed in m/s grows with the square root
+    of the lengths in metres.
+    """
+    scale = scene.world.pixels_per_meter
+    speed_factor = sqrt((scene.record.scale or scale) / scale)
     for item in scene.objects:
-        wrote = scene.record.entry(item.name, scene.document["objects"][item.name]).get(
-            "velocity"
-        )
+        recorded_velocity = scene.record.entry(
+            item.name, scene.document["objects"][item.name]
+        ).get("velocity")
         speed = (
-            [quantity(str(part), "px/s", now) or 0.0 for part in wrote]
-            if isinstance(wrote, list)
+            [quantity(str(part), "px/s", scale) or 0.0 for part in recorded_velocity]
+            if isinstance(recorded_velocity, list)
             else []
         )
-        ways = [[factor * part for part in speed] for factor in (1, followed)]
+        possible_velocities = [
+            [factor * part for part in speed] for factor in (1, speed_factor)
+        ]
         if any(speed) and any(
-            equal(item.velocity, way, WRITTEN * hypot(*way)) for way in ways
+            equal(item.velocity, possible_velocity, WRITTEN * hypot(*possible_velocity))
+            for possible_velocity in possible_velocities
         ):
             yield item.name
 
@@ -166,7 +181,7 @@ def named_pushes(
 ) -> list[tuple[Object, tuple[float, float]]]:
     """Return the objects of pushes `NAME=DIRECTION[@SPEED]` and their velocities, px/s.
 
-    Raises InputError with all that is wrong.
+    Raises InputError with all problems.
     """
     return collect(
         [partial(_object_and_velocity, scene, shapes, text) for text in pushes]
@@ -174,15 +189,15 @@ def named_pushes(
 
 
 def _push(scene: Scene, shapes: Shapes, text: str) -> tuple[Object, dict[str, Any]]:
-    """The object of NAME=DIRECTION[@SPEED], and its velocity, by dotted key."""
+    """Return the object of NAME=DIRECTION[@SPEED], and its velocity by dotted key."""
     item, velocity = _object_and_velocity(scene, shapes, text)
     per_meter = scene.world.pixels_per_meter
     is_metric = _metric(text.partition("=")[2])
-    kept = [
+    written_velocity = [
         meters(part / per_meter) if is_metric else round(part, 1) + 0.0
         for part in velocity
     ]
-    return item, {f"objects.{item.name}.velocity": kept}
+    return item, {f"objects.{item.name}.velocity": written_velocity}
 
 
 def _object_and_velocity(
@@ -211,21 +226,23 @@ def _gentle_speed(
 ) -> float | None:
     """Return the speed, px/s, that perception would choose for this push.
 
-    None if no push in this direction moves anything.
+    None if no push in this direction moves an object.
     """
-    others = [replace(one, velocity=(0.0, 0.0)) for one in scene.objects]
-    freed = [
-        replace(one, motion=Motion.DYNAMIC) if one.name == item.name else one
-        for one in others
+    others = [replace(other, velocity=(0.0, 0.0)) for other in scene.objects]
+    released_objects = [
+        replace(other, motion=Motion.DYNAMIC) if other.name == item.name else other
+        for other in others
     ]
-    at_rest = replace(scene, objects=tuple(freed))
+    at_rest = replace(scene, objects=tuple(released_objects))
     trials = compile_trials(at_rest, shapes)
-    facing = {one.name: one.facing.value for one in at_rest.objects if one.facing}
+    facing = {
+        other.name: other.facing.value for other in at_rest.objects if other.facing
+    }
     return choose_speed(trials, item, direction, facing)
 
 
 def _refuse_other_signs(scene: Scene, text: str) -> None:
-    """Raise InputError if another sign stands between an object and a direction."""
+    """Raise InputError if another sign than = is between an object and a direction."""
     for item in scene.objects:
         rest = text.removeprefix(item.name).lstrip(" :,")
         if text.startswith(item.name) and _is_way(rest.partition("@")[0]):
@@ -234,8 +251,10 @@ def _refuse_other_signs(scene: Scene, text: str) -> None:
             )
 
 
-def _drop(scene: Scene, compiled: Compiled, name: str) -> tuple[Object, dict[str, Any]]:
-    """The object of that name, and the place from which it falls, by dotted key."""
+def _drop(
+    scene: Scene, compiled: CompiledScene, name: str
+) -> tuple[Object, dict[str, Any]]:
+    """Return the object of that name, and its place above its support by dotted key."""
     item = named(scene, "--drop", name.strip())
     if scene.world.view is View.TOP:
         raise Message.CANNOT_FALL.error("--drop", f'"{name}"', name=item.name)
@@ -243,7 +262,7 @@ def _drop(scene: Scene, compiled: Compiled, name: str) -> tuple[Object, dict[str
 
 
 def named(scene: Scene, flag: str, name: str) -> Object:
-    """The object of that name. Raises InputError."""
+    """Return the object of that name. Raises InputError."""
     for item in scene.objects:
         if item.name == name:
             return item
@@ -253,25 +272,32 @@ def named(scene: Scene, flag: str, name: str) -> Object:
 
 
 def _direction_and_speed(scene: Scene, flag: str, text: str) -> tuple[str, float]:
-    """A text before @, and the speed after it, px/s; the ordinary speed of a push without one."""
+    """Split a text at @ into a direction and a speed, px/s.
+
+    Without a speed, it is that of an ordinary push. Raises InputError.
+    """
     way, sign, rest = (part.strip() for part in text.partition("@"))
     if not sign:
         return way, push_speed(max(scene.size), scene.world.pixels_per_meter)
-    in_units = quantity(rest, "px/s", scene.world.pixels_per_meter)
+    speed_in_pixels = quantity(rest, "px/s", scene.world.pixels_per_meter)
     try:
-        return way, finite(rest if in_units is None else repr(in_units))
+        return way, finite(rest if speed_in_pixels is None else repr(speed_in_pixels))
     except ValueError:
         raise Message.NOT_A_SPEED.error(flag, f'"{rest}"') from None
 
 
 def _metric(text: str) -> bool:
-    """Whether the speed after @ is in cm/s, m/s or the like, or is left to us: perception writes m/s."""
+    """Check whether a push is written in metres per second.
+
+    True for a speed after @ in units like cm/s, and for a push without a speed, since
+    perception writes m/s.
+    """
     _, sign, speed = text.partition("@")
     return not sign or ("px" not in speed and quantity(speed, "m/s", 1.0) is not None)
 
 
 def finite(text: str) -> float:
-    """A number of a moderate size. Raises ValueError."""
+    """Convert a text to a number of a moderate size. Raises ValueError."""
     number = float(text)
     if not abs(number) <= LARGEST:
         raise ValueError
@@ -279,7 +305,7 @@ def finite(text: str) -> float:
 
 
 def _direction(flag: str, text: str) -> tuple[float, float]:
-    """The unit vector of a word or an angle in degrees. Raises InputError."""
+    """Return the unit vector of a word or an angle in degrees. Raises InputError."""
     spelling = _spelling(text)
     if spelling is not None:
         words = [word for word in spelling.groups() if word]
@@ -291,10 +317,12 @@ def _direction(flag: str, text: str) -> tuple[float, float]:
         angle = radians(finite(re.sub(r"\s*(deg|degrees|°)$", "", text)))
     except ValueError:
         is_contrary = spelling is not None
-        close = None if is_contrary else nearest(text.lower(), _way_names())
+        # Choose the most specific advice: a typing error, a speed without direction, a
+        # missing @.
+        suggestion = None if is_contrary else nearest(text.lower(), _way_names())
         fix = "write right, left, up, down, up-right ... or degrees, 0 to the right and 90 down"
-        if close is not None:
-            fix = f"did you mean {close}?"
+        if suggestion is not None:
+            fix = f"did you mean {suggestion}?"
         if quantity(text, "px/s", 1.0) is not None:
             fix = f"write the direction first, e.g. right@{text}"
         way, _, speed = text.replace(",", " ").partition(" ")
@@ -320,75 +348,86 @@ def _way_names() -> list[str]:
     return [*WORDS, *diagonals]
 
 
-def _lifted(scene: Scene, compiled: Compiled, item: Object) -> list[float]:
-    """`place` of an object at its own height above where it is, or as far as there is room below what is over it."""
+def _lifted(scene: Scene, compiled: CompiledScene, item: Object) -> list[float]:
+    """Return `place` of an object, lifted by its own height, or up to the object above
+    it.
+    """
     from physgen.geometry.polygon import bounds
 
     boxes = [bounds(outline) for outline in compiled.outlines]
     k = scene.objects.index(item)
     left, top, right, bottom = boxes[k]
-    above = [
+    lower_edges = [
         box[3]
         for n, box in enumerate(boxes)
         if n != k and box[0] < right and box[2] > left
     ]
-    room = top - max([0.0, *(y for y in above if y <= top + 1)])
+    free_height = top - max([0.0, *(y for y in lower_edges if y <= top + 1)])
     x, y = compiled.world.bodies[k].center
     angle = item.place[2] if item.place else 0.0
-    lift = max(0.0, min(bottom - top, room))
+    lift = max(0.0, min(bottom - top, free_height))
     return [round(float(x), 2), round(float(y - lift), 2), *([angle] if angle else [])]
 
 
-def _kick(scene: Scene, compiled: Compiled, text: str) -> tuple[Object, dict[str, Any]]:
-    """The object at a point, or close by, and an impulse there: away from the point, level seen from the side."""
+def _kick(
+    scene: Scene, compiled: CompiledScene, text: str
+) -> tuple[Object, dict[str, Any]]:
+    """Return the object at or near a point, and an impulse there by dotted key.
+
+    The impulse leads away from the point; in the side view it is level.
+    """
     import shapely
 
     from physgen.geometry.convex import outline_shape
 
-    where, speed = _direction_and_speed(scene, "--kick", text)
-    per_meter, ends = scene.world.pixels_per_meter, where.split(",")
-    in_units = [quantity(part, "px", per_meter) for part in ends]
+    point_text, speed = _direction_and_speed(scene, "--kick", text)
+    per_meter, coordinates = scene.world.pixels_per_meter, point_text.split(",")
+    pixel_lengths = [quantity(part, "px", per_meter) for part in coordinates]
     try:
         x, y = (
             finite(part if px is None else repr(px))
-            for part, px in zip(ends, in_units, strict=True)
+            for part, px in zip(coordinates, pixel_lengths, strict=True)
         )
     except ValueError:
-        raise Message.NOT_TWO_LENGTHS.error("--kick", f'"{where}"') from None
+        raise Message.NOT_TWO_LENGTHS.error("--kick", f'"{point_text}"') from None
     if not scene.objects:
-        raise Message.KICK_WITHOUT_OBJECTS.error("--kick", f'"{where}"')
-    at = np.array([x, y])
-    ways = [
-        shapely.shortest_line(outline_shape(one), shapely.Point(x, y))
-        for one in compiled.outlines
+        raise Message.KICK_WITHOUT_OBJECTS.error("--kick", f'"{point_text}"')
+    point = np.array([x, y])
+    shortest_lines = [
+        shapely.shortest_line(outline_shape(outline), shapely.Point(x, y))
+        for outline in compiled.outlines
     ]
-    k = int(np.nanargmin(shapely.length(ways)))
+    # The label map decides inside a mask; beside all masks, the nearest outline counts.
+    k = int(np.nanargmin(shapely.length(shortest_lines)))
     row, column = (
         int(np.clip(part, 0, side - 1))
         for part, side in zip((y, x), scene.size[::-1], strict=True)
     )
     if compiled.labels[row, column]:
         k = int(compiled.labels[row, column]) - 1
-    elif ways[k].length > NEAR * max(scene.size):
-        near = ",".join(str(round(part)) for part in ways[k].coords[0])
+    elif shortest_lines[k].length > NEAR * max(scene.size):
+        nearest_point = ",".join(
+            str(round(part)) for part in shortest_lines[k].coords[0]
+        )
         raise Message.KICK_MISSES.error(
-            "--kick", f'"{where}"', name=scene.objects[k].name, point=near
+            "--kick", f'"{point_text}"', name=scene.objects[k].name, point=nearest_point
         )
     body = compiled.world.bodies[k]
-    way = body.center - at
-    if scene.world.view is View.SIDE or hypot(*way) < 1:
-        way = np.array([1.0 if way[0] >= 0 else -1.0, 0.0])
-    way = way / hypot(*way)
+    direction = body.center - point
+    # A kick at the centre has no direction of its own: it goes to the right.
+    if scene.world.view is View.SIDE or hypot(*direction) < 1:
+        direction = np.array([1.0 if direction[0] >= 0 else -1.0, 0.0])
+    direction = direction / hypot(*direction)
     impulse: list[Any] = [
-        float(f"{body.mass * speed * part:.4g}") + 0.0 for part in way
+        float(f"{body.mass * speed * part:.4g}") + 0.0 for part in direction
     ]
     if _metric(text):
         impulse = [f"{part / per_meter:.4g} g m/s" if part else 0 for part in impulse]
     numbers = (int(end) if end.is_integer() else end for end in (x, y))
-    kept = [
+    written_point = [
         end if px is None else part.strip()
-        for end, px, part in zip(numbers, in_units, ends, strict=True)
+        for end, px, part in zip(numbers, pixel_lengths, coordinates, strict=True)
     ]
     return scene.objects[k], {
-        "forces": [{"object": body.name, "impulse": impulse, "at": kept}]
+        "forces": [{"object": body.name, "impulse": impulse, "at": written_point}]
     }

@@ -1,7 +1,7 @@
-"""Assets that are missing or no longer fit a scene's photo, made anew for a refresh.
+"""New assets for a refresh, if those of a scene are missing or do not fit its photo.
 
-They go into a temporary folder beside the scene, and a refresh of the scene with these
-assets writes the final ones.
+The new assets are written to a temporary folder beside the scene. The refresh of the
+scene with these assets then writes the final ones.
 """
 
 from __future__ import annotations
@@ -24,33 +24,35 @@ from physgen.problems import InputError, Place
 from physgen.scene.files import MAPS, OUTLINES, RECORD, read_record
 from physgen.scene.provenance import stated_scale
 from physgen.scene.scaling import scale_part, scale_scene
-from physgen.scene.yaml_edit import marked, write
+from physgen.scene.yaml_edit import mark_values, write
 
 if TYPE_CHECKING:
     from physgen.perceive.roles import PerceivedScene
-    from physgen.scene.load import Opened
-    from physgen.scene.rules import Ground
+    from physgen.scene.checked_tree import Ground
+    from physgen.scene.load import OpenedScene
 
 Labels = NDArray[np.uint16]
-"""(H, W) ids of objects, 0 for none."""
+"""Ids of objects, (H, W), 0 for the background."""
 Numbers = tuple[float, ...]
-"""x, y, w, h px of a box, or x, y px of a point."""
+"""A box x, y, w, h, or a point x, y, px."""
 PerceiveObjects = Callable[
     [Path, Sequence[Numbers], Sequence[Numbers]], "PerceivedScene"
 ]
-"""Perceives the photo at a path, at its size, with boxes and points on its objects."""
+"""Function to perceive the photo at a path, at its size, with boxes and points."""
 ID_MAPS = ("masks", "shadows")
-"""Maps of ids, which have no values in between."""
+"""Maps of ids: they are resized without interpolation."""
 MASKED = ("objects", "boundaries", "doubtful")
-"""Sections whose entries may have an id in masks.png."""
+"""Sections with entries that may have an id in masks.png."""
 POINT_RADIUS = 4
-"""px of the square that stands for an object marked by a point, until it is found."""
+"""Half the side, px, of the square for an object with a point, until it is
+segmented.
+"""
 ROUNDING = 1.0
-"""px by which a side of a resized photo may differ from its exact size."""
+"""Tolerance of the side of a resized photo, px."""
 
 
 def has_other_shape(ground: Ground) -> bool:
-    """Return whether the photo has other proportions than when it was perceived."""
+    """Check whether the photo's proportions have changed since it was perceived."""
     if ground.perceived_size is None or ground.size is None:
         return False
     (width, height), (old_width, old_height) = ground.size, ground.perceived_size
@@ -60,14 +62,14 @@ def has_other_shape(ground: Ground) -> bool:
 
 @contextmanager
 def with_fitting_assets(
-    opened: Opened, path: Path, output: Path, perceive_objects: PerceiveObjects
-) -> Iterator[tuple[Opened, str]]:
+    opened: OpenedScene, path: Path, output: Path, perceive_objects: PerceiveObjects
+) -> Iterator[tuple[OpenedScene, str]]:
     """Yield the scene with assets that fit its photo, and the text of its file.
 
-    Assets that fit already are used as they are; the folder of others is removed at the
-    end of the block. Raises InputError if objects are not found again.
+    Fitting assets are used as they are; a temporary folder is removed at the end of the
+    block. Raises InputError if objects are not found again.
     """
-    from physgen.scene.load import Opened
+    from physgen.scene.load import OpenedScene
 
     text = path.read_bytes().decode("utf-8-sig")
     ground = opened.ground
@@ -83,13 +85,13 @@ def with_fitting_assets(
             text = _write_resized(text, ground, folder)
         else:
             text = _write_missing(text, path, ground, folder, perceive_objects)
-        yield Opened(path, opened.allow_outside, text), text
+        yield OpenedScene(path, opened.allow_outside, text), text
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _lacks_masks(opened: Opened) -> bool:
-    """Return whether the assets of a scene were deleted, but not its photo."""
+def _lacks_masks(opened: OpenedScene) -> bool:
+    """Check whether the assets of a scene were deleted, but not its photo."""
     document, ground = opened.document(), opened.ground
     if ground.image is None or ground.size is None or "assets" not in document:
         return False
@@ -100,13 +102,13 @@ def _lacks_masks(opened: Opened) -> bool:
 
 
 def check_own_assets(text: str, path: Path) -> None:
-    """Refuse a scene that inherits: its base names the photo. Raises InputError."""
-    if "extends" in marked(text).data():
+    """Refuse a scene with `extends`: its base names the photo. Raises InputError."""
+    if "extends" in mark_values(text).data():
         raise Message.EXTENDED_SCENE_CHANGED.error(str(path))
 
 
 def _ids(document: Mapping[str, Any]) -> dict[tuple[str, str], int]:
-    """Return the ids in masks.png, by section and name."""
+    """Collect the ids in masks.png, by section and name."""
     ids = {}
     for section in MASKED:
         for name, entry in (document.get(section) or {}).items():
@@ -120,7 +122,7 @@ def _ids(document: Mapping[str, Any]) -> dict[tuple[str, str], int]:
 
 
 def _write_resized(text: str, ground: Ground, folder: Path) -> str:
-    """Write all maps at the size of the photo; return the text with lengths to match."""
+    """Write all maps at the size of the photo; return the text with scaled lengths."""
     assert ground.size is not None
     assert ground.assets is not None
     assert ground.perceived_size is not None
@@ -131,20 +133,22 @@ def _write_resized(text: str, ground: Ground, folder: Path) -> str:
             _write_resized_map(file, folder / file.name, ground.size)
     record = _scaled_record(read_record(ground.assets / RECORD), factor)
     _write_record(folder, record)
-    old = marked(text).data()
-    new = scale_scene(old, factor)
-    world = {**new.get("world", {})}
-    world.setdefault("pixels_per_meter", stated_scale(old) * factor)
-    return write(text, {**new, "world": world, "assets": folder.name})
+    old_document = mark_values(text).data()
+    new_document = scale_scene(old_document, factor)
+    world = {**new_document.get("world", {})}
+    world.setdefault("pixels_per_meter", stated_scale(old_document) * factor)
+    return write(text, {**new_document, "world": world, "assets": folder.name})
 
 
 def _write_resized_map(source: Path, target: Path, size: tuple[int, int]) -> None:
+    """Write a map at another size, (width, height) px."""
     import cv2
 
     from physgen.maps import write_png
     from physgen.photos import read_channels
 
     picture = read_channels(source)
+    # Averages over areas avoid aliasing in a smaller map.
     is_smaller = size[0] < picture.shape[1]
     smooth = cv2.INTER_AREA if is_smaller else cv2.INTER_LINEAR
     method = cv2.INTER_NEAREST_EXACT if source.stem in ID_MAPS else smooth
@@ -153,7 +157,7 @@ def _write_resized_map(source: Path, target: Path, size: tuple[int, int]) -> Non
 
 
 def _scaled_record(record: dict[str, Any], factor: float) -> dict[str, Any]:
-    """Return what perception wrote, with lengths in pixels `factor` times as long."""
+    """Scale the lengths in pixels of perception's record by a factor."""
     world = dict(record.get("world", {}))
     scale = world.get("pixels_per_meter")
     if isinstance(scale, int | float):
@@ -168,7 +172,10 @@ def _scaled_record(record: dict[str, Any], factor: float) -> dict[str, Any]:
 
 
 def _write_record(folder: Path, record: dict[str, Any]) -> None:
-    """Write the record, with the checksum by which masks count as not painted."""
+    """Write the record with the checksum of masks.png.
+
+    A later refresh takes masks with another checksum for painted by the user.
+    """
     masks = folder / "masks.png"
     files = {masks.name: crc32(masks.read_bytes())}
     text = json.dumps({**record, "files": files}, ensure_ascii=False)
@@ -193,15 +200,17 @@ def _write_missing(
     from physgen.perceive.document import write_scene
 
     assert ground.image is not None
-    data = marked(text).data()
+    data = mark_values(text).data()
     perceived, ids = _perceive_prompted(data, ground, perceive_objects)
     scene = folder / "scene.yaml"
     write_scene(perceived, ground.image, "photo", scene)
-    assets = folder / str(marked(scene.read_text("utf-8")).data()["assets"])
+    assets = folder / str(mark_values(scene.read_text("utf-8")).data()["assets"])
+    # Without prompts for all objects, names and labels tell which new object is which.
     ids = ids or _matched_ids(data, perceived.document, str(path))
     labels = _relabelled(read_labels(assets / "masks.png"), ids)
     _paint_prompts(labels, data)
     write_png(assets / "masks.png", labels)
+    # Backups and outlines belong to the ids before relabelling.
     (assets / "masks.png~").unlink(missing_ok=True)
     (assets / OUTLINES).unlink(missing_ok=True)
     record = read_record(assets / RECORD)
@@ -215,29 +224,31 @@ def _write_missing(
 
 
 def _prompts(data: Mapping[str, Any]) -> dict[int, Mapping[str, Any]]:
-    """Return the prompts of the scene by id in masks.png: boxes first, then points."""
+    """Collect the prompts of the scene by id in masks.png: boxes first, then points."""
     prompts = {}
     for (section, name), id_ in _ids(data).items():
         if section == "objects" and isinstance(data[section][name].get("prompt"), dict):
             prompts[id_] = data[section][name]["prompt"]
-    order = sorted(prompts, key=lambda id_: "box" not in prompts[id_])
-    return {id_: prompts[id_] for id_ in order}
+    sorted_ids = sorted(prompts, key=lambda id_: "box" not in prompts[id_])
+    return {id_: prompts[id_] for id_ in sorted_ids}
 
 
 def _perceive_prompted(
     data: Mapping[str, Any], ground: Ground, perceive_objects: PerceiveObjects
 ) -> tuple[PerceivedScene, dict[int, int]]:
-    """Perceive the photo; return the scene's id of each new one, too.
+    """Perceive the photo; also return the scene's id for each new id.
 
-    The prompts of the scene are used if they mark all objects: others are found again
-    at the refresh.
+    The prompts of the scene are used only if they mark all objects, since prompts
+    replace the segment backend. Otherwise the refresh finds the marked objects again.
     """
     assert ground.image is not None
     prompts = _prompts(data)
     if len(prompts) < len(data["objects"]):
         return perceive_objects(ground.image, (), ()), {}
-    boxes = [tuple(one["box"]) for one in prompts.values() if "box" in one]
-    points = [tuple(one["point"]) for one in prompts.values() if "point" in one]
+    boxes = [tuple(prompt["box"]) for prompt in prompts.values() if "box" in prompt]
+    points = [
+        tuple(prompt["point"]) for prompt in prompts.values() if "point" in prompt
+    ]
     ids = dict(enumerate(prompts, 1))
     return perceive_objects(ground.image, boxes, points), ids
 
@@ -245,37 +256,38 @@ def _perceive_prompted(
 def _matched_ids(
     data: Mapping[str, Any], anew: Mapping[str, Any], file: str
 ) -> dict[int, int]:
-    """Return the scene's id for each new one: of the same name, else the same label.
+    """Match new ids to the scene's: by name, or else by label.
 
-    Raises InputError with all that is not found and has no prompt.
+    Raises InputError with all objects without a match and without a prompt.
     """
-    new = _ids(anew)
+    new_ids = _ids(anew)
     labels = {
-        id_: anew[section][name].get("label") for (section, name), id_ in new.items()
+        id_: anew[section][name].get("label")
+        for (section, name), id_ in new_ids.items()
     }
     ids: dict[int, int] = {}
-    missing = []
+    missing_keys = []
     for (section, name), id_ in _ids(data).items():
         entry = data[section][name]
         has_same_label = id_ in labels and labels[id_] == entry.get("label")
-        if new.get((section, name)) == id_ or has_same_label:
+        if new_ids.get((section, name)) == id_ or has_same_label:
             ids[id_] = id_
-        elif (section, name) in new:
-            ids[new[section, name]] = id_
+        elif (section, name) in new_ids:
+            ids[new_ids[section, name]] = id_
         elif section != "doubtful" and "prompt" not in entry:
-            missing.append(f"{section}.{name}")
-    if missing:
+            missing_keys.append(f"{section}.{name}")
+    if missing_keys:
         raise InputError(
-            Message.OBJECT_LOST.problem(Place(file), key) for key in missing
+            Message.OBJECT_LOST.problem(Place(file), key) for key in missing_keys
         )
     return ids
 
 
 def _paint_prompts(labels: Labels, data: Mapping[str, Any]) -> None:
-    """Paint the boxes and points of objects that have no pixels yet into the map."""
-    present = set(np.unique(labels).tolist())
+    """Paint the boxes and points of objects without pixels into the map, in place."""
+    present_ids = set(np.unique(labels).tolist())
     for id_, prompt in _prompts(data).items():
-        if id_ in present:
+        if id_ in present_ids:
             continue
         if "box" in prompt:
             x, y, width, height = map(round, prompt["box"])
@@ -288,11 +300,11 @@ def _paint_prompts(labels: Labels, data: Mapping[str, Any]) -> None:
 
 
 def _relabelled(labels: Labels, ids: Mapping[int, int]) -> Labels:
-    """Return the map with the scene's ids; others are above all of them."""
-    numbers = np.arange(int(labels.max()) + 1)
-    top = max([0, *ids.values(), len(numbers)])
-    table = np.where(numbers > 0, numbers + top, 0).astype(np.uint16)
-    for new, old in ids.items():
-        if new < len(table):
-            table[new] = old
+    """Convert a map to the scene's ids; new objects get ids above all of them."""
+    new_ids = np.arange(int(labels.max()) + 1)
+    largest_id = max([0, *ids.values(), len(new_ids)])
+    table = np.where(new_ids > 0, new_ids + largest_id, 0).astype(np.uint16)
+    for new_id, scene_id in ids.items():
+        if new_id < len(table):
+            table[new_id] = scene_id
     return table[labels]

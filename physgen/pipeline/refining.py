@@ -1,4 +1,6 @@
-"""Refinement of a scene's clip by a video diffusion model, which looks at all frames together."""
+"""Refinement of a scene's clip by a video diffusion model, which sees all frames at
+once.
+"""
 
 from __future__ import annotations
 
@@ -30,19 +32,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Footage:
-    """A clip before it is refined, one frame a sample of its trajectory."""
+    """A clip before refinement, with one frame per sample of its trajectory."""
 
     trajectory: Trajectory
     rgb: list[U8] = field(default_factory=list)
-    """(H, W, 3) sRGB each."""
+    """Frames, (H, W, 3) sRGB each."""
     coverage: list[F32] = field(default_factory=list)
-    """(H, W) each, of objects: 0..1."""
+    """Coverage of objects, (H, W) each, 0..1."""
     ids: list[U16] = field(default_factory=list)
-    """(H, W) each: body k shows as k + 1, 0 = background."""
+    """Ids, (H, W) each: k + 1 for body k, 0 for the background."""
 
 
 class MostChanged:
-    """The frame that refinement changed most, of frames as they come."""
+    """The frame with the largest change by refinement, updated frame by frame."""
 
     def __init__(self) -> None:
         self.index = 0
@@ -51,30 +53,44 @@ class MostChanged:
         self._seen, self._largest = 0, -1.0
 
     def add(self, guidance: U8, refined: U8) -> None:
-        """The next frame, (H, W, 3) sRGB, before and after."""
-        change = float(np.abs(np.subtract(refined, guidance, dtype=np.int16)).mean())
-        if change > self._largest:
-            self._largest, self.index, self.refined = change, self._seen, refined.copy()
+        """Add the next frame, (H, W, 3) sRGB, before and after refinement."""
+        mean_difference = float(
+            np.abs(np.subtract(refined, guidance, dtype=np.int16)).mean()
+        )
+        if mean_difference > self._largest:
+            self._largest, self.index, self.refined = (
+                mean_difference,
+                self._seen,
+                refined.copy(),
+            )
         self._seen += 1
 
 
 class Refiners:
-    """Refinement models by the name of their backend: loaded when first needed, kept for the next clip."""
+    """Refinement models by backend, loaded at first use and kept for later clips."""
 
     def __init__(self, plan: Callable[[], Plan] = Plan) -> None:
-        """`plan` returns weights, device and options; its choice for `refine` holds for scenes with that backend."""
+        """Create an empty set of models.
+
+        `plan` returns weights, device and options; its choice for `refine` applies to
+        scenes with that backend.
+        """
         self._plan = plan
         self._models: dict[str, Denoiser] = {}
 
     def model(self, name: str) -> Denoiser:
-        """Raises InputError where its libraries or weights are missing."""
+        """Return the model of a backend. Raises InputError without its libraries or
+        weights.
+        """
         from physgen import registry
 
         if name not in self._models:
             plan = self._plan()
-            chosen = plan.choices.get("refine")
+            planned_choice = plan.choices.get("refine")
             choice = (
-                chosen if chosen is not None and chosen.name == name else Choice(name)
+                planned_choice
+                if planned_choice is not None and planned_choice.name == name
+                else Choice(name)
             )
             setup = replace(plan, choices={"refine": choice}).setup("refine")
             self._models[name] = registry.make("refine", name, setup)
@@ -92,52 +108,55 @@ class Outcome:
     """The result of a refinement."""
 
     faults: Sequence[Problem]
-    """Why it failed; empty where it did not."""
+    """Reasons for a failure; empty after a success."""
     changed: Comparison | None
-    """The frame that changed most, before and after."""
+    """Comparison of the most changed frame, before and after."""
 
 
 def refine_settings(scene: Scene) -> RefineSettings:
-    """`refine:` of a scene, with a prompt made of its labels unless it has one."""
+    """Return the settings of `refine:` in a scene; the default prompt lists its
+    labels.
+    """
     from physgen.refine.denoiser import PromptSettings
     from physgen.refine.fusion import RefineSettings, hold_frames, prompt_of
 
-    given = scene.refine
+    section = scene.refine
     prompt = (
         prompt_of(item.label for item in scene.objects)
-        if given.prompt is None
-        else given.prompt
+        if section.prompt is None
+        else section.prompt
     )
     return RefineSettings(
-        strength=given.strength,
-        stop=given.stop,
-        steps=given.steps,
-        seed=given.seed,
-        prompt=PromptSettings(prompt, given.negative, given.guidance),
-        lock=given.lock,
-        detail=given.detail,
+        strength=section.strength,
+        stop=section.stop,
+        steps=section.steps,
+        seed=section.seed,
+        prompt=PromptSettings(prompt, section.negative, section.guidance),
+        lock=section.lock,
+        detail=section.detail,
         hold=hold_frames(scene.render.fps),
     )
 
 
 def guidance_footage(film: Film, record: RunRecord, progress: Progress) -> Footage:
-    """The clip without refinement, a frame a sample."""
+    """Render the clip without refinement, one frame per sample."""
     from physgen.render.staging import matte_coverage
 
     progress("simulate", 0, 1)
-    kept = Footage(film.simulated(progress))
-    count = len(kept.trajectory.times)
-    frames = film.frames(kept.trajectory, range(count))
-    mattes = film.frames(kept.trajectory, range(count), matte=True)
+    footage = Footage(film.simulated(progress))
+    count = len(footage.trajectory.times)
+    frames = film.frames(footage.trajectory, range(count))
+    mattes = film.frames(footage.trajectory, range(count), matte=True)
     for index in range(count):
         with record.stage("render"):
             frame = next(frames)
-            kept.rgb.append(frame.rgb.copy())  # it may be part of a batch
-            kept.ids.append(frame.ids.copy())
+            # The arrays may be views of a batch of frames, which would stay in memory.
+            footage.rgb.append(frame.rgb.copy())
+            footage.ids.append(frame.ids.copy())
         with record.stage("cover"):
-            kept.coverage.append(matte_coverage(next(mattes)))
+            footage.coverage.append(matte_coverage(next(mattes)))
         progress("render", index + 1, count)
-    return kept
+    return footage
 
 
 def refine_footage(
@@ -145,20 +164,21 @@ def refine_footage(
 ) -> Outcome:
     """Write the clip unrefined and, in all formats, refined."""
     from physgen.refine.fusion import Refinement, backend_errors
-    from physgen.report.perception import compared
+    from physgen.report.perception import compare_frames
 
     scene, trajectory, record = film.scene, kept.trajectory, files.record
-    order, count = film.shot(trajectory).order, len(kept.rgb)
+    sample_order, count = film.shot(trajectory).order, len(kept.rgb)
 
     def clip(pictures: Iterator[U8]) -> Iterator[Frame]:
         return film.annotated(
-            _frames(kept, pictures, order, film.stage.faces), trajectory
+            _frames(kept, pictures, sample_order, film.stage.faces), trajectory
         )
 
     def shown() -> Iterator[Frame]:
-        return clip(kept.rgb[sample] for sample in order)
+        return clip(kept.rgb[sample] for sample in sample_order)
 
-    record.unrefined = _write_unrefined(files, shown, len(order))
+    # The unrefined clip comes first: it remains if the refinement fails after hours.
+    record.unrefined = _write_unrefined(files, shown, len(sample_order))
     name = scene.refine.backend
     try:
         with record.stage("load model"), backend_errors("--refine", name):
@@ -166,40 +186,45 @@ def refine_footage(
         refinement = Refinement(
             model, refine_settings(scene), scene.video_size, count, files.progress
         )
-        changed = MostChanged()
-        made = _measured(
-            name, refinement.frames(kept.rgb, kept.coverage), kept, changed
+        most_changed = MostChanged()
+        refined_frames = _measured(
+            name, refinement.frames(kept.rgb, kept.coverage), kept, most_changed
         )
-        if list(order) != list(range(count)):
+        # The model yields each frame once: a clip that plays samples in another order
+        # needs all of them in memory.
+        if list(sample_order) != list(range(count)):
             with record.stage("refine"):
-                pictures = [rgb.copy() for rgb in made]
-            made = map(pictures.__getitem__, order)
+                pictures = [rgb.copy() for rgb in refined_frames]
+            refined_frames = map(pictures.__getitem__, sample_order)
         record.frames = files.write(
-            clip(made), len(order), "video", "refine", "decode"
+            clip(refined_frames), len(sample_order), "video", "refine", "decode"
         )[0]
     except InputError as error:
-        for kind in files.formats:
-            path = files.folder / kind.file_name("video")
+        # Remove the files of the failed refinement, which are not complete.
+        for video_format in files.formats:
+            path = files.folder / video_format.file_name("video")
             shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
         record.frames = []
         record.refine = {"backend": name, "failed": "; ".join(map(str, error.problems))}
         return Outcome(error.problems, None)
     record.refine = {"backend": name, **refinement.note()}
     before, after = (
-        ("as it was drawn", kept.rgb[changed.index]),
-        ("refined", changed.refined),
+        ("as it was drawn", kept.rgb[most_changed.index]),
+        ("refined", most_changed.refined),
     )
-    caption = f"The frame that changed most, at {float(trajectory.times[changed.index]):.2f} s."
-    return Outcome((), compared("refined", "Refined", caption, before, after))
+    caption = f"The frame that changed most, at {float(trajectory.times[most_changed.index]):.2f} s."
+    return Outcome((), compare_frames("refined", "Refined", caption, before, after))
 
 
 def _write_unrefined(
     files: VideoFiles, frames: Callable[[], Iterator[Frame]], count: int
 ) -> list[str]:
-    """Write the unrefined clip in the first format that can be written; returns the hashes of its frames."""
+    """Write the unrefined clip in the first possible format; return the hashes of its
+    frames.
+    """
     problems: list[Problem] = []
-    for kind in files.formats:
-        single = replace(files, formats=[kind])
+    for video_format in files.formats:
+        single = replace(files, formats=[video_format])
         try:
             return single.write(frames(), count, "unrefined", "read")[0]
         except InputError as error:
@@ -210,7 +235,7 @@ def _write_unrefined(
 def _measured(
     name: str, frames: Iterator[U8], kept: Footage, changed: MostChanged
 ) -> Iterator[U8]:
-    """The same frames, added to `changed`."""
+    """Yield the same frames, and add each to `changed`."""
     from physgen.refine.fusion import backend_errors
 
     for before in kept.rgb:
@@ -226,11 +251,11 @@ def _frames(
     order: Sequence[int],
     faces: Mapping[int, float],
 ) -> Iterator[Frame]:
-    """Pictures in playing order as frames of the clip."""
+    """Yield pictures in playing order as frames of the clip."""
     from physgen.render.stage import Frame
 
     for index, (sample, rgb) in enumerate(zip(order, pictures, strict=True)):
-        named = partial(kept.ids.__getitem__, sample)
+        load_ids = partial(kept.ids.__getitem__, sample)
         yield Frame(
-            index, float(kept.trajectory.times[sample]), rgb, named, faces=faces
+            index, float(kept.trajectory.times[sample]), rgb, load_ids, faces=faces
         )

@@ -1,7 +1,7 @@
-"""Reasons not to push an object of a photo: someone touches it, it floats, it is tiny.
+"""Reasons not to push an object of a photo: a person touches it, it floats, it is tiny.
 
-A push of such an object looks absurd: a bowl tumbles through the hands in front of it, or
-a boat slides over the sea. The user can push it all the same.
+A push of such an object looks absurd: a bowl tumbles through the hands in front of it,
+or a boat slides over the sea. The user can still push it.
 """
 
 from __future__ import annotations
@@ -26,35 +26,35 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 UNSUITABLE = "it looks like a photo without loose objects at rest"
-"""The reason that `judge_suitability` gives as well, from a higher chance on."""
+"""Reason for the whole photo; `judge_suitability` gives it, too, at a higher chance."""
 PERSON = 0
-"""COCO's class among those of the detector."""
+"""Index of COCO's class person among the classes of the detector."""
 WATERCRAFT = frozenset(["toy boat", "surfboard"])
-"""Nouns of what floats."""
+"""Nouns of floating things."""
 
 
 @dataclass(frozen=True)
 class RefusalLimits:
-    """Limits from which an object is not pushed; lengths are shares of the longer side."""
+    """Limits of refusals; lengths are shares of the photo's longer side."""
 
     unsuitable: float = 0.9
-    """Chance that a photo shows nothing loose, from which nothing is pushed."""
+    """Chance of a photo without loose objects above which no object is pushed."""
     outdoors: float = 0.5
-    """The same, from which a boat is no toy."""
+    """The same chance above which a boat is not a toy."""
     staged: float = 0.3
-    """The same, below which a person-like object is a figure."""
+    """The same chance below which a person-like object is a figure."""
     person: float = 0.5
-    """Score of a person: hands score as much, and toys less than 0.4."""
+    """Smallest score of a person: hands score as high, toys less than 0.4."""
     same: float = 0.6
-    """IoU of two boxes of one object."""
+    """IoU of two boxes above which they show the same object."""
     touch: float = 0.01
-    """Gap between an object and a person who touches it."""
+    """Gap below which a person touches an object."""
     reach: float = 0.1
-    """Gap to a large person, whose hands may be at the object."""
+    """Gap below which the hands of a large person may touch an object."""
     large: float = 0.05
-    """Share of the photo from which a person is large."""
+    """Share of the photo's area above which a person is large."""
     tiny: float = 0.035
-    """Longer side of an object that is too small to be watched."""
+    """Longer side below which an object is too small to watch."""
 
 
 REFUSAL = RefusalLimits()
@@ -62,14 +62,14 @@ REFUSAL = RefusalLimits()
 
 @dataclass(frozen=True)
 class Refusals:
-    """Reasons not to push, of a whole photo and of its objects."""
+    """Reasons not to push a whole photo or single objects."""
 
     photo: str = ""
-    """Empty if something of the photo may be pushed."""
+    """Reason for the whole photo; empty if some object may be pushed."""
     objects: Mapping[str, str] = field(default_factory=dict)
-    """By the objects' names."""
+    """Reasons by the names of objects."""
     barred: Mapping[str, str] = field(default_factory=dict)
-    """Sides, `left` or `right`, to which an object is not pushed: someone is there."""
+    """Sides, `left` or `right`, towards a person, to which an object is not pushed."""
 
     @property
     def reasons(self) -> list[str]:
@@ -86,9 +86,10 @@ class Refusals:
 
 
 def find_refusals(photo_scene: PerceivedScene) -> Refusals:
-    """Return the reasons not to push objects of a perceived photo."""
+    """Find the reasons not to push objects of a perceived photo."""
     rgb = photo_scene.percepts.rgb
     unsuitable = view_chances(run_network(rgb).features).unsuitable
+    # The classifier of views is cheap; the detector runs only for suitable photos.
     if unsuitable >= REFUSAL.unsuitable:
         return Refusals(UNSUITABLE)
     boxes = detect_boxes(rgb)
@@ -113,33 +114,37 @@ def find_refusals(photo_scene: PerceivedScene) -> Refusals:
 
 
 def object_box(photo_scene: PerceivedScene, item: Mapping[str, Any]) -> Array | None:
-    """Return left, top, right and bottom (4,) px of an object's mask; None without one."""
+    """Return left, top, right and bottom (4,) px of an object's mask; None without a
+    mask.
+    """
     number = item.get("mask")
     if not isinstance(number, int):
         return None
-    own = (photo_scene.percepts.labels == number).astype(np.uint8)
-    x, y, width, height = cv2.boundingRect(own)
+    mask = (photo_scene.percepts.labels == number).astype(np.uint8)
+    x, y, width, height = cv2.boundingRect(mask)
     return np.array([x, y, x + width, y + height], np.float64)
 
 
 @dataclass(frozen=True)
 class _Photo:
-    """Evidence of a photo that speaks against pushes."""
+    """Evidence of a photo against pushes."""
 
     people: Array
-    """(n, 4) px: boxes around people and their hands."""
+    """Boxes around people and their hands, (n, 4) px."""
     unsuitable: float
-    """Chance that it shows nothing loose at rest."""
+    """Chance of a photo without loose objects at rest."""
     height: int
     width: int
 
     @property
     def side(self) -> int:
-        """px: its longer side."""
+        """Return the longer side, px."""
         return max(self.height, self.width)
 
     def reason(self, item: Mapping[str, Any], box: Array) -> str:
-        """Return why an object is not pushed; empty if only people may be in the way."""
+        """Return the reason not to push an object; empty if only people may be in the
+        way.
+        """
         is_outdoors = self.unsuitable >= REFUSAL.outdoors
         if kind(item.get("label", "")).noun in WATERCRAFT and is_outdoors:
             return "it floats on water"
@@ -148,11 +153,12 @@ class _Photo:
         return ""
 
     def person_at(self, box: Array) -> Array | None:
-        """Return the box (4,) of a person who may touch the object of a box (4,)."""
+        """Find the box (4,) of a person who may touch the object of a box (4,)."""
         for person in self.people:
             is_same = box_overlap(box[None], person[None])[0, 0] >= REFUSAL.same
+            # Indoors, a "person" with the object's own box is a figure or a doll.
             if is_same and self.unsuitable < REFUSAL.staged:
-                continue  # a figure
+                continue
             gaps = np.maximum(box[:2] - person[2:], person[:2] - box[2:])
             gap = float(np.hypot(*np.clip(gaps, 0, None)))
             area = float(np.prod(person[2:] - person[:2]))
@@ -163,9 +169,11 @@ class _Photo:
         return None
 
     def is_beside(self, box: Array, person: Array) -> bool:
-        """Return whether an object stands beside a person and can be pushed away."""
-        low = np.maximum(box[:2], person[:2])
-        high = np.minimum(box[2:], person[2:])
-        shared = float(np.prod(np.clip(high - low, 0, None)))
-        share = shared / max(float(np.prod(box[2:] - box[:2])), 1.0)
+        """Check whether an object is beside a person and can be pushed away from the
+        person.
+        """
+        top_left = np.maximum(box[:2], person[:2])
+        bottom_right = np.minimum(box[2:], person[2:])
+        intersection = float(np.prod(np.clip(bottom_right - top_left, 0, None)))
+        share = intersection / max(float(np.prod(box[2:] - box[:2])), 1.0)
         return self.unsuitable < REFUSAL.staged and share < REFUSAL.same

@@ -1,8 +1,10 @@
-"""Release of one held object on a floor of its own, if nothing else of a photo can move.
+"""Release of one held object on a floor of its own, if nothing else of a photo can
+move.
 
-Perception holds an object if nothing visible would keep it from falling: its mask ends
-in rags, or its ground is not recognised. A viewer sees where it stands all the same. It is
-released on a level floor through its lowest point, and all other objects are held.
+Perception holds an object if no visible support would keep it from falling: the lower
+border of its mask is ragged, or its ground is not recognised. A viewer still sees that
+it stands. The object is released on a level floor through its lowest point, and all
+other objects are held.
 """
 
 from __future__ import annotations
@@ -46,30 +48,34 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ReleaseLimits:
-    """Limits of objects that are released, and of their bases."""
+    """Limits for released objects and their bases."""
 
     confidence: float = 0.2
-    """Least confidence of an object: below it is rather a part or a patch."""
+    """Least confidence of an object: below it, the object is rather a part or a
+    patch.
+    """
     certainty: float = TRIAL.confidence
-    """Confidence that an object counts with at least, once it is released."""
+    """Least confidence that a released object counts with in the choice of a push."""
     most: int = 3
-    """Objects that are tried: each takes the time of a search."""
+    """Number of objects to try: each takes the time of a search."""
     rag: float = 0.04
-    """Share of an object's height in which its lower border is made level."""
+    """Share of an object's height within which its lower border is made level."""
     part: float = 0.35
-    """Share of an object's area up to which an unsure object that touches it is a part."""
+    """Share of an object's area up to which an unsure object beside it is a part."""
     unsure: float = 0.7
-    """Confidence below which that counts."""
+    """Confidence below which an object can be such a part."""
     touch: float = 0.1
-    """Share of a part's border that touches its object, at least."""
+    """Least share of a part's border that touches its object."""
     friction: float = 0.6
-    """Of the floor, as of those that perception finds."""
+    """Friction of the floor, equal to that of perceived floors."""
     floor_confidence: float = 0.3
-    """Of the floor, for `from`."""
+    """Confidence of the floor, for `from`."""
     oblique: float = 30.0
-    """Degrees by which the camera looks down, from which objects pass each other."""
+    """Least angle of the camera, degrees, at which objects pass each other."""
     depth: float = 0.35
-    """Of two objects' smaller sides, on the ground, up to which they meet."""
+    """Largest distance on the ground between objects that meet, over the sum of their
+    smaller sides.
+    """
 
 
 RELEASE = ReleaseLimits()
@@ -87,15 +93,16 @@ def releases(
     """
     if photo_scene.document["world"]["view"] != View.SIDE.value:
         return
-    ranked = _ranked(photo_scene, refused)
+    sorted_names = _ranked(photo_scene, refused)
     if is_oblique(photo_scene):
-        ranked = sorted(ranked, key=lambda name: -_low(photo_scene, name))
-    for name in ranked[: RELEASE.most]:
+        sorted_names.sort(key=lambda name: -_low(photo_scene, name))
+    for name in sorted_names[: RELEASE.most]:
         if name not in photo_scene.document["objects"]:
             continue
-        with suppress(InputError):  # its level outline may not be a shape
-            whole = _with_parts(photo_scene, name)
-            yield name, _released(whole, name)
+        # An object whose outline cannot be made level is skipped.
+        with suppress(InputError):
+            merged_scene = _with_parts(photo_scene, name)
+            yield name, _released(merged_scene, name)
 
 
 def is_oblique(photo_scene: PerceivedScene) -> bool:
@@ -112,24 +119,24 @@ def _low(photo_scene: PerceivedScene, name: str) -> float:
 
 
 def _ranked(photo_scene: PerceivedScene, refused: Collection[str]) -> list[str]:
-    """Return the names of objects that may be released, the surest large one first."""
+    """Sort the names of releasable objects, the surest large object first."""
     labels = photo_scene.percepts.labels
     areas = np.bincount(labels.ravel())
     weights = {}
     for name, item in photo_scene.document["objects"].items():
-        sure = mask_confidence(item)
+        confidence = mask_confidence(item)
         is_cut = "cut off" in photo_scene.comments.get(f"objects.{name}.motion", "")
-        is_unsure = sure < RELEASE.confidence
+        is_unsure = confidence < RELEASE.confidence
         if name in refused or is_cut or is_unsure or is_living(item["label"]):
             continue
-        weights[name] = sure * sqrt(float(areas[item["mask"]]))
+        weights[name] = confidence * sqrt(float(areas[item["mask"]]))
     return sorted(weights, key=lambda name: weights[name], reverse=True)
 
 
 def _with_parts(photo_scene: PerceivedScene, name: str) -> PerceivedScene:
-    """Return the scene in which small unsure objects that touch one are parts of it.
+    """Merge small unsure objects into the object that they touch.
 
-    A wheel that was detected on its own would block its car.
+    A wheel that was detected as an object of its own would block its car.
     """
     objects = dict(photo_scene.document["objects"])
     parts = _parts(photo_scene, name)
@@ -140,6 +147,7 @@ def _with_parts(photo_scene: PerceivedScene, name: str) -> PerceivedScene:
     percepts = photo_scene.percepts
     labels = np.where(np.isin(percepts.labels, ids), number, percepts.labels)
     labels = labels.astype(np.uint16)
+    # The shadows of the parts become shadows of the object, too.
     owners = percepts.shadows
     if owners is not None:
         owners = np.where(np.isin(owners, ids), number, owners).astype(np.uint16)
@@ -160,19 +168,25 @@ def _with_parts(photo_scene: PerceivedScene, name: str) -> PerceivedScene:
 
 
 def _parts(photo_scene: PerceivedScene, name: str) -> list[str]:
-    """Return the names of small unsure objects that touch one."""
+    """Return the names of small unsure objects beside an object."""
     labels, objects = photo_scene.percepts.labels, photo_scene.document["objects"]
-    own = labels == objects[name]["mask"]
-    ring = cv2.dilate(own.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    object_mask = labels == objects[name]["mask"]
+    dilated_mask = (
+        cv2.dilate(object_mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    )
     parts = []
     for other, item in objects.items():
         if other == name or mask_confidence(item) >= RELEASE.unsure:
             continue
-        part = labels == item["mask"]
-        inner = cv2.erode(part.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-        border = part & ~inner
-        is_small = part.sum() < RELEASE.part * own.sum()
-        share = float((border & ring).sum()) / max(float(border.sum()), 1.0)
+        part_mask = labels == item["mask"]
+        inner_pixels = (
+            cv2.erode(part_mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        )
+        border_pixels = part_mask & ~inner_pixels
+        is_small = part_mask.sum() < RELEASE.part * object_mask.sum()
+        share = float((border_pixels & dilated_mask).sum()) / max(
+            float(border_pixels.sum()), 1.0
+        )
         if is_small and share >= RELEASE.touch:
             parts.append(other)
     return parts
@@ -181,7 +195,7 @@ def _parts(photo_scene: PerceivedScene, name: str) -> list[str]:
 def _released(photo_scene: PerceivedScene, name: str) -> PerceivedScene:
     """Return the scene with one object free on a floor through its lowest point.
 
-    Raises InputError if its level outline is not a shape.
+    Raises InputError if its level outline is not a valid shape.
     """
     scene = open_trial(photo_scene).scene()
     index = [item.name for item in scene.objects].index(name)
@@ -264,7 +278,7 @@ class _GroundPlace:
 
 
 def _guessed_floor(width: int, height: float) -> dict[str, Any]:
-    """Return the entry of a level floor across a photo, and beyond it."""
+    """Return the entry of a level floor across a photo, and beyond both sides."""
     ends = np.array([[-width, height], [2.0 * width, height]])
     return {
         "segment": corners(ends),
@@ -276,7 +290,7 @@ def _guessed_floor(width: int, height: float) -> dict[str, Any]:
 def _with_others_held(
     photo_scene: PerceivedScene, name: str, outline: Outline
 ) -> PerceivedScene:
-    """Return the scene in which one object is free, with this outline, and others not."""
+    """Release one object with this outline, and hold all others."""
     objects = {}
     comments = dict(photo_scene.comments)
     for other, item in photo_scene.document["objects"].items():
@@ -288,8 +302,8 @@ def _with_others_held(
         else:
             item.pop("velocity", None)
             item["motion"] = "static"
-            why = f"held, so that {name} can move; dynamic lets it go"
-            comments.setdefault(f"objects.{other}.motion", why)
+            comment = f"held, so that {name} can move; dynamic lets it go"
+            comments.setdefault(f"objects.{other}.motion", comment)
         objects[other] = item
     document = photo_scene.document | {"objects": objects}
     return replace(photo_scene, document=document, comments=comments)
@@ -299,13 +313,14 @@ def _level_outline(
     outline: Outline, photo_scene: PerceivedScene, name: str
 ) -> tuple[Outline, float]:
     """Return an outline with a level base, and the height of the ground, px."""
-    _, top, _, low = bounds(outline)
+    _, top, _, bottom = bounds(outline)
     if isinstance(outline, Disc):
-        return outline, low
-    ground = float(np.floor(low * 100) / 100)
+        return outline, bottom
+    # Scene files have two decimals: the ground must not be below the written outline.
+    ground = float(np.floor(bottom * 100) / 100)
     line = Line(0.0, ground)
-    level = straighten_foot(outline, line, RELEASE.rag * (low - top))
+    level_foot = straighten_foot(outline, line, RELEASE.rag * (bottom - top))
     number = photo_scene.document["objects"][name]["mask"]
-    foot = find_foot(PhotoObject(number, level))
-    based = add_base(foot, line) if needs_base(foot) else None
-    return based or level, ground
+    foot = find_foot(PhotoObject(number, level_foot))
+    outline_with_base = add_base(foot, line) if needs_base(foot) else None
+    return outline_with_base or level_foot, ground

@@ -14,7 +14,7 @@ from physgen.pipeline.clip import RenderOptions, render_scene
 from physgen.simulate.trajectory import Trajectory, read_trajectory
 
 VIDEO_NAMES = ("video.mp4", "video.webp", "video.gif")
-"""Videos of a clip, the best first."""
+"""File names of videos, in order of preference."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Clip:
 
     @property
     def video(self) -> Path:
-        """The video file. Raises FileNotFoundError if the clip has none."""
+        """Return the video file. Raises FileNotFoundError if the clip has none."""
         for name in VIDEO_NAMES:
             if (self.folder / name).is_file():
                 return self.folder / name
@@ -33,24 +33,24 @@ class Clip:
 
     @property
     def report(self) -> Path | None:
-        """The report's page, or None without one."""
+        """Return the report's page; None if the clip has none."""
         page = self.folder / "report.html"
         return page if page.is_file() else None
 
     @cached_property
     def frames(self) -> list[U8]:
-        """(H, W, 3) sRGB of each frame, as the video file has them."""
+        """Decode the frames of the video file, (H, W, 3) sRGB each."""
         from physgen.videos import video_frames
 
         return [frame.rgb for frame in video_frames(self.video)]
 
     @cached_property
     def trajectory(self) -> Trajectory:
-        """The motion: times (T,) s, poses (T, N, 3) px and rad, contacts."""
+        """Read the motion: times (T,) s, poses (T, N, 3) px and rad, contacts."""
         return read_trajectory(self.folder / "trajectory.npz")
 
     def _repr_html_(self) -> str:
-        """Return the video as a page shows it, in one piece."""
+        """Return the video as HTML with the data in it, for notebooks."""
         kind = self.video.suffix.removeprefix(".")
         data = b64encode(self.video.read_bytes()).decode()
         name = escape(self.folder.name, quote=True)
@@ -68,5 +68,5 @@ def render_clip(
     options: RenderOptions | None = None,
     **changes: Any,
 ) -> Clip:
-    """Render a scene as `render_scene`, with the same arguments, and return the clip. Raises InputError."""
+    """Render a scene like `render_scene`, and return the clip. Raises InputError."""
     return Clip(render_scene(scene, out, options, **changes))

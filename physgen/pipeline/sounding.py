@@ -23,7 +23,7 @@ def write_sound(
 ) -> SoundTrack | None:
     """Write `sound.wav` and its captions `sound.vtt` into a folder; return the track.
 
-    None if the scene asks for no sound, plays backward or is silent.
+    None if the scene asks for no sound, plays backwards or is silent.
     """
     render = film.scene.render
     if render.sound is None or render.play is Play.BACKWARD:
@@ -33,6 +33,7 @@ def write_sound(
         sound = sound_track(clip, render.sound)
         if sound is None:
             return None
+        # The photo is shown for some frames before the motion.
         sound = sound.delayed(film.hold / render.fps)
         (folder / WAV).write_bytes(sound.wav())
         (folder / CAPTIONS).write_text(sound.vtt(), "utf-8")

@@ -1,8 +1,9 @@
-"""The stages from a scene file to frames: one function per stage, top-down, and the same with memory.
+"""The stages from a scene file to frames: one function per stage, and classes with
+memory.
 
-`Stages` keeps results in this process from one clip to the next, for as long as their inputs are the same: scenes that
-differ in a force, a mass or a light share the parsed file, the photo's maps and the sprites. `Film` draws the frames of
-one scene.
+`Stages` keeps results in this process from one clip to the next, as long as their
+inputs are the same: scenes that differ in a force, a mass or a light share the parsed
+file, the photo's maps and the sprites. `Film` draws the frames of one scene.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from physgen.progress import Progress, silent
 from physgen.text import quoted
 
 if TYPE_CHECKING:
-    from physgen.compile.compile import Compiled
+    from physgen.compile.compile import CompiledScene
     from physgen.compile.shapes import Shapes
     from physgen.compile.world import World
     from physgen.maps import F32, U16, Percepts
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
     from physgen.render.grain import Delivery
     from physgen.render.stage import Frame, Stage
     from physgen.report.record import RunRecord
-    from physgen.scene.load import Opened
+    from physgen.scene.load import OpenedScene
     from physgen.scene.scene import Scene
     from physgen.simulate.engine import Running
     from physgen.simulate.trajectory import Trajectory
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 MOST_HASHES = 20_000
-"""Files whose hashes are remembered."""
+"""Number of files with a hash in memory."""
 
 
 def load(
@@ -54,14 +55,19 @@ def load(
     variant: str | None = None,
     allow_outside: bool = False,
 ) -> Scene:
-    """Scene file -> Scene, overlays applied and defaults filled in. Raises InputError with every problem."""
+    """Load a scene file with overlays and defaults. Raises InputError with every
+    problem.
+    """
     from physgen.scene.load import load as load_scene
 
     return load_scene(path, overrides, variant, allow_outside)
 
 
 def percepts(scene: Scene) -> Percepts | None:
-    """The photo and its maps; None for a scene without a photo. Raises InputError at the place that names them."""
+    """Read the photo and its maps; None for a scene without a photo.
+
+    Raises InputError at the place of the scene that names the file.
+    """
     from physgen.maps import read_percepts
 
     try:
@@ -73,7 +79,9 @@ def percepts(scene: Scene) -> Percepts | None:
 
 
 def _named_in_scene(problem: Problem, scene: Scene) -> Problem:
-    """A problem of a picture, at the line of the scene that names the picture or its folder."""
+    """Move a picture's problem to the line of the scene that names the picture or its
+    folder.
+    """
     key = "image" if problem.place.file == str(scene.image) else "assets"
     if key not in scene.places:
         return problem
@@ -90,13 +98,13 @@ def _named_in_scene(problem: Problem, scene: Scene) -> Problem:
     )
 
 
-def compile(scene: Scene, maps: Percepts | None) -> Compiled:
-    """Outlines, centres, masses, moments and pairs, resolved."""
+def compile(scene: Scene, maps: Percepts | None) -> CompiledScene:
+    """Compile a scene: outlines, centres, masses, moments and contact pairs."""
     from physgen.compile.compile import compile_scene
 
-    compiled = compile_scene(scene, None if maps is None else maps.labels)
-    _check_springs(scene, compiled.world)
-    return ended(scene, compiled)[0]
+    compiled_scene = compile_scene(scene, None if maps is None else maps.labels)
+    _check_springs(scene, compiled_scene.world)
+    return ended(scene, compiled_scene)[0]
 
 
 def _check_springs(scene: Scene, world: World) -> None:
@@ -104,7 +112,7 @@ def _check_springs(scene: Scene, world: World) -> None:
     from physgen.scene.scene import SPRINGS
 
     if not any(joint.kind in SPRINGS for joint in world.joints):
-        return  # `check` stays quick without the engine
+        return  # without springs, `check` need not import the engine
     from physgen.simulate.engine import spring_parts
 
     with scene.located():
@@ -112,12 +120,16 @@ def _check_springs(scene: Scene, world: World) -> None:
 
 
 PAUSE_SAMPLES = 21
-"""Times in the pause at the end at which motion is looked for: a frame of 30 a second."""
+"""Number of samples in the pause at the end: 30 a second, as frames."""
 
 
-def ended(scene: Scene, compiled: Compiled) -> tuple[Compiled, Running | None]:
-    """The same with `duration: auto` resolved: 0.7 s of video after the last motion that shows, and after forces,
-    views and waypoints that begin later, 2.5 s at least. And the run that found it.
+def ended(
+    scene: Scene, compiled: CompiledScene
+) -> tuple[CompiledScene, Running | None]:
+    """Resolve `duration: auto`, and return the run that found the duration.
+
+    The video ends 0.7 s after the last visible motion, and after all forces, views and
+    waypoints that begin later; it takes at least 2.5 s.
     """
     if not scene.world.until_rest:
         return compiled, None
@@ -126,62 +138,82 @@ def ended(scene: Scene, compiled: Compiled) -> tuple[Compiled, Running | None]:
     from physgen.scene.scene import Solid
     from physgen.simulate.engine import Running
 
-    slow = 1.0 if scene.render.frames is not None else scene.render.slow
-    world, pause, most = (
+    slow_motion = 1.0 if scene.render.frames is not None else scene.render.slow
+    world, pause, maximum = (
         compiled.world,
-        PLAYBACK.pause / slow,
-        scene.world.duration / slow,
+        PLAYBACK.pause / slow_motion,
+        scene.world.duration / slow_motion,
     )
     reach = np.array([body.reach for body in world.bodies] or [0.0])
-    ends = [
+    # A sphere without rolling resistance spins for ever: its rotation does not count.
+    has_visible_spin = [
         body.solid is not Solid.SPHERE or body.rolling > 0 for body in world.bodies
-    ]  # other spins go on for ever
-    begins = [force.start for force in scene.forces] + [
+    ]
+    start_times = [force.start for force in scene.forces] + [
         sight.time for sight in scene.render.camera
     ]
-    latest = max(
-        begins + [point.time for item in scene.objects for point in item.path],
+    latest_start = max(
+        start_times + [point.time for item in scene.objects for point in item.path],
         default=0.0,
     )
     with scene.located():
-        run = Running(
-            replace(world, duration=most), np.arange(0.0, most, pause / PAUSE_SAMPLES)
+        running = Running(
+            replace(world, duration=maximum),
+            np.arange(0.0, maximum, pause / PAUSE_SAMPLES),
         )
-    for length in (
-        *(part / slow for part in (1.25, 2.5, 5.0) if part / slow < most),
-        most,
+    for limit in (
+        *(
+            part / slow_motion
+            for part in (1.25, 2.5, 5.0)
+            if part / slow_motion < maximum
+        ),
+        maximum,
     ):
         with scene.located():
-            run.on(length)
-        times = run.times[run.times < length]
-        poses = run.trajectory().poses[: len(times)]
-        off = np.abs(poses - poses[-1:]) * np.array([1.0, 1.0, 0.0])
-        off[..., 2] = (
-            np.abs(poses[..., 2] - poses[-1:, :, 2]) * reach * np.array(ends or [False])
+            running.on(limit)
+        # Simulate in parts of growing length, and stop as soon as all objects rest for
+        # two pauses: most clips are much shorter than the limit.
+        times = running.times[running.times < limit]
+        poses = running.trajectory().poses[: len(times)]
+        # Displacements from the last sample, px; a rotation moves the farthest point of
+        # a body.
+        displacements = np.abs(poses - poses[-1:]) * np.array([1.0, 1.0, 0.0])
+        displacements[..., 2] = (
+            np.abs(poses[..., 2] - poses[-1:, :, 2])
+            * reach
+            * np.array(has_visible_spin or [False])
         )
-        out = (poses[..., :2] < -reach[:, None]) | (
+        # Motion outside the picture is invisible.
+        is_outside = (poses[..., :2] < -reach[:, None]) | (
             poses[..., :2] > reach[:, None] + world.size
         )
-        moving = (off.max(axis=2, initial=0) > 1) & ~out.any(axis=2)
-        last = max(float(times[moving.any(axis=1)].max(initial=0.0)), latest)
-        if last <= length - 2 * pause:
+        is_moving = (displacements.max(axis=2, initial=0) > 1) & ~is_outside.any(axis=2)
+        last_motion = max(
+            float(times[is_moving.any(axis=1)].max(initial=0.0)), latest_start
+        )
+        if last_motion <= limit - 2 * pause:
             break
-    end = min(max(last + pause, PLAYBACK.shortest / slow), most)
+    duration = min(max(last_motion + pause, PLAYBACK.shortest / slow_motion), maximum)
     return replace(
-        compiled, world=replace(world, duration=end, times=frame_times(scene, end))
-    ), run
+        compiled,
+        world=replace(world, duration=duration, times=frame_times(scene, duration)),
+    ), running
 
 
-def resolved(scene: Scene, compiled: Compiled) -> dict[str, Any]:
-    """The scene's data with defaults, and the duration that `auto` comes to."""
-    fixed = {"duration": compiled.world.duration} if scene.world.until_rest else {}
-    return {**scene.document, "world": {**scene.document["world"], **fixed}}
+def resolved(scene: Scene, compiled: CompiledScene) -> dict[str, Any]:
+    """Return the scene's data with defaults and with the resolved duration."""
+    resolved_values = (
+        {"duration": compiled.world.duration} if scene.world.until_rest else {}
+    )
+    return {**scene.document, "world": {**scene.document["world"], **resolved_values}}
 
 
 def lint(
-    scene: Scene, compiled: Compiled, maps: Percepts | None = None
+    scene: Scene, compiled: CompiledScene, maps: Percepts | None = None
 ) -> list[Problem]:
-    """What is allowed and probably not meant; with the photo's `maps`, of them too."""
+    """Return warnings about permitted but unlikely values of a scene and of its
+    maps.
+    """
     from physgen.compile.warnings import lint as lint_scene
 
     return lint_scene(scene, compiled, maps)
@@ -190,7 +222,10 @@ def lint(
 def simulate(
     world: World, rate: float | None = None, progress: Progress = silent
 ) -> Trajectory:
-    """Motion at the video's frame times, or from t = 0 to the end at `rate` samples a second."""
+    """Simulate at the video's frame times, or at `rate` samples a second from t = 0.
+
+    Raises InputError for too many samples.
+    """
     from physgen.simulate.engine import simulate as run
 
     if rate is None:
@@ -205,15 +240,16 @@ def simulate(
 
 def fan(
     scene: Scene,
-    compiled: Compiled,
+    compiled: CompiledScene,
     count: int,
     seed: int = 0,
     variant: str | None = None,
     progress: Progress = silent,
 ) -> Ensemble:
-    """The scene simulated `count` times, uncertain values drawn anew each time; see docs/rendering.md.
+    """Simulate the scene `count` times with random uncertain values; see
+    docs/rendering.md.
 
-    `variant` is the one that was applied to the scene: the values that it sets are certain.
+    The values of `variant`, which was applied to the scene, are certain.
     """
     from physgen.simulate.uncertainty import simulate_ensemble as draw
 
@@ -221,10 +257,11 @@ def fan(
         return draw(scene, compiled, count, seed, variant, progress)
 
 
-def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
-    """The filled background and the objects cut out of the photo, or flat shapes on a plain background.
+def stage(scene: Scene, compiled: CompiledScene, maps: Percepts | None) -> Stage:
+    """Prepare the filled background and the sprites from the photo.
 
-    Flat shapes are drawn as large as `render` shows them at most. Depends on nothing that only shows in motion.
+    A scene without a photo gets flat shapes on a plain background, at the largest scale
+    of its camera. The result does not depend on the motion.
     """
     from physgen.compile.world import photo_poses, world_as_drawn, world_in_photo
     from physgen.render.camera import canvas_scale
@@ -238,45 +275,57 @@ def stage(scene: Scene, compiled: Compiled, maps: Percepts | None) -> Stage:
         lit_stage,
     )
 
-    begin = photo_poses(compiled.world)
+    start_poses = photo_poses(compiled.world)
     world = world_in_photo(compiled.world)
     layers = [item.layer for item in scene.objects]
-    order = {k: layers[k] for k in sorted(range(len(layers)), key=layers.__getitem__)}
-    fine = scene.render.supersample
+    layer_order = {
+        k: layers[k] for k in sorted(range(len(layers)), key=layers.__getitem__)
+    }
+    supersample = scene.render.supersample
     if maps is None:
-        large = canvas_scale(scene)
-        world, outlines = enlarged_world(world, compiled.outlines, large)
-        sprites = flat_sprites(world, outlines, list(order), large)
+        scale = canvas_scale(scene)
+        world, outlines = enlarged_world(world, compiled.outlines, scale)
+        sprites = flat_sprites(world, outlines, list(layer_order), scale)
         return Stage(
-            flat_background(world, large), sprites, supersample=fine, scale=large
+            flat_background(world, scale), sprites, supersample=supersample, scale=scale
         )
+    # The background behind objects, and the soft borders of objects.
     coverage, background = filled(maps, compiled.labels, compiled.scenery)
-    doubtful = [one["mask"] for one in scene.document.get("doubtful", {}).values()]
+    # Perception cut out doubtful regions like objects, but in this scene they belong to
+    # the background.
+    doubtful = [
+        region["mask"] for region in scene.document.get("doubtful", {}).values()
+    ]
     maps, coverage, background = _put_back(
         maps, doubtful, coverage, background, compiled.labels
     )
-    absent = (
+    absent_pixels = (
         (maps.cut_out > 0)
         & (compiled.labels == 0)
         & ~compiled.scenery
         & ~np.isin(maps.labels, doubtful)
     )
+    # Threads of OpenCV cost a third more CPU time, and the encoder uses the other core.
     with single_threaded():
         shapes = compiled.shapes.drawn
         world = world_as_drawn(world, shapes)
-        toward = (0.0, 0.0, 1.0) if scene.light is None else scene.light.direction
+        light_direction = (
+            (0.0, 0.0, 1.0) if scene.light is None else scene.light.direction
+        )
         sprites = cut_sprites(
             maps.rgb,
             compiled.labels,
-            absent,
+            absent_pixels,
             coverage,
             background,
-            order,
+            layer_order,
             shapes,
-            toward,
+            light_direction,
         )
-        made = lit_stage(scene, world, sprites, maps, background, coverage, absent)
-    return replace(made, supersample=fine, starts=begin)
+        prepared_stage = lit_stage(
+            scene, world, sprites, maps, background, coverage, absent_pixels
+        )
+    return replace(prepared_stage, supersample=supersample, starts=start_poses)
 
 
 def _put_back(
@@ -286,25 +335,33 @@ def _put_back(
     background: NDArray[np.uint8],
     labels: U16,
 ) -> tuple[Percepts, F32, NDArray[np.uint8]]:
-    """Maps, coverage and background with the photo where `doubtful` ids were cut out as objects: they are none."""
+    """Put the photo back at doubtful regions, which perception cut out as objects.
+
+    Returns maps, coverage and background; `doubtful` are ids in masks.png.
+    """
     from physgen.perceive.inpaint.poisson import dilate
 
     if not doubtful:
         return maps, coverage, background
-    flat = maps.labels.ravel()
-    whole = np.flatnonzero(
-        np.bincount(flat, coverage.ravel()) > 0.75 * np.bincount(flat)
+    flat_labels = maps.labels.ravel()
+    # A region counts as cut out if the stored coverage contains most of its pixels.
+    cut_out_ids = np.flatnonzero(
+        np.bincount(flat_labels, coverage.ravel()) > 0.75 * np.bincount(flat_labels)
     )
-    there = dilate(
-        np.isin(maps.labels, [i for i in whole if i in doubtful]), 10
+    restored_pixels = dilate(
+        np.isin(maps.labels, [i for i in cut_out_ids if i in doubtful]), 10
     ) & ~dilate(labels > 0, 3)
-    if not there.any():
+    if not restored_pixels.any():
         return maps, coverage, background
-    shown = there[..., None]
-    clean = None if maps.clean is None else np.where(shown, maps.rgb, maps.clean)
+    restored_channels = restored_pixels[..., None]
+    clean = (
+        None
+        if maps.clean is None
+        else np.where(restored_channels, maps.rgb, maps.clean)
+    )
     coverage, background = (
-        np.where(there, np.float32(0), coverage),
-        np.where(shown, maps.rgb, background),
+        np.where(restored_pixels, np.float32(0), coverage),
+        np.where(restored_channels, maps.rgb, background),
     )
     return replace(maps, clean=clean), coverage, background
 
@@ -312,27 +369,31 @@ def _put_back(
 def filled(
     maps: Percepts, labels: NDArray[np.uint16], scenery: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
-    """Coverage and background: stored, or computed where they are missing or made for other masks.
+    """Return coverage and background: stored, or computed if missing or from other
+    masks.
 
-    `scenery` are the pixels of boundaries, which the stored maps may have taken for objects.
+    `scenery` are the pixels of boundaries, which stored maps may contain as objects.
     """
     from physgen.compile.warnings import maps_cover_masks
 
-    known = maps_cover_masks(maps, labels, scenery)
-    if known and maps.coverage is not None and maps.background is not None:
+    has_same_masks = maps_cover_masks(maps, labels, scenery)
+    if has_same_masks and maps.coverage is not None and maps.background is not None:
         return maps.coverage, maps.background
     from physgen import registry
     from physgen.perceive.inpaint.poisson import fill_behind
 
     union = np.where(labels > 0, labels, np.where(scenery, np.uint16(0), maps.cut_out))
     coverage = maps.coverage
-    if coverage is None or not known:
+    if coverage is None or not has_same_masks:
         coverage = registry.make("matte")(maps.rgb, union)
     return coverage, fill_behind(maps.rgb, coverage > 0, registry.make("inpaint"))
 
 
 def shot(scene: Scene, trajectory: Trajectory) -> Shot:
-    """How the scene's clip is filmed and played; `trajectory` has one sample a frame."""
+    """Return the camera and the playing order of the scene's clip.
+
+    `trajectory` has one sample per frame.
+    """
     from physgen.render.camera import shot_of as take
 
     return take(scene, trajectory)
@@ -341,10 +402,11 @@ def shot(scene: Scene, trajectory: Trajectory) -> Shot:
 def render(
     drawn: Stage, trajectory: Trajectory, parts: int = 1, through: Shot | None = None
 ) -> Iterator[Frame]:
-    """Frames, one at a time; each an exposure of `parts` samples: what moves is smeared, in linear light.
+    """Yield frames, one at a time, each exposed over `parts` samples in linear light.
 
-    `through` is a shot: without one, all of the canvas is seen and played forward. Where its camera moves, an exposure
-    is the mean of four views, if `parts` is divisible by that, else of as many as it has samples.
+    Without the shot `through`, the whole canvas is shown and played forwards. If its
+    camera moves, an exposure is the mean of four views, if `parts` is divisible by
+    four, else of one view per sample.
     """
     from physgen.render.camera import FEWEST, filmed, mean_exposures, ways_seen
     from physgen.render.frames import render_frames
@@ -352,90 +414,102 @@ def render(
     if through is None:
         return render_frames(drawn, trajectory, parts=parts)
     samples = through.samples(parts)
-    if (
-        parts > 1 and through.moves
-    ):  # while the shutter is open, too: what the camera follows stays sharp
-        few = 1 if parts % FEWEST else parts // FEWEST
-        ways = ways_seen(trajectory, through, few)
-        frames = render_frames(drawn, trajectory, samples, few, ways)
-        return mean_exposures(filmed(frames, through, drawn.scale), parts // few)
+    # The camera also moves while the shutter is open: an object that it follows stays
+    # sharp, and the background is blurred.
+    if parts > 1 and through.moves:
+        samples_per_view = 1 if parts % FEWEST else parts // FEWEST
+        poses_in_view = ways_seen(trajectory, through, samples_per_view)
+        frames = render_frames(
+            drawn, trajectory, samples, samples_per_view, poses_in_view
+        )
+        return mean_exposures(
+            filmed(frames, through, drawn.scale), parts // samples_per_view
+        )
     return filmed(
         render_frames(drawn, trajectory, samples, parts), through, drawn.scale
     )
 
 
 class Keep(Enum):
-    """Which results `Stages` keeps."""
+    """The results that `Stages` keeps."""
 
     RESULTS = "results"
-    """The last few of each stage."""
+    """The latest results of each stage."""
     EDITING = "editing"
-    """The same, and the maps of one photo of any size, now and before an edit."""
+    """The same, and the maps of one photo of any size before and after an edit."""
     NOTHING = "nothing"
-    """None, for a single clip: memory is free for drawing."""
+    """No results, for a single clip: memory is free for drawing."""
 
 
 class Recent(Generic[T]):
-    """The last few results, by key; the oldest is released before a new one is made."""
+    """The latest results by key; the oldest is released before a new one is
+    computed.
+    """
 
     def __init__(self, most: int) -> None:
         self._most = most
         self._kept: dict[object, T] = {}
 
     def forget(self, key: object) -> None:
-        """Drop a result."""
+        """Remove a result."""
         self._kept.pop(key, None)
 
     def get(self, key: object) -> T | None:
-        """A result made before, or None."""
+        """Return an earlier result, or None."""
         if key in self._kept:
             self._kept[key] = self._kept.pop(key)
         return self._kept.get(key)
 
     def of(self, key: object, make: Callable[[], T]) -> T:
-        """A result made before, or now."""
+        """Return an earlier result, or compute it."""
         if key in self._kept:
-            found = self._kept[key] = self._kept.pop(key)
-            return found
+            result = self._kept[key] = self._kept.pop(key)
+            return result
+        # Release before computing: results can be as large as the memory permits.
         while len(self._kept) >= max(self._most, 1):
             del self._kept[next(iter(self._kept))]
-        made = make()
+        new_result = make()
         if self._most:
-            self._kept[key] = made
-        return made
+            self._kept[key] = new_result
+        return new_result
 
 
 @dataclass(frozen=True)
 class Maps:
-    """A photo with its maps, the key of their files, and the time stamps of the files before they were read."""
+    """A photo with its maps, the key of their files, and time stamps from before the
+    reading.
+    """
 
     percepts: Percepts | None
-    """None for a scene without a photo."""
+    """The maps; None for a scene without a photo."""
     key: str
     stamps: tuple[tuple[Path, Stamp], ...] = ()
     has_noise: bool = True
-    """Whether the maps have the photo's own noise."""
+    """Whether the maps contain the photo's own noise."""
 
     @property
     def is_large(self) -> bool:
-        """Return whether the photo is too large to stay in memory."""
+        """Check whether the photo is too large to stay in memory."""
         maps = self.percepts
         return maps is not None and maps.labels.size > MOST_PIXELS
 
 
 class Stages:
-    """The stages above, each run only where its result is not known."""
+    """The stages above, each of which runs only for new inputs."""
 
     def __init__(
         self, keep: Keep = Keep.RESULTS, *, reads_assets_cache: bool = False
     ) -> None:
-        """`reads_assets_cache`: results may come from the cache in the assets folder."""
+        """Create stages without results.
+
+        `reads_assets_cache`: results may come from the cache in the assets folder.
+        """
         self._reads_cache = reads_assets_cache
         self._cached: set[Path] = set()
-        """Assets folders to whose cache this process added a stage."""
+        """Assets folders to which this process has written a stage."""
         few = 0 if keep is Keep.NOTHING else 4
         self._editing = keep is Keep.EDITING
-        self._opened: Recent[Opened] = Recent(few)
+        self._opened: Recent[OpenedScene] = Recent(few)
         self._maps: Recent[Maps] = Recent(2 if self._editing else min(few, 1))
         self._shapes: Recent[Shapes] = Recent(few)
         self._stages: Recent[Stage] = Recent(min(few, 1))
@@ -449,47 +523,54 @@ class Stages:
         variant: str | None,
         allow_outside: bool,
     ) -> Scene:
-        """See `load`."""
-        from physgen.scene.load import Opened
+        """Load a scene like `load`, from a parsed file that is still current."""
+        from physgen.scene.load import OpenedScene
 
         name = str(path)
-        read = (os.getcwd(), name, allow_outside)
-        opened = self._opened.of(read, lambda: Opened(name, allow_outside))
-        if opened.stale():
-            self._opened.forget(read)
-            opened = self._opened.of(read, lambda: Opened(name, allow_outside))
-        return opened.scene(overrides, variant)
+        cache_key = (os.getcwd(), name, allow_outside)
+        scene_file = self._opened.of(
+            cache_key, lambda: OpenedScene(name, allow_outside)
+        )
+        if scene_file.stale():
+            self._opened.forget(cache_key)
+            scene_file = self._opened.of(
+                cache_key, lambda: OpenedScene(name, allow_outside)
+            )
+        return scene_file.scene(overrides, variant)
 
     def maps(self, scene: Scene) -> Maps:
-        """See `percepts`."""
+        """Read the maps of a scene like `percepts`, with the key of their files."""
         from physgen.pipeline.cache_keys import key
 
         files = [] if scene.image is None else [scene.image]
         if scene.image is not None and scene.assets is not None:
             files += sorted(scene.assets.glob("*.png"))
         stamps = tuple((file, file_stamp(file)) for file in files)
-        read = key(
+        cache_key = key(
             "percepts",
             [(str(file), *stamp) for file, stamp in stamps],
             dict(scene.maps),
         )
         width, height = scene.size
+        # The maps of a large photo would fill the memory: they are not kept.
         if width * height > MOST_PIXELS and not self._editing:
-            return Maps(percepts(scene), read, stamps)
+            return Maps(percepts(scene), cache_key, stamps)
         return self._maps.of(
-            read, lambda: Maps(self._percepts(scene, files), read, stamps)
+            cache_key, lambda: Maps(self._percepts(scene, files), cache_key, stamps)
         )
 
     def _percepts(self, scene: Scene, files: Sequence[Path]) -> Percepts | None:
-        """Return the photo and its maps, from the cache in its assets folder if it has them."""
+        """Read the photo and its maps, from the cache in its assets folder if
+        possible.
+        """
         cache = self._assets_cache(scene)
-        cached = None
+        cached_maps = None
         if cache is not None:
-            cached = cache.load_percepts(files, self.hash, scene.maps)
-        return percepts(scene) if cached is None else cached
+            cached_maps = cache.load_percepts(files, self.hash, scene.maps)
+        return percepts(scene) if cached_maps is None else cached_maps
 
     def _assets_cache(self, scene: Scene) -> AssetCache | None:
-        """Return the cache in a scene's assets folder, if it has one that may be read."""
+        """Return the cache in a scene's assets folder, if it exists and may be read."""
         if not self._reads_cache:
             return None
         from physgen.pipeline.asset_cache import AssetCache
@@ -497,8 +578,10 @@ class Stages:
         cache = AssetCache(scene.assets)
         return cache if cache.exists else None
 
-    def compile(self, scene: Scene, maps: Maps) -> Compiled:
-        """See `compile`."""
+    def compile(self, scene: Scene, maps: Maps) -> CompiledScene:
+        """Compile a scene like `compile`, with known outlines if its masks have not
+        changed.
+        """
         from physgen.compile.compile import check_steps, compile_shapes
         from physgen.compile.shapes import shapes_of
         from physgen.pipeline.cache_keys import key, motion_key
@@ -507,42 +590,42 @@ class Stages:
         labels = None if maps.percepts is None else maps.percepts.labels
         objects = [(item.mask, item.shape, item.layer) for item in scene.objects]
         masks = [item.mask for item in scene.boundaries]
-        read = key("shapes", maps.key, scene.size, objects, masks)
-        shapes = self._shapes.of(read, lambda: shapes_of(scene, labels))
-        compiled, run = ended(scene, compile_shapes(scene, shapes))
+        cache_key = key("shapes", maps.key, scene.size, objects, masks)
+        shapes = self._shapes.of(cache_key, lambda: shapes_of(scene, labels))
+        compiled_scene, run = ended(scene, compile_shapes(scene, shapes))
+        # The run that found the duration has simulated the motion already.
         if run is not None:
-            world = compiled.world
+            world = compiled_scene.world
             self._motions.of(motion_key(world), lambda: run.sampled(world.times))
-        return compiled
+        return compiled_scene
 
-    def stage(self, scene: Scene, compiled: Compiled, maps: Maps) -> Stage:
-        """See `stage`."""
+    def stage(self, scene: Scene, compiled: CompiledScene, maps: Maps) -> Stage:
+        """Prepare the stage of a scene like `stage`, or return a known one."""
         from physgen.compile.world import appearance, photo_poses
         from physgen.pipeline.cache_keys import key
 
-        drawn = compiled.outlines if maps.percepts is None else ()
-        seen = appearance(scene, compiled.world)
+        drawn_outlines = compiled.outlines if maps.percepts is None else ()
+        visible_properties = appearance(scene, compiled.world)
         labels = [item.label for item in scene.objects]
         doubtful = scene.document.get("doubtful", {})
-        depends = (
-            *(dict(scene.maps), labels, doubtful, *seen),
-            *(compiled.labels, compiled.scenery, drawn),
+        inputs = (
+            *(dict(scene.maps), labels, doubtful, *visible_properties),
+            *(compiled.labels, compiled.scenery, drawn_outlines),
             maps.has_noise,
         )
-        read = key("stage", maps.key, *depends)
-        made = self._stages.of(
-            read, lambda: self._stage(scene, compiled, maps, depends)
+        cache_key = key("stage", maps.key, *inputs)
+        known_stage = self._stages.of(
+            cache_key, lambda: self._stage(scene, compiled, maps, inputs)
         )
-        return replace(
-            made, starts=photo_poses(compiled.world)
-        )  # objects may have been moved since
+        # The poses at the start of the motion do not change the sprites.
+        return replace(known_stage, starts=photo_poses(compiled.world))
 
     def _stage(
-        self, scene: Scene, compiled: Compiled, maps: Maps, depends: Sequence[Any]
+        self, scene: Scene, compiled: CompiledScene, maps: Maps, depends: Sequence[Any]
     ) -> Stage:
-        """Return a stage, from the cache in the assets folder if it has it.
+        """Prepare a stage, or load it from the cache in the assets folder.
 
-        `depends` is what it depends on beside the photo and the maps.
+        `depends` are all inputs except the photo and the maps.
         """
         cache = None if maps.is_large else self._assets_cache(scene)
         if cache is None or scene.assets is None:
@@ -552,18 +635,21 @@ class Stages:
             entry = cache.entry("stage", files, self.hash, *depends)
         except OSError:
             return stage(scene, compiled, maps.percepts)
-        cached = cache.load_stage(entry)
-        if cached is not None:
-            return cached
-        made = stage(scene, compiled, maps.percepts)
+        cached_stage = cache.load_stage(entry)
+        if cached_stage is not None:
+            return cached_stage
+        new_stage = stage(scene, compiled, maps.percepts)
+        # A file that changed while the stage was prepared would make the entry wrong.
+        # Each process writes one stage per folder, so that variants do not replace each
+        # other's all the time.
         is_current = all(file_stamp(file) == stamp for file, stamp in maps.stamps)
         if is_current and scene.assets not in self._cached:
             self._cached.add(scene.assets)
-            cache.save(entry, made)
-        return made
+            cache.save(entry, new_stage)
+        return new_stage
 
     def simulate(self, world: World, progress: Progress = silent) -> Trajectory:
-        """See `simulate`."""
+        """Simulate like `simulate` at frame times, or return a known motion."""
         from physgen.pipeline.cache_keys import motion_key
 
         return self._motions.of(
@@ -571,108 +657,119 @@ class Stages:
         )
 
     def hash(self, file: Path) -> str:
-        """SHA-256 of a file, computed once while the file does not change. Raises OSError."""
+        """Return the SHA-256 of a file, computed again only after a change. Raises
+        OSError.
+        """
         from physgen.report.record import file_hash
 
         stamp = file_stamp(file)
-        known = self._hashes.get(file)
-        if known is None or known[0] != stamp:
+        entry = self._hashes.get(file)
+        if entry is None or entry[0] != stamp:
             if len(self._hashes) >= MOST_HASHES:
                 self._hashes.clear()
-            known = self._hashes[file] = stamp, file_hash(file)
-        return known[1]
+            entry = self._hashes[file] = stamp, file_hash(file)
+        return entry[1]
 
 
 class Aside:
-    """Threads that work while the run goes on; whoever waits for one counts the wall time.
+    """Threads beside the main thread; the thread that waits for a result counts the
+    wall time.
 
-    With the maps of a large photo nothing is done at once with anything else, for memory.
+    With the maps of a large photo, all work is done in sequence to save memory.
     """
 
     def __init__(self, record: RunRecord, size: tuple[int, int]) -> None:
-        """`size` of the photo, px."""
+        """Create a set of threads for a photo of this size, px."""
         self._record, self._large = record, size[0] * size[1] > MOST_PIXELS
         self._threads: list[Thread] = []
 
     def start(self, stage: str, work: Callable[[], T]) -> Callable[[], T]:
-        """Does `work` in a thread, whose CPU time counts to a stage; a function that waits for the result."""
+        """Start `work` in a thread, and return a function that waits for its result.
+
+        Its CPU time counts for a stage.
+        """
         from physgen.report.record import StageTime
 
-        done: Future[T] = Future()
+        future: Future[T] = Future()
         if self._large:
             with self._record.stage(stage, time.thread_time):
-                done.set_result(work())
-            return done.result
+                future.set_result(work())
+            return future.result
 
         def run() -> None:
             try:
-                found = work()
+                result = work()
             except BaseException as error:
-                done.set_exception(error)
+                future.set_exception(error)
                 return
             self._record.stages.setdefault(stage, StageTime()).cpu += time.thread_time()
-            done.set_result(found)
+            future.set_result(result)
 
-        self._threads.append(
-            Thread(target=run, name=stage, daemon=True)
-        )  # a second Ctrl-C waits for none
+        # A daemon thread does not delay the end of the process after a second Ctrl-C.
+        self._threads.append(Thread(target=run, name=stage, daemon=True))
         self._threads[-1].start()
-        return done.result
+        return future.result
 
     def join(self) -> None:
-        """Wait for all, whose results nobody needs any more."""
+        """Wait for all threads; their results are not needed any more."""
         for thread in self._threads:
             thread.join()
 
 
 class Film:
-    """Draws the frames of one scene; sprites are cut out when first needed, and the maps are then released."""
+    """Draws the frames of one scene.
+
+    The sprites are cut out at first use, and the maps are released then.
+    """
 
     def __init__(
         self,
         scene: Scene,
-        compiled: Compiled,
+        compiled: CompiledScene,
         maps: Maps,
         record: RunRecord,
         stages: Stages,
     ) -> None:
         self.scene, self.compiled = scene, compiled
         self.keeps_layers = False
-        """Whether frames can be taken apart."""
+        """Whether frames keep their layers, for labels."""
         self._delivery: Delivery | None = None
         self._maps: Maps | None = maps
         self._record, self._stages = record, stages
         self._fine: tuple[Trajectory, Trajectory, int] | None = None
-        """Of a trajectory: the samples at which its frames are exposed, and how many a frame has."""
+        """A trajectory, its samples for exposures, and their number per frame."""
 
     def simulated(self, progress: Progress) -> Trajectory:
-        """The motion, a sample a frame."""
+        """Simulate the motion, one sample per frame."""
         stage = self._record.stage("simulate", time.thread_time)
         with stage, self.scene.located():
             return self._stages.simulate(self.compiled.world, progress)
 
     @cached_property
     def stage(self) -> Stage:
-        """The sprites and the background."""
+        """Prepare the sprites and the background."""
         with self._record.stage("cut out", time.thread_time):
             assert self._maps is not None
             maps = self._clean_maps(self._maps)
-            made = self._stages.stage(self.scene, self.compiled, maps)
+            prepared_stage = self._stages.stage(self.scene, self.compiled, maps)
         self._maps = None
-        return made
+        return prepared_stage
 
     def _clean_maps(self, maps: Maps) -> Maps:
-        """Return the maps without the photo's noise if frames get noise of their own."""
+        """Return the maps without the photo's noise, if each frame gets noise of its
+        own.
+        """
         photo = maps.percepts
         if self._delivery is None or photo is None or self._delivery.grain is None:
             return maps
-        clean = self._delivery.remove_noise(photo)
-        return replace(maps, percepts=clean, has_noise=False)
+        clean_percepts = self._delivery.remove_noise(photo)
+        return replace(maps, percepts=clean_percepts, has_noise=False)
 
     def deliver(self) -> dict[str, Any]:
-        """Let the video have hold and noise as the scene asks, for the manifest.
+        """Prepare the hold and the noise of the scene's video; return them for the
+        manifest.
 
-        Call it before a frame is drawn.
+        Must be called before the first frame is drawn.
         """
         from physgen.render.grain import Delivery
 
@@ -682,12 +779,12 @@ class Film:
         return self._delivery.as_dict()
 
     def count(self, trajectory: Trajectory) -> int:
-        """Return the number of the video's frames."""
+        """Count the video's frames."""
         return len(self.shot(trajectory).order) + self.hold
 
     @property
     def hold(self) -> int:
-        """Frames of the photo before the motion."""
+        """Return the number of frames of the photo before the motion."""
         return 0 if self._delivery is None else self._delivery.hold
 
     def deliver_frames(
@@ -699,7 +796,9 @@ class Film:
         return self.annotated(frames, trajectory)
 
     def shot(self, trajectory: Trajectory) -> Shot:
-        """Camera and playing order; `trajectory` has one sample a frame."""
+        """Return the camera and the playing order; `trajectory` has one sample per
+        frame.
+        """
         return shot(self.scene, trajectory)
 
     def frames(
@@ -708,45 +807,50 @@ class Film:
         order: Sequence[int] | None = None,
         matte: bool = False,
     ) -> Iterator[Frame]:
-        """Frames in playing order, or of the samples in `order`; as a `matte`, the coverage of objects as light."""
+        """Yield frames in playing order, or of the samples in `order`.
+
+        As a `matte`, a frame shows the coverage of objects as light.
+        """
         from physgen.render.staging import matte_stage
 
-        through = self.shot(trajectory)
+        camera_shot = self.shot(trajectory)
         if order is not None:
-            through = replace(through, order=tuple(order))
-        fine, parts = self.exposed(trajectory)
+            camera_shot = replace(camera_shot, order=tuple(order))
+        exposure_samples, parts = self.exposed(trajectory)
         stage = replace(self.stage, keeps_layers=self.keeps_layers)
-        return render(matte_stage(stage) if matte else stage, fine, parts, through)
+        return render(
+            matte_stage(stage) if matte else stage, exposure_samples, parts, camera_shot
+        )
 
     def exposed(self, trajectory: Trajectory) -> tuple[Trajectory, int]:
-        """Samples for motion blur, and how many a frame has."""
+        """Return the samples for motion blur, and their number per frame."""
         from physgen.render.camera import exposure_times
 
         if self._fine is None or self._fine[0] is not trajectory:
             moments, parts = exposure_times(
                 trajectory, self.compiled.world, self.scene.render.motion_blur
             )
-            fine = trajectory
+            exposure_samples = trajectory
             if parts > 1:
                 with self._record.stage("expose", time.thread_time):
-                    fine = trajectory.sampled(moments)
-            self._fine = trajectory, fine, parts
+                    exposure_samples = trajectory.sampled(moments)
+            self._fine = trajectory, exposure_samples, parts
         return self._fine[1:]
 
     def annotated(
         self, frames: Iterator[Frame], trajectory: Trajectory
     ) -> Iterator[Frame]:
-        """Frames with the scene's overlays."""
+        """Yield frames with the scene's overlays."""
         kinds = self.scene.render.overlay
         if not kinds:
             return frames
         from physgen.render.overlay import annotate_frames
 
-        through = self.shot(trajectory)
+        camera_shot = self.shot(trajectory)
         return annotate_frames(
             frames,
             self.compiled.world,
             trajectory,
             kinds,
-            lambda frame: through.affine(frame.time),
+            lambda frame: camera_shot.affine(frame.time),
         )

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from physgen.arrays import F64
-from physgen.compile.compile import Compiled, set_velocity
+from physgen.compile.compile import CompiledScene, set_velocity
 from physgen.compile.world import Body, Push, World
 from physgen.geometry.scale import push_speed
 from physgen.messages import Message
@@ -92,7 +92,7 @@ class Telling:
     """Simulations."""
 
 
-def tell_story(scene: Scene, compiled: Compiled, text: str) -> Telling:
+def tell_story(scene: Scene, compiled: CompiledScene, text: str) -> Telling:
     """Return the edits whose simulated outcome is what a sentence asks for, or nearest to it.
 
     Raises InputError if the sentence has no verb or object that is known.
@@ -148,7 +148,7 @@ def _at_rest(scene: Scene, world: World) -> World:
 
 
 def _starts(
-    scene: Scene, compiled: Compiled, story: Story, actors: Sequence[int]
+    scene: Scene, compiled: CompiledScene, story: Story, actors: Sequence[int]
 ) -> Iterator[Start]:
     """Yield the ways to set an actor in motion, the gentlest first."""
     world = compiled.world
@@ -424,7 +424,7 @@ def outcome_words(
     return "; ".join(sentences)
 
 
-def story_edits(scene: Scene, compiled: Compiled, start: Start) -> dict[str, Any]:
+def story_edits(scene: Scene, compiled: CompiledScene, start: Start) -> dict[str, Any]:
     """Return the edits of a start, by dotted key, with the scene's own pushes removed."""
     edits: dict[str, Any] = {}
     for item in scene.objects:

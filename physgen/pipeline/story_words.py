@@ -1,4 +1,4 @@
-"""Read a sentence about a scene: who does what to whom, in which direction, how hard."""
+"""Read a sentence about a scene: actor, target, direction and strength of a motion."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from physgen.text import listed, quoted
 
 
 class Wish(Enum):
-    """What a sentence wants to happen."""
+    """The event that a sentence asks for."""
 
     TURN = "falls over"
     """A target turns by `FALLEN` degrees."""
@@ -35,14 +35,14 @@ class Named:
     """An object or a boundary with all words by which a sentence may name it."""
 
     index: int
-    """In `World.surfaces`."""
+    """Index in `World.surfaces`."""
     name: str
     words: frozenset[str]
-    """Words of its name and label, in the singular."""
+    """All words of its name and label, in the singular."""
     nouns: frozenset[str]
-    """Words that name it alone: the last of its name and of its label."""
+    """Words that name it alone: the last words of its name and of its label."""
     x: float
-    """px, of its centre."""
+    """Coordinates of its centre, px."""
     y: float
     is_object: bool = True
 
@@ -52,34 +52,34 @@ class Mention:
     """A noun phrase of a sentence."""
 
     members: tuple[int, ...]
-    """Surfaces that it may mean."""
+    """Surfaces that the phrase may mean."""
     start: int
-    """Index of its first word."""
+    """Index of the first word."""
     end: int
-    """Index after its last word."""
+    """Index after the last word."""
     is_all: bool = False
-    """Whether all members are meant, not one of them."""
+    """Whether the phrase means all members, not one of them."""
 
 
 @dataclass(frozen=True)
 class Story:
-    """A sentence that was understood."""
+    """The meaning of a sentence."""
 
     wish: Wish
     actors: tuple[int, ...]
-    """Objects of which one is moved, the best first."""
+    """Candidates for the moved object, the best first."""
     targets: tuple[int, ...]
-    """Surfaces to which it happens; empty: to the actor."""
+    """Surfaces that the event happens to; empty for the actor itself."""
     is_all: bool
-    """Whether it must happen to all targets."""
+    """Whether the event must happen to all targets."""
     direction: tuple[int, int] | None
-    """Right and down; None if the sentence has none."""
+    """Steps to the right and down; None without a direction."""
     strength: float
-    """Below 1 for gentle, above 1 for hard."""
+    """Factor of the speed: below 1 for gentle, above 1 for hard."""
     must_rest: bool = False
     """Whether the actor must rest at the end."""
     is_declared: bool = False
-    """Whether the actor stands before the verb, so that it may move by itself."""
+    """Whether the actor precedes the verb, so that it may move by itself."""
 
 
 VERBS = {
@@ -122,7 +122,7 @@ VERBS = {
 }
 """Verbs in their base form."""
 AGAINST = ("into", "at", "against", "onto", "until", "towards", "toward", "to", "and")
-"""Words before the target of a motion."""
+"""Words in front of the target of a motion."""
 WAYS = {
     "right": (1, 0),
     "rightwards": (1, 0),
@@ -138,14 +138,14 @@ HARD = ("hard", "fast", "quickly", "strongly", "violently", "far")
 STRENGTHS = {**dict.fromkeys(GENTLE, 0.5), **dict.fromkeys(HARD, 2.0)}
 ALL = ("all", "every", "each", "everything")
 OTHERS = ("other", "rest", "rack", "them", "everything")
-"""Words that mean all objects but the actor."""
+"""Words for all objects except the actor."""
 PLACES = ("first", "last", "leftmost", "rightmost", "left", "right", "top", "bottom")
-"""Words that choose one of several objects by its place."""
+"""Words that select one of several objects by its place."""
 SURROUNDINGS = (
     "air", "ground", "floor", "table", "wall", "shelf", "picture", "photo", "side",
     "middle", "spot", "ramp", "way", "edge",
 )  # fmt: skip
-"""Nouns that need not be objects."""
+"""Nouns that need not name objects of the scene."""
 ARTICLES = ("the", "a", "an", "its", "this", "that", "of")
 PLURALS = {"knives": "knife", "shelves": "shelf", "boxes": "box", "dominoes": "domino"}
 
@@ -181,10 +181,13 @@ def name_words(index: int, name: str, label: str, place: tuple[float, float]) ->
 
 
 def read_story(text: str, candidates: Sequence[Named]) -> Story:
-    """Return what a sentence wants. Raises InputError if no object or verb is understood."""
+    """Read the meaning of a sentence. Raises InputError for an unknown object
+    or verb.
+    """
     words = split_words(text)
     mentions = find_mentions(words, candidates)
     verbs = [(k, verb) for k, word in enumerate(words) if (verb := verb_of(word))]
+    # A word within a noun phrase is not a verb: the "roll" of a "paper roll".
     verbs = [
         (k, v) for k, v in verbs if not any(m.start <= k < m.end for m in mentions)
     ]
@@ -193,11 +196,11 @@ def read_story(text: str, candidates: Sequence[Named]) -> Story:
             "--story", quoted(text), verbs=listed(VERBS)
         )
     objects = {candidate.index for candidate in candidates if candidate.is_object}
-    unknown = _unknown_noun(words, mentions)
-    if unknown:
-        known = listed([one.name for one in candidates if one.is_object])
-        found = f"{unknown}, in {quoted(text)},"
-        raise Message.STORY_NOUN_UNKNOWN.error("--story", found, names=known)
+    unknown_noun = _unknown_noun(words, mentions)
+    if unknown_noun:
+        object_names = listed([one.name for one in candidates if one.is_object])
+        found = f"{unknown_noun}, in {quoted(text)},"
+        raise Message.STORY_NOUN_UNKNOWN.error("--story", found, names=object_names)
     if not any(set(mention.members) & objects for mention in mentions):
         names = listed(
             [candidate.name for candidate in candidates if candidate.is_object]
@@ -207,10 +210,10 @@ def read_story(text: str, candidates: Sequence[Named]) -> Story:
 
 
 def _unknown_noun(words: Sequence[str], mentions: Sequence[Mention]) -> str:
-    """Return the first word after an article that names nothing; empty if all do."""
-    known = {*WAYS, *OTHERS, *ALL, *PLACES, *SURROUNDINGS}
+    """Find the first noun after an article that names no object; empty without one."""
+    known_words = {*WAYS, *OTHERS, *ALL, *PLACES, *SURROUNDINGS}
     for k in range(1, len(words)):
-        is_named = _is_within(k, mentions) or singular(words[k]) in known
+        is_named = _is_within(k, mentions) or singular(words[k]) in known_words
         if words[k - 1] in ("the", "a", "an") and not is_named:
             return words[k]
     return ""
@@ -231,7 +234,7 @@ def verb_of(word: str) -> str:
 
 
 def find_mentions(words: Sequence[str], candidates: Sequence[Named]) -> list[Mention]:
-    """Return the noun phrases of a sentence that name candidates, from left to right."""
+    """Find the noun phrases of a sentence that name candidates, from left to right."""
     mentions: list[Mention] = []
     position = 0
     while position < len(words):
@@ -247,7 +250,7 @@ def find_mentions(words: Sequence[str], candidates: Sequence[Named]) -> list[Men
 def _mention_at(
     words: Sequence[str], start: int, candidates: Sequence[Named]
 ) -> Mention | None:
-    """Return the longest noun phrase that begins at a word."""
+    """Find the longest noun phrase that begins at a word."""
     for end in range(min(start + 6, len(words)), start, -1):
         phrase = [word for word in words[start:end] if word not in ARTICLES]
         if not phrase or words[start] in ARTICLES or words[end - 1] in ARTICLES:
@@ -261,7 +264,7 @@ def _mention_at(
 def _members(
     phrase: Sequence[str], candidates: Sequence[Named]
 ) -> tuple[tuple[int, ...], bool]:
-    """Return the candidates that a phrase names, and whether all of them are meant."""
+    """Return the candidates of a phrase, and whether all of them are meant."""
     for candidate in candidates:
         is_name = candidate.name == "-".join(phrase)
         has_noun = len(phrase) == 2 and singular(phrase[0]) in candidate.words
@@ -269,32 +272,38 @@ def _members(
             return (candidate.index,), False
     is_all = any(word in ALL for word in phrase)
     places = [word for word in phrase[:-1] if word in PLACES]
-    rest = [singular(word) for word in phrase if word not in (*ALL, *places)]
-    rest = [word for word in rest if word not in ("and", "other", "one")]
-    if not rest:
+    name_parts = [singular(word) for word in phrase if word not in (*ALL, *places)]
+    name_parts = [word for word in name_parts if word not in ("and", "other", "one")]
+    if not name_parts:
         return (), False
-    # a number may follow the noun: domino 5
-    noun = next((word for word in reversed(rest) if not word.isdigit()), "")
+    # A number may follow the noun: "domino 5".
+    noun = next((word for word in reversed(name_parts) if not word.isdigit()), "")
     matches = []
     for candidate in candidates:
-        is_named = noun in candidate.nouns and set(rest) <= candidate.words
+        is_named = noun in candidate.nouns and set(name_parts) <= candidate.words
         if is_named:
             matches.append(candidate)
-    exact = [candidate for candidate in matches if "-".join(rest) == candidate.name]
-    if exact:
-        matches = exact
+    exact_matches = [
+        candidate for candidate in matches if "-".join(name_parts) == candidate.name
+    ]
+    if exact_matches:
+        matches = exact_matches
     if places and len(matches) > 1:
         matches = [_placed(matches, places[0])]
     return tuple(candidate.index for candidate in matches), is_all
 
 
 def _placed(candidates: Sequence[Named], place: str) -> Named:
-    """Return the first, last, top ... of several candidates."""
+    """Select the first, last, top ... of several candidates."""
     if place in ("top", "bottom"):
-        ordered = sorted(candidates, key=lambda candidate: candidate.y)
-        return ordered[0] if place == "top" else ordered[-1]
-    ordered = sorted(candidates, key=lambda candidate: candidate.x)
-    return ordered[0] if place in ("first", "left", "leftmost") else ordered[-1]
+        sorted_candidates = sorted(candidates, key=lambda candidate: candidate.y)
+        return sorted_candidates[0] if place == "top" else sorted_candidates[-1]
+    sorted_candidates = sorted(candidates, key=lambda candidate: candidate.x)
+    return (
+        sorted_candidates[0]
+        if place in ("first", "left", "leftmost")
+        else sorted_candidates[-1]
+    )
 
 
 def _assemble(
@@ -303,21 +312,28 @@ def _assemble(
     verbs: Sequence[tuple[int, str]],
     objects: set[int],
 ) -> Story:
-    """Return the story of the words that were recognised."""
+    """Combine mentions, verbs and the remaining words into a story."""
     place, verb = verbs[0]
     wish = VERBS[verb]
-    before = [mention for mention in mentions if mention.end <= place]
-    after = [mention for mention in mentions if mention.start > place]
-    free = [k for k, word in enumerate(words) if not _is_within(k, mentions)]
-    direction = _direction([words[k] for k in free])
+    subjects = [mention for mention in mentions if mention.end <= place]
+    objects_of_verb = [mention for mention in mentions if mention.start > place]
+    free_words = [k for k, word in enumerate(words) if not _is_within(k, mentions)]
+    direction = _direction([words[k] for k in free_words])
     strength = 1.0
-    for k in free:
+    for k in free_words:
         strength *= STRENGTHS.get(words[k], 1.0)
-    actor = before[0] if before else _first_object(after, objects)
-    others = [mention for mention in after if mention is not actor]
-    later = {VERBS[verb] for _, verb in verbs[1:]}
+    # The actor precedes the verb; in an imperative sentence it follows the verb.
+    actor = subjects[0] if subjects else _first_object(objects_of_verb, objects)
+    other_mentions = [mention for mention in objects_of_verb if mention is not actor]
+    later_wishes = {VERBS[verb] for _, verb in verbs[1:]}
     is_motion = wish is Wish.SHIFT
-    if is_motion and others and _has_target(words, others[-1], later):
+    # A motion into something is an impact, an upward motion is a lift, and an object
+    # knocked off its support falls.
+    if (
+        is_motion
+        and other_mentions
+        and _has_target(words, other_mentions[-1], later_wishes)
+    ):
         wish = Wish.TOUCH
     elif is_motion and direction == (0, -1):
         wish = Wish.RISE
@@ -326,16 +342,17 @@ def _assemble(
     has_target = wish in (Wish.TURN, Wish.TOUCH, Wish.RISE, Wish.DROP)
     targets: list[int] = []
     is_all = False
-    if has_target and others:
-        targets = [k for k in others[-1].members if k not in actor.members]
-        is_all = others[-1].is_all
-    names_others = any(words[k] in OTHERS for k in free if k > place)
+    if has_target and other_mentions:
+        targets = [k for k in other_mentions[-1].members if k not in actor.members]
+        is_all = other_mentions[-1].is_all
+    names_others = any(words[k] in OTHERS for k in free_words if k > place)
+    # "Knocks the others over" names its targets only by a pronoun.
     if has_target and not targets and names_others:
         targets = sorted(objects - set(actor.members))
         is_all = any(word in ALL for word in words)
     is_vertical = direction is not None and not direction[0]
     if wish in (Wish.TURN, Wish.TOUCH) and is_vertical:
-        # "knocks down" and "rolls down to" name no direction
+        # "Knocks down" and "rolls down to" contain no direction of a push.
         direction = None
     return Story(
         wish,
@@ -344,17 +361,20 @@ def _assemble(
         is_all,
         direction,
         strength,
-        must_rest=wish is not Wish.HALT and Wish.HALT in later,
-        is_declared=bool(before),
+        must_rest=wish is not Wish.HALT and Wish.HALT in later_wishes,
+        is_declared=bool(subjects),
     )
 
 
 def _is_within(k: int, mentions: Sequence[Mention]) -> bool:
+    """Check whether a word belongs to a mention."""
     return any(mention.start <= k < mention.end for mention in mentions)
 
 
 def _first_object(mentions: Sequence[Mention], objects: set[int]) -> Mention:
-    """Return the first mention of an object; it moves if nothing is named before the verb."""
+    """Return the first mention of an object: without a subject, this object is the
+    actor.
+    """
     for mention in mentions:
         if set(mention.members) & objects:
             return mention
@@ -362,14 +382,18 @@ def _first_object(mentions: Sequence[Mention], objects: set[int]) -> Mention:
 
 
 def _has_target(words: Sequence[str], mention: Mention, later: set[Wish]) -> bool:
-    """Return whether a motion ends at a mention: into the egg, and hits the blocks."""
+    """Check whether a motion ends at a mention: "into the egg", "and hits the
+    blocks".
+    """
     preceding = words[max(mention.start - 3, 0) : mention.start]
     return Wish.TOUCH in later or any(word in AGAINST for word in preceding)
 
 
 def _direction(words: Sequence[str]) -> tuple[int, int] | None:
-    """Return the direction that the words name, right and down; sideways counts first."""
-    ways = [WAYS[word] for word in words if word in WAYS]
-    sideways = [way for way in ways if way[0]]
-    chosen = sideways or ways
-    return chosen[0] if chosen else None
+    """Return the direction of the words, right and down; a sideways word has
+    priority.
+    """
+    directions = [WAYS[word] for word in words if word in WAYS]
+    sideways_directions = [direction for direction in directions if direction[0]]
+    choices = sideways_directions or directions
+    return choices[0] if choices else None

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from physgen.scene.load import Opened
+from physgen.scene.load import OpenedScene
 from physgen.scene.write import scene_text
 
 if TYPE_CHECKING:
     from physgen.perceive.roles import PerceivedScene
 
 
-def open_trial(photo_scene: PerceivedScene, *more: str) -> Opened:
-    """A scene for trials, without maps, with `more` keys of objects. Raises InputError."""
+def open_trial(photo_scene: PerceivedScene, *more: str) -> OpenedScene:
+    """Create a scene for trials, without maps. Raises InputError.
+
+    `more` are keys of objects that are copied in addition to those of shape and matter.
+    """
     document = photo_scene.document
     height, width = photo_scene.percepts.labels.shape
-    kept = (
+    object_keys = (
         "shape",
         "solid",
         "mass",
@@ -30,12 +33,13 @@ def open_trial(photo_scene: PerceivedScene, *more: str) -> Opened:
         "collides_with",
         *more,
     )
-    heads = ("physgen", "world", "boundaries", "render")
-    bare = {key: document[key] for key in heads if key in document} | {
+    sections = ("physgen", "world", "boundaries", "render")
+    # Without maps and sources, a trial compiles in milliseconds.
+    trial_document = {key: document[key] for key in sections if key in document} | {
         "size": [width, height],
         "objects": {
-            name: {key: item[key] for key in kept if key in item}
+            name: {key: item[key] for key in object_keys if key in item}
             for name, item in document["objects"].items()
         },
     }
-    return Opened("scene.yaml", text=scene_text(bare))
+    return OpenedScene("scene.yaml", text=scene_text(trial_document))

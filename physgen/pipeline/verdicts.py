@@ -22,16 +22,16 @@ from physgen.text import listed, percent
 
 @dataclass(frozen=True)
 class OutcomeLimits:
-    """Limits from which the outcome of a push is doubtful; areas are shares of the photo."""
+    """Limits of a doubtful outcome of a push; areas are shares of the photo."""
 
     brief: float = 0.5
-    """s of video in which something moves: a shorter motion is a jerk."""
+    """Duration of visible motion in the video, s, below which it is a jerk."""
     filled: float = 0.25
-    """Area that is filled behind what moves, on any ground."""
+    """Area of filled background behind moving objects, on any ground."""
     busy_filled: float = 0.06
-    """The same beside fine detail, which a fill does not continue."""
+    """The same area beside fine detail, which a fill does not continue."""
     busy: float = 0.5
-    """Share of fine detail around what moves."""
+    """Share of fine detail around moving objects."""
     ring: float = 0.04
     """Width of the surroundings, as a share of the photo's longer side."""
 
@@ -39,20 +39,22 @@ class OutcomeLimits:
 OUTCOME = OutcomeLimits()
 STILL = Note.NOTHING_MOVES.text()
 TOY_WORDS = frozenset(["toy", "toys", "model", "matchbox", "figure"])
-"""Words of a label that name a toy as such."""
+"""Words of a label that mark a toy."""
 
 
 def with_doubts(perceived: PerceivedScene, reasons: Sequence[str]) -> PerceivedScene:
-    """Return the scene with further reasons to doubt that its photo suits."""
-    known = () if perceived.suitability is None else perceived.suitability.reasons
-    every = tuple(dict.fromkeys((*known, *reasons)))
-    return replace(perceived, suitability=Suitability(every))
+    """Add reasons to doubt the suitability of a scene's photo."""
+    earlier_reasons = (
+        () if perceived.suitability is None else perceived.suitability.reasons
+    )
+    all_reasons = tuple(dict.fromkeys((*earlier_reasons, *reasons)))
+    return replace(perceived, suitability=Suitability(all_reasons))
 
 
 def outcome_doubts(
     perceived: PerceivedScene, pushed: Sequence[str], outcome: Outcome
 ) -> list[str]:
-    """Return the doubts about a clip in which the objects `pushed` set off a motion."""
+    """Return the doubts about a clip in which the objects `pushed` start a motion."""
     names = listed(list(pushed), "and")
     doubts = []
     if outcome.grade is Grade.NOTHING:
@@ -60,12 +62,12 @@ def outcome_doubts(
     if outcome.grade is Grade.LEAVES and not outcome.left:
         doubts.append(Note.REBOUNDS.text(names=names))
     elif outcome.grade is Grade.LEAVES:
-        left = listed(list(outcome.left), "and")
-        doubts.append(Note.LEAVES_PICTURE.text(names=left))
+        leaving_names = listed(list(outcome.left), "and")
+        doubts.append(Note.LEAVES_PICTURE.text(names=leaving_names))
     if outcome.grade is Grade.RESTLESS:
         doubts.append(Note.RESTLESS.text())
-    slow = round(perceived.document.get("render", {}).get("slow", 1))
-    seconds = outcome.seconds * slow
+    slow_motion = round(perceived.document.get("render", {}).get("slow", 1))
+    seconds = outcome.seconds * slow_motion
     if outcome.grade is Grade.SHORT and seconds < OUTCOME.brief:
         doubts.append(Note.MOTION_BRIEF.text(seconds=seconds))
     doubts += _fill_doubts(perceived, outcome)
@@ -96,26 +98,28 @@ def _part_owner(problem: Problem) -> str:
 
 
 def _fill_doubts(perceived: PerceivedScene, outcome: Outcome) -> list[str]:
-    """Return the doubt about what is filled behind the objects that move."""
+    """Return the doubt about the filled background behind moving objects."""
     mask = np.zeros(perceived.percepts.labels.shape, bool)
     area = 0.0
     for name in outcome.moved:
-        own = _object_mask(perceived, name)
-        columns = max(np.count_nonzero(own.any(axis=0)), 1)
-        passed = outcome.travel * max(own.shape) / columns
-        area += min(passed, 1.0) * float(own.mean())
-        mask |= own
-    busy = _detail_around(perceived, mask) if area else 0.0
+        object_mask = _object_mask(perceived, name)
+        columns = max(np.count_nonzero(object_mask.any(axis=0)), 1)
+        # An object that moves by less than its own width uncovers only a part of its
+        # background.
+        uncovered_share = outcome.travel * max(object_mask.shape) / columns
+        area += min(uncovered_share, 1.0) * float(object_mask.mean())
+        mask |= object_mask
+    detail_share = _detail_around(perceived, mask) if area else 0.0
     is_large = area > OUTCOME.filled
-    is_busy = area > OUTCOME.busy_filled and busy > OUTCOME.busy
-    if not (is_large or is_busy):
+    has_much_detail = area > OUTCOME.busy_filled and detail_share > OUTCOME.busy
+    if not (is_large or has_much_detail):
         return []
-    note = Note.BUSY_FILLED if is_busy else Note.MUCH_FILLED
+    note = Note.BUSY_FILLED if has_much_detail else Note.MUCH_FILLED
     return [note.text(share=percent(area))]
 
 
 def _object_mask(perceived: PerceivedScene, name: str) -> NDArray[np.bool_]:
-    """Return the pixels (H, W) of an object."""
+    """Return the mask (H, W) of an object."""
     item = perceived.document["objects"].get(name, {})
     labels = perceived.percepts.labels
     number = item.get("mask")
@@ -127,22 +131,22 @@ def _object_mask(perceived: PerceivedScene, name: str) -> NDArray[np.bool_]:
 def _detail_around(perceived: PerceivedScene, mask: NDArray[np.bool_]) -> float:
     """Return the share of fine detail around a mask (H, W)."""
     is_fine = fine_detail(perceived.percepts.rgb)
-    inside = cv2.resize(
+    small_mask = cv2.resize(
         mask.astype(np.uint8), is_fine.shape[::-1], interpolation=cv2.INTER_AREA
     )
     radius = max(round(OUTCOME.ring * max(is_fine.shape)), 1)
     kernel = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
-    ring = (cv2.dilate(inside, kernel) > 0) & (inside == 0)
+    ring = (cv2.dilate(small_mask, kernel) > 0) & (small_mask == 0)
     return float(is_fine[ring].mean()) if ring.any() else 0.0
 
 
 def with_living_named(photo_scene: PerceivedScene) -> PerceivedScene:
-    """Return the scene whose suitability names people and animals."""
+    """Add the names of people and animals to the scene's suitability."""
     return with_doubts(photo_scene, living_doubts(photo_scene))
 
 
 def with_toys_named(photo_scene: PerceivedScene) -> PerceivedScene:
-    """Return the scene whose comment on the scale names what is taken for a toy."""
+    """Add the names of objects taken for toys to the comment on the scale."""
     key = "world.pixels_per_meter"
     comment = photo_scene.comments.get(key, "")
     note = toy_note(photo_scene)
@@ -153,32 +157,32 @@ def with_toys_named(photo_scene: PerceivedScene) -> PerceivedScene:
 
 
 def living_doubts(perceived: PerceivedScene) -> list[str]:
-    """Return a reason that names the people and animals, which are never pushed."""
+    """Return a reason with the names of people and animals, which are never pushed."""
     objects = perceived.document["objects"].items()
     labels = {name: item.get("label", "") for name, item in objects}
-    living = {name: label for name, label in labels.items() if is_living(label)}
-    if not living:
+    living_labels = {name: label for name, label in labels.items() if is_living(label)}
+    if not living_labels:
         return []
-    kinds = {kind(label).noun for label in living.values()}
-    what = "people and animals" if len(kinds) > 1 else f"a {min(kinds)}"
+    kinds = {kind(label).noun for label in living_labels.values()}
+    kind_words = "people and animals" if len(kinds) > 1 else f"a {min(kinds)}"
     if kinds == {"animal"}:
-        what = "an animal"
-    names = listed(list(living), "and")
-    for label in living.values():
+        kind_words = "an animal"
+    names = listed(list(living_labels), "and")
+    for label in living_labels.values():
         if kind(label).noun == "animal":
             noun, note = label.split()[-1], Note.LIVING_OR_TOY
-            return [note.text(names=names, kinds=what, noun=noun)]
-    return [Note.LIVING.text(names=names, kinds=what)]
+            return [note.text(names=names, kinds=kind_words, noun=noun)]
+    return [Note.LIVING.text(names=names, kinds=kind_words)]
 
 
 def stillness_doubts(photo_scene: PerceivedScene, names: Collection[str]) -> list[str]:
-    """Return why no push moves any of the objects of these names."""
-    cut = [
+    """Return the reason why no push moves any of the objects of these names."""
+    border_names = [
         name
         for name in photo_scene.document["objects"]
         if "cut off" in photo_scene.comments.get(f"objects.{name}.motion", "")
     ]
-    if names and set(names) <= set(cut):
+    if names and set(names) <= set(border_names):
         verb = "is" if len(names) == 1 else "are"
         cut_names = listed(sorted(names), "and")
         return [Note.CUT_BY_BORDER.text(names=cut_names, verb=verb)]
@@ -186,9 +190,9 @@ def stillness_doubts(photo_scene: PerceivedScene, names: Collection[str]) -> lis
 
 
 def toy_note(photo_scene: PerceivedScene) -> str:
-    """Return which objects are taken for toys though their labels do not say so.
+    """Return a note on objects taken for toys without a word for it in their labels.
 
-    A photo does not tell a lone car from its model. Empty if there is none.
+    A photo does not tell a lone car from its model. Empty without such objects.
     """
     names = []
     for name, item in photo_scene.document["objects"].items():
@@ -204,7 +208,7 @@ def toy_note(photo_scene: PerceivedScene) -> str:
 
 
 def brief_summary(outcome: Outcome, slow: int) -> str:
-    """Return how far and how long something moves, in words."""
+    """Describe the distance and the duration of a motion in words."""
     seconds = max(outcome.seconds * slow, 0.0)
     clip = max(seconds + PLAYBACK.pause, PLAYBACK.shortest)
     return (

@@ -1,4 +1,4 @@
-"""Frames to the files of one video, encoded while they are made."""
+"""From frames to the files of one video, which are encoded while frames are drawn."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from physgen.scene.scene import Scene
 
 @dataclass(frozen=True)
 class VideoFiles:
-    """Where and how the videos of one clip are written."""
+    """The files of a clip's videos."""
 
     scene: Scene
     folder: Path
@@ -33,9 +33,11 @@ class VideoFiles:
     record: RunRecord
     progress: Progress
     failures: list[Problem] = field(default_factory=list)
-    """Gets the problems of formats that could not be written while others could."""
+    """Problems of formats that could not be written, if others could; appended by
+    `write`.
+    """
     sound: I16 | None = None
-    """(N, 2) samples of the sound track of MP4."""
+    """Samples of the sound track of MP4, (N, 2)."""
 
     def write(
         self,
@@ -45,17 +47,16 @@ class VideoFiles:
         stage: str = "render",
         shown: str = "",
     ) -> tuple[list[str], U8]:
-        """Write `count` frames as `name`, in all formats; returns their hashes, and the first frame.
+        """Write `count` frames in all formats under a name; return hashes and the first
+        frame.
 
-        Raises InputError if no format can be written.
-
-        The time that the frames take counts as `stage`, the rest as encoding; progress is shown as `shown` or `stage`.
+        The drawing time of the frames counts as `stage`, the rest as encoding. Progress
+        is shown as `shown` or `stage`. Raises InputError if no format can be written.
         """
         record, render = self.record, self.scene.render
-        clock = (
-            time.process_time if stage == "refine" else time.thread_time
-        )  # a model has threads of its own
-        hashes = []
+        # A model computes in threads of its own: count the time of the whole process.
+        clock = time.process_time if stage == "refine" else time.thread_time
+        frame_hashes = []
         encoding = record.stages.setdefault("encode", StageTime())
         with ExitStack() as files:
             with record.stage("encode", time.thread_time):
@@ -70,29 +71,30 @@ class VideoFiles:
                 _check_any_usable(writers)
 
             def encode(rgb: U8) -> None:
-                begun = time.thread_time()
+                start_time = time.thread_time()
                 for writer in writers:
                     writer.write(rgb)
                 _check_any_usable(writers)
-                encoding.cpu += time.thread_time() - begun
+                encoding.cpu += time.thread_time() - start_time
 
             with encode_in_thread([encode]) as write:
                 for index in range(count):
                     with record.stage(stage, clock):
                         frame = next(frames)
-                        hashes.append(frame_hash(frame.rgb))
+                        frame_hashes.append(frame_hash(frame.rgb))
                     if index == 0:
-                        first = frame.rgb.copy()  # it may be part of a batch
-                    begun = time.perf_counter()
+                        # The array may be a view of a batch of frames.
+                        first_frame = frame.rgb.copy()
+                    start_time = time.perf_counter()
                     write(frame.rgb)
-                    encoding.wall += time.perf_counter() - begun
+                    encoding.wall += time.perf_counter() - start_time
                     self.progress(shown or stage, index + 1, count)
             with record.stage("encode", time.thread_time):
                 files.close()
         _check_any_usable(writers)
         for writer in writers:
             self.failures.extend(writer.problems)
-        return hashes, first
+        return frame_hashes, first_frame
 
 
 def _check_any_usable(writers: Sequence[FormatWriter]) -> None:

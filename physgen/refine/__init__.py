@@ -1,3 +1,3 @@
-"""Frames -> frames that a video diffusion model retouched: soft shadows, reflections, and the objects as they
-were.
+"""Retouch frames by a video diffusion model: soft shadows, reflections, unchanged
+objects.
 """

@@ -15,14 +15,17 @@ F32 = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Grid:
-    """How a model cuts a video into latents."""
+    """The latent grid of a model."""
 
-    cell: int  # px: a side of a latent's cells
-    side: int  # px: sides of frames are multiples of it
-    area: int  # px of the frames that the model was trained on; larger ones are refined at that size
-    window: int  # latent frames that the model sees at a time, at most
+    cell: int  # side of a latent cell, px
+    side: int  # divisor of the sides of frames, px
+    area: int
+    """Area of the training frames, px; larger frames are refined at this size."""
+    window: int  # maximum number of latent frames in one pass of the model
     stride: int = 1
-    """Frames of a latent frame; over 1, the first latent frame still has one frame alone."""
+    """Frames per latent frame; if over 1, the first latent frame still has one
+    frame.
+    """
 
 
 @dataclass(frozen=True)
@@ -31,20 +34,19 @@ class PromptSettings:
 
     prompt: str
     negative: str
-    """What shall not be seen."""
+    """Description of content to avoid."""
     guidance: float | None
-    """How much it listens (classifier-free guidance, Ho and Salimans 2022).
-
-    None: as its authors advise.
+    """Weight of the texts (classifier-free guidance, Ho and Salimans 2022); None: the
+    authors' default.
     """
 
 
 @runtime_checkable
 class Denoiser(Protocol):
-    """A latent video diffusion model with its schedule of noise, and nothing of how it is used.
+    """A latent video diffusion model with its noise schedule, independent of its use.
 
-    Latents are (F', C, h, w) float32, scaled as the model wants them. MemoryError is raised where the device holds too
-    little.
+    Latents are (F', C, h, w) float32, in the model's own scale. MemoryError is raised
+    if the memory of the device does not suffice.
     """
 
     grid: Grid
@@ -52,21 +54,23 @@ class Denoiser(Protocol):
     def begin(
         self, frames: Sequence[U8], prompt: PromptSettings, steps: int, count: int
     ) -> F32:
-        """Latents of `frames` (F of (H, W, 3) sRGB), F and sizes as the grid wants them: the mean, not a draw.
+        """Encode `frames`, F of (H, W, 3) sRGB in sizes of the grid, as mean latents.
 
-        Of a schedule of `steps`, the last `count` run. Models of image to video keep the frames, for windows.
+        Of a schedule of `steps`, the last `count` run. Models of image to video keep
+        the frames for their windows.
         """
         ...
 
     def noised(self, latents: F32, noise: F32, k: int) -> F32:
-        """Return latents at the level of noise at which step `k` starts.
-
-        Themselves at k = count.
+        """Return latents at the noise level at the start of step `k`; unchanged at k =
+        count.
         """
         ...
 
     def predict(self, latents: F32, k: int, first: int) -> F32:
-        """Return the model's prediction in step `k` for a window of latents from latent frame `first` on."""
+        """Predict step `k` for a window of latents that begins at latent frame
+        `first`.
+        """
         ...
 
     def stepped(self, prediction: F32, latents: F32, k: int) -> F32:
@@ -74,11 +78,13 @@ class Denoiser(Protocol):
         ...
 
     def decode(self, latents: F32) -> Iterator[F32]:
-        """Decode frames, some at a time: (f, H, W, 3) sRGB, 0..1 but for over- and undershoots."""
+        """Decode parts of the video: (f, H, W, 3) sRGB, 0..1 except for overshoots."""
         ...
 
     def note(self) -> Mapping[str, Any]:
-        """Return entries of the record: weights, revision, device, dtype, scheduler ..."""
+        """Return entries of the record: weights, revision, device, dtype,
+        scheduler ...
+        """
         ...
 
     def close(self) -> None:

@@ -60,7 +60,8 @@ Weight = Callable[[int, int], float]
 
 
 def steps_run(steps: int, strength: float) -> int:
-    """Return how many of a schedule's steps run, nint(T s), halves upwards (line 1).
+    """Return the number of steps that run, nint(T s), with halves rounded upwards (line
+    1).
 
     >>> steps_run(50, 0.5), steps_run(50, 0.009)
     (25, 0)
@@ -69,7 +70,7 @@ def steps_run(steps: int, strength: float) -> int:
 
 
 def steps_fused(count: int, stop: int) -> int:
-    """Return how many of `count` steps are fused with the guidance (line 4).
+    """Return the number of steps that are fused with the guidance (line 4).
 
     >>> steps_fused(25, 5)
     20
@@ -87,9 +88,10 @@ def rising(k: int, count: int) -> float:
 
 
 def each_step(held: Any, count: int) -> Any:
-    """Return the share of the guidance that each of `count` steps restores so that `held` remains in the end.
+    """Return the share of the guidance to restore in each of `count` steps.
 
-    Blends multiply: putting 0.15 back in 25 steps would leave 0.85^25 = 0.02 of what the model changed.
+    The share `held` then remains at the end. Blends multiply: with 0.15 in each of 25
+    steps, only 0.85^25 = 0.02 of the model's changes would remain.
 
     >>> each_step(1.0, 25), each_step(0.0, 25), round(each_step(0.75, 2), 6)
     (1.0, 0.0, 0.5)
@@ -97,7 +99,7 @@ def each_step(held: Any, count: int) -> Any:
     return 1 - (1 - held) ** (1 / count)
 
 
-def fused(
+def fuse_latents(
     guidance: Latent,
     mask: Any,
     *,
@@ -108,25 +110,29 @@ def fused(
     weight: Weight = rising,
     held: Any = 0.0,
 ) -> Latent:
-    """Return refined latents of the guidance's shape.
+    """Fuse the guidance with the model's latents; return refined latents of equal
+    shape.
 
-    `mask` 0..1 broadcasts against latents. `noised(z0, k)` is z0 at the noise that step k starts from, z0 itself at
-    k = count; `denoised(z, k)` is step k. `held` 0..1, broadcasting too, is how much of the guidance stays in every
-    step, free ones included: 1 on the first frame, which is the photo; see `each_step`.
+    `mask` 0..1 broadcasts against latents. `noised(z0, k)` is z0 at the noise level at
+    the start of step k, and z0 itself at k = count; `denoised(z, k)` is step k. `held`
+    0..1, which broadcasts too, is the share of the guidance that stays in every step,
+    also in free ones: 1 on the first frame, which is the photo; see `each_step`.
     """
     z = noised(guidance, 0)
     fusing = steps_fused(count, stop)
     for k in range(count):
         z = denoised(z, k)
         share = mask * (1 - weight(k, count)) if k < fusing else 0 * mask
-        share = np.maximum(share, held)  # line 8, and what is held in any case
-        # not z + share (z~ - z): with share 1 this is z~ to the last bit
+        # Line 8; the held share applies in free steps, too.
+        share = np.maximum(share, held)
+        # With a share of 1, this form equals z~ to the last bit; z + share (z~ - z)
+        # would not.
         z = (1 - share) * z + share * noised(guidance, k + 1)
     return z
 
 
 EMPTY_LABELS = frozenset({"", "object", "thing"})
-"""Labels that are none."""
+"""Labels without a meaning."""
 
 
 def prompt_of(labels: Iterable[str]) -> str:
@@ -135,7 +141,7 @@ def prompt_of(labels: Iterable[str]) -> str:
     >>> prompt_of(["billiard ball", "billiard ball", "cue", "object"])
     'billiard ball, cue'
     """
-    spelling: dict[str, str] = {}  # as it is written first
+    spelling: dict[str, str] = {}  # the first spelling of each label
     counts = Counter(
         spelling.setdefault(label.strip().lower(), label.strip()).lower()
         for label in labels
@@ -157,11 +163,12 @@ def restore_detail(
     lock: float,
     held: float,
 ) -> U8:
-    """Restore detail in (H, W, 3) sRGB.
+    """Restore detail of the guidance in a refined frame, (H, W, 3) sRGB.
 
-    `refined` and `guided`: what the decoder makes of the refined latents and of the guidance's, (H, W, 3) sRGB 0..1;
-    `coverage` (H, W) of objects. `detail` 0..1: how much of what the decoder loses of the guidance is put back;
-    `lock` 0..1: how much of the guidance's objects is; `held` 0..1: how much of the guidance is, everywhere.
+    `refined` and `guided` (H, W, 3) sRGB 0..1: the decoded latents of the refined video
+    and of the guidance; `coverage` (H, W) of objects. Shares 0..1: `detail`, of the
+    detail lost by the decoder; `lock`, of the guidance at objects; `held`, of the
+    guidance everywhere.
     """
     before = guidance.astype(np.float32) / np.float32(255)
     after = refined + np.float32(detail) * (before - guided)
@@ -170,7 +177,7 @@ def restore_detail(
     share = np.float32(lock) * coverage
     if not share.any():
         return refined_rgb
-    box = _around(share)
+    box = _bounding_slices(share)
     share_there = share[box][..., None]
     blend = encode_u8(
         (1 - share_there) * decode(refined_rgb[box])
@@ -180,7 +187,7 @@ def restore_detail(
     return refined_rgb
 
 
-def _around(values: F32) -> tuple[slice, slice]:
+def _bounding_slices(values: F32) -> tuple[slice, slice]:
     """Return the box of all pixels that are not 0."""
     rows, columns = (
         np.flatnonzero(values.any(axis=1)),
@@ -190,9 +197,9 @@ def _around(values: F32) -> tuple[slice, slice]:
 
 
 HOLD = 0.3
-"""s of playing over which the photo turns into the refined video."""
+"""Playing time over which the photo changes to the refined video, s."""
 LEAST_HELD = 3
-"""Frames over which it does so at least."""
+"""Minimum number of frames for this change."""
 
 
 @dataclass(frozen=True)
@@ -207,7 +214,7 @@ class RefineSettings:
     lock: float
     detail: float
     hold: int
-    """Frames over which the first gives way; 0: it is refined like all others."""
+    """Frames over which the first frame fades; 0: it is refined like all others."""
 
     @property
     def count(self) -> int:
@@ -216,12 +223,12 @@ class RefineSettings:
 
 
 def hold_frames(fps: float) -> int:
-    """Return the frames over which a first frame that is the photo gives way to the refined video."""
+    """Return the number of frames over which the photo changes to the refined video."""
     return max(LEAST_HELD, round(HOLD * fps))
 
 
 class Refinement:
-    """One video's refinement: `frames()` makes it, `note()` records how it went."""
+    """The refinement of one video: `frames()` computes it, `note()` describes it."""
 
     def __init__(
         self,
@@ -234,7 +241,7 @@ class Refinement:
     ) -> None:
         """Prepare for `count` frames of `size` (W, H) px.
 
-        `weight` is the algorithm's own unless a test sets it.
+        `weight` is the algorithm's own, except in tests.
         """
         self._model, self._how, self._count, self._progress, self._weight = (
             model,
@@ -249,9 +256,10 @@ class Refinement:
         self._windows = window_spans(self._latents, window, window // 2)
 
     def frames(self, guidance: Sequence[U8], coverage: Sequence[F32]) -> Iterator[U8]:
-        """Yield (H, W, 3) sRGB; `guidance`: (H, W, 3) sRGB; `coverage`: (H, W) of objects, 0..1.
+        """Yield refined frames, (H, W, 3) sRGB.
 
-        Raises InputError where the device holds too little.
+        `guidance`: (H, W, 3) sRGB; `coverage`: (H, W) of objects, 0..1. Raises
+        InputError if the memory of the device does not suffice.
         """
         try:
             yield from self._frames(guidance, coverage)
@@ -259,6 +267,7 @@ class Refinement:
             raise InputError([self._too_large()]) from error
 
     def _frames(self, guidance: Sequence[U8], coverage: Sequence[F32]) -> Iterator[U8]:
+        """Yield refined frames; raises MemoryError."""
         model, settings, fit, grid = self._model, self._how, self._fit, self._model.grid
         frame_total = frames_held(self._latents, grid)
         padded_guidance = pad_frames([fit.shown(rgb) for rgb in guidance], frame_total)
@@ -280,7 +289,7 @@ class Refinement:
             self._progress("refine", k + 1, settings.count)
             return model.stepped(prediction, z, k)
 
-        z = fused(
+        z = fuse_latents(
             z0,
             mask,
             noised=lambda latents, k: model.noised(latents, noise, k),
@@ -296,7 +305,7 @@ class Refinement:
             )
         parts = zip(model.decode(z), model.decode(z0), strict=True)
         pairs = (pair for part in parts for pair in zip(*part, strict=True))
-        # the frames that fill up the last latent frame are left out
+        # Leave out the frames that were added to complete the last latent frame.
         for index, (refined_frame, guidance_frame) in enumerate(
             islice(pairs, self._count)
         ):
@@ -311,12 +320,15 @@ class Refinement:
             )
 
     def _too_large(self) -> Problem:
+        """Return the problem of a video that is too large for the device."""
         width, height = self._fit.padded
         size_text = f"{self._count} frames of {width} x {height} px"
         return Message.REFINING_TOO_LARGE.problem(Place("refine"), "", size_text)
 
     def note(self) -> Mapping[str, Any]:
-        """Return entries of the record: settings, steps that ran, the model's own note."""
+        """Return the entries of the record: settings, number of steps, and the model's
+        note.
+        """
         settings = self._how
         return {
             "strength": settings.strength,
@@ -337,7 +349,9 @@ class Refinement:
 
 @contextmanager
 def backend_errors(flag: str, name: str) -> Iterator[None]:
-    """Report any error of the libraries of backend `name` as one message on the `flag` that chose it."""
+    """Report errors of a backend's libraries as one message on the `flag` that chose
+    it.
+    """
     try:
         yield
     except InputError:

@@ -1,7 +1,7 @@
 """Frames and coverage on a model's latent grid, and overlapping windows of a long clip.
 
-All windows take each step together, so that they agree where they overlap at every level of noise, and no joint shows
-(MultiDiffusion, Bar-Tal et al. 2023, along time).
+All windows take each step together, so that they agree in their overlap at every noise
+level, and no joint is visible (MultiDiffusion, Bar-Tal et al. 2023, along time).
 """
 
 from __future__ import annotations
@@ -20,22 +20,24 @@ from physgen.refine.denoiser import F32, U8, Grid
 Size = tuple[int, int]
 """Width and height, px."""
 MOST = 1.5
-"""Times the area that a model was trained on that padding may lead to."""
+"""Maximum area after padding, in areas of the training frames."""
 
 
 @dataclass(frozen=True)
 class Fit:
-    """How frames of one size are shown to a model."""
+    """The conversion of frames between the video's size and the model's."""
 
     size: Size
-    """Of the video."""
+    """Size of the video."""
     scaled: Size
-    """What the model is shown of it: the same, unless it has more pixels than the model was trained on."""
+    """Size for the model: smaller if the video has more pixels than the training
+    frames.
+    """
     padded: Size
-    """With the border mirrored up to the grid's multiples."""
+    """Size with a mirrored border, up to multiples of the grid."""
 
     def shown(self, rgb: U8) -> U8:
-        """Resize (H, W, 3) of `size` to `padded`; made smaller in linear light."""
+        """Resize (H, W, 3) of `size` to `padded`, in linear light."""
         if self.scaled != self.size:
             rgb = encode_u8(
                 cv2.resize(decode(rgb), self.scaled, interpolation=cv2.INTER_AREA)
@@ -63,6 +65,7 @@ class Fit:
         return picture
 
     def _padded(self, picture: NDArray[np.generic]) -> NDArray[np.generic]:
+        """Pad a picture by its mirrored border to `padded`."""
         right, bottom = (p - s for p, s in zip(self.padded, self.scaled, strict=True))
         if not right and not bottom:
             return picture
@@ -73,23 +76,25 @@ class Fit:
 
 
 def fit_to_grid(size: Size, grid: Grid) -> Fit:
-    """Return how frames of `size` are shown to a model with this grid."""
+    """Return the conversion of frames of `size` for a model with this grid."""
     scale = min(1.0, sqrt(grid.area / (size[0] * size[1])))
     width, height = (max(1, round(side * scale)) for side in size)
     most_pixels = max(MOST * grid.area, grid.side**2)
+    # Padding makes a very narrow video much larger: reduce it further.
     while (padded_size := _padded(width, height, grid))[0] * padded_size[
         1
-    ] > most_pixels:  # a ribbon: padding made it much larger
+    ] > most_pixels:
         width, height = max(1, round(width * 0.9)), max(1, round(height * 0.9))
     return Fit(size, (width, height), padded_size)
 
 
 def _padded(width: int, height: int, grid: Grid) -> Size:
+    """Return width and height as multiples of the grid, px."""
     return ceil(width / grid.side) * grid.side, ceil(height / grid.side) * grid.side
 
 
 def latent_frames(frames: int, grid: Grid) -> int:
-    """Return the latent frames that hold so many frames.
+    """Return the number of latent frames for these frames.
 
     >>> latent_frames(16, Grid(8, 16, 480 * 832, 21, 4))
     5
@@ -98,19 +103,20 @@ def latent_frames(frames: int, grid: Grid) -> int:
 
 
 def frames_held(latents: int, grid: Grid) -> int:
-    """Return the frames that so many latent frames stand for."""
+    """Return the number of frames of these latent frames."""
     return latents if grid.stride == 1 else 1 + (latents - 1) * grid.stride
 
 
 def pad_frames(frames: Sequence[U8], count: int) -> list[U8]:
-    """Return `count` frames: the last is repeated."""
+    """Return `count` frames; the last one is repeated."""
     return [*frames, *[frames[-1]] * (count - len(frames))]
 
 
 def cell_coverage(coverage: Iterable[F32], latents: int, grid: Grid) -> F32:
-    """(F', 1, h, w) in 0..1: the mean coverage of every latent cell, over its pixels and its frames.
+    """Compute the mean coverage (F', 1, h, w) 0..1 of each latent cell, over pixels and
+    frames.
 
-    `coverage`: (H, W) of each frame, sizes as the grid wants them; where frames are short, the last goes on.
+    `coverage`: (H, W) of each frame in sizes of the grid; the last one is repeated.
     """
     smaller = []
     for mask in coverage:
@@ -122,7 +128,7 @@ def cell_coverage(coverage: Iterable[F32], latents: int, grid: Grid) -> F32:
 
 
 def over_time(values: F32, grid: Grid) -> F32:
-    """(F, ...) of frames -> (F', ...) of latent frames: means over the frames that each stands for."""
+    """Average values (F, ...) of frames to (F', ...) of latent frames."""
     if grid.stride == 1:
         return values
     rest = values[1:].reshape(-1, grid.stride, *values.shape[1:])
@@ -131,7 +137,9 @@ def over_time(values: F32, grid: Grid) -> F32:
 
 
 def hold_weights(frames: int, over: int) -> F32:
-    """Return (F,) the share of the guidance in each frame: 1 in the first, falling smoothly to 0 over so many.
+    """Return the share of the guidance in each frame, (F,).
+
+    It is 1 in the first frame, and falls smoothly to 0 over `over` frames.
 
     >>> hold_weights(6, 4).tolist()
     [1.0, 0.84375, 0.5, 0.15625, 0.0, 0.0]
@@ -143,11 +151,13 @@ def hold_weights(frames: int, over: int) -> F32:
 
 
 Span = tuple[int, int]
-"""First latent frame, and the one behind the last."""
+"""First latent frame, and last + 1."""
 
 
 def window_spans(total: int, window: int, overlap: int) -> list[Span]:
-    """Return the windows of `window` latent frames that cover `total`, `overlap` of them shared by neighbours at least.
+    """Return windows of `window` latent frames that cover `total`.
+
+    Neighbours share at least `overlap` latent frames.
 
     >>> window_spans(30, 16, 8)
     [(0, 16), (7, 23), (14, 30)]
@@ -160,9 +170,10 @@ def window_spans(total: int, window: int, overlap: int) -> list[Span]:
 
 
 def weights(span: Span, total: int) -> F32:
-    """Return (last - first,): the weight of a window's prediction: less towards an end that another window goes beyond.
+    """Return the weights (last - first,) of a window's predictions.
 
-    Not towards the clip's own ends: there a neighbour's first frame would count for a large share, all at once.
+    They decrease towards an end inside the clip. They are constant towards the clip's
+    own ends, where the weight of a neighbour's first frame would otherwise jump.
 
     >>> weights((2, 6), 8).tolist(), weights((0, 4), 8).tolist()
     ([1.0, 2.0, 2.0, 1.0], [4.0, 3.0, 2.0, 1.0])
@@ -179,7 +190,11 @@ def weights(span: Span, total: int) -> F32:
 def blend_predictions(
     predict: Callable[[F32, int], F32], z: F32, windows: Sequence[Span]
 ) -> F32:
-    """(F', C, h, w): the mean of `predict(z[first:last], first)` over the windows, by `weights`."""
+    """Return the mean of `predict(z[first:last], first)` over the windows, (F', C, h,
+    w).
+
+    The windows have the weights of `weights`.
+    """
     if len(windows) == 1:
         return predict(z, 0)
     total, sums = np.zeros_like(z), np.zeros((len(z), 1, 1, 1), np.float32)

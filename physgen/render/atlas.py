@@ -1,6 +1,7 @@
-"""Balls and moving shadows drawn many at a time: pictures of about one size share an atlas and one warp.
+"""Balls and sliding shadows drawn many at a time, from atlases of similar sizes.
 
-An atlas has two samples a pixel and four channels, which OpenCV warps several times as fast as three.
+Pictures of about one size share an atlas and one warp. An atlas has two samples per
+pixel and four channels, which OpenCV warps several times as fast as three.
 """
 
 from __future__ import annotations
@@ -22,17 +23,17 @@ from physgen.render.sprites import Sprite
 from physgen.render.stage import Placement, Slices, SpritePose
 
 GAP = 3
-"""px of an atlas on each side of a picture, as far as Lanczos' kernel looks."""
+"""Border of each picture in an atlas, px, as wide as Lanczos' kernel."""
 PIXELS = 60_000
-"""Of the pictures of an atlas; a single one may have more."""
+"""Maximum number of pixels of an atlas; a single picture may have more."""
 WIDEST = 4_000
-"""Half pixels along an atlas: the farther along, the coarser is a float of 32 bits."""
+"""Maximum length of an atlas, half pixels: positions are floats of 32 bits."""
 ALIKE = 1.3
-"""Sizes that share an atlas are within this ratio."""
+"""Maximum ratio of sizes in one atlas."""
 
 
 def atlas_groups(sizes: Sequence[tuple[int, int]]) -> list[list[int]]:
-    """Return the pictures, of so many columns and rows, that go into each atlas."""
+    """Group pictures by size, (columns, rows), for one atlas each."""
     by_size: dict[int, list[int]] = {}
     for k, size in enumerate(sizes):
         size_class = ceil(log(max(*size, 1)) / log(ALIKE))
@@ -47,15 +48,16 @@ def atlas_groups(sizes: Sequence[tuple[int, int]]) -> list[list[int]]:
 
 
 def lay_side_by_side(pictures: Sequence[F32], border: int) -> tuple[F32, F64]:
-    """Lay pictures (H, W, ...) in a row; return it and (n,) px of the first column of each. The first row is GAP.
+    """Concatenate pictures (H, W, ...) in a row, and return it with their first columns
+    (n,).
 
-    OpenCV's `border` fills the gaps between them.
+    OpenCV's `border` fills the gaps. The first row of each picture is `GAP`.
     """
     height = max(len(picture) for picture in pictures) + 2 * GAP
     parts = []
     for picture in pictures:
-        below = height - GAP - len(picture)
-        parts.append(cv2.copyMakeBorder(picture, GAP, below, GAP, GAP, border))
+        bottom_margin = height - GAP - len(picture)
+        parts.append(cv2.copyMakeBorder(picture, GAP, bottom_margin, GAP, GAP, border))
     widths = [part.shape[1] for part in parts[:-1]]
     starts = np.cumsum([0, *widths]) + GAP
     row = np.ascontiguousarray(np.concatenate(parts, axis=1), np.float32)
@@ -64,7 +66,9 @@ def lay_side_by_side(pictures: Sequence[F32], border: int) -> tuple[F32, F64]:
 
 @dataclass(frozen=True)
 class Strip:
-    """The grid on which some pictures are warped: `n` cells of (h, w) px side by side, `fine` samples a pixel."""
+    """The grid of a warp: `n` cells of (h, w) px side by side, `fine` samples per
+    pixel.
+    """
 
     n: int
     size: tuple[int, int]
@@ -96,16 +100,18 @@ class Strip:
 
 def warp_picture(picture: F32, x: F32, y: F32) -> F32:
     """Return (h, w[, 4]) of a picture (H, W[, 4]) at px `x`, `y` (h, w)."""
-    found = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
-    return np.asarray(found, np.float32)
+    warped = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+    return np.asarray(warped, np.float32)
 
 
 def equal_area(
     skin: F32, center: F64, radius: float, pattern: Pattern | None
 ) -> list[F32]:
-    """Project near and far side of a `skin` (h, w, 3) by Lambert's azimuthal equal-area projection.
+    """Project near and far side of a `skin` (h, w, 3) by Lambert's equal-area
+    projection.
 
-    Each as seen from the photo's side. There the rim, which the photo hardly shows, is wide.
+    Both sides are seen from the photo's side. In this projection the rim, which the
+    photo hardly shows, is wide.
     """
     height, width = skin.shape[:2]
     x = (np.arange(width) - center[0]) / radius
@@ -122,8 +128,10 @@ def equal_area(
             continue
         share, places = pattern.written(points, 1 / radius)
         writing = _skin_at(skin, places, center, radius)
-        plain = pattern.painted(points, 2 / radius)
-        sides.append(np.asarray(plain + share * (writing - plain), np.float32))
+        painted_colour = pattern.painted(points, 2 / radius)
+        sides.append(
+            np.asarray(painted_colour + share * (writing - painted_colour), np.float32)
+        )
     return sides
 
 
@@ -154,9 +162,11 @@ class BallSprites:
     def drawn(
         self, placements: Iterable[tuple[int, Placement]], fine: int = 1
     ) -> dict[int, tuple[F32, F32]]:
-        """Draw the balls among `placements`, indices of sprites and where they moved to, as `draw_sprite`.
+        """Draw the balls among `placements`, pairs of a sprite's index and its
+        placement.
 
-        Each pixel is the mean of `fine` x `fine` samples.
+        Each pixel is the mean of `fine` x `fine` samples. Returns pictures as
+        `draw_sprite`.
         """
         groups: dict[int, tuple[_Atlas, list[tuple[int, int, Placement]]]] = {}
         for k, placement in placements:
@@ -167,17 +177,16 @@ class BallSprites:
         pictures: dict[int, tuple[F32, F32]] = {}
         for atlas, members in groups.values():
             places = [place for _, place, _ in members]
-            wheres = [placement for _, _, placement in members]
-            drawn = atlas.drawn(places, wheres, fine)
-            for (k, _, _), picture in zip(members, drawn, strict=True):
+            ball_placements = [placement for _, _, placement in members]
+            ball_pictures = atlas.drawn(places, ball_placements, fine)
+            for (k, _, _), picture in zip(members, ball_pictures, strict=True):
                 pictures[k] = picture
         return pictures
 
 
 class _Atlas:
-    """Balls of about one size.
-
-    Where they turn, and how large they are, in arrays of one row each.
+    """Balls of about one size, with their positions and radii as arrays of one row
+    each.
     """
 
     def __init__(self, members: Sequence[tuple[Sprite, Ball]]) -> None:
@@ -193,37 +202,45 @@ class _Atlas:
             self._project_skin(k, ball)
 
     def _lay_pictures(self, members: Sequence[tuple[Sprite, Ball]]) -> None:
-        """Lay gloss, shading and skin of the balls side by side, each with a fourth channel."""
-        still, lit, skin = [], [], []
+        """Lay gloss, shading and skin of the balls side by side, each with a fourth
+        channel.
+        """
+        gloss_pictures, shading_pictures, skin_pictures = [], [], []
         for sprite, ball in members:
             x0, y0, x1, y1 = sprite.within
             box = np.s_[y0:y1, x0:x1]
             coverage = sprite.coverage[box]
-            alpha, nothing = coverage[..., None], np.zeros_like(coverage)
-            still.append(np.dstack([ball.gloss[box] * alpha, coverage]))
-            lit.append(np.dstack([ball.lit[box] * alpha, nothing]))
-            skin.append(np.dstack([np.maximum(ball.skin[box], 0), nothing]))
-        row, starts = lay_side_by_side(still, cv2.BORDER_CONSTANT)
+            alpha, zeros = coverage[..., None], np.zeros_like(coverage)
+            gloss_pictures.append(np.dstack([ball.gloss[box] * alpha, coverage]))
+            shading_pictures.append(np.dstack([ball.lit[box] * alpha, zeros]))
+            skin_pictures.append(np.dstack([np.maximum(ball.skin[box], 0), zeros]))
+        row, starts = lay_side_by_side(gloss_pictures, cv2.BORDER_CONSTANT)
         self.still, self.left = double_resolution(row), 2 * starts
-        self.lit = double_resolution(lay_side_by_side(lit, cv2.BORDER_CONSTANT)[0])
-        near = double_resolution(lay_side_by_side(skin, cv2.BORDER_REPLICATE)[0])
-        # The far side is below the near side.
-        self.skin = np.concatenate([near, near])
+        self.lit = double_resolution(
+            lay_side_by_side(shading_pictures, cv2.BORDER_CONSTANT)[0]
+        )
+        near_skins = double_resolution(
+            lay_side_by_side(skin_pictures, cv2.BORDER_REPLICATE)[0]
+        )
+        # The far side, below the near side, is projected for each ball below.
+        self.skin = np.concatenate([near_skins, near_skins])
 
     def _project_skin(self, k: int, ball: Ball) -> None:
-        """Replace a ball's skin by its near and far side in the equal-area projection."""
+        """Replace a ball's skin by its near and far side in the equal-area
+        projection.
+        """
         height = len(self.skin) // 2
         right, bottom = self.last[k].astype(int) + 1
         first = int(self.left[k])
         place = np.s_[2 * GAP : 2 * GAP + bottom, first : first + right]
-        middle, radius = 2 * (self.center[k] - self.corner[k]), 2 * ball.radius
-        near, far = self.skin[:height], self.skin[height:]
-        skin = near[place][..., :3].copy()
+        centre, radius = 2 * (self.center[k] - self.corner[k]), 2 * ball.radius
+        near_side, far_side = self.skin[:height], self.skin[height:]
+        skin = near_side[place][..., :3].copy()
         if ball.is_continued:
-            sides = continue_skin(np.ascontiguousarray(skin), middle, radius)
+            sides = continue_skin(np.ascontiguousarray(skin), centre, radius)
         else:
-            sides = equal_area(skin, middle, radius, ball.pattern)
-        near[place][..., :3], far[place][..., :3] = sides
+            sides = equal_area(skin, centre, radius, ball.pattern)
+        near_side[place][..., :3], far_side[place][..., :3] = sides
 
     def drawn(
         self, places: Sequence[int], wheres: Sequence[Placement], fine: int
@@ -239,8 +256,8 @@ class _Atlas:
         picture = self._warp(np.array(places), wheres, strip)
         if fine > 1:
             size = (strip.n * width, height)
-            small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
-            picture = np.asarray(small, np.float32)
+            reduced = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+            picture = np.asarray(reduced, np.float32)
         # The conversion keeps the first three channels.
         light = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGRA2BGR), np.float32)
         coverage = np.asarray(cv2.extractChannel(picture, 3), np.float32)
@@ -258,22 +275,25 @@ class _Atlas:
         corners = [
             (placement.box[1].start, placement.box[0].start) for placement in wheres
         ]
-        # px from the ball's box at t = 0, moved along, to the cell
+        # Offsets of the cells from the ball's box at t = 0 after its displacement.
         shifts = np.array([placement.shift for placement in wheres])
         start = np.array(corners, np.float64) - self.corner[places] - shifts
-        middle = np.array(corners, np.float64) - self.center[places] - shifts
+        offsets = np.array(corners, np.float64) - self.center[places] - shifts
         left = self.left[places]
         x, y = strip.empty(), strip.empty()
         # Gloss and shading move without turning.
-        moved = 2 * start
-        x[:] = 2 * strip.columns + strip.along(moved[:, 0] + left)
-        np.add(2 * strip.rows, strip.along(moved[:, 1] + 2 * GAP), out=y)
-        picture, lit = warp_picture(self.still, x, y), warp_picture(self.lit, x, y)
-        # back to where points were
+        first_samples = 2 * start
+        x[:] = 2 * strip.columns + strip.along(first_samples[:, 0] + left)
+        np.add(2 * strip.rows, strip.along(first_samples[:, 1] + 2 * GAP), out=y)
+        picture, shading_light = (
+            warp_picture(self.still, x, y),
+            warp_picture(self.lit, x, y),
+        )
+        # The inverse rotations lead from the present skin to that of the photo.
         turns = np.array([placement.space for placement in wheres]).transpose(0, 2, 1)
-        self._skin_places(x, y, places, middle, turns, strip)
-        cv2.multiply(warp_picture(self.skin, x, y), lit, dst=lit)
-        cv2.add(picture, lit, dst=picture)
+        self._skin_places(x, y, places, offsets, turns, strip)
+        cv2.multiply(warp_picture(self.skin, x, y), shading_light, dst=shading_light)
+        cv2.add(picture, shading_light, dst=picture)
         return picture
 
     def _skin_places(
@@ -285,65 +305,70 @@ class _Atlas:
         turns: F64,
         strip: Strip,
     ) -> None:
-        """Set `x` and `y` (H, W) to the places of each sample on the skins.
+        """Set `x` and `y` (H, W) to the place of each sample on the skins, in place.
 
-        In place, as this is most of the time.
+        This takes most of the time of a frame with balls.
         """
-        along, radius = strip.along, self.radius[places]
+        repeated, radius = strip.along, self.radius[places]
         center, corner = self.center[places], self.corner[places]
-        # Points of the sphere in radii from its middle; beyond the rim the skin goes on as it is there.
-        inverse = along(1 / radius)
-        u = (strip.columns + along(middle[:, 0])) * inverse
+        # Points of the sphere in radii from its centre; beyond the rim, the skin of the
+        # rim is continued.
+        inverse = repeated(1 / radius)
+        u = (strip.columns + repeated(middle[:, 0])) * inverse
         v = strip.rows * inverse
-        v += along(middle[:, 1] / radius)
+        v += repeated(middle[:, 1] / radius)
         z = v * v
         z += u * u
         np.subtract(1, z, out=z)
         np.maximum(z, np.float32(1 - RIM * RIM), out=z)
         np.sqrt(z, out=z)
-        # towards the viewer at t = 0
+        # Coordinate towards the viewer at t = 0: its sign tells near and far side
+        # apart.
         depth = (
-            v * along(turns[:, 2, 1])
-            + u * along(turns[:, 2, 0])
-            - z * along(turns[:, 2, 2])
+            v * repeated(turns[:, 2, 1])
+            + u * repeated(turns[:, 2, 0])
+            - z * repeated(turns[:, 2, 2])
         )
         # Skins are in the equal-area projection.
         shrink = 1 / np.sqrt(1 + np.abs(depth))
         for axis, place in enumerate((x, y)):
-            back = 2 * radius[:, None] * turns[:, axis]
-            np.multiply(v, along(back[:, 1]), out=place)
-            place += u * along(back[:, 0])
-            place -= z * along(back[:, 2])
+            rotation_row = 2 * radius[:, None] * turns[:, axis]
+            np.multiply(v, repeated(rotation_row[:, 1]), out=place)
+            place += u * repeated(rotation_row[:, 0])
+            place -= z * repeated(rotation_row[:, 2])
             place *= shrink
-            place += along(2 * (center - corner)[:, axis])
+            place += repeated(2 * (center - corner)[:, axis])
             np.maximum(place, 0, out=place)
-            np.minimum(place, along(self.last[places, axis]), out=place)
-        x += along(self.left[places])
+            np.minimum(place, repeated(self.last[places, axis]), out=place)
+        x += repeated(self.left[places])
         y += np.float32(2 * GAP)
-        y += (depth > 0) * np.float32(len(self.skin) // 2)  # the far side
+        # Samples of the far side are in the lower half of the atlas.
+        y += (depth > 0) * np.float32(len(self.skin) // 2)
 
 
 class ShadowSprites:
-    """The sliding shadows of a background taken apart."""
+    """The sliding shadows of a decomposed background."""
 
     def __init__(self, casts: Sequence[CastShadow]) -> None:
-        sliding = []
+        sliding_shadows = []
         for k, cast in enumerate(casts):
             if cast.sliding is not None:
-                sliding.append((k, *cast.sliding, cast.lean))
-        sizes = [(picture.shape[1], picture.shape[0]) for _, _, picture, _ in sliding]
+                sliding_shadows.append((k, *cast.sliding, cast.lean))
+        sizes = [
+            (picture.shape[1], picture.shape[0]) for _, _, picture, _ in sliding_shadows
+        ]
         self._homes: dict[int, tuple[_Row, int]] = {}
         for members in atlas_groups(sizes):
-            row = _Row([sliding[i][1:] for i in members])
+            row = _Row([sliding_shadows[i][1:] for i in members])
             for place, i in enumerate(members):
-                self._homes[sliding[i][0]] = (row, place)
+                self._homes[sliding_shadows[i][0]] = (row, place)
 
     def thrown(
         self, darkness: F32, stands: Iterable[tuple[SpritePose, float]]
     ) -> list[Slices]:
-        """Add the shadows of those of `stands` that slide, times weights, to `darkness` (H, W).
+        """Add the sliding shadows of `stands`, times weights, to `darkness` (H, W).
 
-        Return their boxes.
+        Returns their boxes.
         """
         groups: dict[int, tuple[_Row, list[tuple[int, SpritePose, float]]]] = {}
         for stand, weight in stands:
@@ -377,27 +402,36 @@ class _Row:
             shifts.append((stand.pose.x - stand.start.x, stand.pose.y - stand.start.y))
         corner = self.corner[places] + self.speed[places] * np.array(shifts)
         first = np.floor(corner)
-        low = np.maximum(first, 0)
-        high = np.minimum(first + self.size[places] + 1, darkness.shape[::-1])
-        is_visible = (high > low).all(axis=1) & np.isfinite(corner).all(axis=1)
-        visible = np.flatnonzero(is_visible)
-        if not len(visible):
+        first_corner = np.maximum(first, 0)
+        last_corner = np.minimum(first + self.size[places] + 1, darkness.shape[::-1])
+        # Shadows outside the picture are left out; a diverged motion has no finite
+        # corner.
+        is_visible = (last_corner > first_corner).all(axis=1) & np.isfinite(corner).all(
+            axis=1
+        )
+        visible_rows = np.flatnonzero(is_visible)
+        if not len(visible_rows):
             return []
-        low, high = low[visible].astype(int), high[visible].astype(int)
-        offset = low - corner[visible]
-        width, height = (high - low).max(axis=0).tolist()
-        strip = Strip(len(visible), (height, width))
+        first_corner, last_corner = (
+            first_corner[visible_rows].astype(int),
+            last_corner[visible_rows].astype(int),
+        )
+        offset = first_corner - corner[visible_rows]
+        width, height = (last_corner - first_corner).max(axis=0).tolist()
+        strip = Strip(len(visible_rows), (height, width))
         x, y = strip.empty(), strip.empty()
-        columns = offset[:, 0] + self.left[places[visible]]
+        columns = offset[:, 0] + self.left[places[visible_rows]]
         x[:] = strip.columns + strip.along(columns)
         np.add(strip.rows, strip.along(offset[:, 1] + GAP), out=y)
         picture = warp_picture(self.picture, x, y)
         boxes: list[Slices] = []
-        for j, (left, top, right, bottom) in enumerate(np.hstack([low, high]).tolist()):
+        for j, (left, top, right, bottom) in enumerate(
+            np.hstack([first_corner, last_corner]).tolist()
+        ):
             box = np.s_[top:bottom, left:right]
             start = j * width
             shadow = picture[: bottom - top, start : start + right - left]
-            weight = members[visible[j]][2]
+            weight = members[visible_rows[j]][2]
             if weight != 1:
                 shadow = np.float32(weight) * shadow
             darkness[box] += shadow

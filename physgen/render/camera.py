@@ -1,10 +1,12 @@
 """Camera, playing order, resampling and motion blur of a clip.
 
-Between two views the camera eases: after a part s of the time it has come 3 s² - 2 s³ of the way. The width of the view
-changes by equal factors and its centre moves with the width, so one point of a zoom stays still, and a view between two
-that lie in the photo lies in it too. Pictures are resampled by Lanczos with three lobes in linear light (Pillow's exact
-weights; OpenCV's warps know no finer step than 1/32 px, and a slow pan would tremble), each value held between the
-least and the greatest of the pixels under the middle lobe, against dark lines along bright edges.
+Between two views the camera eases: after a share s of the time it has covered 3 s² - 2
+s³ of the path. The width of the view changes by equal factors, and its centre moves
+with the width: one point of a zoom stays still, and a view between two views within the
+photo is within it, too. Pictures are resampled by Lanczos with three lobes in linear
+light, with Pillow's exact weights: OpenCV's warps have steps of 1/32 px, and a slow pan
+would tremble. Each value is limited to the range of the pixels under the middle lobe,
+against dark lines along bright edges.
 """
 
 from __future__ import annotations
@@ -31,7 +33,7 @@ from physgen.scene.scene import (
     Point,
     Scene,
     affine,
-    held,
+    confine_center,
     magnification,
     room,
 )
@@ -42,16 +44,16 @@ Size = tuple[int, int]
 """Width and height, px."""
 
 LOBES = 3
-"""Of the kernel, on each side."""
+"""Lobes of the kernel on each side."""
 NOTHING = 1e-6
-"""px that no picture shows."""
+"""Displacement, px, that is invisible."""
 
 
 def resample_picture(rgb: U8, matrix: Array, size: Size) -> U8:
     """Resample a picture as (h, w, 3) sRGB of `size` (w, h).
 
-    `matrix` (2, 3) scales and shifts: px of `rgb` -> px of the result. What is seen lies in `rgb`. A shift by whole
-    pixels alone returns them as they are.
+    `matrix` (2, 3) scales and shifts from px of `rgb` to px of the result, which lies
+    within `rgb`. A shift by whole pixels only copies them.
     """
     scale = float(matrix[0, 0])
     x0, y0, x1, y1 = _seen(rgb, matrix, size)
@@ -59,7 +61,7 @@ def resample_picture(rgb: U8, matrix: Array, size: Size) -> U8:
     is_whole_shift = max(abs(x0 - left), abs(y0 - top)) < NOTHING
     if scale == 1.0 and is_whole_shift:
         return np.ascontiguousarray(rgb[top : top + size[1], left : left + size[0]])
-    # No kernel looks farther than this beyond the visible part.
+    # Crop to the pixels that the kernel can reach: large photos are much slower.
     reach = ceil(LOBES * max(1.0, 1.0 / scale)) + 1
     left, top = max(floor(x0) - reach, 0), max(floor(y0) - reach, 0)
     rgb = rgb[top : ceil(y1) + reach, left : ceil(x1) + reach]
@@ -71,11 +73,15 @@ def resample_picture(rgb: U8, matrix: Array, size: Size) -> U8:
     for codes in cv2.split(rgb):
         plane = Image.fromarray(cv2.LUT(codes, light))
         resampled = plane.resize(size, Image.Resampling.LANCZOS, box=box)
-        low = cv2.erode(codes, kernel, anchor=(0, 0)).take(columns, 1).take(rows, 0)
-        high = cv2.dilate(codes, kernel, anchor=(0, 0)).take(columns, 1).take(rows, 0)
-        # sRGB keeps the order of light.
-        fine = encode_u8(np.asarray(resampled))
-        planes.append(cv2.min(cv2.max(fine, low), high))
+        lower_limits = (
+            cv2.erode(codes, kernel, anchor=(0, 0)).take(columns, 1).take(rows, 0)
+        )
+        upper_limits = (
+            cv2.dilate(codes, kernel, anchor=(0, 0)).take(columns, 1).take(rows, 0)
+        )
+        # The limits can be taken in sRGB, which has the same order as linear light.
+        resampled_codes = encode_u8(np.asarray(resampled))
+        planes.append(cv2.min(cv2.max(resampled_codes, lower_limits), upper_limits))
     return np.asarray(cv2.merge(planes), np.uint8)
 
 
@@ -88,7 +94,9 @@ def nearest(ids: NDArray[np.uint16], matrix: Array, size: Size) -> NDArray[np.ui
 def nearest_in(
     box: Slices, mask: Mask, rows: Index, columns: Index
 ) -> tuple[Slices, Mask]:
-    """Return box and mask of a picture that is True in a `box` alone, as `nearest`, by its `sources`."""
+    """Resample a mask that is True only in a `box`, like `nearest`, by its
+    `sources`.
+    """
     first_row, last_row = np.searchsorted(rows, (box[0].start, box[0].stop)).tolist()
     edges = (box[1].start, box[1].stop)
     first_column, last_column = np.searchsorted(columns, edges).tolist()
@@ -100,7 +108,9 @@ def nearest_in(
 
 
 def sources(matrix: Array, shown: Size, size: Size) -> tuple[Index, Index]:
-    """Return (h,) rows and (w,) columns of a picture of the size `shown` that are nearest to those of the result."""
+    """Return the nearest rows (h,) and columns (w,) in a picture of the size
+    `shown`.
+    """
     width, height = shown
     rows = np.floor(_sources(matrix, 1, size[1]) + 0.5).astype(np.int64)
     columns = np.floor(_sources(matrix, 0, size[0]) + 0.5).astype(np.int64)
@@ -110,54 +120,60 @@ def sources(matrix: Array, shown: Size, size: Size) -> tuple[Index, Index]:
 def _seen(
     rgb: U8 | F32, matrix: Array, size: Size
 ) -> tuple[float, float, float, float]:
-    """Return the borders x0, y0, x1, y1 of the visible part, px from the corner of the first pixel."""
+    """Return the borders x0, y0, x1, y1 of the visible part, px from the first pixel's
+    corner.
+    """
     scale = float(matrix[0, 0])
     edges = []
     for axis, side in ((0, rgb.shape[1]), (1, rgb.shape[0])):
-        low = (-0.5 - float(matrix[axis, 2])) / scale + 0.5
-        edges.append((max(low, 0.0), min(low + size[axis] / scale, float(side))))
+        first = (-0.5 - float(matrix[axis, 2])) / scale + 0.5
+        edges.append((max(first, 0.0), min(first + size[axis] / scale, float(side))))
     (x0, x1), (y0, y1) = edges
     return x0, y0, x1, y1
 
 
 def _sources(matrix: Array, axis: int, count: int) -> Array:
-    """Return where the result's columns (axis 0) or rows (axis 1) come from, px."""
+    """Return the source of the result's columns (axis 0) or rows (axis 1), px."""
     return np.asarray((np.arange(count) - matrix[axis, 2]) / matrix[0, 0])
 
 
 def _lobes(rgb: U8, matrix: Array, size: Size) -> tuple[U8, Index, Index]:
-    """Return the kernel's middle lobe as a square of ones, and its first row and column in `rgb` by pixel."""
+    """Return the kernel's middle lobe as a square of ones, with its first row and
+    column.
+    """
     reach = max(1.0, 1.0 / float(matrix[0, 0]))
     side = ceil(2 * reach - NOTHING)
     firsts = []
     for axis, length in ((0, rgb.shape[1]), (1, rgb.shape[0])):
-        before = np.floor(_sources(matrix, axis, size[axis]) - reach + NOTHING)
-        firsts.append(np.clip(before.astype(np.int64) + 1, 0, length - 1))
+        lower_bounds = np.floor(_sources(matrix, axis, size[axis]) - reach + NOTHING)
+        firsts.append(np.clip(lower_bounds.astype(np.int64) + 1, 0, length - 1))
     return np.ones((side, side), np.uint8), firsts[1], firsts[0]
 
 
 STEADY = 0.2
-"""s of the clip: the standard deviation of the weights with which a followed object's way is smoothed."""
+"""Standard deviation of the smoothing of a followed object's path, s of the clip."""
 ASTRAY = 0.6
-"""Of the way from the picture's middle to its border, within which a followed object stays however it is flung."""
+"""Share of the distance from the picture's centre to its border within which a followed
+object stays, however fast it moves.
+"""
 WHOLE_PHOTO = CameraView(0.0, None, None, 1.0)
-"""What is seen without a camera."""
+"""The view without a camera."""
 MOST_DRAWN = 16_000_000
-"""px of the canvas of a flat scene that is drawn as large as it is seen."""
+"""Maximum number of pixels of a flat scene's canvas."""
 
 
 @dataclass(frozen=True)
 class Hand:
-    """How a hand moves a camera."""
+    """Motion of a handheld camera."""
 
     rise: float = 0.7
-    """s of the video until the drift has its full size."""
+    """Time until the drift has its full size, s of the video."""
     rates: tuple[float, ...] = (0.31, 0.73, 1.37)
-    """Hz: slow sway and tremor, without a common period."""
+    """Frequencies of slow sway and tremor, Hz, without a common period."""
     phases: tuple[float, float] = (0.4, 2.1)
-    """rad, of the drift to the right and down."""
+    """Phases of the drift to the right and down, rad."""
     most: float = 2.5
-    """Standard deviations that the drift reaches, at most."""
+    """Maximum drift in standard deviations."""
 
 
 HAND = Hand()
@@ -173,43 +189,44 @@ def _sway(time: float, phase: float) -> float:
 
 @dataclass(frozen=True)
 class Aim:
-    """A view that the camera reaches at a time."""
+    """A view at a time, which the camera reaches."""
 
     time: float
-    """s."""
+    """Time, s."""
     zoom: float
     way: Array
-    """(T, 2) px: its centre at the samples' times; (1, 2) where it stays."""
+    """Centre of the view at the samples' times, (T, 2) px; (1, 2) for a fixed view."""
 
 
 @dataclass(frozen=True)
 class Shot:
-    """How a clip is filmed and played."""
+    """The camera and the playing order of a clip."""
 
     photo: Size
     video: Size
-    """px of the frames."""
+    """Size of the frames, px."""
     times: Array
-    """(T,) s of the samples."""
+    """Times of the samples, (T,) s."""
     aims: tuple[Aim, ...]
-    """In the order of their times; at least one."""
+    """Views in the order of their times; at least one."""
     order: tuple[int, ...]
-    """The sample of every frame."""
+    """Sample of every frame."""
     handheld: float = 0.0
-    """px of the video, standard deviation of a drift."""
+    """Standard deviation of the drift, px of the video."""
     pace: float = 1.0
-    """s of the video that show a second of the motion."""
+    """Seconds of the video for a second of the motion."""
 
     def affine(self, time: float) -> Array:
-        """Return (2, 3): photo px -> video px of a frame at `time` (s of the motion, `Frame.time`).
+        """Return the matrix (2, 3) from photo px to video px of a frame at `time`.
 
-        Anything drawn on the finished frame goes through it: `x, y = shot.affine(frame.time) @ (px, py, 1)`.
+        `time` is that of the motion, s, as `Frame.time`. All marks on the finished
+        frame use this matrix: `x, y = shot.affine(frame.time) @ (px, py, 1)`.
         """
         center, zoom = self._view(time)
         if self.handheld:
             center, zoom = self._drift_view(center, zoom, time * self.pace)
-        large, (x, y) = affine(self.photo, self.video, center, zoom)
-        return np.array([[large, 0.0, x], [0.0, large, y]])
+        scale, (x, y) = affine(self.photo, self.video, center, zoom)
+        return np.array([[scale, 0.0, x], [0.0, scale, y]])
 
     @cached_property
     def moves(self) -> bool:
@@ -226,7 +243,10 @@ class Shot:
         return np.array_equal(self.affine(0.0), np.eye(2, 3))
 
     def samples(self, parts: int) -> list[int]:
-        """Return `order` for a trajectory with `parts` samples where `times` has one: an exposure's stay in theirs."""
+        """Return `order` for a trajectory with `parts` samples for each of `times`.
+
+        The samples of an exposure keep their order in time.
+        """
         return [sample * parts + part for sample in self.order for part in range(parts)]
 
     def _view(self, time: float) -> tuple[Point, float]:
@@ -237,32 +257,33 @@ class Shot:
         if start is end or time <= start.time:
             return self._center(start, time), start.zoom
         s = (time - start.time) / (end.time - start.time)
-        eased = s * s * (3 - 2 * s)
+        eased_share = s * s * (3 - 2 * s)
         narrowing = log(start.zoom / end.zoom)
-        zoom = start.zoom * exp(-narrowing * eased)
-        share = eased
+        zoom = start.zoom * exp(-narrowing * eased_share)
+        share = eased_share
         if abs(narrowing) > 1e-9:
-            share = expm1(narrowing * eased) / expm1(narrowing)
+            share = expm1(narrowing * eased_share) / expm1(narrowing)
         (ax, ay), (bx, by) = self._center(start, time), self._center(end, time)
         center = ax + (bx - ax) * share, ay + (by - ay) * share
-        # Within the photo but for the last bit.
-        return held(center, self.photo, self.video, zoom), zoom
+        # Rounding may lead out of the photo by a bit.
+        return confine_center(center, self.photo, self.video, zoom), zoom
 
     def _drift_view(
         self, center: Point, zoom: float, time: float
     ) -> tuple[Point, float]:
-        """Return centre and zoom of a view in a hand, at a time of the video."""
+        """Return centre and zoom of a handheld view at a time of the video."""
         start = min(time / HAND.rise, 1.0)
         share = start * start * (3 - 2 * start)
-        # Room for the drift within the photo.
-        most = 2 * HAND.most * self.handheld / min(self.video)
-        zoom *= 1 + share * most
+        # Zoom in, so that the drift stays within the photo.
+        extra_zoom = 2 * HAND.most * self.handheld / min(self.video)
+        zoom *= 1 + share * extra_zoom
         amount = share * self.handheld / magnification(self.photo, self.video, zoom)
         x, y = (amount * _sway(time, phase) for phase in HAND.phases)
         center = center[0] + x, center[1] + y
-        return held(center, self.photo, self.video, zoom), zoom
+        return confine_center(center, self.photo, self.video, zoom), zoom
 
     def _center(self, aim: Aim, time: float) -> Point:
+        """Return the centre of an aim at a time, px."""
         if len(aim.way) == 1:
             return float(aim.way[0, 0]), float(aim.way[0, 1])
         x = np.interp(time, self.times, aim.way[:, 0])
@@ -271,7 +292,9 @@ class Shot:
 
 
 def shot_of(scene: Scene, trajectory: Trajectory) -> Shot:
-    """Return the shot of a scene's `render` for a trajectory that has one sample a frame played forward."""
+    """Return the shot of a scene's `render` for a trajectory with one sample
+    per frame.
+    """
     photo, video = scene.size, scene.video_size
     aims = []
     for sight in scene.render.camera or (WHOLE_PHOTO,):
@@ -287,7 +310,7 @@ def shot_of(scene: Scene, trajectory: Trajectory) -> Shot:
 
 
 def play_order(play: Play, count: int) -> tuple[int, ...]:
-    """Return samples in the order in which a clip shows them.
+    """Return the samples in the playing order of a clip.
 
     >>> play_order(Play.THERE_AND_BACK, 3)
     (0, 1, 2, 1, 0)
@@ -303,9 +326,10 @@ def play_order(play: Play, count: int) -> tuple[int, ...]:
 def filmed(
     frames: Iterator[Frame], through: Shot, drawn: float = 1.0
 ) -> Iterator[Frame]:
-    """Yield frames as the camera sees them; `drawn` canvas pixels a photo pixel.
+    """Yield frames as the camera sees them; `drawn`: canvas pixels per photo pixel.
 
-    Where it sees all of them at their own size, they are the very same. What did not change is not filmed again.
+    A frame that the camera shows as a whole at its own size is returned as it is. A
+    view without a change since the last frame is not resampled again.
     """
     last: tuple[Frame, Array, Frame] | None = None
     for frame in frames:
@@ -319,31 +343,37 @@ def filmed(
         else:
             rgb = resample_picture(frame.rgb, matrix, through.video)
         view = frame, matrix, through.video
-        named, covering = partial(_named, *view), partial(_covering, *view)
-        layering = None
+        load_ids, load_covers = partial(_named, *view), partial(_covering, *view)
+        load_layers = None
         if frame.layering is not None:
-            layering = partial(_layers_seen, frame.layering, matrix, through.video)
+            load_layers = partial(_layers_seen, frame.layering, matrix, through.video)
         result = Frame(
-            frame.index, frame.time, rgb, named, covering, frame.faces, layering
+            frame.index,
+            frame.time,
+            rgb,
+            load_ids,
+            load_covers,
+            frame.faces,
+            load_layers,
         )
         last = frame, matrix, result
         yield result
 
 
 def _is_same(frame: Frame, matrix: Array, last: tuple[Frame, Array, Frame]) -> bool:
-    """Return whether neither the view nor the picture has changed since the last frame."""
+    """Check that neither the view nor the picture has changed since the last frame."""
     last_frame, last_matrix, _ = last
     is_same_view = np.array_equal(matrix, last_matrix)
     return is_same_view and np.array_equal(frame.rgb, last_frame.rgb)
 
 
 def _named(frame: Frame, matrix: Array, size: Size) -> NDArray[np.uint16]:
-    """Return (h, w) of `size` (w, h): the ids of the frame as they are seen."""
+    """Return the visible ids of a frame, (h, w) of `size` (w, h)."""
     return nearest(frame.ids, matrix, size)
 
 
 def _covering(frame: Frame, matrix: Array, size: Size) -> list[Cover]:
-    """Return covers of the frame as they are seen, of the very pixels that `_named` takes."""
+    """Return the visible covers of a frame, at the same pixels as `_named`."""
     height, width = frame.rgb.shape[:2]
     rows, columns = sources(matrix, (width, height), size)
     covers = []
@@ -354,7 +384,9 @@ def _covering(frame: Frame, matrix: Array, size: Size) -> list[Cover]:
 
 
 def resample_light(light: F32, matrix: Array, size: Size) -> F32:
-    """Return (h, w, C) of `size` (w, h), 0..1, of linear light as `resample_picture` sees it."""
+    """Resample linear light 0..1 as (h, w, C) of `size` (w, h), like
+    `resample_picture`.
+    """
     box = _seen(light, matrix, size)
     planes = []
     for plane in cv2.split(light):
@@ -366,79 +398,91 @@ def resample_light(light: F32, matrix: Array, size: Size) -> F32:
 def _layers_seen(layering: Callable[[], Layers], matrix: Array, size: Size) -> Layers:
     """Return the layers of a frame as the camera sees them."""
     layers = layering()
-    whole = np.s_[0 : size[1], 0 : size[0]]
+    whole_picture = np.s_[0 : size[1], 0 : size[0]]
     sprites = []
     for sprite in layers.sprites:
         canvas = np.zeros((*layers.plate.shape[:2], 4), np.float32)
         canvas[sprite.box] = np.dstack([sprite.light, sprite.coverage])
-        seen = resample_light(canvas, matrix, size)
-        sprites.append(SpriteLayer(sprite.body, whole, seen[..., :3], seen[..., 3]))
+        visible = resample_light(canvas, matrix, size)
+        sprites.append(
+            SpriteLayer(sprite.body, whole_picture, visible[..., :3], visible[..., 3])
+        )
     plate = resample_light(layers.plate, matrix, size)
     shaded = resample_light(layers.shaded, matrix, size)
     return Layers(plate, shaded, sprites, layers.order)
 
 
 def canvas_scale(scene: Scene) -> float:
-    """Return canvas pixels a photo pixel of a scene without a photo, to be sharp wherever the camera goes."""
+    """Return the canvas pixels per photo pixel for sharp views of a scene without a
+    photo.
+    """
     zoom = max(sight.zoom for sight in scene.render.camera or (WHOLE_PHOTO,))
-    needed = max(1.0, magnification(scene.size, scene.video_size, zoom))
-    most = sqrt(MOST_DRAWN / (scene.size[0] * scene.size[1]))
-    return max(1.0, min(needed, most))
+    largest_scale = max(1.0, magnification(scene.size, scene.video_size, zoom))
+    scale_limit = sqrt(MOST_DRAWN / (scene.size[0] * scene.size[1]))
+    return max(1.0, min(largest_scale, scale_limit))
 
 
 def on_canvas(matrix: Array, drawn: float) -> Array:
-    """Return the matrix from photo px as one from the px of a canvas whose pixels are `drawn` times finer."""
+    """Convert a matrix from photo px to one from px of a canvas, `drawn` times
+    finer.
+    """
     if drawn == 1.0:
         return matrix
-    scaled = matrix[:, :2] / drawn
-    shift = matrix[:, 2] + scaled @ [0.5, 0.5] - matrix[:, :2] @ [0.5, 0.5]
-    return np.column_stack([scaled, shift])
+    linear_part = matrix[:, :2] / drawn
+    shift = matrix[:, 2] + linear_part @ [0.5, 0.5] - matrix[:, :2] @ [0.5, 0.5]
+    return np.column_stack([linear_part, shift])
 
 
 def _way(
     sight: CameraView, photo: Size, video: Size, trajectory: Trajectory, fps: float
 ) -> Array:
-    """Return the centre of a view, (T, 2) px or (1, 2), where the view lies in the photo."""
+    """Return the centre of a view, (T, 2) px or (1, 2), within the photo."""
     if sight.follow is None:
         middle = (photo[0] - 1) / 2, (photo[1] - 1) / 2
-        return np.array([held(sight.center or middle, photo, video, sight.zoom)])
-    low, high = room(photo, video, sight.zoom)
+        return np.array(
+            [confine_center(sight.center or middle, photo, video, sight.zoom)]
+        )
+    lower_limit, upper_limit = room(photo, video, sight.zoom)
     body = trajectory.names.index(sight.follow)
-    places = np.clip(trajectory.poses[:, body, :2], low, high)
-    most = ASTRAY * np.array(video) / (2 * magnification(photo, video, sight.zoom))
-    behind = _steadied(places, STEADY * fps) - places
-    # Hardly changed up to half of the most, and never beyond it.
-    limited = behind / (1 + (behind / most) ** 4) ** 0.25
-    return np.clip(places + limited, low, high)
+    places = np.clip(trajectory.poses[:, body, :2], lower_limit, upper_limit)
+    largest_offset = (
+        ASTRAY * np.array(video) / (2 * magnification(photo, video, sight.zoom))
+    )
+    offsets = _steadied(places, STEADY * fps) - places
+    # A soft limit: offsets change little up to half of the limit, and never exceed it.
+    limited_offsets = offsets / (1 + (offsets / largest_offset) ** 4) ** 0.25
+    return np.clip(places + limited_offsets, lower_limit, upper_limit)
 
 
 def _steadied(way: Array, width: float) -> Array:
-    """Smooth (T, 2) by a Gaussian of `width` samples.
+    """Smooth a path (T, 2) by a Gaussian of `width` samples.
 
-    Beyond its ends goes the way itself, turned about them.
+    Beyond its ends the path is continued by point reflection.
     """
     reach = ceil(3 * width)
     weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / width) ** 2)
     weights = weights / weights.sum()
     margin = ((reach, reach), (0, 0))
-    longer = np.pad(way, margin, mode="reflect", reflect_type="odd")
-    columns = [np.convolve(column, weights, mode="valid") for column in longer.T]
+    padded_path = np.pad(way, margin, mode="reflect", reflect_type="odd")
+    columns = [np.convolve(column, weights, mode="valid") for column in padded_path.T]
     return np.stack(columns, axis=1)
 
 
 FEWEST, MOST = 4, 24
-"""Moments of an exposure; the fewest divide all numbers of them, and are the views of a moving camera."""
+"""Moments of an exposure: their number is a multiple of the minimum, which is also the
+number of views of a moving camera."""
 STEP = 2.0
-"""px that anything moves between two of them, unless there are the most already."""
+"""Displacement between two moments, px, below the maximum number of moments."""
 
 
 def exposure_times(
     trajectory: Trajectory, world: World, part: float
 ) -> tuple[Array, int]:
-    """Return moments (T x parts,) s of frames at the trajectory's times, and how many a frame has.
+    """Return the moments (T x parts,) s of exposures at the trajectory's times, and
+    `parts`.
 
-    The shutter is open for a `part` of the time between frames and closes at the frame's own: at t = 0 nothing has
-    moved, and the first frame is the photo.
+    The shutter is open for a `part` of the time between frames and closes at the
+    frame's time: at t = 0 no object has moved, and the first frame is the photo.
     """
     times = trajectory.times
     if part <= 0 or len(times) < 2 or not world.bodies:
@@ -457,21 +501,23 @@ def exposure_times(
 
 
 def ways_seen(trajectory: Trajectory, through: Shot, parts: int) -> Array:
-    """Return (T, N, 3) poses.
+    """Return poses (T, N, 3) as seen by a camera that moves within an exposure.
 
-    Of moving bodies, where each `parts` samples are in the camera's view of the last.
+    Each group of `parts` samples is moved into the camera's view of its last sample.
     """
     poses = trajectory.poses
     views = np.array([through.affine(time) for time in trajectory.times.tolist()])
     last = np.arange(len(poses)) // parts * parts + parts - 1
-    own, final = views[:, None], views[last][:, None]
-    in_video = poses[..., :2] * own[..., 0, :1] + own[..., 2]
-    places = (in_video - final[..., 2]) / final[..., 0, :1]
+    own_views, last_views = views[:, None], views[last][:, None]
+    in_video = poses[..., :2] * own_views[..., 0, :1] + own_views[..., 2]
+    places = (in_video - last_views[..., 2]) / last_views[..., 0, :1]
     return np.where(poses == poses[last], poses, np.dstack([places, poses[..., 2]]))
 
 
 def mean_exposures(frames: Iterator[Frame], parts: int) -> Iterator[Frame]:
-    """Yield means of `parts` frames each in linear light, with the time and the ids of the last."""
+    """Yield means of `parts` frames in linear light, with time and ids of the
+    last one.
+    """
     for index, first in enumerate(frames):
         light = np.zeros(first.rgb.shape, np.float32) + decode(first.rgb)
         group = [first]
@@ -481,12 +527,14 @@ def mean_exposures(frames: Iterator[Frame], parts: int) -> Iterator[Frame]:
         last = group[-1]
         rgb = encode_u8(light / np.float32(parts))
         layering = last.layering
-        if layering is not None:  # at once: an exposure's layers take much memory
+        # Compute the layers now, since all layers of an exposure take much memory.
+        if layering is not None:
             layering = partial(_same_layers, _mean_layers(group))
         yield replace(last, index=index, rgb=rgb, layering=layering)
 
 
 def _same_layers(layers: Layers) -> Layers:
+    """Return the layers."""
     return layers
 
 
@@ -504,8 +552,8 @@ def _mean_layers(frames: Sequence[Frame]) -> Layers:
         shaded += layers.shaded * share
         for body, picture in layers.pictures().items():
             means[body] += picture * share
-    whole = np.s_[0 : plate.shape[0], 0 : plate.shape[1]]
+    whole_picture = np.s_[0 : plate.shape[0], 0 : plate.shape[1]]
     sprites = []
     for body, mean in means.items():
-        sprites.append(SpriteLayer(body, whole, mean[..., :3], mean[..., 3]))
+        sprites.append(SpriteLayer(body, whole_picture, mean[..., :3], mean[..., 3]))
     return Layers(plate, shaded, sprites, last.order)

@@ -18,24 +18,25 @@ from physgen.simulate.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class ImpactTuning:
-    """Thresholds that tell impacts from lasting contacts."""
+    """Thresholds between impacts and lasting contacts."""
 
     slack: float = 0.15
     flat: float = 0.75
-    """px by which points of one contact may be farther apart than its nearest: of circles, and of faces, whose corners
-    may be a little rounded or tilted."""
+    """Tolerance of the gap at other points of a contact than the nearest, px: of
+    circles, and of faces, whose corners may be slightly rounded or tilted."""
     apart: float = 3.0
-    """px between two points of a contact; nearer ones are one."""
+    """Distance below which two points of a contact are one, px."""
     faint: float = 0.7
     loud: float = 3.0
-    """Times what gravity gives the lighter partner meanwhile: rise of a push in an impact that changes the motion of
-    either, and in one that they pass on."""
+    """Thresholds for the rise of a push, in units of the momentum that gravity gives
+    the lighter partner: for an impact that changes the motion of a partner, and for one
+    that is passed on."""
     uneven: float = 1.5
-    """Times what has pressed before or goes on pressing: an impact is more, as a solver shares pushes out unevenly."""
+    """Threshold in units of the lasting push: a solver distributes pushes unevenly."""
     after: int = 3
-    """Spans of time that it must go on."""
+    """Number of later spans in which a lasting push must continue."""
     steps: int = 4
-    """Of the engine, at least, in which pushes are taken together."""
+    """Minimum number of engine steps in a span, in which pushes are summed."""
 
 
 IMPACT = ImpactTuning()
@@ -46,26 +47,30 @@ class Impact:
     """A sudden push between two objects."""
 
     time: float
-    """s."""
+    """Time, s."""
     at: Array
-    """(2,) px of the photo."""
+    """Place, (2,) px of the photo."""
     impulse: float
-    """g·px/s."""
+    """Size of the impulse, g·px/s."""
     way: Array
-    """(2,) unit: where the second of the pair pushes the first."""
+    """Unit vector (2,) of the push by the second of the pair on the first."""
     pair: tuple[int, int]
-    """The two surfaces, counted as in `World.surfaces`."""
+    """Indices of the two surfaces in `World.surfaces`."""
 
 
 def sample_times(trajectory: Trajectory, finer: int, most: int) -> Array:
-    """Return (K,) s: the trajectory's times, `finer` times as many if that is at most `most`, and starts of touches."""
+    """Return times (K,) s: those of the trajectory, finer ones, and the starts of
+    touches.
+
+    They are `finer` times as dense, if that gives at most `most` samples.
+    """
     times = np.unique(trajectory.times)
     parts = max(1, min(finer, most // len(times)))
     shares = np.arange(parts) / parts
-    between = times[:-1, None] + np.diff(times)[:, None] * shares
+    finer_times = times[:-1, None] + np.diff(times)[:, None] * shares
     starts = trajectory.contacts.touch_times[:most, 0]
     starts = starts[starts <= times[-1]]
-    return np.unique(np.concatenate([times, between.ravel(), starts]))
+    return np.unique(np.concatenate([times, finer_times.ravel(), starts]))
 
 
 @dataclass(frozen=True)
@@ -73,18 +78,18 @@ class _Pushes:
     """Impulses of a clip, summed for each pair of surfaces and each span of time."""
 
     keys: NDArray[np.int64]
-    """(K,) rising; keys of one pair in spans that follow each other are consecutive."""
+    """Rising keys, (K,); keys of one pair in consecutive spans are consecutive."""
     group: Indices
-    """(I,) the index in `keys` of each impulse."""
+    """Index in `keys` of each impulse, (I,)."""
     pairs: NDArray[np.int64]
-    """(K, 2) surfaces."""
+    """Surfaces, (K, 2)."""
     spans: NDArray[np.int64]
-    """(K,) number of the span."""
+    """Number of the span, (K,)."""
     impulses: Array
-    """(K, 2) g·px/s."""
+    """Sums of impulses, (K, 2) g·px/s."""
 
     impulse_sizes: Array
-    """(I,) g·px/s of each impulse alone."""
+    """Size of each single impulse, (I,) g·px/s."""
 
     @cached_property
     def sizes(self) -> Array:
@@ -92,9 +97,9 @@ class _Pushes:
         return np.asarray(np.hypot(*self.impulses.T))
 
     def sizes_later(self, count: int) -> Array:
-        """Return (K,) the size between the same surfaces so many spans later, g·px/s.
+        """Return the sizes (K,) of the same pairs' sums `count` spans later, g·px/s.
 
-        0 if they do not touch.
+        0 for pairs without contact.
         """
         places = np.searchsorted(self.keys, self.keys + count)
         places = np.minimum(places, len(self.keys) - 1)
@@ -103,23 +108,24 @@ class _Pushes:
 
 
 def find_impacts(world: World, motion: Trajectory, span: float) -> list[Impact]:
-    """Find all impacts, by time; pushes are taken together over about `span` s.
+    """Find all impacts, sorted by time; pushes are summed over about `span` s.
 
-    `motion` has samples when touches begin. A lasting push, before or after, is no impact.
+    `motion` has samples at the starts of touches. A push that lasts, before or after,
+    is no impact.
     """
     if not len(motion.contacts.impulse_rows):
         return []
     span = max(span, IMPACT.steps / world.steps_per_second)
     pushes = _sum_pushes(motion, span)
-    later = [pushes.sizes_later(k + 1) for k in range(IMPACT.after)]
-    lasting = np.maximum(pushes.sizes_later(-1), np.min(later, axis=0))
+    later_sizes = [pushes.sizes_later(k + 1) for k in range(IMPACT.after)]
+    lasting_sizes = np.maximum(pushes.sizes_later(-1), np.min(later_sizes, axis=0))
     impacts: list[Impact] = []
     last_key = -2
-    for k in _sudden_pushes(world, motion, pushes, lasting, span):
-        size = float(pushes.sizes[k] - lasting[k])
+    for k in _sudden_pushes(world, motion, pushes, lasting_sizes, span):
+        size = float(pushes.sizes[k] - lasting_sizes[k])
         key = int(pushes.keys[k])
         if key == last_key + 1:
-            # One impact, on the border of two spans.
+            # A single impact on the border of two spans.
             total = impacts[-1].impulse + size
             impacts[-1] = replace(impacts[-1], impulse=total)
         else:
@@ -134,7 +140,8 @@ def _sum_pushes(motion: Trajectory, span: float) -> _Pushes:
     rows, surfaces = contacts.impulse_rows.astype(np.int64), len(contacts.surfaces)
     ends = np.ceil(motion.times[rows[:, 0]] / span - 1e-9).astype(np.int64)
     spans = np.maximum(ends - 1, 0)
-    # More spans than there are, so that keys of two pairs are never consecutive.
+    # Leave unused numbers after the last span, so that keys of two pairs are never
+    # consecutive.
     count = int(spans.max()) + IMPACT.after + 2
     codes = (rows[:, 1] * surfaces + rows[:, 2]) * count + spans
     keys, group = np.unique(codes, return_inverse=True)
@@ -148,21 +155,25 @@ def _sum_pushes(motion: Trajectory, span: float) -> _Pushes:
 def _sudden_pushes(
     world: World, motion: Trajectory, pushes: _Pushes, lasting: Array, span: float
 ) -> list[int]:
-    """Return the indices of pushes that rise far above the `lasting` ones (K,) g·px/s."""
+    """Return the indices of pushes that rise far above the `lasting` ones (K,)
+    g·px/s.
+    """
     mass = np.full(len(motion.contacts.surfaces), np.inf)
     for k, body in enumerate(world.bodies):
         if body.motion is Motion.DYNAMIC:
             mass[k] = body.mass
-    lighter = mass[pushes.pairs].min(axis=1)
+    lighter_masses = mass[pushes.pairs].min(axis=1)
     acceleration = max(float(np.hypot(*world.gravity)), world.press)
-    weight = lighter * acceleration * span
+    weight = lighter_masses * acceleration * span
     sizes = pushes.sizes
     starts = np.asarray(pushes.spans * span, np.float64)
-    change = _stir(world, motion, pushes.pairs, starts, span)
-    changes_motion = lighter * change > sizes / 2
+    speed_changes = _stir(world, motion, pushes.pairs, starts, span)
+    # A body in a heap passes impacts on without much motion of its own: these count
+    # only if they are louder.
+    changes_motion = lighter_masses * speed_changes > sizes / 2
     threshold = np.where(changes_motion, IMPACT.faint, IMPACT.loud) * weight
     rise = sizes - IMPACT.uneven * lasting
-    is_sudden = np.isfinite(lighter) & (rise > threshold + 1e-9 * lighter)
+    is_sudden = np.isfinite(lighter_masses) & (rise > threshold + 1e-9 * lighter_masses)
     indices: list[int] = np.flatnonzero(is_sudden).tolist()
     return indices
 
@@ -170,19 +181,21 @@ def _sudden_pushes(
 def _impact(
     world: World, motion: Trajectory, pushes: _Pushes, k: int, size: float
 ) -> Impact:
-    """Build the impact of a sudden push of `size` g·px/s, at the sample of its largest impulse."""
+    """Build the impact of a sudden push of `size` g·px/s, at the sample of its largest
+    impulse.
+    """
     contacts = motion.contacts
     members = np.flatnonzero(pushes.group == k)
     largest = members[np.argmax(pushes.impulse_sizes[members])]
     sample, first, second = contacts.impulse_rows[largest].tolist()
     points, gap = contact_points_between(world, motion.poses[sample], first, second)
-    # Surfaces that meet and part again have met at the sample before.
-    before = max(sample - 1, 0)
+    # Surfaces that have already parted again were in contact at the sample before.
+    previous_sample = max(sample - 1, 0)
     points_before, gap_before = contact_points_between(
-        world, motion.poses[before], first, second
+        world, motion.poses[previous_sample], first, second
     )
     if gap_before < gap - IMPACT.slack:
-        sample, points = before, points_before
+        sample, points = previous_sample, points_before
     direction = pushes.impulses[k] / pushes.sizes[k]
     time, place = float(motion.times[sample]), points.mean(axis=0)
     return Impact(time, place, size, direction, (first, second))
@@ -195,29 +208,37 @@ def _stir(
     starts: Array,
     span: float,
 ) -> Array:
-    """Return (K,) px/s: the change of velocity of either of two surfaces (K, 2), its rim's as it turns included."""
+    """Return the change of velocity of the faster of two surfaces (K, 2), (K,) px/s.
+
+    It includes the speed of the rim by rotation.
+    """
     bodies, samples = len(world.bodies), len(motion.times)
-    before = np.searchsorted(motion.times, starts + 1e-9) - 1
-    before = np.maximum(before, 0)
-    after = np.searchsorted(motion.times, starts + span - 1e-9)
-    after = np.minimum(after, samples - 1)
+    samples_before = np.searchsorted(motion.times, starts + 1e-9) - 1
+    samples_before = np.maximum(samples_before, 0)
+    samples_after = np.searchsorted(motion.times, starts + span - 1e-9)
+    samples_after = np.minimum(samples_after, samples - 1)
     reach = np.array([body.reach for body in world.bodies])
-    change = np.zeros(pairs.shape)
+    speed_changes = np.zeros(pairs.shape)
     for side in (0, 1):
         body = np.minimum(pairs[:, side], bodies - 1)
-        difference = motion.velocities[after, body] - motion.velocities[before, body]
+        difference = (
+            motion.velocities[samples_after, body]
+            - motion.velocities[samples_before, body]
+        )
         x, y, spin = difference.T
         speed = np.hypot(x, y) + np.abs(spin) * reach[body]
-        change[:, side] = np.where(pairs[:, side] < bodies, speed, 0.0)
-    return np.asarray(change.max(axis=1))
+        speed_changes[:, side] = np.where(pairs[:, side] < bodies, speed, 0.0)
+    return np.asarray(speed_changes.max(axis=1))
 
 
 def contact_points_between(
     world: World, poses: Array, first: int, second: int
 ) -> tuple[Array, float]:
-    """Return where two surfaces are nearest at poses (N, 3): one or two points (K, 2) px, and their distance, px.
+    """Return the nearest points of two surfaces at poses (N, 3), and their distance,
+    px.
 
-    Surfaces are counted as in `World.surfaces`. Two points are the ends of faces that lie on each other.
+    One or two points (K, 2) px; two are the ends of faces in contact. Surfaces are
+    counted as in `World.surfaces`.
     """
     circle, other_circle = _circle(world, poses, first), _circle(world, poses, second)
     if circle is not None and other_circle is not None:
@@ -250,6 +271,7 @@ def _between_circles(
 
 
 def _below_circle(center: Array, radius: float, edges: Array) -> tuple[Array, float]:
+    """Return the points of edges below a circle, and the least gap, px."""
     places, distances = _nearest(center[None], edges)
     return _ends(places, distances - radius, IMPACT.slack)
 
@@ -280,23 +302,28 @@ def _edges(world: World, poses: Array, surface: int) -> Array:
 
 
 def _nearest(points: Array, edges: Array) -> tuple[Array, Array]:
-    """Return for each point and edge the edge's nearest place (P E, 2) px and its distance (P E,) px."""
-    start, along = edges[:, 0], edges[:, 1] - edges[:, 0]
+    """Return the nearest places (P E, 2) px on edges to points, and the distances (P
+    E,).
+    """
+    start, edge_vectors = edges[:, 0], edges[:, 1] - edges[:, 0]
     offset = points[:, None] - start
-    length_squared = np.maximum((along**2).sum(axis=-1), 1e-12)
-    share = np.clip((offset * along).sum(axis=-1) / length_squared, 0.0, 1.0)
-    places = start + share[..., None] * along
+    length_squared = np.maximum((edge_vectors**2).sum(axis=-1), 1e-12)
+    share = np.clip((offset * edge_vectors).sum(axis=-1) / length_squared, 0.0, 1.0)
+    places = start + share[..., None] * edge_vectors
     x, y = np.moveaxis(points[:, None] - places, -1, 0)
     return places.reshape(-1, 2), np.hypot(x, y).ravel()
 
 
 def _ends(points: Array, gaps: Array, slack: float) -> tuple[Array, float]:
-    """Return the candidates (C, 2) px at the ends of a contact, by their gaps (C,) px, and the least gap."""
-    least = float(gaps.min())
-    points = points[gaps <= least + slack]
+    """Return the candidates (C, 2) px at the ends of a contact, and the least gap.
+
+    `gaps` (C,) px.
+    """
+    smallest_gap = float(gaps.min())
+    points = points[gaps <= smallest_gap + slack]
     middle = points.mean(axis=0)
     end = points[np.argmax(((points - middle) ** 2).sum(axis=1))]
     other_end = points[np.argmax(((points - end) ** 2).sum(axis=1))]
     if np.hypot(*(other_end - end)) < IMPACT.apart:
-        return middle[None], least
-    return np.stack([end, other_end]), least
+        return middle[None], smallest_gap
+    return np.stack([end, other_end]), smallest_gap

@@ -1,4 +1,6 @@
-"""Anti-aliased lines, areas, text, arrows and other marks on a picture: light ink in a thin dark casing."""
+"""Anti-aliased lines, areas, text, arrows and other marks: light ink in a thin dark
+casing.
+"""
 
 from __future__ import annotations
 
@@ -15,23 +17,25 @@ from physgen.maps import F32, U8
 from physgen.photometry import decode, encode_u8
 
 Colour = tuple[int, int, int]
-"""SRGB."""
+"""SRGB, 0..255."""
 
 FINE = 3
-"""Sub-pixels a side: widths are kept to a third of a pixel."""
+"""Sub-pixels per side: widths are exact to a third of a pixel."""
 BITS = 4
-"""Of a sub-pixel, that OpenCV keeps of a place, so that nothing trembles as it moves."""
+"""Fractional bits of a sub-pixel in OpenCV's coordinates, so that moving marks do not
+tremble.
+"""
 FARTHEST = 1e6
-"""px: what lies farther out is not drawn."""
+"""Distance, px, beyond which marks are not drawn."""
 CASING: Colour = (18, 20, 26)
 OPAQUE = 0.78
-"""Of the casing."""
+"""Opacity of the casing."""
 
 
 class Layer:
     """Ink of one colour, and its casing, on a canvas of `size` (W, H) px.
 
-    What crosses in a layer merges.
+    Marks of one layer that cross each other merge.
     """
 
     def __init__(self, size: tuple[int, int], casing: float) -> None:
@@ -49,9 +53,9 @@ class Layer:
     def segments(
         self, begins: Array, ends: Array, width: float, strengths: Array
     ) -> None:
-        """Draw segments from (K, 2) px to (K, 2) px, each of a strength (K,) in 0..1.
+        """Draw segments from (K, 2) px to (K, 2) px with strengths (K,) in 0..1.
 
-        Later ones lie on top.
+        Stronger segments are on top.
         """
         chains = np.stack([begins, ends], axis=1)
         levels = np.ceil(strengths * 16) * (255 / 16)
@@ -63,10 +67,10 @@ class Layer:
         is_near = np.abs(chains).max(axis=(1, 2)) < FARTHEST
         corners = list(_fixed(chains[is_near]))
         grey = round(level)
-        for mask, more in ((self._dark, 2 * self._casing), (self._ink, 0.0)):
-            thickness = _thick(width + more)
-            kind = cv2.LINE_AA
-            cv2.polylines(mask, corners, closed, grey, thickness, kind, BITS)
+        for mask, casing_width in ((self._dark, 2 * self._casing), (self._ink, 0.0)):
+            thickness = _thick(width + casing_width)
+            line_type = cv2.LINE_AA
+            cv2.polylines(mask, corners, closed, grey, thickness, line_type, BITS)
 
     def area(self, points: Array, strength: float = 1.0) -> None:
         """Draw a filled outline (K, 2) px."""
@@ -80,19 +84,19 @@ class Layer:
             cv2.polylines(self._dark, corners, True, level, thickness, kind, BITS)
 
     def words(self, text: str, at: tuple[float, float], size: float) -> None:
-        """Write text of `size` px whose middle is `at` x, y px.
+        """Write text of `size` px with its middle `at` x, y px.
 
-        The middle of its small letters, not of its tails.
+        The middle is that of small letters without descenders.
         """
         casing = round(1.4 * self._casing * FINE)
-        ink, dark, (x, y) = text_masks(text, round(size * FINE), casing)
+        ink, casing_mask, (x, y) = text_masks(text, round(size * FINE), casing)
         left = round((at[0] + 0.5) * FINE - x)
         top = round((at[1] + 0.5) * FINE - y)
-        _stamp(self._dark, dark, left, top)
+        _stamp(self._dark, casing_mask, left, top)
         _stamp(self._ink, ink, left, top)
 
     def onto(self, rgb: U8, colour: Colour, casing: float = OPAQUE) -> None:
-        """Blend into a picture (H, W, 3) sRGB, in linear light.
+        """Blend the layer into a picture (H, W, 3) sRGB, in linear light.
 
         Pixels without ink stay as they are.
         """
@@ -103,12 +107,12 @@ class Layer:
         x1, y1 = -(-(x + width) // FINE), -(-(y + height) // FINE)
         fine_box = np.s_[y0 * FINE : y1 * FINE, x0 * FINE : x1 * FINE]
         size, area = (x1 - x0, y1 - y0), cv2.INTER_AREA
-        dark = cv2.resize(self._dark[fine_box], size, interpolation=area)
+        casing_coverage = cv2.resize(self._dark[fine_box], size, interpolation=area)
         ink = cv2.resize(self._ink[fine_box], size, interpolation=area)
-        is_marked = (dark > 0) | (ink > 0)
+        is_marked = (casing_coverage > 0) | (ink > 0)
         part = rgb[y0:y1, x0:x1]
         light = decode(part[is_marked])
-        casing_share = dark[is_marked][:, None] * np.float32(casing / 255)
+        casing_share = casing_coverage[is_marked][:, None] * np.float32(casing / 255)
         light += casing_share * (_light(CASING) - light)
         ink_share = ink[is_marked][:, None] * np.float32(1 / 255)
         light += ink_share * (_light(colour) - light)
@@ -126,30 +130,37 @@ def _stamp(mask: U8, letters: U8, left: int, top: int) -> None:
 
 @lru_cache(maxsize=1024)
 def text_masks(text: str, size: int, casing: int) -> tuple[U8, U8, tuple[float, float]]:
-    """Return masks (h, w) of a line of text and of its casing, in sub-pixels, and their middle."""
-    from PIL import Image, ImageDraw, ImageFont  # few pictures have words on them
+    """Return masks (h, w) of a line of text and of its casing, in sub-pixels, and their
+    middle.
+    """
+    # Few pictures have words on them: import the fonts only then.
+    from PIL import Image, ImageDraw, ImageFont
 
     font = ImageFont.load_default(size)
     left, _, right, _ = font.getbbox(text, anchor="ls")
-    up, down = ceil(0.95 * size), ceil(0.3 * size)
-    width, height = ceil(right - left) + 2 * casing + 2, up + down + 2 * casing + 2
-    start = (casing + 1 - left, casing + 1 + up)
+    ascent, descent = ceil(0.95 * size), ceil(0.3 * size)
+    width, height = (
+        ceil(right - left) + 2 * casing + 2,
+        ascent + descent + 2 * casing + 2,
+    )
+    start = (casing + 1 - left, casing + 1 + ascent)
     masks = []
     for stroke in (0, casing):
         picture = Image.new("L", (width, height))
         draw = ImageDraw.Draw(picture)
         draw.text(start, text, 255, font, anchor="ls", stroke_width=stroke)
         masks.append(np.asarray(picture, np.uint8))
-    return masks[0], masks[1], (width / 2, casing + 1 + up - 0.3 * size)
+    return masks[0], masks[1], (width / 2, casing + 1 + ascent - 0.3 * size)
 
 
 def text_width(text: str, size: float) -> float:
-    """Return px that a line of text takes."""
+    """Return the width of a line of text, px."""
     ink, _, _ = text_masks(text, round(size * FINE), 0)
     return float(ink.shape[1] / FINE)
 
 
 def _thick(width: float) -> int:
+    """Convert a width from px to sub-pixels, at least 1."""
     return max(1, round(width * FINE))
 
 
@@ -162,68 +173,92 @@ def _fixed(points: Array) -> NDArray[np.int32]:
 
 
 def _light(colour: Colour) -> F32:
+    """Return the linear light of a colour, (3,)."""
     return decode(np.array(colour, np.uint8))
 
 
 SHAFT = 1.5
-"""Pens: the width of an arrow's shaft."""
+"""Width of an arrow's shaft, pens."""
 HEAD = 4.6
-"""Widths of its shaft that an arrow's head is long."""
+"""Length of an arrow's head, widths of its shaft."""
 
 
 def arrow(tail: Array, tip: Array, width: float) -> Array:
     """Return the outline (7, 2) px of an arrow with its point at `tip`.
 
-    A short one is a small head on a short shaft.
+    A short arrow is a small head on a short shaft.
     """
-    way = tip - tail
-    length = float(np.hypot(*way))
-    across = np.array([-way[1], way[0]]) / length
-    point = head(tip, way, min(HEAD * width, 0.62 * length))
+    vector = tip - tail
+    length = float(np.hypot(*vector))
+    normal = np.array([-vector[1], vector[0]]) / length
+    point = head(tip, vector, min(HEAD * width, 0.62 * length))
     root = (point[0] + point[2]) / 2
     neck = root + 0.1 * (tip - root)  # barbs point back a little
-    half = min(width / 2, 0.15 * float(np.hypot(*(point[2] - point[0])))) * across
-    return np.array([tail + half, neck + half, *point[::-1], neck - half, tail - half])
+    half_width = min(width / 2, 0.15 * float(np.hypot(*(point[2] - point[0])))) * normal
+    return np.array(
+        [
+            tail + half_width,
+            neck + half_width,
+            *point[::-1],
+            neck - half_width,
+            tail - half_width,
+        ]
+    )
 
 
 def head(tip: Array, way: Array, length: float) -> Array:
-    """Return (3, 2) px: barb, point and barb of an arrow's head that looks along `way`."""
-    along = way / float(np.hypot(*way))
-    across = 0.46 * length * np.array([-along[1], along[0]])
-    return np.array([tip - length * along - across, tip, tip - length * along + across])
+    """Return barb, point and barb (3, 2) px of an arrow's head in the direction
+    `way`.
+    """
+    direction = way / float(np.hypot(*way))
+    half_width = 0.46 * length * np.array([-direction[1], direction[0]])
+    return np.array(
+        [
+            tip - length * direction - half_width,
+            tip,
+            tip - length * direction + half_width,
+        ]
+    )
 
 
 def dashes(ring: Array, length: float, gap: float) -> Iterator[Array]:
-    """Yield the dashes (K, 2) of a closed outline (N, 2), K >= 2, of nearly equal length."""
-    closed = np.vstack([ring, ring[:1]])
-    along = np.concatenate([[0.0], np.hypot(*np.diff(closed, axis=0).T).cumsum()])
-    total = float(along[-1])
+    """Yield the dashes (K, 2) of a closed outline (N, 2), K >= 2, of nearly equal
+    length.
+    """
+    closed_ring = np.vstack([ring, ring[:1]])
+    arc_lengths = np.concatenate(
+        [[0.0], np.hypot(*np.diff(closed_ring, axis=0).T).cumsum()]
+    )
+    total = float(arc_lengths[-1])
     count = max(1, round(total / (length + gap)))
     step = total / count
     for number in range(count):
         begin = number * step
         end = begin + step * length / (length + gap)
-        inside = along[(along > begin) & (along < end)]
-        stops = np.concatenate([[begin], inside, [end]])
-        columns = [np.interp(stops, along, closed[:, axis]) for axis in (0, 1)]
+        corners_within = arc_lengths[(arc_lengths > begin) & (arc_lengths < end)]
+        stops = np.concatenate([[begin], corners_within, [end]])
+        columns = [
+            np.interp(stops, arc_lengths, closed_ring[:, axis]) for axis in (0, 1)
+        ]
         yield np.stack(columns, axis=1)
 
 
 def circle(center: Sequence[float] | Array, radius: float) -> Array:
-    """Return (K, 2) px of a circle, close enough that no chord shows."""
+    """Return the corners (K, 2) px of a circle, dense enough to hide the chords."""
     count = min(max(16, ceil(pi * np.sqrt(max(radius, 1.0) * 10))), 720)
     return _on_circle(center, radius, np.arange(count) * (2 * pi / count))
 
 
 def _on_circle(center: Sequence[float] | Array, radius: float, angles: Array) -> Array:
+    """Return points (K, 2) px on a circle."""
     directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     return np.asarray(center + radius * directions, np.float64)
 
 
 def arc(center: Array, radius: float, sweep: float) -> Array:
-    """Return (K, 2) px of an arc with its middle at the top.
+    """Return the points (K, 2) px of an arc with its middle at the top.
 
-    Positive `sweep` rad goes from +x towards +y.
+    A positive `sweep`, rad, leads from +x towards +y.
     """
     count = max(3, ceil(24 * abs(sweep)))
     angles = -pi / 2 + np.linspace(-sweep / 2, sweep / 2, count)
@@ -239,7 +274,7 @@ def straight_arrow(
     *,
     struck: bool = False,
 ) -> None:
-    """Draw an arrow from a dot; from a ring for an impulse, which is no lasting force."""
+    """Draw an arrow from a dot; an impulse, which is no lasting force, from a ring."""
     if struck:
         layer.line(circle(tail, 2.6 * pen), pen, strength, closed=True)
     length = float(np.hypot(*(tip - tail)))
@@ -248,12 +283,14 @@ def straight_arrow(
 
 
 def curved_arrow(layer: Layer, path: Array, pen: float, strength: float = 1.0) -> None:
-    """Draw an arrow along a path (K, 2) px, K >= 3; its point is at the path's end."""
+    """Draw an arrow along a path (K, 2) px, K >= 3, with its point at the
+    path's end.
+    """
     steps = np.hypot(*np.diff(path, axis=0).T)
     length = min(HEAD * SHAFT * pen, 0.62 * float(steps.sum()))
-    # the head looks along its own chord of the path, and the shaft ends within it
-    left = np.cumsum(steps[::-1])[::-1]
-    root = int(np.flatnonzero(left >= 0.8 * length)[-1])
+    # The head points along its own chord of the path, and the shaft ends within it.
+    remaining_lengths = np.cumsum(steps[::-1])[::-1]
+    root = int(np.flatnonzero(remaining_lengths >= 0.8 * length)[-1])
     layer.line(path[: root + 1], SHAFT * pen, strength)
     layer.area(head(path[-1], path[-1] - path[root], length), strength)
 
@@ -261,6 +298,6 @@ def curved_arrow(layer: Layer, path: Array, pen: float, strength: float = 1.0) -
 def ring(
     layer: Layer, center: Array, radius: float, pen: float, strength: float = 1.0
 ) -> None:
-    """Draw a ring with a dot in its middle: an impact."""
+    """Draw a ring with a dot in its middle, the mark of an impact."""
     layer.line(circle(center, radius), 0.8 * pen, strength, closed=True)
     layer.area(circle(center, min(1.5 * pen, radius / 2)), strength)

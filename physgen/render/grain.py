@@ -1,4 +1,6 @@
-"""Noise of the photo: measured by brightness, taken from what is drawn, and added afresh to every frame."""
+"""Noise of the photo: measured by brightness, removed from sprites, and added to
+frames.
+"""
 
 from __future__ import annotations
 
@@ -21,44 +23,50 @@ from physgen.scene.scene import Noise, Play, Render
 
 @dataclass(frozen=True)
 class GrainTuning:
-    """How noise differs from texture, and is made."""
+    """Limits between noise and texture, and sizes of the noise field."""
 
     block: int = 8
-    """px a side of the blocks whose finest detail is measured."""
+    """Side of the blocks for the measurement of fine detail, px."""
     bins: int = 16
-    """Ranges of brightness."""
+    """Number of ranges of brightness."""
     flat: float = 0.1
-    """Share of the blocks in a range that count as free of texture: the flattest."""
+    """Share of the blocks in a range, the flattest ones, that count as free of
+    texture.
+    """
     low: float = 1.15
-    """True deviation over that of the flattest tenth of blocks, of which it is a low draw."""
+    """True deviation over that of the flattest tenth of blocks, which is biased
+    downwards.
+    """
     blocks: int = 30
-    """Blocks of a range that are needed to measure it."""
+    """Minimum number of blocks for a measurement in a range."""
     clipped: tuple[int, int] = (4, 251)
     """Grey levels beyond which a block may be clipped."""
     least: float = 0.4
-    """Grey levels: rounding makes noise of 0.29."""
+    """Deviation, grey levels, below which it may be that of rounding, 0.29."""
     most: float = 6.0
-    """Grey levels: more is texture."""
+    """Deviation, grey levels, above which it is texture."""
     kept: float = 6.0
-    """Standard deviations, added over the channels, of differences that denoising keeps."""
+    """Differences in standard deviations, summed over the channels, that denoising
+    preserves.
+    """
     reach: int = 5
-    """px of the denoised neighbourhood."""
+    """Size of the denoised neighbourhood, px."""
     spread: float = 1.5
-    """px, standard deviation of its weights."""
+    """Standard deviation of its weights, px."""
     tile: int = 512
-    """px a side of the parts of a frame with noise of one place of the field."""
+    """Side of the parts of a frame with noise from one place of the field, px."""
     room: int = 128
-    """px by which the field is larger, so that each frame has another part of it."""
+    """Additional size of the field, px, so that each frame uses another part."""
     steady: float = 1.5
-    """Deviation at any brightness over the lower quartile of all, at most."""
+    """Maximum ratio of the deviation at any brightness to the lower quartile of all."""
     correlation: float = 0.35
-    """Of neighbouring pixels, at most: more is texture."""
+    """Maximum correlation of neighbouring pixels: above it, the detail is texture."""
 
 
 GRAIN = GrainTuning()
 SEED = 0
 FINEST = np.outer((1, -2, 1), (1, -2, 1)).astype(np.float32) / 6
-"""Kernel that leaves nothing of planes, and the deviation of noise as it is."""
+"""Kernel of fine detail: it removes planes, and preserves the deviation of noise."""
 
 
 @dataclass(frozen=True)
@@ -66,9 +74,9 @@ class Grain:
     """Noise of a photo."""
 
     deviation: F32
-    """(256, 3) standard deviation by level and channel, grey levels."""
+    """Standard deviations by level and channel, (256, 3) grey levels."""
     channels: F64
-    """(3, 3) correlation of channels."""
+    """Correlation of channels, (3, 3)."""
     neighbours: float
     """Correlation of neighbouring pixels."""
 
@@ -76,14 +84,15 @@ class Grain:
 def measure_grain(rgb: U8) -> Grain | None:
     """Measure the noise of a photo (H, W, 3) sRGB; None if rounding hides it.
 
-    The finest detail of the flattest blocks counts (after Immerkaer, 1996): texture has little of it there.
+    The fine detail of the flattest blocks is measured (after Immerkaer, 1996), which
+    have little texture.
     """
     picture = rgb.astype(np.float32)
     detail = np.asarray(cv2.filter2D(picture, cv2.CV_32F, FINEST), np.float32)
     blocks, details = _blocks(picture), _blocks(detail)
     means = blocks.mean(axis=(1, 2))
-    low, high = GRAIN.clipped
-    is_open = (means.min(axis=1) > low) & (means.max(axis=1) < high)
+    darkest, brightest = GRAIN.clipped
+    is_open = (means.min(axis=1) > darkest) & (means.max(axis=1) < brightest)
     blocks, details, means = blocks[is_open], details[is_open], means[is_open]
     squares = (details**2).mean(axis=(1, 2))
     texture = squares.sum(axis=1)
@@ -101,7 +110,9 @@ def measure_grain(rgb: U8) -> Grain | None:
 
 
 def _channel_correlation(details: F32) -> F64:
-    """Return the correlation (3, 3) of the channels; one without noise is independent."""
+    """Return the correlation (3, 3) of the channels; one without noise is
+    independent.
+    """
     with np.errstate(divide="ignore", invalid="ignore"):
         channels = np.corrcoef(details.astype(np.float64).T)
     return np.where(np.isfinite(channels), channels, np.eye(3))
@@ -126,18 +137,18 @@ def _brightness_groups(brightness: F32) -> Iterator[NDArray[np.intp]]:
 
 
 def _curve(points: Sequence[tuple[F32, F32]]) -> F32:
-    """Return (256, 3) the deviation at each level, between and beyond the measured ones."""
+    """Interpolate the deviation at each level, (256, 3), from the measured levels."""
     levels = np.array([level for level, _ in points])
     deviations = np.array([deviation for _, deviation in points])
-    # Noise changes slowly with brightness: more in one range is texture.
-    most = GRAIN.steady * np.quantile(deviations, 0.25, axis=0)
-    most = np.minimum(most, GRAIN.most)
-    every = np.arange(256)
+    # Noise changes slowly with brightness: a peak in one range is texture.
+    limits = GRAIN.steady * np.quantile(deviations, 0.25, axis=0)
+    limits = np.minimum(limits, GRAIN.most)
+    all_levels = np.arange(256)
     columns = []
     for channel in range(3):
         order = np.argsort(levels[:, channel])
         x, y = levels[order, channel], deviations[order, channel]
-        columns.append(np.interp(every, x, np.minimum(y, most[channel])))
+        columns.append(np.interp(all_levels, x, np.minimum(y, limits[channel])))
     return np.stack(columns, axis=1).astype(np.float32)
 
 
@@ -145,10 +156,13 @@ def _neighbour_correlation(blocks: F32) -> float:
     """Return the correlation of neighbouring pixels in blocks (n, size, size, 3)."""
     steps = []
     for distance in (1, 2, 3):
-        beside = blocks[:, :, distance:] - blocks[:, :, :-distance]
-        below = blocks[:, distance:] - blocks[:, :-distance]
-        steps.append(float((beside**2).mean() + (below**2).mean()) / 2)
-    # Noise is alike at neighbours alone; a gradient grows with the square of the distance.
+        horizontal_steps = blocks[:, :, distance:] - blocks[:, :, :-distance]
+        vertical_steps = blocks[:, distance:] - blocks[:, :-distance]
+        steps.append(
+            float((horizontal_steps**2).mean() + (vertical_steps**2).mean()) / 2
+        )
+    # Noise is correlated only between neighbours, while squared differences by a
+    # gradient grow with the square of the distance: solve for both.
     gradient = max(steps[2] - steps[1], 0.0) / 5
     square = max(steps[1] - 4 * gradient, 1e-9)
     share = 1 - (steps[0] - gradient) / square
@@ -156,7 +170,7 @@ def _neighbour_correlation(blocks: F32) -> float:
 
 
 def remove_map_noise(maps: Percepts, grain: Grain) -> Percepts:
-    """Return photo and backgrounds without noise; pixels that were equal stay equal."""
+    """Return photo and backgrounds without noise; equal pixels stay equal."""
     photo = remove_noise(maps.rgb, grain)
     pictures: list[U8 | None] = []
     for picture in (maps.background, maps.clean):
@@ -170,48 +184,52 @@ def remove_map_noise(maps: Percepts, grain: Grain) -> Percepts:
 
 
 def remove_noise(rgb: U8, grain: Grain) -> U8:
-    """Return a picture (H, W, 3) sRGB without noise, by a filter that keeps edges.
+    """Return a picture (H, W, 3) sRGB without noise, by a filter that preserves edges.
 
-    Levels are spaced by their noise first, so that it is 1 everywhere.
+    Levels are first rescaled such that the noise is 1 everywhere.
     """
     floor = np.maximum(grain.deviation, GRAIN.least)
     scales = np.cumsum(1 / floor, axis=0).astype(np.float32)
     planes = [scales[rgb[..., k], k] for k in range(3)]
-    even = np.asarray(cv2.merge(planes), np.float32)
-    smooth = cv2.bilateralFilter(even, GRAIN.reach, GRAIN.kept, GRAIN.spread)
-    every = np.arange(256)
+    scaled_levels = np.asarray(cv2.merge(planes), np.float32)
+    filtered = cv2.bilateralFilter(scaled_levels, GRAIN.reach, GRAIN.kept, GRAIN.spread)
+    all_levels = np.arange(256)
     result = np.empty_like(rgb)
-    for k, plane in enumerate(cv2.split(smooth)):
-        levels = np.interp(np.asarray(plane), scales[:, k], every)
+    for k, plane in enumerate(cv2.split(filtered)):
+        levels = np.interp(np.asarray(plane), scales[:, k], all_levels)
         result[..., k] = np.rint(levels)
     return result
 
 
 class GrainField:
-    """Noise that is new in every frame: parts of one field, each from another place."""
+    """Noise for each frame: parts of one field, each from another place."""
 
     def __init__(self, grain: Grain, share: float = 1.0) -> None:
-        """Make the field; `share` of the deviation is seen, less if the video is smaller."""
+        """Generate the field.
+
+        `share` of the deviation is visible, less than 1 for a video smaller than the
+        photo.
+        """
         side = GRAIN.tile + GRAIN.room
-        chance = np.random.default_rng(SEED)
-        white = chance.standard_normal((side, side, 3), np.float32)
+        random = np.random.default_rng(SEED)
+        white_noise = random.standard_normal((side, side, 3), np.float32)
         factor = _root(grain.channels).astype(np.float32)
-        field = white @ factor.T
+        field = white_noise @ factor.T
         weight = _neighbour_weight(grain.neighbours)
         kernel = np.array([weight, 1, weight]) / sqrt(1 + 2 * weight**2)
-        blurred = cv2.sepFilter2D(field, cv2.CV_32F, kernel, kernel)
-        self._field = np.ascontiguousarray(blurred, np.float32)
+        correlated_noise = cv2.sepFilter2D(field, cv2.CV_32F, kernel, kernel)
+        self._field = np.ascontiguousarray(correlated_noise, np.float32)
         self._table = np.asarray(share * grain.deviation, np.float32)[None]
 
     def add(self, rgb: U8, number: int) -> U8:
         """Return a frame (H, W, 3) sRGB with the noise of frame `number`."""
-        chance = np.random.default_rng((SEED, number))
+        random = np.random.default_rng((SEED, number))
         result = np.empty_like(rgb)
         height, width = rgb.shape[:2]
         for top in range(0, height, GRAIN.tile):
             for left in range(0, width, GRAIN.tile):
                 box = np.s_[top : top + GRAIN.tile, left : left + GRAIN.tile]
-                result[box] = self._add_noise(rgb[box], chance)
+                result[box] = self._add_noise(rgb[box], random)
         return result
 
     def _add_noise(self, part: U8, chance: np.random.Generator) -> U8:
@@ -226,20 +244,22 @@ class GrainField:
 
 
 def _root(correlation: F64) -> F64:
-    """Return (3, 3) a matrix whose product with its transpose is a correlation matrix."""
+    """Return a matrix (3, 3) such that its product with its transpose is a correlation
+    matrix.
+    """
     values, vectors = np.linalg.eigh(correlation)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0)), np.float64)
 
 
 def _neighbour_weight(correlation: float) -> float:
-    """Return the weight w of neighbours in a kernel (w, 1, w) that gives such a correlation."""
+    """Return the weight w of a kernel (w, 1, w) for a correlation of neighbours."""
     if correlation <= 0:
         return 0.0
     return (1 - sqrt(max(1 - 2 * correlation**2, 0))) / (2 * correlation)
 
 
 def hold_frames(frames: Iterator[Frame], count: int) -> Iterator[Frame]:
-    """Yield the first frame `count` times more."""
+    """Yield the first frame `count` more times, then all others."""
     for number, frame in enumerate(frames):
         if number == 0:
             yield from repeat(frame, count)
@@ -254,15 +274,15 @@ def add_grain(
 ) -> Iterator[Frame]:
     """Yield frames with a share of the noise.
 
-    `photos` (H, W, 3): the photo, and without noise. Where the first frame is as the second, it
-    is as the first. None: no frame shows the photo at its size.
+    `photos` (H, W, 3): the photo with and without noise. Pixels of the first frame that
+    equal the second are replaced by the first. None: no frame has the photo's size.
     """
     field = GrainField(grain, share)
     for number, frame in enumerate(frames):
         rgb = field.add(frame.rgb, number)
         if number == 0 and photos is not None:
-            photo, clean = photos
-            is_photo = cv2.absdiff(frame.rgb, clean).max(axis=2) <= 1
+            photo, clean_photo = photos
+            is_photo = cv2.absdiff(frame.rgb, clean_photo).max(axis=2) <= 1
             rgb = np.where(is_photo[..., None], photo, rgb)
         yield replace(frame, rgb=rgb)
 
@@ -276,14 +296,16 @@ class Delivery:
 
     @classmethod
     def of(cls, settings: Render, photo: U8 | None) -> Delivery:
-        """Return the delivery that a scene asks for; no `photo` has no noise."""
+        """Return the delivery of a scene's settings; without a `photo` there is no
+        noise.
+        """
         hold = settings.hold if settings.play is not Play.BACKWARD else 0
         if settings.grain is not Noise.MATCH or photo is None:
             return cls(hold, None)
         return cls(hold, measure_grain(photo))
 
     def as_dict(self) -> dict[str, Any]:
-        """Return hold and noise for the manifest; nothing if there are none."""
+        """Return hold and noise for the manifest; empty without both."""
         parts: dict[str, Any] = {}
         if self.hold:
             parts["hold"] = self.hold
@@ -292,12 +314,12 @@ class Delivery:
         return parts
 
     def remove_noise(self, maps: Percepts) -> Percepts:
-        """Return the maps that are drawn; call it before the first frame."""
+        """Return the maps for drawing, without noise; must precede the first frame."""
         if self.grain is None:
             return maps
-        clean = remove_map_noise(maps, self.grain)
-        self._photos = maps.rgb, clean.rgb
-        return clean
+        clean_maps = remove_map_noise(maps, self.grain)
+        self._photos = maps.rgb, clean_maps.rgb
+        return clean_maps
 
     def deliver_frames(self, frames: Iterator[Frame], shot: Shot) -> Iterator[Frame]:
         """Yield the frames of the video."""

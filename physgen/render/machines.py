@@ -1,4 +1,4 @@
-"""Lines that show joints and fields: rods, ropes, rails, springs, pulleys, water, belts, turntables and magnets."""
+"""Lines that show joints and fields, from rods and ropes to belts and magnets."""
 
 from __future__ import annotations
 
@@ -13,28 +13,31 @@ from physgen.render.drawing import circle
 from physgen.scene.scene import FieldKind, JointKind
 
 PIN = 4.0
-"""px of the photo: radius of a pin's ring."""
+"""Radius of a pin's ring, px of the photo."""
 BROKEN = 2.0
-"""px by which the ends of a whole joint may be apart."""
+"""Distance of the ends of a joint, px, above which it is broken."""
 COILS = 8
-"""Of a spring."""
+"""Number of coils of a spring."""
 COIL = 0.06
-"""Of a spring's length: half its width."""
+"""Half the width of a spring, as a share of its length."""
 MARK = 24.0
-"""px: length of a belt's arrow."""
+"""Length of a belt's arrow, px."""
 
 
 def joint_lines(world: World, poses: Array, time: float) -> Iterator[Array]:
-    """Yield chains (K, 2) px of the photo that show whole joints at the poses (N, 3) of a time, s."""
+    """Yield chains (K, 2) px of the photo for the unbroken joints at poses (N, 3).
+
+    `time`: that of the poses, s.
+    """
     for joint in world.joints:
         first = _place(poses, joint.first, joint.first_at)
         second = _place(poses, joint.second, joint.second_at)
-        apart = float(np.hypot(*(first - second)))
+        distance = float(np.hypot(*(first - second)))
         match joint.kind:
             case JointKind.SPRING:
                 yield _spring(first, second)
             case JointKind.ROPE:
-                if apart <= joint.length + BROKEN:
+                if distance <= joint.length + BROKEN:
                     yield np.stack([first, second])
             case JointKind.PULLEY:
                 yield from _pulley(joint, first, second)
@@ -47,24 +50,26 @@ def joint_lines(world: World, poses: Array, time: float) -> Iterator[Array]:
             case JointKind.FINGER:
                 yield from _finger(joint, first, time)
             case _:
-                if apart <= BROKEN:
+                if distance <= BROKEN:
                     yield circle(first, PIN)
 
 
 def field_lines(world: World, poses: Array, time: float) -> Iterator[Array]:
-    """Yield chains (K, 2) px of the photo that show fields, and belts of boundaries, at a time, s."""
+    """Yield chains (K, 2) px of the photo for fields, and belts of boundaries, at a
+    time, s.
+    """
     for field in world.fields:
         match field.kind:
             case FieldKind.WATER | FieldKind.BELT:
                 yield _frame(field)
                 if field.velocity is not None and field.velocity.any():
                     middle = field.vector + np.array(field.extent) / 2
-                    way = field.velocity / np.hypot(*field.velocity)
-                    yield from _arrow(middle, way)
+                    direction = field.velocity / np.hypot(*field.velocity)
+                    yield from _arrow(middle, direction)
             case FieldKind.TURNTABLE:
-                radius, turned = field.extent[0], field.spin * time
+                radius, angle = field.extent[0], field.spin * time
                 yield circle(field.vector, radius)
-                rim = radius * np.array([np.cos(turned), np.sin(turned)])
+                rim = radius * np.array([np.cos(angle), np.sin(angle)])
                 yield np.stack([field.vector, field.vector + rim])
             case FieldKind.MAGNET:
                 for pair in combinations(field.bodies, 2):
@@ -86,15 +91,16 @@ def _place(poses: Array, body: int | None, at: Array) -> Array:
 
 def _spring(first: Array, second: Array) -> Array:
     """Return a zigzag between two points."""
-    along = second - first
-    across = COIL * np.array([-along[1], along[0]])
-    part = np.linspace(0, 1, 2 * COILS + 1)
-    side = np.where(np.arange(len(part)) % 2 == 1, 1.0, 0.0)
+    axis = second - first
+    half_width = COIL * np.array([-axis[1], axis[0]])
+    positions = np.linspace(0, 1, 2 * COILS + 1)
+    side = np.where(np.arange(len(positions)) % 2 == 1, 1.0, 0.0)
     side[3::4] = -1.0
-    return np.asarray(first + part[:, None] * along + side[:, None] * across)
+    return np.asarray(first + positions[:, None] * axis + side[:, None] * half_width)
 
 
 def _pulley(joint: Joint, first: Array, second: Array) -> Iterator[Array]:
+    """Yield the rope and the wheels of a pulley."""
     chain = np.stack([first, *joint.guide, second])
     if np.hypot(*np.diff(chain, axis=0).T).sum() > joint.length + BROKEN:
         return
@@ -104,15 +110,17 @@ def _pulley(joint: Joint, first: Array, second: Array) -> Iterator[Array]:
 
 
 def _rail(joint: Joint, poses: Array) -> Iterator[Array]:
-    way = joint.guide[0]
-    ends = [_place(poses, joint.second, joint.second_at + k * way) for k in (0, 1)]
+    """Yield a rail with stops at its ends."""
+    vector = joint.guide[0]
+    ends = [_place(poses, joint.second, joint.second_at + k * vector) for k in (0, 1)]
     yield np.stack(ends)
-    stop = 2 * PIN * (ends[1] - ends[0])[::-1] * (-1, 1) / float(np.hypot(*way))
+    stop = 2 * PIN * (ends[1] - ends[0])[::-1] * (-1, 1) / float(np.hypot(*vector))
     for end in ends:
         yield np.stack([end - stop, end + stop])
 
 
 def _finger(joint: Joint, held: Array, time: float) -> Iterator[Array]:
+    """Yield the line from a held point to the finger, and the finger's ring."""
     knots = joint.knots
     if knots is None or not knots[0, 0] <= time <= knots[-1, 0]:
         return
@@ -124,8 +132,8 @@ def _finger(joint: Joint, held: Array, time: float) -> Iterator[Array]:
 def _frame(field: Field) -> Array:
     """Return the border of water or of a belt."""
     (x, y), (width, height) = field.vector.tolist(), field.extent
-    right, low = x + width, y + height
-    return np.array([[x, y], [right, y], [right, low], [x, low], [x, y]])
+    right, bottom = x + width, y + height
+    return np.array([[x, y], [right, y], [right, bottom], [x, bottom], [x, y]])
 
 
 def _arrow(middle: Array, way: Array) -> Iterator[Array]:
@@ -133,18 +141,23 @@ def _arrow(middle: Array, way: Array) -> Iterator[Array]:
     tip = middle + MARK / 2 * way
     side = np.array([-way[1], way[0]])
     yield np.stack([middle - MARK / 2 * way, tip])
-    back = tip - MARK / 3 * way
-    yield np.stack([back + MARK / 5 * side, tip, back - MARK / 5 * side])
+    root = tip - MARK / 3 * way
+    yield np.stack([root + MARK / 5 * side, tip, root - MARK / 5 * side])
 
 
 def _conveyor(wall: Wall) -> Iterator[Array]:
-    """Yield an arrow over the longest segment of a wall that runs: to the right on its top."""
+    """Yield an arrow over the longest segment of a conveyor; positive: right on its
+    top.
+    """
     if not wall.surface.conveyor:
         return
     segments = [pair for chain in wall.chains for pair in pairwise(chain)]
-    a, b = max(segments, key=lambda pair: float(np.hypot(*(pair[1] - pair[0]))))
-    way = (b - a) / np.hypot(*(b - a))
-    if way[0] < 0:
-        way = -way
+    start, end = max(segments, key=lambda pair: float(np.hypot(*(pair[1] - pair[0]))))
+    direction = (end - start) / np.hypot(*(end - start))
+    if direction[0] < 0:
+        direction = -direction
     sign = float(np.sign(wall.surface.conveyor))
-    yield from _arrow((a + b) / 2 + PIN * np.array([way[1], -way[0]]), sign * way)
+    yield from _arrow(
+        (start + end) / 2 + PIN * np.array([direction[1], -direction[0]]),
+        sign * direction,
+    )

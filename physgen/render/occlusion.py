@@ -1,7 +1,8 @@
 """Silhouettes of sprites, their shadows on the background and on each other.
 
-Each object is a ball, or its silhouette with a thickness; all stand in one plane (side view) or on one table (top
-view). A point of one object loses its direct light where the way to the light meets another object.
+Each object is a ball, or its silhouette with a thickness. All objects stand in one
+plane (side view) or on one table (top view). A point of an object loses its direct
+light if the path to the light meets another object.
 """
 
 from __future__ import annotations
@@ -40,58 +41,69 @@ class OcclusionTuning:
     """Resolution and thresholds of shadows on other objects."""
 
     cells: int = 16
-    """Of the grid on which a veil is worked out, about so many across the figure."""
+    """Number of grid cells across a figure for the computation of a veil."""
     stops: int = 4
-    """On the way through another object's thickness at which its silhouette is looked at."""
+    """Number of samples of a silhouette along the path through its thickness."""
     rim: float = 0.4
-    """Of a ball's normal towards the viewer, from which a veil is seen in full."""
+    """Component of a ball's normal towards the viewer above which a veil is fully
+    visible.
+    """
     floor: float = 1.0
-    """-log of light that a floor keeps from a ball where they touch; by tune."""
+    """Darkness (-log of light) of a ball by the floor that it touches; by tune."""
     near: float = 0.09
-    """Of a ball's radius: the height over a floor in which that falls to a third; by tune."""
+    """Height over the floor, in radii, at which this falls to a third; by tune."""
     faint: float = 0.01
-    """-log of light: what is less everywhere is no veil."""
+    """Darkness (-log of light) below which a veil is left out."""
 
 
 OCCLUSION = OcclusionTuning()
 
 
 def middle(figure: Silhouette, top: bool) -> float:
-    """Return px towards the viewer of an object's middle: above the table, or from the plane in which all stand."""
+    """Return the coordinate of an object's middle towards the viewer, px.
+
+    It is the height above the table, or the distance from the plane of all objects.
+    """
     return _half_depth(figure) if top else 0.0
 
 
 def _half_depth(figure: Silhouette) -> float:
+    """Return half the thickness of an object, px."""
     return figure.thick / 2 if figure.radius is None else figure.radius
 
 
 def face(figure: Silhouette, top: bool) -> float:
-    """Return px towards the viewer of an object's nearest point."""
+    """Return the coordinate of an object's nearest point towards the viewer, px."""
     return middle(figure, top) + _half_depth(figure)
 
 
 def occluders(
     figures: Sequence[Silhouette], setting: ShadowSetting
 ) -> dict[int, list[int]]:
-    """Return the objects whose shadows may fall on each object's face: by their boxes, of balls by their distance."""
+    """Return the objects whose shadows may fall on each object's face.
+
+    Boxes are compared, and for balls their distances.
+    """
     if len(figures) < 2 or not setting.light.intensity:
         return {}
     faces = np.array([face(figure, setting.top) for figure in figures])
-    lowest = []
+    lower_faces = []
     for figure in figures:
         measure = face if figure.radius is None else middle
-        lowest.append(measure(figure, setting.top))
-    # onto (rows) by (columns): px along the light that a shadow goes
-    path = faces[None] - np.array(lowest)[:, None]
+        lower_faces.append(measure(figure, setting.top))
+    # Length of the path of light, px, from each blocker (column) to a receiver (row).
+    path = faces[None] - np.array(lower_faces)[:, None]
     path = path / max(setting.light.direction[2], LEAST_LIGHT_HEIGHT)
     spread = 1 + path * setting.light_radius
-    meets = (path > 0) & _boxes_meet(figures, path, spread, setting)
-    np.fill_diagonal(meets, False)
-    onto, by = np.nonzero(meets)
-    meets_ball = _balls_meet(figures, onto, by, spread[onto, by], setting)
+    may_meet = (path > 0) & _boxes_meet(figures, path, spread, setting)
+    np.fill_diagonal(may_meet, False)
+    receivers, blockers = np.nonzero(may_meet)
+    meets_ball = _balls_meet(
+        figures, receivers, blockers, spread[receivers, blockers], setting
+    )
     pairs: dict[int, list[int]] = {}
     for k, other in zip(
-        onto[meets_ball].tolist(), by[meets_ball].tolist(), strict=True
+        receivers[meets_ball].tolist(), blockers[meets_ball].tolist(), strict=True
     ):
         pairs.setdefault(k, []).append(other)
     return pairs
@@ -100,17 +112,19 @@ def occluders(
 def _boxes_meet(
     figures: Sequence[Silhouette], path: Array, spread: Array, setting: ShadowSetting
 ) -> Mask:
-    """Return (n, n) whether the box of an object (row) meets the box of the other's shadow (column)."""
-    low = np.array([figure.corner for figure in figures], np.float64)
-    high = low + [figure.coverage.shape[::-1] for figure in figures]
-    meets = np.ones(path.shape, bool)
-    for axis, part in enumerate(setting.light.direction[:2]):
-        shift = -part * path
-        shadow_low = low[:, axis][None] + np.minimum(shift, 0) - spread
-        shadow_high = high[:, axis][None] + np.maximum(shift, 0) + spread
-        meets &= shadow_low < high[:, axis][:, None]
-        meets &= shadow_high > low[:, axis][:, None]
-    return meets
+    """Return the mask (n, n) of boxes of objects (rows) that meet a box of a shadow
+    (columns).
+    """
+    lower_corners = np.array([figure.corner for figure in figures], np.float64)
+    upper_corners = lower_corners + [figure.coverage.shape[::-1] for figure in figures]
+    may_meet = np.ones(path.shape, bool)
+    for axis, component in enumerate(setting.light.direction[:2]):
+        shift = -component * path
+        shadow_low = lower_corners[:, axis][None] + np.minimum(shift, 0) - spread
+        shadow_high = upper_corners[:, axis][None] + np.maximum(shift, 0) + spread
+        may_meet &= shadow_low < upper_corners[:, axis][:, None]
+        may_meet &= shadow_high > lower_corners[:, axis][:, None]
+    return may_meet
 
 
 def _balls_meet(
@@ -120,7 +134,7 @@ def _balls_meet(
     spread: Array,
     setting: ShadowSetting,
 ) -> Mask:
-    """Return (n,) whether the shadow of ball `by` meets ball `onto`.
+    """Return the mask (n,) of pairs in which the shadow of ball `by` meets ball `onto`.
 
     Always true for other objects.
     """
@@ -128,12 +142,15 @@ def _balls_meet(
     radius = np.array([np.nan if f.radius is None else f.radius for f in figures])
     middles = np.array([(*f.center, middle(f, setting.top)) for f in figures]).T
     x, y, z = middles[:, onto] - middles[:, by]
-    along = x * lx + y * ly + z * lz
-    distance = np.sqrt(np.maximum(x * x + y * y + z * z - along * along, 0))
+    distance_along = x * lx + y * ly + z * lz
+    distance = np.sqrt(
+        np.maximum(x * x + y * y + z * z - distance_along * distance_along, 0)
+    )
     sum_of_radii = radius[onto] + radius[by]
-    # A comparison with nan is false: no pair with another object is clear.
+    # The radius of other objects is nan, and comparisons with it are false: they are
+    # never clear.
     is_beside = distance >= sum_of_radii + spread
-    is_clear = (is_beside | (along >= radius[onto])) & ~np.isnan(sum_of_radii)
+    is_clear = (is_beside | (distance_along >= radius[onto])) & ~np.isnan(sum_of_radii)
     return np.asarray(~is_clear, np.bool_)
 
 
@@ -142,9 +159,9 @@ def occlusions(
     near: Mapping[int, Sequence[int]],
     setting: ShadowSetting,
 ) -> dict[int, F32]:
-    """Return (h, w) -log of the light that others leave on the face of each object, on its box, if that is not all.
+    """Return the veil of each object, (h, w) on its box: -log of the remaining light.
 
-    `near` as `occluders` returns it.
+    Objects without a veil are left out. `near`: the result of `occluders`.
     """
     veils = {}
     for k, others in near.items():
@@ -160,44 +177,45 @@ class _Surface:
 
     x: NDArray[Any]
     y: NDArray[Any]
-    """px of the photo."""
+    """Coordinates, px of the photo."""
     toward: NDArray[Any]
-    """px towards the viewer."""
+    """Coordinate towards the viewer, px."""
     direct: F32
-    """Share of their light that is direct."""
+    """Direct share of the light."""
     down: NDArray[Any] | None = None
-    """Vertical part of a ball's normals."""
+    """Vertical component of a ball's normals."""
     facing_viewer: NDArray[Any] | None = None
-    """Part of a ball's normals towards the viewer."""
+    """Component of a ball's normals towards the viewer."""
 
 
 def occlusion_of(
     onto: Silhouette, others: Sequence[Silhouette], setting: ShadowSetting
 ) -> F32 | None:
-    """Return (h, w) -log of the light that `others` leave on the face of `onto`, on its box.
+    """Return the veil (h, w) of `others` on the face of `onto`: -log of the remaining
+    light.
 
-    None if that is all.
+    It covers the box of `onto`; None without a veil.
     """
     if not others and (onto.radius is None or onto.floor is None):
         return None
-    # A box of what leans is mostly empty.
+    # The area is used instead of the box, which is mostly empty for a leaning object.
     step = max(1, int(np.sqrt(onto.area)) // OCCLUSION.cells)
     all_balls = all(figure.radius is not None for figure in (onto, *others))
     surface = _surface(onto, step, np.float64 if all_balls else np.float32, setting)
     remaining = _remaining_light(surface, others, step, setting)
     darkness = _visible_darkness(remaining, surface.facing_viewer)
     if surface.down is not None and onto.radius and onto.floor is not None:
-        # A floor close below lies in the ball's own shadow.
+        # The floor close below a ball lies in the ball's shadow and reflects no light.
         height = np.maximum(onto.floor - surface.y, 0) / np.float32(onto.radius)
-        fade = np.exp(-height / OCCLUSION.near)
-        below = np.clip(surface.down, 0, 1) ** 2
-        darkness = darkness + OCCLUSION.floor * below * fade
+        floor_fade = np.exp(-height / OCCLUSION.near)
+        downward_share = np.clip(surface.down, 0, 1) ** 2
+        darkness = darkness + OCCLUSION.floor * downward_share * floor_fade
     if darkness.max() < OCCLUSION.faint:
         return None
     height_px, width_px = onto.coverage.shape
     size = (darkness.shape[1] * step, darkness.shape[0] * step)
-    fine = cv2.resize(darkness, size, interpolation=cv2.INTER_LINEAR)
-    return np.asarray(fine[:height_px, :width_px], np.float32)
+    full_size = cv2.resize(darkness, size, interpolation=cv2.INTER_LINEAR)
+    return np.asarray(full_size[:height_px, :width_px], np.float32)
 
 
 def _surface(
@@ -213,21 +231,22 @@ def _surface(
     x, y = (np.asarray(part, kind) for part in np.meshgrid(columns, rows))
     lx, ly, lz = (np.float32(part) for part in setting.light.direction)
     if onto.radius is None:
-        toward = np.full(x.shape, face(onto, setting.top), np.float32)
-        facing = np.full(x.shape, max(lz, 0), np.float32)
-        return _Surface(x, y, toward, _direct_share(facing, setting))
+        viewer_distance = np.full(x.shape, face(onto, setting.top), np.float32)
+        light_cosine = np.full(x.shape, max(lz, 0), np.float32)
+        return _Surface(x, y, viewer_distance, _direct_share(light_cosine, setting))
     cx, cy, radius = (np.float32(part) for part in (*onto.center, onto.radius))
     u, v = (x - cx) / radius, (y - cy) / radius
     z = np.sqrt(np.maximum(1 - u * u - v * v, 0))
-    toward = np.float32(middle(onto, setting.top)) + radius * z
-    facing = np.maximum(u * lx + v * ly + z * lz, 0)
-    return _Surface(x, y, toward, _direct_share(facing, setting), v, z)
+    viewer_distance = np.float32(middle(onto, setting.top)) + radius * z
+    light_cosine = np.maximum(u * lx + v * ly + z * lz, 0)
+    return _Surface(x, y, viewer_distance, _direct_share(light_cosine, setting), v, z)
 
 
 def _direct_share(facing: NDArray[Any], setting: ShadowSetting) -> F32:
-    straight = setting.light.intensity * facing
-    every = np.maximum(straight + setting.light.ambient, 1e-6)
-    return np.asarray(straight / every, np.float32)
+    """Return the direct share of the light, from the cosine of normal and light."""
+    direct_light = setting.light.intensity * facing
+    all_light = np.maximum(direct_light + setting.light.ambient, 1e-6)
+    return np.asarray(direct_light / all_light, np.float32)
 
 
 def _remaining_light(
@@ -236,7 +255,7 @@ def _remaining_light(
     step: int,
     setting: ShadowSetting,
 ) -> F32:
-    """Return (h, w) the share of light that all others together leave."""
+    """Return the share of light (h, w) that remains behind all others together."""
     coordinates = (surface.x, surface.y, surface.toward)
     x, y, toward = (part.astype(np.float32) for part in coordinates)
     balls = [other for other in others if other.radius is not None]
@@ -271,28 +290,33 @@ def stacked(values: Iterable[float]) -> F32:
 def _behind_balls(
     balls: Sequence[Silhouette], points: tuple[F32, ...], setting: ShadowSetting
 ) -> F32:
-    """Return (n, h, w) the share of light that each ball hides from points: columns, rows and px towards the viewer."""
+    """Return the share of light (n, h, w) that each ball blocks at points.
+
+    `points`: columns, rows and px towards the viewer.
+    """
     lx, ly, lz = (np.float32(part) for part in setting.light.direction)
     x, y, z = points
     px = x - stacked(ball.center[0] for ball in balls)
     py = y - stacked(ball.center[1] for ball in balls)
     pz = z - stacked(middle(ball, setting.top) for ball in balls)
     radius = stacked(ball.radius or 0.0 for ball in balls)
-    along = px * lx + py * ly + pz * lz
-    square = np.maximum(px * px + py * py + pz * pz - along * along, 0)
-    gap = np.sqrt(square) - radius
+    distance_along = px * lx + py * ly + pz * lz
+    square_distance = np.maximum(
+        px * px + py * py + pz * pz - distance_along * distance_along, 0
+    )
+    gap = np.sqrt(square_distance) - radius
     spread = np.float32(0.6 * tan(radians(setting.softness)))
-    width = np.maximum(0.6 + spread * np.abs(along), 0.6)
-    # 1 where the ball is on the light's side
-    beyond = np.clip(-along / (np.float32(0.5) * radius), 0, 1)
+    width = np.maximum(0.6 + spread * np.abs(distance_along), 0.6)
+    # 1 for points with the ball between them and the light.
+    blocking_side = np.clip(-distance_along / (np.float32(0.5) * radius), 0, 1)
     fade = 1 + np.exp(np.clip(gap / (0.6 * width), -30, 30))
-    return np.asarray(beyond / fade, np.float32)
+    return np.asarray(blocking_side / fade, np.float32)
 
 
 def _behind_slab(
     slab: Silhouette, x: F32, y: F32, toward: F32, step: int, setting: ShadowSetting
 ) -> F32:
-    """Return (h, w) the share of light that an object hides, whose silhouette is as thick all over.
+    """Return the share of light (h, w) that an object of constant thickness blocks.
 
     The points are `step` px apart.
     """
@@ -301,34 +325,37 @@ def _behind_slab(
     path = height / max(lz, LEAST_LIGHT_HEIGHT)
     blur = min(0.6 + 0.6 * setting.light_radius * float(path.max()), 4.0)
     margin = 8 + step
-    padded = np.pad(slab.coverage, margin)
-    soft = cv2.GaussianBlur(padded, (0, 0), max(blur, step / 2))
+    padded_cover = np.pad(slab.coverage, margin)
+    blurred_cover = cv2.GaussianBlur(padded_cover, (0, 0), max(blur, step / 2))
     left = np.float32(margin - slab.corner[0])
     top = np.float32(margin - slab.corner[1])
-    blocked = np.zeros(x.shape, np.float32)
+    blocked_light = np.zeros(x.shape, np.float32)
     for stop in range(1, OCCLUSION.stops + 1):
         distance = path * np.float32(stop / OCCLUSION.stops)
         columns = x + distance * np.float32(lx) + left
         rows = y + distance * np.float32(ly) + top
-        cover = cv2.remap(soft, columns, rows, cv2.INTER_LINEAR, borderValue=0)
-        np.maximum(blocked, cover, out=blocked)
-    # A face as near as the slab's own sees the light.
+        cover = cv2.remap(blurred_cover, columns, rows, cv2.INTER_LINEAR, borderValue=0)
+        np.maximum(blocked_light, cover, out=blocked_light)
+    # A face at the height of the slab's own face gets the full light.
     share = np.clip(path * np.float32(hypot(lx, ly)) / 2, 0, 1)
-    return np.asarray(blocked * share, np.float32)
+    return np.asarray(blocked_light * share, np.float32)
 
 
 SUNK = 3.0
-"""px by which an object's pixels may reach below the floor that it stands on."""
+"""Depth of an object's pixels below its floor, px, that is tolerated."""
 NARROW = 0.5
-"""Of an object's thickness: a floor that is less wide, such as the top of a log, shows nothing of its shadow."""
+"""Width of a floor, in thicknesses of an object, below which it shows no shadow of the
+object, such as the top of a log.
+"""
 
 
 def ground_below(
     grounds: Sequence[Array], x: float, y: float, width: float = 0.0
 ) -> tuple[float, Array] | None:
-    """Return the highest floor below a point, at least `width` px wide, and before it its row there, px.
+    """Return the highest floor below a point, at least `width` px wide, with its row
+    there.
 
-    None if there is none.
+    None without a floor.
     """
     highest: tuple[float, Array] | None = None
     for ground in grounds:
@@ -346,7 +373,9 @@ def ground_below(
 def sprite_silhouette(
     stage: Stage, stand: SpritePose, placement: Placement, coverage: F32
 ) -> Silhouette:
-    """Return a sprite's silhouette for shadows; `coverage` (h, w) is on its placement's box."""
+    """Return a sprite's silhouette for shadows; `coverage` (h, w) is on its placement's
+    box.
+    """
     corner = (placement.box[1].start, placement.box[0].start)
     tilt = 0.0 if stage.lit is None else stage.lit.setting.tilt
     return silhouette(
@@ -362,7 +391,7 @@ def silhouette(
     actor: ShadowBody,
     tilt: float,
 ) -> Silhouette:
-    """Build a body's silhouette for shadows, with the floor below it.
+    """Create a body's silhouette for shadows, with the floor below it.
 
     A camera that looks down by `tilt` sees the body's near edge below the floor's line.
     """
@@ -374,7 +403,8 @@ def silhouette(
     if coverage.size:
         rows = np.flatnonzero(coverage.max(axis=1) > 0.5)
         last_row = int(rows[-1]) if len(rows) else 0
-    # From its middle, as an impact presses it into the floor for a while; a thin one may reach below the floor's line.
+    # Search from its middle, since an impact presses it into the floor for a while; a
+    # thin object may reach below the floor's line.
     bottom = float(corner[1] + last_row)
     highest = min(y, bottom - SUNK - tilt * actor.thick / 2)
     floor = ground_below(grounds, x, highest, NARROW * actor.thick)
@@ -393,9 +423,9 @@ def add_shadow(
     now: Silhouette | None,
     weight: float = 1.0,
 ) -> list[Slices]:
-    """Add the shadow of a sprite at its pose, times a `weight`, to `darkness` (H, W); return its boxes.
+    """Add the shadow of a sprite at its pose, times a `weight`, to `darkness` (H, W).
 
-    A shadow that slides does not need the sprite's silhouette `now`.
+    Returns its boxes. A sliding shadow does not need the sprite's silhouette `now`.
     """
     boxes = []
     for (x0, y0, x1, y1), shadow in lit.moved(stand.k, now, stand.start, stand.pose):
@@ -407,46 +437,51 @@ def add_shadow(
 
 
 def relit_border(rest: F32, lit: LitBackground, darkness: F32, box: Slices) -> F32:
-    """Return (h, w, 3) a border's rest in the present light of the background: no black where a shadow passes."""
+    """Return the rest of a border (h, w, 3) in the present light of the background.
+
+    Without it, a border would be black in a passing shadow.
+    """
     difference = lit.total[box] - darkness[box]
     if not difference.any():
         return rest
     gain = three_channels(np.asarray(cv2.exp(np.minimum(difference, 1)), np.float32))
-    # A negative rest may lie on another object, which has no more light to give.
+    # A negative rest may be on another object, which has no more light to subtract.
     return np.asarray(np.maximum(rest * gain, np.minimum(rest, 0)), np.float32)
 
 
 def occlusion_factors(
     stage: Stage, stands: Sequence[SpritePose], figures: Mapping[int, Silhouette]
 ) -> dict[int, F32]:
-    """Return (h, w) by which light is multiplied on the box of each sprite whose veils differ from the photo's.
+    """Return the factors (h, w) of light on the box of each sprite with a changed veil.
 
-    Veils are shadows of other objects: those of the photo are taken away, and those of today added. `stands` are
-    in the picture.
+    Veils are shadows of other objects: those of the photo are removed, and the present
+    ones are added. `stands` are in the picture.
     """
     if stage.veils is None or stage.lit is None:
         return {}
     setting = stage.lit.setting
-    moved = np.array([s.where is None or s.where.own is None for s in stands])
-    if not moved.any():
+    has_moved = np.array([s.where is None or s.where.own is None for s in stands])
+    if not has_moved.any():
         return {}
-    visible = [figures[stand.k] for stand in stands]
-    near = occluders(visible, setting)
-    changed = []
+    visible_figures = [figures[stand.k] for stand in stands]
+    blockers = occluders(visible_figures, setting)
+    changed_indices = []
     for k, stand in enumerate(stands):
         has_old_veil = stage.veils[stand.k] is not None
-        if moved[k] or has_old_veil or moved[near.get(k, [])].any():
-            changed.append(k)
-    shares = {k: stage.actors[stands[k].k].veiled for k in changed}
+        if has_moved[k] or has_old_veil or has_moved[blockers.get(k, [])].any():
+            changed_indices.append(k)
+    shares = {k: stage.actors[stands[k].k].veiled for k in changed_indices}
     new_veils = occlusions(
-        visible, {k: near.get(k, []) for k in changed if shares[k]}, setting
+        visible_figures,
+        {k: blockers.get(k, []) for k in changed_indices if shares[k]},
+        setting,
     )
     factors: dict[int, F32] = {}
-    for k in changed:
+    for k in changed_indices:
         stand = stands[k]
         if stand.where is None:
             continue
-        shape = visible[k].coverage.shape
+        shape = visible_figures[k].coverage.shape
         old_veil = _old_veil(stage, stand.k, stand.where, shape)
         new_veil = new_veils.get(k)
         if new_veil is None and old_veil is None:
@@ -461,9 +496,8 @@ def occlusion_factors(
 def _old_veil(
     stage: Stage, k: int, placement: Placement, shape: tuple[int, ...]
 ) -> F32 | None:
-    """Return (h, w) the veil that the photo shows on sprite k, on its placement's box.
-
-    None if it shows none.
+    """Return the photo's veil (h, w) on sprite k, on its placement's box; None without
+    a veil.
     """
     veil = None if stage.veils is None else stage.veils[k]
     if veil is None:
@@ -474,7 +508,7 @@ def _old_veil(
         return None
     size = (shape[1], shape[0])
     border = cv2.BORDER_REPLICATE
-    moved = cv2.warpAffine(
+    warped = cv2.warpAffine(
         veil, placement.matrix, size, flags=WARP_FLAGS, borderMode=border
     )
-    return np.asarray(moved, np.float32)
+    return np.asarray(warped, np.float32)

@@ -1,4 +1,6 @@
-"""Frames with outlines, arrows, trails, contacts, names and a key drawn over them, at the size of the output."""
+"""Outlines, arrows, trails, contacts, names and a key, drawn over frames of output
+size.
+"""
 
 from __future__ import annotations
 
@@ -35,25 +37,25 @@ from physgen.scene.scene import Load, Motion, Overlay, Solid, View
 from physgen.simulate.trajectory import Trajectory
 
 PEN = 1 / 380
-"""Of the picture's longer side: the width of a line."""
+"""Width of a line, as a share of the picture's longer side."""
 LETTER = 1 / 42
-"""Of the picture's longer side: the size of a letter."""
+"""Size of a letter, as a share of the picture's longer side."""
 
 
 @dataclass(frozen=True)
 class Sheet:
-    """One frame."""
+    """One frame and its view of the photo."""
 
     size: tuple[int, int]
     """W, H px."""
     unit: float
-    """px of the frame for a px of the photo, seen whole: what lengths of arrows and rings are given in."""
+    """Unit of arrows and rings: px of the frame per px of the whole photo."""
     lens: Array
-    """(2, 3): photo px (x, y, 1) -> px of the frame."""
+    """Matrix (2, 3) from photo px (x, y, 1) to px of the frame."""
     time: float
-    """s."""
+    """Time, s."""
     sample: int
-    """Of the trajectory."""
+    """Index of the trajectory's sample."""
 
     @property
     def pen(self) -> float:
@@ -67,7 +69,7 @@ class Sheet:
 
     @property
     def zoom(self) -> float:
-        """Return px of the frame for a px of the photo, now."""
+        """Return the present px of the frame per px of the photo."""
         return float(np.sqrt(abs(np.linalg.det(self.lens[:, :2]))))
 
     def at(self, points: Array) -> Array:
@@ -75,9 +77,10 @@ class Sheet:
         return np.asarray(points @ self.lens[:, :2].T + self.lens[:, 2])
 
     def way(self, vectors: Array) -> Array:
-        """Convert vectors (..., 2) in px of the photo to px of the frame: turned as the frame is, not zoomed.
+        """Convert vectors (..., 2) in px of the photo to px of the frame.
 
-        So the key stays as it is while a camera moves in.
+        Vectors are turned with the view but not zoomed, so that the key stays valid
+        while a camera moves in.
         """
         return np.asarray(
             vectors @ self.lens[:, :2].T * (self.unit / max(self.zoom, 1e-9))
@@ -94,30 +97,29 @@ class OverlayStyle:
 
     opaque: float = 0.74
     row: float = 1.6
-    """Letters from line to line."""
+    """Distance of lines, letters."""
     pad: float = 0.4
     side: float = 0.9
-    """Letters of room above and below, and at the sides."""
+    """Margins above and below, and at the sides, letters."""
     largest: float = 0.85
-    """Of a picture's side: a key that is longer is left out."""
+    """Share of a picture's side above which the key is left out."""
     arc: float = 1.1
-    """Letters: the radius of a torque's sample."""
+    """Radius of a torque's sample, letters."""
     least: float = 0.65
-    """Of a letter: as small as a name becomes on a small object."""
+    """Smallest size of a name on a small object, letters."""
     finer: int = 8
-    """Times a frame that trails and impacts are looked at."""
+    """Samples per frame for trails and impacts."""
     most: int = 2_000_000
-    """Samples times objects of such a closer look."""
+    """Maximum of samples times objects for these."""
     flash: int = 8
-    """Frames for which an impact, or a push of no duration, is shown.
-
-    At most a sixth of the clip.
+    """Frames for which an impact or an instantaneous push is shown; at most a sixth of
+    the clip.
     """
     fade: float = 0.5
-    """Of the clip: how long a trail takes to fade to its least."""
+    """Share of the clip in which a trail fades to its least."""
     faint: float = 0.4
     still: float = 2.0
-    """px: shorter arrows, and trails of what moves no farther, are not drawn."""
+    """Length of arrows and trails below which they are not drawn, px."""
 
 
 STYLE = OverlayStyle()
@@ -126,7 +128,10 @@ WORDS = (255, 255, 255)
 
 
 def write_key(rgb: U8, sheet: Sheet, entries: list[Entry]) -> None:
-    """Draw the key into the upper left corner of a picture (H, W, 3) sRGB; not on a small one."""
+    """Draw the key into the upper left corner of a picture (H, W, 3) sRGB.
+
+    Small pictures get no key.
+    """
     letter, side = sheet.letter, STYLE.side * sheet.letter
     row = STYLE.row * letter
     column = max(_wide(entry, sheet) for entry in entries)
@@ -136,7 +141,7 @@ def write_key(rgb: U8, sheet: Sheet, entries: list[Entry]) -> None:
         [3 * side + column + text, 2 * STYLE.pad * letter + len(entries) * row]
     )
     if (size > STYLE.largest * np.array(sheet.size)).any():
-        return  # on a small picture the motion matters more
+        return  # on a small picture the key would hide the motion
     part = rgb[: ceil(corner[1] + size[1]) + 1, : ceil(corner[0] + size[0]) + 1]
     canvas = part.shape[1], part.shape[0]
     plate = Layer(canvas, 0.0)
@@ -162,44 +167,43 @@ def write_key(rgb: U8, sheet: Sheet, entries: list[Entry]) -> None:
 
 
 def _wide(entry: Entry, sheet: Sheet) -> float:
-    """Return px that a sample takes."""
+    """Return the width of a sample, px."""
     if entry.load is Load.TORQUE:
         return 2 * STYLE.arc * sheet.letter
     return entry.size * sheet.unit * (2 if entry.kind is Overlay.CONTACTS else 1)
 
 
 def _sample(layer: Layer, sheet: Sheet, entry: Entry, at: Array) -> None:
-    """Draw a sample that begins at `at` x px and has its middle at y px."""
-    along = np.array([_wide(entry, sheet), 0.0])
+    """Draw a sample with its left end and its middle height `at` x, y px."""
+    vector = np.array([_wide(entry, sheet), 0.0])
     if entry.kind is Overlay.CONTACTS:
-        ring(layer, at + along / 2, entry.size * sheet.unit, sheet.pen)
+        ring(layer, at + vector / 2, entry.size * sheet.unit, sheet.pen)
     elif entry.load is Load.TORQUE:
         curved_arrow(
-            layer, arc(at + along / 2, STYLE.arc * sheet.letter, entry.size), sheet.pen
+            layer, arc(at + vector / 2, STYLE.arc * sheet.letter, entry.size), sheet.pen
         )
     else:
         straight_arrow(
-            layer, at, at + along, sheet.pen, struck=entry.load is Load.IMPULSE
+            layer, at, at + vector, sheet.pen, struck=entry.load is Load.IMPULSE
         )
 
 
-Lens = Callable[
-    [Frame], Array
-]  # frame -> (2, 3): photo px (x, y, 1) -> px of the frame
+Lens = Callable[[Frame], Array]
+"""Function from a frame to its matrix (2, 3): photo px (x, y, 1) -> px of the frame."""
 
 
 @dataclass(frozen=True)
 class OverlayClip:
-    """What all frames of a clip share."""
+    """The common data of all frames of a clip."""
 
     world: World
     seen: Trajectory
-    """With samples enough for what is drawn."""
+    """The motion with enough samples for trails and impacts."""
     impacts: list[Impact]
     scales: Scales
     key: list[Entry]
     flash: float
-    """s."""
+    """Duration of a flash, s."""
 
 
 def annotate_frames(
@@ -209,10 +213,10 @@ def annotate_frames(
     kinds: Collection[Overlay],
     lens: Lens = lambda frame: np.eye(2, 3),
 ) -> Iterator[Frame]:
-    """Draw overlays of `kinds` on frames, by each frame's own time: they may come in any order.
+    """Draw overlays of `kinds` on frames, by each frame's own time, in any order.
 
-    `trajectory` has samples at those times. Trails and impacts need more: the world is then run again, to the same
-    motion.
+    `trajectory` has samples at those times. Trails and impacts need more samples: the
+    world is then simulated again, with the same motion.
     """
     if not kinds:
         yield from frames
@@ -240,34 +244,35 @@ def filmed(
     motion = trajectory
     needs_samples = {Overlay.TRAILS, Overlay.CONTACTS} & set(kinds)
     if world.bodies and len(trajectory.times) > 1 and needs_samples:
-        most = STYLE.most // len(world.bodies)
-        motion = trajectory.sampled(sample_times(trajectory, STYLE.finer, most))
+        sample_limit = STYLE.most // len(world.bodies)
+        motion = trajectory.sampled(sample_times(trajectory, STYLE.finer, sample_limit))
     frame = world.duration / max(len(world.times), 1)
     impacts: list[Impact] = []
     if Overlay.CONTACTS in kinds:
         impacts = find_impacts(world, motion, frame / STYLE.finer)
     impulses = [impact.impulse for impact in impacts]
     scale = scales(world, trajectory, kinds, impulses)
-    flash = min(
+    flash_duration = min(
         STYLE.flash * world.duration / max(len(world.times), 1), world.duration / 6
     )
     key = key_entries(world, scale, kinds)
-    return OverlayClip(world, motion, impacts, scale, key, flash)
+    return OverlayClip(world, motion, impacts, scale, key, flash_duration)
 
 
 def _poses(clip: OverlayClip, sheet: Sheet) -> Array:
-    """Return (N, 3) px, px, rad, now."""
+    """Return the present poses, (N, 3) px, px, rad."""
     return np.asarray(clip.seen.poses[sheet.sample])
 
 
 def _boundaries(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
+    """Draw the boundaries."""
     for wall in clip.world.walls:
         for chain in wall.chains:
             layer.line(sheet.at(chain), 1.2 * sheet.pen)
 
 
 def _trails(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
-    """Draw the way of each centre up to now."""
+    """Draw the path of each centre up to now."""
     times = clip.seen.times[: sheet.sample + 1]
     if len(times) < 2:
         return
@@ -275,26 +280,31 @@ def _trails(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
     strengths = np.clip(1 - (1 - STYLE.faint) * age, STYLE.faint, 1)
     for path in np.moveaxis(clip.seen.poses[: sheet.sample + 1, :, :2], 1, 0):
         if np.ptp(path, axis=0).max() > STYLE.still:
-            kept = _apart(path)
-            points = sheet.at(path[kept])
-            layer.segments(points[:-1], points[1:], sheet.pen, strengths[kept[1:] - 1])
+            drawn_rows = _apart(path)
+            points = sheet.at(path[drawn_rows])
+            layer.segments(
+                points[:-1], points[1:], sheet.pen, strengths[drawn_rows[1:] - 1]
+            )
 
 
 def _apart(path: Array) -> NDArray[np.int64]:
-    """Return the points of a path (K, 2) px to draw: no two within a pixel, corners and the last among them."""
+    """Return the indices of a path's points (K, 2) px to draw, at least a pixel apart.
+
+    Corners and the last point are always among them.
+    """
     steps = np.diff(path, axis=0)
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*steps.T))])
-    crosses = np.diff(np.floor(way), prepend=-1.0) > 0
-    turns = np.zeros(len(path), bool)
+    arc_lengths = np.concatenate([[0.0], np.cumsum(np.hypot(*steps.T))])
+    is_drawn = np.diff(np.floor(arc_lengths), prepend=-1.0) > 0
+    is_corner = np.zeros(len(path), bool)
     dot = (steps[1:] * steps[:-1]).sum(axis=1)
-    turns[1:-1] = dot < 0.9 * np.hypot(*steps[1:].T) * np.hypot(*steps[:-1].T)
-    crosses |= turns
-    crosses[-1] = True
-    return np.flatnonzero(crosses)
+    is_corner[1:-1] = dot < 0.9 * np.hypot(*steps[1:].T) * np.hypot(*steps[:-1].T)
+    is_drawn |= is_corner
+    is_drawn[-1] = True
+    return np.flatnonzero(is_drawn)
 
 
 def _outlines(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
-    """Draw shapes where they are now; a circle has a tick that shows how far it has turned."""
+    """Draw the present shapes; a tick on a circle shows its rotation."""
     for body, (x, y, angle) in zip(
         clip.world.bodies, _poses(clip, sheet).tolist(), strict=True
     ):
@@ -310,12 +320,14 @@ def _outlines(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
 
 
 def _velocities(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
-    ways = clip.scales.velocity * clip.seen.velocities[sheet.sample, :, :2]
-    for pose, way in zip(_poses(clip, sheet), ways, strict=True):
-        _arrow(sheet, layer, pose[:2], way)
+    """Draw an arrow for each velocity."""
+    vectors = clip.scales.velocity * clip.seen.velocities[sheet.sample, :, :2]
+    for pose, vector in zip(_poses(clip, sheet), vectors, strict=True):
+        _arrow(sheet, layer, pose[:2], vector)
 
 
 def _weights(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
+    """Draw an arrow for each weight."""
     for body, pose in zip(clip.world.bodies, _poses(clip, sheet), strict=True):
         if body.motion is Motion.DYNAMIC:
             weight = clip.scales.force * body.mass * clip.world.gravity
@@ -323,12 +335,12 @@ def _weights(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
 
 
 def _forces(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
-    """Draw the scene's pushes while they act; an impulse from when it is given, for a moment."""
+    """Draw the active pushes, and impulses for a moment."""
     for push in clip.world.pushes:
         body = clip.world.bodies[push.body]
         end = push.start + clip.flash if push.load is Load.IMPULSE else push.end
-        acts = push.start - 1e-9 <= sheet.time < end - 1e-9
-        if body.motion is Motion.DYNAMIC and acts:
+        is_active = push.start - 1e-9 <= sheet.time < end - 1e-9
+        if body.motion is Motion.DYNAMIC and is_active:
             _push(clip, sheet, layer, push)
 
 
@@ -361,33 +373,39 @@ def _arrow(
     *,
     struck: bool = False,
 ) -> None:
-    """Draw an arrow from a point (2,) of the photo, as long as `way` (2,) px of the photo."""
-    tail, along = sheet.at(at), sheet.way(way)
-    if np.hypot(*along) >= STYLE.still:
-        straight_arrow(layer, tail, tail + along, sheet.pen, strength, struck=struck)
+    """Draw an arrow from a point (2,) of the photo; `way` (2,) is its vector, px of the
+    photo.
+    """
+    tail, frame_vector = sheet.at(at), sheet.way(way)
+    if np.hypot(*frame_vector) >= STYLE.still:
+        straight_arrow(
+            layer, tail, tail + frame_vector, sheet.pen, strength, struck=struck
+        )
 
 
 def _left(clip: OverlayClip, sheet: Sheet, since: float) -> float:
-    """Return the strength 1..0 of what is shown for a moment: full at first, then less."""
+    """Return the strength 1..0 of a mark that is shown for a moment; it fades at the
+    end.
+    """
     return float(np.clip(1.6 * (1 - (sheet.time - since) / clip.flash), 0.0, 1.0))
 
 
 def _contacts(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
-    """Draw a dot wherever objects touch now, a ring where an impact was a moment ago.
+    """Draw a dot at each present contact, and a ring at each recent impact.
 
-    Its area shows the impulse.
+    The area of a ring is proportional to the impulse.
     """
-    contacts, now = clip.seen.contacts, sheet.time + 1e-9
+    contacts, present = clip.seen.contacts, sheet.time + 1e-9
     starts, ends = contacts.touch_times[:, 0], contacts.touch_times[:, 1]
-    touches = (starts <= now) & (ends >= sheet.time)
+    is_touching = (starts <= present) & (ends >= sheet.time)
     poses = _poses(clip, sheet)
-    for first, second in contacts.touch_pairs[touches].tolist():
+    for first, second in contacts.touch_pairs[is_touching].tolist():
         points, gap = contact_points_between(clip.world, poses, first, second)
         if gap < STYLE.still:
             for point in sheet.at(points):
                 layer.area(circle(point, 1.5 * sheet.pen))
     for impact in clip.impacts:
-        if not impact.time <= now < impact.time + clip.flash:
+        if not impact.time <= present < impact.time + clip.flash:
             continue
         radius = float(np.sqrt(clip.scales.ring * impact.impulse)) * sheet.unit
         if radius > STYLE.still:
@@ -396,19 +414,21 @@ def _contacts(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
 
 
 def _names(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
-    """Write each name at its object's centre, as small as the object needs."""
+    """Write each name at its object's centre, in letters that fit the object."""
     for body, pose in zip(clip.world.bodies, _poses(clip, sheet), strict=True):
         x, y = sheet.at(pose[:2]).tolist()
-        room = 2 * body.reach * sheet.zoom / text_width(body.name, sheet.letter)
-        layer.words(body.name, (x, y), sheet.letter * min(max(room, STYLE.least), 1.0))
+        scale = 2 * body.reach * sheet.zoom / text_width(body.name, sheet.letter)
+        layer.words(body.name, (x, y), sheet.letter * min(max(scale, STYLE.least), 1.0))
 
 
 def _joints(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
+    """Draw the joints."""
     for chain in joint_lines(clip.world, _poses(clip, sheet), sheet.time):
         layer.line(sheet.at(chain), sheet.pen)
 
 
 def _fields(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
+    """Draw the fields."""
     for chain in field_lines(clip.world, _poses(clip, sheet), sheet.time):
         layer.line(sheet.at(chain), sheet.pen)
 
@@ -425,4 +445,4 @@ DRAW: Mapping[Overlay, Callable[[OverlayClip, Sheet, Layer], None]] = {
     Overlay.CONTACTS: _contacts,
     Overlay.NAMES: _names,
 }
-"""In the order in which they are drawn: the last lies on top."""
+"""Drawing functions in their order: the last is on top."""

@@ -19,21 +19,25 @@ class ScaleStyle:
     """Sizes of arrows, arcs and rings."""
 
     long: float = 0.17
-    """Of the picture's longer side: how long an arrow of the most common largest is."""
+    """Length of an arrow of the usual largest value, as a share of the picture's longer
+    side.
+    """
     longest: float = 0.45
-    """Of the picture's longer side: how long any velocity in sight is."""
+    """Maximum length of a visible velocity, as a share of the longer side."""
     sample: float = 0.09
-    """Of the picture's longer side: how long an arrow of the key is at most."""
+    """Maximum length of an arrow in the key, as a share of the longer side."""
     usual: int = 97
-    """Percentile of all speeds that counts as the largest: a rare fast one may be longer than the rest."""
+    """Percentile of all speeds that counts as the largest: a few fast ones may be
+    longer.
+    """
 
 
 SCALE = ScaleStyle()
 
 RING = 0.04
-"""Of the picture's longer side: the radius of the strongest impact's ring."""
+"""Radius of the strongest impact's ring, as a share of the picture's longer side."""
 SWEEP = 1.6 * np.pi
-"""rad: the arc of the strongest torque."""
+"""Arc of the largest torque, rad."""
 COLOURS = {
     Overlay.OUTLINES: (86, 190, 255),
     Overlay.VELOCITY: (40, 205, 150),
@@ -46,31 +50,32 @@ COLOURS = {
     Overlay.JOINTS: (255, 190, 60),
     Overlay.FIELDS: (90, 200, 220),
 }
-"""sRGB, after Okabe and Ito's palette for all kinds of colour vision, lightened for video."""
+"""sRGB, after Okabe and Ito's palette for all kinds of colour vision, lightened for
+video.
+"""
 
 
 @dataclass(frozen=True)
 class Scales:
-    """What a px of overlay stands for.
-
-    0: there is nothing of the kind. px are those of the photo.
-    """
+    """Lengths of marks per unit, px of the photo; 0 for kinds without marks."""
 
     velocity: float
-    """px of arrow a px/s: s, so that an arrow's point is where its object would be after as long, left alone."""
+    """px per px/s, that is, s: an arrow's point is the place of its free object after
+    this time.
+    """
     force: float
-    """px a g·px/s²; weights have the same."""
+    """px per g·px/s², also for weights."""
     impulse: float
-    """px a g·px/s, of pushes."""
+    """px per g·px/s, for pushes."""
     torque: float
-    """rad of arc a g·px²/s²."""
+    """rad of arc per g·px²/s²."""
     ring: float
-    """px² a g·px/s: the square of an impact's radius; its area shows its impulse."""
+    """px² per g·px/s: the square of an impact's radius, so that areas show impulses."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A line of the key: what a sample of `size` px, or rad of an arc, stands for."""
+    """A line of the key: the value of a sample of `size` px, or rad of an arc."""
 
     kind: Overlay
     load: Load | None
@@ -83,28 +88,32 @@ def scales(
 ) -> Scales:
     """Return the scales of a clip; `impacts` are their impulses, g·px/s."""
     side = float(max(world.size))
-    usual = SCALE.long * side
+    usual_length = SCALE.long * side
     velocity = 0.0
     speeds = _speeds(world, seen)
     if Overlay.VELOCITY in kinds and speeds.size:
-        velocity = nearest_round(usual / float(np.percentile(speeds, SCALE.usual)))
-        longest = SCALE.longest * side / float(speeds.max())
-        velocity = min(velocity, largest_round(longest))
-    most = _largest_loads(world, kinds)
+        velocity = nearest_round(
+            usual_length / float(np.percentile(speeds, SCALE.usual))
+        )
+        limit = SCALE.longest * side / float(speeds.max())
+        velocity = min(velocity, largest_round(limit))
+    largest_loads = _largest_loads(world, kinds)
     ring_scale = 0.0
     if Overlay.CONTACTS in kinds:
         ring_scale = _per((RING * side) ** 2, max(impacts, default=0.0))
     return Scales(
         velocity=velocity,
-        force=_per(usual, most[Load.FORCE]),
-        impulse=_per(usual, most[Load.IMPULSE]),
-        torque=_per(SWEEP, most[Load.TORQUE]),
+        force=_per(usual_length, largest_loads[Load.FORCE]),
+        impulse=_per(usual_length, largest_loads[Load.IMPULSE]),
+        torque=_per(SWEEP, largest_loads[Load.TORQUE]),
         ring=ring_scale,
     )
 
 
 def _largest_loads(world: World, kinds: Collection[Overlay]) -> dict[Load, float]:
-    """Return the largest push of each kind on a moving body, weights among the forces."""
+    """Return the largest push of each kind on a moving body; weights count as
+    forces.
+    """
     largest = dict.fromkeys(Load, 0.0)
     if Overlay.FORCES in kinds:
         for push in world.pushes:
@@ -124,8 +133,11 @@ def _largest_loads(world: World, kinds: Collection[Overlay]) -> dict[Load, float
 
 
 def key_entries(world: World, scale: Scales, kinds: Collection[Overlay]) -> list[Entry]:
-    """Return the key's lines: for each scale, the largest round number in SI units whose sample is not too long."""
-    longest = SCALE.sample * max(world.size)
+    """Return the lines of the key, one for each scale.
+
+    Each has the largest round number in SI units with a sample that is not too long.
+    """
+    length_limit = SCALE.sample * max(world.size)
     meter = world.pixels_per_meter
     newton = 1000 * meter  # g·px/s²
     has_force = any(push.load is Load.FORCE for push in world.pushes)
@@ -135,15 +147,15 @@ def key_entries(world: World, scale: Scales, kinds: Collection[Overlay]) -> list
     velocity, force = scale.velocity * meter, scale.force * newton
     impulse, torque = scale.impulse * newton, scale.torque * newton * meter
     rows: list[tuple[Overlay, Load | None, str, float, str, float]] = [
-        (Overlay.VELOCITY, None, "velocity", velocity, "m/s", longest),
-        (force_kind, Load.FORCE, force_name, force, "N", longest),
-        (Overlay.FORCES, Load.IMPULSE, "impulse", impulse, "N·s", longest),
+        (Overlay.VELOCITY, None, "velocity", velocity, "m/s", length_limit),
+        (force_kind, Load.FORCE, force_name, force, "N", length_limit),
+        (Overlay.FORCES, Load.IMPULSE, "impulse", impulse, "N·s", length_limit),
         (Overlay.FORCES, Load.TORQUE, "torque", torque, "N·m", SWEEP),
     ]
     entries = []
-    for kind, load, name, unit_size, unit, most in rows:
+    for kind, load, name, unit_size, unit, limit_of_row in rows:
         if unit_size > 0:
-            value = largest_round(most / unit_size)
+            value = largest_round(limit_of_row / unit_size)
             text = f"{name} {value_text(value, unit)}"
             entries.append(Entry(kind, load, text, value * unit_size))
     if scale.ring > 0:
@@ -156,7 +168,7 @@ def key_entries(world: World, scale: Scales, kinds: Collection[Overlay]) -> list
 
 
 def largest_round(value: float) -> float:
-    """Return the largest of 1, 2, 5, 10, 20 ... that is not above a positive value.
+    """Return the largest of 1, 2, 5, 10, 20 ... up to a positive value.
 
     >>> [largest_round(v) for v in (1.0, 4.99, 50.0, 0.07)]
     [1.0, 2.0, 50.0, 0.05]
@@ -168,10 +180,10 @@ def largest_round(value: float) -> float:
 
 
 def nearest_round(value: float) -> float:
-    """Return the one of 1, 2, 5, 10, 20 ... with the nearest logarithm to a positive value."""
-    low = largest_round(value)
-    high = largest_round(low * 2.5)
-    return low if value * value <= low * high else high
+    """Return the nearest of 1, 2, 5, 10, 20 ... to a positive value, by logarithms."""
+    lower = largest_round(value)
+    upper = largest_round(lower * 2.5)
+    return lower if value * value <= lower * upper else upper
 
 
 def value_text(value: float, unit: str) -> str:
@@ -191,13 +203,14 @@ def value_text(value: float, unit: str) -> str:
 
 
 def _per(size: float, most: float) -> float:
+    """Return a size per unit; 0 without a value."""
     return size / most if most > 0 else 0.0
 
 
 def _speeds(world: World, seen: Trajectory) -> Array:
-    """Return (K,) px/s: the speeds of visible moving bodies."""
+    """Return the speeds (K,) px/s of visible moving bodies."""
     places = seen.poses[..., :2]
-    inside = ((places >= 0) & (places < world.size)).all(axis=-1)
-    speeds = np.hypot(seen.velocities[..., 0], seen.velocities[..., 1])[inside]
-    least = max(1.0, 0.02 * float(speeds.max(initial=0.0)))
-    return np.asarray(speeds[speeds > least])
+    is_inside = ((places >= 0) & (places < world.size)).all(axis=-1)
+    speeds = np.hypot(seen.velocities[..., 0], seen.velocities[..., 1])[is_inside]
+    smallest_speed = max(1.0, 0.02 * float(speeds.max(initial=0.0)))
+    return np.asarray(speeds[speeds > smallest_speed])

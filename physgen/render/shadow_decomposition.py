@@ -1,9 +1,12 @@
-"""Background separated into light and the shadow of each object, and recomposed for new poses.
+"""Background separated into light and one shadow per object, and recomposed for new
+poses.
 
-Shadows are kept as negative logarithms of the share of light that is left, so those of many objects add up, and at
-t = 0 the sum is the photo's. The shadow that geometry predicts is an object's own; darkness of the photo beyond that
-belongs to the nearest object and moves with it, as long as the object stands on the floor as it did. Where an object
-may have thrown a shadow, the plate is the clean picture: what the photo shows beyond both goes as the object leaves.
+Shadows are stored as negative logarithms of the remaining light, so that those of many
+objects add up, and the sum at t = 0 is the photo's. The shadow predicted by geometry
+belongs to its object. Further darkness of the photo belongs to the nearest object and
+moves with it, as long as the object stands on the floor as in the photo. Around
+shadows, the plate is the clean picture: the difference to the photo disappears as the
+object leaves.
 """
 
 from __future__ import annotations
@@ -39,130 +42,162 @@ class ShadowTuning:
     """Thresholds of the separation of shadows from the background."""
 
     lift: float = 0.25
-    """Of an object's size: off the floor by as much, its shadow in the photo is no longer its own."""
+    """Height over the floor, in sizes of an object, over which its shadow in the photo
+    fades.
+    """
     comes: float = 0.5
-    """Of an object's size: moved by as much, it has mostly left an old shadow that was not removed."""
+    """Displacement, in sizes, over which a predicted shadow appears if the old one
+    remains.
+    """
     parts: float = 0.1
-    """Of an object's size: moved by as much, it has mostly left the photo's shadow for the predicted one."""
+    """Displacement, in sizes, over which the predicted shadow replaces the photo's."""
     still: float = 0.995
-    """Share of the photo's shadow from which the predicted one is left out."""
+    """Share of the photo's shadow above which the predicted one is left out."""
     flies: float = 2.0
-    """Of an object's thickness: so far above the floor its shadow falls on the wall, if there is one."""
+    """Height over the floor, in thicknesses, above which the shadow falls on the wall,
+    if any.
+    """
     turn: float = 0.35
-    """rad by which an object that is not round may turn until then."""
+    """Rotation, rad, over which the photo's shadow of an object that is not round
+    fades.
+    """
     smooth: float = 0.5
-    """px, beside a median over 5 px: what the photo's shadows have of finer detail stays in the background."""
+    """Standard deviation of the blur, px, after a median over 5 px: finer detail stays
+    in the background.
+    """
     ring: int = 2
-    """px around objects where the background still shows traces of them."""
+    """Margin around objects, px, with traces of them in the background."""
     gap: int = 4
-    """px: half the width of gaps between objects in which no background is seen."""
+    """Half the width of gaps between objects, px, without visible background."""
     deepest: float = 3.5
-    """-log of the least light that a shadow leaves."""
+    """Darkness (-log of light) of the deepest shadow."""
     near: float = 0.5
-    """Of an object's size: how far around it what is dark may be its own."""
+    """Distance around an object, in its sizes, in which darkness may be its own."""
     claimed: tuple[float, float] = (0.02, 0.1)
-    """Sum of objects' claims on a pixel from which its plate gives way to the clean picture, and where it is that."""
+    """Sum of objects' claims from which the plate begins to be the clean picture, and
+    at which it is.
+    """
     explained: float = 0.5
-    """Share of the spread of shadows' offsets that one near lamp must explain, to be believed."""
+    """Share of the variance of shadows' offsets that a near lamp must explain."""
     shadows: int = 3
-    """Shadows that slide, at least: two lie along any line by chance."""
+    """Minimum number of sliding shadows for a lamp: two are always on a line."""
     lamp: float = 1.5
-    """Times that spread (fitted on billiards): a part of each offset is what geometry predicts for all alike."""
+    """Factor of the fitted lean (from billiards): geometry predicts a part of each
+    offset without it.
+    """
     leans: float = 0.3
-    """px for each px of the object's way, at most."""
+    """Maximum lean, px per px of the object's displacement."""
     faint: float = 0.006
-    """-log of light that is not missed: half a grey level of a middle grey."""
+    """Darkness (-log of light) that is invisible: half a grey level of a middle
+    grey.
+    """
     compared: tuple[float, int] = (0.2, 200)
-    """-log of light from which, and px on which, predicted shadows are compared with the photo's."""
+    """Darkness from which predicted shadows are compared with the photo's, and the
+    number of pixels for it.
+    """
     lacking: tuple[float, float] = (0.65, 0.3)
-    """Quantile of the photo's depth over the predicted one, for some lie beside it.
-
-    And its least value. By tune.
+    """Quantile of the photo's depth over the predicted depth, as some predictions miss;
+    and its minimum. By tune.
     """
     cells: int = 24
-    """Of the grid on which a shadow is worked out, at least so many across the object."""
+    """Minimum number of grid cells across an object for its shadow."""
 
 
 SHADOW = ShadowTuning()
 FAR = 1e6
-"""px, beyond any picture."""
+"""Distance beyond any picture, px."""
 
 
 @dataclass(frozen=True)
 class CastShadow:
-    """One object's share of the photo's shadows; darkness is -log of the light that it leaves."""
+    """One object's share of the photo's shadows; darkness is -log of the remaining
+    light.
+    """
 
     start: Silhouette
     step: int
-    """px a side of the grid on which its shadow is worked out."""
+    """Side of the grid cells for its shadow, px."""
     whole: tuple[PixelBox, F32] | None
-    """All of it, at t = 0."""
-    own: tuple[
-        PixelBox, F32
-    ]  # of `whole` what the photo shows beyond geometry, of either sign
+    """The whole shadow at t = 0."""
+    own: tuple[PixelBox, F32]
+    """Part of `whole` in the photo beyond geometry, of either sign."""
     sliding: tuple[tuple[int, int], F32] | None
-    """Where the shadow never changes its shape: its corner, and all of it, beyond the photo's border too."""
+    """Corner and picture of a shadow of constant shape, also beyond the photo's
+    border.
+    """
     round: bool
-    """Whether turning changes nothing."""
+    """Whether rotation does not change the shadow."""
     beyond: F32 | None = None
-    """(h, w): the share of `own` that lies beyond the ends of the object's floor at t = 0; None: none of it."""
+    """Share (h, w) of `own` beyond the ends of the object's floor at t = 0; None
+    without any."""
     lean: float = 0.0
-    """px that a sliding shadow moves beyond its object for each px of the object's way: a lamp is near."""
+    """Additional displacement of a sliding shadow per px of its object: by a
+    near lamp.
+    """
 
 
 @dataclass(frozen=True)
 class LitBackground:
-    """A background taken apart."""
+    """A decomposed background."""
 
     setting: ShadowSetting
     plate: F32
-    """(H, W, 3) linear: in the light that no object keeps away.
-
-    The clean picture where objects may have shadows.
+    """Background in full light, (H, W, 3) linear; the clean picture around possible
+    shadows.
     """
     tint: F32
-    """(3,): by how much more or less than the average a channel darkens."""
+    """Darkening of each channel relative to the average, (3,)."""
     total: F32
-    """(H, W): -log of the light left at t = 0, of all objects."""
+    """Darkness (-log of light) by all objects at t = 0, (H, W)."""
     casts: Sequence[CastShadow]
     owner: NDArray[np.int32]
-    """(H, W): 1 + the index of the cast whose object most likely changes the picture there, 0: none."""
+    """1 + the index of the cast whose object most likely changes the pixel, (H, W); 0
+    without one.
+    """
     lifted: bool = True
-    """Whether a backend has taken the photo's shadows apart from the background."""
+    """Whether a backend has separated the photo's shadows from the background."""
 
     def behind(self) -> F32:
-        """Return (H, W, 3) linear: the background at t = 0."""
+        """Return the background at t = 0, (H, W, 3) linear."""
         return shaded_background(self.plate, self.total, self.tint)
 
     def limited(self, darkness: F32, box: tuple[slice, slice]) -> F32:
-        """Limit the sum `darkness` (h, w) of shadows, in place: it is at least that of the photo, or none.
+        """Limit the sum `darkness` (h, w) of shadows, in place, between the photo's and
+        one shade.
 
-        Direct light that one shadow keeps away, others keep away no more.
+        Direct light that one shadow blocks cannot be blocked again by others.
         """
         cv2.max(darkness, self._least[box], dst=darkness)
-        over = darkness - self._most[box]
-        if over.max() <= 0:
+        excess = darkness - self._most[box]
+        if excess.max() <= 0:
             return darkness
-        kept = darkness - over
-        kept += 1
-        kept -= cv2.exp(-over)
-        np.copyto(kept, darkness, where=over <= 0)
-        return np.asarray(kept, np.float32)
+        # A soft limit: darkness - excess + 1 - exp(-excess) never exceeds the limit by
+        # more than 1.
+        soft_limit = darkness - excess
+        soft_limit += 1
+        soft_limit -= cv2.exp(-excess)
+        np.copyto(soft_limit, darkness, where=excess <= 0)
+        return np.asarray(soft_limit, np.float32)
 
     @cached_property
     def _least(self) -> F32:
-        """Return (H, W) the least darkness: nothing is brighter than the photo, or the plate."""
+        """Return the minimum darkness (H, W): not brighter than the photo or
+        the plate.
+        """
         return np.minimum(self.total, 0)
 
     @cached_property
     def _most(self) -> F32:
-        """Return (H, W) the darkness that one object may cause."""
+        """Return the maximum darkness (H, W) by one object."""
         return np.maximum(self.total, self.setting.shade)
 
     def moved(
         self, k: int, now: Silhouette | None, start: Pose, pose: Pose
     ) -> list[tuple[PixelBox, F32]]:
-        """Return the shadows of object k now, at `pose` instead of `start`: boxes, and the darkness in each."""
+        """Return the shadows of object k at `pose`, as boxes with their darkness.
+
+        `start` is its pose in the photo, `now` its present silhouette.
+        """
         cast = self.casts[k]
         if cast.sliding is not None:
             return self._slid(cast, cast.sliding, start, pose)
@@ -171,6 +206,8 @@ class LitBackground:
         if not self.lifted:
             return self._late_shadow(cast, now, start, pose)
         turn = pose.angle - start.angle
+        # Near its start, an object keeps the photo's shadow; farther away, it gets the
+        # predicted one, together with the unexplained part of the photo's.
         strength, shift = self._kept(cast, now, turn)
         share = np.float32(0)
         if cast.whole is not None:
@@ -178,9 +215,13 @@ class LitBackground:
         shadows = []
         if share > 0 and cast.whole is not None:
             (x0, y0, _, _), picture = cast.whole
-            box, moved = shifted_picture(picture, (x0, y0), shift, self.setting.size)
+            box, moved_picture = shifted_picture(
+                picture, (x0, y0), shift, self.setting.size
+            )
             if box is not None:
-                shadows.append((box, moved if share == 1 else share * moved))
+                shadows.append(
+                    (box, moved_picture if share == 1 else share * moved_picture)
+                )
         if share == 1:
             return shadows
         rest = np.float32(1 - share)
@@ -196,7 +237,9 @@ class LitBackground:
     def _late_shadow(
         self, cast: CastShadow, now: Silhouette, start: Pose, pose: Pose
     ) -> list[tuple[PixelBox, F32]]:
-        """Return the predicted shadow, which comes as the object leaves the photo's shadow behind."""
+        """Return the predicted shadow, which appears as the object leaves the photo's
+        shadow.
+        """
         predicted = predicted_shadow(now, self.setting, cast.step)
         if predicted is None:
             return []
@@ -210,12 +253,12 @@ class LitBackground:
         start: Pose,
         pose: Pose,
     ) -> list[tuple[PixelBox, F32]]:
-        """Return a shadow that keeps its shape."""
+        """Return a shadow of constant shape at its present place."""
         corner, picture = sliding
         factor = 1 + cast.lean
         shift = factor * (pose.x - start.x), factor * (pose.y - start.y)
-        box, moved = shifted_picture(picture, corner, shift, self.setting.size)
-        return [] if box is None else [(box, moved)]
+        box, moved_picture = shifted_picture(picture, corner, shift, self.setting.size)
+        return [] if box is None else [(box, moved_picture)]
 
     def _carried_shadow(
         self,
@@ -224,34 +267,38 @@ class LitBackground:
         strength: float,
         shift: tuple[float, float],
     ) -> tuple[PixelBox, F32] | None:
-        """Return the part of the photo's shadow that geometry does not explain, as it moves with its object."""
+        """Return the unexplained part of the photo's shadow, which moves with its
+        object.
+        """
         if strength <= LEAST_STRENGTH:
             return None
-        (x0, y0, _, _), own = cast.own
+        (x0, y0, _, _), own_picture = cast.own
         size = self.setting.size
-        box, carried = shifted_picture(own, (x0, y0), shift, size)
+        box, moved_picture = shifted_picture(own_picture, (x0, y0), shift, size)
         if box is None:
             return None
-        carried *= np.float32(strength)
+        moved_picture *= np.float32(strength)
         if now.floor is not None and self._on_wall(cast.start):
             wall_foot = now.floor - self.setting.tilt * self.setting.backdrop
             rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
-            carried *= np.clip(wall_foot - rows + 0.5, 0, 1)
+            moved_picture *= np.clip(wall_foot - rows + 0.5, 0, 1)
         elif now.floor is not None and not np.isfinite(self.setting.backdrop):
-            upon = floor_share(now.ends, self.setting, box, now.floor)
+            floor_shares = floor_share(now.ends, self.setting, box, now.floor)
             if cast.beyond is not None:
-                # What the photo shows beyond the floor has another ground.
-                _, beyond = shifted_picture(cast.beyond, (x0, y0), shift, size)
-                np.maximum(upon, beyond, out=upon)
-            carried *= upon
-            # What is upright behind the floor gets no shadow of an object that moves.
+                # A shadow of the photo beyond the floor is on another ground.
+                _, shares_beyond = shifted_picture(cast.beyond, (x0, y0), shift, size)
+                np.maximum(floor_shares, shares_beyond, out=floor_shares)
+            moved_picture *= floor_shares
+            # Upright surfaces behind the floor get no shadow of a moving object.
             rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
             end = now.floor - self.setting.tilt * size[0]
-            carried *= np.clip(rows - np.float32(end) + 0.5, 0, 1)
-        return box, carried
+            moved_picture *= np.clip(rows - np.float32(end) + 0.5, 0, 1)
+        return box, moved_picture
 
     def _on_wall(self, start: Silhouette) -> bool:
-        """Return whether an object's shadow is mostly on the wall behind: it flies before one."""
+        """Check whether an object's shadow is mostly on the wall: the object flies in
+        front of it.
+        """
         if not np.isfinite(self.setting.backdrop):
             return False
         if start.floor is None:
@@ -261,7 +308,7 @@ class LitBackground:
     def _kept(
         self, cast: CastShadow, now: Silhouette, turn: float
     ) -> tuple[float, tuple[float, float]]:
-        """Return the share of the photo's own shadow that still holds, and its shift, px."""
+        """Return the valid share of the photo's own shadow, and its shift, px."""
         start = cast.start
         dx, dy = now.center[0] - start.center[0], now.center[1] - start.center[1]
         size = max(min(start.coverage.shape), 1)
@@ -277,16 +324,18 @@ class LitBackground:
 
 
 LEAST_STRENGTH = 0.02
-"""Share of the photo's own shadow below which it is left out: nobody sees it."""
+"""Share of the photo's own shadow below which it is invisible and left out."""
 
 
 def _bell(distance: float) -> float:
-    """Return 1 at 0 and 0 far away, as a Gaussian."""
+    """Return exp(-distance²)."""
     return float(np.exp(-(distance**2)))
 
 
 def _photo_share(cast: CastShadow, start: Pose, pose: Pose) -> np.float32:
-    """Return 1 if an object is where it started, and 0 if it has left the photo's shadow."""
+    """Return 1 for an object at its start, and 0 after it has left the photo's
+    shadow.
+    """
     shape = cast.start.coverage.shape
     distance = np.hypot(pose.x - start.x, pose.y - start.y)
     if not cast.round:
@@ -298,7 +347,7 @@ def _photo_share(cast: CastShadow, start: Pose, pose: Pose) -> np.float32:
 
 
 def _departure(now: Silhouette, start: Pose, pose: Pose) -> np.float32:
-    """Return 0 if an object is where it started, and 1 if it has left."""
+    """Return 0 for an object at its start, and 1 after it has left."""
     distance = np.hypot(pose.x - start.x, pose.y - start.y)
     size = max(min(now.coverage.shape), 1)
     departure = distance / (SHADOW.comes * size)
@@ -306,41 +355,47 @@ def _departure(now: Silhouette, start: Pose, pose: Pose) -> np.float32:
 
 
 QUICK_STEPS = (2, 3)
-"""px of grids on which a ball's shadow is computed in full: it is quick, and a floor has few rows."""
+"""Grid steps, px, at which a ball's shadow is computed in full, since it is fast and a
+floor has few rows.
+"""
 
 
 def predicted_shadow(
     silhouette: Silhouette, setting: ShadowSetting, step: int
 ) -> tuple[PixelBox, F32] | None:
-    """Compute `shadow_darkness` on a grid of `step` px: shadows are soft, and large objects have large shadows."""
+    """Compute `shadow_darkness` on a grid of `step` px, as shadows of large objects are
+    soft.
+    """
     if silhouette.radius is not None and step in QUICK_STEPS:
         shadow = shadow_darkness(silhouette, setting)
-        # Blurred as much as the grid would: no steps at the shadow's edge.
+        # Blur as much as the grid would, so that the shadow's edge has no steps.
         return shadow and (shadow[0], blurred(shadow[1], 0.4 * step))
     if step == 1:
         return shadow_darkness(silhouette, setting)
-    coarse = _coarse_silhouette(silhouette, step)
-    shadow = shadow_darkness(coarse, _coarse(setting, step))
+    coarse_figure = _coarse_silhouette(silhouette, step)
+    shadow = shadow_darkness(coarse_figure, _coarse(setting, step))
     if shadow is None:
         return None
     (x0, y0, x1, y1), darkness = shadow
     size = ((x1 - x0) * step, (y1 - y0) * step)
-    fine = cv2.resize(darkness, size, interpolation=cv2.INTER_LINEAR)
+    full_picture = cv2.resize(darkness, size, interpolation=cv2.INTER_LINEAR)
     width, height = setting.size
     x0, y0 = x0 * step, y0 * step
     x1, y1 = min(x1 * step, width), min(y1 * step, height)
-    return (x0, y0, x1, y1), np.asarray(fine[: y1 - y0, : x1 - x0], np.float32)
+    return (x0, y0, x1, y1), np.asarray(full_picture[: y1 - y0, : x1 - x0], np.float32)
 
 
 def _coarse_silhouette(silhouette: Silhouette, step: int) -> Silhouette:
-    """Return a silhouette on a grid of `step` px, whose cells begin at the photo's corner."""
+    """Return a silhouette on a grid of `step` px, with cells aligned to the photo's
+    corner.
+    """
 
     def scale(place: float) -> float:
         return (place + 0.5) / step - 0.5
 
     (x, y), (height, width) = silhouette.corner, silhouette.coverage.shape
     left, top = x % step, y % step
-    padded = cv2.copyMakeBorder(
+    padded_cover = cv2.copyMakeBorder(
         silhouette.coverage,
         top,
         -(top + height) % step,
@@ -348,12 +403,12 @@ def _coarse_silhouette(silhouette: Silhouette, step: int) -> Silhouette:
         -(left + width) % step,
         cv2.BORDER_CONSTANT,
     )
-    cells = (padded.shape[1] // step, padded.shape[0] // step)
-    small = cv2.resize(padded, cells, interpolation=cv2.INTER_AREA)
+    cells = (padded_cover.shape[1] // step, padded_cover.shape[0] // step)
+    coarse_cover = cv2.resize(padded_cover, cells, interpolation=cv2.INTER_AREA)
     (cx, cy), (first, last) = silhouette.center, silhouette.ends
     radius, floor = silhouette.radius, silhouette.floor
     return Silhouette(
-        np.asarray(small, np.float32),
+        np.asarray(coarse_cover, np.float32),
         corner=((x - left) // step, (y - top) // step),
         center=(scale(cx), scale(cy)),
         radius=None if radius is None else radius / step,
@@ -384,7 +439,7 @@ def shifted_picture(
     shift: tuple[float, float],
     size: tuple[int, int],
 ) -> tuple[PixelBox | None, F32]:
-    """Return a picture moved by a fraction of pixels, cut to the photo."""
+    """Shift a picture by a fraction of pixels, and crop it to the photo."""
     height, width = picture.shape[:2]
     x, y = corner[0] + shift[0], corner[1] + shift[1]
     first_column, first_row = int(np.floor(x)), int(np.floor(y))
@@ -395,8 +450,8 @@ def shifted_picture(
         return None, picture
     matrix = np.array([[1.0, 0, x - left], [0, 1, y - top]])
     box_size = (right - left, bottom - top)
-    moved = cv2.warpAffine(picture, matrix, box_size, borderMode=cv2.BORDER_CONSTANT)
-    return (left, top, right, bottom), np.asarray(moved, np.float32)
+    shifted = cv2.warpAffine(picture, matrix, box_size, borderMode=cv2.BORDER_CONSTANT)
+    return (left, top, right, bottom), np.asarray(shifted, np.float32)
 
 
 def decompose_shadows(
@@ -409,40 +464,44 @@ def decompose_shadows(
     gone: Sequence[Silhouette] = (),
     changed: Mask | None = None,
 ) -> tuple[LitBackground, F32 | None]:
-    """Separate `background` (H, W, 3) sRGB into light and shadows by `clean` without shadows; None: not removed.
+    """Separate `background` (H, W, 3) sRGB into light and shadows.
 
-    `gone` are objects of the photo that the scene leaves out: their shadows leave with them. `changed` (H, W): where
-    the background is not the photo's, which tells nothing of shadows close to objects either. The second result is
-    (H, W) -log of the light that those left; None where there are none.
+    `clean` is the background without shadows; None if they were not removed. `gone` are
+    objects of the photo that the scene leaves out, with their shadows. `changed` (H,
+    W): pixels that differ from the photo, and contain no information about shadows near
+    objects. Also returns the darkness (H, W), -log of light, by the shadows of `gone`;
+    None without such objects.
     """
-    lit = decode(background)
+    light = decode(background)
     if clean is None:
-        return _undivided(lit, starts, rounds, setting), None
-    bare = decode(clean)
-    darkness = _log(luminance(bare)) - _log(luminance(lit))
+        return _undivided(light, starts, rounds, setting), None
+    clean_light = decode(clean)
+    darkness = _log(luminance(clean_light)) - _log(luminance(light))
     np.clip(darkness, -0.5, SHADOW.deepest, out=darkness)
     is_open = _open_background(coverage)
     if changed is not None:
         is_open &= ~changed
-    everybody = [*starts, *gone]
-    steps = [shadow_grid_step(silhouette) for silhouette in everybody]
+    all_figures = [*starts, *gone]
+    steps = [shadow_grid_step(silhouette) for silhouette in all_figures]
+    # Geometry predicts the shape of shadows; the photo tells their depth.
     setting, firsts, total = _matched_shadows(
-        everybody, steps, setting, darkness, is_open
+        all_figures, steps, setting, darkness, is_open
     )
-    rest = _unexplained(darkness, total, is_open)
-    claims = _claims(everybody, firsts, setting.size)
+    unexplained = _unexplained(darkness, total, is_open)
+    # Assign the unexplained darkness to the objects with the largest claims.
+    claims = _claims(all_figures, firsts, setting.size)
     claimed, owner = _claimed(claims, darkness.shape)
-    every_cast = []
-    for k, start in enumerate(everybody):
-        own = _owned(rest, claims[k], claimed)
+    all_casts = []
+    for k, start in enumerate(all_figures):
+        own = _owned(unexplained, claims[k], claimed)
         is_round = k < len(starts) and rounds[k]
-        every_cast.append(_cast(start, steps[k], firsts[k], own, is_round, setting))
-    casts, ghost_casts = every_cast[: len(starts)], every_cast[len(starts) :]
+        all_casts.append(_cast(start, steps[k], firsts[k], own, is_round, setting))
+    casts, ghost_casts = all_casts[: len(starts)], all_casts[len(starts) :]
     total = _sum_of_shadows(casts, darkness.shape)
     ghost_shadows = _sum_of_shadows(ghost_casts, darkness.shape)
-    tint = _tint(lit, bare, darkness, is_open)
+    tint = _tint(light, clean_light, darkness, is_open)
     share = _clean_share(claimed, is_open)
-    plate = _plate(lit, bare, (total + ghost_shadows), tint, share)
+    plate = _plate(light, clean_light, (total + ghost_shadows), tint, share)
     result = LitBackground(setting, plate, tint, total, _leaning(casts), owner)
     return result, ghost_shadows if gone else None
 
@@ -453,12 +512,14 @@ def _undivided(
     rounds: Sequence[bool],
     setting: ShadowSetting,
 ) -> LitBackground:
-    """Return a background whose old shadows stay: moving objects throw shadows of their own beside them."""
-    nothing = (0, 0, 0, 0), np.zeros((0, 0), np.float32)
+    """Return a background with its old shadows; moving objects get additional
+    shadows.
+    """
+    empty_shadow = (0, 0, 0, 0), np.zeros((0, 0), np.float32)
     casts = []
     for start, is_round in zip(starts, rounds, strict=True):
         step = shadow_grid_step(start)
-        casts.append(CastShadow(start, step, None, nothing, None, is_round))
+        casts.append(CastShadow(start, step, None, empty_shadow, None, is_round))
     darkness = np.zeros(lit.shape[:2], np.float32)
     no_owner = np.zeros(darkness.shape, np.int32)
     tint = np.ones(3, np.float32)
@@ -466,16 +527,20 @@ def _undivided(
 
 
 def _square(reach: int) -> U8:
+    """Return a square kernel of ones with this half width."""
     return np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
 
 
 def _open_background(coverage: F32) -> Mask:
-    """Return (H, W) where the background is reliable: not close to an object, nor in narrow gaps between objects."""
+    """Return the mask (H, W) of reliable background.
+
+    Pixels near objects and in narrow gaps between objects are unreliable.
+    """
     gap = _square(SHADOW.gap)
-    near = cv2.dilate((coverage > 0).astype(np.uint8), _square(SHADOW.ring))
-    unknown = cv2.morphologyEx(near, cv2.MORPH_CLOSE, gap)
-    reach = cv2.dilate((coverage >= 0.5).astype(np.uint8), gap)
-    return np.asarray((unknown == 0) | (reach == 0), np.bool_)
+    near_objects = cv2.dilate((coverage > 0).astype(np.uint8), _square(SHADOW.ring))
+    closed_gaps = cv2.morphologyEx(near_objects, cv2.MORPH_CLOSE, gap)
+    around_objects = cv2.dilate((coverage >= 0.5).astype(np.uint8), gap)
+    return np.asarray((closed_gaps == 0) | (around_objects == 0), np.bool_)
 
 
 def _matched_shadows(
@@ -485,32 +550,40 @@ def _matched_shadows(
     darkness: F32,
     is_open: Mask,
 ) -> tuple[ShadowSetting, list[tuple[PixelBox, F32] | None], F32]:
-    """Predict the shadow of each object and their sum, as deep as the photo's shadows `darkness` (H, W)."""
+    """Predict the shadows of all objects, and scale them to the depth of the photo's.
+
+    `darkness` (H, W) of the photo. Also returns the sum of shadows.
+    """
     firsts, total = _predicted(everybody, steps, setting)
-    (deep, fewest), (quantile, least) = SHADOW.compared, SHADOW.lacking
-    compared = is_open & (total > deep)
-    if np.count_nonzero(compared) <= fewest:
+    (least_darkness, least_count), (quantile, least_ratio) = (
+        SHADOW.compared,
+        SHADOW.lacking,
+    )
+    is_compared = is_open & (total > least_darkness)
+    if np.count_nonzero(is_compared) <= least_count:
         return setting, firsts, total
-    ratios = np.expm1(-darkness[compared]) / np.expm1(-total[compared])
-    middle, high = np.quantile(ratios, (0.5, quantile))
-    lacking = float(max(min(high, 1.0), middle, least))
-    setting = replace(setting, lacking=lacking)
+    ratios = np.expm1(-darkness[is_compared]) / np.expm1(-total[is_compared])
+    median_ratio, upper_ratio = np.quantile(ratios, (0.5, quantile))
+    depth_ratio = float(max(min(upper_ratio, 1.0), median_ratio, least_ratio))
+    setting = replace(setting, lacking=depth_ratio)
     return setting, *_predicted(everybody, steps, setting)
 
 
 def _unexplained(darkness: F32, total: F32, is_open: Mask) -> F32:
-    """Return (H, W) the photo's darkness beyond the predicted `total`, continued behind objects."""
+    """Return the photo's darkness (H, W) beyond the predicted `total`, continued behind
+    objects.
+    """
     weight = is_open.astype(np.float32)
     difference = cv2.medianBlur(darkness - total, 5) * weight
-    rest = _spread_into(difference, weight, SHADOW.smooth)
-    rest = harmonic_fill(rest[..., None], ~is_open)[..., 0]
-    # Nothing behind an object is brighter than without shadows.
-    np.maximum(rest, np.where(is_open, rest, -total), out=rest)
-    return rest
+    remainder = _spread_into(difference, weight, SHADOW.smooth)
+    remainder = harmonic_fill(remainder[..., None], ~is_open)[..., 0]
+    # Behind an object, the background is not brighter than without shadows.
+    np.maximum(remainder, np.where(is_open, remainder, -total), out=remainder)
+    return remainder
 
 
 def _sum_of_shadows(casts: Sequence[CastShadow], shape: tuple[int, ...]) -> F32:
-    """Return (H, W) the sum of whole shadows at t = 0."""
+    """Return the sum (H, W) of whole shadows at t = 0."""
     total = np.zeros(shape, np.float32)
     for cast in casts:
         if cast.whole is not None:
@@ -519,26 +592,29 @@ def _sum_of_shadows(casts: Sequence[CastShadow], shape: tuple[int, ...]) -> F32:
 
 
 def _clean_share(claimed: F32, is_open: Mask) -> F32:
-    """Return (H, W) 0..1: the share of the clean picture in the plate."""
-    least, most = SHADOW.claimed
-    share = np.clip((claimed - least) / (most - least), 0, 1)
+    """Return the share (H, W) of the clean picture in the plate, 0..1."""
+    lower, upper = SHADOW.claimed
+    share = np.clip((claimed - lower) / (upper - lower), 0, 1)
     return np.asarray(np.where(is_open, share, np.float32(1)), np.float32)
 
 
 def _plate(lit: F32, bare: F32, total: F32, tint: F32, share: F32) -> F32:
-    """Return (H, W, 3) the background without the shadows `total`, mixed with the clean picture by `share`."""
+    """Return the background (H, W, 3) without the shadows `total`.
+
+    It is mixed with the clean picture by `share`.
+    """
     plate = np.empty_like(lit)
     for channel in range(3):
-        unshaded = _log(lit[..., channel]) + total * tint[channel]
-        difference = _log(bare[..., channel]) - unshaded
-        plate[..., channel] = cv2.exp(unshaded + share * difference)
+        log_light = _log(lit[..., channel]) + total * tint[channel]
+        difference = _log(bare[..., channel]) - log_light
+        plate[..., channel] = cv2.exp(log_light + share * difference)
     return plate
 
 
 def _predicted(
     everybody: Sequence[Silhouette], steps: Sequence[int], setting: ShadowSetting
 ) -> tuple[list[tuple[PixelBox, F32] | None], F32]:
-    """Return the shadow of each object, and (H, W) their sum."""
+    """Return the shadow of each object, and their sum (H, W)."""
     shadows = []
     total = np.zeros(setting.size[::-1], np.float32)
     for silhouette, step in zip(everybody, steps, strict=True):
@@ -550,6 +626,7 @@ def _predicted(
 
 
 def _log(light: F32) -> F32:
+    """Return the logarithm of light, finite for black."""
     return np.asarray(cv2.log(light + np.float32(1e-4)), np.float32)
 
 
@@ -561,36 +638,41 @@ def _cast(
     is_round: bool,
     setting: ShadowSetting,
 ) -> CastShadow:
-    """Return an object's shadow at t = 0: the prediction of geometry, and what the photo shows beyond."""
+    """Return an object's shadow at t = 0: the prediction, and the photo's part beyond
+    it.
+    """
     own = _trimmed(*own)
-    slides = setting.top and is_round and first is not None
-    geometry = unbounded_shadow(start, setting, step) if slides else first
+    is_sliding = setting.top and is_round and first is not None
+    geometry = unbounded_shadow(start, setting, step) if is_sliding else first
     parts = [own] if geometry is None else [geometry, own]
-    (x, y, *_), everything = _trimmed(*joined_pictures(parts))
-    box, visible = shifted_picture(everything, (x, y), (0.0, 0.0), setting.size)
-    whole = None if box is None else (box, visible)
-    # An object far outside of the photo has no visible shadow that could slide.
-    sliding = ((x, y), everything) if slides and everything.size else None
-    beyond = _share_beyond_floor(start, own, setting)
-    return CastShadow(start, step, whole, own, sliding, is_round, beyond)
+    (x, y, *_), whole_picture = _trimmed(*joined_pictures(parts))
+    box, visible = shifted_picture(whole_picture, (x, y), (0.0, 0.0), setting.size)
+    visible_shadow = None if box is None else (box, visible)
+    # An object far outside the photo has no visible shadow.
+    sliding = ((x, y), whole_picture) if is_sliding and whole_picture.size else None
+    share_beyond = _share_beyond_floor(start, own, setting)
+    return CastShadow(start, step, visible_shadow, own, sliding, is_round, share_beyond)
 
 
 def _share_beyond_floor(
     start: Silhouette, own: tuple[PixelBox, F32], setting: ShadowSetting
 ) -> F32 | None:
-    """Return (h, w) the share of an object's own shadow that lies beyond its floor's ends.
+    """Return the share (h, w) of an object's own shadow beyond its floor's ends.
 
-    None if none does, or if a wall behind ends the floor.
+    None without such a part, or if a wall behind ends the floor.
     """
     box, picture = own
     if start.floor is None or np.isfinite(setting.backdrop) or not picture.size:
         return None
-    beyond = 1 - floor_share(start.ends, setting, box, start.floor)
-    return beyond if beyond.any() else None
+    shares = 1 - floor_share(start.ends, setting, box, start.floor)
+    return shares if shares.any() else None
 
 
 def _leaning(casts: list[CastShadow]) -> list[CastShadow]:
-    """Return the casts with the lean of sliding shadows: how their offsets from their objects change with place."""
+    """Return the casts with the lean of sliding shadows.
+
+    The lean is the change of the shadows' offsets from their objects with place.
+    """
     places, offsets, masses = [], [], []
     for cast in casts:
         if cast.sliding is None:
@@ -609,6 +691,8 @@ def _leaning(casts: list[CastShadow]) -> list[CastShadow]:
     place = np.array(places) - np.average(places, axis=0, weights=masses)
     offset = np.array(offsets) - np.average(offsets, axis=0, weights=masses)
     weight = np.array(masses)[:, None]
+    # Weighted regression of the offsets on the places: under a near lamp, shadows point
+    # away from it, and the farther the longer.
     spread = float((weight * place**2).sum())
     slope = float((weight * place * offset).sum()) / max(spread, 1e-9)
     variance = max(float((weight * offset**2).sum()), 1e-9)
@@ -624,18 +708,18 @@ def _leaning(casts: list[CastShadow]) -> list[CastShadow]:
 def unbounded_shadow(
     silhouette: Silhouette, setting: ShadowSetting, step: int
 ) -> tuple[PixelBox, F32]:
-    """Return box and picture of an object's whole shadow on a table, as if the photo had no border."""
+    """Return an object's whole shadow on a table, also beyond the photo's border."""
     reach = 10 * max(silhouette.coverage.shape) + 64
     margin = step * ceil(reach / step)
     (x, y), (cx, cy) = silhouette.corner, silhouette.center
     width, height = setting.size
-    moved = replace(
+    moved_figure = replace(
         silhouette,
         corner=(x + margin, y + margin),
         center=(cx + margin, cy + margin),
     )
-    large = replace(setting, size=(width + 2 * margin, height + 2 * margin))
-    shadow = predicted_shadow(moved, large, step)
+    large_setting = replace(setting, size=(width + 2 * margin, height + 2 * margin))
+    shadow = predicted_shadow(moved_figure, large_setting, step)
     if shadow is None:
         return (x, y, x + 1, y + 1), np.zeros((1, 1), np.float32)
     (x0, y0, x1, y1), darkness = shadow
@@ -643,10 +727,10 @@ def unbounded_shadow(
 
 
 def _trimmed(box: PixelBox, picture: F32) -> tuple[PixelBox, F32]:
-    """Return the visible part of a picture, fading to nothing at its border."""
-    visible = np.abs(picture) > SHADOW.faint
-    rows = np.flatnonzero(visible.any(axis=1))
-    columns = np.flatnonzero(visible.any(axis=0))
+    """Crop a picture to its visible part, with a smooth fade at its border."""
+    is_visible = np.abs(picture) > SHADOW.faint
+    rows = np.flatnonzero(is_visible.any(axis=1))
+    columns = np.flatnonzero(is_visible.any(axis=0))
     if not len(rows):
         return (box[0], box[1], box[0], box[1]), picture[:0, :0]
     y0, y1 = int(rows[0]), int(rows[-1]) + 1
@@ -658,27 +742,27 @@ def _trimmed(box: PixelBox, picture: F32) -> tuple[PixelBox, F32]:
 
 
 def shadow_grid_step(silhouette: Silhouette) -> int:
-    """Return px a side of the grid for an object's shadow: some 24 cells across the object, at most."""
+    """Return the side of the grid cells for an object's shadow, px."""
     height, width = silhouette.coverage.shape
     return max(1, min(int(np.sqrt(height * width)) // SHADOW.cells, 8))
 
 
 def _spread_into(values: F32, weight: F32, sigma: float) -> F32:
-    """Blur known values, which die away in unknown pixels."""
+    """Blur known values, which fade in unknown pixels."""
     norm = blurred(weight, sigma)
     mean = blurred(values, sigma) / np.maximum(norm, 0.02)
     return np.asarray(mean * np.clip(norm * 4, 0, 1), np.float32)
 
 
 def _tint(lit: F32, bare: F32, darkness: F32, is_open: Mask) -> F32:
-    """Fit (3,) each channel's darkening to that of the luminance by least squares."""
+    """Fit each channel's darkening (3,) to that of the luminance by least squares."""
     in_shadow = is_open & (darkness > 0.3)
     lit, bare, darkness = lit[in_shadow], bare[in_shadow], darkness[in_shadow][:, None]
-    measurable = (lit.min(axis=1) > 2e-3) & (bare.min(axis=1) > 2e-3)
-    if np.count_nonzero(measurable) < 200:
+    is_measurable = (lit.min(axis=1) > 2e-3) & (bare.min(axis=1) > 2e-3)
+    if np.count_nonzero(is_measurable) < 200:
         return np.ones(3, np.float32)
-    darkness = darkness[measurable]
-    channels = np.log(bare[measurable] / lit[measurable])
+    darkness = darkness[is_measurable]
+    channels = np.log(bare[is_measurable] / lit[is_measurable])
     slope = (channels * darkness).sum(axis=0) / (darkness * darkness).sum()
     return np.asarray(np.clip(slope, 0.85, 1.15), np.float32)
 
@@ -688,7 +772,10 @@ def _claims(
     firsts: Sequence[tuple[PixelBox, F32] | None],
     size: tuple[int, int],
 ) -> list[tuple[PixelBox, F32]]:
-    """Return how likely each object changes the picture around it: by its predicted shadow, and by its distance."""
+    """Return the likelihood of each object to change the picture around it.
+
+    It follows from the object's predicted shadow and its distance.
+    """
     claims: list[tuple[PixelBox, F32]] = []
     for start, shadow in zip(starts, firsts, strict=True):
         reach = SHADOW.near * min(start.coverage.shape) + 4
@@ -697,16 +784,16 @@ def _claims(
         if x1 <= x0 or y1 <= y0:
             claims.append(((0, 0, 0, 0), np.zeros((0, 0), np.float32)))
             continue
-        outside = (moved_silhouette(start, box, 0, 0, 0) <= 0.5).astype(np.uint8)
-        distance = cv2.distanceTransform(outside, cv2.DIST_L2, 3)
-        # OpenCV's distance is 1e19 if the object is out of the picture.
+        is_outside = (moved_silhouette(start, box, 0, 0, 0) <= 0.5).astype(np.uint8)
+        distance = cv2.distanceTransform(is_outside, cv2.DIST_L2, 3)
+        # OpenCV's distance is 1e19 without any pixel of the object.
         distance = np.minimum(distance, FAR)
         claim = np.exp(-((distance / reach) ** 2)).astype(np.float32)
         if shadow is not None:
             (left, top, right, bottom), darkness = shadow
-            cast = np.zeros_like(claim)
-            cast[top - y0 : bottom - y0, left - x0 : right - x0] = darkness
-            claim += 4 * cast + 4 * blurred(cast, 0.6 * reach)
+            shadow_picture = np.zeros_like(claim)
+            shadow_picture[top - y0 : bottom - y0, left - x0 : right - x0] = darkness
+            claim += 4 * shadow_picture + 4 * blurred(shadow_picture, 0.6 * reach)
         claims.append((box, claim))
     return claims
 
@@ -717,7 +804,7 @@ def _claim_box(
     margin: int,
     size: tuple[int, int],
 ) -> PixelBox:
-    """Return the box of an object, its shadow and a margin around both, within the photo."""
+    """Return the box of an object and its shadow with a margin, within the photo."""
     (x0, y0), (height, width) = start.corner, start.coverage.shape
     x1, y1 = x0 + width, y0 + height
     if shadow is not None:
@@ -734,9 +821,8 @@ def _claim_box(
 def _claimed(
     claims: Sequence[tuple[PixelBox, F32]], shape: tuple[int, ...]
 ) -> tuple[F32, NDArray[np.int32]]:
-    """Return (H, W) the sum of claims, and 1 + the index of the largest.
-
-    0 where there are hardly any.
+    """Return the sum of claims (H, W), and 1 + the index of the largest; 0 for small
+    sums.
     """
     total, largest = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
     owner = np.zeros(shape, np.int32)
@@ -751,37 +837,43 @@ def _claimed(
 
 
 EDGE = 6
-"""px over which an object's own shadow fades at the border of its box."""
+"""Width of the fade of an object's own shadow at the border of its box, px."""
 BEYOND = 0.2
-"""Share of the longer side over which that shadow fades beyond the photo's border."""
+"""Width of that fade beyond the photo's border, as a share of the longer side."""
 
 
 def _owned(
     rest: F32, claim: tuple[PixelBox, F32], claimed: F32
 ) -> tuple[PixelBox, F32]:
-    """Return an object's part of the unexplained darkness: what it claims beyond all others together."""
+    """Return an object's part of the unexplained darkness.
+
+    It is the excess of the object's claim over those of all others together.
+    """
     (x0, y0, x1, y1), own_claim = claim
     if not own_claim.size:
         return claim
     all_claims = claimed[y0:y1, x0:x1] + np.float32(SHADOW.claimed[0])
     share = own_claim / all_claims
-    own = rest[y0:y1, x0:x1] * np.maximum(2 * share - 1, 0)
-    # The shadow fades at the box's border, so that it may move unseen; beyond the photo's border it goes on.
+    own_part = rest[y0:y1, x0:x1] * np.maximum(2 * share - 1, 0)
+    # The shadow fades at the box's border, so that its motion is invisible; beyond the
+    # photo's border it is continued.
     height, width = rest.shape
-    beyond = max(round(BEYOND * max(height, width)), EDGE)
-    above, below = beyond * (y0 <= 0), beyond * (y1 >= height)
-    left, right = beyond * (x0 <= 0), beyond * (x1 >= width)
-    own = np.pad(own, ((above, below), (left, right)), "edge")
-    rows = _faded_ends(own.shape[0], above, below)
-    columns = _faded_ends(own.shape[1], left, right)
-    box = x0 - left, y0 - above, x1 + right, y1 + below
-    return box, np.asarray(own * np.outer(rows, columns), np.float32)
+    fade_width = max(round(BEYOND * max(height, width)), EDGE)
+    top_margin, bottom_margin = fade_width * (y0 <= 0), fade_width * (y1 >= height)
+    left_margin, right_margin = fade_width * (x0 <= 0), fade_width * (x1 >= width)
+    own_part = np.pad(
+        own_part, ((top_margin, bottom_margin), (left_margin, right_margin)), "edge"
+    )
+    rows = _faded_ends(own_part.shape[0], top_margin, bottom_margin)
+    columns = _faded_ends(own_part.shape[1], left_margin, right_margin)
+    box = x0 - left_margin, y0 - top_margin, x1 + right_margin, y1 + bottom_margin
+    return box, np.asarray(own_part * np.outer(rows, columns), np.float32)
 
 
 def _faded_ends(count: int, before: int, after: int) -> F32:
-    """Return (count,) 1, with ramps from 0 over `before` and `after` at its ends.
+    """Return weights (count,) of 1, with ramps from 0 at both ends.
 
-    Each ramp is `EDGE` long at least.
+    The ramps are `before` and `after` long, and at least `EDGE`.
     """
     places = np.arange(count, dtype=np.float32)
     rise = np.minimum(places / max(before, EDGE), 1)
@@ -790,6 +882,7 @@ def _faded_ends(count: int, before: int, after: int) -> F32:
 
 
 def _add(canvas: F32, box: PixelBox, values: F32) -> None:
+    """Add values to a box of a canvas."""
     x0, y0, x1, y1 = box
     if values.size:
         canvas[y0:y1, x0:x1] += values

@@ -1,9 +1,10 @@
-"""The skin of a sphere all around, continued from the half that the photo shows.
+"""The skin all around a sphere, continued from the half in the photo.
 
-Colours are parted into a smooth base and fine detail, in logarithms. The base of the
-hidden half is the harmonic function that meets the base at the visible rim. Its detail
-consists of round pieces of the visible detail, turned at random and blended with weights
-that preserve its variance (Heitz and Neyret, High-performance by-example noise, 2018).
+Colours are separated into a smooth base and fine detail, in logarithms. The base of the
+hidden half is the harmonic function with the values of the visible rim. Its detail
+consists of round pieces of the visible detail, rotated at random and blended with
+weights that preserve its variance (Heitz and Neyret, High-performance by-example noise,
+2018).
 """
 
 from __future__ import annotations
@@ -25,31 +26,35 @@ class TextureConstants:
     """Constants of the continuation, tuned on apples, oranges and dates by eye."""
 
     dark: float = 0.03
-    """Linear light: colours below tell little in logarithms."""
+    """Linear light below which colours are unreliable in logarithms."""
     smooth: float = 0.18
-    """Of the radius: standard deviation of the base."""
+    """Standard deviation of the base, radii."""
     rim: float = 0.85
-    """Of the radius, at which the base is read for the hidden half."""
+    """Distance from the centre, radii, at which the base for the hidden half is
+    read.
+    """
     sure: float = 0.8
-    """Of the radius, up to which the skin stays as the photo shows it."""
+    """Distance from the centre, radii, up to which the skin of the photo is used
+    unchanged.
+    """
     visible: float = 0.92
-    """Of the radius: farther out the skin is too foreshortened."""
+    """Distance from the centre, radii, beyond which the skin is too foreshortened."""
     modes: int = 8
-    """Of the base along the rim; higher ones are detail."""
+    """Number of Fourier modes of the base along the rim; higher ones are detail."""
     directions: int = 64
-    """All around, in which pieces of detail lie."""
+    """Number of pieces of detail all around."""
     piece: float = 0.66
-    """rad: radius of a piece, about an eighth of the sphere."""
+    """Radius of a piece, rad, about an eighth of the sphere."""
     off_centre: float = 0.26
-    """rad: how far its source is from the visible middle."""
+    """Maximum distance of a piece's source from the visible middle, rad."""
     unusual: float = 4.0
-    """Times the median detail: a stem, a mark; no piece has it."""
+    """Ratio to the median detail above which it is a stem or a mark, and not copied."""
     highlight: float = 0.35
-    """Of log light: a smaller peak may be paint."""
+    """Height of a peak in log light below which it may be paint."""
     whiter: float = 0.6
-    """Share of a peak that the strongest channel has, at most."""
+    """Maximum share of a peak in the strongest channel."""
     grown: int = 2
-    """px around a highlight that belong to it."""
+    """Margin around a highlight that belongs to it, px."""
     seed: int = 7
 
 
@@ -57,9 +62,9 @@ TEXTURE = TextureConstants()
 
 
 def part_highlights(skin: F32, inside: Mask, radius: float) -> F32:
-    """Return the skin `(h, w, 3)` without peaks that are brighter and whiter than it.
+    """Remove peaks from a skin `(h, w, 3)` that are brighter and whiter than the skin.
 
-    These are lamps and windows that the sphere reflects; they do not turn with it.
+    These are reflections of lamps and windows, which do not turn with the sphere.
     """
     level = np.log(np.maximum(skin, 0) + np.float32(TEXTURE.dark))
     base = _blurred(level, inside, TEXTURE.smooth * radius)
@@ -68,24 +73,28 @@ def part_highlights(skin: F32, inside: Mask, radius: float) -> F32:
     brightest = skin.argmax(axis=2)[..., None]
     rise = np.take_along_axis(excess, dimmest, axis=2)[..., 0]
     coloured_rise = np.take_along_axis(excess, brightest, axis=2)[..., 0]
-    usual = float(np.median(np.abs(rise[inside]))) if inside.any() else 0.0
-    least = max(TEXTURE.highlight, TEXTURE.unusual * usual)
-    peaks = inside & (rise > least) & (coloured_rise < TEXTURE.whiter * rise)
+    usual_rise = float(np.median(np.abs(rise[inside]))) if inside.any() else 0.0
+    threshold = max(TEXTURE.highlight, TEXTURE.unusual * usual_rise)
+    peaks = inside & (rise > threshold) & (coloured_rise < TEXTURE.whiter * rise)
     size = 2 * TEXTURE.grown + 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
     hole = (cv2.dilate(peaks.astype(np.uint8), kernel) > 0) & inside
     if not hole.any():
         return skin
-    plain = _blurred(level, inside & ~hole, TEXTURE.smooth * radius / 2)
-    filled = np.where(hole[..., None], np.minimum(plain, level), level)
-    return np.asarray(np.exp(filled) - np.float32(TEXTURE.dark), np.float32)
+    smooth_level = _blurred(level, inside & ~hole, TEXTURE.smooth * radius / 2)
+    level_without_peaks = np.where(
+        hole[..., None], np.minimum(smooth_level, level), level
+    )
+    return np.asarray(
+        np.exp(level_without_peaks) - np.float32(TEXTURE.dark), np.float32
+    )
 
 
 def continue_skin(skin: F32, center: Sequence[float], radius: float) -> list[F32]:
     """Return the near and the far side of a sphere in the equal-area projection.
 
-    `skin` (h, w, 3) is linear light over shading as the photo shows it, `center` px in
-    it. The projection is that of `atlas.equal_area`.
+    `skin` (h, w, 3): linear light over shading in the photo; `center`: px in it. The
+    projection is that of `atlas.equal_area`.
     """
     level = np.log(np.maximum(skin, 0) + np.float32(TEXTURE.dark))
     source = _Source.of(level, np.asarray(center, np.float64), radius)
@@ -93,10 +102,10 @@ def continue_skin(skin: F32, center: Sequence[float], radius: float) -> list[F32
     u = (columns - center[0]) / radius
     v = (rows - center[1]) / radius
     z = np.clip(1 - u * u - v * v, -1, 1)
-    out = np.sqrt(1 + z)
+    factor = np.sqrt(1 + z)
     sides = []
     for side in (1.0, -1.0):
-        points = np.dstack([out * u, out * v, side * z])
+        points = np.dstack([factor * u, factor * v, side * z])
         picture = np.exp(source.level_at(points)) - np.float32(TEXTURE.dark)
         sides.append(np.asarray(np.maximum(picture, 0), np.float32))
     return sides
@@ -104,74 +113,89 @@ def continue_skin(skin: F32, center: Sequence[float], radius: float) -> list[F32
 
 @dataclass(frozen=True)
 class _Source:
-    """What the photo shows of a sphere's skin, in logarithms."""
+    """The visible part of a sphere's skin, in logarithms."""
 
     level: F32
-    """(h, w, 3)."""
+    """Log light, (h, w, 3)."""
     base: F32
-    """(h, w, 3)."""
+    """Smooth base, (h, w, 3)."""
     detail: F32
-    """(h, w, 4): with the weight of each pixel, 0 for what is unusual."""
+    """Detail (h, w, 4) with the weight of each pixel, 0 for unusual ones."""
     waves: NDArray[np.complex128]
-    """(modes, 3) of the base along the rim."""
+    """Fourier modes of the base along the rim, (modes, 3)."""
     center: Array
     radius: float
 
     @staticmethod
     def of(level: F32, center: Array, radius: float) -> _Source:
+        """Separate log light (h, w, 3) into base and detail."""
         rows, columns = np.indices(level.shape[:2])
-        away = np.hypot(columns - center[0], rows - center[1]) / radius
-        visible = away < TEXTURE.visible
-        base = _blurred(level, visible, TEXTURE.smooth * radius)
+        distance = np.hypot(columns - center[0], rows - center[1]) / radius
+        is_visible = distance < TEXTURE.visible
+        base = _blurred(level, is_visible, TEXTURE.smooth * radius)
         detail = level - base
-        size = np.abs(detail).max(axis=2)
-        usual = float(np.median(size[visible])) if visible.any() else 0.0
-        unusual = visible & (size > TEXTURE.unusual * usual + 1e-6)
+        detail_size = np.abs(detail).max(axis=2)
+        usual_size = (
+            float(np.median(detail_size[is_visible])) if is_visible.any() else 0.0
+        )
+        is_unusual = is_visible & (detail_size > TEXTURE.unusual * usual_size + 1e-6)
         reach = max(1.0, 0.03 * radius)
-        spread = cv2.GaussianBlur(unusual.astype(np.float32), (0, 0), reach)
-        weight = visible * np.clip(1 - 4 * spread, 0.02, 1)
-        most = TEXTURE.unusual * usual
-        tame = np.clip(detail, -most, most)
-        turns = 2 * np.pi * np.arange(4 * TEXTURE.modes) / (4 * TEXTURE.modes)
+        spread = cv2.GaussianBlur(is_unusual.astype(np.float32), (0, 0), reach)
+        weight = is_visible * np.clip(1 - 4 * spread, 0.02, 1)
+        limit = TEXTURE.unusual * usual_size
+        limited_detail = np.clip(detail, -limit, limit)
+        angles = 2 * np.pi * np.arange(4 * TEXTURE.modes) / (4 * TEXTURE.modes)
         ring = center + TEXTURE.rim * radius * np.stack(
-            [np.cos(turns), np.sin(turns)], axis=1
+            [np.cos(angles), np.sin(angles)], axis=1
         )
         samples = _sampled(base, ring[None])[0]
-        waves = np.fft.rfft(samples, axis=0)[: TEXTURE.modes] / len(turns)
+        waves = np.fft.rfft(samples, axis=0)[: TEXTURE.modes] / len(angles)
         waves[1:] *= 2
-        packed = np.dstack([tame, weight]).astype(np.float32)
-        return _Source(level, base, packed, waves, center, radius)
+        weighted_detail = np.dstack([limited_detail, weight]).astype(np.float32)
+        return _Source(level, base, weighted_detail, waves, center, radius)
 
     def level_at(self, points: Array) -> F32:
         """Return log light of points `(h, w, 3)` of the unit sphere."""
-        away = np.hypot(points[..., 0], points[..., 1])
-        front = points[..., 2] > 0
-        outer = (TEXTURE.visible + TEXTURE.sure) / 2
-        share = np.clip((outer - away) / (outer - TEXTURE.sure), 0, 1) * front
+        distance = np.hypot(points[..., 0], points[..., 1])
+        is_near_side = points[..., 2] > 0
+        blend_radius = (TEXTURE.visible + TEXTURE.sure) / 2
+        share = (
+            np.clip((blend_radius - distance) / (blend_radius - TEXTURE.sure), 0, 1)
+            * is_near_side
+        )
         share = share[..., None].astype(np.float32)
         places = self.center + self.radius * points[..., :2]
-        shown = _sampled(self.level, places)
-        continued = self._base_at(points) + self._detail_at(points)
-        return np.asarray(share * shown + (1 - share) * continued, np.float32)
+        photo_level = _sampled(self.level, places)
+        continued_level = self._base_at(points) + self._detail_at(points)
+        return np.asarray(
+            share * photo_level + (1 - share) * continued_level, np.float32
+        )
 
     def _base_at(self, points: Array) -> F32:
+        """Return the base at points `(h, w, 3)`: of the photo, or harmonic on the
+        hidden part.
+        """
         x, y, z = np.moveaxis(points, 2, 0)
-        away = np.hypot(x, y)
+        distance = np.hypot(x, y)
         edge = np.sqrt(1 - TEXTURE.rim**2)
-        # radii about the hidden middle, 1 at the rim: there the base is harmonic
-        inward = np.sqrt(np.clip((1 + z) / (1 + edge), 0, 1))
-        turn = np.exp(1j * np.arctan2(y, x))
-        hidden = np.zeros(points.shape)
-        step = np.ones_like(turn)
+        # A stereographic map of the hidden part to the unit disc, with its rim at 1:
+        # harmonic functions stay harmonic, and are sums of powers there.
+        disc_radius = np.sqrt(np.clip((1 + z) / (1 + edge), 0, 1))
+        rotation = np.exp(1j * np.arctan2(y, x))
+        hidden_base = np.zeros(points.shape)
+        step = np.ones_like(rotation)
         for wave in self.waves:
-            hidden += (step[..., None] * wave).real
-            step = step * turn * inward
+            hidden_base += (step[..., None] * wave).real
+            step = step * rotation * disc_radius
         places = self.center + self.radius * points[..., :2]
-        visible = (z > edge) & (away < TEXTURE.rim)
-        shown = _sampled(self.base, places)
-        return np.asarray(np.where(visible[..., None], shown, hidden), np.float32)
+        is_visible = (z > edge) & (distance < TEXTURE.rim)
+        photo_base = _sampled(self.base, places)
+        return np.asarray(
+            np.where(is_visible[..., None], photo_base, hidden_base), np.float32
+        )
 
     def _detail_at(self, points: Array) -> F32:
+        """Return the blended detail at points `(h, w, 3)`."""
         total = np.zeros(points.shape, np.float32)
         power = np.full(points.shape[:2], 1e-6, np.float32)
         nearest = np.cos(TEXTURE.piece)
@@ -182,37 +206,47 @@ class _Source:
             if not len(rows) or not len(columns):
                 continue
             box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-            turned = points[box] @ turn.T
-            piece = _sampled(self.detail, self.center + self.radius * turned[..., :2])
+            source_points = points[box] @ turn.T
+            piece = _sampled(
+                self.detail, self.center + self.radius * source_points[..., :2]
+            )
             angle = np.arccos(np.clip(cosine[box], -1, 1)) / TEXTURE.piece
             weight = piece[..., 3] * np.square(np.clip(1 - angle, 0, 1))
             weight = weight.astype(np.float32)
             total[box] += weight[..., None] * piece[..., :3]
             power[box] += weight * weight
+        # Division by the root of the sum of squared weights preserves the variance.
         return np.asarray(total / np.sqrt(power)[..., None], np.float32)
 
 
 def _pieces() -> list[tuple[Array, Array]]:
-    """Return the middle `(3,)` of each piece and the rotation `(3, 3)` to its source."""
+    """Return the middle `(3,)` of each piece, with the rotation `(3, 3)` to its
+    source.
+    """
     random = np.random.default_rng(TEXTURE.seed)
     steps = np.arange(TEXTURE.directions) + 0.5
+    # A Fibonacci lattice distributes the pieces evenly.
     height = 1 - 2 * steps / TEXTURE.directions
     turn = np.pi * (1 + 5**0.5) * steps
-    across = np.sqrt(1 - height**2)
-    middles = np.column_stack([across * np.cos(turn), across * np.sin(turn), height])
+    ring_radii = np.sqrt(1 - height**2)
+    middles = np.column_stack(
+        [ring_radii * np.cos(turn), ring_radii * np.sin(turn), height]
+    )
     pieces = []
     for middle in middles:
         to_front = _rotation_between(middle, np.array([0.0, 0.0, 1.0]))
         roll = cv2.Rodrigues(np.array([0, 0, random.uniform(0, 2 * np.pi)]))[0]
-        way = random.uniform(0, 2 * np.pi)
+        azimuth = random.uniform(0, 2 * np.pi)
         lean = TEXTURE.off_centre * random.uniform() ** 0.5
-        shift = cv2.Rodrigues(lean * np.array([np.cos(way), np.sin(way), 0.0]))[0]
+        shift = cv2.Rodrigues(lean * np.array([np.cos(azimuth), np.sin(azimuth), 0.0]))[
+            0
+        ]
         pieces.append((middle, shift @ roll @ to_front))
     return pieces
 
 
 def _rotation_between(start: Array, end: Array) -> Array:
-    """Return the rotation `(3, 3)` by the shortest way between two unit vectors."""
+    """Return the shortest rotation `(3, 3)` from one unit vector to another."""
     axis = np.cross(start, end)
     sine = float(np.linalg.norm(axis))
     angle = float(np.arctan2(sine, start @ end))
@@ -222,7 +256,7 @@ def _rotation_between(start: Array, end: Array) -> Array:
 
 
 def _sampled(picture: F32, places: Array) -> F32:
-    """Return values of a picture `(h, w, C)` at px `(..., 2)`, its edge beyond it."""
+    """Sample a picture `(h, w, C)` at px `(..., 2)`; its edge is continued outwards."""
     x = places[..., 0].astype(np.float32)
     y = places[..., 1].astype(np.float32)
     values = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -232,8 +266,8 @@ def _sampled(picture: F32, places: Array) -> F32:
 def _blurred(level: F32, known: Mask, sigma: float) -> F32:
     """Return the local mean `(h, w, 3)` of the known pixels."""
     weight = known.astype(np.float32)
-    near = cv2.GaussianBlur(weight, (0, 0), max(sigma, 1.0))
+    weight_sum = cv2.GaussianBlur(weight, (0, 0), max(sigma, 1.0))
     total = cv2.GaussianBlur(level * weight[..., None], (0, 0), max(sigma, 1.0))
-    usual = level[known].mean(axis=0) if known.any() else level.mean(axis=(0, 1))
-    total += np.float32(1e-4) * usual
-    return np.asarray(total / (near + np.float32(1e-4))[..., None], np.float32)
+    mean_level = level[known].mean(axis=0) if known.any() else level.mean(axis=(0, 1))
+    total += np.float32(1e-4) * mean_level
+    return np.asarray(total / (weight_sum + np.float32(1e-4))[..., None], np.float32)

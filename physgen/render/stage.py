@@ -1,4 +1,4 @@
-"""What is drawn: sprites, background and their placement at each sample."""
+"""The content of frames: sprites, background and their placement at each sample."""
 
 from __future__ import annotations
 
@@ -22,42 +22,47 @@ from physgen.simulate.trajectory import rotation_matrices as in_space
 Slices = tuple[slice, slice]
 
 LEAVES = 0.1
-"""Of an object's size: moved by as much, it takes what the photo shows around it, of rims and shadows, with it."""
+"""Displacement, in sizes of an object, over which its halo (rims and shadows in the
+photo) fades.
+"""
 FAINT = 0.02
-"""Share of a halo that nobody sees."""
+"""Share of a halo below which it is invisible."""
 FADE = 3.0
-"""px of motion over which the photo's own border pixels give way to the object's clean ones."""
+"""Displacement, px, over which the photo's border pixels are replaced by the object's
+clean ones.
+"""
 SPREAD = 1.5
-"""px beyond its pixels that a warped picture may reach."""
+"""Margin of a warped picture around its pixels, px."""
 WARP_FLAGS = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
 
 
 @dataclass(frozen=True)
 class Placement:
-    """Where a sprite falls on the canvas."""
+    """The place of a sprite on the canvas."""
 
     box: Slices
     """Rows and columns of the canvas."""
     own: Slices | None = None
-    """At rest: the same on the sprite, whose pixels are then the photo's."""
+    """At rest: rows and columns of the sprite, which has the photo's pixels."""
     matrix: F64 | None = None
-    """(2, 3) Moved: pixel of the box -> pixel of the sprite."""
+    """In motion: matrix (2, 3) from a pixel of the box to a pixel of the sprite."""
     turn: float = 0.0
-    """rad by which the sprite's picture turns."""
+    """Rotation of the sprite's picture, rad."""
     space: F64 | None = None
-    """(3, 3) A ball: how its skin has turned."""
+    """Rotation of a ball's skin, (3, 3)."""
     shift: tuple[float, float] = (0.0, 0.0)
-    """px by which the centre has moved."""
+    """Displacement of the centre, px."""
     wheel_turns: tuple[float, ...] = ()
-    """rad, of each of the sprite's wheels."""
+    """Rotation of each wheel of the sprite, rad."""
 
 
 def place_sprite(
     sprite: Sprite, start: Pose, pose: Pose, size: tuple[int, int], space: F64 | None
 ) -> Placement | None:
-    """Place the sprite on a canvas of `size` (W, H); None if it is outside.
+    """Place a sprite on a canvas of `size` (W, H); None if it is outside.
 
-    `space` (3, 3): a ball's turn so far; None where it has none, or only the angle is known.
+    `space` (3, 3): a ball's rotation so far; None if there is none, or if only the
+    angle is known.
     """
     turn = pose.angle - start.angle
     is_turned_ball = sprite.ball is not None and space is not None
@@ -72,7 +77,8 @@ def place_sprite(
     box = _turned_box(sprite, start, pose, size)
     if box is None:
         return None
-    # canvas pixel p (from the box's corner) comes from sprite pixel R^-1 (p + box - pose) + start - corner
+    # The canvas pixel p (from the box's corner) shows the sprite pixel
+    # R^-1 (p + box - pose) + start - corner.
     c, s = cos(turn), sin(turn)
     dx, dy = box[1].start - pose.x, box[0].start - pose.y
     x0, y0 = sprite.corner
@@ -83,7 +89,7 @@ def place_sprite(
 
 
 def _at_rest(sprite: Sprite, size: tuple[int, int]) -> Placement | None:
-    """Place a sprite where it was cut out: the photo's own pixels."""
+    """Place a sprite at its place in the photo, with the photo's own pixels."""
     x0, y0 = sprite.corner
     height, width = sprite.coverage.shape
     left, top = max(-x0, 0), max(-y0, 0)
@@ -97,26 +103,28 @@ def _at_rest(sprite: Sprite, size: tuple[int, int]) -> Placement | None:
 def _turned_box(
     sprite: Sprite, start: Pose, pose: Pose, size: tuple[int, int]
 ) -> Slices | None:
-    """Return the pixels of a canvas that a turned sprite can touch; None if there are none."""
+    """Return the pixels of a canvas that a rotated sprite can touch; None
+    without any.
+    """
     turn = pose.angle - start.angle
     c, s = cos(turn), sin(turn)
-    # Lists: for a dozen points they are quicker than arrays.
+    # For a dozen points, lists are faster than arrays.
     xs, ys = [], []
     for corner_x, corner_y in sprite.hull:
         x, y = corner_x - start.x, corner_y - start.y
         xs.append(c * x - s * y + pose.x)
         ys.append(s * x + c * y + pose.y)
-    above = SPREAD
+    upper_margin = SPREAD
     if sprite.sides is not None:
-        above += sprite.sides.depth
-    left, top = min(xs) - SPREAD, min(ys) - above
+        upper_margin += sprite.sides.depth
+    left, top = min(xs) - SPREAD, min(ys) - upper_margin
     return _boxed(left, top, max(xs) + SPREAD, max(ys) + SPREAD, size)
 
 
 def _rolled(
     sprite: Sprite, start: Pose, pose: Pose, size: tuple[int, int], space: F64 | None
 ) -> Placement | None:
-    """Place a ball: its picture moves without turning, its skin alone turns."""
+    """Place a ball: its picture moves without rotation, and only its skin turns."""
     if space is None:
         space = np.eye(3)
         space[:2, :2] = rotation(pose.angle - start.angle)
@@ -133,9 +141,8 @@ def _rolled(
 def _boxed(
     left: float, top: float, right: float, bottom: float, size: tuple[int, int]
 ) -> Slices | None:
-    """Return the pixels of a canvas of `size` (W, H) between two corners.
-
-    None if there are none.
+    """Return the pixels of a canvas of `size` (W, H) between two corners; None without
+    any.
     """
     if not isfinite(left + right + top + bottom):
         return None
@@ -146,9 +153,11 @@ def _boxed(
 
 
 def draw_sprite(sprite: Sprite, placement: Placement, fine: int = 1) -> tuple[F32, F32]:
-    """Draw (h, w, 3) linear light times coverage, and coverage (h, w), on its box; of anything but a moved ball.
+    """Draw a sprite on its box: linear light times coverage (h, w, 3), and coverage (h,
+    w).
 
-    Where it moved, each pixel is the mean of `fine` x `fine` samples.
+    In motion, each pixel is the mean of `fine` x `fine` samples. Moved balls are drawn
+    by `BallSprites`.
     """
     if placement.own is not None:
         return sprite.light[placement.own], sprite.coverage[placement.own]
@@ -157,10 +166,10 @@ def draw_sprite(sprite: Sprite, placement: Placement, fine: int = 1) -> tuple[F3
     fine_size = (size[0] * fine, size[1] * fine)
     matrix = _finer(placement.matrix, fine)
     # `Sprite.fine` has two samples a pixel.
-    warped = _warped(sprite.fine, 2 * matrix, fine_size)
+    warped_sprite = _warped(sprite.fine, 2 * matrix, fine_size)
     # The conversion keeps the first three channels.
-    light = np.asarray(cv2.cvtColor(warped, cv2.COLOR_BGRA2BGR), np.float32)
-    coverage = np.asarray(cv2.extractChannel(warped, 3), np.float32)
+    light = np.asarray(cv2.cvtColor(warped_sprite, cv2.COLOR_BGRA2BGR), np.float32)
+    coverage = np.asarray(cv2.extractChannel(warped_sprite, 3), np.float32)
     if sprite.relief is not None and placement.turn != 0.0:
         ratio = sprite.relief.ratio(placement.turn)
         ratio = _warped(ratio, matrix, fine_size, cv2.BORDER_REPLICATE)
@@ -168,13 +177,16 @@ def draw_sprite(sprite: Sprite, placement: Placement, fine: int = 1) -> tuple[F3
     for wheel, turn in zip(sprite.wheels, placement.wheel_turns, strict=False):
         wheel.draw(light, coverage, matrix, turn)
     if sprite.sides is not None and sprite.sides.share(placement.turn) > 0:
-        kept = sprite.sides.kept(matrix, coverage.shape, placement.turn)
-        light, coverage = light * three_channels(kept), coverage * kept
+        visible_share = sprite.sides.kept(matrix, coverage.shape, placement.turn)
+        light, coverage = (
+            light * three_channels(visible_share),
+            coverage * visible_share,
+        )
     if fine > 1:
         area = cv2.INTER_AREA
         light = np.asarray(cv2.resize(light, size, interpolation=area), np.float32)
-        small = cv2.resize(coverage, size, interpolation=area)
-        coverage = np.asarray(small, np.float32)
+        reduced = cv2.resize(coverage, size, interpolation=area)
+        coverage = np.asarray(reduced, np.float32)
     return light, coverage
 
 
@@ -187,7 +199,9 @@ def _box_size(box: Slices) -> tuple[int, int]:
 def _warped(
     picture: F32, matrix: F64, size: tuple[int, int], border: int = cv2.BORDER_CONSTANT
 ) -> F32:
-    """Return a picture on a box of `size` (w, h), from whose pixels `matrix` (2, 3) leads to the picture's."""
+    """Warp a picture to a box of `size` (w, h); `matrix` (2, 3) leads from box to
+    picture.
+    """
     result = cv2.warpAffine(picture, matrix, size, flags=WARP_FLAGS, borderMode=border)
     return np.asarray(result, np.float32)
 
@@ -195,9 +209,9 @@ def _warped(
 def draw_border(
     sprite: Sprite, placement: Placement, shares: F32
 ) -> tuple[Slices, F32] | None:
-    """Draw a box and (h, w, 3) the share of `Sprite.rest` that still shows there; None if none of it does.
+    """Draw the visible share of `Sprite.rest`: a box and (h, w, 3); None without any.
 
-    `shares` (N + 1,): what each body leaves on this one, by `borders_left`; 0: what is its own.
+    `shares` (N + 1,): the shares by `borders_left`, of this sprite itself at 0.
     """
     if sprite.rest is None:
         return None
@@ -206,7 +220,7 @@ def draw_border(
         return None
     is_repainted = sprite.ball is not None and sprite.ball.pattern is not None
     if placement.own is None and is_repainted:
-        return None  # its rest is of mixtures of the photo's pixels
+        return None  # its rest contains mixtures of the photo's pixels
     rest = sprite.rest
     if own_shares.min() < 1:
         if sprite.hider is None:
@@ -220,18 +234,23 @@ def draw_border(
 
 
 def borders_left(sprites: Sequence[Sprite], visible: Sequence[SpritePose]) -> F32:
-    """Return (n, N + 1) for visible sprites: the share that each body, from 1 on, still leaves on their borders.
+    """Return the share of the photo's border between visible sprites and bodies, (n, N
+    + 1).
 
-    It goes as the two part, however both have moved; 0: what is their own, which goes as they leave their place.
+    Column k is the share at the border to body k - 1, which fades as the two part,
+    however they move. Column 0 is the sprite's own border, which fades as it leaves its
+    place.
     """
     count = max((sprite.hiders for sprite in sprites), default=0) + 1
-    moves = []
+    displacements = []
     for stand in visible:
         turn = stand.pose.angle - stand.start.angle
         if sprites[stand.k].ball:
-            turn = 0.0  # its picture never turns
-        moves.append((stand.pose.x - stand.start.x, stand.pose.y - stand.start.y, turn))
-    own_moves = np.array(moves).reshape(-1, 3)
+            turn = 0.0  # the picture of a ball never turns
+        displacements.append(
+            (stand.pose.x - stand.start.x, stand.pose.y - stand.start.y, turn)
+        )
+    own_moves = np.array(displacements).reshape(-1, 3)
     all_moves = np.full((count, 3), np.inf)
     all_moves[0] = 0
     all_moves[[sprites[stand.k].body + 1 for stand in visible]] = own_moves
@@ -243,7 +262,7 @@ def borders_left(sprites: Sequence[Sprite], visible: Sequence[SpritePose]) -> F3
 
 
 def halos_left(sprites: Sequence[Sprite], stands: Sequence[SpritePose]) -> F32:
-    """Return (N + 1,), from 1 on: the share of the photo around each body that it has not taken away."""
+    """Return the share of the photo's halo at each body, (N + 1,), from index 1 on."""
     count = max((sprite.hiders for sprite in sprites), default=0) + 1
     shares = np.ones(count, np.float32)
     for stand in stands:
@@ -251,8 +270,8 @@ def halos_left(sprites: Sequence[Sprite], stands: Sequence[SpritePose]) -> F32:
         side = max(min(sprite.coverage.shape), 1)
         dx, dy = stand.pose.x - stand.start.x, stand.pose.y - stand.start.y
         turn = abs(stand.pose.angle - stand.start.angle)
-        moved = hypot(dx, dy) / side + turn / 2
-        shares[sprite.body + 1] = exp(-((moved / LEAVES) ** 2))
+        relative_motion = hypot(dx, dy) / side + turn / 2
+        shares[sprite.body + 1] = exp(-((relative_motion / LEAVES) ** 2))
     return shares
 
 
@@ -266,10 +285,10 @@ def _moved_px(sprite: Sprite, stand: SpritePose) -> float:
 def draw_halo(
     sprite: Sprite, stand: SpritePose, shares: F32
 ) -> tuple[Slices, F32] | None:
-    """Draw a box of the canvas and (h, w, 3) what still shows of `Sprite.halo`, by `halos_left`.
+    """Draw the visible share of `Sprite.halo`: a box and (h, w, 3); None without any.
 
-    What is at the outline, as a rim that the mask left out, goes after as many px as it
-    is wide; soft shade farther out stays longer. None if nothing shows.
+    `shares`: those of `halos_left`. A rim that the mask left out at the outline fades
+    within as many px of motion as it is wide; soft shade farther out fades later.
     """
     own_share = shares[sprite.body + 1]
     if sprite.halo is None or stand.where is None or own_share < FAINT:
@@ -297,7 +316,7 @@ def sprite_coverage(sprite: Sprite, placement: Placement) -> F32:
 
 
 def _finer(matrix: F64, fine: int) -> F64:
-    """Return (2, 3) from the pixels of a grid `fine` times as fine, where `matrix` is from the pixels."""
+    """Convert a matrix from pixels to one from a grid, `fine` times as fine, (2, 3)."""
     if fine <= 1:
         return matrix
     shift = 0.5 - fine / 2
@@ -306,49 +325,53 @@ def _finer(matrix: F64, fine: int) -> F64:
 
 
 def three_channels(values: F32) -> F32:
-    """Repeat (h, w) as (h, w, 3): a picture's own shape, which NumPy multiplies far faster than it broadcasts."""
+    """Repeat (h, w) as (h, w, 3), which NumPy multiplies much faster than it
+    broadcasts.
+    """
     return np.asarray(cv2.merge((values, values, values)), np.float32)
 
 
 @dataclass(frozen=True)
 class Cover:
-    """Where a body is in a picture, what hides it taken away."""
+    """The visible pixels of a body in a picture."""
 
     body: int
     box: Slices
-    """Rows and columns of the picture that hold it."""
+    """Rows and columns of the picture with the body."""
     mask: NDArray[np.bool_]
-    """(h, w) on its box."""
+    """Mask (h, w) on its box."""
 
 
 @dataclass(frozen=True)
 class SpriteLayer:
-    """A sprite as a frame shows it, without what hides it."""
+    """A sprite of a frame without occlusion by others."""
 
     body: int
     box: Slices
     """Rows and columns of the picture."""
     light: F32
-    """(h, w, 3) linear, times coverage."""
+    """Linear light times coverage, (h, w, 3)."""
     coverage: F32
-    """(h, w)."""
+    """Coverage, (h, w)."""
 
 
 @dataclass(frozen=True)
 class Layers:
-    """A picture taken apart, in linear light; what is mixed at borders is in none of them."""
+    """The layers of a picture, in linear light, without the mixtures at borders."""
 
     plate: F32
-    """(H, W, 3): the background in the light that no object keeps away."""
+    """Background in full light, (H, W, 3)."""
     shaded: F32
-    """(H, W, 3): the same with shadows."""
+    """Background with shadows, (H, W, 3)."""
     sprites: Sequence[SpriteLayer]
-    """The farthest first."""
+    """Sprites, the farthest first."""
     order: Sequence[int]
     """All bodies of the clip, the farthest first."""
 
     def pictures(self) -> dict[int, F32]:
-        """Return (H, W, 4) of each body: light times coverage, and coverage; 0 outside of the picture."""
+        """Return light times coverage, and coverage, (H, W, 4), of each body; 0 without
+        the body.
+        """
         pictures = {}
         for body in self.order:
             pictures[body] = np.zeros((*self.plate.shape[:2], 4), np.float32)
@@ -365,100 +388,102 @@ class Frame:
 
     index: int
     time: float
-    """s."""
+    """Time, s."""
     rgb: U8
-    """(H, W, 3) sRGB."""
-    named: Callable[[], U16] = field(
-        repr=False, compare=False
-    )  # works out `ids`: few ask
+    """Picture, (H, W, 3) sRGB."""
+    named: Callable[[], U16] = field(repr=False, compare=False)
+    """Computes `ids`, which few callers need."""
     covering: Callable[[], Sequence[Cover]] = field(
         default=tuple, repr=False, compare=False
     )
-    """Works out `covers`."""
+    """Computes `covers`."""
     faces: Mapping[int, float] = field(default_factory=dict, repr=False, compare=False)
-    """px of the photo by which the front of a body lies below its centre, where it does."""
+    """Distance of a body's front below its centre, px of the photo, for bodies with
+    one.
+    """
     layering: Callable[[], Layers] | None = field(
         default=None, repr=False, compare=False
     )
-    """Works out `Layers`, if the stage keeps them."""
+    """Computes `Layers`, if the stage keeps them."""
 
     @cached_property
     def ids(self) -> U16:
-        """Return (H, W): body k shows as k + 1, 0 = background."""
+        """Return the ids (H, W): k + 1 for body k, 0 for the background."""
         return self.named()
 
     @cached_property
     def covers(self) -> Sequence[Cover]:
-        """Return objects that reach into the picture, the farthest first.
+        """Return the covers of objects in the picture, the farthest first.
 
-        A body may be made of several.
+        A body may have several.
         """
         return self.covering()
 
 
 @dataclass(frozen=True)
 class ShadowBody:
-    """What light has to know of a body: as its silhouette, see `shadow.Silhouette`."""
+    """Properties of a body for shadows; see `shadow.Silhouette`."""
 
     radius: float | None
-    """px, of a sphere."""
+    """Radius of a sphere, px."""
     thick: float
-    """px."""
+    """Thickness, px."""
     veiled: float = 1.0
-    """Share of the shadows of others that is seen on it, 0..1."""
+    """Visible share of the shadows of others on it, 0..1."""
 
 
 @dataclass(frozen=True)
 class Mirror:
-    """What a floor mirrors of what stands on it."""
+    """Reflections of standing objects on a floor."""
 
     share: F32
-    """(n,): of the light of an object's lowest rows, of each row below its foot."""
+    """Share (n,) of the light of an object's lowest rows in each row below its foot."""
     feet: Sequence[tuple[int, float, float] | None]
-    """One a sprite: the row of the photo at which it ends, and its floor's end columns.
-
-    None: it does not stand.
+    """For each sprite the row of its foot in the photo, and its floor's end columns;
+    None without a floor.
     """
     rough: float = 2.0
-    """px, standard deviation: how much less sharp this is than the object."""
+    """Standard deviation of the blur of reflections, px."""
 
 
 @dataclass(frozen=True)
 class Stage:
-    """What is drawn: sprites in order, the farthest first, over a background `(H, W, 3)` sRGB."""
+    """The content of all frames: sprites over a background `(H, W, 3)` sRGB.
+
+    Sprites are in order, the farthest first.
+    """
 
     background: U8
     sprites: Sequence[Sprite]
     lit: LitBackground | None = None
-    """Where shadows move: the background taken apart, with a cast for each sprite in turn."""
+    """With moving shadows: the decomposed background, with a cast for each sprite."""
     actors: Sequence[ShadowBody] = ()
-    """One a sprite, where there is `lit`."""
-    grounds: Sequence[
-        F64
-    ] = ()  # side view: as `staging.floors` has them, what shadows fall on from above.
+    """One per sprite, with `lit`."""
+    grounds: Sequence[F64] = ()
+    """Side view: floors under shadows, as returned by `staging.floors`."""
     veils: Sequence[F32 | None] | None = None
-    """One a sprite, on its box: -log of the light that the others leave on it at t = 0.
-
-    None: none.
+    """Veil of each sprite on its box, -log of the light that others leave at t = 0;
+    None without a veil.
     """
     supersample: int = 1
-    """Samples a pixel, along each side, of what moves."""
+    """Samples per pixel, along each side, of moving sprites."""
     starts: Sequence[Pose] = ()
-    """One a body: the pose in which its sprite was cut out, where some are put elsewhere.
-
-    Empty: as at t = 0.
+    """Poses of bodies at which their sprites were cut out, if these differ from
+    t = 0.
     """
     mirror: Mirror | None = None
     scale: float = 1.0
-    """Canvas pixels a photo pixel: a scene without a photo is drawn as large as it is seen."""
+    """Canvas pixels per photo pixel: a scene without a photo is drawn at the size of
+    its views.
+    """
     contact_depth: float = 0.0
-    """Share of light that objects lose where they come to touch each other."""
+    """Share of light that objects lose at a contact."""
     keeps_layers: bool = False
-    """Whether frames can be taken apart into layers."""
+    """Whether frames keep their layers."""
 
     @property
     def faces(self) -> Mapping[int, float]:
-        """Return the same as `Frame.faces`."""
+        """Return `Frame.faces`."""
         return {
             sprite.body: sprite.face / self.scale
             for sprite in self.sprites
@@ -468,22 +493,24 @@ class Stage:
 
 @dataclass(frozen=True)
 class SpritePose:
-    """How a sprite stands in a frame."""
+    """The pose of a sprite in a frame."""
 
     k: int
-    """Index into the stage's sprites."""
+    """Index of the stage's sprite."""
     start: Pose
     pose: Pose
     where: Placement | None
-    """None: out of the picture."""
+    """Place on the canvas; None outside the picture."""
     space: F64 | None = None
-    """(3, 3) a ball's turn so far; None where it has none, or only the angle is known."""
+    """Rotation of a ball so far, (3, 3); None if there is none, or if only the angle is
+    known.
+    """
 
 
 def sprite_poses(
     stage: Stage, trajectory: Trajectory, order: Sequence[int] | None = None
 ) -> Iterator[tuple[float, list[SpritePose]]]:
-    """Yield the time, s, of each sample in its `order` and the pose of every sprite: geometry alone."""
+    """Yield the time, s, of each sample in `order`, with the poses of all sprites."""
     if stage.scale != 1.0:
         poses = enlarged_poses(trajectory.poses, stage.scale)
         trajectory = replace(trajectory, poses=poses)
@@ -507,7 +534,7 @@ def sprite_poses(
 
 
 class _BallTurns:
-    """Turns of balls in space."""
+    """Rotations of balls in space."""
 
     def __init__(self, trajectory: Trajectory) -> None:
         self._turns: F64 | None = None
@@ -516,14 +543,15 @@ class _BallTurns:
             self._is_turned = (self._turns != np.eye(3)).any(axis=(2, 3))
 
     def find(self, sample: int, body: int, start: Pose) -> F64 | None:
-        """Return (3, 3) the turn of a body since t = 0.
+        """Return the rotation (3, 3) of a body since t = 0.
 
-        None if it has none, or only its angle is known.
+        None if there is none, or if only its angle is known.
         """
         if self._turns is None or not self._is_turned[sample, body]:
             return None
         turn: F64 = self._turns[sample, body]
-        if start.angle:  # it lies turned by as much at t = 0
+        # The sprite was cut out at another angle than 0.
+        if start.angle:
             turn = turn @ _about(-start.angle)
         return turn
 
@@ -531,7 +559,7 @@ class _BallTurns:
 def wheel_turns(
     sprite: Sprite, trajectory: Trajectory, sample: int
 ) -> tuple[float, ...]:
-    """Return the turns in rad of a sprite's wheels; empty if they are not known."""
+    """Return the rotations of a sprite's wheels, rad; empty if they are unknown."""
     if not trajectory.wheel_turns.size:
         return ()
     turns = trajectory.wheel_turns[sample]
@@ -539,13 +567,13 @@ def wheel_turns(
 
 
 def _about(angle: float) -> F64:
-    """Return (3, 3): a turn in the picture."""
+    """Return a rotation in the picture's plane, (3, 3)."""
     turn = np.eye(3)
     turn[:2, :2] = rotation(angle)
     return turn
 
 
 def enlarged_poses(poses: F64, scale: float) -> F64:
-    """Return poses (..., 3) on a canvas with `scale` pixels a photo pixel."""
+    """Return poses (..., 3) on a canvas with `scale` pixels per photo pixel."""
     places = (poses[..., :2] + 0.5) * scale - 0.5
     return np.concatenate([places, poses[..., 2:]], axis=-1)

@@ -1,8 +1,8 @@
 """Pictures of wheels, which turn on the picture of their vehicle.
 
 A wheel is a disc of the vehicle's sprite. Paint turns with it; the light on it and the
-part of the body that covers it stay. What the body covers is filled with paint from
-elsewhere around the axle.
+covering part of the body stay. Paint hidden by the body is copied from elsewhere around
+the axle.
 """
 
 from __future__ import annotations
@@ -26,31 +26,31 @@ class WheelConstants:
     """Constants of wheels' pictures, tuned on two cars and a toy by eye."""
 
     alike: float = 0.07
-    """Of the root of light: a tyre differs less around its axle."""
+    """Difference of the root of light around the axle of a tyre."""
     spread: float = 3.0
-    """Times the usual difference, from which it is the body's."""
+    """Ratio to the usual difference above which a pixel belongs to the body."""
     deepest: float = 0.55
-    """Of the radius that the body covers, at most."""
+    """Maximum share of the radius that the body covers."""
     joined: int = 3
-    """px of tyre that end what the body covers."""
+    """Length of tyre, px, that ends the body's cover."""
     lower: float = 0.1
-    """Sine below the axle from which a wheel is surely visible."""
+    """Sine of the angle below the axle from which a wheel is certainly visible."""
     smooth: float = 0.1
-    """Of the turn: width of the median over what the body covers."""
+    """Width of the median over the body's border, turns."""
     shading: float = 0.5
-    """By which light changes once around, at most."""
+    """Maximum change of light around the axle."""
     dark: float = 0.02
-    """Linear light: below it light and paint look alike."""
+    """Linear light below which light and paint cannot be separated."""
     rims: tuple[float, ...] = (0.45, 0.5, 0.55, 0.61, 0.67, 0.74)
-    """Of the radius: rims whose own middle is looked for."""
+    """Radii of rims with a centre of their own, relative to the wheel."""
     steered: float = 0.4
-    """Of the radius, by which a steered wheel's rim is off its axle."""
+    """Maximum distance of a steered wheel's rim from its axle, radii."""
     concentric: float = 0.1
-    """Of the radius: such a rim turns with the tyre."""
+    """Distance from the axle, radii, within which a rim turns with the tyre."""
     edge: float = 0.3
     """Share of a rim's circle that must be an edge."""
     beyond: float = 1.06
-    """Of the rim's radius, that turns with it."""
+    """Radius of the turning part, in radii of the rim."""
     narrow: tuple[float, ...] = (1.0, 0.95, 0.9, 0.85, 0.8, 0.75, 0.7)
     """Width over height of a steered wheel's rim."""
     finer: tuple[float, ...] = (
@@ -65,9 +65,9 @@ class WheelConstants:
         1.35,
         1.42,
     )
-    """Of the rim's first radius, that are tried."""
+    """Tested radii of the rim, relative to its first one."""
     reach: float = 0.14
-    """Of the wheel's radius around the rim's first middle."""
+    """Search range around the rim's first centre, radii of the wheel."""
 
 
 WHEEL = WheelConstants()
@@ -80,21 +80,21 @@ class WheelSprite:
     number: int
     """Column of `Trajectory.wheel_turns`."""
     center: tuple[float, float]
-    """px of the sprite."""
+    """Centre, px of the sprite."""
     radius: float
     corner: tuple[int, int]
     """Column and row of the pictures' first pixel."""
     paint: F32
-    """(h, w, 3) linear light without shading."""
+    """Linear light without shading, (h, w, 3)."""
     shading: F32
-    """(h, w) that stays."""
+    """Shading (h, w), which does not turn."""
     cover: F32
-    """(h, w) 0..1: where the wheel shows."""
+    """Visible share of the wheel, (h, w) 0..1."""
     aspect: float = 1.0
     """Width over height: a steered wheel is an ellipse."""
 
     def draw(self, light: F32, coverage: F32, matrix: Array, turn: float) -> None:
-        """Draw the wheel, turned by `turn` rad, into `light` (h, w, 3).
+        """Draw the wheel with a rotation of `turn` rad into `light` (h, w, 3).
 
         `matrix` (2, 3) leads from pixels of `light` to those of the sprite.
         """
@@ -103,29 +103,29 @@ class WheelSprite:
             return
         rows, columns = box
         size = (columns.stop - columns.start, rows.stop - rows.start)
-        still = matrix.copy()
-        still[:, 2] += matrix[:, :2] @ (columns.start, rows.start) - self.corner
+        to_picture = matrix.copy()
+        to_picture[:, 2] += matrix[:, :2] @ (columns.start, rows.start) - self.corner
         axle = np.subtract(self.center, self.corner)
-        back = np.array(
+        inverse_rotation = np.array(
             [
                 [cos(turn), self.aspect * sin(turn)],
                 [-sin(turn) / self.aspect, cos(turn)],
             ]
         )
-        moved = back @ still
-        moved[:, 2] += axle - back @ axle
-        paint = _warped(self.paint, moved, size, cv2.BORDER_REPLICATE)
-        shading = _warped(self.shading, still, size, cv2.BORDER_REPLICATE)
-        cover = _warped(self.cover, still, size, cv2.BORDER_CONSTANT)
+        to_paint = inverse_rotation @ to_picture
+        to_paint[:, 2] += axle - inverse_rotation @ axle
+        paint = _warped(self.paint, to_paint, size, cv2.BORDER_REPLICATE)
+        shading = _warped(self.shading, to_picture, size, cv2.BORDER_REPLICATE)
+        cover = _warped(self.cover, to_picture, size, cv2.BORDER_CONSTANT)
         cover = np.clip(cover, 0, 1)[..., None]
-        own = paint * shading[..., None] * coverage[box][..., None]
-        light[box] = (1 - cover) * light[box] + cover * np.maximum(own, 0)
+        wheel_light = paint * shading[..., None] * coverage[box][..., None]
+        light[box] = (1 - cover) * light[box] + cover * np.maximum(wheel_light, 0)
 
     def _box(self, shape: tuple[int, ...], matrix: Array) -> tuple[slice, slice] | None:
-        """Return the pixels of a picture in which the wheel may show."""
-        back = np.linalg.inv(matrix[:, :2])
-        x, y = back @ (np.array(self.center) - matrix[:, 2])
-        reach = (self.radius + 2) * float(np.abs(back).sum(axis=1).max())
+        """Return the pixels of a picture in which the wheel may be visible."""
+        inverse = np.linalg.inv(matrix[:, :2])
+        x, y = inverse @ (np.array(self.center) - matrix[:, 2])
+        reach = (self.radius + 2) * float(np.abs(inverse).sum(axis=1).max())
         left, right = max(floor(x - reach), 0), min(ceil(x + reach) + 1, shape[1])
         top, bottom = max(floor(y - reach), 0), min(ceil(y + reach) + 1, shape[0])
         if left >= right or top >= bottom:
@@ -134,9 +134,10 @@ class WheelSprite:
 
 
 def _warped(picture: F32, matrix: Array, size: tuple[int, int], border: int) -> F32:
+    """Warp a picture to a box of `size` (w, h)."""
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    moved = cv2.warpAffine(picture, matrix, size, flags=flags, borderMode=border)
-    return np.asarray(moved, np.float32)
+    warped = cv2.warpAffine(picture, matrix, size, flags=flags, borderMode=border)
+    return np.asarray(warped, np.float32)
 
 
 def wheel_from_photo(
@@ -157,18 +158,18 @@ def wheel_from_photo(
     if x1 - x0 < 3 or y1 - y0 < 3:
         return None
     alpha = coverage[y0:y1, x0:x1]
-    bare = light[y0:y1, x0:x1] / np.maximum(alpha, 0.05)[..., None]
-    colour = np.asarray(bare, np.float32)
+    opaque_light = light[y0:y1, x0:x1] / np.maximum(alpha, 0.05)[..., None]
+    colour = np.asarray(opaque_light, np.float32)
     axle = (center[0] - x0, center[1] - y0)
     part = _turning_part(colour, alpha, axle, radius)
     center, radius = (part.x + x0, part.y + y0), part.radius
     rings = _Rings.of(colour, alpha, part)
     rings = rings.without_body().without_shading()
-    away, place = _polar_places(alpha.shape, part, rings.paint.shape)
+    distances, place = _polar_places(alpha.shape, part, rings.paint.shape)
     paint = _from_rings(rings.paint, place)
     shading = _from_rings(rings.shading, place)
     body = _from_rings(rings.body.astype(np.float32), place)
-    disc = np.clip(radius - away, 0, 1)
+    disc = np.clip(radius - distances, 0, 1)
     cover = (disc * (1 - np.clip(body, 0, 1))).astype(np.float32)
     corner = (x0, y0)
     return WheelSprite(
@@ -178,7 +179,7 @@ def wheel_from_photo(
 
 @dataclass(frozen=True)
 class _Ellipse:
-    """What visibly turns of a wheel, upright: px of the picture."""
+    """The visibly turning part of a wheel, upright; px of the picture."""
 
     x: float
     y: float
@@ -191,21 +192,21 @@ class _Ellipse:
 def _turning_part(
     colour: F32, alpha: F32, axle: tuple[float, float], radius: float
 ) -> _Ellipse:
-    """Return what visibly turns of a wheel.
+    """Return the visibly turning part of a wheel.
 
-    That is the wheel; of one that is steered, whose rim is off the tyre's middle, the
-    rim: else it would wobble.
+    It is the whole wheel, except for a steered wheel with its rim beside the tyre's
+    centre: such a tyre would wobble, and only its rim turns.
     """
     rows, columns = np.indices(alpha.shape)
-    away = np.hypot(columns - axle[0], rows - axle[1])
+    distances = np.hypot(columns - axle[0], rows - axle[1])
     codes = (255 * np.sqrt(np.clip(colour, 0, 1)).mean(axis=2)).astype(np.float32)
-    inner = (away < 0.9 * radius) & (alpha > 0.5)
+    is_inner = (distances < 0.9 * radius) & (alpha > 0.5)
     radii = [max(part * radius, 2.0) for part in WHEEL.rims]
-    votes = circle_votes(codes, inner, radii)
-    votes[:, away > WHEEL.steered * radius] = 0
+    votes = circle_votes(codes, is_inner, radii)
+    votes[:, distances > WHEEL.steered * radius] = 0
     ring, y, x = np.unravel_index(int(votes.argmax()), votes.shape)
     is_sure = votes[ring, y, x] >= WHEEL.edge
-    if not is_sure or away[y, x] <= WHEEL.concentric * radius:
+    if not is_sure or distances[y, x] <= WHEEL.concentric * radius:
         return _Ellipse(axle[0], axle[1], radius, 1.0)
     first = _Ellipse(float(x), float(y), radii[ring], 1.0)
     rim = _best_rim(codes, first, WHEEL.reach * radius)
@@ -213,28 +214,28 @@ def _turning_part(
 
 
 def _best_rim(codes: F32, first: _Ellipse, reach: float) -> _Ellipse:
-    """Return the ellipse near a circle whose edge has the most contrast."""
-    soft = cv2.GaussianBlur(codes, (0, 0), 1.0)
-    gx = cv2.Sobel(soft, cv2.CV_32F, 1, 0)
-    gy = cv2.Sobel(soft, cv2.CV_32F, 0, 1)
+    """Return the ellipse near a circle with the most contrast at its edge."""
+    blurred_codes = cv2.GaussianBlur(codes, (0, 0), 1.0)
+    gx = cv2.Sobel(blurred_codes, cv2.CV_32F, 1, 0)
+    gy = cv2.Sobel(blurred_codes, cv2.CV_32F, 0, 1)
     steps = np.arange(-ceil(reach), ceil(reach) + 1)
     shift_y, shift_x = np.meshgrid(steps, steps, indexing="ij")
     turn = 2 * pi * np.arange(64) / 64
-    best, most = first, 0.0
-    for part in WHEEL.finer:
+    best, best_contrast = first, 0.0
+    for scale in WHEEL.finer:
         for aspect in WHEEL.narrow:
-            height = part * first.radius
+            height = scale * first.radius
             x = first.x + shift_x[..., None] + aspect * height * np.cos(turn)
             y = first.y + shift_y[..., None] + height * np.sin(turn)
             columns = np.clip(np.rint(x).astype(int), 0, codes.shape[1] - 1)
             rows = np.clip(np.rint(y).astype(int), 0, codes.shape[0] - 1)
-            outward = gx[rows, columns] * np.cos(turn) + gy[rows, columns] * np.sin(
-                turn
-            )
-            contrast = np.abs(np.mean(outward, axis=2))
+            radial_gradients = gx[rows, columns] * np.cos(turn) + gy[
+                rows, columns
+            ] * np.sin(turn)
+            contrast = np.abs(np.mean(radial_gradients, axis=2))
             row, column = np.unravel_index(int(contrast.argmax()), contrast.shape)
-            if contrast[row, column] > most:
-                most = float(contrast[row, column])
+            if contrast[row, column] > best_contrast:
+                best_contrast = float(contrast[row, column])
                 middle_x = float(first.x + shift_x[row, column])
                 middle_y = float(first.y + shift_y[row, column])
                 best = _Ellipse(middle_x, middle_y, height, aspect)
@@ -249,14 +250,14 @@ def drawn_wheel(
     size = 2 * ceil(radius) + 6
     rows, columns = np.indices((size, size))
     x, y = columns + x0 - center[0], rows + y0 - center[1]
-    away = np.hypot(x, y)
-    spokes = np.minimum(np.abs(x), np.abs(y)) < max(0.06 * radius, 0.7)
-    rim = away > 0.85 * radius
-    dark = (spokes | rim)[..., None]
-    paint = np.where(dark, 0.3 * colour, colour).astype(np.float32)
-    cover = np.clip(radius - away + 0.5, 0, 1).astype(np.float32)
-    even = np.ones((size, size), np.float32)
-    return WheelSprite(number, center, radius, (x0, y0), paint, even, cover)
+    distances = np.hypot(x, y)
+    is_spoke = np.minimum(np.abs(x), np.abs(y)) < max(0.06 * radius, 0.7)
+    is_rim = distances > 0.85 * radius
+    is_dark = (is_spoke | is_rim)[..., None]
+    paint = np.where(is_dark, 0.3 * colour, colour).astype(np.float32)
+    cover = np.clip(radius - distances + 0.5, 0, 1).astype(np.float32)
+    ones = np.ones((size, size), np.float32)
+    return WheelSprite(number, center, radius, (x0, y0), paint, ones, cover)
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,75 +265,84 @@ class _Rings:
     """A wheel in polar coordinates: a row for each px from the axle."""
 
     paint: F32
-    """(R, A, 3)."""
+    """Linear light, (R, A, 3)."""
     known: Mask
-    """(R, A): the photo shows the object there."""
+    """Mask (R, A) of pixels of the object in the photo."""
     body: Mask
-    """(R, A): the vehicle's body covers the wheel."""
+    """Mask (R, A) of pixels of the vehicle's body in front of the wheel."""
     shading: F32
-    """(R, A)."""
+    """Shading, (R, A)."""
 
     @staticmethod
     def of(colour: F32, alpha: F32, part: _Ellipse) -> _Rings:
+        """Sample a picture in polar coordinates around the axle."""
         count = max(ceil(part.radius), 2)
         steps = 4 * max(ceil(pi * part.radius / 2), 8)
-        away = (np.arange(count) + 0.5) * (part.radius / count)
+        radii = (np.arange(count) + 0.5) * (part.radius / count)
         turn = 2 * pi * np.arange(steps) / steps
-        across = part.aspect * away[:, None] * np.cos(turn)
-        x = (part.x + across).astype(np.float32)
-        y = (part.y + away[:, None] * np.sin(turn)).astype(np.float32)
+        offsets = part.aspect * radii[:, None] * np.cos(turn)
+        x = (part.x + offsets).astype(np.float32)
+        y = (part.y + radii[:, None] * np.sin(turn)).astype(np.float32)
         flags = cv2.INTER_LINEAR
         paint = cv2.remap(colour, x, y, flags, borderMode=cv2.BORDER_REPLICATE)
         cover = cv2.remap(alpha, x, y, flags, borderMode=cv2.BORDER_CONSTANT)
-        even = np.ones((count, steps), np.float32)
-        none = np.zeros((count, steps), bool)
-        return _Rings(np.asarray(paint, np.float32), cover > 0.9, none, even)
+        ones = np.ones((count, steps), np.float32)
+        no_body = np.zeros((count, steps), bool)
+        return _Rings(np.asarray(paint, np.float32), cover > 0.9, no_body, ones)
 
     def without_body(self) -> _Rings:
-        """Return the wheel as it is below the body that covers its upper part."""
+        """Return the wheel without the body that covers its upper part."""
         count, steps = self.known.shape
         level = np.sqrt(np.maximum(self.paint, 0))
         sine = np.sin(2 * pi * np.arange(steps) / steps)
-        below = sine > WHEEL.lower
-        usual = np.median(level[:, below], axis=1)
-        off = np.abs(level - usual[:, None]).max(axis=2)
-        spread = np.median(off[:, below], axis=1)
+        is_below = sine > WHEEL.lower
+        # The lower half is always visible: it tells the usual paint and its variation
+        # per ring.
+        usual_level = np.median(level[:, is_below], axis=1)
+        differences = np.abs(level - usual_level[:, None]).max(axis=2)
+        spread = np.median(differences[:, is_below], axis=1)
         limit = np.maximum(WHEEL.alike, WHEEL.spread * spread)
-        unlike = (off > limit[:, None]) & ~below & (sine < 0)
-        depth = _depths(unlike, round(WHEEL.deepest * count))
+        is_unlike = (differences > limit[:, None]) & ~is_below & (sine < 0)
+        depth = _depths(is_unlike, round(WHEEL.deepest * count))
         window = 2 * max(round(WHEEL.smooth * steps / 2), 1) + 1
         depth = _median_around(depth, window)
-        inward = count - np.arange(count)
-        body = (inward[:, None] <= depth) | ~self.known
-        paint = self._filled(body)
-        return _Rings(paint, self.known, body & self.known, self.shading)
+        depths_of_rows = count - np.arange(count)
+        is_body = (depths_of_rows[:, None] <= depth) | ~self.known
+        paint = self._filled(is_body)
+        return _Rings(paint, self.known, is_body & self.known, self.shading)
 
     def _filled(self, hidden: Mask) -> F32:
-        """Return the paint, hidden parts from elsewhere on the same ring."""
-        paint, open_ = self.paint.copy(), hidden.copy()
+        """Return the paint, with hidden parts copied from elsewhere on the same
+        ring.
+        """
+        paint, is_open = self.paint.copy(), hidden.copy()
         steps = hidden.shape[1]
-        for part in (2, 3, 6, 5, 4, 8, 10, 12):
-            for times in range(1, part):
-                shift = round(steps * times / part)
+        # Rotations by simple fractions of a turn come first, as most rims have such a
+        # symmetry.
+        for divisor in (2, 3, 6, 5, 4, 8, 10, 12):
+            for times in range(1, divisor):
+                shift = round(steps * times / divisor)
                 source = np.roll(hidden, shift, axis=1)
-                fits = open_ & ~source
+                fits = is_open & ~source
                 paint[fits] = np.roll(self.paint, shift, axis=1)[fits]
-                open_ &= source
-            if not open_.any():
+                is_open &= source
+            if not is_open.any():
                 break
         return paint
 
     def without_shading(self) -> _Rings:
-        """Return paint in even light, and the light that changes once around."""
+        """Separate paint in even light from the light that changes once around the
+        axle.
+        """
         steps = self.known.shape[1]
         turn = 2 * pi * np.arange(steps) / steps
-        bright = self.paint.mean(axis=2) + WHEEL.dark
-        mean = bright.mean(axis=1, keepdims=True)
-        along = 2 * (bright * np.cos(turn)).mean(axis=1, keepdims=True) / mean
-        across = 2 * (bright * np.sin(turn)).mean(axis=1, keepdims=True) / mean
-        sigma = max(0.15 * len(bright), 1.0)
-        change = _smoothed_rows(along, sigma) * np.cos(turn)
-        change = change + _smoothed_rows(across, sigma) * np.sin(turn)
+        brightness = self.paint.mean(axis=2) + WHEEL.dark
+        mean = brightness.mean(axis=1, keepdims=True)
+        cosine_part = 2 * (brightness * np.cos(turn)).mean(axis=1, keepdims=True) / mean
+        sine_part = 2 * (brightness * np.sin(turn)).mean(axis=1, keepdims=True) / mean
+        sigma = max(0.15 * len(brightness), 1.0)
+        change = _smoothed_rows(cosine_part, sigma) * np.cos(turn)
+        change = change + _smoothed_rows(sine_part, sigma) * np.sin(turn)
         shading = 1 + np.clip(change, -WHEEL.shading, WHEEL.shading)
         shading = shading.astype(np.float32)
         paint = self.paint / shading[..., None]
@@ -340,31 +350,31 @@ class _Rings:
 
 
 def _smoothed_rows(values: NDArray[np.floating], sigma: float) -> Array:
-    """Return `(R, 1)` values blurred along the rows."""
+    """Blur values `(R, 1)` along the rows."""
     reach = ceil(3 * sigma)
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
-    padded = np.pad(values[:, 0], reach, mode="edge")
-    return np.convolve(padded, kernel / kernel.sum(), mode="valid")[:, None]
+    padded_values = np.pad(values[:, 0], reach, mode="edge")
+    return np.convolve(padded_values, kernel / kernel.sum(), mode="valid")[:, None]
 
 
 def _depths(unlike: Mask, deepest: int) -> NDArray[np.int64]:
-    """Return `(A,)` px from the tread inwards that are unlike a wheel."""
+    """Return the depth `(A,)` px from the tread inwards of pixels unlike a wheel."""
     depths = np.zeros(unlike.shape[1], np.int64)
     for column in range(unlike.shape[1]):
-        inward = unlike[::-1, column]
-        if not inward[: WHEEL.joined].any():
+        is_body = unlike[::-1, column]
+        if not is_body[: WHEEL.joined].any():
             continue
-        plain = np.convolve(~inward, np.ones(WHEEL.joined), mode="valid")
-        ends = np.flatnonzero(plain >= WHEEL.joined)
+        tyre_run = np.convolve(~is_body, np.ones(WHEEL.joined), mode="valid")
+        ends = np.flatnonzero(tyre_run >= WHEEL.joined)
         depths[column] = min(int(ends[0]) if len(ends) else deepest, deepest)
     return depths
 
 
 def _median_around(values: NDArray[np.int64], window: int) -> NDArray[np.int64]:
     """Return the running median of values on a circle."""
-    half = window // 2
-    padded = np.concatenate([values[-half:], values, values[:half]])
-    views = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
+    half_width = window // 2
+    closed_values = np.concatenate([values[-half_width:], values, values[:half_width]])
+    views = np.lib.stride_tricks.sliding_window_view(closed_values, 2 * half_width + 1)
     return np.asarray(np.rint(np.median(views, axis=1)), np.int64)
 
 
@@ -374,16 +384,20 @@ def _polar_places(
     """Return px from the axle, and the column and row in the rings, of each pixel."""
     rows, columns = np.indices(shape[:2])
     x, y = (columns - part.x) / part.aspect, rows - part.y
-    away = np.hypot(x, y)
+    distances = np.hypot(x, y)
     turn = np.mod(np.arctan2(y, x) / (2 * pi), 1) * rings[1]
-    ring = np.clip(away * rings[0] / part.radius - 0.5, 0, rings[0] - 1)
-    return away, (turn.astype(np.float32), ring.astype(np.float32))
+    ring = np.clip(distances * rings[0] / part.radius - 0.5, 0, rings[0] - 1)
+    return distances, (turn.astype(np.float32), ring.astype(np.float32))
 
 
 def _from_rings(rings: F32, place: tuple[F32, F32]) -> F32:
     """Return a picture of values `(R, A[, C])` in polar coordinates."""
-    around = np.concatenate([rings, rings[:, :1]], axis=1)
+    closed_rings = np.concatenate([rings, rings[:, :1]], axis=1)
     picture = cv2.remap(
-        around, place[0], place[1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        closed_rings,
+        place[0],
+        place[1],
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
     )
     return np.asarray(picture, np.float32)

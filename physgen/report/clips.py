@@ -190,7 +190,7 @@ def clips_in(roots: Sequence[Path]) -> list[Clip]:
         raise InputError(problem for error in missing for problem in error.problems)
     found: dict[Path, Clip] = {}
     for root in roots:
-        for clip in _below(root):
+        for clip in _find_clips(root):
             found.setdefault(clip.home.resolve(), clip)
     # a clip whose refinement failed replaces the record of that failure
     failures = {
@@ -209,10 +209,10 @@ def clips_in(roots: Sequence[Path]) -> list[Clip]:
     )
 
 
-def _below(root: Path) -> Iterator[Clip]:
+def _find_clips(root: Path) -> Iterator[Clip]:
     for place, folders, files in os.walk(root):
         here = Path(place)
-        clip = _rendered(here) if "manifest.json" in files else None
+        clip = _read_rendered(here) if "manifest.json" in files else None
         if clip is not None:
             folders.clear()  # folders inside a clip belong to it
             yield clip
@@ -223,10 +223,10 @@ def _below(root: Path) -> Iterator[Clip]:
                 name.endswith(ENDING)
                 and (failure := read_failure(here / name)) is not None
             ):
-                yield _failed(here / name, failure)
+                yield _read_failed(here / name, failure)
 
 
-def _rendered(folder: Path) -> Clip | None:
+def _read_rendered(folder: Path) -> Clip | None:
     """Read a rendered clip; None if the manifest is not ours."""
     path = folder / "manifest.json"
     try:
@@ -283,7 +283,7 @@ def _source(folder: Path, data: Mapping[str, Any]) -> Path | None:
     return path if path.is_file() else None
 
 
-def _failed(file: Path, failure: Failure) -> Clip:
+def _read_failed(file: Path, failure: Failure) -> Clip:
     """Read a failed clip, whose problems name the scene's file without its folders."""
     name = Path(failure.path).name
     texts = (

@@ -10,7 +10,7 @@ import imageio.v3 as iio
 import numpy as np
 
 from physgen.export.video import U8, sample_frames
-from physgen.report.html import encoded, fitted
+from physgen.report.html import encode_webp, fit_to_side
 
 BEST = (".mp4", ".webp", ".gif")
 """Films, the best first: only a video plays in step with the player. A folder of frames comes last."""
@@ -63,7 +63,7 @@ def poster(film: Path) -> bytes:
         IndexError,
     ) as error:  # SyntaxError: a broken PNG
         raise OSError(f"{film} cannot be read: {error}") from error
-    return encoded(fitted(frame, SIDE), QUALITY)
+    return encode_webp(fit_to_side(frame, SIDE), QUALITY)
 
 
 def result_still(film: Path, *, middle: bool = False) -> bytes:
@@ -76,4 +76,4 @@ def result_still(film: Path, *, middle: bool = False) -> bytes:
     if not frames:
         raise OSError(f"{film} has no frames")
     frame = frames[len(frames) // 2] if middle else frames[-1]
-    return encoded(fitted(frame, SIDE), QUALITY)
+    return encode_webp(fit_to_side(frame, SIDE), QUALITY)

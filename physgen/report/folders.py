@@ -25,7 +25,7 @@ _SWEPT: set[Path] = set()
 
 
 @contextmanager
-def cleaned_up(out: Path) -> Iterator[None]:
+def clean_up_after_error(out: Path) -> Iterator[None]:
     """Remove leftovers of the processes of the block if it raises an error."""
     try:
         yield
@@ -109,7 +109,7 @@ def atomic_folder(final: Path) -> Iterator[Path]:
     old = partial(final, "old")
     try:
         yield beside
-        _instead(beside, final, old)
+        _replace_folder(beside, final, old)
     except BaseException:
         shutil.rmtree(beside, ignore_errors=True)
         if old.exists() and not final.exists():
@@ -118,7 +118,7 @@ def atomic_folder(final: Path) -> Iterator[Path]:
     shutil.rmtree(old, ignore_errors=True)
 
 
-def _instead(beside: Path, final: Path, old: Path) -> None:
+def _replace_folder(beside: Path, final: Path, old: Path) -> None:
     """Put `beside` in place of `final`, which becomes `old`, also if another command does the same now."""
     for left in range(TRIES, 0, -1):
         try:

@@ -108,7 +108,7 @@ def write_gallery(
     listening = write_listening_page(clips, index, title)
     listen = "" if listening is None else quote(listening.name)
     text = gallery_page(clips, shots, index.parent, title, results, listen)
-    if index.exists() and not _ours(index):
+    if index.exists() and not _has_mark(index):
         back_up(index, keep)
     data = text.encode("utf-8")
     write_atomic(index, data)
@@ -408,7 +408,7 @@ def sweep_files(files: Path, used: set[str]) -> None:
                 path.unlink(missing_ok=True)
 
 
-def _ours(index: Path) -> bool:
+def _has_mark(index: Path) -> bool:
     with index.open("rb") as file:
         return MARK.encode() in file.read(2000)
 

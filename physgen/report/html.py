@@ -54,11 +54,11 @@ def script_json(data: object) -> str:
 
 def webp(pixels: U8, quality: int) -> str:
     """Encode (H, W, 3) sRGB, or (H, W, 4) with alpha, which stays exact, as a data URI."""
-    data = base64.b64encode(encoded(pixels, quality))
+    data = base64.b64encode(encode_webp(pixels, quality))
     return f"data:image/webp;base64,{data.decode('ascii')}"
 
 
-def encoded(pixels: U8, quality: int) -> bytes:
+def encode_webp(pixels: U8, quality: int) -> bytes:
     """Encode a WebP file."""
     return iio.imwrite(
         "<bytes>",
@@ -70,7 +70,7 @@ def encoded(pixels: U8, quality: int) -> bytes:
     )
 
 
-def fitted(rgb: U8, side: int) -> U8:
+def fit_to_side(rgb: U8, side: int) -> U8:
     """Return (h, w, 3) whose longer side is at most `side` px."""
     height, width = rgb.shape[:2]
     scale = side / max(height, width)

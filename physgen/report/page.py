@@ -21,16 +21,16 @@ from physgen.export.video import U8
 from physgen.files import resource
 from physgen.report.assumptions import assumptions, is_scaled
 from physgen.report.films import Film
-from physgen.report.html import fitted, script_json, template, webp
+from physgen.report.html import fit_to_side, script_json, template, webp
 from physgen.report.links import document_links
 from physgen.report.parameters import (
     BOUNDARY,
     METRIC_DIGITS,
     arrows,
-    collapsed,
     constraint_rows,
     differing,
     line,
+    merge_equal_rows,
     outlines,
     parameter_rows,
     shared_cells,
@@ -124,7 +124,7 @@ def report_page(
         duration=world.duration,
         film=film,
         refined=_refinement(record.refine),
-        photo=webp(fitted(first, LIMITS.photo_side), LIMITS.photo_quality),
+        photo=webp(fit_to_side(first, LIMITS.photo_side), LIMITS.photo_quality),
         view_box=f"-0.5 -0.5 {width} {height}",
         walls=[
             {
@@ -142,7 +142,7 @@ def report_page(
         columns=units_of(scene),
         **_parameters(scene, world, record.variant),
         edits=record.overrides,
-        played=_played(scene.render),
+        played=_describe_playback(scene.render),
         count=len(world.times),
         touch_count=0 if player is None else len(player["touches"]),
         impact_count=0 if player is None else len(player["impacts"]),
@@ -173,7 +173,7 @@ def _parameters(scene: Scene, world: World, variant: str | None) -> dict[str, An
     """Return what all objects share, and rows of what differs; boundaries have rows of their own."""
     rows = parameter_rows(scene, world, variant)
     shared = shared_cells(rows)
-    rows = collapsed(differing(rows, shared))
+    rows = merge_equal_rows(differing(rows, shared))
     return {
         "shared": shared,
         "parameters": [row for row in rows if row.kind != BOUNDARY],
@@ -256,7 +256,7 @@ def _world_facts(scene: Scene, world: World) -> list[tuple[str, str, str]]:
         (
             "video",
             f"{scene.video_size[0]} × {scene.video_size[1]} px",
-            _played(scene.render),
+            _describe_playback(scene.render),
         ),
         ("engine", f"{value_text(world.steps_per_second)} steps/s", ""),
         ("coefficients", world.combine.value, ""),
@@ -266,7 +266,7 @@ def _world_facts(scene: Scene, world: World) -> list[tuple[str, str, str]]:
     return facts
 
 
-def _played(render: Render) -> str:
+def _describe_playback(render: Render) -> str:
     """Describe how the clip differs from the motion and from the whole photo.
 
     Empty if it does not.

@@ -293,7 +293,7 @@ def shared_cells(rows: Sequence[Row]) -> dict[str, Cell]:
     for name, cell in objects[0].cells.items():
         cells = [row.cells.get(name) for row in objects]
         if all(other is not None and _is_equal(cell, other) for other in cells):
-            shared[name] = _merged(cell, objects[-1].cells[name])
+            shared[name] = _merge_cells(cell, objects[-1].cells[name])
     return shared
 
 
@@ -316,7 +316,7 @@ def _is_equal(first: Cell, second: Cell) -> bool:
     return one.kind == "file" or one.text == other.text
 
 
-def collapsed(rows: Sequence[Row]) -> list[Row]:
+def merge_equal_rows(rows: Sequence[Row]) -> list[Row]:
     """Merge rows that are equal but for the name and the lines of the file, at the place of the first."""
     equal_rows: dict[tuple[object, ...], list[Row]] = {}
     for row in rows:
@@ -332,20 +332,20 @@ def collapsed(rows: Sequence[Row]) -> list[Row]:
         ]
         equal_rows.setdefault((row.label, row.kind, row.also, *cells), []).append(row)
     return [
-        rows[0] if len(rows) == 1 else _together(rows) for rows in equal_rows.values()
+        rows[0] if len(rows) == 1 else _merge_rows(rows) for rows in equal_rows.values()
     ]
 
 
-def _together(rows: Sequence[Row]) -> Row:
+def _merge_rows(rows: Sequence[Row]) -> Row:
     first, last = rows[0], rows[-1]
     cells = {
-        name: _merged(cell, last.cells[name]) for name, cell in first.cells.items()
+        name: _merge_cells(cell, last.cells[name]) for name, cell in first.cells.items()
     }
     names = [row.name for row in rows]
     return replace(first, name=name_ranges(names), cells=cells, names=tuple(names))
 
 
-def _merged(cell: Cell, last: Cell) -> Cell:
+def _merge_cells(cell: Cell, last: Cell) -> Cell:
     """Return a cell whose source spans the lines from its own to those of `last`."""
     text, end = cell.source.text, last.source.text
     if text != end:

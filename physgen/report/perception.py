@@ -17,14 +17,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.compile import Compiled
+from physgen.compile.compile import CompiledScene
 from physgen.compile.world import body_in_photo
 from physgen.geometry.polygon import Array
 from physgen.maps import U8, U16, Percepts
 from physgen.photometry import DistantLight, encode_u8, sphere_normals
 from physgen.render.drawing import Colour, Layer, dashes
-from physgen.report.html import fitted, webp
-from physgen.scene.files import recorded
+from physgen.report.html import fit_to_side, webp
+from physgen.scene.files import read_recorded
 from physgen.scene.scene import Light, MaskId, Scene, View
 from physgen.text import listed
 
@@ -133,7 +133,7 @@ def doubtful_regions(
 
 
 def perception(
-    scene: Scene, compiled: Compiled, maps: Percepts | None
+    scene: Scene, compiled: CompiledScene, maps: Percepts | None
 ) -> Perception | None:
     """Return the section on perception; None for a scene without a photo."""
     if maps is None:
@@ -178,7 +178,8 @@ def perception(
         ("without them", maps.clean),
     )
     return Perception(
-        tuple(pictures), (compared("background", "Background", caption, before, after),)
+        tuple(pictures),
+        (compare_frames("background", "Background", caption, before, after),),
     )
 
 
@@ -187,7 +188,7 @@ def written_suitability(assets: Path | None) -> str:
 
     `""` if they have no record of it.
     """
-    record = recorded(assets, "suitability")
+    record = read_recorded(assets, "suitability")
     reasons = record.get("reasons")
     parts = (
         str(record.get("verdict", "")),
@@ -196,7 +197,7 @@ def written_suitability(assets: Path | None) -> str:
     return ": ".join(filter(None, parts))
 
 
-def compared(
+def compare_frames(
     name: str, title: str, caption: str, before: tuple[str, U8], after: tuple[str, U8]
 ) -> Comparison:
     """Compare two frames (H, W, 3) sRGB of one size, each with a description: `("refined", frame)`."""
@@ -206,7 +207,7 @@ def compared(
         )
     pair = []
     for side, (words, rgb) in (("before", before), ("after", after)):
-        alt, small = f"{title}, {words}", fitted(rgb, PAIR_SIDE)
+        alt, small = f"{title}, {words}", fit_to_side(rgb, PAIR_SIDE)
         pair.append(
             Picture(f"{name}-{side}", words, "", alt, small, webp(small, PAIR_QUALITY))
         )
@@ -215,7 +216,7 @@ def compared(
 
 def _picture(name: str, title: str, caption: str, rgb: U8, alt: str = "") -> Picture:
     alt = alt or f"{title} of the photo. {caption}"
-    small = fitted(rgb, SIDE)
+    small = fit_to_side(rgb, SIDE)
     return Picture(name, title, caption, alt, small, webp(small, QUALITY))
 
 
@@ -229,11 +230,11 @@ def _photo_pictures(
 ) -> list[Picture]:
     """Yield the photo, masks and shapes; `labels` are numbered as `objects` are."""
     height, width = labels.shape
-    photo = fitted(maps.rgb, SIDE)
+    photo = fit_to_side(maps.rgb, SIDE)
     count = f"{len(objects)} object{'s' * (len(objects) != 1)}"
     bounds = f"{len(walls)} boundar{'ies' if len(walls) != 1 else 'y'}"
-    mask_picture = _masked(maps.rgb, labels, max(height, width) / SIDE)
-    outline_picture = _outlined(photo, photo.shape[1] / width, objects, walls)
+    mask_picture = _draw_masks(maps.rgb, labels, max(height, width) / SIDE)
+    outline_picture = _draw_outlines(photo, photo.shape[1] / width, objects, walls)
     _draw_doubtful(outline_picture, photo.shape[1] / width, doubtful)
     if doubtful:
         names = [doubt_text(one.name, one.confidence) for one in doubtful]
@@ -281,7 +282,7 @@ def _map_pictures(maps: Percepts, light: Light | None) -> list[Picture]:
             _picture("shading", "Shading", "The light without the colours.", grey)
         )
     if light is not None:
-        height, width = fitted(maps.rgb, SIDE).shape[:2]
+        height, width = fit_to_side(maps.rgb, SIDE).shape[:2]
         text = light_description(light)
         alt = f"A shaded sphere. {text}"
         pictures.append(
@@ -314,7 +315,7 @@ def _colours(labels: U16) -> NDArray[np.float32]:
     return np.asarray(table.take(labels, axis=0))
 
 
-def _masked(rgb: U8, labels: U16, scale: float) -> U8:
+def _draw_masks(rgb: U8, labels: U16, scale: float) -> U8:
     """Draw the photo in pale grey, objects in colours, white along borders."""
     grey = _grey(rgb)
     result = np.where(
@@ -333,7 +334,7 @@ def _shadows(rgb: U8, objects: U16) -> U8:
     return _u8(np.where(region, 0.45 * grey + 0.55 * _colours(objects), 0.8 * grey))
 
 
-def _outlined(
+def _draw_outlines(
     picture: U8, scale: float, objects: Outlines, walls: Sequence[Array]
 ) -> U8:
     """Draw outlines in the colours of the masks, boundaries in yellow."""

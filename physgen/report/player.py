@@ -95,7 +95,7 @@ def plate(stage: Stage, moving: Sequence[int]) -> str:
         background = encode_u8(
             shaded_background(stage.lit.plate, shadow_share, stage.lit.tint)
         )
-    return webp(_smaller(background, _less(stage)), LIMITS.quality)
+    return webp(_smaller(background, _display_scale(stage)), LIMITS.quality)
 
 
 def sprites(stage: Stage) -> list[dict[str, Any]]:
@@ -105,13 +105,13 @@ def sprites(stage: Stage) -> list[dict[str, Any]]:
     `gloss`, each with its `most`.
     """
     return [
-        _cut(sprite, _less(stage), stage.scale)
+        _cut(sprite, _display_scale(stage), stage.scale)
         for sprite in stage.sprites
         if sprite.coverage.any()
     ]
 
 
-def _less(stage: Stage) -> float:
+def _display_scale(stage: Stage) -> float:
     """Return the share of the picture's size at which it is shown."""
     return float(min(1.0, LIMITS.largest / max(stage.background.shape[:2])))
 
@@ -155,7 +155,9 @@ def _cut(sprite: Sprite, less: float, scale: float) -> dict[str, Any]:
     )
     picture = {
         "body": sprite.body,
-        "box": _placed((left, top, left + alpha.shape[1], top + alpha.shape[0]), scale),
+        "box": _place_box(
+            (left, top, left + alpha.shape[1], top + alpha.shape[0]), scale
+        ),
         "turns": not is_equal,
         "face": round(sprite.face / scale, 3),
         "src": webp(_smaller(pixels, less), LIMITS.quality),
@@ -170,14 +172,14 @@ def _cut(sprite: Sprite, less: float, scale: float) -> dict[str, Any]:
         picture["ball"] = {
             "center": [round(ball.center[0] - left, 3), round(ball.center[1] - top, 3)],
             "radius": round(ball.radius, 3),
-            "skin": _coded(ball.skin[rows, columns]),
-            "lit": _coded(ball.lit[rows, columns]),
-            "gloss": _coded(ball.gloss[rows, columns], signed=True),
+            "skin": _encode_roots(ball.skin[rows, columns]),
+            "lit": _encode_roots(ball.lit[rows, columns]),
+            "gloss": _encode_roots(ball.gloss[rows, columns], signed=True),
         }
     return picture
 
 
-def _coded(values: F32, *, signed: bool = False) -> dict[str, Any]:
+def _encode_roots(values: F32, *, signed: bool = False) -> dict[str, Any]:
     """Encode linear light (h, w, 3) as a picture of its roots, which eyes see evenly.
 
     Zero is grey if `signed`.
@@ -193,7 +195,7 @@ def _coded(values: F32, *, signed: bool = False) -> dict[str, Any]:
     }
 
 
-def _placed(box: PixelBox, scale: float) -> list[float]:
+def _place_box(box: PixelBox, scale: float) -> list[float]:
     """Return left, top, width, height, px of the photo; (0, 0) is the middle of a pixel."""
     x0, y0, x1, y1 = box
     return [
@@ -207,7 +209,7 @@ def _placed(box: PixelBox, scale: float) -> list[float]:
     ]
 
 
-def keyed(path: Array, reach: float) -> list[int]:
+def select_keys(path: Array, reach: float) -> list[int]:
     """Samples of a way (T, 3) px, px, rad between which it is about straight: ends and the most bent between them."""
     scaled_path = path * (1, 1, reach)
     keys = [0, len(scaled_path) - 1] if len(scaled_path) > 1 else [0]
@@ -242,7 +244,7 @@ def shadows(
         keys[k] = (
             [0]
             if lit.casts[k].sliding is not None
-            else keyed(trajectory.poses[:, body], reach)
+            else select_keys(trajectory.poses[:, body], reach)
         )
     order = sorted({sample for mine in keys.values() for sample in mine})
     rows: dict[int, list[dict[str, Any]]] = {k: [] for k in moving}
@@ -251,7 +253,7 @@ def shadows(
     ):
         for k in moving:
             if sample in keys[k]:
-                dark = _dark(stage, lit, stands[k])
+                dark = _measure_darkening(stage, lit, stands[k])
                 rows[k].append(
                     {"sample": sample} | ({} if dark is None else _shadow(*dark))
                 )
@@ -267,7 +269,7 @@ def shadows(
     ]
 
 
-def _dark(
+def _measure_darkening(
     stage: Stage, lit: LitBackground, stand: SpritePose
 ) -> tuple[PixelBox, F32] | None:
     """Return a box, which may leave the photo, and -log of the light that an object lets through there."""
@@ -318,7 +320,7 @@ def _shadow(box: PixelBox, dark: F32) -> dict[str, Any]:
     black = _smaller(black, min(1.0, LIMITS.shadow / max(alpha.shape)))
     place = (box[0] + x0, box[1] + y0, box[0] + x1, box[1] + y1)
     return {
-        "box": _placed(place, 1.0),
+        "box": _place_box(place, 1.0),
         "at": [round(v, 2) for v in offset],
         "src": webp(black, 0),  # coverage is kept whatever the quality
     }
@@ -417,7 +419,7 @@ def _short(value: float, digits: int = 5) -> float:
     return float(f"{value:.{digits}g}")
 
 
-def _rounded(points: Array) -> list[list[float]]:
+def _round_points(points: Array) -> list[list[float]]:
     return [
         [round(round(v / LIMITS.outline) * LIMITS.outline, 2) for v in point]
         for point in points.tolist()
@@ -457,8 +459,8 @@ def figure(scene: Scene, k: int, body: Body) -> Data:
     if body.radius is not None:
         figure_data["radius"] = round(body.radius, 3)
     else:
-        figure_data["rings"] = [_rounded(ring) for ring in body.rings]
-        figure_data["pieces"] = [_rounded(piece) for piece in body.pieces]
+        figure_data["rings"] = [_round_points(ring) for ring in body.rings]
+        figure_data["pieces"] = [_round_points(piece) for piece in body.pieces]
     if body.rest is not None:  # the pose in which its picture was cut out
         x, y, angle = body.rest.tolist()
         figure_data["rest"] = [round(x, 3), round(y, 3), round(angle, 6)]
@@ -557,7 +559,7 @@ def _impact(impact: Impact) -> list[float | int]:
 def _walls(world: World) -> list[Data]:
     """Return boundaries as chains of points."""
     return [
-        {"name": wall.name, "chains": [_rounded(chain) for chain in wall.chains]}
+        {"name": wall.name, "chains": [_round_points(chain) for chain in wall.chains]}
         for wall in world.walls
     ]
 
@@ -589,7 +591,7 @@ def _joints(world: World) -> list[Data]:
             "kind": joint.kind.value,
             "first": joint.first,
             "second": joint.second,
-            "ends": _rounded(np.stack([joint.first_at, joint.second_at])),
+            "ends": _round_points(np.stack([joint.first_at, joint.second_at])),
         }
         for joint in world.joints
     ]

@@ -147,13 +147,13 @@ class RunRecord:
 
 def versions(refine: Mapping[str, Any] | None = None) -> dict[str, str]:
     """Return versions of physgen, Python and the libraries whose results reach the output, also in `refine`."""
-    return _installed() | {
+    return _read_versions() | {
         name: str(refine[name]) for name in REFINING if refine and name in refine
     }
 
 
 @cache
-def _installed() -> dict[str, str]:
+def _read_versions() -> dict[str, str]:
     known_versions = {"physgen": __version__, "python": platform.python_version()}
     return known_versions | {name: _installed_version(name) for name in LIBRARIES}
 

@@ -10,9 +10,9 @@ from typing import Any
 
 from physgen.problems import InputError
 from physgen.report.clips import Clip
-from physgen.scene.document import Source, plain
+from physgen.scene.document import Source, to_plain_data
 from physgen.scene.overlay import edit_of_flag
-from physgen.scene.schema import expanded, inner
+from physgen.scene.schema import inner, load_expanded_schema
 from physgen.text import KeyPath, dotted
 
 Value = float | str
@@ -104,7 +104,7 @@ def _edits(clip: Clip) -> dict[KeyPath, Value]:
             continue
         parts = re.findall(r"[^.\[\]]+", edit.key)
         path = tuple(int(part) if part.isdecimal() else part for part in parts)
-        edits |= dict(_leaves(plain(edit.value), path))
+        edits |= dict(_leaves(to_plain_data(edit.value), path))
     return edits
 
 
@@ -173,7 +173,7 @@ def _least_parts(parts: Sequence[str]) -> int:
 
 def unit(path: KeyPath) -> str:
     """Return the unit of the value at a path of a scene, by the schema; a name may be `*`."""
-    part, result = inner(expanded(), path[0]), ""
+    part, result = inner(load_expanded_schema(), path[0]), ""
     for key in path[1:]:
         result = str((part or {}).get("x-unit", result))
         part = inner(part, key)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.world import World
-from physgen.report.html import U8, fitted, webp
+from physgen.report.html import U8, fit_to_side, webp
 from physgen.simulate.uncertainty import (
     VERBS,
     Ensemble,
@@ -58,7 +58,7 @@ def uncertainty_section(
     fates = {way["fate"] for way in ways}
     return {
         "headline": headline(fan, found),
-        "photo": webp(fitted(first, LIMITS.widest), LIMITS.quality),
+        "photo": webp(fit_to_side(first, LIMITS.widest), LIMITS.quality),
         "facts": _facts(fan),
         "ways": ways,
         "own": [

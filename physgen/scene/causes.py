@@ -40,7 +40,9 @@ def name_edits(
             located_problems.append(replace(problem, variant=writer.variant, fix=fix))
     if pending:
         causes = _first_edits(root, edits, check)
-        located_problems += [_moved(problem, causes, edits) for problem in pending]
+        located_problems += [
+            _move_to_cause(problem, causes, edits) for problem in pending
+        ]
     return located_problems
 
 
@@ -56,7 +58,7 @@ def _dotted_key_advice(edit: Edit) -> str:
     return f"; this replaces all {edit.key}: to set one value, write {'.'.join(path)}"
 
 
-def _moved(
+def _move_to_cause(
     problem: Problem, causes: dict[Problem, Edit], edits: Sequence[Edit]
 ) -> Problem:
     """Return the problem at the edit that caused it, where it is if none is known."""
@@ -121,7 +123,7 @@ def _causes(
     for path, node in islice(_keys(over, (), 3), MOST_KEYS):
         if not pending:
             return
-        left = set(check(merge_bases([_without(over, path), below])))
+        left = set(check(merge_bases([_remove_key(over, path), below])))
         solved_problems = [problem for problem in pending if problem not in left]
         pending = [problem for problem in pending if problem in left]
         yield from ((problem, node) for problem in solved_problems)
@@ -140,14 +142,14 @@ def _keys(node: Node, path: KeyPath, depth: int) -> Iterator[tuple[KeyPath, Node
             yield key_path, child
 
 
-def _without(node: Node, path: KeyPath) -> Node:
+def _remove_key(node: Node, path: KeyPath) -> Node:
     """Return the tree without the value at a path."""
     assert isinstance(node.value, dict)
     key, *rest = path
     children = dict(node.value)
     child = children.pop(str(key))
     if rest:
-        children[str(key)] = _without(child, tuple(rest))
+        children[str(key)] = _remove_key(child, tuple(rest))
     return node.with_value(children)
 
 

@@ -120,13 +120,13 @@ class Node:
         return Node(value, self.source, self.line, self.column, self.key, text)
 
 
-def plain(node: Node) -> Any:
+def to_plain_data(node: Node) -> Any:
     """Return the data alone: scalars, lists and dicts."""
     value = node.value
     if isinstance(value, dict):
-        return {key: plain(child) for key, child in value.items()}
+        return {key: to_plain_data(child) for key, child in value.items()}
     if isinstance(value, list):
-        return [plain(child) for child in value]
+        return [to_plain_data(child) for child in value]
     return value
 
 
@@ -146,7 +146,7 @@ def items(node: Node | None) -> list[Node]:
     return node.value if node is not None and isinstance(node.value, list) else []
 
 
-def whole(node: Node) -> list[int]:
+def read_integers(node: Node) -> list[int]:
     """Return the numbers of a list that the schema says holds whole ones."""
     numbers: Any = items(node)
     return [int(item.value) for item in numbers]

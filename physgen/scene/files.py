@@ -50,7 +50,7 @@ DATA = (OUTLINES, RECORD)
 ASSETS = (*(f"{name}.png" for name in MAPS), *DATA)
 
 
-def confined(
+def resolve_confined(
     written: str,
     folder: Path,
     within: Path,
@@ -114,7 +114,7 @@ def read_record(path: Path) -> dict[str, Any]:
     return record if isinstance(record, dict) else {}
 
 
-def recorded(assets: Path | None, key: str) -> dict[str, Any]:
+def read_recorded(assets: Path | None, key: str) -> dict[str, Any]:
     """Return one mapping of the record of these assets; empty where there is none."""
     record_value = None if assets is None else read_record(assets / RECORD).get(key)
     return record_value if isinstance(record_value, dict) else {}
@@ -177,7 +177,7 @@ def _base(
     if depth > Limit.EXTENDS.most:
         raise refused(Limit.EXTENDS.refusal())
     try:
-        path = confined(
+        path = resolve_confined(
             link.value,
             link.source.folder,
             home,
@@ -201,10 +201,10 @@ def _base(
     if not stat.S_ISREG(mode):
         raise refused(Message.EXTENDS_NOT_FILE.refusal())
     files[path] = file_stamp(path)  # before it is read: a save in between is noticed
-    return read_scene(path, beside(link.source.name, link.value))
+    return read_scene(path, name_relative(link.source.name, link.value))
 
 
-def beside(name: str, written: str) -> str:
+def name_relative(name: str, written: str) -> str:
     """What a path `written` in a file is called that is called `name`.
 
     >>> beside("pool/scene.yaml", "../base/scene.yaml")
@@ -302,7 +302,7 @@ class Record:
 UNKNOWN = Record()
 
 
-def written(path: Path) -> Record:
+def read_written_record(path: Path) -> Record:
     """Return the record at a path; what has another form than it should is left out."""
     record = read_record(path)
     try:

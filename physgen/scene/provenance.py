@@ -229,7 +229,7 @@ def meters(speed: float) -> Any:
     return f"{float(f'{speed:.3g}'):g} m/s" if abs(speed) > 1e-9 else 0
 
 
-def followed(
+def apply_consequences(
     written: Entry,
     filled: Entry,
     record: Record,

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from physgen.scene.schema import Schema, expanded, inner, schema_at
+from physgen.scene.schema import Schema, inner, load_expanded_schema, schema_at
 from physgen.text import KeyPath, pixel_power, rescaled_quantity
 
 VIDEO_SIZE: KeyPath = ("render", "size")
@@ -36,7 +36,7 @@ def scale_scene(data: dict[str, Any], factor: float) -> dict[str, Any]:
     Units of the schema decide: speeds in px/s grow as lengths do, torques in g·px²/s²
     with the square, and 1 m/s stays. Keys of variants are read as paths.
     """
-    scaled_data: dict[str, Any] = _scale(data, expanded(), "", (), factor)
+    scaled_data: dict[str, Any] = _scale(data, load_expanded_schema(), "", (), factor)
     variants = data.get("variants")
     if isinstance(variants, dict):
         scaled_data["variants"] = {
@@ -92,9 +92,9 @@ def _scale(value: Any, schema: Schema, unit: str, path: KeyPath, factor: float) 
     if not isinstance(value, int | float):
         return value
     if _is_position(unit, path):
-        return _round(factor * (value + 0.5) - 0.5, value)
+        return _round_estimate(factor * (value + 0.5) - 0.5, value)
     power = pixel_power(unit) if unit else 0
-    return value if power == 0 else _round(value * factor**power, value)
+    return value if power == 0 else _round_estimate(value * factor**power, value)
 
 
 def _is_position(unit: str, path: KeyPath) -> bool:
@@ -107,7 +107,7 @@ def _is_position(unit: str, path: KeyPath) -> bool:
     return unit == "px" and bool(names) and names[-1] in POSITION_KEYS
 
 
-def _round(value: float, before: float) -> float:
+def _round_estimate(value: float, before: float) -> float:
     """Return a value without digits that no estimate has; whole if it was and is."""
     rounded = float(f"{value:.{DIGITS}g}")
     is_whole = isinstance(before, int) and rounded.is_integer()

@@ -68,7 +68,7 @@ def room(photo: Size, video: Size, zoom: float) -> tuple[Point, Point]:
     return (low[0], low[1]), (high[0], high[1])
 
 
-def held(center: Point, photo: Size, video: Size, zoom: float) -> Point:
+def confine_center(center: Point, photo: Size, video: Size, zoom: float) -> Point:
     """Return the nearest centre to `center` from which the view does not leave the photo.
 
     >>> held((0.0, 50.0), (200, 100), (100, 100), 1.0)

@@ -15,7 +15,7 @@ Schema = dict[str, Any]
 
 
 @cache
-def published() -> Schema:
+def load_published_schema() -> Schema:
     """Return the schema as it is published."""
     schema: Schema = json.loads(
         resource("schemas", "scene-1.schema.json").read_text(encoding="utf-8")
@@ -24,12 +24,12 @@ def published() -> Schema:
 
 
 @cache
-def expanded() -> Schema:
+def load_expanded_schema() -> Schema:
     """Return the schema without $ref: what stands beside a $ref (unit, default) wins over what it points to.
 
     Shared and cached: read it, never change it.
     """
-    return expand(published())
+    return expand(load_published_schema())
 
 
 def expand(root: Schema) -> Schema:
@@ -65,9 +65,9 @@ def _expand(part: Any, defs: Schema) -> Any:
     return {**target, **own_keys}
 
 
-def at(path: str) -> Schema:
+def find_schema_part(path: str) -> Schema:
     """Return the part of the schema for a dotted path, a name in it as `*`: `at("objects.*.mass")`."""
-    part = expanded()
+    part = load_expanded_schema()
     for key in path.split(".") if path else ():
         part = part["additionalProperties"] if key == "*" else part["properties"][key]
     return part
@@ -87,7 +87,7 @@ def inner(schema: Schema | None, key: str | int) -> Schema | None:
 
 def schema_at(path: KeyPath) -> Schema | None:
     """Return the schema of the value at a path of a scene; None where it has none."""
-    part: Schema | None = expanded()
+    part: Schema | None = load_expanded_schema()
     for key in path:
         part = inner(part, key)
     return part
@@ -101,7 +101,7 @@ def parents() -> Mapping[str, tuple[str, ...]]:
     (('world',), ('forces[]',))
     """
     index: dict[str, list[str]] = {}
-    _index_keys(expanded(), "", index)
+    _index_keys(load_expanded_schema(), "", index)
     return {key: tuple(dict.fromkeys(paths)) for key, paths in index.items()}
 
 
@@ -125,7 +125,7 @@ def with_defaults(data: Any, schema: Schema | None = None) -> Any:
     >>> with_defaults({"physgen": 1, "objects": {"a": {"mask": 1}}})["objects"]["a"]["friction"]
     0.5
     """
-    schema = expanded() if schema is None else schema
+    schema = load_expanded_schema() if schema is None else schema
     if isinstance(data, list):
         items = schema.get("items")
         if not isinstance(items, dict) or items.get("type") != "object":

@@ -46,7 +46,7 @@ _PER_SECOND = ("degrees/s", "px/s")
 """Units of a rate whose `/s` people leave out."""
 
 
-def plain(text: str) -> str:
+def normalize_text(text: str) -> str:
     """Return a text with the signs and digits of a keyboard, without quotes around it."""
     signs = "".join(_keyboard_sign(char) for char in text)
     return unicodedata.normalize("NFKC", signs).strip().strip(_QUOTES).strip()
@@ -63,7 +63,7 @@ def meant_number(text: str, unit: str) -> str | None:
     """Return the number, with its unit if one was written, that a text stands for."""
     if len(text) > LONGEST_SLIP:
         return None
-    text = plain(text).split("#")[0].rstrip(" ,;.")
+    text = normalize_text(text).split("#")[0].rstrip(" ,;.")
     if has_decimal_comma(text):
         point_text = text.replace(",", ".")
         return meant_number(point_text, unit) or point_text
@@ -82,7 +82,10 @@ def has_decimal_comma(text: str) -> bool:
     >>> has_decimal_comma("0,5"), has_decimal_comma("1,5 kg"), has_decimal_comma("1,2,3")
     (True, True, False)
     """
-    return re.fullmatch(r"[-+]?\d+,\d+(\s*[^\W\d][^,\s]*)?", plain(text)) is not None
+    return (
+        re.fullmatch(r"[-+]?\d+,\d+(\s*[^\W\d][^,\s]*)?", normalize_text(text))
+        is not None
+    )
 
 
 def _meant_quantity(text: str, unit: str) -> str | None:
@@ -108,7 +111,7 @@ def meant_list(text: str) -> str | None:
     """Return the list of numbers that a text stands for, None if it is none."""
     if len(text) > LONGEST_SLIP:
         return None
-    inner = plain(text).strip("()[]{} ")
+    inner = normalize_text(text).strip("()[]{} ")
     parts = [part for part in re.split(r"\s*[,;xX]\s*|\s+", inner) if part]
     if len(parts) < 2 or not all(map(_is_number, parts)):
         return None

@@ -6,30 +6,29 @@ where it is, what was found, and what to write instead. It is not imported for s
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Callable, Iterable, Iterator
-from functools import cache
+from collections.abc import Callable, Iterable
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from physgen.messages import Message, did_you_mean, one_of
 from physgen.problems import Place, Problem, RefusedError
-from physgen.scene.document import Node, plain
+from physgen.scene.document import Node, to_plain_data
 from physgen.scene.overlay import NAMED, kind_of
 from physgen.scene.schema import (
     Schema,
     advice,
-    at,
     bounds,
-    expanded,
+    find_schema_part,
     inner,
     limit,
+    load_expanded_schema,
     measure,
     parents,
 )
+from physgen.scene.schema_tests import quick_check, schema_validator
 from physgen.scene.slips import has_decimal_comma, meant_list, meant_number
-from physgen.scene.slips import plain as plain_text
+from physgen.scene.slips import normalize_text as plain_text
 from physgen.text import (
     ALLOWED,
     UNITS,
@@ -48,7 +47,6 @@ from physgen.text import (
 
 if TYPE_CHECKING:
     from jsonschema import ValidationError
-    from jsonschema.protocols import Validator
 
 
 MAX_PROBLEMS = 200
@@ -95,7 +93,7 @@ def check_schema(root: Node, findings: Findings) -> None:
     check_part(root, (), "", findings, shallow=True)
     if not isinstance(root.value, dict):
         return
-    properties = expanded()["properties"]
+    properties = load_expanded_schema()["properties"]
     for key, node in root.value.items():
         if key in NAMED and isinstance(node.value, dict):
             check_part(node, (key,), key, findings, shallow=True)
@@ -116,12 +114,12 @@ def check_part(
     data: Any = (
         dict.fromkeys(node.value)
         if isinstance(node.value, dict) and shallow
-        else plain(node)
+        else to_plain_data(node)
     )
     errors: list[ValidationError] = []
-    if not _quick_check(schema_path, shallow)(data):
+    if not quick_check(schema_path, shallow)(data):
         errors = list(
-            islice(_validator(schema_path, shallow).iter_errors(data), MAX_ERRORS)
+            islice(schema_validator(schema_path, shallow).iter_errors(data), MAX_ERRORS)
         )
     short = [
         tuple(error.path)
@@ -143,159 +141,7 @@ def check_part(
                 if error_path[:-1] in shallow_paths:
                     continue
                 shallow_paths.add(error_path[:-1])
-        _Fault(error, node, path, at(schema_path)).report(findings)
-
-
-def _part(schema_path: str, shallow: bool) -> Schema:
-    """Return the part of the schema at a path; `shallow`: without the schemas of a mapping's values."""
-    schema = at(schema_path)
-    if shallow:
-        schema = {
-            **schema,
-            "properties": {key: {} for key in schema.get("properties", {})},
-        }
-        if isinstance(schema.get("additionalProperties"), dict):
-            schema["additionalProperties"] = {}
-    return schema
-
-
-@cache
-def _validator(schema_path: str, shallow: bool) -> Validator:
-    """Return jsonschema's validator of a part of the schema, quick for lists of numbers and points."""
-    from jsonschema import Draft202012Validator
-    from jsonschema.validators import extend
-
-    validator_class: Any = extend(
-        Draft202012Validator, {"items": _items, "pattern": _pattern}
-    )  # type: ignore[no-untyped-call]
-    validator: Validator = validator_class(_part(schema_path, shallow))
-    return validator
-
-
-def _items(
-    validator: Any, part: Schema, instance: Any, schema: Schema
-) -> Iterator[ValidationError]:
-    """The keyword `items`: numbers and points in range are most of a file and pass without a call of jsonschema."""
-    if isinstance(instance, list):
-        accepts = _quick_test(part)
-        for index, item in enumerate(instance):
-            if not accepts(item):
-                yield from validator.descend(item, part, path=index)
-
-
-def _pattern(
-    validator: Any, pattern: str, instance: Any, schema: Schema
-) -> Iterator[ValidationError]:
-    """Yield the errors of the keyword `pattern`: in JSON Schema, $ is the very end, not before a last line break."""
-    from jsonschema import ValidationError
-
-    if isinstance(instance, str) and not _compiled(pattern).search(instance):
-        yield ValidationError(f"{instance!r} does not match {pattern!r}")
-
-
-@cache
-def _compiled(pattern: str) -> re.Pattern[str]:
-    return re.compile(re.sub(r"\$$", r"\\Z", pattern))
-
-
-Test = Callable[[Any], bool]
-
-
-@cache
-def _quick_check(schema_path: str, shallow: bool) -> Test:
-    """Return the quick test of a part of the schema.
-
-    A part that it accepts needs no jsonschema, whose import alone takes a fifth of the time of `physgen check`.
-    """
-    return _quick_test(_part(schema_path, shallow))
-
-
-def _quick_test(schema: Schema) -> Test:
-    """Return a test that accepts only values that satisfy the schema; jsonschema decides where it is false."""
-    kinds = schema.get("type")
-    if isinstance(kinds, list):
-        return _quick_choice(schema, kinds)
-    if "enum" in schema or "const" in schema:
-        choices = schema.get("enum", [schema.get("const")])
-        return lambda value: type(value) is type(choices[0]) and value in choices
-    if kinds == "boolean":
-        return lambda value: isinstance(value, bool)
-    if kinds in ("number", "integer"):
-        lowest, greatest, is_open = bounds(schema)
-        types = (int,) if kinds == "integer" else (int, float)
-        return lambda value: (
-            type(value) in types
-            and lowest <= value <= greatest
-            and not (is_open and value == lowest)
-        )
-    if kinds == "string":
-        shortest, longest = (
-            schema.get("minLength", 0),
-            schema.get("maxLength", math.inf),
-        )
-        search = _compiled(schema.get("pattern", "")).search
-        return lambda value: (
-            isinstance(value, str)
-            and shortest <= len(value) <= longest
-            and bool(search(value))
-        )
-    if kinds == "array":
-        return _quick_list(schema)
-    return _quick_mapping(schema) if kinds == "object" else lambda value: True
-
-
-def _quick_choice(schema: Schema, kinds: list[str]) -> Test:
-    """Return a value of one of several types."""
-    types = {
-        "object": dict,
-        "array": list,
-        "string": str,
-        "integer": int,
-        "boolean": bool,
-    }
-    tests = {types[kind]: _quick_test({**schema, "type": kind}) for kind in kinds}
-    if "then" in schema:
-        tests[str] = _quick_test(schema["then"])
-    return lambda value: type(value) in tests and tests[type(value)](value)
-
-
-def _quick_list(schema: Schema) -> Test:
-    prefix = [_quick_test(part) for part in schema.get("prefixItems", [])]
-    item_test = _quick_test(schema["items"]) if "items" in schema else None
-    shortest, longest = schema.get("minItems", 0), schema.get("maxItems", math.inf)
-    if item_test is not None:
-        return lambda value: (
-            type(value) is list
-            and shortest <= len(value) <= longest
-            and all(map(item_test, value))
-        )
-    return lambda value: (
-        type(value) is list
-        and shortest <= len(value) <= longest
-        and all(test(item) for test, item in zip(prefix, value, strict=False))
-    )
-
-
-def _quick_mapping(schema: Schema) -> Test:
-    tests = {
-        key: _quick_test(part) for key, part in schema.get("properties", {}).items()
-    }
-    rest = schema.get("additionalProperties", {})
-    other = _quick_test(rest) if isinstance(rest, dict) else lambda value: False
-    is_name = _quick_test(schema.get("propertyNames", {}))
-    required_keys = schema.get("required", [])
-    smallest, largest = (
-        schema.get("minProperties", 0),
-        schema.get("maxProperties", math.inf),
-    )
-    return lambda value: (
-        isinstance(value, dict)
-        and smallest <= len(value) <= largest
-        and all(key in value for key in required_keys)
-        and all(
-            is_name(key) and tests.get(key, other)(item) for key, item in value.items()
-        )
-    )
+        _Fault(error, node, path, find_schema_part(schema_path)).report(findings)
 
 
 class _Fault:

@@ -9,7 +9,7 @@ from typing import Any
 
 from physgen.problems import RefusedError
 from physgen.scene.document import resolve
-from physgen.scene.schema import Schema, expanded, inner, schema_at
+from physgen.scene.schema import Schema, inner, load_expanded_schema, schema_at
 from physgen.text import KeyPath, dotted, number
 
 WIDTH = 112
@@ -38,7 +38,9 @@ def scene_text(
     lines = [f"# yaml-language-server: $schema={schema}"] if schema else []
     lines += _comment_lines(header, "") if header else []
     writer = _Writer(comments or {})
-    lines += writer.mapping(document, "", (), expanded()) if document else ["{}"]
+    lines += (
+        writer.mapping(document, "", (), load_expanded_schema()) if document else ["{}"]
+    )
     return "\n".join(lines) + "\n"
 
 

@@ -13,8 +13,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -27,7 +26,7 @@ from physgen.problems import EditError, InputError
 from physgen.scene.document import LOADER, Source, read, resolve
 from physgen.scene.schema import schema_at
 from physgen.scene.write import entry_lines, flow_text, key_text
-from physgen.text import KeyPath, dotted, listed, number
+from physgen.text import KeyPath, dotted, number
 
 _NOWHERE = Path()
 
@@ -37,7 +36,7 @@ BREAK = re.compile("\r\n|[\n\r\x85\u2028\u2029]")
 
 
 @dataclass
-class Marked:
+class MarkedValue:
     """One value. `begin` and `end` are indices into the text; of a block, `end` is the end of its last value."""
 
     kind: type  # `dict`, `list`, or `str` for any scalar
@@ -50,7 +49,7 @@ class Marked:
     """Of a scalar: `""` plain, or its quote, `|` or `>`."""
     keys: list[tuple[str, int, int]] = field(default_factory=list)
     """Of a mapping: each key, and where it stands."""
-    children: list[Marked] = field(
+    children: list[MarkedValue] = field(
         default_factory=list
     )  # values of a mapping, or items
 
@@ -64,7 +63,7 @@ class Marked:
     def _places(self) -> dict[str, int]:
         return {name: index for index, (name, _, _) in enumerate(self.keys)}
 
-    def child(self, key: str | int) -> Marked | None:
+    def child(self, key: str | int) -> MarkedValue | None:
         """Return the value of a key or an index."""
         index = self.place(key)
         return None if index is None else self.children[index]
@@ -82,7 +81,7 @@ class Marked:
 
 
 @lru_cache(maxsize=4)
-def marked(text: str) -> Marked:
+def mark_values(text: str) -> MarkedValue:
     """The tree of a file's text. Raises EditError where it is not YAML of scenes, which can only be edited as text."""
     try:
         read(text, Source("", _NOWHERE))
@@ -96,7 +95,7 @@ def marked(text: str) -> Marked:
     return _mark_tree(yaml.compose(text, Loader=LOADER), text)
 
 
-def _mark_tree(node: Any, text: str) -> Marked:
+def _mark_tree(node: Any, text: str) -> MarkedValue:
     begin, end, column = (
         node.start_mark.index,
         node.end_mark.index,
@@ -107,7 +106,7 @@ def _mark_tree(node: Any, text: str) -> Marked:
         if style in ("|", ">"):
             end = begin + len(text[begin:end].rstrip())
         value = node.value if style else resolve(node.value)
-        return Marked(str, False, begin, end, column, value, style)
+        return MarkedValue(str, False, begin, end, column, value, style)
     keys: list[tuple[str, int, int]] = []
     if isinstance(node, yaml.MappingNode):
         keys = [
@@ -119,7 +118,7 @@ def _mark_tree(node: Any, text: str) -> Marked:
         children = [_mark_tree(child, text) for child in node.value]
     flow = bool(node.flow_style)
     kind = dict if isinstance(node, yaml.MappingNode) else list
-    return Marked(
+    return MarkedValue(
         kind,
         flow,
         begin,
@@ -130,7 +129,7 @@ def _mark_tree(node: Any, text: str) -> Marked:
     )
 
 
-def entry(text: str, parent: Marked, at: int) -> int:
+def entry(text: str, parent: MarkedValue, at: int) -> int:
     """Start of the entry of a child: its key, or its dash."""
     if parent.kind is dict:
         return parent.keys[at][1]
@@ -177,13 +176,13 @@ def newline(text: str) -> str:
     return line_break[0] if line_break and line_break[0] in ("\r\n", "\r") else "\n"
 
 
-def below(text: str, place: int, lines: Sequence[str]) -> Patch:
+def patch_below(text: str, place: int, lines: Sequence[str]) -> Patch:
     """Return the lines after that of a place."""
     stop, line = line_end(text, place), newline(text)
     return stop, stop, line + line.join(lines)
 
 
-def joint(text: str, node: Marked, before: Marked) -> str:
+def joint(text: str, node: MarkedValue, before: MarkedValue) -> str:
     """Return the separator of a new entry in brackets: with a line break where each entry has a line of its own."""
     begin = (
         node.keys[node.children.index(before)][1] if node.kind is dict else before.begin
@@ -193,9 +192,9 @@ def joint(text: str, node: Marked, before: Marked) -> str:
     return ", "
 
 
-def find(text: str, path: Sequence[str | int]) -> Marked:
+def find(text: str, path: Sequence[str | int]) -> MarkedValue:
     """Return the value at a path. Raises EditError where there is none."""
-    node = marked(text)
+    node = mark_values(text)
     for key in path:
         child = node.child(key)
         if child is None:
@@ -204,20 +203,20 @@ def find(text: str, path: Sequence[str | int]) -> Marked:
     return node
 
 
-def same(one: Any, other: Any) -> bool:
+def are_equal(one: Any, other: Any) -> bool:
     """Return whether two values are equal; true and 1 are not."""
     if isinstance(one, dict) and isinstance(other, dict):
         return one.keys() == other.keys() and all(
-            same(one[key], other[key]) for key in one
+            are_equal(one[key], other[key]) for key in one
         )
     if isinstance(one, list) and isinstance(other, list):
-        return len(one) == len(other) and all(map(same, one, other))
+        return len(one) == len(other) and all(map(are_equal, one, other))
     if isinstance(one, bool) or isinstance(other, bool):
         return one is other
     return bool(one == other)
 
 
-def parent_of(text: str, path: KeyPath) -> tuple[Marked, int]:
+def parent_of(text: str, path: KeyPath) -> tuple[MarkedValue, int]:
     """Return the collection that holds what is at a path, and which of its children that is."""
     parent = find(text, path[:-1])
     index = parent.place(path[-1])
@@ -226,7 +225,7 @@ def parent_of(text: str, path: KeyPath) -> tuple[Marked, int]:
     return parent, index
 
 
-def patched(text: str, *patches: Patch) -> str:
+def apply_patches(text: str, *patches: Patch) -> str:
     """Return the text with patches, which do not overlap."""
     for begin, end, new in sorted(patches, reverse=True):
         text = text[:begin] + new + text[end:]
@@ -242,7 +241,7 @@ def write(text: str, data: dict[str, Any]) -> str:
         new_text = put(text, (), data)
         if is_json(text) and not is_json(new_text):
             new_text = json.dumps(data, indent=2, ensure_ascii=False) + "\n"
-        if same(marked(new_text).data(), data):
+        if are_equal(mark_values(new_text).data(), data):
             return new_text
     except EditError:
         pass
@@ -254,7 +253,7 @@ def written_anew(text: str, path: KeyPath, value: Any) -> str:
     node = find(text, path)
     if "#" in text[node.begin : line_after(text, node.end - 1)]:
         return text
-    return patched(text, *_rewritten(text, path, value))
+    return apply_patches(text, *_rewritten(text, path, value))
 
 
 def put(text: str, path: KeyPath, value: Any) -> str:
@@ -263,7 +262,7 @@ def put(text: str, path: KeyPath, value: Any) -> str:
         return _make_entry(text, path, value)
     return (
         text
-        if same(find(text, path).data(), value)
+        if are_equal(find(text, path).data(), value)
         else _replace_value(text, path, value)
     )
 
@@ -273,7 +272,7 @@ def _drop(text: str, path: KeyPath) -> str:
     parent, index = parent_of(text, path)
     begin = entry(text, parent, index)
     if not leads(text, begin) or not _ends_line(text, parent, index):
-        return patched(text, _cut(text, parent, index, begin))
+        return apply_patches(text, _cut(text, parent, index, begin))
     first, stop = _first_line(text, parent, index), _last_line(text, parent, index)
     if _is_blank_line(text, stop) and first and _is_blank_line(text, first - 1):
         stop = line_after(text, stop)
@@ -286,10 +285,10 @@ def _drop(text: str, path: KeyPath) -> str:
     if is_last and is_json(text):  # which has no comma behind the last entry
         end = parent.children[index - 1].end
         patches.append((end, text.index(",", end) + 1, ""))
-    return patched(text, *patches)
+    return apply_patches(text, *patches)
 
 
-def _ends_line(text: str, parent: Marked, at: int) -> bool:
+def _ends_line(text: str, parent: MarkedValue, at: int) -> bool:
     """Return whether nothing but a comma and a comment follows an entry on its line."""
     if not parent.is_flow:
         return True
@@ -304,7 +303,7 @@ def _is_blank_line(text: str, place: int) -> bool:
     return stop < len(text) and not text[line_begin(text, place) : stop].strip()
 
 
-def _first_line(text: str, parent: Marked, at: int) -> int:
+def _first_line(text: str, parent: MarkedValue, at: int) -> int:
     """Return the start of an entry's lines: of the comments directly above it."""
     begin = entry(text, parent, at)
     first = line_begin(text, begin)
@@ -329,7 +328,7 @@ def _break_before(text: str, place: int) -> str:
     return before if BREAK.match(before) else ""
 
 
-def _last_line(text: str, parent: Marked, at: int) -> int:
+def _last_line(text: str, parent: MarkedValue, at: int) -> int:
     """Return the end of an entry's lines: of the deeper comments that follow it."""
     begin = entry(text, parent, at)
     column = begin - line_begin(text, begin)
@@ -351,7 +350,7 @@ def _after_deeper_comments(text: str, place: int, column: int) -> int:
     return stop
 
 
-def _cut(text: str, parent: Marked, at: int, begin: int) -> Patch:
+def _cut(text: str, parent: MarkedValue, at: int, begin: int) -> Patch:
     """Return the patch that removes one of several entries in brackets, and no comments of others."""
     child = parent.children[at]
     is_last = at + 1 == len(parent.children)
@@ -379,16 +378,18 @@ def _insert(text: str, path: KeyPath, value: Any) -> str:
     if node.is_flow:
         inner, before = _inline(text, value, path), node.children[max(index - 1, 0)]
         if index == 0:
-            return patched(text, (before.begin, before.begin, f"{inner}, "))
-        return patched(
+            return apply_patches(text, (before.begin, before.begin, f"{inner}, "))
+        return apply_patches(
             text, (before.end, before.end, joint(text, node, before) + inner)
         )
     indent = " " * node.column
     lines = entry_lines(value, f"{indent}-", indent + "  ", path)
     if index:
-        return patched(text, below(text, node.children[index - 1].end, lines))
+        return apply_patches(
+            text, patch_below(text, node.children[index - 1].end, lines)
+        )
     begin = entry(text, node, 0)
-    return patched(
+    return apply_patches(
         text, (begin, begin, (newline(text).join([*lines, indent]))[node.column :])
     )
 
@@ -397,7 +398,9 @@ def _rename(text: str, path: KeyPath, to: str) -> str:
     """Rename a key."""
     parent, index = parent_of(text, path)
     _, begin, end = parent.keys[index]
-    return patched(text, (begin, end, _quoted_as(text, text[begin], to, key_text(to))))
+    return apply_patches(
+        text, (begin, end, _quoted_as(text, text[begin], to, key_text(to)))
+    )
 
 
 def _make_entry(text: str, path: KeyPath, value: Any) -> str:
@@ -411,11 +414,13 @@ def _make_entry(text: str, path: KeyPath, value: Any) -> str:
     after = node.children[_before(node, parent_path, key)]
     if node.is_flow:
         inner = f"{_key(text, key)}: {_inline(text, value, path)}"
-        return patched(text, (after.end, after.end, joint(text, node, after) + inner))
+        return apply_patches(
+            text, (after.end, after.end, joint(text, node, after) + inner)
+        )
     indent = " " * node.column
-    return patched(
+    return apply_patches(
         text,
-        below(
+        patch_below(
             text,
             after.end,
             entry_lines(value, f"{indent}{key_text(key)}:", indent + "  ", path),
@@ -423,7 +428,7 @@ def _make_entry(text: str, path: KeyPath, value: Any) -> str:
     )
 
 
-def _before(node: Marked, path: KeyPath, key: str) -> int:
+def _before(node: MarkedValue, path: KeyPath, key: str) -> int:
     """Return the index of the key after which a new one is written: in the schema's order, else the last."""
     order = list((schema_at(path) or {}).get("properties", {}))
     if key not in order:
@@ -458,7 +463,7 @@ def _replace_value(text: str, path: KeyPath, value: Any) -> str:
             for line in entry_lines(value[key], f"{key_text(key)}:", "  ", (key,))
         ]
         patches = patches or [(node.begin, node.end, newline(text).join(lines) or "{}")]
-    return patched(
+    return apply_patches(
         text, *(_rewritten(text, path, value) if patches is None else patches)
     )
 
@@ -475,23 +480,23 @@ def _empty_collection(text: str, path: KeyPath) -> str | None:
     for child in range(len(node.children)):
         first, stop = _first_line(text, node, child), _last_line(text, node, child)
         patches.append((first, stop, ""))
-    return patched(text, *patches)
+    return apply_patches(text, *patches)
 
 
-def _are_filled(node: Marked, value: Any) -> bool:
+def _are_filled(node: MarkedValue, value: Any) -> bool:
     """Return whether two values are mappings, or lists, that are not empty."""
     is_same_kind = node.kind is not str and isinstance(value, node.kind)
     return is_same_kind and bool(node.children) and bool(value)
 
 
-def _entries(text: str, path: KeyPath, node: Marked, value: dict[str, Any]) -> str:
+def _entries(text: str, path: KeyPath, node: MarkedValue, value: dict[str, Any]) -> str:
     """Return a mapping key by key; a key that is gone whose value is that of a new one is renamed."""
     old: dict[str, Any] = node.data()
     new = [key for key in value if key not in old]
     for key in old:
         if key in value:
             continue
-        name = next((name for name in new if same(old[key], value[name])), None)
+        name = next((name for name in new if are_equal(old[key], value[name])), None)
         if name is not None:
             new.remove(name)
             text = _rename(text, (*path, key), name)
@@ -501,7 +506,7 @@ def _entries(text: str, path: KeyPath, node: Marked, value: dict[str, Any]) -> s
             text = put(text, (*path, first), value[first])
         text = _drop(text, (*path, key))
     for key, child in value.items():
-        if key not in old or not same(old[key], child):
+        if key not in old or not are_equal(old[key], child):
             text = put(text, (*path, key), child)
     return text
 
@@ -510,14 +515,18 @@ def _items(text: str, path: KeyPath, old: list[Any], new: list[Any]) -> str:
     """A list item by item between its ends that stay; from the last, so that numbers of items stay what they are."""
     shorter_length = min(len(old), len(new))
     head = next(
-        (index for index in range(shorter_length) if not same(old[index], new[index])),
+        (
+            index
+            for index in range(shorter_length)
+            if not are_equal(old[index], new[index])
+        ),
         shorter_length,
     )
     tail = next(
         (
             index
             for index in range(shorter_length - head)
-            if not same(old[-1 - index], new[-1 - index])
+            if not are_equal(old[-1 - index], new[-1 - index])
         ),
         shorter_length - head,
     )
@@ -532,7 +541,7 @@ def _items(text: str, path: KeyPath, old: list[Any], new: list[Any]) -> str:
 
 
 def _differences(
-    text: str, node: Marked, value: Any, path: KeyPath
+    text: str, node: MarkedValue, value: Any, path: KeyPath
 ) -> list[Patch] | None:
     """Patches that change values inside brackets; None if keys or the number of items differ, at any depth."""
     if (
@@ -557,7 +566,7 @@ def _differences(
         return None
     patches: list[Patch] = []
     for child, new, child_path in pairs:
-        if not same(child.data(), new):
+        if not are_equal(child.data(), new):
             inner = _differences(text, child, new, child_path)
             if inner is None and _are_filled(child, new):
                 return None
@@ -567,7 +576,7 @@ def _differences(
     return patches
 
 
-def _inside(text: str, node: Marked, value: Any, path: KeyPath) -> Patch:
+def _inside(text: str, node: MarkedValue, value: Any, path: KeyPath) -> Patch:
     """Return the patch of a value in brackets."""
     gap = " " if node.begin == node.end else ""
     inner = _inline(text, value, path)
@@ -657,208 +666,5 @@ def _rewritten(text: str, path: KeyPath, value: Any) -> list[Patch]:
         and (node.kind is str or node.is_flow)
         and node.style not in ("|", ">")
     ):
-        return [(colon + 1, node.end, ""), below(text, node.end, rest)]
+        return [(colon + 1, node.end, ""), patch_below(text, node.end, rest)]
     return [(colon + 1, end, newline(text).join([first + header, *rest]))]
-
-
-# Comments of perception
-
-LONGEST = 116
-"""Columns of a line with a comment behind its value."""
-DEEP = {"objects": 3, "world": 2, "boundaries": 2, "render": 1}
-"""Keys of a path to a value with a comment of perception, by section."""
-
-
-def without_comments(
-    text: str, paths: Sequence[Sequence[str | int]], ours: Collection[str]
-) -> str:
-    """Return the text without the comments that are `ours` behind or above values that a user has set; others stay."""
-    for path in paths:
-        if depth := DEEP.get(str(path[0]), 0):
-            text = _without_comment(text, tuple(path[:depth]), ours)
-    return text
-
-
-def with_comments(
-    text: str, comments: Mapping[str, str], ours: Collection[str], new: Collection[str]
-) -> str:
-    """The text with comments at dotted keys, behind short values and above others, in the place of those that are
-    `ours`; where none is, at keys that are `new` alone."""
-    for key, comment in comments.items():
-        try:
-            parent, index = parent_of(text, tuple(key.split(".")))
-        except EditError:
-            continue
-        begin, words = entry(text, parent, index), " ".join(comment.split())
-        there = set(dict(_comments(text, begin)).values())
-        if (
-            parent.is_flow
-            or not leads(text, begin)
-            or words in there
-            or not (key in new or any(_is_ours(one, ours) for one in there))
-        ):
-            continue
-        text = without_comments(text, [key.split(".")], ours)
-        parent, index = parent_of(text, tuple(key.split(".")))
-        begin = entry(text, parent, index)
-        first, stop = line_begin(text, begin), line_end(text, begin)
-        short = stop - first + len(words) <= LONGEST and "#" not in text[first:stop]
-        child = parent.children[index]
-        if short and (child.end <= stop or not (child.is_flow or child.kind is str)):
-            text = patched(text, (stop, stop, f"  # {words}"))
-        else:
-            text = patched(
-                text, (first, first, f"{text[first:begin]}# {words}{newline(text)}")
-            )
-    return text
-
-
-_COUNTS = re.compile(
-    r"\d+ x .+?(, (?:where you pointed|from the masks given|found by [^,]+"
-    r"|as the scene had them(?:, and where you pointed)?)"
-    r", counted from left to right(?:; \d+ specks of under \d+ px left out)?)"
-)
-"""What perception says of all objects: 2 x ball, 1 x block, found by ..."""
-_SUPPORTED = re.compile(r"under \d+ objects?")
-"""What perception says of a boundary."""
-_HIDING = "in front: it hides parts of "
-"""What perception says of a layer, before the names of objects."""
-_HIDDEN = re.compile(_HIDING + r"([\w-]+(?:, [\w-]+)*(?: and [\w-]+)?)")
-
-
-def with_true_comments(
-    text: str, old: Mapping[str, Any], renamed: Mapping[str, str]
-) -> str:
-    """Update or remove comments of perception on objects that came, went or changed.
-
-    `old` is the data before the change; `renamed` are new names of objects by the old.
-    """
-    labels, labels_before = _labels(marked(text).data()), _labels(old)
-    if labels == labels_before:
-        return text
-    counts = _label_counts(labels)
-    if counts != _label_counts(labels_before):
-        text = _with_comment(
-            text, ("objects",), lambda words: _count_objects(words, counts)
-        )
-    if len(labels) != len(labels_before):
-        for name in old.get("boundaries") or {}:
-            text = _with_comment(text, ("boundaries", str(name)), _without_support)
-    if _HIDING not in text:
-        return text
-    for name in labels:
-        text = _with_comment(
-            text,
-            ("objects", name, "layer"),
-            lambda words: _hidden_names(words, labels, renamed),
-        )
-    return text
-
-
-def _is_ours(words: str, ours: Collection[str]) -> bool:
-    """Return whether perception wrote a comment, or an edit brought it up to date."""
-    is_updated = _HIDDEN.fullmatch(words) or _COUNTS.fullmatch(words)
-    return words in ours or is_updated is not None
-
-
-def _labels(data: Mapping[str, Any]) -> dict[str, str]:
-    """Return the labels of objects by name."""
-    labels: dict[str, str] = {}
-    objects = data.get("objects")
-    for name, item in objects.items() if isinstance(objects, dict) else ():
-        label = item.get("label") if isinstance(item, dict) else None
-        labels[name] = str(label or "object")
-    return labels
-
-
-def _label_counts(labels: Mapping[str, str]) -> str:
-    """Return the number of objects of each label: 2 x ball, 1 x block."""
-    counts = Counter(labels.values())
-    ordered_counts = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
-    return ", ".join(f"{number} x {label}" for label, number in ordered_counts)
-
-
-def _count_objects(words: str, counts: str) -> str:
-    """Return perception's comment on all objects with other counts."""
-    match = _COUNTS.fullmatch(words)
-    if match is None:
-        return words
-    return counts + match[1] if counts else ""
-
-
-def _without_support(words: str) -> str:
-    """Return a comment on a boundary; none if it counts the objects on it."""
-    return "" if _SUPPORTED.fullmatch(words) else words
-
-
-def _hidden_names(
-    words: str, names: Collection[str], renamed: Mapping[str, str]
-) -> str:
-    """Return a comment on a layer with the names that hidden objects have now."""
-    match = _HIDDEN.fullmatch(words)
-    if match is None:
-        return words
-    before = re.split(", | and ", match[1])
-    new_names = [renamed.get(name, name) for name in before]
-    hidden_names = [name for name in new_names if name in names]
-    return _HIDING + listed(hidden_names, "and") if hidden_names else ""
-
-
-def _with_comment(text: str, path: KeyPath, change: Callable[[str], str]) -> str:
-    """Change the words of the comments behind and above a key; "" removes a comment."""
-    try:
-        parent, index = parent_of(text, path)
-    except EditError:
-        return text
-    begin = entry(text, parent, index)
-    if parent.is_flow or not leads(text, begin):
-        return text
-    for line, words in _comments(text, begin):
-        new = change(words)
-        if new != words:
-            text = _with_words(text, line, new)
-    return text
-
-
-def _with_words(text: str, number: int, words: str) -> str:
-    """Give the comment in a line other words, or remove it."""
-    lines = text.split("\n")
-    line = lines[number]
-    end = "\r" if line.endswith("\r") else ""
-    is_whole = line.lstrip().startswith("#")
-    if is_whole and not words:
-        del lines[number]
-        return "\n".join(lines)
-    before = line[: line.index("#")] if is_whole else line.rpartition(" #")[0] + " "
-    lines[number] = (before + f"# {words}" if words else before.rstrip()) + end
-    return "\n".join(lines)
-
-
-def _comments(text: str, place: int) -> Iterator[tuple[int, str]]:
-    """Yield the index and words of the comment that ends the line of a place, and of the lines of comments above it."""
-    lines, line_number = text.split("\n"), text.count("\n", 0, place)
-    _, mark, words = lines[line_number].rpartition(" #")
-    if mark:
-        yield line_number, " ".join(words.split())
-    while line_number and lines[line_number - 1].lstrip().startswith("#"):
-        line_number -= 1
-        yield line_number, " ".join(lines[line_number].lstrip(" #").split())
-
-
-def _without_comment(text: str, path: KeyPath, ours: Collection[str]) -> str:
-    try:
-        parent, index = parent_of(text, path)
-    except EditError:
-        return text
-    begin = entry(text, parent, index)
-    if parent.is_flow or not leads(text, begin):
-        return text
-    lines = text.split("\n")
-    for line, words in _comments(text, begin):
-        if _is_ours(words, ours) and lines[line].lstrip().startswith("#"):
-            del lines[line]
-        elif _is_ours(words, ours):
-            lines[line] = lines[line].rpartition(" #")[0].rstrip() + "\r" * lines[
-                line
-            ].endswith("\r")
-    return "\n".join(lines)

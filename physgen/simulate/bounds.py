@@ -1,4 +1,6 @@
-"""Joints that hold one way or up to a force: ropes, rails with ends, limits of angles, drives, friction in pins."""
+"""One-sided and limited joints: ropes, rails with ends, limits of angles, drives,
+friction in pins.
+"""
 
 from __future__ import annotations
 
@@ -16,51 +18,68 @@ Flags = NDArray[np.bool_]
 Vector = tuple[float, float]
 
 UNIFORM = (JointKind.PIVOT, JointKind.MOTOR)
-"""Joints whose turning has limits and friction."""
+"""Joints with limits and friction of the rotation."""
 TAUT = 1e-6
-"""px or rad: a bound that is nearer holds at once."""
+"""Distance, px or rad, within which a bound holds at once."""
 TAUT_IN_IMPACT = 0.05
-"""px: a bound that is nearer takes part in impacts; between two steps a rope's way is straight, not round."""
+"""Distance, px, within which a bound takes part in impacts: between two steps the end
+of a rope moves along a chord, not along a circle.
+"""
 MET_IN_STEP = 8.0
-"""px: a bound that is farther cannot be met within a step."""
+"""Distance, px, beyond which a bound cannot be met within a step."""
 ANGLE_NEAR = 0.02
-"""rad per px."""
+"""Conversion of these distances for angles, rad per px."""
 CATCH = 2
-"""Steps in a row in which a bound takes energy: it is met within the first and reached at the end of the second."""
+"""Steps in a row in which a bound takes energy: it is met within the first and reached
+at the end of the second.
+"""
 JERK = 0.1
-"""Of a group's speed, in terms of energy: a bound that closes faster is met anew."""
+"""Share of a group's speed, in terms of energy: a bound that closes faster is
+met anew.
+"""
 EXCHANGES = 8
-"""Changes of all bounds at a time, before they change one by one: that always ends (Murty 1974)."""
+"""Number of exchanges of all wrong bounds at once; then they are exchanged one by one,
+which always terminates (Murty 1974).
+"""
 MOST_EXCHANGES = 200
+"""Limit on the number of exchanges."""
 WHEEL = 4.0
-"""px: radius of a pulley's wheels, at which ends stop; nearer, they would turn around the point within a step."""
+"""Radius of a pulley's wheels, px, at which ends stop; nearer, they would turn around
+the point within a step.
+"""
 LEEWAY = 1e-9
-"""Of the largest impulse or speed: a bound is met within it."""
+"""Relative tolerance of impulses and speeds at their bounds."""
 SINGULAR = 1e-10
-"""Of the largest singular value; see joints.py."""
+"""Relative size of singular values that count as 0; see joints.py."""
 
 
 class Places(Protocol):
-    """Where points of bodies are."""
+    """Positions of points on bodies."""
 
     def find(self, body: int, at: Array) -> tuple[list[float], float, float]:
-        """Return the pose of a body, and px from its centre to the point `at` (2,) of it."""
+        """Return the pose of a body, and px from its centre to the point `at` (2,) of
+        it.
+        """
 
 
 class Bound(NamedTuple):
-    """A speed, in terms of velocities of a group, that an impulse between `low` and `high` keeps from falling short."""
+    """A speed of a group's motion with a lower limit.
+
+    An impulse between `low` and `high` keeps the speed from falling below the limit.
+    `row` gives the speed in terms of the group's velocities.
+    """
 
     row: list[float]
     speed: float
-    """Least speed; of what has no direction, the wanted one."""
+    """Least speed; for a bound of both directions, the wanted speed."""
     low: float
     high: float
     is_driven: bool = False
-    """Whether a motor's work counts."""
+    """Whether the bound does the work of a motor."""
 
 
 def has_bounds(joint: Joint) -> bool:
-    """Return whether a joint has more than equations."""
+    """Check whether a joint has inequalities, not only equations."""
     if joint.kind in (JointKind.ROPE, JointKind.PULLEY, JointKind.SLIDER):
         return True
     return joint.limits is not None or joint.friction > 0
@@ -69,7 +88,9 @@ def has_bounds(joint: Joint) -> bool:
 def end(
     joint: Joint, number: int, spots: Places
 ) -> tuple[int | None, float, float, float, float]:
-    """Return a joint's body on one side (0, 1), the place of its point, px, and its arm from the body's centre."""
+    """Return the body of one side (0, 1) of a joint, its point, px, and the arm from
+    its centre.
+    """
     body, at = (
         (joint.first, joint.first_at),
         (joint.second, joint.second_at),
@@ -82,6 +103,7 @@ def end(
 
 
 def _angle(body: int | None, spots: Places) -> float:
+    """Return the angle of a body, rad; 0 for the world."""
     return 0.0 if body is None else spots.find(body, np.zeros(2))[0][2]
 
 
@@ -92,7 +114,7 @@ def _add(
     way: Vector,
     arm: Vector,
 ) -> None:
-    """Add the speed along `way` of a body's point at `arm`."""
+    """Add the speed along `way` of a body's point at `arm` to a row."""
     if body is None or body not in place:
         return
     k = place[body]
@@ -104,7 +126,7 @@ def _add(
 def _turning(
     joint: Joint, place: dict[int, int], size: int, part: float
 ) -> list[float]:
-    """Return the turning of the first side less `part` times that of the second."""
+    """Return the row of the first side's spin less `part` times that of the second."""
     row = [0.0] * size
     for body, sign in ((joint.first, 1.0), (joint.second, -part)):
         if body is not None and body in place:
@@ -113,14 +135,18 @@ def _turning(
 
 
 def motor_row(joint: Joint, place: dict[int, int], size: int) -> list[float]:
-    """Return the turning of the first side against the second."""
+    """Return the row of the first side's spin relative to the second."""
     return _turning(joint, place, size, 1.0)
 
 
 def _rail(
     joint: Joint, place: dict[int, int], spots: Places, size: int
 ) -> tuple[list[float], list[float], float, float, float]:
-    """Return the speeds along and across a rail, px from its first point along and across, and its length."""
+    """Return the rows of the speeds along and across a rail, the position, and its
+    length.
+
+    The position is px along and across the rail from its first point.
+    """
     body, x, y, *arm = end(joint, 0, spots)
     other, x0, y0, *_ = end(joint, 1, spots)
     ux, uy = joint.guide[0].tolist()
@@ -130,28 +156,30 @@ def _rail(
         arm2 = x - pose[0], y - pose[1]
     length = hypot(ux, uy)
     ux, uy = ux / length, uy / length
-    along, across = [0.0] * size, [0.0] * size
-    for row, (wx, wy) in ((along, (ux, uy)), (across, (-uy, ux))):
+    along_row, across_row = [0.0] * size, [0.0] * size
+    for row, (wx, wy) in ((along_row, (ux, uy)), (across_row, (-uy, ux))):
         _add(row, place, body, (wx, wy), (arm[0], arm[1]))
         _add(row, place, other, (-wx, -wy), arm2)
     dx, dy = x - x0, y - y0
-    return along, across, dx * ux + dy * uy, dy * ux - dx * uy, length
+    return along_row, across_row, dx * ux + dy * uy, dy * ux - dx * uy, length
 
 
 def guide_rows(
     joint: Joint, place: dict[int, int], spots: Places, size: int
 ) -> tuple[list[list[float]], list[float]]:
-    """Return speeds that a slider or a gear keeps at nothing, and px or rad by which its sides are apart."""
-    first = _angle(joint.first, spots)
-    second = _angle(joint.second, spots)
+    """Return the rows of speeds that a slider or a gear keeps at 0, and its errors, px
+    or rad.
+    """
+    first_angle = _angle(joint.first, spots)
+    second_angle = _angle(joint.second, spots)
     match joint.kind:
         case JointKind.SLIDER:
-            _, across, _, gap, _ = _rail(joint, place, spots, size)
+            _, across_row, _, gap, _ = _rail(joint, place, spots, size)
             turning = _turning(joint, place, size, 1.0)
-            return [across, turning], [gap, first - second]
+            return [across_row, turning], [gap, first_angle - second_angle]
         case JointKind.GEAR:
             turning = _turning(joint, place, size, joint.ratio)
-            return [turning], [first - joint.ratio * second]
+            return [turning], [first_angle - joint.ratio * second_angle]
         case _:
             return [], []
 
@@ -165,20 +193,23 @@ def bounds_of(
     strength: float | None,
     near: float = TAUT,
 ) -> list[Bound]:
-    """Return the bounds of a joint in a step of h seconds; motors have `strength` times their limit.
+    """Return the bounds of a joint in a step of h seconds; motors have `strength` times
+    their limit.
 
-    strength None: those that hold at once, being nearer than `near`, px; of angles,
-    that many rad times ANGLE_NEAR.
+    With `strength` None, return only the bounds that hold at once: those nearer than
+    `near` px, or `near` times `ANGLE_NEAR` rad.
     """
     rows: list[tuple[list[float], float]] = []
-    found: list[Bound] = []
+    bounds: list[Bound] = []
     if joint.kind is JointKind.SLIDER:
-        along, _, way, _, length = _rail(joint, place, spots, size)
-        rows = [(along, way), ([-v for v in along], length - way)]
+        along_row, _, position, _, length = _rail(joint, place, spots, size)
+        rows = [(along_row, position), ([-v for v in along_row], length - position)]
         if joint.drive is not None and strength is not None:
-            most = joint.force * h * strength
-            speed = _speed_in_bounds(joint.drive, way, length - way, h)
-            found.append(Bound(along, speed, -most, most, True))
+            largest_impulse = joint.force * h * strength
+            speed = _speed_in_bounds(joint.drive, position, length - position, h)
+            bounds.append(
+                Bound(along_row, speed, -largest_impulse, largest_impulse, True)
+            )
     elif joint.kind in (JointKind.ROPE, JointKind.PULLEY):
         rows = [_rope(joint, place, spots, size)]
         if joint.kind is JointKind.PULLEY:
@@ -187,24 +218,30 @@ def bounds_of(
         turning = _turning(joint, place, size, 1.0)
         angle = _angle(joint.first, spots) - _angle(joint.second, spots)
         if joint.limits is not None:
-            least, most = joint.limits
-            rows = [(turning, angle - least), ([-v for v in turning], most - angle)]
+            smallest_angle, largest_impulse = joint.limits
+            rows = [
+                (turning, angle - smallest_angle),
+                ([-v for v in turning], largest_impulse - angle),
+            ]
         if joint.friction > 0 and strength is not None:
-            most = joint.friction * h * strength
-            found.append(Bound(turning, 0.0, -most, most, True))
+            largest_impulse = joint.friction * h * strength
+            bounds.append(Bound(turning, 0.0, -largest_impulse, largest_impulse, True))
     unit = ANGLE_NEAR if joint.kind in UNIFORM else 1.0
-    for row, room in rows:
+    for row, distance in rows:
+        # Within a step, a bound may close at the speed with which it is reached at the
+        # step's end.
         if strength is not None:
-            found.append(Bound(row, -room / h, 0.0, inf))
-        elif room <= max(TAUT, near * unit):
-            found.append(Bound(row, 0.0, 0.0, inf))
-    return found
+            bounds.append(Bound(row, -distance / h, 0.0, inf))
+        elif distance <= max(TAUT, near * unit):
+            bounds.append(Bound(row, 0.0, 0.0, inf))
+    return bounds
 
 
 def _speed_in_bounds(speed: float, behind: float, ahead: float, h: float) -> float:
-    """Return the speed of a drive that stops at an end, and does not work against it.
+    """Return the speed of a drive such that it stops at the ends, and does not push
+    against them.
 
-    behind, ahead: px or rad to the ends.
+    `behind`, `ahead`: px or rad to the ends.
     """
     return min(max(speed, -behind / h), ahead / h)
 
@@ -217,19 +254,23 @@ def motor_bound(
     h: float,
     strength: float,
 ) -> Bound:
-    """Return the bound of a motor in a step of h seconds, with `strength` times its limit."""
-    speed, most = joint.speed, joint.limit * h * strength
+    """Return the bound of a motor in a step of h seconds, with `strength` times its
+    limit.
+    """
+    speed, largest_impulse = joint.speed, joint.limit * h * strength
     if joint.limits is not None:
         angle = _angle(joint.first, spots) - _angle(joint.second, spots)
-        behind, ahead = angle - joint.limits[0], joint.limits[1] - angle
-        speed = _speed_in_bounds(speed, behind, ahead, h)
-    return Bound(motor_row(joint, place, size), speed, -most, most, True)
+        room_behind, room_ahead = angle - joint.limits[0], joint.limits[1] - angle
+        speed = _speed_in_bounds(speed, room_behind, room_ahead, h)
+    return Bound(
+        motor_row(joint, place, size), speed, -largest_impulse, largest_impulse, True
+    )
 
 
 def _rope(
     joint: Joint, place: dict[int, int], spots: Places, size: int
 ) -> tuple[list[float], float]:
-    """Return the speed at which a rope gets slack, and px of slack."""
+    """Return the row of the speed at which a rope slackens, and its slack, px."""
     row, length = [0.0] * size, 0.0
     ends = end(joint, 0, spots), end(joint, 1, spots)
     for number, (body, x, y, *arm) in enumerate(ends):
@@ -237,14 +278,16 @@ def _rope(
             x0, y0 = joint.guide[number].tolist()
         else:
             _, x0, y0, *_ = ends[1 - number]
-        apart = hypot(x - x0, y - y0)
-        length += apart
-        if apart > 0:
-            way = (x0 - x) / apart, (y0 - y) / apart
-            _add(row, place, body, way, (arm[0], arm[1]))
+        distance = hypot(x - x0, y - y0)
+        length += distance
+        if distance > 0:
+            direction = (x0 - x) / distance, (y0 - y) / distance
+            _add(row, place, body, direction, (arm[0], arm[1]))
     if joint.kind is JointKind.PULLEY:
-        between = joint.guide[1] - joint.guide[0]
-        length += hypot(*between.tolist())
+        # A pulley's rope leads from each end to its wheel, and between the wheels; a
+        # plain rope was counted from both ends.
+        wheel_distance = joint.guide[1] - joint.guide[0]
+        length += hypot(*wheel_distance.tolist())
     else:
         length /= 2
     return row, joint.length - length
@@ -253,82 +296,99 @@ def _rope(
 def _stops(
     joint: Joint, place: dict[int, int], spots: Places, size: int
 ) -> list[tuple[list[float], float]]:
-    """Return the speeds at which the ends of a pulley leave their points, and px to where the wheels stop them."""
-    found = []
+    """Return the rows of the speeds at which a pulley's ends leave their wheels, and px
+    to the wheels.
+    """
+    stops = []
     for number in (0, 1):
         body, x, y, *arm = end(joint, number, spots)
         x0, y0 = joint.guide[number].tolist()
-        apart = hypot(x - x0, y - y0)
-        if body is None or apart <= 0:
+        distance = hypot(x - x0, y - y0)
+        if body is None or distance <= 0:
             continue
         row = [0.0] * size
-        way = (x - x0) / apart, (y - y0) / apart
-        _add(row, place, body, way, (arm[0], arm[1]))
-        found.append((row, apart - WHEEL))
-    return found
+        direction = (x - x0) / distance, (y - y0) / distance
+        _add(row, place, body, direction, (arm[0], arm[1]))
+        stops.append((row, distance - WHEEL))
+    return stops
 
 
 def bounded_impulses(
     give: Array, goal: Array, low: Array, high: Array
 ) -> tuple[Array, Array]:
-    """Return impulses (R,) within their bounds, and which of them are free.
+    """Solve for impulses (R,) within bounds, and return them with the mask of free
+    ones.
 
-    Those that are free reach their goals; one at its lower bound has more than its
-    goal, one at its upper bound less.
+    A free impulse reaches its goal; at a lower bound the speed is above its goal, at an
+    upper bound below it. Principal pivoting for mixed linear complementarity (Murty
+    1974).
     """
     count = len(goal)
     is_low, is_high = low == 0.0, np.zeros(count, bool)
     impulse = np.zeros(count)
     for number in range(MOST_EXCHANGES):
-        free = ~(is_low | is_high)
+        is_free = ~(is_low | is_high)
         impulse = np.where(is_low, low, np.where(is_high, high, 0.0))
-        if free.any():
-            rest = goal[free] - give[np.ix_(free, ~free)] @ impulse[~free]
-            impulse[free] = _least_squares(give[np.ix_(free, free)], rest)
-        slack = LEEWAY * max(float(np.abs(impulse).max()), 1e-300)
-        short = goal - give @ impulse
-        near = LEEWAY * max(float(np.abs(goal).max()), 1e-300)
-        to_low = free & (impulse < low - slack)
-        to_high = free & (impulse > high + slack)
-        to_free = (is_low & (short > near)) | (is_high & (short < -near))
-        wrong = np.flatnonzero(to_low | to_high | to_free)
-        if not len(wrong):
+        if is_free.any():
+            remaining_goal = (
+                goal[is_free] - give[np.ix_(is_free, ~is_free)] @ impulse[~is_free]
+            )
+            impulse[is_free] = _least_squares(
+                give[np.ix_(is_free, is_free)], remaining_goal
+            )
+        # An impulse outside its bounds is set to the bound; a bound at which the speed
+        # is on the wrong side is set free.
+        impulse_tolerance = LEEWAY * max(float(np.abs(impulse).max()), 1e-300)
+        shortfall = goal - give @ impulse
+        speed_tolerance = LEEWAY * max(float(np.abs(goal).max()), 1e-300)
+        to_low = is_free & (impulse < low - impulse_tolerance)
+        to_high = is_free & (impulse > high + impulse_tolerance)
+        to_free = (is_low & (shortfall > speed_tolerance)) | (
+            is_high & (shortfall < -speed_tolerance)
+        )
+        wrong_rows = np.flatnonzero(to_low | to_high | to_free)
+        if not len(wrong_rows):
             break
         if number >= EXCHANGES:
-            wrong = wrong[:1]
-        for k in wrong.tolist():
+            wrong_rows = wrong_rows[:1]
+        for k in wrong_rows.tolist():
             is_low[k], is_high[k] = bool(to_low[k]), bool(to_high[k])
     return impulse, ~(is_low | is_high)
 
 
 def _least_squares(matrix: Array, goal: Array) -> Array:
+    """Solve a system; if it is singular, in the sense of least squares."""
     try:
-        found = np.linalg.solve(matrix, goal)
-        if np.abs(matrix @ found - goal).max() <= 1e-6 * np.abs(goal).max(initial=0.0):
-            return np.asarray(found)
+        solution = np.linalg.solve(matrix, goal)
+        if np.abs(matrix @ solution - goal).max() <= 1e-6 * np.abs(goal).max(
+            initial=0.0
+        ):
+            return np.asarray(solution)
     except np.linalg.LinAlgError:
         pass
     return np.asarray(np.linalg.lstsq(matrix, goal, rcond=SINGULAR)[0])
 
 
 class BoundedMotion(NamedTuple):
-    """What the joints of one group do in a step."""
+    """The effect of the joints of one group in a step."""
 
     velocity: Array
     work: float
-    """g·px²/s² of motors."""
+    """Work of motors, g·px²/s²."""
     lost: float
-    """g·px²/s² taken by friction and by bounds that are met."""
+    """Energy taken by friction and by bounds that are met, g·px²/s²."""
     early: float = 0.0
-    """Part of it that the mean of the velocities before and after lacks already."""
+    """Part of `lost` that is already missing in the mean of the velocities before and
+    after.
+    """
 
 
 class BoundedGroup:
-    """A group of bodies of whose joints some have bounds."""
+    """A group of bodies with bounds of some of its joints."""
 
     def __init__(self) -> None:
         self._steps: dict[int, int] = {}
-        """Bound -> steps in a row in which it held."""
+        """Number of consecutive steps in which each bound held."""
 
     def hold(
         self,
@@ -339,50 +399,59 @@ class BoundedGroup:
         before: list[float],
         within: Array | None,
     ) -> BoundedMotion:
-        """Return the velocities with which equations `rows` have `speeds` and bounds hold.
+        """Return the velocities at which equations `rows` have `speeds` and all bounds
+        hold.
 
-        light: 1/mass and 1/moment of each velocity in `before`; within: velocities
-        before lasting forces changed them, None if it is no step.
+        `light`: 1/mass and 1/moment of each velocity in `before`; `within`: velocities
+        before lasting forces changed them, None outside a step.
         """
-        begun, weight = np.array(before), np.array(light)
-        every = [*rows, *(bound.row for bound in bounds)]
-        if not every:
-            return BoundedMotion(begun, 0.0, 0.0)
-        J = np.array(every)
-        goal = np.array([*speeds, *(bound.speed for bound in bounds)]) - J @ begun
+        start_velocities, inverse_masses = np.array(before), np.array(light)
+        all_rows = [*rows, *(bound.row for bound in bounds)]
+        if not all_rows:
+            return BoundedMotion(start_velocities, 0.0, 0.0)
+        J = np.array(all_rows)
+        goal = (
+            np.array([*speeds, *(bound.speed for bound in bounds)])
+            - J @ start_velocities
+        )
         count = len(rows)
         low = np.array([-inf] * count + [bound.low for bound in bounds])
         high = np.array([inf] * count + [bound.high for bound in bounds])
-        give = (J * weight) @ J.T
-        give.ravel()[:: len(give) + 1] *= 1 + 1e-12
-        impulse, _ = bounded_impulses(give, goal, low, high)
-        after = begun + weight * (J.T @ impulse)
-        done = (impulse * (J @ (begun + after)) / 2)[count:].tolist()
-        driven = [k for k, bound in enumerate(bounds) if bound.is_driven]
-        work = sum(max(done[k], 0.0) for k in driven)
-        lost = sum(max(-done[k], 0.0) for k in driven)
-        early = 0.0
+        response = (J * inverse_masses) @ J.T
+        response.ravel()[:: len(response) + 1] *= 1 + 1e-12
+        impulse, _ = bounded_impulses(response, goal, low, high)
+        after = start_velocities + inverse_masses * (J.T @ impulse)
+        works = (impulse * (J @ (start_velocities + after)) / 2)[count:].tolist()
+        driven_bounds = [k for k, bound in enumerate(bounds) if bound.is_driven]
+        work = sum(max(works[k], 0.0) for k in driven_bounds)
+        loss = sum(max(-works[k], 0.0) for k in driven_bounds)
+        early_loss = 0.0
         if within is not None:
             closing = (J @ within)[count:]
-            # as contacts, a bound that is met does its work at the mean of the step's two velocities
-            met = impulse[count:] * (closing + (J @ after)[count:]) / 2
-            moves = weight > 0
-            size = float((within[moves] ** 2 / weight[moves]).sum())
-            is_jerk = closing < -JERK * np.sqrt(np.diag(give)[count:] * size)
-            holds = (impulse[count:] > 0) & (low[count:] == 0)
-            counts = self._catches(holds, is_jerk)
-            lost -= float(met[counts].sum())
-            # the energy of the mean is less by half the impulse's work, from the
-            # velocity before to the mean
+            # Like a contact, a bound that is met does its work at the mean of the
+            # velocities before and after the step.
+            bound_works = impulse[count:] * (closing + (J @ after)[count:]) / 2
+            is_movable = inverse_masses > 0
+            doubled_energy = float(
+                (within[is_movable] ** 2 / inverse_masses[is_movable]).sum()
+            )
+            is_jerk = closing < -JERK * np.sqrt(
+                np.diag(response)[count:] * doubled_energy
+            )
+            is_holding = (impulse[count:] > 0) & (low[count:] == 0)
+            is_caught = self._catches(is_holding, is_jerk)
+            loss -= float(bound_works[is_caught].sum())
+            # The mean of the velocities already lacks the work that the impulse does
+            # from the velocity before to the mean.
             mean = (closing + (J @ after)[count:]) / 2
-            halfway = impulse[count:] * (closing + mean) / 4
-            early -= float(halfway[counts].sum())
-        return BoundedMotion(after, work, lost, early)
+            early_works = impulse[count:] * (closing + mean) / 4
+            early_loss -= float(early_works[is_caught].sum())
+        return BoundedMotion(after, work, loss, early_loss)
 
     def _catches(self, holds: Flags, is_jerk: Flags) -> Flags:
-        """Return which of the bounds (B,) are met in a step.
+        """Return the mask of the bounds (B,) that are met in a step.
 
-        is_jerk: an end that passes the point of a pulley meets its bound again.
+        `is_jerk`: an end that passes the point of a pulley meets its bound again.
         """
         is_caught = np.zeros(len(holds), bool)
         for k in range(len(holds)):

@@ -1,4 +1,8 @@
-"""Joints that break: the forces in them, from the momentum that contacts and lasting forces do not explain."""
+"""Breaking joints: their forces follow from the momentum balance of the bodies.
+
+The part of a body's momentum that contacts and lasting forces do not explain comes from
+its joints.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +22,9 @@ from physgen.simulate.joints import Assemblies
 Array = NDArray[np.float64]
 
 WINDOW = 1 / 240
-"""s over which the force in a joint is averaged: rigid bodies stop at once, and a blow has a force only over a time."""
+"""Time over which the force in a joint is averaged, s: rigid bodies stop at once, and
+the impulse of a blow becomes a force only over a time.
+"""
 
 
 class Breakages:
@@ -34,11 +40,13 @@ class Breakages:
         self._last: dict[str, deque[tuple[float, float]]] = {
             joint.name: deque() for joint in self._whole
         }
-        """Name of a joint -> s and impulse, g·px/s, of its last steps."""
+        """Duration, s, and impulse, g·px/s, of the last steps by the name of a
+        joint.
+        """
 
     @property
     def busy(self) -> bool:
-        """Whether any joint may break."""
+        """Check whether any joint may break."""
         return bool(self._whole)
 
     def unexplained(
@@ -50,10 +58,12 @@ class Breakages:
         contacts: tuple[Order, bytes],
         impacts: list[Impacts],
     ) -> Array:
-        """Return the impulses (N, 3) that joints gave in a step of h seconds.
+        """Return the impulses (N, 3) of joints in a step of h seconds.
 
-        change (N, 3) of the velocities, pose (N, 3), load (N, 3) of lasting forces.
+        `change` (N, 3) of the velocities, `pose` (N, 3), `load` (N, 3) of lasting
+        forces.
         """
+        # Start with the total change of momentum, and subtract all known causes.
         impulse = self._weight * (change - h * self._gravity)
         if load is not None:
             impulse -= np.where(self._weight > 0, load * h, 0.0)
@@ -61,52 +71,61 @@ class Breakages:
         order, numbers = contacts
         if numbers:
             touch = touching(order.words, order.sort(numbers))
+            # The sum of the impulses of a contact acts between its two points.
             points = (touch.on_first + touch.on_second) / 2
-            last = np.where(touch.count == 1, 0, 1)
-            middle = (points[:, 0] + points[np.arange(len(points)), last]) / 2
+            last_point = np.where(touch.count == 1, 0, 1)
+            centres = (points[:, 0] + points[np.arange(len(points)), last_point]) / 2
             for bodies, sign in ((touch.first, 1.0), (touch.second, -1.0)):
-                mine = bodies < count
-                arm = middle[mine] - pose[bodies[mine], :2]
-                given = sign * touch.impulse[mine]
-                both = np.column_stack([given, cross(arm, given)])
-                np.subtract.at(impulse, bodies[mine], both)
+                is_body = bodies < count
+                arms = centres[is_body] - pose[bodies[is_body], :2]
+                impulses = sign * touch.impulse[is_body]
+                impulses_and_moments = np.column_stack(
+                    [impulses, cross(arms, impulses)]
+                )
+                np.subtract.at(impulse, bodies[is_body], impulses_and_moments)
+        # The place of an impact is not known here: its angular momentum is left in.
         for impact in impacts:
             for bodies, sign in ((impact.first, 1.0), (impact.second, -1.0)):
-                mine = bodies < count
+                is_body = bodies < count
                 np.subtract.at(
-                    impulse[:, :2], bodies[mine], sign * impact.impulse[mine]
+                    impulse[:, :2], bodies[is_body], sign * impact.impulse[is_body]
                 )
         return np.where(self._weight > 0, impulse, 0.0)
 
     def review(
         self, joined: Assemblies, pose: Array, impulse: Array, h: float, is_blow: bool
     ) -> list[Joint]:
-        """Return the joints that break in a step of h seconds in which they gave `impulse` (N, 3).
+        """Return the joints that break in a step of h seconds.
 
-        is_blow: where impacts turned bodies is not known.
+        `impulse` (N, 3) of the joints in the step; `is_blow`: impacts occurred, and the
+        angular impulses are unknown.
         """
-        given = joined.reactions(pose, impulse, is_blow)
-        broken = []
+        reactions = joined.reactions(pose, impulse, is_blow)
+        broken_joints = []
         for joint in self._whole:
             if joint.kind in SPRINGS:
                 size = h * joint.stiffness * abs(_length(joint, pose) - joint.length)
             else:
-                size = given.get(joint.name, 0.0)
-            last = self._last[joint.name]
-            last.append((h, size))
-            while len(last) > 1 and sum(span for span, _ in last) - last[0][0] >= (
-                WINDOW * (1 - 1e-6)
+                size = reactions.get(joint.name, 0.0)
+            history = self._last[joint.name]
+            history.append((h, size))
+            # Keep just as many steps as fill the window.
+            while len(history) > 1 and sum(
+                duration for duration, _ in history
+            ) - history[0][0] >= (WINDOW * (1 - 1e-6)):
+                history.popleft()
+            duration = max(WINDOW, sum(duration for duration, _ in history))
+            if (
+                sum(step_impulse for _, step_impulse in history) / duration
+                > joint.breaks
             ):
-                last.popleft()
-            span = max(WINDOW, sum(span for span, _ in last))
-            if sum(one for _, one in last) / span > joint.breaks:
-                broken.append(joint)
-        self._whole = [joint for joint in self._whole if joint not in broken]
-        return broken
+                broken_joints.append(joint)
+        self._whole = [joint for joint in self._whole if joint not in broken_joints]
+        return broken_joints
 
 
 def _length(spring: Joint, pose: Array) -> float:
-    """Return px between a spring's ends."""
+    """Return the distance between a spring's ends, px."""
     ends = []
     for body, at in (
         (spring.first, spring.first_at),

@@ -1,9 +1,11 @@
-"""Impacts: contact points that close, and the velocities after them.
+"""Impacts: closing contact points, and the velocities after them.
 
-Newton's elasticity and Coulomb's friction at each point. Points that close at the same instant are solved together;
-then the next points that close, so that an impact travels on through what touches: the last of a row of balls takes
-all, whether their gaps are 0, a hair, or a hair of overlap, and a symmetric rack stays symmetric. Few points close at a
-time, so the rounds use plain numbers, and only bodies that an impact has moved are looked at again.
+Newton's elasticity and Coulomb's friction hold at each point. Points that close at the
+same instant are solved together, then the next points that close. An impact therefore
+travels on through touching bodies: the last of a row of balls gets all the momentum,
+whether the gaps are 0, tiny, or tiny overlaps, and a symmetric rack stays symmetric.
+Few points close at a time, so the rounds use plain numbers, and only bodies that an
+impact has moved are checked again.
 """
 
 from __future__ import annotations
@@ -32,48 +34,58 @@ class CollisionTuning:
     """Limits and tolerances of the impact solver."""
 
     sweeps: int = 300
-    few: int = (
-        30  # passes over points that close together, at most; few in a heap of hundreds
-    )
+    few: int = 30
+    """Maximum number of passes over points that close together; `few` for heaps."""
     rounds: int = 400
-    """Impacts in a row within one instant; what still closes then is left to the engine, as if it did not bounce."""
+    """Rounds of impacts within one instant; the engine treats the remaining points as
+    inelastic."""
     faint: float = 1e-4
-    """Of a step's hardest impact: what closes more slowly after it is left to the engine, or echoes would never end."""
+    """Share of a step's largest closing speed below which the engine treats a later
+    impact as inelastic: echoes would never end otherwise."""
     exact: float = 1e-13
     nearly: float = 1e-5
-    """Relative change of an impulse at which points that close together are solved: usually, and in a heap."""
+    """Relative change of impulses at which a solution has converged; `nearly` for
+    heaps.
+    """
     base: float = 2e6
     per_second: float = 1e6
-    """Passes over points that close together that a run may begin with, and more a second of the scene: over 100 times
-    what the bundled scenes need. Beyond it each step has one round: a ton on a saucer cannot keep a run for hours."""
+    """Work of a run, in passes over points: at its begin, and per second of the scene.
+
+    The bundled scenes need less than 1 % of it. Beyond the limit, each step has one
+    round: a ton on a saucer must not take hours."""
     crowd: int = 500  # contact points of a heap
     dense: int = 40
-    """Speeds that a point changes, above which arrays are faster than lists: measured with 10 to 100 points."""
+    """Number of speeds that a point changes above which arrays are faster than lists,
+    measured with 10 to 100 points.
+    """
     aheads: int = 2
-    """Poses at which joints are asked what they allow: now, and a step later."""
-    together: float = 0.02  # part of a step within which two contacts of one body count as simultaneous
+    """Number of poses at which the joints must allow a velocity: now, and a
+    step later.
+    """
+    together: float = 0.02
+    """Share of a step within which two contacts of one body are simultaneous."""
 
 
 TUNING = CollisionTuning()
 LEAST_JOLT = 0.1
-"""Of the threshold of impacts: slower motion is not asked whether joints hold it."""
+"""Share of the threshold of impacts below which motion is not tested against joints."""
 
 
 class WorkBudget:
-    """Passes over points that close together, which a run may make."""
+    """The limit on a run's work: passes over points that close together."""
 
     def __init__(self, bodies: int) -> None:
         self._crowd = 1 + bodies / TUNING.crowd
         self._left = TUNING.base * self._crowd
         self.exceeded_by: tuple[int, int] | None = None
-        """The pair that closed fastest when nothing was left."""
+        """The first pair of the group that used up the budget."""
 
     def grant(self, seconds: float) -> None:
-        """Add what a step of the scene brings."""
+        """Add the work for a step of the scene."""
         self._left += TUNING.per_second * seconds * self._crowd
 
     def spend(self, passes: int, points: list[Point]) -> None:
-        """Count passes over points."""
+        """Subtract passes over points."""
         self._left -= passes * len(points)
         if self._left < 0 and self.exceeded_by is None:
             self.exceeded_by = points[0].a, points[0].b
@@ -82,23 +94,33 @@ class WorkBudget:
 def single_point_impulse(
     nn: float, nt: float, tt: float, elasticity: float, mu: float, vn: float, vt: float
 ) -> tuple[float, float]:
-    """Impulse of a lone point in closed form: sticking where friction can hold, else sliding; no gain of energy.
+    """Return the impulse of a single point in closed form, normal and along the
+    surface.
 
-    nn, nt, tt: changes of closing and sliding speed by a unit of impulse, normal and along the surface; vn (negative:
-    closing), vt: the speeds.
+    The point sticks if friction suffices, else it slides; kinetic energy never grows.
+    `nn`, `nt`, `tt`: changes of closing and sliding speed by a unit impulse, normal and
+    along the surface; `vn` (negative if it closes), `vt`: the speeds.
     """
     target = -(1 + elasticity) * vn
     if mu == 0:
         return target / nn, 0.0
-    det = nn * tt - nt * nt
-    jn, jt = (target * tt + nt * vt) / det, (-nt * target - nn * vt) / det
+    determinant = nn * tt - nt * nt
+    jn, jt = (
+        (target * tt + nt * vt) / determinant,
+        (-nt * target - nn * vt) / determinant,
+    )
     if jn <= 0 or abs(jt) > mu * jn:
+        # Friction cannot hold the point: it acts with its full coefficient against the
+        # sliding.
         side = (1.0 if jt > 0 else -1.0) if jt else (-1.0 if vt > 0 else 1.0)
         grip = nn + side * mu * nt
-        if grip < 1e-9 * nn:  # it would wedge
+        # With this friction, the point would wedge: no finite impulse reverses it.
+        if grip < 1e-9 * nn:
             return target / nn, 0.0
         jn = target / grip
         jt = side * mu * jn
+    # Newton's rule with friction can create energy for an oblique contact: then leave
+    # out friction.
     gain = jn * (2 * vn + nn * jn + nt * jt) + jt * (2 * vt + tt * jt + nt * jn)
     if elasticity <= 1 and gain > 1e-12 * abs(jn * vn):
         return target / nn, 0.0
@@ -112,27 +134,34 @@ def simultaneous_impulses(
     friction: list[float],
     exact: float,
 ) -> tuple[Array, int]:
-    """Impulses (2P,), normal and along the surface in turn, of points that close together; and passes over them.
+    """Return the impulses (2P,) of points that close together, and the number of
+    passes.
 
-    matrix (2P, 2P) gives the changes of their speeds; before (2P,) the speeds; exact: the relative change of an impulse
-    at which they count as found. Newton's rule with friction can make energy (Kane and Levinson 1985): then as much of
-    the bounce as makes none.
+    Impulses alternate between normal and along the surface. `matrix` (2P, 2P): changes
+    of speeds by unit impulses; `before` (2P,): the speeds; `exact`: the relative change
+    at which impulses have converged. Newton's rule with friction can create energy
+    (Kane and Levinson 1985): the bounce is then reduced until it creates none.
     """
     full, passes = _swept(matrix, before, elasticity, friction, exact)
     is_bumper = max(elasticity, default=0.0) > 1
     if not any(elasticity) or is_bumper or _gain(matrix, before, full) <= 0:
         return full, passes
-    dead, more = _swept(matrix, before, [0.0] * len(elasticity), friction, exact)
-    part, step = 0.0, 0.5
+    inelastic, more_passes = _swept(
+        matrix, before, [0.0] * len(elasticity), friction, exact
+    )
+    # Bisect between the inelastic and the full solution.
+    share, step = 0.0, 0.5
     for _ in range(30):
-        if _gain(matrix, before, dead + (part + step) * (full - dead)) <= 0:
-            part += step
+        if _gain(matrix, before, inelastic + (share + step) * (full - inelastic)) <= 0:
+            share += step
         step /= 2
-    return dead + part * (full - dead), passes + more
+    return inelastic + share * (full - inelastic), passes + more_passes
 
 
 def _gain(matrix: Array, before: Array, impulse: Array) -> float:
-    """Kinetic energy that impulses add, g·px²/s²; 0 within rounding."""
+    """Return the kinetic energy that impulses add, g·px²/s²; 0 within rounding
+    errors.
+    """
     change = impulse * (before + matrix @ impulse / 2)
     gain = float(change.sum())
     return gain if gain > 1e-9 * float(np.abs(change).sum()) else 0.0
@@ -145,23 +174,28 @@ def _swept(
     friction: list[float],
     exact: float,
 ) -> tuple[Array, int]:
-    """Projected Gauss-Seidel to the last digits: no pull, the wanted rebound, friction within its cone."""
+    """Solve for impulses by projected Gauss-Seidel to the last digits.
+
+    No point pulls, each rebounds as wanted, and friction stays within its cone.
+    """
     if np.count_nonzero(matrix) > TUNING.dense * len(before):
         return _swept_dense(matrix, before, elasticity, friction, exact)
     speed = before.tolist()
-    impulse, give = (
+    impulse, inverse_diagonal = (
         [0.0] * len(speed),
         [1.0 / max(d, 1e-300) for d in np.diag(matrix).tolist()],
     )
     goals = [-e * min(v, 0.0) for e, v in zip(elasticity, speed[::2], strict=True)]
-    columns: list[list[tuple[int, float]]] = [
-        [] for _ in speed
-    ]  # a point changes the speeds of few others
-    rows, by = np.nonzero(matrix)
-    for row, one, value in zip(
-        rows.tolist(), by.tolist(), matrix[rows, by].tolist(), strict=True
+    # Each point changes the speeds of few others: store the matrix by sparse columns.
+    columns: list[list[tuple[int, float]]] = [[] for _ in speed]
+    rows, columns_of_values = np.nonzero(matrix)
+    for row, column_index, value in zip(
+        rows.tolist(),
+        columns_of_values.tolist(),
+        matrix[rows, columns_of_values].tolist(),
+        strict=True,
     ):
-        columns[one].append((row, value))
+        columns[column_index].append((row, value))
     normals, sides = range(0, len(speed), 2), range(1, len(speed), 2)
     points = list(
         zip(
@@ -169,40 +203,56 @@ def _swept(
             sides,
             goals,
             friction,
-            give[::2],
-            give[1::2],
+            inverse_diagonal[::2],
+            inverse_diagonal[1::2],
             columns[::2],
             columns[1::2],
             strict=True,
         )
     )
     for passes in range(1, 1 + (TUNING.sweeps if exact < 1e-6 else TUNING.few)):  # noqa: B007 - counts
-        change = size = 0.0
-        for n, t, goal, mu, give_n, give_t, by_n, by_t in points:
-            new = impulse[n] + (goal - speed[n]) * give_n
-            if not new > 0.0:
-                new = 0.0
-            step = new - impulse[n]
-            if step:
-                impulse[n] = new
-                for k, value in by_n:
-                    speed[k] += step * value
-                if step > change or -step > change:
-                    change = abs(step)
-            if new > size:
-                size = new
+        largest_change = largest_impulse = 0.0
+        for (
+            normal_row,
+            tangent_row,
+            goal,
+            mu,
+            inverse_normal,
+            inverse_tangent,
+            normal_column,
+            tangent_column,
+        ) in points:
+            new_impulse = (
+                impulse[normal_row] + (goal - speed[normal_row]) * inverse_normal
+            )
+            if not new_impulse > 0.0:
+                new_impulse = 0.0
+            impulse_step = new_impulse - impulse[normal_row]
+            if impulse_step:
+                impulse[normal_row] = new_impulse
+                for k, value in normal_column:
+                    speed[k] += impulse_step * value
+                if impulse_step > largest_change or -impulse_step > largest_change:
+                    largest_change = abs(impulse_step)
+            if new_impulse > largest_impulse:
+                largest_impulse = new_impulse
             if mu > 0:
-                edge, new = mu * new, impulse[t] - speed[t] * give_t
-                if not -edge < new < edge:
-                    new = edge if new > 0.0 else -edge
-                step = new - impulse[t]
-                if step:
-                    impulse[t] = new
-                    for k, value in by_t:
-                        speed[k] += step * value
-                    if step > change or -step > change:
-                        change = abs(step)
-        if change <= exact * size:
+                friction_limit, new_impulse = (
+                    mu * new_impulse,
+                    impulse[tangent_row] - speed[tangent_row] * inverse_tangent,
+                )
+                if not -friction_limit < new_impulse < friction_limit:
+                    new_impulse = (
+                        friction_limit if new_impulse > 0.0 else -friction_limit
+                    )
+                impulse_step = new_impulse - impulse[tangent_row]
+                if impulse_step:
+                    impulse[tangent_row] = new_impulse
+                    for k, value in tangent_column:
+                        speed[k] += impulse_step * value
+                    if impulse_step > largest_change or -impulse_step > largest_change:
+                        largest_change = abs(impulse_step)
+        if largest_change <= exact * largest_impulse:
             break
     return np.array(impulse), passes
 
@@ -214,39 +264,43 @@ def _swept_dense(
     friction: list[float],
     exact: float,
 ) -> tuple[Array, int]:
-    """Return what `_swept` does, to the bit, of points that change the speeds of many."""
+    """Solve like `_swept`, to the bit, for points that change the speeds of many
+    others.
+    """
     speed, impulse = before.copy(), [0.0] * len(before)
     columns = np.ascontiguousarray(matrix.T)
-    give = [1.0 / max(d, 1e-300) for d in np.diag(matrix).tolist()]
+    inverse_diagonal = [1.0 / max(d, 1e-300) for d in np.diag(matrix).tolist()]
     goals = [
         -e * min(v, 0.0) for e, v in zip(elasticity, before[::2].tolist(), strict=True)
     ]
-    most = TUNING.sweeps if exact < 1e-6 else TUNING.few
-    for passes in range(1, 1 + most):  # noqa: B007 - counts
-        change = size = 0.0
+    maximum = TUNING.sweeps if exact < 1e-6 else TUNING.few
+    for passes in range(1, 1 + maximum):  # noqa: B007 - counts
+        largest_change = largest_impulse = 0.0
         for point, (goal, mu) in enumerate(zip(goals, friction, strict=True)):
             n, t = 2 * point, 2 * point + 1
-            new = impulse[n] + (goal - speed.item(n)) * give[n]
-            if not new > 0.0:
-                new = 0.0
-            step = new - impulse[n]
-            if step:
-                impulse[n] = new
-                speed += step * columns[n]
-                change = max(change, abs(step))
-            size = max(size, new)
+            new_impulse = impulse[n] + (goal - speed.item(n)) * inverse_diagonal[n]
+            if not new_impulse > 0.0:
+                new_impulse = 0.0
+            impulse_step = new_impulse - impulse[n]
+            if impulse_step:
+                impulse[n] = new_impulse
+                speed += impulse_step * columns[n]
+                largest_change = max(largest_change, abs(impulse_step))
+            largest_impulse = max(largest_impulse, new_impulse)
             if mu <= 0:
                 continue
-            edge = mu * new
-            slid = impulse[t] - speed.item(t) * give[t]
-            if not -edge < slid < edge:
-                slid = edge if slid > 0.0 else -edge
-            step = slid - impulse[t]
-            if step:
-                impulse[t] = slid
-                speed += step * columns[t]
-                change = max(change, abs(step))
-        if change <= exact * size:
+            friction_limit = mu * new_impulse
+            tangent_impulse = impulse[t] - speed.item(t) * inverse_diagonal[t]
+            if not -friction_limit < tangent_impulse < friction_limit:
+                tangent_impulse = (
+                    friction_limit if tangent_impulse > 0.0 else -friction_limit
+                )
+            impulse_step = tangent_impulse - impulse[t]
+            if impulse_step:
+                impulse[t] = tangent_impulse
+                speed += impulse_step * columns[t]
+                largest_change = max(largest_change, abs(impulse_step))
+        if largest_change <= exact * largest_impulse:
             break
     return np.array(impulse), passes
 
@@ -258,30 +312,33 @@ def _as_pairs(values: Array) -> list[tuple[float, float]]:
 
 @dataclass(frozen=True)
 class Impacts:
-    """What the impacts of one step did."""
+    """The effects of the impacts of one step."""
 
-    velocity: Array  # (N, 3): px/s, px/s, rad/s after the last
+    velocity: Array  # (N, 3): px/s, px/s, rad/s after the last impact
     shift: Array
-    """(N, 3): how far the impacts, having fallen within the step, move the bodies at its end: px, px, rad."""
-    first: Index  # (B,): the struck pairs
+    """Displacements at the step's end, (N, 3) px, px, rad, since the velocities changed
+    within the step."""
+    first: Index  # (B,): first bodies of the struck pairs
     second: Index
-    impulse: Array  # (B, 2) g·px/s that the second gave the first
+    impulse: Array  # (B, 2) g·px/s on the first bodies
     earlier: Array  # (B,) s before the end of the step
-    lost: float  # g·px²/s² that went into elasticity below 1 and friction
-    work: float  # g·px²/s² that scripted bodies did
+    lost: float  # g·px²/s² lost to elasticity below 1 and to friction
+    work: float  # g·px²/s² of work by scripted bodies
 
 
 @dataclass(frozen=True)
 class StepMotion:
-    """How N bodies and walls move in one step, before contacts."""
+    """The motion of N bodies and walls in one step, before contacts."""
 
     pose: Array  # (N, 3) at the step's end
     velocity: Array  # (N, 3) within the step
-    drift: Array  # (N, 2) px/s²: acceleration of what flies freely, 0 for the rest
+    drift: Array  # (N, 2) px/s²: acceleration of free bodies, 0 for others
 
 
 class ImpactSolver:
-    """Resolves what closes faster than `threshold` px/s in one step of h seconds."""
+    """Resolves the contacts that close faster than `threshold` px/s in one step of h
+    seconds.
+    """
 
     def __init__(
         self,
@@ -294,16 +351,19 @@ class ImpactSolver:
         threshold: float,
         within: Array | None = None,
     ) -> None:
-        """`touched` (K,): whether the pair touched a step ago already.
+        """Find the points that close in a step.
 
-        within: (N, 3) velocities within the step, if the motion's are those at its
-        end: the contacts last, and act in the course of the step.
+        `touched` (K,): pairs that already touched a step ago. `within`: (N, 3)
+        velocities within the step, if those of `motion` are the ones at its end: the
+        contacts then act over the whole step.
         """
         points = points.sorted()
         self._within = within
-        span = h / 2 if within is None else 0.0
-        self._middle = motion.pose - motion.velocity * span
-        """(N, 3): poses in the middle of the step, at which its velocities are those of joints."""
+        half_step = h / 2 if within is None else 0.0
+        self._middle = motion.pose - motion.velocity * half_step
+        """Poses (N, 3) in the middle of the step, where joints permit its
+        velocities.
+        """
         self._allowed: Array | None = None
         self._properties, self._joined = properties, joined
         self._pose, self._velocity, self._drift = (
@@ -317,9 +377,10 @@ class ImpactSolver:
         self._exact = (
             TUNING.exact if len(points.first) < TUNING.crowd else TUNING.nearly
         )
-        both = np.concatenate([points.first, points.second])
-        order = np.argsort(both, kind="stable")
-        self._owner, self._listed = both[order], order % len(points.first)
+        # A sorted list of points by body finds the points beside a body by bisection.
+        partners = np.concatenate([points.first, points.second])
+        order = np.argsort(partners, kind="stable")
+        self._owner, self._listed = partners[order], order % len(points.first)
         self._points: dict[int, Point] = {}
         self._v: dict[int, list[float]] = {}
         self._shift: dict[int, list[float]] = {}
@@ -329,30 +390,46 @@ class ImpactSolver:
         self._lost = self._work = 0.0
 
     def run(self, budget: WorkBudget) -> Impacts:
-        """Rounds until nothing closes, or one where the budget is spent: what closes then is left to the engine."""
+        """Resolve rounds of impacts until no point closes, or one round if the budget
+        is spent.
+
+        The engine treats the remaining points as inelastic.
+        """
         self._budget = budget
         closing = [int(k) for k in np.flatnonzero(self._own)]
-        faint = max(self._threshold, TUNING.faint * float(self._found.closing.max()))
+        smallest_speed = max(
+            self._threshold, TUNING.faint * float(self._found.closing.max())
+        )
         for number in range(TUNING.rounds):
             if not closing or (number and budget.exceeded_by):
                 break
-            times = {k: self._time(k, number) for k in closing}
-            struck = self._leading(closing, times)
-            self._begin(struck, times)
-            moved = set[int]().union(
-                *(self._solve(group, times) for group in self._groups(struck))
+            closing_times = {k: self._time(k, number) for k in closing}
+            # Of all points that close, only the first of each body are solved: they
+            # change which other points close, and when.
+            leading_points = self._leading(closing, closing_times)
+            self._begin(leading_points, closing_times)
+            moved_bodies = set[int]().union(
+                *(
+                    self._solve(group, closing_times)
+                    for group in self._groups(leading_points)
+                )
             )
-            near = set(closing).union(*(self._beside(body) for body in sorted(moved)))
-            points = ((k, self._point(k)) for k in sorted(near))
+            nearby_points = set(closing).union(
+                *(self._beside(body) for body in sorted(moved_bodies))
+            )
+            points = ((k, self._point(k)) for k in sorted(nearby_points))
             closing = [
                 k
-                for k, p in points
-                if p.leaving(self._speeds(p.a), self._speeds(p.b)) < -faint
+                for k, point in points
+                if point.leaving(self._speeds(point.a), self._speeds(point.b))
+                < -smallest_speed
             ]
         velocity, shift = self._velocity.copy(), np.zeros_like(self._velocity)
         for body, (vx, vy, spin) in self._v.items():
-            lx, ly = self._leap.get(body, (0.0, 0.0))
-            velocity[body] = vx - lx, vy - ly, spin
+            leap_x, leap_y = self._leap.get(body, (0.0, 0.0))
+            # The engine's velocities are those between two steps: remove the part of
+            # the drift that `_begin` has added.
+            velocity[body] = vx - leap_x, vy - leap_y, spin
             if self._allowed is not None:
                 velocity[body] += self._velocity[body] - self._allowed[body]
         for body, moved_by in self._shift.items():
@@ -369,20 +446,24 @@ class ImpactSolver:
             work=self._work,
         )
 
-    # Who and when
+    # Points and times
 
     def _free(self, body: int) -> bool:
+        """Check whether a body can be moved by an impact."""
         return self._properties.lightness[body] > 0
 
     def _beside(self, body: int) -> list[int]:
-        """Points at a body that can move; a wall is no messenger."""
+        """Return the points at a movable body; a wall does not pass an impact on."""
         if not self._free(body):
             return []
         begin, end = self._owner.searchsorted([body, body + 1])
-        found: list[int] = self._listed[begin:end].tolist()
-        return found
+        point_rows: list[int] = self._listed[begin:end].tolist()
+        return point_rows
 
     def _speeds(self, body: int) -> list[float]:
+        """Return the present velocity of a body, which is changed in place by
+        impacts.
+        """
         if body not in self._v:
             velocity = self._velocity
             if self._joined.of(body) is not None:
@@ -391,76 +472,85 @@ class ImpactSolver:
         return self._v[body]
 
     def _velocity_allowed(self) -> Array:
-        """Return the velocities (N, 3) that joints allow in the middle of the step.
+        """Return the velocities (N, 3) that joints permit in the middle of the step.
 
-        What they exclude, as a chord is no tangent, takes no part in impacts: it would
-        make energy.
+        The rest, by which a chord differs from a tangent, takes no part in impacts: it
+        would create energy.
         """
         if self._allowed is None:
             self._allowed = self._joined.allowed(self._middle, self._velocity)
         return self._allowed
 
     def _time(self, k: int, number: int) -> float:
-        """s before the step's end: a point's own time, or that of the impact that a partner brings."""
-        p = self._point(k)
-        if number == 0 or (p.own and p.earlier > 0):
-            return p.earlier
-        return max(0.0, self._when.get(p.a, 0.0), self._when.get(p.b, 0.0))
+        """Return the time of an impact, s before the step's end.
+
+        It is the point's own closing time, or that of the impact that moved a partner.
+        """
+        point = self._point(k)
+        if number == 0 or (point.own and point.earlier > 0):
+            return point.earlier
+        return max(0.0, self._when.get(point.a, 0.0), self._when.get(point.b, 0.0))
 
     def _leading(self, closing: Iterable[int], times: dict[int, float]) -> list[int]:
-        """The points that close first among those that share a body with them."""
-        latest: dict[int, float] = {}
+        """Return the points that close first among those with a common body."""
+        largest_times: dict[int, float] = {}
         for k in closing:
-            p = self._point(k)
-            for body in (p.a, p.b):
-                latest[body] = max(latest.get(body, -1.0), times[k])
+            point = self._point(k)
+            for body in (point.a, point.b):
+                largest_times[body] = max(largest_times.get(body, -1.0), times[k])
         slack = TUNING.together * self._h
-        leads = []
+        leading_points = []
         for k in closing:
-            p = self._point(k)
+            point = self._point(k)
             if all(
-                not self._free(body) or times[k] >= latest[body] - slack
-                for body in (p.a, p.b)
+                not self._free(body) or times[k] >= largest_times[body] - slack
+                for body in (point.a, point.b)
             ):
-                leads.append(k)
-        return leads
+                leading_points.append(k)
+        return leading_points
 
     def _begin(self, struck: Iterable[int], times: dict[int, float]) -> None:
-        """Velocities between two steps are those of the middle: bring what is struck first to the impact's time."""
+        """Move the velocities of struck bodies to the impact's time.
+
+        Velocities of a step are those of its middle, to which the drift is added.
+        """
         for k in struck:
-            p = self._point(k)
-            for body in (p.a, p.b):
+            point = self._point(k)
+            for body in (point.a, point.b):
                 if body not in self._when and self._free(body):
                     self._when[body] = times[k]
-                    part = self._h / 2 - times[k]
+                    time_from_middle = self._h / 2 - times[k]
                     leap = (
-                        float(self._drift[body, 0]) * part,
-                        float(self._drift[body, 1]) * part,
+                        float(self._drift[body, 0]) * time_from_middle,
+                        float(self._drift[body, 1]) * time_from_middle,
                     )
                     self._leap[body] = leap
-                    v = self._speeds(body)
-                    v[0] += leap[0]
-                    v[1] += leap[1]
+                    velocity = self._speeds(body)
+                    velocity[0] += leap[0]
+                    velocity[1] += leap[1]
 
     def _groups(self, struck: list[int]) -> list[list[int]]:
-        """Points that share movable bodies, together."""
+        """Group the points that share movable bodies or groups of joints."""
         if len(struck) == 1:
             return [struck]
         root = {k: k for k in struck}
-        holder: dict[int, int] = {}
+        point_of_owner: dict[int, int] = {}
         for k in struck:
-            p = self._point(k)
-            for body in (p.a, p.b):
+            point = self._point(k)
+            for body in (point.a, point.b):
                 if self._free(body):
-                    whole = self._joined.of(body)
-                    other = holder.setdefault(body if whole is None else whole, k)
-                    root[find(root, k)] = find(root, other)
+                    joint_group = self._joined.of(body)
+                    first_point = point_of_owner.setdefault(
+                        body if joint_group is None else joint_group, k
+                    )
+                    root[find(root, k)] = find(root, first_point)
         groups: dict[int, list[int]] = {}
         for k in struck:
             groups.setdefault(find(root, k), []).append(k)
         return list(groups.values())
 
     def _point(self, k: int) -> Point:
+        """Return a contact point at its closing time."""
         if k not in self._points:
             self._points[k] = point_at_closing(
                 self._properties,
@@ -473,68 +563,99 @@ class ImpactSolver:
             )
         return self._points[k]
 
-    # What an impact does
+    # Effects of an impact
 
     def _solve(self, group: list[int], times: dict[int, float]) -> set[int]:
-        """Find the impulses of points that close together, and carry them out; the bodies that they move."""
+        """Solve for the impulses of points that close together, apply them, and return
+        the bodies.
+        """
         points = [self._point(k) for k in group]
-        was = [p.motion(self._speeds(p.a), self._speeds(p.b)) for p in points]
-        bodies = {body for p in points for body in (p.a, p.b) if self._free(body)}
-        wholes = {self._joined.of(body) for body in bodies} - {None}
-        driven = [self._drive(p) for p in points]
-        if len(points) == 1 and not wholes:
-            (q,) = points
-            found = [
+        speeds_before = [
+            point.motion(self._speeds(point.a), self._speeds(point.b))
+            for point in points
+        ]
+        bodies = {
+            body for point in points for body in (point.a, point.b) if self._free(body)
+        }
+        joint_groups = {self._joined.of(body) for body in bodies} - {None}
+        drive_speeds = [self._drive(point) for point in points]
+        if len(points) == 1 and not joint_groups:
+            (single_point,) = points
+            impulses = [
                 single_point_impulse(
-                    q.nn, q.nt, q.tt, q.elasticity, q.friction, *was[0]
+                    single_point.nn,
+                    single_point.nt,
+                    single_point.tt,
+                    single_point.elasticity,
+                    single_point.friction,
+                    *speeds_before[0],
                 )
             ]
-            self._give(self._v, points[0], *found[0], 1.0)
-            self._give(self._shift, points[0], *found[0], times[group[0]])
+            self._give(self._v, points[0], *impulses[0], 1.0)
+            self._give(self._shift, points[0], *impulses[0], times[group[0]])
         else:
-            for whole in wholes:
+            for joint_group in joint_groups:
                 bodies |= (
-                    set(self._joined.members[whole]) if whole is not None else set()
+                    set(self._joined.members[joint_group])
+                    if joint_group is not None
+                    else set()
                 )
-            found, was = self._together(
-                points, was, sorted(bodies), [times[k] for k in group]
+            impulses, speeds_before = self._together(
+                points, speeds_before, sorted(bodies), [times[k] for k in group]
             )
-        for k, p, (jn, jt), (vn, vt), (dn, dt) in zip(
-            group, points, found, was, driven, strict=True
+        for k, point, (jn, jt), (vn, vt), (dn, dt) in zip(
+            group, points, impulses, speeds_before, drive_speeds, strict=True
         ):
             self._rows.append(
-                (p.a, p.b, jt * p.ny - jn * p.nx, -jn * p.ny - jt * p.nx, times[k])
+                (
+                    point.a,
+                    point.b,
+                    jt * point.ny - jn * point.nx,
+                    -jn * point.ny - jt * point.nx,
+                    times[k],
+                )
             )
-            leaves, slides = p.motion(self._speeds(p.a), self._speeds(p.b))
+            leaving_speed, sliding_speed = point.motion(
+                self._speeds(point.a), self._speeds(point.b)
+            )
             if self._within is not None:
-                sides = self._within[p.a].tolist(), self._within[p.b].tolist()
-                vn, vt = p.motion(*sides)
-            taken = jn * (vn + leaves) / 2 + jt * (vt + slides) / 2
-            if p.elasticity > 1 and taken > 0:  # of a bumper
-                self._work += taken
+                velocities_within = (
+                    self._within[point.a].tolist(),
+                    self._within[point.b].tolist(),
+                )
+                vn, vt = point.motion(*velocities_within)
+            # An impulse does its work at the mean of the speeds before and after.
+            energy_change = (
+                jn * (vn + leaving_speed) / 2 + jt * (vt + sliding_speed) / 2
+            )
+            # A bumper adds energy, which counts as work.
+            if point.elasticity > 1 and energy_change > 0:
+                self._work += energy_change
             else:
-                self._lost -= taken
+                self._lost -= energy_change
             self._work += jn * dn + jt * dt
         return bodies
 
     def _give(
         self, to: dict[int, list[float]], p: Point, jn: float, jt: float, part: float
     ) -> None:
-        """Add the changes of velocity by an impulse on two free bodies, times `part`."""
+        """Add the changes of velocity by an impulse on two free bodies, times
+        `part`.
+        """
         fx, fy = (jn * p.nx - jt * p.ny) * part, (jn * p.ny + jt * p.nx) * part
         for body, m, turn, sign in (
             (p.a, p.ma, p.ea * (p.na * jn + p.ta * jt) * part, -1.0),
             (p.b, p.mb, p.eb * (p.nb * jn + p.tb * jt) * part, 1.0),
         ):
             if m > 0:
-                row = (
+                changes = (
                     self._speeds(body)
                     if to is self._v
                     else to.setdefault(body, [0.0, 0.0, 0.0])
                 )
-                row[0] += sign * m * fx
-                row[1] += sign * m * fy
-                row[2] += sign * turn
+                changes[0] += sign * m * fx
+                changes[1] += sign * m * fy
+                changes[2] += sign * turn
 
     def _together(
         self,
@@ -543,10 +664,10 @@ class ImpactSolver:
         bodies: list[int],
         times: list[float],
     ) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
-        """Carry out the impulses of points that share bodies, or whose bodies joints hold.
+        """Apply the impulses of points with common bodies or with joints.
 
-        Returns the impulses, and the speeds at which the points close: those in `was`
-        without what joints exclude.
+        Returns the impulses, and the speeds at which the points close: those of `was`
+        without the part that joints exclude.
         """
         properties = self._properties
         inverse = np.array(
@@ -556,103 +677,130 @@ class ImpactSolver:
             ]
         ).ravel()
         response = self._joined.response(bodies, inverse, self._middle)
-        place = {body: 3 * k for k, body in enumerate(bodies)}
+        first_column = {body: 3 * k for k, body in enumerate(bodies)}
+        # Jacobian: rows are the closing and sliding speeds of points by velocities of
+        # bodies.
         J = np.zeros((2 * len(points), len(inverse)))
         for i, p in enumerate(points):
             for body, sign, turn, slide in (
                 (p.a, -1.0, p.na, p.ta),
                 (p.b, 1.0, p.nb, p.tb),
             ):
-                if body in place:
-                    k = place[body]
+                if body in first_column:
+                    k = first_column[body]
                     J[2 * i, k : k + 3] = sign * p.nx, sign * p.ny, sign * turn
                     J[2 * i + 1, k : k + 3] = -sign * p.ny, sign * p.nx, sign * slide
-        taut = self._joined.taut_rows(bodies, self._middle)
-        bare = [0.0] * len(taut)
-        elasticity = [p.elasticity for p in points] + bare
-        friction = [p.friction for p in points] + bare
+        taut_rows = self._joined.taut_rows(bodies, self._middle)
+        zeros = [0.0] * len(taut_rows)
+        elasticity = [p.elasticity for p in points] + zeros
+        friction = [p.friction for p in points] + zeros
         exact = TUNING.nearly if self._budget.exceeded_by else self._exact
-        approach = np.array(was).ravel()
-        if len(taut):
-            # ropes and limits act as contacts without rebound and friction
-            pulls = np.zeros((2 * len(taut), len(inverse)))
-            pulls[::2] = taut
+        closing_speeds = np.array(was).ravel()
+        if len(taut_rows):
+            # Ropes and limits act like contacts without rebound and friction.
+            pulls = np.zeros((2 * len(taut_rows), len(inverse)))
+            pulls[::2] = taut_rows
             speeds = np.array([self._speeds(body) for body in bodies]).ravel()
             J = np.concatenate([J, pulls])
-            approach = np.concatenate([approach, pulls @ speeds])
-        removed = np.zeros(len(inverse))
+            closing_speeds = np.concatenate([closing_speeds, pulls @ speeds])
+        removed_velocities = np.zeros(len(inverse))
+        # Solve with the joints as they are; if the bodies would then violate joints
+        # within the next step, solve again with both poses.
         for attempt in range(TUNING.aheads):
-            spread = response @ J.T
-            found, passes = simultaneous_impulses(
-                J @ spread, approach + J @ removed, elasticity, friction, exact
+            response_to_points = response @ J.T
+            impulses, passes = simultaneous_impulses(
+                J @ response_to_points,
+                closing_speeds + J @ removed_velocities,
+                elasticity,
+                friction,
+                exact,
             )
             self._budget.spend(passes, points)
             if attempt == TUNING.aheads - 1:
                 break
-            ahead = self._pose_ahead(bodies, spread @ found, inverse)
-            if ahead is None:
+            later_pose = self._pose_ahead(
+                bodies, response_to_points @ impulses, inverse
+            )
+            if later_pose is None:
                 break
-            response = self._joined.response(bodies, inverse, self._middle, ahead)
-            removed = self._excluded_speeds(bodies, inverse, response)
-        change = spread @ found + removed
-        acted = np.repeat([*times, *[max(times)] * len(taut)], 2)
-        moved = spread @ (found * acted) + removed * max(times)
-        for body, k in place.items():
+            response = self._joined.response(bodies, inverse, self._middle, later_pose)
+            removed_velocities = self._excluded_speeds(bodies, inverse, response)
+        change = response_to_points @ impulses + removed_velocities
+        # An impulse earlier in the step also displaces the bodies at its end.
+        times_of_impulses = np.repeat([*times, *[max(times)] * len(taut_rows)], 2)
+        displacement = response_to_points @ (
+            impulses * times_of_impulses
+        ) + removed_velocities * max(times)
+        for body, k in first_column.items():
             v, shift = self._speeds(body), self._shift.setdefault(body, [0.0, 0.0, 0.0])
             for axis in range(3):
                 v[axis] += float(change[k + axis])
-                shift[axis] += float(moved[k + axis])
-        closing, count = approach + J @ removed, 2 * len(points)
-        if len(taut):
-            leaving = closing + J @ (spread @ found)
-            self._lost -= float((found * (closing + leaving))[count:].sum()) / 2
-        return _as_pairs(found[:count]), _as_pairs(closing[:count])
+                shift[axis] += float(displacement[k + axis])
+        closing_before, count = closing_speeds + J @ removed_velocities, 2 * len(points)
+        if len(taut_rows):
+            closing_after = closing_before + J @ (response_to_points @ impulses)
+            self._lost -= (
+                float((impulses * (closing_before + closing_after))[count:].sum()) / 2
+            )
+        return _as_pairs(impulses[:count]), _as_pairs(closing_before[:count])
 
     def _excluded_speeds(
         self, bodies: list[int], inverse: Array, response: Array
     ) -> Array:
-        """Return the changes (3n,) of velocities that take out what joints exclude.
+        """Return the changes (3n,) that remove the velocities excluded by joints.
 
-        Chains that become taut stop at once: a partner that met them at the speed they
-        still have, while they yield to nothing, would get energy from nowhere. The loss
-        is counted.
+        Chains that become taut stop at once: a partner that met them at their old
+        speed, while they no longer yield, would get energy from nowhere. The loss is
+        counted.
         """
         speeds = np.array([self._speeds(body) for body in bodies]).ravel()
         is_free = inverse > 0
         mass = np.divide(1.0, inverse, out=np.zeros_like(inverse), where=is_free)
-        removed = np.where(is_free, response @ (mass * speeds) - speeds, 0.0)
-        self._lost -= float((mass * removed * (speeds + removed / 2)).sum())
-        return removed
+        changes = np.where(is_free, response @ (mass * speeds) - speeds, 0.0)
+        self._lost -= float((mass * changes * (speeds + changes / 2)).sum())
+        return changes
 
     def _pose_ahead(
         self, bodies: list[int], change: Array, inverse: Array
     ) -> Array | None:
-        """Return the poses (N, 3) a step later, if joints then exclude the velocities that the bodies get.
+        """Return the poses (N, 3) a step later, if joints then exclude the bodies' new
+        velocities.
 
-        Bars in a line yield to an impact, and no further: they hold it at once.
+        Bars in a line yield to an impact at first but not any further: they resist at
+        once.
         """
-        held = [k for k, body in enumerate(bodies) if self._joined.of(body) is not None]
-        if not held:
+        held_rows = [
+            k for k, body in enumerate(bodies) if self._joined.of(body) is not None
+        ]
+        if not held_rows:
             return None
         velocity = self._velocity.copy()
         for k, body in enumerate(bodies):
             velocity[body] = self._speeds(body)
             velocity[body] += change[3 * k : 3 * k + 3]
-        ahead = self._middle + velocity * self._h
-        after = self._joined.allowed(ahead, velocity)
-        rows = [bodies[k] for k in held]
-        taken = (velocity - after)[rows].ravel().tolist()
+        later_pose = self._middle + velocity * self._h
+        permitted_velocities = self._joined.allowed(later_pose, velocity)
+        rows = [bodies[k] for k in held_rows]
+        removed_velocities = (velocity - permitted_velocities)[rows].ravel().tolist()
         speeds = velocity[rows].ravel().tolist()
-        light = inverse.reshape(-1, 3)[held].ravel().tolist()
-        least = self._threshold * LEAST_JOLT
-        return ahead if is_jolt(light, speeds, taken, least) else None
+        inverse_masses = inverse.reshape(-1, 3)[held_rows].ravel().tolist()
+        smallest_speed = self._threshold * LEAST_JOLT
+        return (
+            later_pose
+            if is_jolt(inverse_masses, speeds, removed_velocities, smallest_speed)
+            else None
+        )
 
     def _drive(self, p: Point) -> tuple[float, float]:
-        """px/s, along the normal and the surface, of the first's point less the second's, where they are scripted."""
+        """Return the speeds of the first's point minus the second's, px/s, if they are
+        scripted.
+
+        The speeds are along the normal and along the surface.
+        """
         sides = [
             [0.0] * 3 if self._free(body) else self._speeds(body) for body in (p.a, p.b)
         ]
         if not (any(sides[0]) or any(sides[1]) or p.belt):
             return 0.0, 0.0
-        leaves, slides = p.motion(*sides)
-        return -leaves, -slides
+        leaving_speed, sliding_speed = p.motion(*sides)
+        return -leaving_speed, -sliding_speed

@@ -1,4 +1,6 @@
-"""Contacts of shapes: as the engine reports them, and as single points with their levers at the time of closing."""
+"""Contacts of shapes: as the engine reports them, and as single points at
+closing time.
+"""
 
 from __future__ import annotations
 
@@ -16,20 +18,20 @@ Index = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 LEAP = 2.0
-"""px in a step by which no contact creeps."""
+"""Displacement of a contact in a step, px, beyond which it is another contact."""
 TURN = 0.02
-"""Change of a normal in a step by which no contact rolls on."""
+"""Change of a normal in a step beyond which the contact has not just rolled on."""
 WORDS, NUMBERS = 3, 14
-"""Integers and floats of one contact."""
+"""Number of integers and of floats of one contact."""
 CONTACT_BYTES = 8 * NUMBERS
-"""Of the floats."""
+"""Bytes of the floats of one contact."""
 _POINTS = np.isin(np.arange(NUMBERS), np.arange(4, 13)).astype(np.float64)
 impulses_and_normals = Struct(f"=4d{8 * (NUMBERS - 4)}x").iter_unpack
 _ON_FIRST, _ON_SECOND, _DISTANCE = ([4, 5, 9, 10], [6, 7, 11, 12], [8, 13])
 
 
 _PLACE = [4, 5, 9, 10, 0, 1, 2, 3]
-"""Numbers of a contact by which those of one pair are sorted: points on both bodies, impulse, normal."""
+"""Sort keys of the contacts of one pair: points on both bodies, impulse, normal."""
 
 Pair = tuple[int, int]
 """Two bodies; -1 for the world."""
@@ -37,27 +39,31 @@ Pair = tuple[int, int]
 
 @dataclass(frozen=True)
 class Brakes:
-    """What brakes in a step, by its contacts."""
+    """The brakes of a step by its contacts."""
 
     pairs: list[Pair]
-    array: NDArray[np.int64]  # (B, 2): the same
-    by: list[
-        tuple[float, list[int]]
-    ]  # px and contacts, as listed, of each: the lever of the normal forces
+    array: NDArray[np.int64]  # (B, 2): the pairs as an array
+    by: list[tuple[float, list[int]]]
+    """Lever of the normal forces, px, and rows of contacts, of each brake."""
 
 
 class Order:
-    """The order, by our numbers of bodies and counts of points, of contacts that pymunk lists in one way."""
+    """The permutation from pymunk's list of contacts to ours, by bodies and counts of
+    points.
+    """
 
     def __init__(self, listed: Index) -> None:
-        """listed (K, 3): both partners and the count of points of each contact."""
+        """Sort contacts; `listed` (K, 3): both partners and the count of points of
+        each.
+        """
         key = (listed[:, 0] << 32 | listed[:, 1]) << 2 | listed[:, 2]
         self._rows = np.argsort(key, kind="stable")
-        ranked = key.take(self._rows)
+        sorted_keys = key.take(self._rows)
         self.listed, self.raw = listed, listed.tobytes()
         self.words = listed.take(self._rows, axis=0).tobytes()
-        # several pieces or segments, of which some touch at one and the same corner
-        self._alike = np.flatnonzero(ranked[1:] == ranked[:-1]) + 1
+        # Several pieces or segments of one pair have equal keys: they are sorted by the
+        # places of their points in each step, see `sort`.
+        self._alike = np.flatnonzero(sorted_keys[1:] == sorted_keys[:-1]) + 1
         self._runs: list[tuple[int, int]] = []
         for k in self._alike.tolist():
             start = (
@@ -65,32 +71,34 @@ class Order:
             )
             self._runs.append((start, k + 1))
         self.places = np.tile(_POINTS, len(listed))
-        """(14 K,): 1 for numbers of points, else 0."""
+        """1 for the numbers of points, else 0, (14 K,)."""
         self.brakes: Brakes | None = None
-        """Once `Resistance` has looked."""
+        """Set by `Resistance`."""
         self.rows_held: list[int] | None = None
-        """Once `Assemblies` has looked."""
+        """Set by `Assemblies`."""
         self._mixed = bool((self._rows[1:] < self._rows[:-1]).any())
 
     def pairs_turned(self, numbers: bytes, before: bytes) -> frozenset[Pair]:
-        """Return partners, the lesser first, whose normals differ from those before; all as listed."""
-        now, then = np.frombuffer(numbers), np.frombuffer(before)
-        change = (now - then).reshape(-1, NUMBERS)[:, 2:4]
-        turned = np.abs(change).max(axis=1, initial=0.0) > TURN
-        partners = self.listed[turned, :2].tolist()
+        """Return the partners, the lesser first, whose normals have turned since the
+        step before.
+        """
+        present, previous = np.frombuffer(numbers), np.frombuffer(before)
+        change = (present - previous).reshape(-1, NUMBERS)[:, 2:4]
+        has_turned = np.abs(change).max(axis=1, initial=0.0) > TURN
+        partners = self.listed[has_turned, :2].tolist()
         return frozenset((min(pair), max(pair)) for pair in partners)
 
     def fastest_closing(
         self, rows: Sequence[int], numbers: bytes, moving: Index, state: Array
     ) -> float:
-        """Return the px/s at which the fastest point of some contacts closes, as they are listed.
+        """Return the fastest closing speed of the points of some contacts, px/s.
 
-        state (M, 6) of the bodies `moving` (M,).
+        `rows` are those of pymunk's list; `state` (M, 6) of the bodies `moving` (M,).
         """
         motions = dict(zip(moving.tolist(), state.tolist(), strict=True))
-        every = np.frombuffer(numbers).reshape(-1, NUMBERS)[rows].tolist()
-        fastest = 0.0
-        for pair, contact in zip(self.listed[rows].tolist(), every, strict=True):
+        contacts = np.frombuffer(numbers).reshape(-1, NUMBERS)[rows].tolist()
+        fastest_speed = 0.0
+        for pair, contact in zip(self.listed[rows].tolist(), contacts, strict=True):
             for k in range(pair[2]):
                 px, py = contact[4 + 5 * k], contact[5 + 5 * k]
                 closing = 0.0
@@ -100,11 +108,14 @@ class Order:
                         along = (vx - spin * (py - y)) * contact[2]
                         across = (vy + spin * (px - x)) * contact[3]
                         closing += sign * (along + across)
-                fastest = max(fastest, closing)
-        return fastest
+                fastest_speed = max(fastest_speed, closing)
+        return fastest_speed
 
     def sort(self, numbers: bytes) -> bytes:
-        """The numbers of one or more steps, in order; contacts of the same pairs by their places."""
+        """Sort the numbers of one or more steps; contacts of one pair by their
+        places.
+        """
+        # Most lists are sorted already: return them without a copy.
         if not (self._mixed or self._runs):
             return numbers
         steps = (
@@ -119,16 +130,18 @@ class Order:
         ):
             return steps.tobytes()
         for start, end in self._runs:
-            alike = steps[:, start:end]
-            x = alike[:, :, _PLACE[0]]
+            same_pair = steps[:, start:end]
+            x = same_pair[:, :, _PLACE[0]]
             if (x[:, :-1] < x[:, 1:]).all():
                 continue
-            by = np.lexsort([alike[..., at] for at in reversed(_PLACE)], axis=-1)
-            # np.take_along_axis takes several times as long for one step
-            step = np.arange(len(steps))[:, None]
-            steps[:, start:end] = alike[step, by]
-            # the next steps' order most likely
-            self._rows[start:end] = self._rows[start:end][by[-1]]
+            permutation = np.lexsort(
+                [same_pair[..., column] for column in reversed(_PLACE)], axis=-1
+            )
+            # For one step, np.take_along_axis takes several times as long.
+            step_indices = np.arange(len(steps))[:, None]
+            steps[:, start:end] = same_pair[step_indices, permutation]
+            # The next steps most likely have the same order.
+            self._rows[start:end] = self._rows[start:end][permutation[-1]]
         return steps.tobytes()
 
 
@@ -137,20 +150,21 @@ NO_CONTACTS = Order(np.zeros((0, WORDS), np.int64))
 
 @dataclass(frozen=True)
 class Touching:
-    """K pairs of shapes that touch; objects count the bodies first, then the walls."""
+    """K pairs of touching shapes; objects count the bodies first, then the walls."""
 
     first: Index  # (K,)
     second: Index
     count: Index  # (K,): 1 or 2 points
-    impulse: Array  # (K, 2) g·px/s that the second gave the first in the last step
+    impulse: Array  # (K, 2) g·px/s on the first in the last step
     normal: Array  # (K, 2): from the first to the second
-    on_first: Array  # (K, 2, 2) px: the points, on the first's surface; those beyond `count` are zeros
+    on_first: Array
+    """Points on the first's surface, (K, 2, 2) px; zeros beyond `count`."""
     on_second: Array
     depth: Array  # (K, 2) px of overlap
 
 
 def touching(words: bytes, numbers: bytes) -> Touching:
-    """Contacts of one or more steps, in their order."""
+    """Decode the contacts of one or more steps, in their order."""
     ints = np.frombuffer(words, np.int64).reshape(-1, WORDS)
     rows = np.frombuffer(numbers).reshape(-1, NUMBERS)
     return Touching(
@@ -167,33 +181,36 @@ def touching(words: bytes, numbers: bytes) -> Touching:
 
 @lru_cache(maxsize=512)
 def new_contacts(words: bytes, before: bytes) -> Sequence[int]:
-    """Rows of contacts whose partners, in whichever order, and count of points are not among those before."""
-    now, then = _pairs(words), np.sort(_pairs(before))
-    at = then.searchsorted(now)
-    at[at == len(then)] = 0
-    found: list[int] = (
-        np.flatnonzero(then.take(at) != now).tolist()
-        if len(then)
-        else list(range(len(now)))
+    """Return the rows of contacts with partners and a count of points that were not
+    there before.
+    """
+    present, previous = _pairs(words), np.sort(_pairs(before))
+    positions = previous.searchsorted(present)
+    positions[positions == len(previous)] = 0
+    new_rows: list[int] = (
+        np.flatnonzero(previous.take(positions) != present).tolist()
+        if len(previous)
+        else list(range(len(present)))
     )
-    return found
+    return new_rows
 
 
 @lru_cache(maxsize=512)
 def pairs_with_more_contacts(words: bytes, before: bytes) -> frozenset[Pair]:
-    """Return partners, the lesser first, of contacts that are not among those before, each counted once."""
-    now, counts = np.unique(_pairs(words), return_counts=True)
-    then, earlier = np.unique(_pairs(before), return_counts=True)
-    known = dict(zip(then.tolist(), earlier.tolist(), strict=True))
+    """Return the partners, the lesser first, with more contacts than before."""
+    present, counts = np.unique(_pairs(words), return_counts=True)
+    previous, earlier = np.unique(_pairs(before), return_counts=True)
+    earlier_counts = dict(zip(previous.tolist(), earlier.tolist(), strict=True))
     return frozenset(
         ((key >> 2) >> 32, (key >> 2) & 0xFFFFFFFF)
-        for key, count in zip(now.tolist(), counts.tolist(), strict=True)
-        if count > known.get(key, 0)
+        for key, count in zip(present.tolist(), counts.tolist(), strict=True)
+        if count > earlier_counts.get(key, 0)
     )
 
 
 @lru_cache(maxsize=256)
 def _pairs(words: bytes) -> Index:
+    """Encode partners and counts of points as sortable integers, (K,)."""
     first, second, count = np.frombuffer(words, np.int64).reshape(-1, WORDS).T
     return np.asarray(
         (np.minimum(first, second) << 32 | np.maximum(first, second)) << 2 | count
@@ -201,14 +218,16 @@ def _pairs(words: bytes) -> Index:
 
 
 def contacts_jumped(now: bytes, before: bytes, places: Array) -> bool:
-    """Whether contacts of the same pairs, in the same order, are elsewhere at once: another corner has come down.
+    """Check whether a contact is at another corner than in the step before.
 
-    now, before: their numbers (14 K,); places (14 K,): 1 for those of points, else 0.
+    Both steps have contacts of the same pairs in the same order. `now`, `before`: their
+    numbers (14 K,); `places` (14 K,): 1 for those of points, else 0.
     """
-    off = np.frombuffer(now) - np.frombuffer(before)
-    # what moved less all together needs no closer look
+    displacements = np.frombuffer(now) - np.frombuffer(before)
+    # The sum of squares is quick, and excludes most steps.
     return bool(
-        (off * off).dot(places) > LEAP * LEAP and (np.abs(off) * places).max() > LEAP
+        (displacements * displacements).dot(places) > LEAP * LEAP
+        and (np.abs(displacements) * places).max() > LEAP
     )
 
 
@@ -226,24 +245,28 @@ class Points:
     closing: Array  # (P,) px/s at which they close, by velocities before contacts
 
     def sorted(self) -> Points:
-        """By objects, pairs of shapes and place: the first two sorted already."""
+        """Sort the points by objects, pairs of shapes and place; objects and pairs are
+        sorted already.
+        """
         x, y = self.on_first.T
-        # contacts come sorted but for the two points of one
-        second = np.flatnonzero(self.row[1:] == self.row[:-1]) + 1
-        ahead = (x[second] < x[second - 1]) | (
-            (x[second] == x[second - 1]) & (y[second] < y[second - 1])
+        # Only the two points of one contact may be in the wrong order.
+        second_rows = np.flatnonzero(self.row[1:] == self.row[:-1]) + 1
+        is_swapped = (x[second_rows] < x[second_rows - 1]) | (
+            (x[second_rows] == x[second_rows - 1])
+            & (y[second_rows] < y[second_rows - 1])
         )
-        if not ahead.any():
+        if not is_swapped.any():
             return self
         order = np.arange(len(x))
-        order[second[ahead]] -= 1
-        order[second[ahead] - 1] += 1
+        order[second_rows[is_swapped]] -= 1
+        order[second_rows[is_swapped] - 1] += 1
         return Points(*(getattr(self, field.name)[order] for field in fields(self)))
 
     def earlier(self, own: Flags, touched: Flags, h: float) -> Array:
-        """(P,) s before the step's end at which each closed; `own` (P,) do, `touched` (K,) pairs did a step ago.
+        """Return the time (P,) s before the step's end at which each point closed.
 
-        What touched before closes when an impact makes it.
+        `own` (P,): points that close by the motion before all impacts; `touched` (K,):
+        pairs that touched a step ago, which close again only by an impact.
         """
         row = self.row
         depth = np.maximum(self.depth, 0.0)
@@ -252,28 +275,35 @@ class Points:
             np.minimum(depth / np.maximum(self.closing, 1e-300), h),
             0.0,
         )
-        # two points of one pair close together: what lands flat stays flat
-        pair = np.flatnonzero((row[:-1] == row[1:]) & own[:-1] & own[1:])
-        pair = pair[np.abs(earlier[pair] - earlier[pair + 1]) < 0.5 * h]
-        earlier[pair] = earlier[pair + 1] = (earlier[pair] + earlier[pair + 1]) / 2
+        # Two points of one pair with almost equal times close together, so that a body
+        # that lands flat does not start to turn.
+        first_rows = np.flatnonzero((row[:-1] == row[1:]) & own[:-1] & own[1:])
+        first_rows = first_rows[
+            np.abs(earlier[first_rows] - earlier[first_rows + 1]) < 0.5 * h
+        ]
+        earlier[first_rows] = earlier[first_rows + 1] = (
+            earlier[first_rows] + earlier[first_rows + 1]
+        ) / 2
         return earlier
 
 
 @dataclass(frozen=True)
 class ContactProperties:
-    """What the N bodies and walls bring to an impact; the mass and moment of whatever is not dynamic is infinite."""
+    """Properties of the N bodies and walls in an impact; all but dynamic bodies have
+    infinite mass and moment.
+    """
 
     lightness: list[float]  # 1/g
     ease: list[float]  # 1/(g·px²)
     friction: list[float]  # factors; a pair's coefficient is their product
     elasticity: list[float]
-    radius: list[float]  # px; NaN where it is not a circle
-    conveyor: list[float]  # px/s at which surfaces run around them
+    radius: list[float]  # px; NaN except for circles
+    conveyor: list[float]  # px/s of a surface that runs around the body
 
 
 @dataclass(slots=True)
 class Point:
-    """One contact point, when it closed."""
+    """One contact point at its closing time."""
 
     a: int
     b: int
@@ -297,7 +327,9 @@ class Point:
     belt: float  # px/s at which a's surface runs along b's
 
     def leaving(self, va: list[float], vb: list[float]) -> float:
-        """px/s at which b leaves a, by their velocities; negative: it closes."""
+        """Return the speed at which b leaves a, px/s, by their velocities; negative if
+        it closes.
+        """
         return (
             self.nx * (vb[0] - va[0])
             + self.ny * (vb[1] - va[1])
@@ -306,7 +338,7 @@ class Point:
         )
 
     def motion(self, va: list[float], vb: list[float]) -> tuple[float, float]:
-        """px/s at which b leaves a, and slides along it."""
+        """Return the speeds at which b leaves a and slides along it, px/s."""
         slides = (
             self.nx * (vb[1] - va[1])
             - self.ny * (vb[0] - va[0])
@@ -320,27 +352,40 @@ class Point:
 def contact_points(
     words: bytes, numbers: bytes, pose: Array, velocity: Array
 ) -> Points:
-    """One row a point of a step's contacts; pose and velocity (N, 3) of all objects."""
+    """Return the points of a step's contacts; pose and velocity (N, 3) of all
+    objects.
+    """
     a, b, count = np.frombuffer(words, np.int64).reshape(-1, WORDS).T
-    flat, row = np.frombuffer(numbers), np.repeat(np.arange(len(a)), count)
-    place = NUMBERS * row + _ON_FIRST[0]
-    place[1:][row[1:] == row[:-1]] += _ON_FIRST[2] - _ON_FIRST[0]
+    flat_numbers, row = np.frombuffer(numbers), np.repeat(np.arange(len(a)), count)
+    columns = NUMBERS * row + _ON_FIRST[0]
+    columns[1:][row[1:] == row[:-1]] += _ON_FIRST[2] - _ON_FIRST[0]
     first, second, normal = (
         a.take(row),
         b.take(row),
-        flat.reshape(-1, NUMBERS)[:, 2:4].take(row, axis=0),
+        flat_numbers.reshape(-1, NUMBERS)[:, 2:4].take(row, axis=0),
     )
-    on1, on2 = (flat.take(np.add.outer(place, [part, part + 1])) for part in (0, 2))
-    x1, y1 = _at(velocity, first, on1, pose)
-    x2, y2 = _at(velocity, second, on2, pose)
+    points_on_first, points_on_second = (
+        flat_numbers.take(np.add.outer(columns, [part, part + 1])) for part in (0, 2)
+    )
+    x1, y1 = _at(velocity, first, points_on_first, pose)
+    x2, y2 = _at(velocity, second, points_on_second, pose)
     closing = (x1 - x2) * normal[:, 0] + (y1 - y2) * normal[:, 1]
-    return Points(row, first, second, normal, on1, on2, -flat.take(place + 4), closing)
+    return Points(
+        row,
+        first,
+        second,
+        normal,
+        points_on_first,
+        points_on_second,
+        -flat_numbers.take(columns + 4),
+        closing,
+    )
 
 
 def _at(
     velocity: Array, objects: Index, points: Array, pose: Array
 ) -> tuple[Array, Array]:
-    """(P,) and (P,) px/s of points (P, 2) on bodies."""
+    """Return the velocities (P,), (P,) px/s of points (P, 2) on bodies."""
     vx, vy, spin = velocity.take(objects, axis=0).T
     x, y, _ = pose.take(objects, axis=0).T
     return vx - spin * (points[:, 1] - y), vy + spin * (points[:, 0] - x)
@@ -355,25 +400,32 @@ def point_at_closing(
     earlier: Array,
     own: Flags,
 ) -> Point:
-    """Point `k` as it was `earlier` s (P,) before the poses (N, 3); velocity (N, 3) on the way; own (P,).
+    """Return point `k` as it was `earlier` s (P,) before the poses (N, 3).
 
-    Levers go from both centres to one common point: angular momentum is kept to the last digit.
+    `velocity` (N, 3) within the step; `own` (P,) as in `Points.earlier`. The levers of
+    both bodies lead to one common point, so that angular momentum is conserved to the
+    last digit.
     """
-    back = float(earlier[k])
+    seconds_back = float(earlier[k])
     a, b = int(found.first[k]), int(found.second[k])
     nx, ny = found.normal[k].tolist()
     places, centers = [], []
-    for body, on in ((a, found.on_first), (b, found.on_second)):
+    # Move both bodies back in time, with the points fixed to them.
+    for body, points_on_body in ((a, found.on_first), (b, found.on_second)):
         x, y, _ = pose[body].tolist()
         vx, vy, spin = velocity[body].tolist()
-        px, py = on[k].tolist()
-        centers.append((x - back * vx, y - back * vy))
+        px, py = points_on_body[k].tolist()
+        centers.append((x - seconds_back * vx, y - seconds_back * vy))
         places.append(
-            (px - back * (vx - spin * (py - y)), py - back * (vy + spin * (px - x)))
+            (
+                px - seconds_back * (vx - spin * (py - y)),
+                py - seconds_back * (vy + spin * (px - x)),
+            )
         )
     (ax, ay), (bx, by) = centers
     px, py = (places[0][0] + places[1][0]) / 2, (places[0][1] + places[1][1]) / 2
-    # a circle touches where its normal leaves it, however it turns
+    # A circle turns without moving its contact point: the point follows from the centre
+    # and the normal.
     ra, rb = objects.radius[a], objects.radius[b]
     if not (isnan(ra) or isnan(rb)):
         distance = max(hypot(bx - ax, by - ay), 1e-12)
@@ -389,10 +441,11 @@ def point_at_closing(
         objects.ease[a],
         objects.ease[b],
     )
+    # Levers of the normal and of the tangential impulse about both centres.
     na, nb = (px - ax) * ny - (py - ay) * nx, (px - bx) * ny - (py - by) * nx
     ta, tb = (px - ax) * nx + (py - ay) * ny, (px - bx) * nx + (py - by) * ny
     return Point(
-        a, b, nx, ny, back, bool(own[k]), ma, mb, ea, eb, na, nb, ta, tb,
+        a, b, nx, ny, seconds_back, bool(own[k]), ma, mb, ea, eb, na, nb, ta, tb,
         ma + mb + ea * na * na + eb * nb * nb,
         ea * na * ta + eb * nb * tb,
         ma + mb + ea * ta * ta + eb * tb * tb,

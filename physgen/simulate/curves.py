@@ -1,7 +1,8 @@
-"""Smooth curves of boundaries: what slides along them keeps its energy.
+"""Smooth curves of boundaries: a body that slides along them keeps its energy.
 
-A step's velocity points along the tangent where the step began, and so into the curve where
-it ends. The contact takes that part, again and again: of a loop at 500 px/s some percent.
+The velocity of a step is tangential to the curve at the step's start, and points into
+the curve at its end. The contact removes the normal part in every step: some percent of
+the energy in a loop at 500 px/s.
 """
 
 from __future__ import annotations
@@ -20,16 +21,20 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 RECENT = 8
-"""Steps after which a touch is a new one: a light contact opens for some."""
+"""Steps after which a touch counts as new: a light contact opens for some steps."""
 GENTLE = 0.1
-"""Of a body's speed: what closes faster has not followed the curve."""
+"""Share of a body's speed: a body with a higher closing speed has not followed the
+curve.
+"""
 
 
 class CurvedWalls:
-    """The walls of a world that are smooth curves, and the bodies that slid along them."""
+    """The walls of a world that are smooth curves, and the bodies that slide along
+    them.
+    """
 
     def __init__(self, world: World, moving: Index, held: list[int]) -> None:
-        """held: bodies that joints hold, which are left as they are."""
+        """Collect the walls; bodies that joints hold are left out."""
         count = len(world.bodies)
         self._walls = {
             count + k for k, wall in enumerate(world.walls) if wall.is_smooth
@@ -43,11 +48,11 @@ class CurvedWalls:
         self._mass = [body.mass for body in world.bodies]
         self._steps = 0
         self._touched: dict[tuple[int, int], int] = {}
-        """Bodies and walls that touched -> the step in which they last did."""
+        """The latest step with a touch, by body and wall."""
 
     @property
     def busy(self) -> bool:
-        """Whether there are any."""
+        """Check whether the world has smooth curves."""
         return bool(self._walls)
 
     def restore(
@@ -58,12 +63,13 @@ class CurvedWalls:
         numbers: bytes,
         impacts: list[Impacts],
     ) -> float:
-        """Give bodies the energy back that curves took from them in a step; return it, g·px²/s².
+        """Return the energy to bodies that curves took from them in a step, g·px²/s².
 
-        begun (M, 3): velocities before the step; state (M, 6) after it, which is changed.
+        `begun` (M, 3): velocities before the step; `state` (M, 6) after it is changed
+        in place.
         """
-        taken: dict[int, float] = {}
-        blows = _blows(impacts)
+        lost_energies: dict[int, float] = {}
+        impact_impulses = _blows(impacts)
         self._steps += 1
         contacts = np.frombuffer(numbers).reshape(-1, NUMBERS).tolist()
         for (first, second, count), contact in zip(
@@ -74,39 +80,49 @@ class CurvedWalls:
                 body, wall, sign = second, first, -1.0
             if wall not in self._walls or body not in self._rows or not count:
                 continue
-            last = self._touched.get((body, wall), -RECENT)
+            # Only a body that has touched the curve for a while slides along it; a body
+            # that lands on the curve loses its closing speed as on any wall.
+            last_step = self._touched.get((body, wall), -RECENT)
             self._touched[body, wall] = self._steps
-            if self._steps - last >= RECENT:
+            if self._steps - last_step >= RECENT:
                 continue
             row = self._rows[body]
-            # the normal towards the wall
+            # The normal points towards the wall.
             nx, ny = sign * contact[2], sign * contact[3]
-            ix, iy = blows.pop((body, wall), (0.0, 0.0))
+            ix, iy = impact_impulses.pop((body, wall), (0.0, 0.0))
             ix, iy = ix + sign * contact[0], iy + sign * contact[1]
-            push = -(ix * nx + iy * ny)
+            # The work of the normal impulse: impulse times the mean closing speed of
+            # the step.
+            normal_impulse = -(ix * nx + iy * ny)
             px, py = contact[4], contact[5]
-            arm = (px - state[row, 0]) * ny - (py - state[row, 1]) * nx
-            closing, left = (
-                float(speed[0] * nx + speed[1] * ny + speed[2] * arm)
+            lever = (px - state[row, 0]) * ny - (py - state[row, 1]) * nx
+            closing_before, closing_after = (
+                float(speed[0] * nx + speed[1] * ny + speed[2] * lever)
                 for speed in (begun[row], state[row, 3:])
             )
             speed = hypot(begun[row, 0], begun[row, 1])
-            if 0 < closing < GENTLE * speed:
-                taken[body] = taken.get(body, 0.0) + push * (closing + left) / 2
+            if 0 < closing_before < GENTLE * speed:
+                lost_energies[body] = (
+                    lost_energies.get(body, 0.0)
+                    + normal_impulse * (closing_before + closing_after) / 2
+                )
         total = 0.0
-        for body, energy in taken.items():
+        for body, energy in lost_energies.items():
             row = self._rows[body]
             square = float(state[row, 3] ** 2 + state[row, 4] ** 2)
             if energy <= 0 or square <= 0:
                 continue
+            # Scale the speed such that the kinetic energy grows by the lost energy.
             state[row, 3:5] *= sqrt(1 + 2 * energy / (self._mass[body] * square))
             total += energy
         return total
 
 
 def _blows(impacts: list[Impacts]) -> dict[tuple[int, int], tuple[float, float]]:
-    """Return the impulses of impacts, g·px/s: of each pair in both orders, on the first of it."""
-    found: dict[tuple[int, int], tuple[float, float]] = {}
+    """Return the impulses of impacts, g·px/s, for each pair in both orders, on its
+    first body.
+    """
+    impulses: dict[tuple[int, int], tuple[float, float]] = {}
     for impact in impacts:
         rows = zip(impact.first, impact.second, impact.impulse, strict=True)
         for first, second, (x, y) in rows:
@@ -114,6 +130,9 @@ def _blows(impacts: list[Impacts]) -> dict[tuple[int, int], tuple[float, float]]
                 ((int(first), int(second)), 1),
                 ((int(second), int(first)), -1),
             ):
-                before = found.get(key, (0.0, 0.0))
-                found[key] = before[0] + sign * float(x), before[1] + sign * float(y)
-    return found
+                earlier = impulses.get(key, (0.0, 0.0))
+                impulses[key] = (
+                    earlier[0] + sign * float(x),
+                    earlier[1] + sign * float(y),
+                )
+    return impulses

@@ -1,7 +1,8 @@
 """Friction on a table seen from above, and rolling resistance seen from the side.
 
-A disc's sliding and spinning share one friction: both end together (Farkas, Bartels, Unger, Wolf, Phys. Rev. Lett. 90,
-248302, 2003). A sphere touches the table at one point: it slides until that point stands still, then rolls.
+Sliding and spinning of a disc share one friction, and end at the same time (Farkas,
+Bartels, Unger, Wolf, Phys. Rev. Lett. 90, 248302, 2003). A sphere touches the table at
+one point: it slides until that point is at rest, then rolls.
 """
 
 from __future__ import annotations
@@ -20,7 +21,9 @@ from physgen.simulate.contacts import Array, Brakes, Order, Pair, impulses_and_n
 
 
 class Resistance:
-    """Brakes between bodies and what they roll or rock on; solved with the contacts, so that they hold at rest."""
+    """Brakes of rolling and rocking, solved with the contacts to keep bodies at
+    rest.
+    """
 
     def __init__(self, world: World) -> None:
         levers = [
@@ -33,9 +36,9 @@ class Resistance:
         )
         self.busy = any(levers) and world.press == 0
         self.brakes = Brakes([], np.zeros((0, 2), np.int64), [])
-        """Of the next step."""
+        """The brakes of the next step."""
         self.torques: list[float] = []
-        """Of the brakes, by the normal forces of the last step, g·px²/s²."""
+        """Torques of the brakes by the last step's normal forces, g·px²/s²."""
 
     def follow(self, order: Order, numbers: bytes, h: float) -> None:
         """Set the next brakes and torques by a step's contacts."""
@@ -44,20 +47,22 @@ class Resistance:
         self.brakes, self.torques = order.brakes, []
         if not self.brakes.by:
             return
-        normals = [
+        normal_impulses = [
             abs(ix * nx + iy * ny) for ix, iy, nx, ny in impulses_and_normals(numbers)
         ]
         for lever, rows in self.brakes.by:
             torque = 0.0
+            # Sum in sorted order: the result must not depend on the order of contacts.
             for normal in (
-                sorted([normals[k] for k in rows])
+                sorted([normal_impulses[k] for k in rows])
                 if len(rows) > 1
-                else (normals[rows[0]],)
+                else (normal_impulses[rows[0]],)
             ):
                 torque += lever * normal / h
             self.torques.append(torque)
 
     def _found(self, listed: NDArray[np.int64]) -> Brakes:
+        """Return the brakes of contacts (K, 3): one for each pair of bodies."""
         levers, rows = dict[Pair, float](), dict[Pair, list[int]]()
         partners = listed.tolist()
         for k in np.lexsort(listed.T[2::-1]).tolist():
@@ -74,11 +79,14 @@ class Resistance:
 
 
 NODES = 1024
-"""Of the tables of friction by the ratio of sliding to spinning."""
+"""Number of nodes in the tables of friction by the ratio of sliding to spinning."""
 
 
 class Table:
-    """Friction on the N bodies of a world; idle seen from the side. Vectors in the plane are complex numbers."""
+    """Friction of a table seen from above on the N bodies of a world.
+
+    Vectors in the plane are complex numbers.
+    """
 
     def __init__(self, world: World) -> None:
         bodies = world.bodies
@@ -86,102 +94,137 @@ class Table:
             [b.surface.friction * world.table.friction for b in bodies]
         ).reshape(-1)
         rolling = np.array([b.rolling for b in bodies]).reshape(-1)
-        on = np.array([b.motion is Motion.DYNAMIC for b in bodies], bool)
-        ball = np.array(
+        is_dynamic = np.array([b.motion is Motion.DYNAMIC for b in bodies], bool)
+        is_ball = np.array(
             [b.solid is Solid.SPHERE and b.radius is not None for b in bodies], bool
         )
         self.busy = bool(
-            world.press > 0 and (on & ((grip > 0) | (ball & (rolling > 0)))).any()
+            world.press > 0
+            and (is_dynamic & ((grip > 0) | (is_ball & (rolling > 0)))).any()
         )
-        self._balls = np.flatnonzero(on & ball)
-        self._discs = np.flatnonzero(on & ~ball & (grip > 0))
+        self._balls = np.flatnonzero(is_dynamic & is_ball)
+        self._discs = np.flatnonzero(is_dynamic & ~is_ball & (grip > 0))
         mass, moment, patch = (
             np.array([(b.mass, b.moment, b.patch) for b in bodies]).reshape(-1, 3).T
         )
-        ring = np.array([b.solid is Solid.HOOP for b in bodies], bool).reshape(-1)
+        is_ring = np.array([b.solid is Solid.HOOP for b in bodies], bool).reshape(-1)
         self._of_discs = [
             values[self._discs]
-            for values in (grip * world.press, mass, patch, moment, ring)
+            for values in (grip * world.press, mass, patch, moment, is_ring)
         ]
-        """(D,) each; the first, px/s², is the deceleration of what slides without spinning."""
-        k = self._balls
-        r = np.array([b.radius or 0.0 for b in bodies]).reshape(-1)[k]
-        share = mass[k] * r**2 / np.maximum(moment[k], 1e-300)  # of a solid sphere 5/2
-        slow = rolling[k] * world.press / np.maximum(r, 1e-300) * share
-        lever = share / np.maximum(r, 1e-300)
+        """Properties of discs, (D,) each; the first is the deceleration of pure
+        sliding, px/s²."""
+        balls = self._balls
+        radii = np.array([b.radius or 0.0 for b in bodies]).reshape(-1)[balls]
+        # The ratio of a solid sphere is 5/2.
+        inertia_ratio = mass[balls] * radii**2 / np.maximum(moment[balls], 1e-300)
+        deceleration = (
+            rolling[balls] * world.press / np.maximum(radii, 1e-300) * inertia_ratio
+        )
+        inverse_lever = inertia_ratio / np.maximum(radii, 1e-300)
         self._of_balls = [
-            r,
-            lever,
-            1 / (1 + share),
-            grip[k] * world.press,
-            slow,
-            slow / (1 + share),
+            radii,
+            inverse_lever,
+            1 / (1 + inertia_ratio),
+            grip[balls] * world.press,
+            deceleration,
+            deceleration / (1 + inertia_ratio),
         ]
-        """(B,) each; the last, rad/s², are what rolling resistance takes from the roll, sliding and not."""
+        """Properties of balls, (B,) each; the last two are the deceleration by rolling
+        resistance of a sliding and of a rolling ball, rad/s²."""
 
     def foreseen(
         self, velocity: Array, roll: Array, h: float, steps: int
     ) -> list[tuple[Array, Array]]:
-        """Changes of velocity (N, 3) and roll (N, 2) in each of some steps of h seconds, the last first, while nothing
-        else acts; velocity holds all other forces' doing already."""
-        v, rolls = velocity[:, 0] + 1j * velocity[:, 1], roll[:, 0] + 1j * roll[:, 1]
-        motion, out = (
-            np.array([v, velocity[:, 2], rolls]),
-            np.zeros((steps, 3, len(v)), complex),
+        """Return the changes of velocity (N, 3) and roll (N, 2) in the next steps.
+
+        Each of the `steps` takes h seconds; the last comes first. Nothing else acts:
+        `velocity` contains the effects of all other forces.
+        """
+        linear_velocity, rolls = (
+            velocity[:, 0] + 1j * velocity[:, 1],
+            roll[:, 0] + 1j * roll[:, 1],
         )
-        moves = np.asarray(motion.any(axis=0))
-        moves[self._roll_on(v, velocity[:, 2], rolls, h, out)] = False
+        motion, changes_by_step = (
+            np.array([linear_velocity, velocity[:, 2], rolls]),
+            np.zeros((steps, 3, len(linear_velocity)), complex),
+        )
+        is_moving = np.asarray(motion.any(axis=0))
+        is_moving[
+            self._roll_on(linear_velocity, velocity[:, 2], rolls, h, changes_by_step)
+        ] = False
         kinds = (
             (_slide, _slide_one, self._discs, self._of_discs),
             (_roll, _roll_one, self._balls, self._of_balls),
         )
         for several, one, listed, of in kinds:
-            mine = np.flatnonzero(moves[listed])
-            if len(mine) > 8:  # of fewer, plain numbers are quicker than arrays
-                on, values = listed[mine], [v[mine] for v in of]
-                out[:, :, on] = _path(several, values, motion[:, on], h, steps)
-                continue
-            for k in mine.tolist():
-                plain: list[float] = [v[k].item() for v in of]
-                out[:, :, listed[k]] = one(
-                    plain, motion[:, listed[k]].tolist(), h, steps
+            moving_rows = np.flatnonzero(is_moving[listed])
+            # For few bodies, plain numbers are faster than arrays.
+            if len(moving_rows) > 8:
+                bodies, values = (
+                    listed[moving_rows],
+                    [linear_velocity[moving_rows] for linear_velocity in of],
                 )
-        change, turn, rolled = out[::-1].swapaxes(0, 1)
-        changes = np.stack([change.real, change.imag, turn.real], axis=2)
+                changes_by_step[:, :, bodies] = _path(
+                    several, values, motion[:, bodies], h, steps
+                )
+                continue
+            for k in moving_rows.tolist():
+                plain_values: list[float] = [
+                    linear_velocity[k].item() for linear_velocity in of
+                ]
+                changes_by_step[:, :, listed[k]] = one(
+                    plain_values, motion[:, listed[k]].tolist(), h, steps
+                )
+        velocity_change, spin_change, roll_change = changes_by_step[::-1].swapaxes(0, 1)
+        velocity_changes = np.stack(
+            [velocity_change.real, velocity_change.imag, spin_change.real], axis=2
+        )
         return list(
-            zip(changes, np.stack([rolled.real, rolled.imag], axis=2), strict=True)
+            zip(
+                velocity_changes,
+                np.stack([roll_change.real, roll_change.imag], axis=2),
+                strict=True,
+            )
         )
 
     def _roll_on(
         self, v: Array, spin: Array, roll: Array, h: float, out: Array
     ) -> NDArray[np.int64]:
-        """The spheres that roll through all steps, slowing down evenly: their changes are written."""
+        """Write the changes of spheres that roll in all steps; return the spheres.
+
+        Their deceleration is constant.
+        """
         r, _, gives, grip, twists, slows = self._of_balls
         v, spin, roll = v[self._balls], spin[self._balls], roll[self._balls]
-        slips = abs(v - 1j * r * roll) * gives > 1e-12 * r * abs(roll)
-        k = np.flatnonzero(~slips & (grip > 0) & (slows * h * len(out) < abs(roll)))
-        part = slows[k] * h / abs(roll[k])
-        out[:, 0, self._balls[k]], out[:, 2, self._balls[k]] = (
-            -part * v[k],
-            -part * roll[k],
+        is_sliding = abs(v - 1j * r * roll) * gives > 1e-12 * r * abs(roll)
+        k = np.flatnonzero(
+            ~is_sliding & (grip > 0) & (slows * h * len(out) < abs(roll))
         )
-        lost = twists[k] * h
-        left = abs(spin[k]) - lost * np.arange(len(out))[:, None]
-        out[:, 1, self._balls[k]] = -np.sign(spin[k]) * np.clip(left, 0, lost)
+        share_per_step = slows[k] * h / abs(roll[k])
+        out[:, 0, self._balls[k]], out[:, 2, self._balls[k]] = (
+            -share_per_step * v[k],
+            -share_per_step * roll[k],
+        )
+        spin_loss = twists[k] * h
+        remaining_spin = abs(spin[k]) - spin_loss * np.arange(len(out))[:, None]
+        out[:, 1, self._balls[k]] = -np.sign(spin[k]) * np.clip(
+            remaining_spin, 0, spin_loss
+        )
         return self._balls[k]
 
 
 def _path(
     kind: Callable[..., Any], of: list[Array], motion: Array, h: float, steps: int
 ) -> list[Any]:
-    """Changes of velocity, spin and roll in each step, of several bodies."""
+    """Return the changes of velocity, spin and roll of several bodies in each step."""
     v, spin, roll = motion
     spin, changes = spin.real, []
     for _ in range(steps):
         changes.append(kind(of, v, spin, roll, h))
         v, spin, roll = (
-            now + change
-            for now, change in zip((v, spin, roll), changes[-1], strict=True)
+            value + change
+            for value, change in zip((v, spin, roll), changes[-1], strict=True)
         )
     return changes
 
@@ -189,170 +232,199 @@ def _path(
 def _slide(
     of: list[Array], v: Array, spin: Array, roll: Array, h: float
 ) -> tuple[Array, Array, Array]:
-    """Changes of discs' velocity, spin and roll, by friction as it is after half the time."""
-    half, turn = _slid(of, v, spin, h / 2, v, spin)
-    return *_slid(of, v, spin, h, v + half, spin + turn), 0 * roll
+    """Return the changes of discs' velocity, spin and roll, by the midpoint rule."""
+    half_change, half_turn = _slid(of, v, spin, h / 2, v, spin)
+    return *_slid(of, v, spin, h, v + half_change, spin + half_turn), 0 * roll
 
 
 def _slid(
     of: list[Array], v: Array, spin: Array, h: float, at: Array, at_spin: Array
 ) -> tuple[Array, Array]:
-    """Changes by friction as it is at other speeds; never beyond rest."""
+    """Return the changes by friction at other speeds; never beyond rest."""
     grip, mass, patch, moment, ring = of
-    pull, twist = _parts(np.arctan2(abs(at), patch * abs(at_spin)), ring)
-    now, spins, least = abs(v), abs(spin), grip * h
-    # the direction is that of the motion; nothing is turned round by friction
-    brake = np.minimum(pull * least, now) / np.maximum(now, 1e-300)
-    slowed = np.minimum(twist * grip * mass * patch / moment * h, spins)
-    # less than a step before both end, they end
-    ends = (spins * moment <= least * mass * patch) & (now + patch * spins <= least)
-    return np.where(ends, -v, -brake * v), np.where(
-        ends, -spin, np.where(spin > 0, -slowed, slowed)
+    force_share, torque_share = _parts(np.arctan2(abs(at), patch * abs(at_spin)), ring)
+    speed, rim_spin, stopping_speed = abs(v), abs(spin), grip * h
+    # The force acts against the motion at the step's start: friction never reverses it.
+    brake = np.minimum(force_share * stopping_speed, speed) / np.maximum(speed, 1e-300)
+    spin_loss = np.minimum(torque_share * grip * mass * patch / moment * h, rim_spin)
+    # Less than a step before the end, both motions end at once.
+    comes_to_rest = (rim_spin * moment <= stopping_speed * mass * patch) & (
+        speed + patch * rim_spin <= stopping_speed
+    )
+    return np.where(comes_to_rest, -v, -brake * v), np.where(
+        comes_to_rest, -spin, np.where(spin > 0, -spin_loss, spin_loss)
     )
 
 
 def _slide_one(
     of: list[float], motion: list[complex], h: float, steps: int
 ) -> NDArray[np.complex128]:
-    """(steps, 3): the same of one disc, in some steps."""
+    """Return the changes (steps, 3) of one disc, as `_slide` for several."""
     (grip, mass, patch, moment, ring), (v, spin, _) = of, motion
     _, forces, torques = _listed_shares(bool(ring))
-    wide, most = (NODES - 1) / (pi / 2), NODES - 2
-    out, turns = np.zeros((steps, 3), complex), spin.real
+    nodes_per_radian, last_node = (NODES - 1) / (pi / 2), NODES - 2
+    changes, spin_now = np.zeros((steps, 3), complex), spin.real
     for k in range(steps):
-        now, spins, sign = abs(v), abs(turns), -1.0 if turns > 0 else 1.0
-        change, turn = 0j, 0.0
+        speed, spin_size, sign = abs(v), abs(spin_now), -1.0 if spin_now > 0 else 1.0
+        change, spin_change = 0j, 0.0
         for span in (h / 2, h):
-            least, place = (
+            stopping_speed, position = (
                 grip * span,
-                atan2(abs(v + change), patch * abs(turns + turn)) * wide,
+                atan2(abs(v + change), patch * abs(spin_now + spin_change))
+                * nodes_per_radian,
             )
-            node = int(place) if place < most else most
-            part = place - node
-            pull = forces[node] + part * (forces[node + 1] - forces[node])
-            twist = torques[node] + part * (torques[node + 1] - torques[node])
-            if now + patch * spins <= least and spins * moment <= least * mass * patch:
-                change, turn = -v, -turns
+            node = int(position) if position < last_node else last_node
+            fraction = position - node
+            force_share = forces[node] + fraction * (forces[node + 1] - forces[node])
+            torque_share = torques[node] + fraction * (
+                torques[node + 1] - torques[node]
+            )
+            if (
+                speed + patch * spin_size <= stopping_speed
+                and spin_size * moment <= stopping_speed * mass * patch
+            ):
+                change, spin_change = -v, -spin_now
                 continue
-            change = -(min(pull * least, now) / (now or 1e-300)) * v
-            turn = sign * min(twist * grip * mass * patch / moment * span, spins)
-        out[k, :2] = change, turn
-        v, turns = v + change, turns + turn
-        if not (v or turns):
+            change = -(min(force_share * stopping_speed, speed) / (speed or 1e-300)) * v
+            spin_change = sign * min(
+                torque_share * grip * mass * patch / moment * span, spin_size
+            )
+        changes[k, :2] = change, spin_change
+        v, spin_now = v + change, spin_now + spin_change
+        if not (v or spin_now):
             break
-    return out
+    return changes
 
 
 def _parts(ratio: Array, ring: Any) -> list[Array]:
-    """Shares of friction, and of friction x radius, at angles (D,) of discs and rings."""
-    (nodes, *disc), (_, *hoop) = _shares(False), _shares(True)
-    both = zip(disc, hoop, strict=True)
+    """Return the shares of force and torque at angles (D,), of discs and rings."""
+    (nodes, *disc_shares), (_, *hoop_shares) = _shares(False), _shares(True)
+    share_pairs = zip(disc_shares, hoop_shares, strict=True)
     return [
         np.where(ring, np.interp(ratio, nodes, b), np.interp(ratio, nodes, a))
-        for a, b in both
+        for a, b in share_pairs
     ]
 
 
 def _roll(
     of: list[Array], v: Array, spin: Array, roll: Array, h: float
 ) -> tuple[Array, Array, Array]:
-    """Changes of spheres' velocity, spin and roll."""
+    """Return the changes of spheres' velocity, spin and roll."""
     r, lever, gives, grip, lost_sliding, lost_rolling = of
-    slip = v - 1j * r * roll  # of the lowest point over the table
-    speed = abs(slip)
-    stick = speed * gives
-    brake = np.minimum(grip * h, stick)
-    change = -brake / np.maximum(speed, 1e-300) * slip
-    turned = 1j * lever * change
-    # a moment of c x normal force x radius; once a ball rolls it slows both motions alike
-    rolls, now = brake >= stick * (1 - 1e-12), roll + turned
-    stop = np.minimum(
-        np.where(rolls, lost_rolling, lost_sliding) * h / np.maximum(abs(now), 1e-300),
+    # Velocity of the lowest point relative to the table.
+    slip = v - 1j * r * roll
+    slip_speed = abs(slip)
+    sticking_change = slip_speed * gives
+    brake = np.minimum(grip * h, sticking_change)
+    change = -brake / np.maximum(slip_speed, 1e-300) * slip
+    roll_change = 1j * lever * change
+    # Rolling resistance is a torque of c x normal force x radius; it slows the velocity
+    # of a rolling ball in proportion to its roll.
+    is_rolling, roll_now = brake >= sticking_change * (1 - 1e-12), roll + roll_change
+    rolling_loss = np.minimum(
+        np.where(is_rolling, lost_rolling, lost_sliding)
+        * h
+        / np.maximum(abs(roll_now), 1e-300),
         1.0,
     )
-    # it brakes a spin on the spot as well: of a billiard ball by 8.6 rad/s², where Alciatore measures 10
-    twist = np.where(spin > 0, -1.0, 1.0) * np.minimum(
+    # The same torque brakes a spin about the vertical axis: that of a billiard ball by
+    # 8.6 rad/s² (Alciatore measured 10).
+    spin_change = np.where(spin > 0, -1.0, 1.0) * np.minimum(
         np.where(grip > 0, lost_sliding, 0.0) * h, abs(spin)
     )
     return (
-        change - np.where(rolls, stop, 0.0) * (v + change),
-        twist,
-        turned - stop * now,
+        change - np.where(is_rolling, rolling_loss, 0.0) * (v + change),
+        spin_change,
+        roll_change - rolling_loss * roll_now,
     )
 
 
 def _roll_one(
     of: list[float], motion: list[complex], h: float, steps: int
 ) -> NDArray[np.complex128]:
-    """(steps, 3): the same of one sphere, in some steps."""
+    """Return the changes (steps, 3) of one sphere, as `_roll` for several."""
     (r, lever, gives, grip, lost_sliding, lost_rolling), (v, spin, roll) = of, motion
-    out, turns, twists = (
+    changes, spin_now, spin_loss = (
         np.zeros((steps, 3), complex),
         spin.real,
         (lost_sliding if grip > 0 else 0.0) * h,
     )
-    across, levers = 1j * r, 1j * lever
+    lever_to_slip, complex_lever = 1j * r, 1j * lever
     for k in range(steps):
-        slip = v - across * roll
-        speed = abs(slip)
-        stick = speed * gives
-        brake = min(grip * h, stick)
-        change = -brake / (speed or 1e-300) * slip
-        turned = levers * change
-        now, rolls = roll + turned, brake >= stick * (1 - 1e-12)
-        stop = min(
-            (lost_rolling if rolls else lost_sliding) * h / (abs(now) or 1e-300), 1.0
+        slip = v - lever_to_slip * roll
+        slip_speed = abs(slip)
+        sticking_change = slip_speed * gives
+        brake = min(grip * h, sticking_change)
+        change = -brake / (slip_speed or 1e-300) * slip
+        roll_change = complex_lever * change
+        roll_now, is_rolling = (
+            roll + roll_change,
+            brake >= sticking_change * (1 - 1e-12),
         )
-        twist = (-1.0 if turns > 0 else 1.0) * min(twists, abs(turns))
-        if rolls:
-            change -= stop * (v + change)
-        turned -= stop * now
-        out[k] = change, twist, turned
-        v, turns, roll = v + change, turns + twist, roll + turned
-        if not (v or turns or roll):
+        rolling_loss = min(
+            (lost_rolling if is_rolling else lost_sliding)
+            * h
+            / (abs(roll_now) or 1e-300),
+            1.0,
+        )
+        spin_change = (-1.0 if spin_now > 0 else 1.0) * min(spin_loss, abs(spin_now))
+        if is_rolling:
+            change -= rolling_loss * (v + change)
+        roll_change -= rolling_loss * roll_now
+        changes[k] = change, spin_change, roll_change
+        v, spin_now, roll = v + change, spin_now + spin_change, roll + roll_change
+        if not (v or spin_now or roll):
             break
-    return out
+    return changes
 
 
 @cache
 def _listed_shares(ring: bool) -> list[list[float]]:
+    """Return `_shares` as lists of plain numbers."""
     return [values.tolist() for values in _shares(ring)]
 
 
 @cache
 def _shares(ring: bool) -> tuple[Array, Array, Array]:
-    """Angles atan2(speed, rim speed), and the shares of friction, and of friction x radius, that act at each.
+    """Return angles atan2(speed, rim speed), with the shares of force and torque.
 
-    Averages over the body's area (a uniform disc), or its rim (a hoop), of friction that is against each point's own
-    velocity; the disc's are Farkas and others' formulas, in complete elliptic integrals.
+    They are averages over the area of a uniform disc, or over the rim of a hoop, of
+    friction against each point's own velocity. The disc's are the formulas of Farkas et
+    al. in complete elliptic integrals.
     """
     nodes = np.linspace(0, np.pi / 2, NODES)
     if ring:
-        turn = (np.arange(720) + 0.5) * (2 * np.pi / 720)
+        angles_on_rim = (np.arange(720) + 0.5) * (2 * np.pi / 720)
         v, u = np.sin(nodes)[:, None], np.cos(nodes)[:, None]
-        vx, vy = v - u * np.sin(turn), u * np.cos(turn)
-        size = np.maximum(np.hypot(vx, vy), 1e-300)
+        vx, vy = v - u * np.sin(angles_on_rim), u * np.cos(angles_on_rim)
+        point_speed = np.maximum(np.hypot(vx, vy), 1e-300)
         return (
             nodes,
-            (vx / size).mean(axis=1),
-            ((np.cos(turn) * vy - np.sin(turn) * vx) / size).mean(axis=1),
+            (vx / point_speed).mean(axis=1),
+            (
+                (np.cos(angles_on_rim) * vy - np.sin(angles_on_rim) * vx) / point_speed
+            ).mean(axis=1),
         )
     ratio = np.tan(nodes[1:-1])
-    low = ratio <= 1
-    m = np.where(low, ratio, 1 / ratio) ** 2
+    is_slow = ratio <= 1
+    m = np.where(is_slow, ratio, 1 / ratio) ** 2
     K, E = _elliptic(m)
-    r2 = ratio**2
+    square_ratio = ratio**2
     force = (
         4
         / 3
         * np.where(
-            low, ((r2 + 1) * E + (r2 - 1) * K) / ratio, (r2 + 1) * E - (r2 - 1) * K
+            is_slow,
+            ((square_ratio + 1) * E + (square_ratio - 1) * K) / ratio,
+            (square_ratio + 1) * E - (square_ratio - 1) * K,
         )
         / np.pi
     )
-    inner = (4 - 2 * r2) * E + (r2 - 1) * K
-    outer = ratio * ((4 - 2 * r2) * E + (2 * r2 - 5 + 3 / r2) * K)
-    torque = 4 / 9 * np.where(low, inner, outer) / np.pi
+    inner = (4 - 2 * square_ratio) * E + (square_ratio - 1) * K
+    outer = ratio * (
+        (4 - 2 * square_ratio) * E + (2 * square_ratio - 5 + 3 / square_ratio) * K
+    )
+    torque = 4 / 9 * np.where(is_slow, inner, outer) / np.pi
     return (
         nodes,
         np.concatenate([[0], force, [1]]),
@@ -361,15 +433,18 @@ def _shares(ring: bool) -> tuple[Array, Array, Array]:
 
 
 def _elliptic(m: Array) -> tuple[Array, Array]:
-    """Complete elliptic integrals K and E of the parameter m < 1, by the arithmetic-geometric mean."""
+    """Return the complete elliptic integrals K and E of the parameter m < 1.
+
+    The arithmetic-geometric mean converges quadratically.
+    """
     a, b = np.ones_like(m), np.sqrt(1 - m)
-    lost, power = m / 2, 0.5
+    series_sum, power = m / 2, 0.5
     for _ in range(40):
         c = (a - b) / 2
         a, b = (a + b) / 2, np.sqrt(a * b)
         power *= 2
-        lost = lost + power * c**2
+        series_sum = series_sum + power * c**2
         if np.all(np.abs(c) <= 1e-16):
             break
     K = np.pi / (2 * a)
-    return K, K * (1 - lost)
+    return K, K * (1 - series_sum)

@@ -1,8 +1,8 @@
 """Contacts at internal edges: their normals point into a surface that continues.
 
-What slides from one block or segment to the next one first touches the side of the next one,
-which the engine takes for a wall (Box2D's ghost collisions). Such a side is covered: the
-surface goes on along the normal, and nothing rises above it.
+An object that slides from one block or segment to the next first touches the side of
+the next one, which the engine takes for a wall (Box2D's ghost collisions). Such a side
+is covered: the surface continues along the normal, and no shape rises above it.
 """
 
 from __future__ import annotations
@@ -18,28 +18,35 @@ Spot = tuple[float, float]
 
 @dataclass(frozen=True)
 class EdgeTolerance:
-    """Lengths in px and cosines by which surfaces are one."""
+    """Tolerances, px and cosines, within which two surfaces are one."""
 
     level: float = 0.02
-    """px that two surfaces may differ in height: four times the overlap of a resting contact."""
+    """Difference of height of two surfaces, px: four times the overlap of a resting
+    contact.
+    """
     above: float = 0.06
-    """px over the surface at which a shape that rises above it is looked for."""
+    """Height over the surface, px, at which a rising shape is searched for."""
     below: float = 1.0
-    """px under the surface that a contact may be, of what lands beside a seam."""
+    """Depth under the surface, px, of a contact of a body that lands beside a seam."""
     gap: float = 0.5
-    """px between the ends of two surfaces that are one; as of walls in `space`."""
+    """Gap between the ends of two surfaces, px; as of walls in `space`."""
     slope: float = 0.01
-    """Cosine between a normal and a surface up to which it does not point into the surface."""
+    """Cosine of normal and surface up to which the normal does not point into the
+    surface.
+    """
     slope_of_circles: float = 1e-6
-    """A circle touches the next surface along a normal that turns slowly."""
+    """The same for a circle, which touches the next surface along a slowly turning
+    normal.
+    """
 
 
 TOLERANCE = EdgeTolerance()
 ABOVE, BELOW = TOLERANCE.above, TOLERANCE.below
 LEVEL, GAP = TOLERANCE.level, TOLERANCE.gap
-# these lengths are read for each edge and point of each step
+# Module variables are faster than attributes, and these are read for each edge and
+# point of each step.
 ROUNDING = 1e-9
-"""px: more than two ways to compute a distance differ by rounding."""
+"""Difference, px, beyond that of two ways to compute a distance."""
 
 
 @dataclass(frozen=True)
@@ -47,43 +54,47 @@ class ShapeOutline:
     """A shape of the engine."""
 
     owner: int
-    """Its body, or the number of bodies plus the index of its wall."""
+    """Index of the body, or the number of bodies plus the index of the wall."""
     is_static: bool
     corners: tuple[Spot, ...]
-    """In the frame of its owner, px: two of a segment, none of a circle."""
+    """Corners in the owner's frame, px: two of a segment, none of a circle."""
     center: Spot
-    """Of a circle around the corners, in the frame of its owner, px."""
+    """Centre of a circle around the corners, in the owner's frame, px."""
     reach: float
-    """px: radius of that circle."""
+    """Radius of that circle, px."""
 
 
 class Edge(NamedTuple):
-    """One side of a shape, in the frame of its owner or, of a static one, of the world."""
+    """One side of a shape, in the frame of its owner or, of a static shape, of the
+    world.
+    """
 
     x: float
     y: float
     dx: float
     dy: float
     length: float
-    """px, from x, y along dx, dy; the side of a polygon that is outside is along dy, -dx."""
+    """Length, px, from x, y along dx, dy; the outer side of a polygon is along
+    dy, -dx.
+    """
     is_segment: bool
     owner: int
 
     @property
     def ends(self) -> tuple[Spot, Spot]:
-        """Both ends, px."""
+        """Return both ends, px."""
         end = self.x + self.length * self.dx, self.y + self.length * self.dy
         return (self.x, self.y), end
 
 
 class Contact(NamedTuple):
-    """Where two shapes touch, in one frame."""
+    """The contact of two shapes, in one frame."""
 
     normal: Spot
-    """From the one to the other."""
+    """Unit vector from the first shape to the second."""
     points: Sequence[Spot]
     center: Spot = (0.0, 0.0)
-    """Of what is on the surface."""
+    """Centre of the shape on the surface."""
 
     def reversed(self) -> Contact:
         """Return the contact of the second with the first."""
@@ -91,7 +102,7 @@ class Contact(NamedTuple):
 
 
 class Frame:
-    """Pose of an owner."""
+    """The pose of an owner as a coordinate frame."""
 
     __slots__ = ("cosine", "sine", "x", "y")
 
@@ -99,19 +110,19 @@ class Frame:
         self.x, self.y, self.cosine, self.sine = x, y, cos(angle), sin(angle)
 
     def place(self, point: Spot) -> Spot:
-        """Return where a point of the owner is, px."""
+        """Transform a point of the owner to the world, px."""
         return (
             self.x + self.cosine * point[0] - self.sine * point[1],
             self.y + self.sine * point[0] + self.cosine * point[1],
         )
 
     def locate(self, point: Spot) -> Spot:
-        """Return a point of the world in this frame."""
+        """Transform a point of the world to this frame."""
         x, y = point[0] - self.x, point[1] - self.y
         return self.cosine * x + self.sine * y, self.cosine * y - self.sine * x
 
     def locate_contact(self, contact: Contact) -> Contact:
-        """Return a contact of the world in this frame."""
+        """Transform a contact of the world to this frame."""
         (nx, ny), c, s = contact.normal, self.cosine, self.sine
         points = [self.locate(point) for point in contact.points]
         normal = c * nx + s * ny, c * ny - s * nx
@@ -122,10 +133,10 @@ WORLD = Frame(0.0, 0.0, 0.0)
 
 
 class Frames:
-    """Poses of all owners; each is looked up when it is needed."""
+    """The frames of all owners, computed at first use."""
 
     def __init__(self, poses: Sequence[Sequence[float]]) -> None:
-        """poses: px, px, rad."""
+        """Store the poses: px, px, rad."""
         self.poses = poses
         self._known: dict[int, Frame] = {}
 
@@ -150,13 +161,13 @@ def edges_of(outline: ShapeOutline, frame: Frame = WORLD) -> list[Edge]:
 
 
 STILL = 1e-4
-"""px within which a contact at an internal edge is not looked at again."""
+"""Distance, px, within which a contact at an internal edge stays one."""
 NEIGHBOURS = 2.0
-"""px around a shape, in which the surfaces lie that may continue it."""
+"""Distance around a shape, px, within which surfaces may continue it."""
 
 
 class Cover:
-    """Points of a contact that edges of third shapes cover."""
+    """The points of a contact that edges of third shapes cover."""
 
     __slots__ = (
         "_contact", "_exceptions", "_frame", "_shape", "_sides", "_slope", "_surface",
@@ -172,10 +183,11 @@ class Cover:
         exceptions: Collection[tuple[int, int]],
         sides: Sequence[Edge],
     ) -> None:
-        """`frame`: of the owner of `surface`; the normal of the contact goes from `surface` to `shape`.
+        """Begin with uncovered points.
 
-        exceptions: pairs of owners, in both orders, that do not collide. sides: the
-        edges of `surface` in its owner's frame.
+        `frame`: of the owner of `surface`. The normal of the contact points from
+        `surface` to `shape`. `exceptions`: pairs of owners, in both orders, that do not
+        collide. `sides`: the edges of `surface` in its owner's frame.
         """
         self._sides = sides
         self._shape, self._surface, self._frame = shape, surface, frame
@@ -185,25 +197,25 @@ class Cover:
             self._slope = TOLERANCE.slope
         self.is_covered = [False] * len(contact.points)
         self.edges: list[Edge] = []
-        """Edges that cover a point."""
+        """Edges over a point, which they cover."""
         self.room = inf
-        """Least cosine between the normal and an edge that continues the surface."""
+        """Smallest cosine between the normal and an edge of the continued surface."""
 
     @property
     def is_whole(self) -> bool:
-        """Return whether all points are covered."""
+        """Check whether all points are covered."""
         return False not in self.is_covered
 
     def extend(self, place: Frame, edges: Sequence[Edge]) -> None:
-        """Cover further points by edges that are given in a frame."""
+        """Cover further points by edges in a frame."""
         contact = self._contact
         if place is not WORLD:
             contact = place.locate_contact(contact)
         (nx, ny), points, _ = contact
         is_covered = self.is_covered
         for edge in edges:
-            into = abs(nx * edge[2] + ny * edge[3])
-            if into <= self._slope:
+            cosine = abs(nx * edge[2] + ny * edge[3])
+            if cosine <= self._slope:
                 continue
             for k, point in enumerate(points):
                 if is_covered[k]:
@@ -211,16 +223,16 @@ class Cover:
                 spot = _spot_over(edge, contact, point)
                 if spot is None or self._passes_through(edge.owner):
                     continue
-                self.room = min(self.room, into)
+                self.room = min(self.room, cosine)
                 spot = self._frame.locate(place.place(spot))
                 is_covered[k] = _is_outside(self._sides, self._surface.corners, spot)
                 if is_covered[k]:
                     self.edges.append(edge)
 
     def _passes_through(self, owner: int) -> bool:
-        """Return whether the shape belongs to an owner, or does not collide with it."""
-        mine = self._shape.owner
-        return mine == owner or (mine, owner) in self._exceptions
+        """Check whether the shape belongs to an owner, or does not collide with it."""
+        own = self._shape.owner
+        return own == owner or (own, owner) in self._exceptions
 
 
 class InternalEdges:
@@ -229,7 +241,9 @@ class InternalEdges:
     def __init__(
         self, outlines: Sequence[ShapeOutline], apart: frozenset[tuple[int, int]]
     ) -> None:
-        """`apart`: pairs of owners, in both orders, that do not collide."""
+        """Index the shapes; `apart`: pairs of owners, in both orders, that do not
+        collide.
+        """
         self._outlines = outlines
         self._apart = set(apart)
         self._edges = [edges_of(outline) for outline in outlines]
@@ -238,19 +252,21 @@ class InternalEdges:
             if outline.corners:
                 self._of_owner.setdefault(outline.owner, []).append(k)
         self._reach_of_owner: dict[int, float] = {}
-        """px: all edges that are near an owner's shapes are within this circle."""
+        """Radius, px, of a circle around all edges near an owner's shapes."""
         for owner, shapes in self._of_owner.items():
             reaches = [hypot(*outlines[k].center) + outlines[k].reach for k in shapes]
             self._reach_of_owner[owner] = max(reaches) + 2 * NEIGHBOURS
         self._static_edges: dict[int, list[Edge]] = {}
         """Placed edges of static shapes near a static shape."""
         self._own_edges: dict[int, list[Edge]] = {}
-        """Edges near a shape, of other shapes of its owner, in the frame of the owner."""
+        """Edges near a shape of other shapes of its owner, in the owner's frame."""
         self._covering: dict[tuple[int, int], list[Edge]] = {}
-        """Edges beside the second shape that covered its last contact with the first one."""
+        """Edges beside the second shape, which covered its last contact with
+        the first.
+        """
 
     def unite(self, first: int, second: int) -> None:
-        """Let two owners collide from now on, as the parts of a broken joint do."""
+        """Let two owners collide from now on, after their joint broke."""
         self._apart -= {(first, second), (second, first)}
 
     def room(
@@ -260,12 +276,16 @@ class InternalEdges:
         partners: Mapping[int, Collection[int]],
         contact: Contact,
     ) -> float:
-        """Return the px that two shapes may move before their contact at an internal edge becomes a real one.
+        """Return the distance, px, that a contact at an internal edge may move; 0 if it
+        is real.
 
-        Return 0 if it is real. Its normal goes from the first to the second shape.
-        partners: of each owner, the owners that it touches.
+        Within this distance the contact stays at the internal edge. Its normal points
+        from the first to the second shape. `partners`: the touched owners of each
+        owner.
         """
         first, second = shapes
+        # Most contacts stay covered by the edges that covered them before: test these
+        # first.
         if self._is_still_covered(frames, (second, first), contact):
             return STILL
         reversed_contact = contact.reversed()
@@ -278,9 +298,9 @@ class InternalEdges:
     def _is_still_covered(
         self, frames: Frames, pair: tuple[int, int], contact: Contact
     ) -> bool:
-        """Return whether the edges cover a contact that covered it before.
+        """Check whether the edges that covered a contact before still cover it.
 
-        They are those of `_covering`, and the two shapes are no circles. The normal goes
+        These are the edges in `_covering`; the shapes are no circles. The normal points
         from the second shape of the pair to the first.
         """
         edges = self._covering.get(pair)
@@ -290,17 +310,19 @@ class InternalEdges:
         frame = frames.of(surface.owner)
         place = WORLD if surface.is_static else frame
         center = frames.of(shape.owner).place(shape.center)
-        located = Contact(contact.normal, contact.points, center)
+        local_contact = Contact(contact.normal, contact.points, center)
         if place is not WORLD:
-            located = place.locate_contact(located)
-        (nx, ny), points, _ = located
-        least = TOLERANCE.slope if shape.corners else TOLERANCE.slope_of_circles
+            local_contact = place.locate_contact(local_contact)
+        (nx, ny), points, _ = local_contact
+        smallest_cosine = (
+            TOLERANCE.slope if shape.corners else TOLERANCE.slope_of_circles
+        )
         sides, corners = self._edges[pair[1]], surface.corners
         for point in points:
             for edge in edges:
-                if abs(nx * edge[2] + ny * edge[3]) <= least:
+                if abs(nx * edge[2] + ny * edge[3]) <= smallest_cosine:
                     continue
-                spot = _spot_over(edge, located, point)
+                spot = _spot_over(edge, local_contact, point)
                 if spot is None:
                     continue
                 if _is_outside(sides, corners, frame.locate(place.place(spot))):
@@ -312,16 +334,16 @@ class InternalEdges:
     def _begin_cover(
         self, frames: Frames, pair: tuple[int, int], contact: Contact
     ) -> Cover:
-        """Return the cover, still empty, of a contact between two shapes.
+        """Return the empty cover of a contact between two shapes.
 
-        The normal goes from the second shape to the first.
+        The normal points from the second shape to the first.
         """
         shape, surface = self._outlines[pair[0]], self._outlines[pair[1]]
         center = frames.of(shape.owner).place(shape.center)
-        located = Contact(contact.normal, contact.points, center)
+        centred_contact = Contact(contact.normal, contact.points, center)
         frame = frames.of(surface.owner)
         sides = self._edges[pair[1]]
-        return Cover(shape, surface, frame, located, self._apart, sides)
+        return Cover(shape, surface, frame, centred_contact, self._apart, sides)
 
     def _room(
         self,
@@ -331,25 +353,26 @@ class InternalEdges:
         partners: Mapping[int, Collection[int]],
         contact: Contact,
     ) -> float:
-        """Return `room` of a contact whose normal goes from `other` to `own`.
+        """Return `room` of a contact with its normal from `other` to `own`.
 
-        The contact is at an internal edge if a third shape covers its every point.
+        The contact is at an internal edge if third shapes cover all its points.
         """
-        shape, beside = self._outlines[own], self._outlines[other]
-        if not beside.corners:
+        shape, surface = self._outlines[own], self._outlines[other]
+        if not surface.corners:
             return 0.0
         cover = self._begin_cover(frames, (own, other), contact)
         point = contact.points[0]
-        nearby = self._nearby_edges(frames, own, other, partners, point)
-        for order, (place, edges) in enumerate(nearby):
+        nearby_edges = self._nearby_edges(frames, own, other, partners, point)
+        for order, (place, edges) in enumerate(nearby_edges):
             cover.extend(place, edges)
             if not cover.is_whole:
                 continue
             if shape.corners:
-                if order == 0:  # the edges beside the other shape: they do not change
+                # The edges beside the other shape never change: remember them.
+                if order == 0:
                     self._covering[own, other] = cover.edges
                 return STILL
-            # the normal of a circle turns as it moves, others change at once
+            # The normal of a circle turns while it moves, other normals change at once.
             return STILL + cover.room * shape.reach / 4
         return 0.0
 
@@ -361,27 +384,30 @@ class InternalEdges:
         partners: Mapping[int, Collection[int]],
         point: Spot,
     ) -> Iterator[tuple[Frame, Sequence[Edge]]]:
-        """Yield edges near a point that may continue the other shape, with the frame that they are in."""
-        owner, beside = self._outlines[own].owner, self._outlines[other].owner
+        """Yield the edges near a point that may continue the other shape, with their
+        frames.
+        """
+        owner, other_owner = self._outlines[own].owner, self._outlines[other].owner
         is_static = self._outlines[other].is_static
         if is_static:
             yield WORLD, self._edges_beside_static(other, frames)
         elif self._outlines[own].corners:
-            # a circle crosses the seams of a body's pieces with less than 0.2 px/s of
-            # loss, and pieces of bowls are many
-            yield frames.of(beside), self._edges_beside(other)
-        thirds = partners.get(owner, ())
-        if self._outlines[own].is_static:  # much touches a floor
-            thirds = set(thirds).intersection(partners.get(beside, ()))
-        for third in thirds:
-            shapes = self._of_owner.get(third, ())
-            if third == beside or not shapes:
+            # Circles are left out: one crosses the seams of a body's pieces with a loss
+            # below 0.2 px/s, and bowls have many pieces.
+            yield frames.of(other_owner), self._edges_beside(other)
+        third_owners = partners.get(owner, ())
+        # A floor has many partners: only those of both owners can be at the contact.
+        if self._outlines[own].is_static:
+            third_owners = set(third_owners).intersection(partners.get(other_owner, ()))
+        for third_owner in third_owners:
+            shapes = self._of_owner.get(third_owner, ())
+            if third_owner == other_owner or not shapes:
                 continue
             if is_static and self._outlines[shapes[0]].is_static:
                 continue
-            frame = frames.of(third)
+            frame = frames.of(third_owner)
             x, y = frame.locate(point)
-            if hypot(x, y) >= self._reach_of_owner[third]:
+            if hypot(x, y) >= self._reach_of_owner[third_owner]:
                 continue
             edges: list[Edge] = []
             for k in shapes:
@@ -393,21 +419,27 @@ class InternalEdges:
                 yield frame, edges
 
     def _edges_beside_static(self, shape: int, frames: Frames) -> list[Edge]:
-        """Return edges near a static shape, of other static shapes, in the frame of the world."""
+        """Return the edges near a static shape, of other static shapes, in the world's
+        frame.
+        """
         if shape not in self._static_edges:
             outline = self._outlines[shape]
             frame = frames.of(outline.owner)
             corners = [frame.place(corner) for corner in outline.corners]
-            found = []
+            edges_nearby = []
             for k, neighbour in enumerate(self._outlines):
                 if k != shape and neighbour.is_static and neighbour.corners:
                     edges = edges_of(neighbour, frames.of(neighbour.owner))
-                    found += [edge for edge in edges if _is_beside(edge, corners)]
-            self._static_edges[shape] = found
+                    edges_nearby += [
+                        edge for edge in edges if _is_beside(edge, corners)
+                    ]
+            self._static_edges[shape] = edges_nearby
         return self._static_edges[shape]
 
     def _edges_beside(self, shape: int) -> list[Edge]:
-        """Return edges near a shape, of other shapes of its owner, in the frame of the owner."""
+        """Return the edges near a shape of other shapes of its owner, in the owner's
+        frame.
+        """
         if shape not in self._own_edges:
             outline = self._outlines[shape]
             self._own_edges[shape] = [
@@ -420,10 +452,10 @@ class InternalEdges:
         return self._own_edges[shape]
 
     def _are_near(self, one: int, other: int) -> bool:
-        """Return whether circles around two shapes of one owner are near each other."""
+        """Check whether circles around two shapes of one owner are near each other."""
         a, b = self._outlines[one], self._outlines[other]
-        apart = hypot(a.center[0] - b.center[0], a.center[1] - b.center[1])
-        return apart < a.reach + b.reach + NEIGHBOURS
+        distance = hypot(a.center[0] - b.center[0], a.center[1] - b.center[1])
+        return distance < a.reach + b.reach + NEIGHBOURS
 
 
 @lru_cache(maxsize=4)
@@ -432,15 +464,18 @@ def internal_edges(
     exceptions: frozenset[tuple[int, int]],
     poses: tuple[tuple[float, ...], ...],
 ) -> InternalEdges:
-    """Return `InternalEdges` of a world, one for all runs that start from the same poses of owners.
+    """Return the `InternalEdges` of a world, shared by all runs from the same poses of
+    owners.
 
-    They keep which edges are beside each other, and nothing that changes a result.
+    They remember which edges are neighbours, which does not change any result.
     """
     return InternalEdges(outlines, exceptions)
 
 
 def _is_beside(edge: Edge, corners: Sequence[Spot]) -> bool:
-    """Return whether an edge has an end near a shape, or a corner of the shape near it."""
+    """Check whether an end of an edge is near a shape, or a corner of the shape near
+    the edge.
+    """
     ends = edge.ends
     if _has_gap(ends, corners, 0) or _has_gap(ends, corners, 1):
         return False
@@ -450,7 +485,7 @@ def _is_beside(edge: Edge, corners: Sequence[Spot]) -> bool:
 
 
 def _has_gap(ends: Sequence[Spot], corners: Sequence[Spot], axis: int) -> bool:
-    """Return whether an edge with these ends is farther from a shape than neighbours along an axis."""
+    """Check whether the gap between an edge and a shape along an axis is too large."""
     end_places = [end[axis] for end in ends]
     corner_places = [corner[axis] for corner in corners]
     gap = max(
@@ -460,13 +495,16 @@ def _has_gap(ends: Sequence[Spot], corners: Sequence[Spot], axis: int) -> bool:
 
 
 def _spot_over(edge: Edge, contact: Contact, point: Spot) -> Spot | None:
-    """Return the place over an edge at which nothing may rise if it continues the surface at a point of a contact.
+    """Return the place over an edge that must be free if the edge continues the
+    surface.
 
-    None if the edge does not continue the surface.
+    The place is above a point of a contact. None if the edge does not continue the
+    surface.
     """
     x, y, dx, dy, length, is_segment, _ = edge
     px, py = point[0] - x, point[1] - y
     ux, uy = dy, -dx
+    # A segment has two outer sides, a polygon one.
     if (contact[2][0] - x) * ux + (contact[2][1] - y) * uy < 0:
         if not is_segment:
             return None
@@ -474,31 +512,35 @@ def _spot_over(edge: Edge, contact: Contact, point: Spot) -> Spot | None:
     height = px * ux + py * uy
     if not -BELOW <= height <= LEVEL:
         return None
-    ahead = px * dx + py * dy
+    remaining_length = px * dx + py * dy
     if contact[0][0] * dx + contact[0][1] * dy > 0:
-        ahead = length - ahead
-    if not ABOVE < ahead <= length + GAP:
+        remaining_length = length - remaining_length
+    if not ABOVE < remaining_length <= length + GAP:
         return None
     lift = ABOVE - height
     return point[0] + lift * ux, point[1] + lift * uy
 
 
 def _is_outside(sides: Sequence[Edge], corners: Sequence[Spot], spot: Spot) -> bool:
-    """Return whether a convex shape does not rise to a place over a surface.
+    """Check whether a convex shape does not reach a place above a surface.
 
-    sides: its edges, and corners: its corners, in the frame of the place.
+    `sides` are its edges and `corners` its corners, in the frame of the place.
     """
     x, y = spot
-    least = ABOVE - LEVEL
-    # a side of which the place is far outside decides at once in most cases
+    smallest_distance = ABOVE - LEVEL
+    # In most cases the place is far outside one side, which decides at once.
     for side in sides:
-        if (x - side[0]) * side[3] - (y - side[1]) * side[2] > least + ROUNDING:
+        if (x - side[0]) * side[3] - (y - side[1]) * side[
+            2
+        ] > smallest_distance + ROUNDING:
             return True
-    return _distance(corners, spot) >= least
+    return _distance(corners, spot) >= smallest_distance
 
 
 def _distance(corners: Sequence[Spot], point: Spot) -> float:
-    """Return the px from a point to a segment or a convex polygon; 0 inside."""
+    """Return the distance from a point to a segment or a convex polygon, px; 0
+    inside.
+    """
     nearest = inf
     is_inside = len(corners) > 2
     px, py = point
@@ -509,13 +551,13 @@ def _distance(corners: Sequence[Spot], point: Spot) -> float:
         if wx * ey - wy * ex > 0:
             is_inside = False
         square = ex * ex + ey * ey
-        part = (wx * ex + wy * ey) / square if square > 1e-300 else 0.0
-        if part < 0.0:
-            part = 0.0
-        elif part > 1.0:
-            part = 1.0
-        away = hypot(wx - part * ex, wy - part * ey)
-        if away < nearest:
-            nearest = away
+        parameter = (wx * ex + wy * ey) / square if square > 1e-300 else 0.0
+        if parameter < 0.0:
+            parameter = 0.0
+        elif parameter > 1.0:
+            parameter = 1.0
+        distance = hypot(wx - parameter * ex, wy - parameter * ey)
+        if distance < nearest:
+            nearest = distance
         x0, y0 = x1, y1
     return 0.0 if is_inside else nearest

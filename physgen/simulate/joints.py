@@ -1,4 +1,6 @@
-"""Bodies connected by joints: constraint velocities and responses to impulses."""
+"""Bodies connected by joints: velocities under constraints, and responses to
+impulses.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,9 @@ Array = NDArray[np.float64]
 
 
 def find(root: dict[int, int], k: int) -> int:
-    """The root of the tree that holds `k`; its branch is shortened on the way."""
+    """Return the root of the tree that contains `k`, and shorten its branch on
+    the way.
+    """
     while root[k] != k:
         root[k] = root[root[k]]
         k = root[k]
@@ -37,70 +41,79 @@ def find(root: dict[int, int], k: int) -> int:
 
 
 SINGULAR = 1e-10
-"""Of the largest singular value: smaller ones count as 0, where joints say the same twice."""
+"""Relative size of singular values that count as 0, since joints may be redundant."""
 JOLT = 0.002
-"""Part of a group's kinetic energy that the closing of gaps may have; a turn by 0.06 rad in a step has 0.001."""
+"""Share of a group's kinetic energy that the closing of gaps may have; a rotation by
+0.06 rad in a step has 0.001.
+"""
 SOFTNESS = 1e-3
-"""Part of its own response by which a joint yields while gaps are closed without speed."""
+"""Compliance of joints, relative to their response, while gaps are closed without
+speed.
+"""
 
 
 class HeldMotion(NamedTuple):
-    """What joints do to N bodies in a step."""
+    """The effect of joints on N bodies in a step."""
 
     velocity: Array  # (N, 3): px/s, px/s, rad/s
-    work: float  # g·px²/s² of motors
+    work: float  # g·px²/s² of work by motors
     lost: float
-    """g·px²/s² that joints took which contradict each other."""
-    shift: Array  # (N, 3): px, px, rad by which gaps are closed at once
+    """Energy taken by contradictory joints, g·px²/s²."""
+    shift: Array  # (N, 3): px, px, rad: displacements that close gaps at once
     early: float
-    """Part of `lost` that the mean of the velocities before and after lacks already."""
+    """Part of `lost` that is already missing in the mean of both velocities."""
     led: float
-    """Part of `lost` in groups that scripted bodies lead: these bodies did that work."""
+    """Part of `lost` in groups with scripted bodies, which did that work."""
 
 
 class Assemblies:
-    """Groups of dynamic bodies that pins, welds and motors connect; springs yield within an impact."""
+    """Groups of dynamic bodies connected by pins, welds and motors.
+
+    Springs do not connect bodies here, since they yield within an impact.
+    """
 
     def __init__(self, world: World) -> None:
-        dynamic = [body.motion is Motion.DYNAMIC for body in world.bodies]
+        is_dynamic = [body.motion is Motion.DYNAMIC for body in world.bodies]
         self.members: dict[int, list[int]] = {}
-        """Bodies of each group."""
+        """Bodies by group."""
         self._joints: dict[int, list[Joint]] = {}
+        # Union-find: bodies that a chain of joints connects have the same root.
         root = {k: k for k in range(len(world.bodies))}
         joints = [j for j in world.joints if j.kind not in SPRINGS]
         for joint in joints:
             if (
                 joint.second is not None
-                and dynamic[joint.first]
-                and dynamic[joint.second]
+                and is_dynamic[joint.first]
+                and is_dynamic[joint.second]
             ):
                 root[find(root, joint.first)] = find(root, joint.second)
         self.busy = any(
-            dynamic[j.first] or (j.second is not None and dynamic[j.second])
+            is_dynamic[j.first] or (j.second is not None and is_dynamic[j.second])
             for j in joints
         )
         self._root: dict[int, int] = {}
         for joint in joints:
             for body in (joint.first, joint.second):
-                if body is not None and dynamic[body]:
+                if body is not None and is_dynamic[body]:
                     self._root[body] = find(root, body)
-            held = next(
+            dynamic_body = next(
                 (
                     b
                     for b in (joint.first, joint.second)
-                    if b is not None and dynamic[b]
+                    if b is not None and is_dynamic[b]
                 ),
                 None,
             )
-            if held is not None:
-                self._joints.setdefault(find(root, held), []).append(joint)
+            if dynamic_body is not None:
+                self._joints.setdefault(find(root, dynamic_body), []).append(joint)
         for body, group in self._root.items():
             self.members.setdefault(group, []).append(body)
         for members in self.members.values():
             members.sort()
         self.bodies = sorted(self._root)
-        """Every body that a joint holds."""
-        # what is not dynamic has a place in the system, too, and does not yield
+        """All bodies with joints."""
+        # Static and scripted bodies are part of the linear system, too, with infinite
+        # mass.
         self._held: list[tuple[list[Joint], list[int], list[float]]] = []
         for _, joints in sorted(self._joints.items()):
             bodies = sorted(
@@ -115,12 +128,12 @@ class Assemblies:
                 (body.mass, body.mass, body.moment)
                 for body in (world.bodies[b] for b in bodies)
             ]
-            light = [
-                1 / m if dynamic[b] else 0.0
-                for b, own in zip(bodies, weights, strict=True)
-                for m in own
+            inverse_masses = [
+                1 / m if is_dynamic[b] else 0.0
+                for b, inertia in zip(bodies, weights, strict=True)
+                for m in inertia
             ]
-            self._held.append((joints, bodies, light))
+            self._held.append((joints, bodies, inverse_masses))
         self._scripted = {
             body
             for _, bodies, _ in self._held
@@ -128,9 +141,9 @@ class Assemblies:
             if world.bodies[body].motion is Motion.SCRIPTED
         }
         self.has_scripts = bool(self._scripted)
-        """Whether joints hold a dynamic body on a scripted one."""
+        """Whether joints connect a dynamic body with a scripted one."""
         self._jolt = float(np.hypot(*world.gravity))
-        """px/s² of gravity: slower gaps close at any speed."""
+        """Gravity, px/s²: gaps that close more slowly than a fall are no jolts."""
         self._all = sorted({body for _, bodies, _ in self._held for body in bodies})
         self._bounded = {
             number: BoundedGroup()
@@ -139,18 +152,21 @@ class Assemblies:
         }
 
     def of(self, body: int) -> int | None:
-        """The group that a body belongs to; None for one that no joint holds."""
+        """Return the group of a body; None for a body without joints."""
         return self._root.get(body)
 
     def rows_held(self, order: Order) -> list[int]:
-        """Return rows of contacts, as they are listed, of bodies that joints hold."""
+        """Return the rows of contacts, in pymunk's order, of bodies with joints."""
         if order.rows_held is None:
-            held = np.isin(order.listed[:, :2], self.bodies).any(axis=1)
-            order.rows_held = np.flatnonzero(held).tolist()
+            has_joint = np.isin(order.listed[:, :2], self.bodies).any(axis=1)
+            order.rows_held = np.flatnonzero(has_joint).tolist()
         return order.rows_held
 
     def allowed(self, pose: Array, velocity: Array) -> Array:
-        """Return the velocities (N, 3) that the joints allow at a pose (N, 3): those given, after joints' impulses."""
+        """Return the velocities (N, 3) that the joints permit at a pose (N, 3).
+
+        They are the given velocities plus the effect of the joints' impulses.
+        """
         return self.hold(pose, velocity, 1.0, None).velocity
 
     def hold(
@@ -161,104 +177,146 @@ class Assemblies:
         strength: float | None,
         within: Array | None = None,
     ) -> HeldMotion:
-        """Return velocities (N, 3) with which every joint is whole a step of h seconds later, and the work of motors.
+        """Return the velocities (N, 3) that close all joints a step of h seconds later.
 
-        pose (N, 3) now; within (N, 3): velocities before this step's forces. One linear system a
-        group, so that chains and welds hold whatever their length and masses
-        (SHAKE, Ryckaert and others 1977). A motor turns its two sides at its speed, with at most its limit times
-        `strength`; None: what the pins allow now.
+        `pose` (N, 3) now; `within` (N, 3): velocities before this step's forces. One
+        linear system per group, so that chains and welds hold at any length and mass
+        ratio (SHAKE, Ryckaert et al. 1977). A motor turns its two sides at its speed,
+        with at most `strength` times its limit; `strength` None: only what the pins
+        permit now.
         """
-        work, motors, spots = 0.0, strength is not None, _Spots(pose, self._all)
-        lost = early = led = 0.0
+        work, has_motors, spots = 0.0, strength is not None, _Spots(pose, self._all)
+        loss = early_loss = script_loss = 0.0
         shift = np.zeros_like(pose)
         speeds = dict(
             zip(self._all, velocity.take(self._all, axis=0).tolist(), strict=True)
         )
-        for number, (joints, bodies, light) in enumerate(self._held):
-            place = {body: 3 * k for k, body in enumerate(bodies)}
+        for number, (joints, bodies, inverse_masses) in enumerate(self._held):
+            first_column = {body: 3 * k for k, body in enumerate(bodies)}
             if number in self._bounded:
-                before_all = [speed for body in bodies for speed in speeds[body]]
+                speeds_before = [speed for body in bodies for speed in speeds[body]]
                 bounded = self._hold_bounded(
-                    number, place, spots, before_all, h, strength, within
+                    number, first_column, spots, speeds_before, h, strength, within
                 )
-                work, lost = work + bounded.work, lost + bounded.lost
-                early += bounded.early
+                work, loss = work + bounded.work, loss + bounded.lost
+                early_loss += bounded.early
                 if not self._scripted.isdisjoint(bodies):
-                    led += bounded.lost
+                    script_loss += bounded.lost
                 speeds.update(
                     zip(bodies, bounded.velocity.reshape(-1, 3).tolist(), strict=True)
                 )
                 continue
             rows: list[list[float]] = []
-            wanted: list[float] = []
+            wanted_speeds: list[float] = []
             limits: list[float] = []
             gaps: list[float] = []
             for joint in joints:
-                mine, off = _rows(joint, place, spots, 3 * len(bodies))
-                rows += mine
-                wanted += [-one / h if motors else 0.0 for one in off]
-                limits += [inf] * len(mine)
-                gaps += off
-                if motors and joint.kind is JointKind.MOTOR:
-                    turn = [0.0] * (3 * len(bodies))
+                joint_rows, joint_gaps = _rows(
+                    joint, first_column, spots, 3 * len(bodies)
+                )
+                rows += joint_rows
+                wanted_speeds += [-gap / h if has_motors else 0.0 for gap in joint_gaps]
+                limits += [inf] * len(joint_rows)
+                gaps += joint_gaps
+                if has_motors and joint.kind is JointKind.MOTOR:
+                    motor_row = [0.0] * (3 * len(bodies))
                     for body, sign in ((joint.first, 1.0), (joint.second, -1.0)):
                         if body is not None:
-                            turn[place[body] + 2] = sign
-                    rows.append(turn)
-                    wanted.append(joint.speed)
+                            motor_row[first_column[body] + 2] = sign
+                    rows.append(motor_row)
+                    wanted_speeds.append(joint.speed)
                     limits.append(joint.limit * h * (strength or 0.0))
-            now = [speed for body in bodies for speed in speeds[body]]
+            # The common case of a few joints without limits is solved in plain numbers.
+            velocities_before = [speed for body in bodies for speed in speeds[body]]
             if (
                 len(rows) <= 8
                 and min(limits) == inf
-                and (change := _few_changes(rows, light, now, wanted))
-                and not (motors and is_jolt(light, now, change, self._jolt * h))
+                and (
+                    change := _few_changes(
+                        rows, inverse_masses, velocities_before, wanted_speeds
+                    )
+                )
+                and not (
+                    has_motors
+                    and is_jolt(
+                        inverse_masses, velocities_before, change, self._jolt * h
+                    )
+                )
             ):
                 for k, body in enumerate(bodies):
                     speeds[body] = list(
                         map(add, speeds[body], change[3 * k : 3 * k + 3])
                     )
                 continue
-            J, before = np.array(rows), np.array(now)
-            give = (J * light) @ J.T
-            give.ravel()[:: len(give) + 1] *= 1 + 1e-12
-            goal = np.array(wanted) - J @ before
-            impulse = _solved(give, goal)
-            turned = [k for k, limit in enumerate(limits) if limit < inf]
+            jacobian, before = np.array(rows), np.array(velocities_before)
+            response = (jacobian * inverse_masses) @ jacobian.T
+            response.ravel()[:: len(response) + 1] *= 1 + 1e-12
+            speed_changes = np.array(wanted_speeds) - jacobian @ before
+            impulse = _solved(response, speed_changes)
+            # A motor beyond its limit acts with the limit, and the other rows are
+            # solved again.
+            motor_rows = [k for k, limit in enumerate(limits) if limit < inf]
             if (
-                turned
-                and (driven := np.isfinite(limits) & (np.abs(impulse) > limits)).any()
+                motor_rows
+                and (
+                    is_saturated := np.isfinite(limits) & (np.abs(impulse) > limits)
+                ).any()
             ):
-                fixed = np.where(
-                    driven, np.sign(impulse) * np.minimum(limits, np.abs(impulse)), 0.0
+                limited_impulses = np.where(
+                    is_saturated,
+                    np.sign(impulse) * np.minimum(limits, np.abs(impulse)),
+                    0.0,
                 )
-                free = ~driven
-                impulse = fixed
-                impulse[free] = _solved(
-                    give[np.ix_(free, free)],
-                    goal[free] - give[np.ix_(free, driven)] @ fixed[driven],
+                is_free = ~is_saturated
+                impulse = limited_impulses
+                impulse[is_free] = _solved(
+                    response[np.ix_(is_free, is_free)],
+                    speed_changes[is_free]
+                    - response[np.ix_(is_free, is_saturated)]
+                    @ limited_impulses[is_saturated],
                 )
-            after = before + light * (J.T @ impulse)
+            after = before + inverse_masses * (jacobian.T @ impulse)
             change = (after - before).tolist()
             is_driven = len(gaps) < len(rows)
-            if motors and not is_driven and is_jolt(light, now, change, self._jolt * h):
-                # near a pose in which joints contradict each other, a gap would be closed at a
-                # speed that the motion never had: close it without any
-                still = before - light * (J.T @ _solved(give, J @ before))
-                if is_jolt(light, still, (after - still).tolist(), self._jolt * h):
-                    square = np.diag(give) * SOFTNESS
-                    mend = np.linalg.solve(give + np.diag(square), np.array(gaps))
-                    moved = np.array(light) * (J.T @ mend)
-                    shift[bodies] -= moved.reshape(-1, 3)
-                    lost += _energy(light, before) - _energy(light, still)
-                    after = still
-            if turned:
-                mean = (J * (np.array(light) > 0)) @ (before + after) / 2
-                work += float((impulse * mean)[turned].sum())
+            if (
+                has_motors
+                and not is_driven
+                and is_jolt(inverse_masses, velocities_before, change, self._jolt * h)
+            ):
+                # Near a pose in which joints contradict each other, closing a gap
+                # within
+                # a step would take a speed that the motion never had. The gap is closed
+                # by a displacement without velocity instead.
+                still_velocities = before - inverse_masses * (
+                    jacobian.T @ _solved(response, jacobian @ before)
+                )
+                if is_jolt(
+                    inverse_masses,
+                    still_velocities,
+                    (after - still_velocities).tolist(),
+                    self._jolt * h,
+                ):
+                    softness = np.diag(response) * SOFTNESS
+                    closing_impulses = np.linalg.solve(
+                        response + np.diag(softness), np.array(gaps)
+                    )
+                    displacements = np.array(inverse_masses) * (
+                        jacobian.T @ closing_impulses
+                    )
+                    shift[bodies] -= displacements.reshape(-1, 3)
+                    loss += _energy(inverse_masses, before) - _energy(
+                        inverse_masses, still_velocities
+                    )
+                    after = still_velocities
+            if motor_rows:
+                mean_speeds = (
+                    (jacobian * (np.array(inverse_masses) > 0)) @ (before + after) / 2
+                )
+                work += float((impulse * mean_speeds)[motor_rows].sum())
             speeds.update(zip(bodies, after.reshape(-1, 3).tolist(), strict=True))
         velocity = velocity.copy()
         velocity[self._all] = list(speeds.values())
-        return HeldMotion(velocity, work, lost, shift, early, led)
+        return HeldMotion(velocity, work, loss, shift, early_loss, script_loss)
 
     def _hold_bounded(
         self,
@@ -270,144 +328,160 @@ class Assemblies:
         strength: float | None,
         within: Array | None,
     ) -> BoundedMotion:
-        """Return what `hold` does to a group of whose joints some have bounds."""
-        joints, bodies, light = self._held[number]
+        """Return the effect of `hold` on a group with bounds of some joints."""
+        joints, bodies, inverse_masses = self._held[number]
         size = len(before)
         rows: list[list[float]] = []
         speeds: list[float] = []
         bounds: list[Bound] = []
         for joint in joints:
-            of_joint, off = _rows(joint, place, spots, size)
-            rows += of_joint
-            speeds += [-gap / h if strength is not None else 0.0 for gap in off]
+            joint_rows, gaps = _rows(joint, place, spots, size)
+            rows += joint_rows
+            speeds += [-gap / h if strength is not None else 0.0 for gap in gaps]
             bounds += bounds_of(joint, place, spots, size, h, strength)
             if strength is not None and joint.kind is JointKind.MOTOR:
                 bounds.append(motor_bound(joint, place, spots, size, h, strength))
-        begun = None if within is None else within[bodies].ravel()
+        velocities_before = None if within is None else within[bodies].ravel()
         group = self._bounded[number]
-        return group.hold(rows, speeds, bounds, light, before, begun)
+        return group.hold(
+            rows, speeds, bounds, inverse_masses, before, velocities_before
+        )
 
     def scripted_work(
         self, pose: Array, impulse: Array, velocities: Array, is_linear: bool
     ) -> Array:
-        """Return what scripted partners of joints did in a step (K,), g·px²/s², at some velocities (K, N, 3).
+        """Return the work of scripted partners of joints in a step, g·px²/s², (K,).
 
-        impulse (N, 3) of all joints on bodies; is_linear: angular impulses are not known.
+        `velocities` (K, N, 3): the work is computed for each; `impulse` (N, 3) of all
+        joints on bodies; `is_linear`: angular impulses are unknown.
         """
         spots, work = _Spots(pose, self._all), np.zeros(len(velocities))
-        for joints, bodies, light in self._held:
-            scripted = {b for b in bodies if b in self._scripted}
-            if not scripted:
+        for joints, bodies, inverse_masses in self._held:
+            scripted_bodies = {b for b in bodies if b in self._scripted}
+            if not scripted_bodies:
                 continue
-            place = {body: 3 * k for k, body in enumerate(bodies)}
+            first_column = {body: 3 * k for k, body in enumerate(bodies)}
             rows: list[list[float]] = []
-            by_script: list[bool] = []
+            is_by_script: list[bool] = []
             for joint in joints:
-                mine, _ = _rows(joint, place, spots, 3 * len(bodies))
+                joint_rows, _ = _rows(joint, first_column, spots, 3 * len(bodies))
                 bounds = bounds_of(
-                    joint, place, spots, 3 * len(bodies), inf, None, MET_IN_STEP
+                    joint, first_column, spots, 3 * len(bodies), inf, None, MET_IN_STEP
                 )
-                mine += [bound.row for bound in bounds]
-                rows += mine
-                is_led = not scripted.isdisjoint((joint.first, joint.second))
-                by_script += [is_led] * len(mine)
+                joint_rows += [bound.row for bound in bounds]
+                rows += joint_rows
+                is_led = not scripted_bodies.isdisjoint((joint.first, joint.second))
+                is_by_script += [is_led] * len(joint_rows)
             if not rows:
                 continue
-            J, weight = np.array(rows), np.sqrt(np.array(light))
-            known = weight * np.tile([1.0, 1.0, float(not is_linear)], len(bodies))
-            goal = known * impulse[bodies].ravel()
-            given = np.linalg.lstsq((J * known).T, goal, rcond=SINGULAR)[0]
-            of_group = velocities[:, bodies].reshape(len(velocities), -1)
-            speeds = of_group @ (J * (weight > 0)).T
-            work += (given * speeds)[:, by_script].sum(axis=1)
+            J, weights = np.array(rows), np.sqrt(np.array(inverse_masses))
+            scales = weights * np.tile([1.0, 1.0, float(not is_linear)], len(bodies))
+            # The impulses of single joints follow from those on bodies, in the
+            # least-squares sense for redundant joints.
+            goal = scales * impulse[bodies].ravel()
+            impulses = np.linalg.lstsq((J * scales).T, goal, rcond=SINGULAR)[0]
+            group_velocities = velocities[:, bodies].reshape(len(velocities), -1)
+            speeds = group_velocities @ (J * (weights > 0)).T
+            work += (impulses * speeds)[:, is_by_script].sum(axis=1)
         return work
 
     def taut_rows(self, bodies: list[int], pose: Array) -> Array:
-        """Return speeds (B, 3n) of n bodies that ropes and limits keep from falling below 0 at a pose (N, 3).
+        """Return the rows (B, 3n) of speeds that ropes and limits keep above 0 at a
+        pose (N, 3).
 
-        Whole groups must be among the bodies.
+        All members of a group must be among the n bodies.
         """
         size = 3 * len(bodies)
-        found: list[list[float]] = []
+        rows: list[list[float]] = []
         if self._bounded:
-            spots, place = (
+            spots, first_column = (
                 _Spots(pose, self._all),
                 {b: 3 * k for k, b in enumerate(bodies)},
             )
             for number in self._bounded:
                 joints, members, _ = self._held[number]
-                if not place.keys() & set(members):
+                if not first_column.keys() & set(members):
                     continue
                 for joint in joints:
                     bounds = bounds_of(
-                        joint, place, spots, size, inf, None, TAUT_IN_IMPACT
+                        joint, first_column, spots, size, inf, None, TAUT_IN_IMPACT
                     )
-                    found += [bound.row for bound in bounds]
-        return np.array(found).reshape(-1, size)
+                    rows += [bound.row for bound in bounds]
+        return np.array(rows).reshape(-1, size)
 
     def reactions(
         self, pose: Array, impulse: Array, is_linear: bool
     ) -> dict[str, float]:
-        """Return the size of the impulse in each joint, g·px/s, given the impulses (N, 3) of all joints on bodies.
+        """Return the size of the impulse in each joint, g·px/s, by name.
 
-        is_linear: angular impulses are not known.
+        `impulse` (N, 3) of all joints on bodies; `is_linear`: angular impulses are
+        unknown.
         """
-        spots, found = _Spots(pose, self._all), dict[str, float]()
-        for joints, bodies, light in self._held:
-            place = {body: 3 * k for k, body in enumerate(bodies)}
+        spots, sizes = _Spots(pose, self._all), dict[str, float]()
+        for joints, bodies, inverse_masses in self._held:
+            first_column = {body: 3 * k for k, body in enumerate(bodies)}
             rows: list[list[float]] = []
             owners: list[str] = []
             for joint in joints:
-                mine, _ = _rows(joint, place, spots, 3 * len(bodies))
-                bounds = bounds_of(joint, place, spots, 3 * len(bodies), inf, None)
+                joint_rows, _ = _rows(joint, first_column, spots, 3 * len(bodies))
+                bounds = bounds_of(
+                    joint, first_column, spots, 3 * len(bodies), inf, None
+                )
                 pulls = [bound.row for bound in bounds] if joint.kind in GUIDES else []
-                rows += [*mine, *pulls]
-                count = min(len(mine), 1 if joint.kind in GUIDES else 2)
-                owners += [joint.name] * count + [""] * (len(mine) - count)
+                rows += [*joint_rows, *pulls]
+                count = min(len(joint_rows), 1 if joint.kind in GUIDES else 2)
+                owners += [joint.name] * count + [""] * (len(joint_rows) - count)
                 owners += [joint.name] * len(pulls)
             if not rows:
                 continue
-            weight = np.sqrt(np.array(light))
+            weights = np.sqrt(np.array(inverse_masses))
             if is_linear:
-                weight[2::3] = 0.0
-            goal = weight * impulse[bodies].ravel()
-            given = np.linalg.lstsq((np.array(rows) * weight).T, goal, rcond=SINGULAR)[
-                0
-            ]
-            for owner, size in zip(owners, given.tolist(), strict=True):
-                found[owner] = hypot(found.get(owner, 0.0), size)
-        return found
+                weights[2::3] = 0.0
+            goal = weights * impulse[bodies].ravel()
+            impulses = np.linalg.lstsq(
+                (np.array(rows) * weights).T, goal, rcond=SINGULAR
+            )[0]
+            for owner, size in zip(owners, impulses.tolist(), strict=True):
+                sizes[owner] = hypot(sizes.get(owner, 0.0), size)
+        return sizes
 
     def response(self, bodies: list[int], inverse: Array, *poses: Array) -> Array:
-        """(3n, 3n): change of the n bodies' velocities by impulses on them, while all joints hold.
+        """Return the changes (3n, 3n) of n bodies' velocities by unit impulses, with
+        joints.
 
-        inverse (3n,): 1/mass, 1/mass, 1/moment of each; poses (N, 3) at each of which
-        joints hold. Whole groups must be among the bodies.
+        `inverse` (3n,): 1/mass, 1/mass, 1/moment of each; `poses` (N, 3), at each of
+        which the joints hold. All members of a group must be among the bodies.
         """
-        place = {body: 3 * k for k, body in enumerate(bodies)}
-        free = np.diag(inverse)
+        first_column = {body: 3 * k for k, body in enumerate(bodies)}
+        free_response = np.diag(inverse)
         groups = sorted({g for body in bodies if (g := self.of(body)) is not None})
         if not groups:
-            return free
+            return free_response
         size = 3 * len(bodies)
         rows = [
             row
             for spots in (_Spots(pose, self._all) for pose in poses)
             for group in groups
             for joint in self._joints[group]
-            for row in _rows(joint, place, spots, size)[0]
+            for row in _rows(joint, first_column, spots, size)[0]
         ]
         if not rows:
-            return free  # ropes alone
-        J = np.array(rows)
-        give = J @ free
+            return free_response  # the groups have only ropes, which are inequalities
+        jacobian = np.array(rows)
+        joint_response = jacobian @ free_response
         return np.asarray(
-            free - give.T @ np.linalg.pinv(give @ J.T, rcond=SINGULAR) @ give
+            free_response
+            - joint_response.T
+            @ np.linalg.pinv(joint_response @ jacobian.T, rcond=SINGULAR)
+            @ joint_response
         )
 
 
 def _energy(light: Sequence[float], speeds: Sequence[float] | Array) -> float:
-    """Return the kinetic energy of what is not held, g·px²/s²; light: 1/mass and 1/moment, 0 if it does not yield."""
+    """Return the kinetic energy of bodies with finite mass, g·px²/s².
+
+    `light`: 1/mass and 1/moment, 0 for infinite mass.
+    """
     doubled = sum(v * v / m for m, v in zip(light, speeds, strict=True) if m)
     return float(doubled / 2)
 
@@ -418,13 +492,13 @@ def is_jolt(
     change: Sequence[float],
     least: float,
 ) -> bool:
-    """Return whether a change of velocities has more energy than belongs to the motion.
+    """Check whether a change of velocities has more energy than the motion can explain.
 
-    least: px/s that any group may get.
+    `least`: speed, px/s, that any group may get.
     """
     mass = sum(1 / m for m in light[::3] if m)
-    usual = JOLT * _energy(light, before) + mass * least * least
-    return _energy(light, change) > usual
+    permitted_energy = JOLT * _energy(light, before) + mass * least * least
+    return _energy(light, change) > permitted_energy
 
 
 def _few_changes(
@@ -433,50 +507,62 @@ def _few_changes(
     before: list[float],
     wanted: list[float],
 ) -> list[float]:
-    """Changes of velocities by which few rows have the speeds that are wanted, by Cholesky's method in plain numbers;
-    empty where joints say nearly the same twice."""
-    lower: list[list[float]] = []
+    """Return the changes of velocities by which a few rows reach the wanted speeds.
+
+    Cholesky's method in plain numbers; empty for nearly redundant joints.
+    """
+    triangle: list[list[float]] = []
     y: list[float] = []
     for row, goal in zip(rows, wanted, strict=True):
-        heavy, line = list(map(mul, row, light)), list[float]()
-        for other, known in zip(rows, lower, strict=False):
-            line.append(
-                (sum(map(mul, heavy, other)) - sum(map(mul, line, known))) / known[-1]
+        weighted_row, triangle_row = list(map(mul, row, light)), list[float]()
+        for other, earlier_row in zip(rows, triangle, strict=False):
+            triangle_row.append(
+                (
+                    sum(map(mul, weighted_row, other))
+                    - sum(map(mul, triangle_row, earlier_row))
+                )
+                / earlier_row[-1]
             )
-        size = sum(map(mul, heavy, row))
-        left = size - sum(map(mul, line, line))
-        if left <= 1e-9 * size:
+        diagonal = sum(map(mul, weighted_row, row))
+        remainder = diagonal - sum(map(mul, triangle_row, triangle_row))
+        if remainder <= 1e-9 * diagonal:
             return []
         y.append(
-            (goal - sum(map(mul, row, before)) - sum(map(mul, line, y))) / sqrt(left)
+            (goal - sum(map(mul, row, before)) - sum(map(mul, triangle_row, y)))
+            / sqrt(remainder)
         )
-        lower.append([*line, sqrt(left)])
+        triangle.append([*triangle_row, sqrt(remainder)])
     for k in reversed(range(len(y))):
-        above = 0.0
+        known_part = 0.0
         for i in range(k + 1, len(y)):
-            above += lower[i][k] * y[i]
-        y[k] = (y[k] - above) / lower[k][k]
+            known_part += triangle[i][k] * y[i]
+        y[k] = (y[k] - known_part) / triangle[k][k]
     columns = zip(light, zip(*rows, strict=True), strict=True)
     return [m * sum(map(mul, y, column)) if m else 0.0 for m, column in columns]
 
 
 def _solved(matrix: Array, goal: Array) -> Array:
-    """The system's solution; the smallest one where joints say the same twice."""
+    """Solve a system; the smallest solution if joints are redundant."""
     try:
-        found = np.linalg.solve(matrix, goal)
-        most = 1e-6 * max(map(abs, goal.tolist()), default=0.0)
-        if all(abs(left) <= most for left in (matrix @ found - goal).tolist()):
-            return np.asarray(found)
+        solution = np.linalg.solve(matrix, goal)
+        tolerance = 1e-6 * max(map(abs, goal.tolist()), default=0.0)
+        if all(
+            abs(residual) <= tolerance
+            for residual in (matrix @ solution - goal).tolist()
+        ):
+            return np.asarray(solution)
     except np.linalg.LinAlgError:
         pass
     return np.asarray(np.linalg.lstsq(matrix, goal, rcond=SINGULAR)[0])
 
 
 class _Spots:
-    """Where points of bodies are, in plain numbers: with a few joints arrays take longer."""
+    """Positions of points of bodies in plain numbers, which are faster than arrays
+    here.
+    """
 
     def __init__(self, pose: Array, bodies: list[int]) -> None:
-        """pose (N, 3)."""
+        """Store the poses (N, 3) of the bodies with their sines and cosines."""
         pose = pose.take(bodies, axis=0)
         angle = pose[:, 2]
         turns = zip(
@@ -485,7 +571,9 @@ class _Spots:
         self._of = dict(zip(bodies, turns, strict=True))
 
     def find(self, body: int, at: Array) -> tuple[list[float], float, float]:
-        """Pose of a body, and px from its centre to the point `at` (2,) of it."""
+        """Return the pose of a body, and px from its centre to the point `at` (2,) of
+        it.
+        """
         (pose, c, s), (x, y) = self._of[body], at.tolist()
         return pose, c * x - s * y, s * x + c * y
 
@@ -497,29 +585,32 @@ GUIDES = (JointKind.SLIDER, JointKind.ROPE, JointKind.PULLEY, JointKind.GEAR)
 def _rows(
     joint: Joint, place: dict[int, int], spots: _Spots, size: int
 ) -> tuple[list[list[float]], list[float]]:
-    """Velocities that a joint keeps at nothing, of one side's pin against the other's, and of their turning; and the
-    px, px and, of a weld, rad by which its two sides are apart."""
+    """Return the rows of the speeds that a joint keeps at 0, and its gaps.
+
+    The speeds are those of one side's pin relative to the other's and, of a weld, their
+    relative spin; the gaps are px, px and rad.
+    """
     if joint.kind in GUIDES:
         return guide_rows(joint, place, spots, size)
     rows = [[0.0] * size for _ in range(3 if joint.kind is JointKind.WELD else 2)]
-    off = [0.0, 0.0, 0.0]
+    gaps = [0.0, 0.0, 0.0]
     for body, at, sign in (
         (joint.first, joint.first_at, 1.0),
         (joint.second, joint.second_at, -1.0),
     ):
         if body is None:
             x, y = at.tolist()
-            off[0] -= x
-            off[1] -= y
+            gaps[0] -= x
+            gaps[1] -= y
             continue
         if body not in place:
             continue
         k, ((px, py, angle), x, y) = place[body], spots.find(body, at)
-        off[0] += sign * (px + x)
-        off[1] += sign * (py + y)
-        off[2] += sign * angle
+        gaps[0] += sign * (px + x)
+        gaps[1] += sign * (py + y)
+        gaps[2] += sign * angle
         rows[0][k], rows[0][k + 2] = sign, -sign * y
         rows[1][k + 1], rows[1][k + 2] = sign, sign * x
         if len(rows) == 3:
             rows[2][k + 2] = sign
-    return rows, off[: len(rows)]
+    return rows, gaps[: len(rows)]

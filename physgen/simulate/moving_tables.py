@@ -1,4 +1,6 @@
-"""Belts and turntables of a table seen from above: how fast the table moves under each body."""
+"""Belts and turntables of a table seen from above: the velocity of the table under a
+body.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,9 @@ Array = NDArray[np.float64]
 
 
 class MovingTable:
-    """The parts of a world's table that move; the middle of a body decides on which it is."""
+    """The moving parts of a world's table; the centre of a body decides on which part
+    it is.
+    """
 
     def __init__(self, world: World) -> None:
         kinds = (FieldKind.BELT, FieldKind.TURNTABLE)
@@ -20,25 +24,25 @@ class MovingTable:
         self.busy = bool(self._parts) and world.press > 0
 
     def velocities(self, places: Array) -> Array:
-        """Return the table's velocity and spin (N, 3) at places (N, 2) px: px/s, px/s, rad/s."""
-        found = np.zeros((len(places), 3))
+        """Return the table's velocity (N, 3) px/s, px/s, rad/s at places (N, 2) px."""
+        velocities = np.zeros((len(places), 3))
         for part in self._parts:
-            on = np.array(part.bodies, np.int64)
+            bodies = np.array(part.bodies, np.int64)
             if part.kind is FieldKind.BELT:
-                carried = on[_is_on_belt(part, places[on])]
-                found[carried] = 0.0
+                carried_bodies = bodies[_is_on_belt(part, places[bodies])]
+                velocities[carried_bodies] = 0.0
                 if part.velocity is not None:
-                    found[carried, :2] = part.velocity
+                    velocities[carried_bodies, :2] = part.velocity
                 continue
-            away = places[on] - part.vector
-            is_carried = (away**2).sum(axis=1) <= part.extent[0] ** 2
-            carried, (x, y) = on[is_carried], away[is_carried].T
+            offsets = places[bodies] - part.vector
+            is_carried = (offsets**2).sum(axis=1) <= part.extent[0] ** 2
+            carried_bodies, (x, y) = bodies[is_carried], offsets[is_carried].T
             spin = np.full(len(x), part.spin)
-            found[carried] = np.stack([-spin * y, spin * x, spin], axis=1)
-        return found
+            velocities[carried_bodies] = np.stack([-spin * y, spin * x, spin], axis=1)
+        return velocities
 
 
 def _is_on_belt(belt: Field, places: Array) -> NDArray[np.bool_]:
-    """Return which of the places (K, 2) px are on a belt."""
-    inside = (places >= belt.vector) & (places <= belt.vector + belt.extent)
-    return np.asarray(inside.all(axis=1))
+    """Return the mask of the places (K, 2) px on a belt."""
+    is_inside = (places >= belt.vector) & (places <= belt.vector + belt.extent)
+    return np.asarray(is_inside.all(axis=1))

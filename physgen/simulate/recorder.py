@@ -1,6 +1,7 @@
-"""Steps of a run to samples: poses, contacts and the energy balance at exact times.
+"""From steps of a run to samples: poses, contacts and the energy balance at exact
+times.
 
-Steps are read a block at a time.
+Steps are read in blocks, so that arrays can be used instead of loops.
 """
 
 from __future__ import annotations
@@ -40,17 +41,19 @@ Index = NDArray[np.int64]
 
 
 def _totals(codes: Index, impulse: Array) -> tuple[Index, Array]:
-    """Each code once, and the sum (K, 2) of its impulses."""
-    found, row = np.unique(codes, return_inverse=True)
-    sums = [np.bincount(row, impulse[:, k], len(found)) for k in (0, 1)]
-    return found, np.stack(sums, axis=1).astype(np.float64)
+    """Return each code once, with the sum (K, 2) of its impulses."""
+    unique_codes, rows = np.unique(codes, return_inverse=True)
+    sums = [np.bincount(rows, impulse[:, k], len(unique_codes)) for k in (0, 1)]
+    return unique_codes, np.stack(sums, axis=1).astype(np.float64)
 
 
 class ContactLog:
-    """Collects, a block of steps at a time, who touched whom and with what impulse."""
+    """Collects the touches and impulses of all pairs, block by block."""
 
     def __init__(self, surfaces: tuple[str, ...], gap: float) -> None:
-        """Two touches of a pair that lie at most `gap` s apart are one."""
+        """Create an empty log; touches of a pair with a gap of at most `gap` s
+        are one.
+        """
         self._surfaces, self._gap = surfaces, gap
         self._open: dict[int, float] = {}
         self._touches: list[tuple[int, float, float]] = []
@@ -66,100 +69,128 @@ class ContactLog:
         impulse: Array,
         when: Array,
     ) -> None:
-        """S steps that end at `times` (S,), and R contacts of them.
+        """Add R contacts of S steps that end at `times` (S,).
 
-        step, sample (R,): in which step, before which sample each acted; impulse (R, 2) g·px/s is on the first; when
-        (R,) s: the end of its step, or the very time of an impact.
+        `step`, `sample` (R,): the step of each contact, and the sample after it;
+        `impulse` (R, 2) g·px/s on the first; `when` (R,) s: the end of the step, or the
+        time of an impact.
         """
-        N = len(self._surfaces)
-        swap = first > second
-        key = np.where(swap, second, first) * N + np.where(swap, first, second)
-        signed = np.where(swap[:, None], -impulse, impulse)
-        self._sums.append(_totals(sample * (N * N) + key, signed))
-        self._touch(times, step, key, when)
+        surface_count = len(self._surfaces)
+        is_swapped = first > second
+        pair_codes = np.where(is_swapped, second, first) * surface_count + np.where(
+            is_swapped, first, second
+        )
+        impulses = np.where(is_swapped[:, None], -impulse, impulse)
+        self._sums.append(
+            _totals(sample * (surface_count * surface_count) + pair_codes, impulses)
+        )
+        self._touch(times, step, pair_codes, when)
 
     def _touch(self, times: Array, step: Index, key: Index, when: Array) -> None:
-        """Runs of steps in a row, by pair; a run that goes on from the block before stays open."""
-        S = len(times)
+        """Collect runs of consecutive steps with a contact, by pair.
+
+        A run at the end of the block stays open, and continues in the next block.
+        """
+        step_count = len(times)
         order = np.lexsort((when, step, key))
         key, step, when = key[order], step[order], when[order]
-        fresh = np.ones(len(key), bool)
-        fresh[1:] = (key[1:] != key[:-1]) | (step[1:] != step[:-1])
-        key, step, when = key[fresh], step[fresh], when[fresh]
-        starts = np.ones(len(key), bool)
-        starts[1:] = (key[1:] != key[:-1]) | (step[1:] != step[:-1] + 1)
-        begins = np.flatnonzero(starts)
+        is_first = np.ones(len(key), bool)
+        is_first[1:] = (key[1:] != key[:-1]) | (step[1:] != step[:-1])
+        key, step, when = key[is_first], step[is_first], when[is_first]
+        is_start = np.ones(len(key), bool)
+        is_start[1:] = (key[1:] != key[:-1]) | (step[1:] != step[:-1] + 1)
+        begins = np.flatnonzero(is_start)
         ends = np.append(begins[1:], len(key))[: len(begins)] - 1
-        still, carried = {}, set()
-        for pair, begin, last, at in zip(
+        open_touches, continued_pairs = {}, set()
+        for pair, begin, last_step, first_time in zip(
             key[begins].tolist(),
             step[begins].tolist(),
             step[ends].tolist(),
             when[begins].tolist(),
             strict=True,
         ):
-            since = at
+            begin_time = first_time
             if begin == 0 and pair in self._open:
-                since = self._open[pair]
-                carried.add(pair)
-            if last == S - 1:
-                still[pair] = since
+                begin_time = self._open[pair]
+                continued_pairs.add(pair)
+            if last_step == step_count - 1:
+                open_touches[pair] = begin_time
             else:
-                self._touches.append((pair, since, float(times[last + 1])))
-        for pair in self._open.keys() - carried:
+                self._touches.append((pair, begin_time, float(times[last_step + 1])))
+        for pair in self._open.keys() - continued_pairs:
             self._touches.append((pair, self._open[pair], float(times[0])))
-        self._open = still
+        self._open = open_touches
 
     def _joined(
         self, touches: list[tuple[int, float, float]]
     ) -> list[tuple[int, float, float]]:
-        """One touch for those of a pair that follow each other at once; sorted by pair and begin."""
-        joined: list[tuple[int, float, float]] = []
+        """Merge touches of a pair with a gap of at most `gap` s; sorted by pair and
+        begin.
+        """
+        merged_touches: list[tuple[int, float, float]] = []
         for pair, begin, end in touches:
-            if joined and joined[-1][0] == pair and begin - joined[-1][2] <= self._gap:
-                joined[-1] = (pair, joined[-1][1], max(end, joined[-1][2]))
+            if (
+                merged_touches
+                and merged_touches[-1][0] == pair
+                and begin - merged_touches[-1][2] <= self._gap
+            ):
+                merged_touches[-1] = (
+                    pair,
+                    merged_touches[-1][1],
+                    max(end, merged_touches[-1][2]),
+                )
             else:
-                joined.append((pair, begin, end))
-        return joined
+                merged_touches.append((pair, begin, end))
+        return merged_touches
 
     def result(self) -> Contacts:
-        """All of it; touches by begin, then by pair."""
-        N = len(self._surfaces)
+        """Return all contacts; touches are sorted by begin, then by pair."""
+        surface_count = len(self._surfaces)
         touches = [
             *self._touches,
             *((pair, begin, np.inf) for pair, begin in self._open.items()),
         ]
         touches = self._joined(sorted(touches))
         touches.sort(key=lambda touch: (touch[1], touch[0], touch[2]))
-        pairs = np.array([divmod(pair, N) for pair, _, _ in touches], np.int32).reshape(
-            -1, 2
-        )
-        codes, parts = zip(
+        pairs = np.array(
+            [divmod(pair, surface_count) for pair, _, _ in touches], np.int32
+        ).reshape(-1, 2)
+        codes, impulses_by_block = zip(
             (np.zeros(0, np.int64), np.zeros((0, 2))), *self._sums, strict=True
         )
-        rows, total = _totals(np.concatenate(codes), np.concatenate(parts))
-        given = total.any(axis=1)
-        rows, total = rows[given], total[given]
-        first, second = np.divmod(rows % (N * N), N) if N else (rows, rows)
+        rows, sums = _totals(np.concatenate(codes), np.concatenate(impulses_by_block))
+        is_nonzero = sums.any(axis=1)
+        rows, sums = rows[is_nonzero], sums[is_nonzero]
+        first, second = (
+            np.divmod(rows % (surface_count * surface_count), surface_count)
+            if surface_count
+            else (rows, rows)
+        )
         return Contacts(
             surfaces=self._surfaces,
             touch_pairs=pairs,
             touch_times=np.array([(begin, end) for _, begin, end in touches]).reshape(
                 -1, 2
             ),
-            impulse_rows=np.stack([rows // max(N * N, 1), first, second], axis=1)
+            impulse_rows=np.stack(
+                [rows // max(surface_count * surface_count, 1), first, second], axis=1
+            )
             .astype(np.int32)
             .reshape(-1, 3),
-            impulses=total,
+            impulses=sums,
         )
 
 
 BLOCK = 256
-"""Steps that are read together; fewer at first, so that the engine soon knows how accurate it is."""
+"""Number of steps that are read together; the first block is shorter, so that the
+engine soon learns its accuracy.
+"""
 BLOCK_BYTES = 2_000_000
-"""Of their contacts, at most."""
+"""Maximum size of a block's contacts."""
 MISPLACED = 0.05
-"""Of a body's energy: smaller errors of where a contact acts are left as they are; see `Recorder._misplaced`."""
+"""Share of a body's energy below which an error by the place of a contact is accepted;
+see `Recorder._misplaced`.
+"""
 
 
 NOT_BRAKED = np.zeros((0, 2), np.int64), list[float]()
@@ -167,30 +198,29 @@ NOT_BRAKED = np.zeros((0, 2), np.int64), list[float]()
 
 @dataclass(slots=True)
 class Step:
-    """One step as it was read."""
+    """One step as it was read from the engine."""
 
     time: float  # s, of its end
     h: float  # s
     states: bytes
-    order: Order  # of its contacts
-    numbers: bytes  # of them, as they are listed
-    before: (
-        Array | None
-    )  # (M, 3): velocities within the step; None: as the step before left them
-    original: (
-        Array | None
-    )  # (M, 3): the same before impacts changed them; None without impacts
+    order: Order  # order of its contacts
+    numbers: bytes  # numbers of its contacts, in pymunk's order
+    before: Array | None
+    """Velocities within the step, (M, 3); None: those after the step before."""
+    original: Array | None
+    """The same velocities before impacts, (M, 3); None without impacts."""
     impacts: list[Impacts]
-    load: Forces | None  # lasting forces in it
-    driven: float  # g·px²/s² that motors did
+    load: Forces | None  # lasting forces of the step
+    driven: float  # g·px²/s² of work by motors
     braked: tuple[Index, list[float]]
-    """(B, 2) and g·px²/s: angular impulses between bodies, or the world, -1, by rolling resistance."""
+    """Pairs (B, 2) of bodies, -1 for the world, and their angular impulses by rolling
+    resistance, g·px²/s."""
     kicks: list[EnergyEvent]
 
 
 @dataclass
 class Recorder:
-    """Books of a run."""
+    """Record of a run: samples, contacts and the energy balance."""
 
     world: World
     moving: Index  # (M,): bodies that states list
@@ -200,56 +230,71 @@ class Recorder:
     log: ContactLog = field(init=False)
 
     def __post_init__(self) -> None:
-        world, T, N = self.world, len(self.times), len(self.world.bodies)
+        world, sample_count, N = self.world, len(self.times), len(self.world.bodies)
         self.log = ContactLog(
             tuple(name for name, _ in world.surfaces), 2 / world.steps_per_second
         )
         self._steps: list[Step] = []
         self._count = self._held = 0  # steps and bytes of the block
-        self.poses, self.velocities = np.zeros((T, N, 3)), np.zeros((T, N, 3))
+        self.poses, self.velocities = (
+            np.zeros((sample_count, N, 3)),
+            np.zeros((sample_count, N, 3)),
+        )
         self._rolling = False
-        self.rolls = np.zeros((T, N, 2))
-        self.turns = np.zeros((T, N, 4))
-        self._balance = np.zeros((T, 4))
+        self.rolls = np.zeros((sample_count, N, 2))
+        self.turns = np.zeros((sample_count, N, 4))
+        self._balance = np.zeros((sample_count, 4))
         self.done = 0
-        """Samples taken."""
-        dynamic = np.array([b.motion is Motion.DYNAMIC for b in world.bodies], bool)
-        self._mass = np.where(dynamic, [b.mass for b in world.bodies], 0.0).reshape(-1)
-        self._moment = np.where(dynamic, [b.moment for b in world.bodies], 0.0).reshape(
+        """Number of samples so far."""
+        is_dynamic = np.array([b.motion is Motion.DYNAMIC for b in world.bodies], bool)
+        self._mass = np.where(is_dynamic, [b.mass for b in world.bodies], 0.0).reshape(
             -1
         )
-        scripted = [b.motion is Motion.SCRIPTED for b in world.bodies]
-        self._scripted = np.array(scripted + [False] * len(world.walls), bool)
+        self._moment = np.where(
+            is_dynamic, [b.moment for b in world.bodies], 0.0
+        ).reshape(-1)
+        is_scripted = [b.motion is Motion.SCRIPTED for b in world.bodies]
+        self._scripted = np.array(is_scripted + [False] * len(world.walls), bool)
         self._conveyors = np.array([part.conveyor for _, part in world.surfaces])
         self._still = np.array([[*b.center, 0.0] for b in world.bodies]).reshape(-1, 3)
         self._even = (
             0.1 * float(np.hypot(*world.gravity)) / world.steps_per_second + 1e-6
         )
-        """px/s: points of a contact that open no faster than this against each other share its impulse."""
+        """Difference of opening speeds, px/s, below which two points share an
+        impulse.
+        """
         self._time = 0.0
-        self._smooth = np.zeros(
-            2
-        )  # lost and work up to the middle of the last step's doing
-        self._owed = np.zeros(2)  # the other half
+        self._smooth = np.zeros(2)
+        """Loss and work up to the middle of the last step."""
+        self._owed = np.zeros(2)
+        """Loss and work of the other half of the last step."""
         self._struck: list[tuple[float, float, float]] = []
-        self._spent = np.zeros(2)  # lost and work of the impacts of earlier blocks
-        held = {
+        """Time, loss and work of the impacts in this block."""
+        self._spent = np.zeros(2)
+        """Loss and work of the impacts of earlier blocks."""
+        jointed_bodies = {
             body
             for joint in world.joints
             if joint.kind not in SPRINGS
             for body in (joint.first, joint.second)
         }
-        self._unheld = dynamic & np.array([k not in held for k in range(N)], bool)
-        """(N,): dynamic bodies that contacts and forces alone turn."""
+        self._unheld = is_dynamic & np.array(
+            [k not in jointed_bodies for k in range(N)], bool
+        )
+        """Dynamic bodies without joints, (N,)."""
         self._first = True
         self._block = BLOCK // 8
         self.residual = 0.0
-        """Fastest closing of a contact that a step of the last block left, px/s."""
+        """Fastest remaining closing of a contact in the last block, px/s."""
         self.overlap = 0.0
         """Deepest overlap in the last block, px."""
 
     def begin(self, step: Step, pose: Array, velocity: Array, roll: Array) -> None:
-        """The half step to t = 0: pose (N, 3), velocity (N, 3), roll (N, 2) at t = 0 as the scene has them."""
+        """Record the half step to t = 0.
+
+        `pose` (N, 3), `velocity` (N, 3) and `roll` (N, 2) at t = 0 are those of the
+        scene.
+        """
         self._pose, self._mean, self._roll = pose, velocity, roll
         self._turn = np.tile([1.0, 0.0, 0.0, 0.0], (len(pose), 1))
         self._after = np.zeros((len(self.moving), 3))
@@ -257,7 +302,7 @@ class Recorder:
         self.flush()
 
     def add(self, step: Step) -> bool:
-        """Note a step; True once a block is full and has been read."""
+        """Record a step; return True once a block is full and has been read."""
         if not self._count:
             self.residual = self.overlap = 0.0
         self._steps.append(step)
@@ -270,147 +315,194 @@ class Recorder:
         return True
 
     def flush(self) -> None:
-        """Read the steps that are held, and begin a new block."""
+        """Read the recorded steps, and begin a new block."""
         self.read()
         self._count = self._held = 0
 
     def read(self) -> None:
-        """Read the steps that are held in the middle of a block: what the block is found to be stays the same."""
+        """Read the recorded steps, also in the middle of a block.
+
+        Reading does not change the boundaries of blocks, so that results do not depend
+        on it.
+        """
         steps, self._steps = self._steps, []
         if not steps:
             return
-        M = len(self.moving)
-        loads = [
-            step.load for step in steps if step.load is not None
-        ]  # of all steps, or of none
-        rolled = [load.rolled for load in loads if load.rolled is not None]
-        self._rolling |= bool(rolled)
+        moving_count = len(self.moving)
+        # Either all steps have loads or none.
+        loads = [step.load for step in steps if step.load is not None]
+        roll_changes = [load.rolled for load in loads if load.rolled is not None]
+        self._rolling |= bool(roll_changes)
         states = np.frombuffer(
             b"".join(step.states for step in steps), np.float64
-        ).reshape(len(steps), M, 6)
-        after = states[:, :, 3:]
-        before = np.concatenate([self._after[None], after[:-1]])
-        for s, step in enumerate(steps):
+        ).reshape(len(steps), moving_count, 6)
+        velocities_after = states[:, :, 3:]
+        velocities_before = np.concatenate([self._after[None], velocities_after[:-1]])
+        for row, step in enumerate(steps):
             if step.before is not None:
-                before[s] = step.before
-        self._after = after[-1].copy()
-        mean = self._all((before + after) / 2)
-        pose = self._all(states[:, :, :3], self._still)
-        rolls = np.cumsum([self._roll, *rolled], axis=0)
-        flow = self._contacts(steps, pose, self._all(before), self._all(after))
-        lost, work = self._loaded(steps, mean, rolls)
-        flow[:, 0] += lost + self._braked(steps, mean[:, :, 2])
-        flow[:, 1] += (
-            work + [step.driven for step in steps] + self._lifted(steps, states, before)
+                velocities_before[row] = step.before
+        self._after = velocities_after[-1].copy()
+        mean_velocities = self._all((velocities_before + velocities_after) / 2)
+        poses = self._all(states[:, :, :3], self._still)
+        rolls = np.cumsum([self._roll, *roll_changes], axis=0)
+        energy_flow = self._contacts(
+            steps, poses, self._all(velocities_before), self._all(velocities_after)
         )
-        ends = np.array([step.time for step in steps])
-        # at a step's end half of what it did is done: its velocities are those of the middle of two steps
-        smooth = np.cumsum(flow, axis=0) + self._smooth + self._owed - flow / 2
-        owed = flow[-1] / 2
-        if self._first:  # of the half step to t = 0, nothing is done yet at t = 0
-            pose[0], mean[0], smooth, owed = (
+        losses, works = self._loaded(steps, mean_velocities, rolls)
+        energy_flow[:, 0] += losses + self._braked(steps, mean_velocities[:, :, 2])
+        energy_flow[:, 1] += (
+            works
+            + [step.driven for step in steps]
+            + self._lifted(steps, states, velocities_before)
+        )
+        end_times = np.array([step.time for step in steps])
+        # The velocities of a step are those of the middle between two steps: at its
+        # end, half of its loss and work has occurred.
+        balance = (
+            np.cumsum(energy_flow, axis=0) + self._smooth + self._owed - energy_flow / 2
+        )
+        remainder = energy_flow[-1] / 2
+        # At t = 0, nothing of the half step to t = 0 has occurred yet.
+        if self._first:
+            poses[0], mean_velocities[0], balance, remainder = (
                 self._pose,
                 self._mean,
                 np.zeros((1, 2)),
-                flow[-1],
+                energy_flow[-1],
             )
             self._first = False
         vectors = turns = np.zeros((0, 0, 3))
         if self._rolling:
-            spans = np.diff(np.concatenate([[self._time], ends]))[:, None]
-            vectors = np.empty(pose.shape)
-            vectors[:, :, :2] = (rolls[1:] + rolls[:-1]) / 2 * spans[..., None]
+            durations = np.diff(np.concatenate([[self._time], end_times]))[:, None]
+            vectors = np.empty(poses.shape)
+            vectors[:, :, :2] = (rolls[1:] + rolls[:-1]) / 2 * durations[..., None]
             vectors[:, :, 2] = np.diff(
-                np.concatenate([self._pose[None], pose])[:, :, 2], axis=0
+                np.concatenate([self._pose[None], poses])[:, :, 2], axis=0
             )
             turns = cumulative_quaternions(vectors, self._turn)
-        self._samples(steps, ends, pose, mean, smooth, rolls, vectors, turns)
+        self._samples(
+            steps, end_times, poses, mean_velocities, balance, rolls, vectors, turns
+        )
         if self._rolling:
             self._roll, self._turn = rolls[-1], turns[-1]
-        self._smooth, self._owed = smooth[-1], owed
-        self._time = float(ends[-1])
-        self._pose, self._mean = pose[-1], mean[-1]
+        self._smooth, self._owed = balance[-1], remainder
+        self._time = float(end_times[-1])
+        self._pose, self._mean = poses[-1], mean_velocities[-1]
         self._struck.clear()
 
     def _all(self, moving: Array, still: Array | None = None) -> Array:
-        """(S, M, 3) of moving bodies -> (S, N, 3) of all bodies."""
+        """Expand rows (S, M, 3) of moving bodies to all bodies (S, N, 3)."""
         S, N = len(moving), len(self.world.bodies)
         out = np.zeros((S, N, 3)) if still is None else np.tile(still, (S, 1, 1))
         out[:, self.moving] = moving
         return out
 
     def _loaded(self, steps: list[Step], mean: Array, rolls: Array) -> Array:
-        """(2, S) lost to and work of lasting forces; mean (S, N, 3) velocities, rolls (S + 1, N, 2)."""
-        both, h = np.zeros((2, len(steps))), np.array([step.h for step in steps])
+        """Return loss and work (2, S) of lasting forces.
+
+        `mean`: velocities (S, N, 3), `rolls` (S + 1, N, 2).
+        """
+        balance, durations = (
+            np.zeros((2, len(steps))),
+            np.array([step.h for step in steps]),
+        )
 
         def work(forces: list[Array | None]) -> Array | float:
-            known = [force for force in forces if force is not None]
-            return (np.array(known) * mean).sum(axis=(1, 2)) * h if known else 0.0
+            loads_of_steps = [force for force in forces if force is not None]
+            return (
+                (np.array(loads_of_steps) * mean).sum(axis=(1, 2)) * durations
+                if loads_of_steps
+                else 0.0
+            )
 
         loads = [step.load for step in steps if step.load is not None]
-        both[0] -= work([load.spend for load in loads])
-        both[1] += work([load.drive for load in loads])
-        both += [load.carried for load in loads] if loads else 0.0
-        scripted = self._scripted[: mean.shape[1], None]
-        if scripted.any():  # a spring on a scripted body hands on what its script does
-            both[1] -= work([load.total * scripted for load in loads])
-        if (
-            len(rolls) > 1
-        ):  # what the table takes from a sphere's motion partly goes into its rolling
-            rolled = np.array([load.rolled for load in loads])
-            both[0] -= (self._moment[:, None] * rolled * (rolls[:-1] + rolled / 2)).sum(
-                axis=(1, 2)
-            )
-        return both
+        balance[0] -= work([load.spend for load in loads])
+        balance[1] += work([load.drive for load in loads])
+        balance += [load.carried for load in loads] if loads else 0.0
+        is_scripted = self._scripted[: mean.shape[1], None]
+        # The loads on a scripted body are balanced by the work of its script.
+        if is_scripted.any():
+            balance[1] -= work([load.total * is_scripted for load in loads])
+        # A part of the energy that the table takes from a sphere's motion goes into its
+        # roll and is not lost.
+        if len(rolls) > 1:
+            roll_changes = np.array([load.rolled for load in loads])
+            balance[0] -= (
+                self._moment[:, None] * roll_changes * (rolls[:-1] + roll_changes / 2)
+            ).sum(axis=(1, 2))
+        return balance
 
     def _lifted(self, steps: list[Step], states: Array, before: Array) -> Array:
-        """(S,) work against gravity where shapes that overlap are pushed apart: they move, without a velocity.
+        """Return the work (S,) against gravity when overlapping shapes are pushed
+        apart.
 
-        states (S, M, 6); before (S, M, 3) velocities within the steps.
+        The engine displaces them without a velocity. `states` (S, M, 6); `before` (S,
+        M, 3): velocities within the steps.
         """
         if self._first:
             return np.zeros(len(steps))
-        h = np.array([step.h for step in steps])
+        durations = np.array([step.h for step in steps])
         poses = np.concatenate([self._pose[None, self.moving], states[:, :, :3]])
-        shift = np.diff(poses, axis=0) - h[:, None, None] * before
-        for s, step in enumerate(steps):
-            if step.original is not None:  # what is struck has two velocities in a step
-                shift[s, (step.original != step.before).any(axis=1)] = 0.0
-        return -(shift[:, :, :2] @ self.world.gravity) @ self._mass[self.moving]
+        displacements = np.diff(poses, axis=0) - durations[:, None, None] * before
+        for row, step in enumerate(steps):
+            # A struck body has two velocities in a step: its displacement differs from
+            # both.
+            if step.original is not None:
+                displacements[row, (step.original != step.before).any(axis=1)] = 0.0
+        return -(displacements[:, :, :2] @ self.world.gravity) @ self._mass[self.moving]
 
     def _braked(self, steps: list[Step], spin: Array) -> Array:
-        """(S,) lost to rolling resistance; spin (S, N)."""
+        """Return the loss (S,) to rolling resistance; `spin` (S, N)."""
         if all(step.braked is NOT_BRAKED for step in steps):
             return np.zeros(len(steps))
-        row = np.repeat(np.arange(len(steps)), [len(step.braked[1]) for step in steps])
+        rows = np.repeat(np.arange(len(steps)), [len(step.braked[1]) for step in steps])
         pairs = np.concatenate([step.braked[0] for step in steps])
-        still = np.pad(spin, ((0, 0), (0, 1)))  # -1: the world
-        turned = np.abs(still[row, pairs[:, 0]] - still[row, pairs[:, 1]])
-        impulse = np.array([one for step in steps for one in step.braked[1]])
-        return np.bincount(row, impulse * turned, len(steps)).astype(np.float64)
+        # The world, index -1, does not spin.
+        spins = np.pad(spin, ((0, 0), (0, 1)))
+        spin_differences = np.abs(spins[rows, pairs[:, 0]] - spins[rows, pairs[:, 1]])
+        impulse = np.array(
+            [angular_impulse for step in steps for angular_impulse in step.braked[1]]
+        )
+        return np.bincount(rows, impulse * spin_differences, len(steps)).astype(
+            np.float64
+        )
 
     def _contacts(
         self, steps: list[Step], pose: Array, before: Array, after: Array
     ) -> Array:
-        """(S, 2) lost and work of the steps' contacts; impacts go into their own list, and all into the log."""
-        S, W = len(steps), len(self.world.walls)
-        ends = np.array([step.time for step in steps])
-        row = np.repeat(
-            np.arange(S), [len(step.numbers) // CONTACT_BYTES for step in steps]
+        """Return loss and work (S, 2) of the steps' contacts, and add all contacts to
+        the log.
+
+        The energies of impacts go into a list of their own, as they occur within a
+        step.
+        """
+        step_count, wall_count = len(steps), len(self.world.walls)
+        end_times = np.array([contact_steps.time for contact_steps in steps])
+        step_rows = np.repeat(
+            np.arange(step_count),
+            [len(contact_steps.numbers) // CONTACT_BYTES for contact_steps in steps],
         )
-        alike: dict[Order, list[int]] = {}
-        for s, order in enumerate([step.order for step in steps]):
-            alike.setdefault(order, []).append(s)
-        numbers = [step.numbers for step in steps]
-        for order, some in alike.items():
-            ordered, size = (
-                order.sort(b"".join(numbers[s] for s in some)),
-                len(numbers[some[0]]),
+        # Contacts of steps with the same order are sorted at once.
+        steps_by_order: dict[Order, list[int]] = {}
+        for step_number, order in enumerate(
+            [contact_steps.order for contact_steps in steps]
+        ):
+            steps_by_order.setdefault(order, []).append(step_number)
+        numbers = [contact_steps.numbers for contact_steps in steps]
+        for order, steps_of_order in steps_by_order.items():
+            sorted_numbers, size = (
+                order.sort(
+                    b"".join(numbers[step_number] for step_number in steps_of_order)
+                ),
+                len(numbers[steps_of_order[0]]),
             )
-            for k, s in enumerate(some):
-                numbers[s] = ordered[size * k : size * (k + 1)]
+            for number, step_number in enumerate(steps_of_order):
+                numbers[step_number] = sorted_numbers[
+                    size * number : size * (number + 1)
+                ]
         touch = touching(
-            b"".join(step.order.words for step in steps), b"".join(numbers)
+            b"".join(contact_steps.order.words for contact_steps in steps),
+            b"".join(numbers),
         )
         first, second, impulse, count = (
             touch.first,
@@ -421,18 +513,29 @@ class Recorder:
         points, normal = (touch.on_first + touch.on_second) / 2, touch.normal
 
         def widen(array: Array) -> Array:
-            return np.concatenate([array, np.zeros((S, W, 3))], axis=1)
+            return np.concatenate(
+                [array, np.zeros((step_count, wall_count, 3))], axis=1
+            )
 
-        center, mean, last = widen(pose), widen((before + after) / 2), widen(after)
-        mean[:, self._scripted] = last[:, self._scripted]
+        # Walls are bodies at rest at the origin.
+        centre_poses, mean_velocities, last_velocities = (
+            widen(pose),
+            widen((before + after) / 2),
+            widen(after),
+        )
+        mean_velocities[:, self._scripted] = last_velocities[:, self._scripted]
 
-        at = [row * center.shape[1] + objects for objects in (first, second)]
+        flat_rows = [
+            step_rows * centre_poses.shape[1] + objects for objects in (first, second)
+        ]
 
         def columns(of: Array, partner: int) -> Array:
             """(3, R) of one partner of each contact."""
-            return np.ascontiguousarray(of.reshape(-1, 3).take(at[partner], axis=0).T)
+            return np.ascontiguousarray(
+                of.reshape(-1, 3).take(flat_rows[partner], axis=0).T
+            )
 
-        centers = [columns(center, partner) for partner in (0, 1)]
+        centers = [columns(centre_poses, partner) for partner in (0, 1)]
 
         def speed(
             motion: Array, partner: int, x: Array, y: Array
@@ -445,89 +548,133 @@ class Recorder:
         ) -> Array:
             return (one[0] - other[0]) * way[:, 0] + (one[1] - other[1]) * way[:, 1]
 
-        # of two points, the one that opens after the step carried nothing (Signorini's condition)
-        ends1, ends2 = columns(last, 0), columns(last, 1)
-        spots = [(points[:, k, 0], points[:, k, 1]) for k in (0, 1)]
+        # The engine reports the sum of the impulses of two points. A point that opens
+        # after the step has no impulse (Signorini's condition): the sum acts at the
+        # other one, or between both if they open equally fast.
+        first_motion, second_motion = (
+            columns(last_velocities, 0),
+            columns(last_velocities, 1),
+        )
+        point_places = [
+            (points[:, number, 0], points[:, number, 1]) for number in (0, 1)
+        ]
         opening = np.stack(
             [
-                along(speed(ends2, 1, *spot), speed(ends1, 0, *spot), normal)
-                for spot in spots
+                along(
+                    speed(second_motion, 1, *spot),
+                    speed(first_motion, 0, *spot),
+                    normal,
+                )
+                for spot in point_places
             ]
         )
-        share = np.clip(0.5 + (opening[1] - opening[0]) / (2 * self._even), 0.0, 1.0)
-        share[count == 1] = 1.0
-        where = [
-            share * near + (1 - share) * far for near, far in zip(*spots, strict=True)
+        share_of_first = np.clip(
+            0.5 + (opening[1] - opening[0]) / (2 * self._even), 0.0, 1.0
+        )
+        share_of_first[count == 1] = 1.0
+        places = [
+            share_of_first * first_place + (1 - share_of_first) * second_place
+            for first_place, second_place in zip(*point_places, strict=True)
         ]
-        v1, v2 = (speed(columns(mean, partner), partner, *where) for partner in (0, 1))
-        lost = -along(v1, v2, impulse)
-        work = np.zeros(len(row))
+        v1, v2 = (
+            speed(columns(mean_velocities, partner), partner, *places)
+            for partner in (0, 1)
+        )
+        # An impulse does its work at the mean of the velocities before and after the
+        # step.
+        losses = -along(v1, v2, impulse)
+        works = np.zeros(len(step_rows))
         if self._conveyors.any():
-            moved, done = belt_energies(self._conveyors, first, second, normal, impulse)
-            lost, work = lost + moved, work + done
+            belt_losses, belt_works = belt_energies(
+                self._conveyors, first, second, normal, impulse
+            )
+            losses, works = losses + belt_losses, works + belt_works
         for objects, sign, v in ((first, -1.0, v1), (second, 1.0, v2)):
-            driven = self._scripted[objects]
-            if driven.any():
-                part = v[0] * impulse[:, 0] + v[1] * impulse[:, 1]
-                work[driven] += sign * part[driven]
-        flow = np.stack(
-            [np.bincount(row, values, S) for values in (lost, work)], axis=1
+            is_driven = self._scripted[objects]
+            if is_driven.any():
+                powers = v[0] * impulse[:, 0] + v[1] * impulse[:, 1]
+                works[is_driven] += sign * powers[is_driven]
+        energy_flow = np.stack(
+            [np.bincount(step_rows, values, step_count) for values in (losses, works)],
+            axis=1,
         ).astype(np.float64)
         if (count == 2).any():
-            place = np.stack(where, axis=1)
-            flow[:, 0] += self._misplaced(
-                steps, touch, row, place, (pose, before, after)
+            place_array = np.stack(places, axis=1)
+            energy_flow[:, 0] += self._misplaced(
+                steps, touch, step_rows, place_array, (pose, before, after)
             )
         self._note_accuracy(opening, touch)
-        # a sample at the very time of an impulse shows what was before it; but t = 0 shows what the scene begins with
-        late = 0.0 if self._first else 1e-9
+        # A sample at the time of an impulse shows the energy before it, except at
+        # t = 0, where the impulse belongs to the scene's start.
+        delay = 0.0 if self._first else 1e-9
         self._struck += [
-            (kick.time + late, kick.lost, kick.work)
-            for step in steps
-            for kick in step.kicks
+            (kick.time + delay, kick.lost, kick.work)
+            for contact_steps in steps
+            for kick in contact_steps.kicks
         ]
-        blown = [
-            (s, impacts) for s, step in enumerate(steps) for impacts in step.impacts
+        impacts_by_step = [
+            (step_number, impacts)
+            for step_number, contact_steps in enumerate(steps)
+            for impacts in contact_steps.impacts
         ]
-        for s, impacts in blown:
+        for step_number, impacts in impacts_by_step:
             time = float(
-                ends[s] - (impacts.earlier.max() if len(impacts.earlier) else 0.0)
+                end_times[step_number]
+                - (impacts.earlier.max() if len(impacts.earlier) else 0.0)
             )
-            begun = (
-                float(ends[s - 1]) if s else self._time
-            ) + 1e-9  # what fell as the step began falls after the last
-            self._struck.append((max(time, begun), impacts.lost, impacts.work))
-        step = np.concatenate(
-            [row, *(np.full(len(b.first), s) for s, b in blown)]
+            # An impact at the very begin of the step comes after the last sample.
+            earliest_time = (
+                float(end_times[step_number - 1]) if step_number else self._time
+            ) + 1e-9
+            self._struck.append((max(time, earliest_time), impacts.lost, impacts.work))
+        contact_steps = np.concatenate(
+            [
+                step_rows,
+                *(
+                    np.full(len(b.first), step_number)
+                    for step_number, b in impacts_by_step
+                ),
+            ]
         ).astype(np.int64)
-        when = np.concatenate([ends[row], *(ends[s] - b.earlier for s, b in blown)])
-        sample = np.searchsorted(self.times, when - 1e-12)
-        inside = sample < len(self.times)
+        contact_times = np.concatenate(
+            [
+                end_times[step_rows],
+                *(
+                    end_times[step_number] - b.earlier
+                    for step_number, b in impacts_by_step
+                ),
+            ]
+        )
+        next_samples = np.searchsorted(self.times, contact_times - 1e-12)
+        is_in_clip = next_samples < len(self.times)
         one, other = (
-            np.concatenate([mine, *theirs])
-            for mine, theirs in (
-                (first, [b.first for _, b in blown]),
-                (second, [b.second for _, b in blown]),
+            np.concatenate([contact_partners, *impact_partners])
+            for contact_partners, impact_partners in (
+                (first, [b.first for _, b in impacts_by_step]),
+                (second, [b.second for _, b in impacts_by_step]),
             )
         )
-        given = np.concatenate([impulse, *(b.impulse for _, b in blown)])
+        impulses = np.concatenate([impulse, *(b.impulse for _, b in impacts_by_step)])
         self.log.block(
-            ends,
-            step[inside],
-            sample[inside],
-            one[inside],
-            other[inside],
-            given[inside],
-            when[inside],
+            end_times,
+            contact_steps[is_in_clip],
+            next_samples[is_in_clip],
+            one[is_in_clip],
+            other[is_in_clip],
+            impulses[is_in_clip],
+            contact_times[is_in_clip],
         )
-        return flow
+        return energy_flow
 
     def _note_accuracy(self, opening: Array, touch: Touching) -> None:
-        """Note the fastest closing, by the speeds (2, K) at which points open, and the deepest overlap."""
+        """Record the fastest closing and the deepest overlap.
+
+        `opening`: speeds (2, K) at which points open, px/s.
+        """
         if not len(touch.count):
             return
-        least = np.where(touch.count == 1, opening[0], opening.min(axis=0))
-        self.residual = max(self.residual, -float(least.min()))
+        smallest_speeds = np.where(touch.count == 1, opening[0], opening.min(axis=0))
+        self.residual = max(self.residual, -float(smallest_speeds.min()))
         self.overlap = max(self.overlap, float(touch.depth.max()))
 
     def _misplaced(
@@ -538,49 +685,55 @@ class Recorder:
         place: Array,
         motion: tuple[Array, Array, Array],
     ) -> Array:
-        """Return by how much more energy (S,) contacts lost than at their estimated places.
+        """Return the energy (S,) that contacts lost in addition to that at their
+        estimated places.
 
-        Of the two points of a contact, the engine reports the sum of the impulses, and `place` (R, 2) is an estimate of
-        where the sum acts in the step `row` (R,). Contacts that contradict each other, as those of pieces whose corners
-        lie on a boundary, invalidate the estimate; the body's angular momentum then shows the error of the torque.
-        motion: poses (S, N, 3), and velocities (S, N, 3) before and after.
+        The engine reports the sum of the impulses of a contact's two points, and
+        `place` (R, 2) is an estimate of the place of the sum in the step `row` (R,).
+        Contacts that contradict each other, like those of pieces with corners on a
+        boundary, invalidate the estimate; the body's angular momentum then shows the
+        error of the torque. `motion`: poses (S, N, 3), and velocities (S, N, 3) before
+        and after.
         """
         pose, before, after = motion
         torque, leeway = self._torques(touch, row, place, pose)
         error = self._moment * (after - before)[:, :, 2] - torque
-        for s, step in enumerate(steps):
+        for step_number, step in enumerate(steps):
             if step.load is not None:
-                error[s] -= step.load.total[:, 2] * step.h
-        # a larger error is not one of places: the balance must show it
+                error[step_number] -= step.load.total[:, 2] * step.h
+        # A larger error has another cause, which the balance must show.
         error[np.abs(error) > leeway] = 0.0
-        lost = -error * (before + after)[:, :, 2] / 2
+        losses = -error * (before + after)[:, :, 2] / 2
         inertia = np.stack([self._mass, self._mass, self._moment], axis=1)
-        weight = self._mass * float(np.hypot(*self.world.gravity))
-        # a fall by a pixel is the least energy that counts
-        energy = (inertia * np.maximum(before**2, after**2)).sum(axis=2) / 2 + weight
-        unbraked = np.array([[step.braked is NOT_BRAKED] for step in steps])
-        counts = unbraked & self._unheld
-        counts &= np.abs(lost) > MISPLACED * energy
-        return np.asarray((lost * counts).sum(axis=1))
+        weights = self._mass * float(np.hypot(*self.world.gravity))
+        # A fall by a pixel is the smallest energy that counts.
+        energy = (inertia * np.maximum(before**2, after**2)).sum(axis=2) / 2 + weights
+        is_unbraked = np.array([[step.braked is NOT_BRAKED] for step in steps])
+        is_counted = is_unbraked & self._unheld
+        is_counted &= np.abs(losses) > MISPLACED * energy
+        return np.asarray((losses * is_counted).sum(axis=1))
 
     def _torques(
         self, touch: Touching, row: Index, place: Array, pose: Array
     ) -> tuple[Array, Array]:
-        """Return angular impulses (S, N) of contacts at `place` (R, 2), and by how much they may be wrong.
+        """Return the angular impulses (S, N) of contacts at `place` (R, 2), and their
+        tolerances.
 
         The sum of a contact's two impulses acts somewhere between its two points.
         """
-        N = pose.shape[1]
+        body_count = pose.shape[1]
         torque, leeway = np.zeros(pose.shape[:2]), np.zeros(pose.shape[:2])
         points = (touch.on_first + touch.on_second) / 2
-        apart = np.where((touch.count == 2)[:, None], points[:, 1] - points[:, 0], 0.0)
-        range_ = np.abs(cross(apart, touch.impulse))
+        offsets = np.where(
+            (touch.count == 2)[:, None], points[:, 1] - points[:, 0], 0.0
+        )
+        torque_ranges = np.abs(cross(offsets, touch.impulse))
         for objects, sign in ((touch.first, 1.0), (touch.second, -1.0)):
-            of_bodies = objects < N
-            at = row[of_bodies], objects[of_bodies]
-            lever = place[of_bodies] - pose[at][:, :2]
-            np.add.at(torque, at, sign * cross(lever, touch.impulse[of_bodies]))
-            np.add.at(leeway, at, range_[of_bodies])
+            is_body = objects < body_count
+            targets = row[is_body], objects[is_body]
+            levers = place[is_body] - pose[targets][:, :2]
+            np.add.at(torque, targets, sign * cross(levers, touch.impulse[is_body]))
+            np.add.at(leeway, targets, torque_ranges[is_body])
         return torque, leeway
 
     def _samples(
@@ -594,73 +747,108 @@ class Recorder:
         vectors: Array,
         turns: Array,
     ) -> None:
-        """Take the samples that fall into these steps; rolls (S + 1, N, 2), their vectors and turns where any rolls."""
-        done, first = (
+        """Take the samples within these steps.
+
+        `rolls` (S + 1, N, 2); `vectors` and `turns` are the rotations, if any body
+        rolls.
+        """
+        sample_end, sample_begin = (
             int(np.searchsorted(self.times, ends[-1] + 1e-12, side="right")),
             self.done,
         )
-        time = self.times[first:done]
-        s = np.searchsorted(ends, time - 1e-12)
-        fresh = s == 0
+        sample_times = self.times[sample_begin:sample_end]
+        step_rows = np.searchsorted(ends, sample_times - 1e-12)
+        is_in_first_step = step_rows == 0
 
         def start(of: Array, before: Array | float) -> Array:
-            begun = of[s - 1]
-            begun[fresh] = before
-            return begun
+            start_values = of[step_rows - 1]
+            start_values[is_in_first_step] = before
+            return start_values
 
-        pose0, mean0, begin = (
+        # Poses change linearly between the ends of two steps, as do the energies.
+        pose0, mean0, begin_times = (
             start(pose, self._pose),
             start(mean, self._mean),
             start(ends, self._time),
         )
-        h = ends[s] - begin
-        part = np.maximum(0.0, (time - begin) / np.maximum(h, 1e-300))
-        part[(h <= 0) | (time > ends[s] - 1e-9 * h)] = 1.0
-        along = part[:, None, None]
-        x, v = pose0 + along * (pose[s] - pose0), mean0 + along * (mean[s] - mean0)
-        for k in np.flatnonzero((part > 0) & (part < 1)).tolist():
-            step = steps[s[k]]
+        durations = ends[step_rows] - begin_times
+        fractions = np.maximum(
+            0.0, (sample_times - begin_times) / np.maximum(durations, 1e-300)
+        )
+        fractions[
+            (durations <= 0) | (sample_times > ends[step_rows] - 1e-9 * durations)
+        ] = 1.0
+        factors = fractions[:, None, None]
+        sample_poses, sample_velocities = (
+            pose0 + factors * (pose[step_rows] - pose0),
+            mean0 + factors * (mean[step_rows] - mean0),
+        )
+        for k in np.flatnonzero((fractions > 0) & (fractions < 1)).tolist():
+            step = steps[step_rows[k]]
             if step.original is not None:
                 self._inside(
                     step,
-                    float(time[k]),
-                    part[k] * h[k],
-                    h[k],
-                    x[k],
-                    v[k],
+                    float(sample_times[k]),
+                    fractions[k] * durations[k],
+                    durations[k],
+                    sample_poses[k],
+                    sample_velocities[k],
                     pose0[k],
-                    pose[s[k]],
+                    pose[step_rows[k]],
                 )
         if self.scripts.busy:
-            for k in range(len(time)):
-                self.scripts.sample(float(time[k]), x[k], v[k])
-        roll = self._roll[None]
+            for k in range(len(sample_times)):
+                self.scripts.sample(
+                    float(sample_times[k]), sample_poses[k], sample_velocities[k]
+                )
+        sample_rolls = self._roll[None]
         if self._rolling:
-            roll = rolls[s] + along * (rolls[s + 1] - rolls[s])
-            self.turns[first:done] = then(
-                quaternions_from_vectors(along * vectors[s]), start(turns, self._turn)
+            sample_rolls = rolls[step_rows] + factors * (
+                rolls[step_rows + 1] - rolls[step_rows]
             )
-        self.poses[first:done], self.velocities[first:done], self.rolls[first:done] = (
-            x,
-            v,
-            roll,
+            self.turns[sample_begin:sample_end] = then(
+                quaternions_from_vectors(factors * vectors[step_rows]),
+                start(turns, self._turn),
+            )
+        (
+            self.poses[sample_begin:sample_end],
+            self.velocities[sample_begin:sample_end],
+            self.rolls[sample_begin:sample_end],
+        ) = (
+            sample_poses,
+            sample_velocities,
+            sample_rolls,
         )
-        _refuse_infinities(self.world, x, v, time)
-        balance0 = start(smooth, self._smooth)
-        blown = np.tile(self._spent, (len(time), 1))
+        _refuse_infinities(self.world, sample_poses, sample_velocities, sample_times)
+        balance_before = start(smooth, self._smooth)
+        # Impacts change the balance at once: each counts from the first sample after
+        # it.
+        impact_balance = np.tile(self._spent, (len(sample_times), 1))
         for first_after, (_, *flow) in zip(
-            np.searchsorted(time + 1e-12, [at for at, _, _ in self._struck]),
+            np.searchsorted(
+                sample_times + 1e-12,
+                [impact_time for impact_time, _, _ in self._struck],
+            ),
             self._struck,
             strict=True,
         ):
-            blown[first_after:] += flow
-        balance = balance0 + part[:, None] * (smooth[s] - balance0) + blown
-        self._balance[first:done] = np.column_stack(
-            [*self._energy(time, x, v, roll), balance]
+            impact_balance[first_after:] += flow
+        balance = (
+            balance_before
+            + fractions[:, None] * (smooth[step_rows] - balance_before)
+            + impact_balance
         )
-        self.done = done
-        for _, lost, work in self._struck:
-            self._spent += np.array([lost, work])
+        self._balance[sample_begin:sample_end] = np.column_stack(
+            [
+                *self._energy(
+                    sample_times, sample_poses, sample_velocities, sample_rolls
+                ),
+                balance,
+            ]
+        )
+        self.done = sample_end
+        for _, loss, work in self._struck:
+            self._spent += np.array([loss, work])
 
     def _inside(
         self,
@@ -673,28 +861,38 @@ class Recorder:
         pose0: Array,
         pose1: Array,
     ) -> None:
-        """Within a step with impacts, what was struck moves as before until then, and as after from then on."""
+        """Correct a sample within a step with impacts, in place.
+
+        A struck body has its old velocity until the impact, and its new velocity from
+        then on.
+        """
         assert step.original is not None
         assert step.before is not None
-        changed = np.flatnonzero((step.original != step.before).any(axis=1))
-        bodies = self.moving[changed]
-        at = max(float(b.earlier.max()) for b in step.impacts if len(b.earlier))
-        if time < step.time - at:
-            v[bodies] = step.original[changed]
-            x[bodies] = pose0[bodies] + step.original[changed] * since
+        changed_rows = np.flatnonzero((step.original != step.before).any(axis=1))
+        bodies = self.moving[changed_rows]
+        impact_age = max(float(b.earlier.max()) for b in step.impacts if len(b.earlier))
+        if time < step.time - impact_age:
+            v[bodies] = step.original[changed_rows]
+            x[bodies] = pose0[bodies] + step.original[changed_rows] * since
         else:
-            v[bodies] = step.before[changed]
-            x[bodies] = pose1[bodies] - step.before[changed] * (h - since)
+            v[bodies] = step.before[changed_rows]
+            x[bodies] = pose1[bodies] - step.before[changed_rows] * (h - since)
 
     def _energy(
         self, times: Array, pose: Array, velocity: Array, roll: Array
     ) -> tuple[Array, Array]:
-        """(S,) kinetic and potential energy of the dynamic bodies in S poses (S, N, 3)."""
-        square = velocity[..., 0] ** 2 + velocity[..., 1] ** 2
-        turning = velocity[..., 2] ** 2 + (roll**2).sum(axis=-1)
-        kinetic = (self._mass * square + self._moment * turning).sum(axis=1) / 2
-        height = -(self._mass * (pose[..., :2] @ self.world.gravity)).sum(axis=1)
-        return kinetic, height + [
+        """Return kinetic and potential energy (S,) of the dynamic bodies in S poses (S,
+        N, 3).
+        """
+        square_speeds = velocity[..., 0] ** 2 + velocity[..., 1] ** 2
+        square_spins = velocity[..., 2] ** 2 + (roll**2).sum(axis=-1)
+        kinetic = (self._mass * square_speeds + self._moment * square_spins).sum(
+            axis=1
+        ) / 2
+        gravity_potential = -(self._mass * (pose[..., :2] @ self.world.gravity)).sum(
+            axis=1
+        )
+        return kinetic, gravity_potential + [
             self.loads.potential(x, time) if self.loads.busy else 0.0
             for time, x in zip(times.tolist(), pose, strict=True)
         ]
@@ -702,15 +900,17 @@ class Recorder:
     def trajectory(
         self, effort: Effort, sampled: Callable[[Array], Trajectory]
     ) -> Trajectory:
-        """What is known once the last step is read; `sampled` is the same motion at other times."""
-        rolling = slice(None) if self._rolling else slice(0)
+        """Return the motion after the last step; `sampled` returns it at other
+        times.
+        """
+        columns = slice(None) if self._rolling else slice(0)
         return Trajectory(
             times=self.times,
             names=tuple(body.name for body in self.world.bodies),
             poses=self.poses,
             velocities=self.velocities,
-            rolls=self.rolls[:, rolling],
-            turns=self.turns[:, rolling],
+            rolls=self.rolls[:, columns],
+            turns=self.turns[:, columns],
             contacts=self.log.result(),
             energy=Energy(*np.ascontiguousarray(self._balance.T)),
             effort=effort,
@@ -721,11 +921,14 @@ class Recorder:
 def _refuse_infinities(
     world: World, pose: Array, velocity: Array, times: Array
 ) -> None:
-    wrong = np.argwhere(
+    """Refuse a motion with infinite numbers. Raises InputError with the first body and
+    time.
+    """
+    bad_indices = np.argwhere(
         ~(np.isfinite(pose).all(axis=2) & np.isfinite(velocity).all(axis=2))
     ).tolist()
-    if wrong:
-        k, body = wrong[0]
+    if bad_indices:
+        k, body = bad_indices[0]
         path = f"objects.{world.bodies[body].name}"
-        diverged = Message.MOTION_DIVERGED
-        raise diverged.error_at(UNKNOWN_PLACE, path, time=times[k])
+        template = Message.MOTION_DIVERGED
+        raise template.error_at(UNKNOWN_PLACE, path, time=times[k])

@@ -1,6 +1,7 @@
-"""The one space of pymunk: Chipmunk finds contacts and solves normal forces, friction and joints.
+"""The space of pymunk: Chipmunk finds contacts and solves normal forces, friction and
+joints.
 
-No other module uses pymunk. Shapes have no elasticity: bounces are computed in `collisions`.
+No other module uses pymunk. Shapes have no elasticity: `collisions` computes bounces.
 """
 
 from __future__ import annotations
@@ -34,16 +35,18 @@ from physgen.simulate.surfaces import SpecialSurfaces
 
 Index = NDArray[np.int64]
 Distances = tuple[float, float, float, float]
-"""px by which the owners of two shapes are apart, along x and y, and turned."""
+"""Relative position of the owners of two shapes, px, along x and y, and their
+rotations.
+"""
 
 SPECIAL = 1
-"""The engine's type of shapes whose contacts are asked about."""
+"""Collision type of shapes with callbacks for their contacts."""
 SLOP = 0.005
-"""px of overlap that is let stand: keeps resting contacts alive without a visible sink."""
+"""Permitted overlap, px: it keeps resting contacts alive and is invisible."""
 SEAM = 0.5
-"""px between the ends of two walls that make one smooth line."""
+"""Gap between the ends of two walls, px, within which they form one smooth line."""
 STRAIGHT = 0.999
-"""Cosine of the angle up to which two walls that meet make one smooth line."""
+"""Cosine of the angle up to which two walls form one smooth line."""
 
 _STATE = (
     BodyFields.POSITION
@@ -68,8 +71,9 @@ _CONTACT = (
 
 
 TOUCH = Struct("@i2d10d")
-"""Chipmunk's cpContactPointSet: a count, the normal, and of two points, if there are
-so many, the places on both shapes and the distance."""
+"""Chipmunk's cpContactPointSet: count and normal, then for each of two points the
+places on both shapes and the distance.
+"""
 
 LIVING: WeakSet[Space] = WeakSet()
 """All spaces of this process."""
@@ -79,46 +83,48 @@ LIVING: WeakSet[Space] = WeakSet()
 def disown_spaces() -> None:
     """Leave the memory of all spaces to the operating system at the end of the process.
 
-    pymunk frees memory by functions that use names of its modules. The interpreter may have cleared these names before
-    the last space goes, which pymunk then reports on stderr. To free the memory here would crash threads that still
-    simulate.
+    pymunk frees memory by functions that use names of its modules. The interpreter may
+    have cleared these names before the last space is freed, and pymunk then reports
+    errors on stderr. Freeing the memory here would crash threads that still simulate.
     """
     for space in LIVING:
         space.disown()
 
 
 class Space:
-    """One space in motion; states are (M, 6): x, y, angle, vx, vy, spin of the bodies that are not static."""
+    """One space in motion.
+
+    States are (M, 6): x, y, angle, vx, vy, spin of all bodies except the static ones.
+    """
 
     def __init__(self, world: World) -> None:
         space = pymunk.Space()
         space.gravity = tuple(world.gravity.tolist())
         space.collision_slop = SLOP
-        space.collision_persistence = (
-            1  # else the batch reader still lists contacts that have parted
-        )
+        # With a longer persistence, the batch reader lists contacts that have parted.
+        space.collision_persistence = 1
         self._space, self._gravity = space, world.gravity
         bodies = [_add_body(space, body) for body in world.bodies]
         by_passage: dict[Passage, list[Wall]] = {}
         for wall in world.walls:
             by_passage.setdefault(wall.passage, []).append(wall)
-        # what passes through one wall meets the end of another
+        # Only walls of one passage are neighbours: a body that passes through one wall
+        # still hits the end of another.
         smooth = {p: _neighbours(alike) for p, alike in by_passage.items()}
         walls = [_add_wall(space, wall, smooth[wall.passage]) for wall in world.walls]
         self._bodies = bodies
         self._anchor = pymunk.Body(body_type=pymunk.Body.STATIC)
         space.add(self._anchor)
         self._parts = _add_joints(space, world.joints, bodies, self._anchor)
-        """Name of a joint -> what holds it in the engine."""
-        ids = np.array(
-            [body.id for body in (*bodies, *walls)], np.uint64
-        )  # memory addresses
+        """Constraints of the engine by the name of a joint."""
+        # The engine's ids are memory addresses.
+        ids = np.array([body.id for body in (*bodies, *walls)], np.uint64)
         self._by_id = np.argsort(ids)
         self._ids = ids[self._by_id]
         self.moving = np.flatnonzero(
             [body.motion is not Motion.STATIC for body in world.bodies]
         )
-        """(M,): bodies that the state lists, in order."""
+        """Bodies of the state in its order, (M,)."""
         M = len(self.moving)
         self._states, self._contacts = batch.Buffer(), batch.Buffer()
         self._read_states = _batched(
@@ -127,15 +133,16 @@ class Space:
         self._read_contacts = _batched(
             space, "pmSpaceArbiterIteratorFuncBatched", _CONTACT, self._contacts
         )
-        # the batch functions go through the bodies that move in the order they were added, then the static ones
-        still = [b.center for b in world.bodies if b.motion is Motion.STATIC] + [
-            np.zeros(2)
-        ] * (len(walls) + 1)
+        # The batch functions visit the moving bodies in the order of addition, and then
+        # the static ones.
+        static_centres = [
+            b.center for b in world.bodies if b.motion is Motion.STATIC
+        ] + [np.zeros(2)] * (len(walls) + 1)
         self._placing, self._pushing = (
-            np.zeros((M + len(still), 6)),
-            np.zeros((M + len(still), 3)),
+            np.zeros((M + len(static_centres), 6)),
+            np.zeros((M + len(static_centres), 3)),
         )
-        self._placing[M:, :2] = np.array(still).reshape(-1, 2)
+        self._placing[M:, :2] = np.array(static_centres).reshape(-1, 2)
         self._place_buffer, self._push_buffer = batch.Buffer(), batch.Buffer()
         if M:
             self._place_buffer.set_float_buf(self._placing)
@@ -146,15 +153,15 @@ class Space:
         self._brakes: dict[Pair, tuple[pymunk.SimpleMotor, Any]] = {}
         self._braking: Sequence[Pair] = ()
         self._motors: list[Any] = []
-        """Of the pairs that brake now."""
+        """Motors of the present brakes."""
         self._special = self._watch(world, [*bodies, *walls])
         self._smooth = frozenset(
             len(bodies) + k for k, wall in enumerate(world.walls) if wall.is_smooth
         )
-        """Curves: their chords have no edges."""
+        """Smooth curves, which have no internal edges."""
         self._sweeps = int(space.iterations)
         self._orders: dict[bytes, Order] = {}
-        """By contacts as pymunk lists them: few lists come again and again."""
+        """Orders by pymunk's list of contacts: a run has few different lists."""
         places = [*bodies, *walls]
         self._still_poses = [(*body.position, body.angle) for body in places]
         self._shapes = [shape._shape for body in places for shape in body.shapes]
@@ -167,32 +174,36 @@ class Space:
         self._owners = [outline.owner for outline in outlines]
         reach = [hypot(*outline.center) + outline.reach for outline in outlines]
         self._reach = [
-            far if outline.corners else 0.0
-            for far, outline in zip(reach, outlines, strict=True)
+            radius if outline.corners else 0.0
+            for radius, outline in zip(reach, outlines, strict=True)
         ]
         poses = tuple(self._still_poses)
         self._edges = internal_edges(outlines, _pairs_apart(world), poses)
         self._partners: dict[int, set[int]] = {}
-        """Owners that each owner touched when contacts at internal edges were last looked for."""
+        """Touched owners of each owner at the latest search for internal edges."""
         self.hidden: dict[Pair, tuple[float, Distances]] = {}
-        """Shapes whose contact at an internal edge is left out of the solution.
+        """Pairs of shapes with contacts at internal edges, which are not solved.
 
-        The px that they may move before this is looked at again, and where they are.
+        With each, the distance that they may move before the next test, px, and their
+        relative position at the last one.
         """
         self.parting: list[Joint] = []
-        """Broken joints with bodies that still pass through each other."""
+        """Broken joints of bodies that still overlap, and do not collide yet."""
         LIVING.add(self)
 
     def _watch(self, world: World, parts: list[pymunk.Body]) -> SpecialSurfaces | None:
-        """Ask about contacts of surfaces that run, stick or let others pass; None if there are none."""
+        """Register callbacks for surfaces that move, stick or let others pass.
+
+        None if the world has no such surface.
+        """
         passages = [body.passage for body in world.bodies]
         passages += [wall.passage for wall in world.walls]
         has_groups = any(
             passage.group != 1 or passage.collides_with != EVERY_GROUP
             for passage in passages
         )
-        for passage, own in zip(passages if has_groups else (), parts, strict=False):
-            for shape in own.shapes:
+        for passage, part in zip(passages if has_groups else (), parts, strict=False):
+            for shape in part.shapes:
                 shape.filter = pymunk.ShapeFilter(
                     categories=passage.group, mask=passage.collides_with
                 )
@@ -214,7 +225,7 @@ class Space:
         return special
 
     def disown(self) -> None:
-        """Keep pymunk from freeing the memory of this space and of all in it."""
+        """Keep pymunk from freeing the memory of this space and of its parts."""
         ffi.gc(self._space._space, None)
         for body in self._space.bodies:
             ffi.gc(body._body, None)
@@ -225,7 +236,7 @@ class Space:
 
     @property
     def iterations(self) -> int:
-        """Sweeps of the contact solver a step."""
+        """Return the number of sweeps of the contact solver per step."""
         return self._sweeps
 
     @iterations.setter
@@ -234,8 +245,13 @@ class Space:
             self._space.iterations = self._sweeps = count
 
     def step(self, h: float) -> tuple[bytes, Order, bytes]:
-        """Move by the velocities, then find contacts and change the velocities; states, and contacts as listed."""
-        # what pymunk does around these calls takes as long as a small step
+        """Advance a step of h seconds; return states, the order of contacts and their
+        numbers.
+
+        The engine first moves bodies by their velocities, then finds contacts and
+        changes the velocities. Numbers are in pymunk's order.
+        """
+        # pymunk's own methods around these calls take as long as a small step.
         lib.cpSpaceStep(self._read_states[0], h)
         states, words, numbers = (
             self._states._float_arr,
@@ -245,17 +261,20 @@ class Space:
         states.num = words.num = numbers.num = 0
         lib.cpSpaceEachBody(*self._read_states)
         lib.cpSpaceEachCachedArbiter(*self._read_contacts)
-        moved: bytes = ffi.buffer(states.arr, 48 * len(self.moving))[:]
+        new_states: bytes = ffi.buffer(states.arr, 48 * len(self.moving))[:]
         if not words.num:
-            return moved, NO_CONTACTS, b""
+            return new_states, NO_CONTACTS, b""
         if self.hidden or (self._special and self._special.passing):
-            return moved, *self._visible_contacts()
-        listed = ffi.buffer(words.arr, 8 * words.num)[:]
-        order = self._orders.get(listed) or self._order(listed)
-        return moved, order, ffi.buffer(numbers.arr, 8 * numbers.num)[:]
+            return new_states, *self._visible_contacts()
+        contact_list = ffi.buffer(words.arr, 8 * words.num)[:]
+        order = self._orders.get(contact_list) or self._order(contact_list)
+        return new_states, order, ffi.buffer(numbers.arr, 8 * numbers.num)[:]
 
     def _visible_contacts(self) -> tuple[Order, bytes]:
-        """Return the contacts that were read without those that are left out of the solution, which have no points."""
+        """Return the contacts without those that are left out of the solution.
+
+        Contacts without a solution have no points.
+        """
         words, numbers = self._contacts._int_arr, self._contacts._float_arr
         raw = ffi.buffer(words.arr, 8 * words.num)[:]
         pairs = np.frombuffer(raw, np.int64).reshape(-1, WORDS)
@@ -263,18 +282,21 @@ class Space:
         if not is_visible.any():
             return NO_CONTACTS, b""
         rows = np.frombuffer(ffi.buffer(numbers.arr, 8 * numbers.num)[:])
-        listed = pairs[is_visible].tobytes()
-        shown = rows.reshape(len(pairs), -1)[is_visible]
-        return self._orders.get(listed) or self._order(listed), shown.tobytes()
+        contact_list = pairs[is_visible].tobytes()
+        visible_numbers = rows.reshape(len(pairs), -1)[is_visible]
+        return self._orders.get(contact_list) or self._order(
+            contact_list
+        ), visible_numbers.tobytes()
 
     def hide_internal_edges(self, pairs: frozenset[Pair] | None) -> bool:
-        """Leave contacts at internal edges out of the next steps; return whether there is one that acted in this step.
+        """Leave contacts at internal edges out of the next steps.
 
-        pairs: of objects, the lesser first, that may touch at such an edge; None: all.
+        `pairs`: of objects, the lesser first, that may touch at such an edge; None for
+        all. Returns whether such a contact acted in this step.
         """
         frames: Frames | None = None
         partners: dict[int, set[int]] = {}
-        doubtful: list[tuple[Any, Pair]] = []
+        candidates: list[tuple[Any, Pair]] = []
         for arbiter in self._arbiters():
             if not arbiter.count:
                 continue
@@ -284,10 +306,10 @@ class Space:
             partners.setdefault(second, set()).add(first)
             pair = (first, second) if first < second else (second, first)
             if (pairs is None or pair in pairs) and self._smooth.isdisjoint(pair):
-                doubtful.append((arbiter, key))
+                candidates.append((arbiter, key))
         self._partners = partners
         is_changed = False
-        for arbiter, key in doubtful:
+        for arbiter, key in candidates:
             frames = frames or self._frames()
             room = self._room(frames, key)
             if room > 0:
@@ -297,33 +319,41 @@ class Space:
         return is_changed
 
     def review_internal_edges(self) -> None:
-        """Let those contacts act again that are no longer at an internal edge."""
+        """Activate the contacts that are no longer at an internal edge."""
         frames = self._frames()
-        ended: list[Pair] = []
-        for key, (room, before) in self.hidden.items():
-            now = self._distances(frames, key)
-            apart = abs(now[0] - before[0]) + abs(now[1] - before[1])
-            if apart + abs(now[2] - before[2]) + abs(now[3] - before[3]) < room:
+        ended_pairs: list[Pair] = []
+        for key, (room, old_distances) in self.hidden.items():
+            new_distances = self._distances(frames, key)
+            displacement = abs(new_distances[0] - old_distances[0]) + abs(
+                new_distances[1] - old_distances[1]
+            )
+            if (
+                displacement
+                + abs(new_distances[2] - old_distances[2])
+                + abs(new_distances[3] - old_distances[3])
+                < room
+            ):
                 continue
             room = self._room(frames, key)
-            self.hidden[key] = room, now
+            self.hidden[key] = room, new_distances
             if not room > 0:
-                ended.append(key)
-        if not ended:
+                ended_pairs.append(key)
+        if not ended_pairs:
             return
-        for key in ended:
+        for key in ended_pairs:
             del self.hidden[key]
         for arbiter in self._arbiters():
             key = self._numbers[arbiter.a], self._numbers[arbiter.b]
-            if key in ended:
+            if key in ended_pairs:
                 lib.cpArbiterSetProcessCollision(arbiter, True)
 
     def _arbiters(self) -> list[Any]:
-        found: list[Any] = []
-        handle = ffi.new_handle(found)
+        """List the contacts of the engine."""
+        arbiters: list[Any] = []
+        handle = ffi.new_handle(arbiters)
         collect = lib.ext_cpArbiterIteratorFunc
         lib.cpSpaceEachCachedArbiter(self._space._space, collect, handle)
-        return found
+        return arbiters
 
     def _frames(self) -> Frames:
         """Return the frames of all owners after the last step."""
@@ -335,20 +365,31 @@ class Space:
         return Frames(poses)
 
     def _distances(self, frames: Frames, key: Pair) -> Distances:
-        """Return px by which the owners of two shapes are apart and turned."""
+        """Return the relative position and the rotations of the owners of two shapes,
+        px.
+        """
         first, second = self._owners[key[0]], self._owners[key[1]]
-        one, other = frames.poses[first], frames.poses[second]
-        turns = self._reach[key[0]] * one[2], self._reach[key[1]] * other[2]
-        return one[0] - other[0], one[1] - other[1], turns[0], turns[1]
+        first_pose, second_pose = frames.poses[first], frames.poses[second]
+        turns = (
+            self._reach[key[0]] * first_pose[2],
+            self._reach[key[1]] * second_pose[2],
+        )
+        return (
+            first_pose[0] - second_pose[0],
+            first_pose[1] - second_pose[1],
+            turns[0],
+            turns[1],
+        )
 
     def _room(self, frames: Frames, key: Pair) -> float:
         """Return `InternalEdges.room` of two shapes; 0 if they do not touch."""
-        touching = lib.cpShapesCollide(self._shapes[key[0]], self._shapes[key[1]])
-        # to read its parts by name takes ten times as long
-        count, *touch = TOUCH.unpack(ffi.buffer(ffi.addressof(touching)))
+        point_set = lib.cpShapesCollide(self._shapes[key[0]], self._shapes[key[1]])
+        # Reading the fields by name takes ten times as long.
+        count, *touch = TOUCH.unpack(ffi.buffer(ffi.addressof(point_set)))
         if not count:
             return 0.0
-        # places of a first point on both shapes and its distance, then of a second one
+        # The numbers are the place of the first point on both shapes and its distance,
+        # then the same of the second point.
         points = [((touch[2] + touch[4]) / 2, (touch[3] + touch[5]) / 2)]
         if count > 1:
             points.append(((touch[7] + touch[9]) / 2, (touch[8] + touch[10]) / 2))
@@ -356,9 +397,13 @@ class Space:
         return self._edges.room(frames, key, self._partners, contact)
 
     def _order(self, listed: bytes) -> Order:
-        """Of contacts as pymunk lists them: by their bodies' ids, in the order of memory addresses."""
+        """Return the order of pymunk's list of contacts, which is by memory
+        addresses.
+        """
         if len(self._orders) * max(len(listed), 8000) >= 8_000_000:
             self._orders.clear()
+        # Memory addresses differ from run to run: replace them by our numbers of
+        # bodies.
         pairs = np.frombuffer(listed, np.int64).reshape(-1, WORDS).copy()
         pairs[:, :2] = self._by_id[
             np.searchsorted(self._ids, pairs[:, :2].view(np.uint64))
@@ -367,24 +412,26 @@ class Space:
         return self._orders[listed]
 
     def release(self, joint: Joint) -> None:
-        """Let a joint hold no more; its bodies collide once they are apart."""
+        """Remove the effect of a joint; its bodies collide once they do not overlap."""
         for part in self._parts.get(joint.name, ()):
             part.max_force = 0.0
         if joint.second is not None and not joint.collide:
             self.parting.append(joint)
 
     def separate_broken(self) -> None:
-        """Let the parts of broken joints collide that no longer overlap."""
+        """Let the bodies of broken joints collide if they no longer overlap."""
         self.parting = [joint for joint in self.parting if not self._part(joint)]
 
     def _part(self, joint: Joint) -> bool:
-        """Let the two bodies of a broken joint collide if they do not overlap; return whether they do now."""
+        """Let the bodies of a broken joint collide unless they overlap; return whether
+        they do.
+        """
         assert joint.second is not None
         first, second = (self._bodies[k] for k in (joint.first, joint.second))
-        for one in first.shapes:
-            for other in second.shapes:
-                touch = lib.cpShapesCollide(one._shape, other._shape)
-                depths = [-touch.points[k].distance for k in range(touch.count)]
+        for first_shape in first.shapes:
+            for second_shape in second.shapes:
+                point_set = lib.cpShapesCollide(first_shape._shape, second_shape._shape)
+                depths = [-point_set.points[k].distance for k in range(point_set.count)]
                 if max(depths, default=0.0) > SEAM:
                     return False
         for part in self._parts.get(joint.name, ()):
@@ -393,29 +440,32 @@ class Space:
         return True
 
     def weaken(self, part: float) -> None:
-        """Let gravity act with a part of its strength."""
+        """Set gravity to a part of its strength."""
         self._space.gravity = tuple((self._gravity * part).tolist())
 
     def place(self, state: Array) -> None:
         """Set positions and velocities, (M, 6)."""
         self._placing[: len(state)] = state
         if len(state):
-            self._place_buffer._float_arr.num = (
-                0  # as pymunk does: from the first number on
-            )
+            # As in pymunk, the reader begins at the first number.
+            self._place_buffer._float_arr.num = 0
             lib.cpSpaceEachBody(*self._write_states)
 
     def push(self, load: Array) -> None:
-        """Forces and torques for the next step, (M, 3): g·px/s², g·px/s², g·px²/s²."""
+        """Set forces and torques of the next step, (M, 3): g·px/s², g·px/s²,
+        g·px²/s².
+        """
         self._pushing[: len(load)] = load
         if len(load):
             self._push_buffer._float_arr.num = 0
             lib.cpSpaceEachBody(*self._write_loads)
 
     def brake(self, pairs: Sequence[Pair], torques: list[float]) -> None:
-        """Let torques of at most so much resist the turning of one body against another or the world."""
+        """Set brakes: limits of torques against the spin of a body relative to another
+        one.
+        """
         if pairs is not self._braking:
-            self._braking, before = pairs, self._motors
+            self._braking, old_motors = pairs, self._motors
             for key in pairs:
                 if key not in self._brakes:
                     other = self._anchor if key[1] < 0 else self._bodies[key[1]]
@@ -423,20 +473,22 @@ class Space:
                     self._space.add(motor)
                     self._brakes[key] = motor, motor._constraint
             self._motors = [self._brakes[key][1] for key in pairs]
-            for motor in before:
+            for motor in old_motors:
                 lib.cpConstraintSetMaxForce(motor, 0.0)
         for motor, torque in zip(self._motors, torques, strict=True):
             lib.cpConstraintSetMaxForce(motor, torque)
 
     def braked(self) -> list[float]:
-        """Size of the angular impulse that each brake gave in the last step, g·px²/s."""
+        """Return the size of each brake's angular impulse in the last step, g·px²/s."""
         return [lib.cpConstraintGetImpulse(motor) for motor in self._motors]
 
 
 def _batched(
     space: pymunk.Space, name: str, fields: Flag, buffer: batch.Buffer
 ) -> tuple[Any, Any, Any]:
-    """What `pymunk.batch` hands to Chipmunk to read or set some fields of all bodies, or of all contacts."""
+    """Return the arguments of Chipmunk's batch functions for some fields of bodies or
+    contacts.
+    """
     request = ffi.new("pmBatchedData *")
     request.fields, request.floatArray, request.intArray = (
         fields.value,
@@ -447,12 +499,12 @@ def _batched(
 
 
 def _shape_outline(shape: pymunk.Shape, owner: int) -> ShapeOutline:
-    """Return a shape in plain numbers; corners go clockwise to the eye."""
+    """Convert a shape to plain numbers; corners are clockwise in the image."""
     match shape:
         case pymunk.Poly():
             corners = [(float(x), float(y)) for x, y in shape.get_vertices()]
-            turned = zip(corners, (*corners[1:], corners[0]), strict=True)
-            if sum(x0 * y1 - x1 * y0 for (x0, y0), (x1, y1) in turned) < 0:
+            sides = zip(corners, (*corners[1:], corners[0]), strict=True)
+            if sum(x0 * y1 - x1 * y0 for (x0, y0), (x1, y1) in sides) < 0:
                 corners.reverse()
         case pymunk.Segment():
             corners = [(float(x), float(y)) for x, y in (shape.a, shape.b)]
@@ -460,16 +512,19 @@ def _shape_outline(shape: pymunk.Shape, owner: int) -> ShapeOutline:
             corners = []
     assert shape.body is not None
     is_static = shape.body.body_type == pymunk.Body.STATIC
-    box = np.array(corners or [(0.0, 0.0)])
-    x, y = ((box.min(axis=0) + box.max(axis=0)) / 2).tolist()
-    reach = float(np.hypot(*(box - (x, y)).T).max())
+    points = np.array(corners or [(0.0, 0.0)])
+    x, y = ((points.min(axis=0) + points.max(axis=0)) / 2).tolist()
+    reach = float(np.hypot(*(points - (x, y)).T).max())
     if isinstance(shape, pymunk.Circle):
         (x, y), reach = shape.offset, shape.radius
     return ShapeOutline(owner, is_static, tuple(corners), (x, y), reach)
 
 
 def _pairs_apart(world: World) -> frozenset[tuple[int, int]]:
-    """Return pairs of bodies and walls, in both orders, that a joint or their groups let overlap."""
+    """Return the pairs of bodies and walls, in both orders, that may overlap.
+
+    A joint or their groups permit the overlap.
+    """
     pairs = [
         (joint.first, joint.second)
         for joint in world.joints
@@ -477,17 +532,21 @@ def _pairs_apart(world: World) -> frozenset[tuple[int, int]]:
     ]
     passages = [body.passage for body in world.bodies]
     passages += [wall.passage for wall in world.walls]
-    for first, one in enumerate(passages):
-        if one.group == 1 and one.collides_with == EVERY_GROUP:
+    for first, first_passage in enumerate(passages):
+        if first_passage.group == 1 and first_passage.collides_with == EVERY_GROUP:
             continue
-        for second, other in enumerate(passages):
-            is_met = one.group & other.collides_with and other.group & one.collides_with
-            if not is_met:
+        for second, second_passage in enumerate(passages):
+            is_collision = (
+                first_passage.group & second_passage.collides_with
+                and second_passage.group & first_passage.collides_with
+            )
+            if not is_collision:
                 pairs.append((first, second))
     return frozenset([*pairs, *((second, first) for first, second in pairs)])
 
 
 def _add_body(space: pymunk.Space, model: Body) -> pymunk.Body:
+    """Add a body and its shapes to the space."""
     if model.motion is Motion.DYNAMIC:
         body = pymunk.Body(model.mass, model.moment)
     elif model.motion is Motion.STATIC:
@@ -512,32 +571,36 @@ def _add_body(space: pymunk.Space, model: Body) -> pymunk.Body:
 def _add_wall(
     space: pymunk.Space, wall: Wall, smooth: dict[tuple[float, ...], list[float]]
 ) -> pymunk.Body:
-    """A body of its own, so that contacts know which wall they touch."""
+    """Add a wall as a body of its own, so that contacts identify the wall."""
     body = pymunk.Body(body_type=pymunk.Body.STATIC)
     space.add(body)
-    solid: list[pymunk.Shape] = [pymunk.Poly(body, p.tolist()) for p in wall.pieces]
+    solid_shapes: list[pymunk.Shape] = [
+        pymunk.Poly(body, p.tolist()) for p in wall.pieces
+    ]
     if wall.disc is not None:
         (x, y), radius = wall.disc
-        solid = [pymunk.Circle(body, radius, (float(x), float(y)))]
-    for shape in solid:
+        solid_shapes = [pymunk.Circle(body, radius, (float(x), float(y)))]
+    for shape in solid_shapes:
         shape.friction = wall.surface.friction
         space.add(shape)
-    for line in wall.chains if not solid else ():
+    for line in wall.chains if not solid_shapes else ():
         for a, b in pairwise(line.tolist()):
             segment = pymunk.Segment(body, a, b, 0.0)
             segment.friction = wall.surface.friction
             before, after = smooth.get((*a, *b)), smooth.get((*b, *a))
             if before is not None or after is not None:
-                # without a neighbour, a point on the segment's own line lets its end be hit from outside only
+                # Without a neighbour, a point on the segment's own line permits hits of
+                # its end only from outside.
                 segment.set_neighbors(tuple(before or a), tuple(after or b))
             space.add(segment)
     return body
 
 
 def _neighbours(walls: Sequence[Wall]) -> dict[tuple[float, ...], list[float]]:
-    """(near end, far end) of a segment -> far end of the one that carries on from its near end in a straight line.
+    """Return the far end of the neighbour of each end (near, far) of a segment.
 
-    Told of its neighbours, a segment's end no longer trips what slides over the seam.
+    A neighbour continues the segment in a straight line. With known neighbours, the end
+    of a segment no longer stops an object that slides over the seam.
     """
     ends = [
         (np.array(near), np.array(far))
@@ -546,41 +609,45 @@ def _neighbours(walls: Sequence[Wall]) -> dict[tuple[float, ...], list[float]]:
         for a, b in pairwise(line.tolist())
         for near, far in ((a, b), (b, a))
     ]
-    found: dict[tuple[float, ...], list[float]] = {}
+    neighbours: dict[tuple[float, ...], list[float]] = {}
     if not ends:
-        return found
+        return neighbours
     nears = np.array([near for near, _ in ends])
-    away = np.array([far - near for near, far in ends])
-    away /= np.maximum(np.hypot(*away.T), 1e-12)[:, None]
+    directions = np.array([far - near for near, far in ends])
+    directions /= np.maximum(np.hypot(*directions.T), 1e-12)[:, None]
+    # Ends sorted by x: only those within a narrow band can be near.
     order = np.argsort(nears[:, 0], kind="stable")
     sorted_x = nears[order, 0]
     for k in range(len(ends)):
         low, high = np.searchsorted(sorted_x, [nears[k, 0] - SEAM, nears[k, 0] + SEAM])
         others = order[low:high]
-        meets = np.hypot(*(nears[others] - nears[k]).T) <= SEAM
-        straight = away[others] @ away[k] <= -STRAIGHT
-        for other in others[meets & straight].tolist():
+        is_near = np.hypot(*(nears[others] - nears[k]).T) <= SEAM
+        is_straight = directions[others] @ directions[k] <= -STRAIGHT
+        for other in others[is_near & is_straight].tolist():
             if other // 2 != k // 2:
                 key = (*ends[k][0].tolist(), *ends[k][1].tolist())
-                found.setdefault(key, ends[other][1].tolist())
-    return found
+                neighbours.setdefault(key, ends[other][1].tolist())
+    return neighbours
 
 
 GUIDES = (JointKind.SLIDER, JointKind.ROPE, JointKind.PULLEY, JointKind.GEAR)
 ENDLESS = 1e6
-"""px that the engine's rail goes on beyond its ends, which bounds.py holds."""
+"""Length, px, of the engine's rail beyond its ends, which bounds.py limits."""
 
 
 def _add_guide(
     space: pymunk.Space, joint: Joint, bodies: list[pymunk.Body], world: pymunk.Body
 ) -> list[pymunk.Constraint]:
-    """Add a slider or a gear, or, for a rope and a pulley, what keeps two bodies from bumping into each other."""
+    """Add the constraints of a slider or a gear.
+
+    For a rope or a pulley, add only a constraint that keeps two bodies from colliding.
+    """
     first = bodies[joint.first]
     second = world if joint.second is None else bodies[joint.second]
     parts: list[pymunk.Constraint] = []
     if joint.kind is JointKind.SLIDER:
-        way = joint.guide[0] / float(np.hypot(*joint.guide[0])) * ENDLESS
-        ends = [(joint.second_at + sign * way).tolist() for sign in (-1, 1)]
+        direction = joint.guide[0] / float(np.hypot(*joint.guide[0])) * ENDLESS
+        ends = [(joint.second_at + sign * direction).tolist() for sign in (-1, 1)]
         parts = [
             pymunk.GrooveJoint(
                 second, first, ends[0], ends[1], joint.first_at.tolist()
@@ -605,10 +672,11 @@ def _add_joints(
     bodies: list[pymunk.Body],
     world: pymunk.Body,
 ) -> dict[str, list[pymunk.Constraint]]:
-    """Pins and welds, so that contacts are solved with them. They keep velocities only: where joints are, and motors,
-    is for joined.py, which solves them exactly after each step; springs are loads.
+    """Add pins and welds, so that contacts are solved together with them.
 
-    Where a weld sits does not matter; between the two centres it turns by the shortest levers.
+    They only constrain velocities: joints.py solves positions and motors exactly after
+    each step, and springs are loads. The place of a weld is arbitrary; between the two
+    centres its levers are shortest.
     """
     added: dict[str, list[pymunk.Constraint]] = {}
     for joint in joints:
@@ -621,15 +689,16 @@ def _add_joints(
         b = world if joint.second is None else bodies[joint.second]
         first, second = joint.first_at, joint.second_at
         if joint.kind is JointKind.WELD:
-            one, two = np.array(a.position), np.array(b.position)
+            first_centre, second_centre = np.array(a.position), np.array(b.position)
             middle = (
-                one
+                first_centre
                 if joint.second is None
-                else (a.mass * one + b.mass * two) / (a.mass + b.mass)
+                else (a.mass * first_centre + b.mass * second_centre)
+                / (a.mass + b.mass)
                 if a.mass + b.mass < np.inf
-                else two
+                else second_centre
             )
-            first, second = middle - one, middle - two
+            first, second = middle - first_centre, middle - second_centre
         parts: list[pymunk.Constraint] = [
             pymunk.PivotJoint(a, b, first.tolist(), second.tolist())
         ]

@@ -1,4 +1,4 @@
-"""Step division for fast bodies, and solver effort from the accuracy of recent steps."""
+"""Division of steps for fast bodies, and the solver effort by recent accuracy."""
 
 from __future__ import annotations
 
@@ -18,44 +18,48 @@ Index = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class StepTuning:
-    """Limits of steps, and of the effort of the contact solver."""
+    """Limits of steps and of the contact solver's effort."""
 
     share: float = 0.3
-    """Part of its own smallest extent that a body may move in a step: its middle never crosses a line unseen."""
-    most_parts_of_fast: int = 4096  # parts of a step
+    """Share of its smallest extent that a body may move in a step, so that its centre
+    never crosses a line without a contact."""
+    most_parts_of_fast: int = 4096
+    """Maximum number of parts of a step."""
     parts_at_once: int = 10_000
     parts_a_step: int = 100
-    """Parts that a run may spend, and more for each step: a corner that reaches far out would take hours otherwise."""
+    """Budget of parts for a run, and its increase per step: a body with a distant
+    corner would take hours otherwise."""
     fewest: int = 12
     many: int = 60
     most: int = 120
-    """Sweeps of the contact solver a step: at least; where shapes overlap, impacts fell or joints hold; at most."""
-    work: int = (
-        50_000  # sweeps times contacts of a step: heaps of hundreds get fewer sweeps
-    )
-    slack: float = (
-        0.02  # closing speed that a step may leave, in units of gravity x step
-    )
-    deep: float = 0.02  # px of overlap that is pushed apart with more sweeps
-    rest: float = (
-        3.0  # speed, in units of gravity x step, below which contacts do not bounce
-    )
-    still: float = (
-        0.01  # px/s below which contacts do not bounce where there is no gravity
-    )
+    """Sweeps of the contact solver per step: minimum; with overlaps, impacts or joints;
+    maximum."""
+    work: int = 50_000
+    """Limit on sweeps times contacts of a step: heaps of hundreds get fewer sweeps."""
+    slack: float = 0.02
+    """Closing speed that a step may leave, in units of gravity x step."""
+    deep: float = 0.02
+    """Overlap, px, above which more sweeps are made."""
+    rest: float = 3.0
+    """Speed below which contacts do not bounce, in units of gravity x step."""
+    still: float = 0.01
+    """Speed below which contacts do not bounce without gravity, px/s."""
     busy: float = 6.0
-    """Impacts a step above which ever faster contacts no longer bounce, up to `loudest` x the speed of rest: 94 px/s at
-    980 px/s², which is where Box2D always stops bounces (1 m/s, at 100 px/m)."""
+    """Impacts per step above which faster and faster contacts stop to bounce.
+
+    The limit is `loudest` times the speed of rest: 94 px/s at 980 px/s², near the limit
+    of Box2D for any scene (1 m/s, at 100 px/m)."""
     loudest: float = 32.0
     crowd: int = 200
-    """Contacts above which a step is first taken with a single sweep, only to see whether impacts fall."""
+    """Contacts above which a step is first tried with a single sweep, which only shows
+    whether impacts occur."""
 
 
 TUNING = StepTuning()
 
 
 class StepDivider:
-    """Watches the bodies that move far in a step."""
+    """Finds the bodies that move far in a step, and divides the step for them."""
 
     def __init__(self, world: World, moving: Index) -> None:
         bodies = [world.bodies[k] for k in moving.tolist()]
@@ -79,7 +83,7 @@ class StepDivider:
         ]
         self._still = np.array(boxes, np.float64).reshape(-1, 4)
         self._jolt = np.zeros(len(bodies))
-        """(M,) px/s that pushes may add in a step."""
+        """Speeds that pushes may add in a step, (M,) px/s."""
         row = {int(body): k for k, body in enumerate(moving.tolist())}
         for push in world.pushes:
             if push.load is Load.FORCE and push.body in row:
@@ -87,13 +91,13 @@ class StepDivider:
                 force = float(np.hypot(*push.vector)) / world.steps_per_second
                 self._jolt[row[push.body]] += force / body.mass * 2
         self.watchful = False
-        """Whether something is fast enough to be looked at every step."""
+        """Whether a body is so fast that each step must be checked."""
         self._spare = TUNING.parts_at_once
         self.overworked_by: int | None = None
-        """The row of the body that asked for more parts than a run may spend."""
+        """The row of a body that needed more parts than the budget of the run."""
 
     def _ratio(self, state: Array, h: float, more: Array | float = 0.0) -> Array:
-        """(M,): movement in h seconds over what is allowed."""
+        """Return the movement (M,) in h seconds over the permitted movement."""
         speed = (
             np.hypot(state[:, 3], state[:, 4])
             + np.abs(state[:, 5]) * self._turns
@@ -102,31 +106,46 @@ class StepDivider:
         return np.asarray(speed * h / self._limit)
 
     def look(self, state: Array, ahead: float, gravity: float, h: float) -> None:
-        """Start to watch where something may move too far in a step of h seconds within the time `ahead`."""
+        """Check whether a body may become too fast within `ahead` s for a step
+        of h s.
+        """
         self.watchful = bool(
             (self._ratio(state, h, gravity * ahead + self._jolt) > 1).any()
         )
 
     def parts(self, state: Array, h: float) -> int:
-        """Parts of a step of h seconds; 1 where what is fast has nothing in its way."""
+        """Return the parts of a step of h seconds; 1 if fast bodies meet no other."""
         ratio = self._ratio(state, h, self._jolt)
-        fast = np.flatnonzero((ratio > 1) & np.isfinite(ratio))
-        if not len(fast):
+        fast_rows = np.flatnonzero((ratio > 1) & np.isfinite(ratio))
+        if not len(fast_rows):
             self.watchful = False
             return 1
-        here, there = state[:, :2], state[:, :2] + state[:, 3:5] * h
+        start_positions, end_positions = state[:, :2], state[:, :2] + state[:, 3:5] * h
         reach = self._reach[:, None] + 2.0
-        low, high = np.minimum(here, there) - reach, np.maximum(here, there) + reach
+        # Boxes around the paths of all bodies in the step: only where they overlap can
+        # a fast body pass through another one.
+        lower_corners, upper_corners = (
+            np.minimum(start_positions, end_positions) - reach,
+            np.maximum(start_positions, end_positions) + reach,
+        )
         self._spare += TUNING.parts_a_step
         parts = 1
-        for k in fast.tolist():
-            meets = (low[:, 0] < high[k, 0]) & (high[:, 0] > low[k, 0])
-            meets &= (low[:, 1] < high[k, 1]) & (high[:, 1] > low[k, 1])
-            meets[k] = False
-            still = self._still
-            blocked = (still[:, 0] < high[k, 0]) & (still[:, 2] > low[k, 0])
-            blocked &= (still[:, 1] < high[k, 1]) & (still[:, 3] > low[k, 1])
-            if meets.any() or blocked.any():
+        for k in fast_rows.tolist():
+            is_near_body = (lower_corners[:, 0] < upper_corners[k, 0]) & (
+                upper_corners[:, 0] > lower_corners[k, 0]
+            )
+            is_near_body &= (lower_corners[:, 1] < upper_corners[k, 1]) & (
+                upper_corners[:, 1] > lower_corners[k, 1]
+            )
+            is_near_body[k] = False
+            static_boxes = self._still
+            is_near_static = (static_boxes[:, 0] < upper_corners[k, 0]) & (
+                static_boxes[:, 2] > lower_corners[k, 0]
+            )
+            is_near_static &= (static_boxes[:, 1] < upper_corners[k, 1]) & (
+                static_boxes[:, 3] > lower_corners[k, 1]
+            )
+            if is_near_body.any() or is_near_static.any():
                 parts = max(parts, min(TUNING.most_parts_of_fast, ceil(ratio[k])))
                 if parts > self._spare and self.overworked_by is None:
                     self.overworked_by = k
@@ -136,7 +155,10 @@ class StepDivider:
 
 
 class Governor:
-    """Picks what the engine does a step, from what the last steps left; the same on every run."""
+    """Chooses the effort of the engine per step by the results of recent steps.
+
+    The choice is the same in every run.
+    """
 
     def __init__(self, world: World) -> None:
         self._gravity = float(np.hypot(*world.gravity))
@@ -145,23 +167,30 @@ class Governor:
         self.loud = 1.0
         """Factor on the speed of rest."""
         self._blows = self._contacts = 0
-        self.sweeps = TUNING.many  # the first steps find all contacts anew
+        # The first steps have no impulses of earlier steps to start from.
+        self.sweeps = TUNING.many
         self.most_sweeps = self.sweeps
         self.loudest = 1.0
-        """The highest so far."""
+        """The largest factor so far."""
 
     @property
     def after_impacts(self) -> int:
-        """Sweeps of a step that is taken again: its solver starts from impulses that are wrong by now."""
+        """Return the sweeps of a step that is repeated after impacts.
+
+        The solver starts from impulses that are wrong by then.
+        """
         return min(self._most, max(self.sweeps, TUNING.many))
 
     @property
     def crowded(self) -> bool:
-        """Whether a try with a single sweep pays."""
+        """Check whether a trial with a single sweep saves time."""
         return self._contacts > TUNING.crowd
 
     def threshold(self, h: float, loud: float) -> float:
-        """px/s below which a contact does not bounce, in a step of h seconds, by a factor on the speed of rest."""
+        """Return the speed below which a contact does not bounce, px/s.
+
+        `h`: the step, s; `loud`: factor on the speed of rest.
+        """
         return max(TUNING.rest * loud * self._gravity * h, TUNING.still)
 
     def note(self, impacts: int) -> None:
@@ -171,21 +200,25 @@ class Governor:
     def review(
         self, steps: int, contacts: int, residual: float, overlap: float, h: float
     ) -> None:
-        """What the last steps left: contacts now, the fastest closing, px/s, the deepest overlap, px."""
+        """Adapt sweeps and threshold to the results of the last steps.
+
+        `contacts`: their present number; `residual`: the fastest closing, px/s;
+        `overlap`: the deepest overlap, px.
+        """
         self._contacts = contacts
         limit = TUNING.slack * max(self._gravity * h, TUNING.still)
         self._most = max(
             2 * TUNING.fewest, min(TUNING.most, TUNING.work // max(self._contacts, 1))
         )
-        now, least = (
+        sweeps, minimum = (
             self.sweeps,
             TUNING.many if overlap > TUNING.deep or self._jointed else TUNING.fewest,
         )
         if residual > limit:
-            now += now // 2
+            sweeps += sweeps // 2
         elif residual < limit / 10:
-            now -= now // 8
-        self.sweeps = min(self._most, max(least, now))
+            sweeps -= sweeps // 8
+        self.sweeps = min(self._most, max(minimum, sweeps))
         self.most_sweeps = max(self.most_sweeps, self.sweeps)
         if self._blows > TUNING.busy * steps:
             self.loud = min(TUNING.loudest, self.loud * 2)

@@ -1,4 +1,4 @@
-"""Contacts of surfaces that run, that stick harder than they slide, and that let others pass in one direction."""
+"""Contacts of conveyors, of surfaces with static friction, and of one-way passages."""
 
 from __future__ import annotations
 
@@ -14,24 +14,30 @@ Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 STICKS = 1.0
-"""Of the speed that gravity gives in a step: what touches anew and slides more slowly is held by static friction."""
+"""Share of the speed that gravity gives in a step, below which a new contact is held by
+static friction.
+"""
 STEADY = 8
-"""Steps over which normal impulses are averaged: the engine's vary when a contact settles."""
+"""Steps over which normal impulses are averaged: those of the engine vary while a
+contact settles.
+"""
 LOOSE = 3
-"""Steps in a row after which a contact that is loose slides."""
+"""Consecutive steps after which a loose contact slides."""
 SATURATED = 1 - 1e-3
-"""Of the greatest friction: a contact with more, and that slides ever faster, is loose."""
+"""Share of the maximum friction above which a contact with growing speed is loose."""
 LEAST = 1e-3
-"""px/s of the same without gravity."""
+"""Speed below which a contact is held without gravity, px/s."""
 
 Key = tuple[int, int]
 
 
 class SpecialSurfaces:
-    """What the engine asks about contacts of some bodies and walls, in each step before it solves them."""
+    """Callbacks for contacts of some bodies and walls, before and after each
+    solution.
+    """
 
     def __init__(self, world: World, owners: dict[int, int]) -> None:
-        """owners: id of an engine's body -> number of a body or wall."""
+        """Collect the surfaces; `owners`: numbers of bodies and walls by engine id."""
         parts: Sequence[Any] = (*world.bodies, *world.walls)
         self._surfaces: list[Surface] = [part.surface for part in parts]
         self._passages: list[Passage] = [part.passage for part in parts]
@@ -39,19 +45,19 @@ class SpecialSurfaces:
         gravity = max(float(np.hypot(*world.gravity)), world.press)
         self._slow = max(STICKS * gravity / world.steps_per_second, LEAST)
         self._slides: dict[Any, bool] = {}
-        """Shapes that touch -> whether they slid against each other in the last step."""
+        """Whether two touching shapes slid against each other in the last step."""
         self._slips: dict[Any, float] = {}
-        """Shapes that touch -> px/s at which they slid before this step."""
+        """Sliding speed of two touching shapes before this step, px/s."""
         self._loose: dict[Any, int] = {}
-        """Shapes that touch -> steps in a row in which they were loose."""
+        """Consecutive steps in which two touching shapes were loose."""
         self._normals: dict[Any, float] = {}
-        """Shapes that touch -> mean of their normal impulses in the last steps, g·px/s."""
+        """Mean of the recent normal impulses of two touching shapes, g·px/s."""
         self.passing: dict[Key, int] = {}
-        """Owners that pass through each other now, and the shapes of theirs that do."""
+        """Owners that pass through each other now, with the number of their shapes."""
 
     @staticmethod
     def owners_of(world: World) -> list[int]:
-        """Return the bodies and walls whose contacts are asked about."""
+        """List the bodies and walls with special contacts."""
         parts: Sequence[Any] = (*world.bodies, *world.walls)
         return [
             number
@@ -62,23 +68,23 @@ class SpecialSurfaces:
         ]
 
     def begin(self, arbiter: Any, space: Any, data: Any) -> None:
-        """Let another pass if it comes from the side from which it may."""
+        """Let a partner pass if it comes from the permitted side."""
         first, second = self._pair(arbiter)
         key = min(first, second), max(first, second)
         is_passing = key in self.passing
         for owner, sign in ((first, 1.0), (second, -1.0)):
-            way = self._passages[owner].one_way
-            if way is not None and not is_passing:
+            direction = self._passages[owner].one_way
+            if direction is not None and not is_passing:
                 nx, ny = arbiter.normal
-                is_passing = sign * (nx * way[0] + ny * way[1]) <= 0
+                is_passing = sign * (nx * direction[0] + ny * direction[1]) <= 0
         if is_passing:
             self.passing[key] = self.passing.get(key, 0) + 1
             arbiter.process_collision = False
 
     def separate(self, arbiter: Any, space: Any, data: Any) -> None:
-        """Forget two shapes that no longer touch."""
+        """Remove the records of two shapes that no longer touch."""
         if any(shape.body is None for shape in arbiter.shapes):
-            return  # the space is being freed
+            return  # pymunk calls this while it frees the space, too
         first, second = self._pair(arbiter)
         key = min(first, second), max(first, second)
         self._slides.pop(arbiter.shapes, None)
@@ -91,37 +97,48 @@ class SpecialSurfaces:
                 del self.passing[key]
 
     def solve(self, arbiter: Any, space: Any, data: Any) -> None:
-        """Set the friction of a contact, and the speed at which its surfaces run."""
+        """Set the friction of a contact, and the speed of its moving surfaces."""
         first, second = self._pair(arbiter)
-        one, other = self._surfaces[first], self._surfaces[second]
+        first_surface, second_surface = self._surfaces[first], self._surfaces[second]
         nx, ny = arbiter.normal
-        belt = one.conveyor + other.conveyor
+        belt = first_surface.conveyor + second_surface.conveyor
         if belt:
             arbiter.surface_velocity = ny * belt, -nx * belt
-        if one.static_friction is None and other.static_friction is None:
+        if (
+            first_surface.static_friction is None
+            and second_surface.static_friction is None
+        ):
             return
         shapes = arbiter.shapes
         self._slips[shapes] = self._slip(arbiter, belt)
         if shapes not in self._slides:
             self._slides[shapes] = self._slips[shapes] >= self._slow
         if not self._slides[shapes]:
-            arbiter.friction = _static(one) * _static(other)
+            arbiter.friction = _static(first_surface) * _static(second_surface)
 
     def note(self, arbiter: Any, space: Any, data: Any) -> None:
-        """Note whether a contact slid: its friction was all that there can be."""
+        """Record whether a contact slid, with friction at its maximum."""
         if arbiter.shapes not in self._slides:
             return
         jx, jy = arbiter.total_impulse
         nx, ny = arbiter.normal
-        normal, side = abs(jx * nx + jy * ny), abs(jx * ny - jy * nx)
-        mean = self._normals.get(arbiter.shapes, normal)
-        self._normals[arbiter.shapes] = mean + (normal - mean) / STEADY
-        if normal > 0:
-            most = arbiter.friction * max(normal, mean)
-            one, other = self._pair(arbiter)
-            belt = self._surfaces[one].conveyor + self._surfaces[other].conveyor
+        normal_impulse, side_impulse = abs(jx * nx + jy * ny), abs(jx * ny - jy * nx)
+        mean = self._normals.get(arbiter.shapes, normal_impulse)
+        self._normals[arbiter.shapes] = mean + (normal_impulse - mean) / STEADY
+        if normal_impulse > 0:
+            maximum_friction = arbiter.friction * max(normal_impulse, mean)
+            first_owner, second_owner = self._pair(arbiter)
+            belt = (
+                self._surfaces[first_owner].conveyor
+                + self._surfaces[second_owner].conveyor
+            )
             slip = self._slip(arbiter, belt)
-            is_loose = side >= SATURATED * most and slip > self._slips[arbiter.shapes]
+            # At the maximum friction a contact may still be held; it slides if it also
+            # accelerates for some steps.
+            is_loose = (
+                side_impulse >= SATURATED * maximum_friction
+                and slip > self._slips[arbiter.shapes]
+            )
             count = self._loose.get(arbiter.shapes, 0) + 1 if is_loose else 0
             self._loose[arbiter.shapes] = count
             is_sliding = self._slides[arbiter.shapes] and is_loose
@@ -130,7 +147,7 @@ class SpecialSurfaces:
 
     @staticmethod
     def _slip(arbiter: Any, belt: float) -> float:
-        """Return the px/s at which the first contact point slides."""
+        """Return the sliding speed of the first contact point, px/s."""
         place = arbiter.contact_point_set.points[0].point_a
         nx, ny = arbiter.normal
         speeds = []
@@ -140,11 +157,13 @@ class SpecialSurfaces:
         return abs(speeds[1] - speeds[0] - belt)
 
     def _pair(self, arbiter: Any) -> Key:
+        """Return the numbers of the two owners of a contact."""
         first, second = arbiter.shapes
         return self._owners[first.body.id], self._owners[second.body.id]
 
 
 def _static(surface: Surface) -> float:
+    """Return the static friction of a surface; by default its sliding friction."""
     return (
         surface.friction if surface.static_friction is None else surface.static_friction
     )
@@ -153,22 +172,22 @@ def _static(surface: Surface) -> float:
 def belt_velocities(
     conveyors: Array, first: Index, second: Index, normal: Array
 ) -> tuple[Array, Array]:
-    """Return the velocities (K, 2) at which the surfaces of K contacts run, px/s.
+    """Return the velocities (K, 2) of both moving surfaces of K contacts, px/s.
 
-    conveyors (N,) px/s of bodies and walls; first, second (K,); normal (K, 2) from the
-    first to the second.
+    `conveyors` (N,) px/s of bodies and walls; `first`, `second` (K,); `normal` (K, 2)
+    from the first to the second.
     """
-    along = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
-    return conveyors[first, None] * along, -conveyors[second, None] * along
+    tangents = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
+    return conveyors[first, None] * tangents, -conveyors[second, None] * tangents
 
 
 def belt_energies(
     conveyors: Array, first: Index, second: Index, normal: Array, impulse: Array
 ) -> tuple[Array, Array]:
-    """Return what belts add to the loss and to the work of K contacts, g·px²/s².
+    """Return the additional loss and work of K contacts by belts, g·px²/s².
 
-    impulse (K, 2) g·px/s on the first; the rest as for `belt_velocities`.
+    `impulse` (K, 2) g·px/s on the first; other parameters as in `belt_velocities`.
     """
-    one, other = belt_velocities(conveyors, first, second, normal)
-    done = ((other - one) * impulse).sum(axis=1)
-    return done, done
+    first_velocity, second_velocity = belt_velocities(conveyors, first, second, normal)
+    works = ((second_velocity - first_velocity) * impulse).sum(axis=1)
+    return works, works

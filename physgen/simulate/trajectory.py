@@ -1,6 +1,7 @@
-"""The result of a simulation: poses, velocities, contacts and energy at sample times; its file and rest times.
+"""The result of a simulation: poses, velocities, contacts and energy at sample times.
 
-Quaternions are (w, x, y, z), unit, of the turn since t = 0 about the image axes, +z into the photo (right hand).
+Also its files and rest times. Quaternions are (w, x, y, z), unit, of the rotation since
+t = 0 about the image axes, +z into the photo, by the right-hand rule.
 """
 
 from __future__ import annotations
@@ -23,23 +24,27 @@ Index = NDArray[np.int32]
 
 
 HEADING = "time_s,name,x_px,y_px,angle_rad,vx_px_s,vy_px_s,spin_rad_s"
-"""Of the table as CSV."""
+"""Heading of the table in CSV."""
 
 
 @dataclass(frozen=True)
 class Contacts:
-    """Who touched whom; a partner's index counts the bodies first, then the walls."""
+    """Touches and impulses; the index of a partner counts the bodies first, then the
+    walls.
+    """
 
     surfaces: tuple[str, ...]
-    """Names: bodies, then walls."""
+    """Names of bodies, then of walls."""
     touch_pairs: Index
-    """(E, 2): the two partners of a touch."""
+    """Both partners of each touch, (E, 2)."""
     touch_times: Array
-    """(E, 2) s: begin, end; the end is infinite where the touch outlasts the clip."""
+    """Begin and end of each touch, (E, 2) s; infinite if the touch outlasts the
+    clip.
+    """
     impulse_rows: Index
-    """(R, 3): sample, first partner, second partner."""
+    """Sample, first partner, second partner, (R, 3)."""
     impulses: Array
-    """(R, 2) g·px/s: what the second partner gave the first between the sample before and this one."""
+    """Impulse on the first partner since the sample before, (R, 2) g·px/s."""
 
 
 @dataclass(frozen=True)
@@ -47,41 +52,51 @@ class Energy:
     """Totals over all dynamic bodies at each sample, g·px²/s²."""
 
     kinetic: Array
-    """(T,)."""
+    """Kinetic energy, (T,)."""
     potential: Array
-    """(T,), of gravity (0 for a body at the photo's origin), springs and attractors."""
+    """Potential energy (T,) of gravity, springs and attractors; 0 for a body at the
+    photo's origin.
+    """
     dissipated: Array
-    """(T,): lost since t = 0 to elasticity below 1, sliding, rolling resistance and dampers, summed from impulses and
-    closing, sliding and turning speeds; never a remainder."""
+    """Energy lost since t = 0 (T,) to elasticity below 1, sliding, rolling resistance
+    and dampers. It is summed from impulses and closing, sliding and turning speeds, and
+    is never a remainder.
+    """
     work: Array
-    """(T,): done since t = 0 by pushes, wind, motors and scripted bodies, and against gravity where shapes that overlap
-    are pushed apart. kinetic + potential + dissipated - work stays what it was."""
+    """Work done since t = 0 (T,) by pushes, wind, motors and scripted bodies, and
+    against gravity when overlapping shapes are pushed apart. The sum kinetic +
+    potential + dissipated - work is constant.
+    """
 
 
 @dataclass(frozen=True)
 class Effort:
-    """What the engine did to reach its accuracy."""
+    """The effort of the engine for its accuracy."""
 
     steps: int
-    """Steps taken, divided ones counted by their parts."""
+    """Number of steps; a divided step counts by its parts."""
     divided: int
-    """Base steps that were divided, because something moved too far or a spring was too stiff for one."""
+    """Number of base steps that were divided, for a fast body or a stiff spring."""
     most_parts: int
-    """Into how many parts, at most."""
+    """Largest number of parts of a step."""
     iterations: int
-    """Sweeps of the contact solver a step, at most."""
+    """Largest number of sweeps of the contact solver in a step."""
     impacts: int
-    """Contact points that bounced, resolved one after the other."""
+    """Number of contact points that bounced, resolved one after the other."""
     still: float
-    """px/s: closing speed below which contacts did not bounce, at most; heaps of hundreds raise it."""
+    """Largest closing speed, px/s, below which contacts did not bounce; heaps of
+    hundreds of bodies raise it.
+    """
     overworked: int = -1
     overworked_by: int = -1
-    """The pair whose impacts spent the work of a run, bodies, then walls; -1: none did. From there on impacts are
-    resolved in one round a step. A body alone: it moves so far in a step that steps were divided into fewer parts than
-    it needs."""
+    """Indices of the pair whose impacts used up the work of a run, bodies, then walls;
+    -1 for no pair. From then on, impacts are resolved in one round per step. A single
+    body: it moves so fast that its steps were divided into fewer parts than needed.
+    """
 
 
 def _unknown(times: Array) -> Trajectory:
+    """Refuse to sample a motion that was read from a file."""
     raise ValueError(
         "a motion that was read from a file is known at its own times only"
     )
@@ -92,48 +107,61 @@ class Trajectory:
     """Motion of N bodies at T times."""
 
     times: Array
-    """(T,) s, t = 0 first."""
+    """Sample times, (T,) s, beginning with 0."""
     names: tuple[str, ...]
-    """N names, in the order of the world's bodies."""
+    """Names of the N bodies in the world's order."""
     poses: Array
-    """(T, N, 3): x px, y px, angle rad, of the centre of mass, image axes."""
+    """Poses of the centres of mass, (T, N, 3): x px, y px, angle rad, image axes."""
     velocities: Array
-    """(T, N, 3): px/s, px/s, rad/s."""
+    """Velocities, (T, N, 3): px/s, px/s, rad/s."""
     rolls: Array
-    """(T, N, 2) rad/s about +x and +y by the right hand: of spheres on a table seen from above; (T, 0, 2) without."""
+    """Angular velocity about +x and +y, (T, N, 2) rad/s, of spheres on a table seen
+    from above; (T, 0, 2) without such spheres.
+    """
     turns: Array
-    """(T, N, 4) unit quaternions w, x, y, z: how they have turned since t = 0, +z into the photo; (T, 0, 4) without."""
+    """Rotation of these spheres since t = 0, (T, N, 4): unit quaternions w, x, y, z, +z
+    into the photo; (T, 0, 4) without such spheres.
+    """
     contacts: Contacts
     energy: Energy
     effort: Effort
     wheel_turns: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    """(T, W) rad: how far each wheel has turned on its vehicle since t = 0, in the order of bodies and their wheels;
-    (0, 0) without wheels."""
+    """Angle of each wheel on its vehicle since t = 0, (T, W) rad, in the order of
+    bodies and their wheels; (0, 0) without wheels.
+    """
     sampled: Callable[[Array], Trajectory] = field(
         default=_unknown, repr=False, compare=False
     )
-    """The same motion at other times (K,) s, rising; of a run, not of a file."""
+    """Function that returns the same motion at other rising times (K,) s; only for a
+    run, not for a file.
+    """
 
     def imbalance(self, least: float = 0.0) -> float:
-        """Return the largest change of kinetic + potential + dissipated - work, as a part of the energy that flows.
+        """Return the largest error of the energy balance as a share of the energy flow.
 
-        What flows counts as at least `least`, g·px²/s²: where all is at rest, nothing does.
+        The error is the largest change of kinetic + potential + dissipated - work. The
+        flow counts as at least `least`, g·px²/s², since no energy flows at rest.
         """
-        e = self.energy
-        total = e.kinetic + e.potential + e.dissipated - e.work
+        energy = self.energy
+        total = energy.kinetic + energy.potential + energy.dissipated - energy.work
         if not len(total):
             return 0.0
         flows = [
             float(np.ptp(part))
-            for part in (e.kinetic, e.potential, e.dissipated, e.work)
+            for part in (
+                energy.kinetic,
+                energy.potential,
+                energy.dissipated,
+                energy.work,
+            )
         ]
-        flow = max(least, float(e.kinetic.max()), *flows)
+        flow = max(least, float(energy.kinetic.max()), *flows)
         return float(np.ptp(total)) / flow if flow > 0 else 0.0
 
     def time_of_departure(
         self, reaches: Array, size: tuple[int, int], least: float
     ) -> float | None:
-        """Return the time in s after which all bodies that move are outside the picture.
+        """Return the time in s after which all moving bodies are outside the picture.
 
         `reaches` (N,) px are the radii about the centres of mass that contain the
         bodies, `size` is that of the picture in px. A body moves if its centre covers
@@ -148,11 +176,13 @@ class Trajectory:
         if not is_moving.any() or is_visible[-1]:
             return None
         visible_samples = np.flatnonzero(is_visible)
-        last = int(visible_samples[-1]) if len(visible_samples) else 0
-        return float(self.times[last])
+        last_sample = int(visible_samples[-1]) if len(visible_samples) else 0
+        return float(self.times[last_sample])
 
     def sample_hashes(self) -> list[str]:
-        """Return the SHA-256 of each sample's time, poses and velocities, as little-endian float64."""
+        """Return the SHA-256 of each sample's time, poses and velocities in
+        little-endian float64.
+        """
         return [
             hashlib.sha256(
                 b"".join(np.ascontiguousarray(a, "<f8").tobytes() for a in (t, p, v))
@@ -161,14 +191,17 @@ class Trajectory:
         ]
 
     def save(self, path: Path) -> None:
-        """Write a NumPy archive (no pickles) under its final name when it is whole; the same bytes every time."""
+        """Write a NumPy archive without pickles; equal motions give equal bytes.
+
+        The file gets its name only when it is complete.
+        """
         path.parent.mkdir(parents=True, exist_ok=True)
         buffer = io.BytesIO()
         np.savez_compressed(buffer, allow_pickle=False, **self.as_arrays())
         write_atomic(path, buffer.getvalue())
 
     def as_arrays(self) -> dict[str, NDArray[np.generic]]:
-        """Return the archive's arrays by flat names."""
+        """Return the arrays of the archive by name."""
         arrays: dict[str, NDArray[np.generic]] = {
             "times": self.times,
             "names": np.array(self.names, dtype=np.str_),
@@ -180,18 +213,23 @@ class Trajectory:
         }
         if self.wheel_turns.size:
             arrays["wheel_turns"] = self.wheel_turns
-        for part, of in (
+        for part, values in (
             ("contacts", self.contacts),
             ("energy", self.energy),
             ("effort", self.effort),
         ):
-            for one in fields(of):
-                if one.name != "surfaces":
-                    arrays[f"{part}_{one.name}"] = np.asarray(getattr(of, one.name))
+            for column in fields(values):
+                if column.name != "surfaces":
+                    arrays[f"{part}_{column.name}"] = np.asarray(
+                        getattr(values, column.name)
+                    )
         return arrays
 
     def as_json(self) -> str:
-        """Return the arrays as one JSON object; a touch that outlasts the clip ends at null: JSON has no infinity."""
+        """Return the arrays as a JSON object.
+
+        A touch that outlasts the clip ends at null, since JSON has no infinity.
+        """
         arrays = {name: array.tolist() for name, array in self.as_arrays().items()}
         times = self.contacts.touch_times.tolist()
         arrays["contacts_touch_times"] = [
@@ -200,7 +238,9 @@ class Trajectory:
         return json.dumps(arrays, allow_nan=False) + "\n"
 
     def as_csv(self) -> str:
-        """Return a line a sample and object: s, name, px, px, rad, px/s, px/s, rad/s."""
+        """Return a line per sample and object: s, name, px, px, rad, px/s,
+        px/s, rad/s.
+        """
         lines = [HEADING]
         for t, time in enumerate(self.times.tolist()):
             for n, name in enumerate(self.names):
@@ -210,23 +250,23 @@ class Trajectory:
 
 
 def is_trajectory(path: Path) -> bool:
-    """Return whether this module wrote a file, judged by its first bytes."""
+    """Check whether a file has a format of this module, by its first bytes."""
     try:
         if not path.is_file():
             return False
         with path.open("rb") as file:
-            begin = file.read(len(HEADING) + 16)
+            first_bytes = file.read(len(HEADING) + 16)
     except OSError:
         return False
     return (
-        begin.startswith(HEADING.encode())
-        or begin.startswith(b'{"times": [')
-        or (begin.startswith(b"PK\3\4") and begin[30:39] == b"times.npy")
+        first_bytes.startswith(HEADING.encode())
+        or first_bytes.startswith(b'{"times": [')
+        or (first_bytes.startswith(b"PK\3\4") and first_bytes[30:39] == b"times.npy")
     )
 
 
 def read_trajectory(path: Path | io.BytesIO) -> Trajectory:
-    """Read a file of `Trajectory.save`; nothing is unpickled."""
+    """Read a file of `Trajectory.save` without unpickling."""
     with np.load(path, allow_pickle=False) as file:
         parts = {
             part: {
@@ -256,46 +296,55 @@ def read_trajectory(path: Path | io.BytesIO) -> Trajectory:
 
 
 REST_SPEED = 1.0
-"""px/s: what is slower is at rest, if it turns slower than `STILL_TURN` too."""
+"""Speed, px/s, below which a body is at rest, if its spin is also below `REST_TURN`."""
 REST_TURN = 1.0
-"""degrees/s."""
+"""Spin, degrees/s, below which a body is at rest."""
 REST_DURATION = 0.1
-"""s for which it must have been so at the clip's end: what hangs at the top of its way does not rest."""
+"""Time at the clip's end, s, for which a body must be at rest: at the top of a throw, a
+body is slow only for a moment.
+"""
 START_TIME = 0.005
-"""s: what an object touches so early, it stood at or on before: that is no new touch."""
+"""Time, s, before which a touch counts as present from the start."""
 
 
 def resting_mask(trajectory: Trajectory) -> NDArray[np.bool_]:
-    """Return whether a body moves and turns no faster than one at rest may, (T, N)."""
+    """Return whether each body moves and turns slowly enough to be at rest, (T, N)."""
     velocity = trajectory.velocities
-    turning = np.abs(velocity[..., 2:])
+    spins = np.abs(velocity[..., 2:])
     if trajectory.rolls.shape[1]:
-        turning = np.concatenate([turning, np.abs(trajectory.rolls)], axis=2)
-    slow = np.hypot(velocity[..., 0], velocity[..., 1]) < REST_SPEED
-    return np.asarray(slow & (np.degrees(turning) < REST_TURN).all(axis=2))
+        spins = np.concatenate([spins, np.abs(trajectory.rolls)], axis=2)
+    is_slow = np.hypot(velocity[..., 0], velocity[..., 1]) < REST_SPEED
+    return np.asarray(is_slow & (np.degrees(spins) < REST_TURN).all(axis=2))
 
 
 def rest_times(trajectory: Trajectory) -> list[float | None]:
-    """Return the first time (s) from which on each body rests, 0 if it always does; None: it moves to the end."""
-    found = []
-    for quiet in resting_mask(trajectory).T:
-        moving = np.flatnonzero(~quiet)
-        since = int(moving[-1]) + 1 if len(moving) else 0
-        over = (
-            since == len(quiet)
-            or trajectory.times[-1] - trajectory.times[since] < REST_DURATION - 1e-9
+    """Return the time (s) from which each body rests; 0 if it always does, None if it
+    never does.
+    """
+    times = []
+    for is_resting in resting_mask(trajectory).T:
+        moving_samples = np.flatnonzero(~is_resting)
+        first_sample = int(moving_samples[-1]) + 1 if len(moving_samples) else 0
+        is_too_short = (
+            first_sample == len(is_resting)
+            or trajectory.times[-1] - trajectory.times[first_sample]
+            < REST_DURATION - 1e-9
         )
-        found.append(None if over else float(trajectory.times[since]))
-    return found
+        times.append(None if is_too_short else float(trajectory.times[first_sample]))
+    return times
 
 
 def new_touches(trajectory: Trajectory) -> NDArray[np.bool_]:
-    """Return which touches (E,) are of pairs that did not touch from the start."""
+    """Return the mask (E,) of touches of pairs that did not touch from the start."""
     contacts = trajectory.contacts
     pairs = [tuple(pair) for pair in contacts.touch_pairs.tolist()]
-    early = contacts.touch_times[:, 0] < START_TIME
-    old = {pair for pair, soon in zip(pairs, early.tolist(), strict=True) if soon}
-    return np.array([pair not in old for pair in pairs], bool)
+    is_early = contacts.touch_times[:, 0] < START_TIME
+    first_pairs = {
+        pair
+        for pair, is_first in zip(pairs, is_early.tolist(), strict=True)
+        if is_first
+    }
+    return np.array([pair not in first_pairs for pair in pairs], bool)
 
 
 def quaternions_from_vectors(vector: Array) -> Array:
@@ -306,7 +355,10 @@ def quaternions_from_vectors(vector: Array) -> Array:
 
 
 def compose_quaternions(later: Array, earlier: Array) -> Array:
-    """Return the quaternions (..., 4) of turning by `earlier`, then by `later` (Hamilton's product)."""
+    """Return the quaternions (..., 4) of a rotation by `earlier`, then by `later`.
+
+    The composition is Hamilton's product.
+    """
     a, b = np.moveaxis(later, -1, 0), np.moveaxis(earlier, -1, 0)
     return np.stack(
         [
@@ -320,24 +372,27 @@ def compose_quaternions(later: Array, earlier: Array) -> Array:
 
 
 def cumulative_quaternions(vectors: Array, start: Array) -> Array:
-    """Return quaternions (S, N, 4) after each of S steps of rotation vectors (S, N, 3), begun at (N, 4).
+    """Return the quaternions (S, N, 4) after each of S steps from (N, 4).
 
-    Products of neighbours, then of neighbours' neighbours (Hillis and Steele, Commun. ACM 29, 1170, 1986): as many
-    passes as S has binary digits.
+    `vectors` (S, N, 3) are the rotation vectors of the steps. Products of neighbours
+    are combined to products of 2, 4, 8 ... steps (Hillis and Steele, Commun. ACM 29,
+    1170, 1986), so that the number of passes is logarithmic in S.
     """
-    done = quaternions_from_vectors(vectors)
+    products = quaternions_from_vectors(vectors)
     reach = 1
-    while reach < len(done):
-        done = np.concatenate(
-            [done[:reach], compose_quaternions(done[reach:], done[:-reach])]
+    while reach < len(products):
+        products = np.concatenate(
+            [products[:reach], compose_quaternions(products[reach:], products[:-reach])]
         )
         reach *= 2
-    done = compose_quaternions(done, np.broadcast_to(start, done.shape))
-    return np.asarray(done / np.sqrt((done**2).sum(axis=-1, keepdims=True)))
+    products = compose_quaternions(products, np.broadcast_to(start, products.shape))
+    return np.asarray(products / np.sqrt((products**2).sum(axis=-1, keepdims=True)))
 
 
 def rotation_matrices(quaternion: Array) -> Array:
-    """Return the rotation matrices (..., 3, 3) of quaternions (..., 4) about the image axes, +z into the photo."""
+    """Return the rotation matrices (..., 3, 3) of quaternions (..., 4) about the image
+    axes.
+    """
     w, x, y, z = np.moveaxis(quaternion, -1, 0)
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],

@@ -1,9 +1,11 @@
 """Uncertain values of a scene: their distributions and random draws.
 
-The value of the file is the median. One standard deviation is a power of 1 / confidence: as a factor of masses and
-coefficients of friction, as a factor of the odds e / (1 - e) of elasticities (docs/rendering.md). What a person set is
-certain. A draw depends on the seed, the path of the value and the number of the draw only, so that the k-th draw is
-the same for 8 and for 800 draws, and objects keep their draws when others are added or removed.
+The value of the file is the median. The standard deviation is a power of 1 /
+confidence: as a factor of masses and coefficients of friction, as a factor of the odds
+e / (1 - e) of elasticities (docs/rendering.md). A value set by a person is certain. A
+draw depends only on the seed, the path of the value and the number of the draw, so that
+the k-th draw is the same for 8 and for 800 draws, and objects keep their draws when
+others are added or removed.
 """
 
 from __future__ import annotations
@@ -31,25 +33,29 @@ POWERS = {
     "rolling": 0.75,
     "elasticity": 1.0,
 }
-"""Powers of 1 / confidence in one standard deviation: at 0.5 a mass has a factor of 2, a friction of 1.4."""
+"""Powers of 1 / confidence in one standard deviation: at a confidence of 0.5, a mass
+has a factor of 2, a friction of 1.4.
+"""
 MIN_CONFIDENCE = 0.05
-"""Lower confidences widen nothing further."""
+"""Confidence below which distributions do not widen any more."""
 MAX_VALUES = {"mass": 1e15, "density": inf, "friction": 10.0, "rolling": 10.0}
-"""As the schema allows."""
+"""Upper limits of the schema."""
 CERTAIN_ELASTICITY = 1e-9
-"""Elasticities this close to 0 or 1 are exact."""
+"""Distance from 0 or 1 within which an elasticity is exact."""
 OBJECT_PARAMETERS = ("mass", "density", "friction", "elasticity", "rolling")
 BOUNDARY_PARAMETERS = ("friction", "elasticity")
 AT_LEAST = "lies on a slope"
-"""Source of a friction that is at least its value: the object lies still in the photo."""
+"""Source of a friction that is a lower limit: the object lies still in the photo."""
 VAGUE_LABELS = ("", "object", "thing")
-"""Objects with these labels need not be of one material."""
+"""Labels of objects that need not be of one material."""
 NORMAL = NormalDist()
 
 
 @dataclass(frozen=True)
 class Spread:
-    """Distribution of a positive number up to `most`, or, with `logit`, of one between 0 and 1."""
+    """Distribution of a positive number up to `most`, or, with `logit`, of one
+    in 0..1.
+    """
 
     median: float  # before truncation
     sigma: float  # standard deviation of the logarithm, or of the logarithm of the odds
@@ -58,17 +64,21 @@ class Spread:
     logit: bool = False
 
     def at(self, z: float) -> float:
-        """Return the value at a quantile of the standard normal distribution; rises with `z`."""
+        """Return the value at a quantile `z` of the standard normal distribution; rises
+        with `z`.
+        """
         if self.logit:
             return 1 / (1 + (1 - self.median) / self.median * exp(-self.sigma * z))
         if self.at_least or self.most < inf:
-            low = 0.5 if self.at_least else 0.0
-            high = (
+            # A truncated distribution: map the quantile to the permitted range of
+            # probabilities.
+            low_share = 0.5 if self.at_least else 0.0
+            high_share = (
                 1.0
                 if self.most == inf
                 else NORMAL.cdf(log(self.most / self.median) / self.sigma)
             )
-            share = low + NORMAL.cdf(z) * (high - low)
+            share = low_share + NORMAL.cdf(z) * (high_share - low_share)
             z = NORMAL.inv_cdf(min(max(share, 1e-300), 1 - 2**-53))
         value = self.median * exp(self.sigma * z)
         return min(max(value, self.median) if self.at_least else value, self.most)
@@ -77,7 +87,8 @@ class Spread:
 def spread(
     parameter: str, value: float, confidence: float, at_least: bool = False
 ) -> Spread | None:
-    """Return the distribution of a value with a confidence of 0..1; None if it is certain.
+    """Return the distribution of a value with a confidence of 0..1; None if it is
+    certain.
 
     >>> wide = spread("mass", 100.0, 0.5)
     >>> [round(wide.at(z), 9) for z in (-1, 0, 1)]
@@ -87,27 +98,26 @@ def spread(
     if sigma == 0:
         return None
     if parameter == "elasticity":
-        certain = not CERTAIN_ELASTICITY < value < 1 - CERTAIN_ELASTICITY
-        return None if certain else Spread(value, sigma, logit=True)
-    most = MAX_VALUES[parameter]
-    return Spread(value, sigma, most, at_least) if 0 < value < most else None
+        is_certain = not CERTAIN_ELASTICITY < value < 1 - CERTAIN_ELASTICITY
+        return None if is_certain else Spread(value, sigma, logit=True)
+    maximum = MAX_VALUES[parameter]
+    return Spread(value, sigma, maximum, at_least) if 0 < value < maximum else None
 
 
 @dataclass(frozen=True)
 class UncertainValue:
-    """One value that was guessed."""
+    """One guessed value."""
 
     section: str  # `objects` or `boundaries`
-    name: str  # of the object or boundary
+    name: str  # name of the object or boundary
     parameter: str
-    value: float  # in the file
+    value: float  # value in the file
     source: Source
     spread: Spread
     label: str = ""
-    """Of the object: what values of one label have in common is drawn once."""
-    alike: float = (
-        0.0  # 0..1: the part of the variance that all objects of the label share
-    )
+    """Label of the object: the common part of all values of one label is drawn once."""
+    alike: float = 0.0
+    """Part of the variance, 0..1, that all objects of the label share."""
 
     @property
     def path(self) -> str:
@@ -118,7 +128,10 @@ class UncertainValue:
 def uncertain_values(
     scene: Scene, variant: str | None = None
 ) -> tuple[UncertainValue, ...]:
-    """Return every uncertain value, of objects, then of boundaries; `variant` is the one that was applied."""
+    """List all uncertain values of objects, then of boundaries.
+
+    Values of `variant`, which was applied to the scene, are certain.
+    """
     provenance = Provenance(scene, variant)
     of_objects = [
         value for item in scene.objects for value in _of_object(scene, item, provenance)
@@ -134,19 +147,19 @@ def uncertain_values(
 def _of_object(
     scene: Scene, item: Object, provenance: Provenance
 ) -> Iterator[UncertainValue]:
+    """Yield the uncertain values of an object."""
     path = f"objects.{item.name}"
     label = item.label.strip().lower()
-    alike = 0.0
-    if (
-        label not in VAGUE_LABELS
-    ):  # as certain as the label is; 1 where a person wrote it
+    shared_part = 0.0
+    # Objects of one label are of one material, as surely as the label is right.
+    if label not in VAGUE_LABELS:
         origin = item.provenance.get("label")
-        of_label = provenance.of(
+        label_source = provenance.of(
             f"{path}.label", origin, written_at=f"{path}.from.label"
         )
-        alike = (
+        shared_part = (
             1.0
-            if origin is None or of_label.kind != "guess"
+            if origin is None or label_source.kind != "guess"
             else source(origin).sure or 0.0
         )
     for parameter in OBJECT_PARAMETERS:
@@ -155,38 +168,54 @@ def _of_object(
             continue
         if parameter in ("mass", "density") and item.motion is not Motion.DYNAMIC:
             continue
-        found = provenance.of(
+        value_source = provenance.of(
             f"{path}.{parameter}",
             item.provenance[parameter],
             written_at=f"{path}.from.{parameter}",
         )
-        at_least = parameter == "friction" and found.text == AT_LEAST
-        made = (
+        is_lower_limit = parameter == "friction" and value_source.text == AT_LEAST
+        distribution = (
             None
-            if found.sure is None
-            else spread(parameter, value, found.sure, at_least)
+            if value_source.sure is None
+            else spread(parameter, value, value_source.sure, is_lower_limit)
         )
-        if made is not None:
+        if distribution is not None:
             yield UncertainValue(
-                "objects", item.name, parameter, value, found, made, label, alike
+                "objects",
+                item.name,
+                parameter,
+                value,
+                value_source,
+                distribution,
+                label,
+                shared_part,
             )
 
 
 def _of_boundary(
     scene: Scene, item: Boundary, provenance: Provenance
 ) -> Iterator[UncertainValue]:
+    """Yield the uncertain values of a boundary."""
     origin = scene.document["boundaries"][item.name].get("from")
     path = f"boundaries.{item.name}"
     for parameter in BOUNDARY_PARAMETERS if origin is not None else ():
-        found = provenance.of(f"{path}.{parameter}", origin, written_at=f"{path}.from")
+        value_source = provenance.of(
+            f"{path}.{parameter}", origin, written_at=f"{path}.from"
+        )
         value = getattr(item, parameter)
-        made = None if found.sure is None else spread(parameter, value, found.sure)
-        if made is not None:
-            yield UncertainValue("boundaries", item.name, parameter, value, found, made)
+        distribution = (
+            None
+            if value_source.sure is None
+            else spread(parameter, value, value_source.sure)
+        )
+        if distribution is not None:
+            yield UncertainValue(
+                "boundaries", item.name, parameter, value, value_source, distribution
+            )
 
 
 def draw_values(values: Sequence[UncertainValue], seed: int, count: int) -> Array:
-    """Return draws (count, P) of all values; objects of one label are of one material, so theirs are correlated."""
+    """Return draws (count, P) of all values; those of one label are correlated."""
 
     @cache
     def normal(*key: str) -> Array:
@@ -198,6 +227,8 @@ def draw_values(values: Sequence[UncertainValue], seed: int, count: int) -> Arra
         )
 
     def column(value: UncertainValue) -> list[float]:
+        # The sum of a shared and an own normal variable has a variance of 1 in any
+        # proportion.
         z = np.zeros(count)
         if value.alike > 0:
             z += sqrt(value.alike) * normal("label", value.label, value.parameter)
@@ -211,7 +242,9 @@ def draw_values(values: Sequence[UncertainValue], seed: int, count: int) -> Arra
 
 
 def uniform(seed: int, count: int, *key: str) -> Array:
-    """Return uniform draws (count,) in 0..1: the first ones of a stream for every `key`."""
+    """Return uniform draws (count,) in 0..1: the first numbers of the stream of a
+    `key`.
+    """
     digest = sha256("\0".join((str(seed), *key)).encode()).digest()
     return np.random.Generator(
         np.random.Philox(key=int.from_bytes(digest[:16], "big"))

@@ -1,4 +1,6 @@
-"""Simulate a scene many times with drawn values, and classify what becomes of each object."""
+"""Simulate a scene many times with drawn values, and classify the outcomes of each
+object.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.compile import Compiled, compile_shapes
+from physgen.compile.compile import CompiledScene, compile_shapes
 from physgen.compile.world import Body, World
 from physgen.geometry.polygon import Array
 from physgen.problems import InputError, Problem
@@ -33,23 +35,29 @@ from physgen.text import rounded
 
 Flags = NDArray[np.bool_]
 
-RATE = 120.0  # samples per second that outcomes are derived from
-KEPT_SAMPLES = 121  # samples of a draw that are kept, at most, evenly over its time
-TIP_ANGLE = radians(45)  # an object turned further stands on another side
+RATE = 120.0
+"""Samples per second for the classification of outcomes."""
+KEPT_SAMPLES = 121
+"""Maximum number of stored samples of a draw, evenly over its time."""
+TIP_ANGLE = radians(45)
+"""Rotation beyond which an object stands on another side."""
 SIZE_SHARE = 0.5
-"""Of its size: an object that goes no further stays, and one that comes down by no more does not fall."""
+"""Share of its size within which an object stays at its place, and does not fall."""
 
 
 COLUMNS = ("fate", "x_px", "y_px", "angle_degrees")  # of each object in the table
 
 
 class Fate(IntEnum):
-    """What becomes of an object; where several hold, the largest."""
+    """The outcome of an object; if several apply, the largest."""
 
-    STAYS = 0  # it never goes further from its place than half its size
+    STAYS = 0
+    """It never moves farther than half its size."""
     MOVES = 1
-    LEAVES = 2  # at the end, no part of it is in the photo
-    FALLS = 3  # it tips over or drops
+    LEAVES = 2
+    """At the end, no part of it is in the photo."""
+    FALLS = 3
+    """It tips over or drops."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +70,9 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Ensemble:
-    """N simulations of a scene with B bodies and P uncertain values, K samples of each."""
+    """N simulations of a scene with B bodies and P uncertain values, with K samples
+    each.
+    """
 
     seed: int
     doubts: tuple[UncertainValue, ...]
@@ -70,27 +80,29 @@ class Ensemble:
     names: tuple[str, ...]  # of bodies
     sizes: Array  # (B,) px; see `size`
     times: Array  # (K,) s
-    poses: Array  # (N, K, B, 3): px, px, rad; NaN where a draw could not be simulated
+    poses: Array  # (N, K, B, 3): px, px, rad; NaN for failed draws
     outcomes: tuple[Outcome | None, ...]  # one per draw
-    own: Outcome  # with the values of the file, which the clip shows
+    own: Outcome  # outcome with the values of the file, as in the clip
     own_poses: Array  # (K, B, 3)
-    failures: tuple[
-        Problem, ...
-    ] = ()  # why draws could not be simulated, each reason once
+    failures: tuple[Problem, ...] = ()
+    """Reasons of failed draws, each once."""
 
     @property
     def whole(self) -> list[int]:
-        """Return the numbers of the draws that could be simulated."""
+        """Return the numbers of the simulated draws."""
         return [k for k, outcome in enumerate(self.outcomes) if outcome is not None]
 
     def table(self) -> str:
-        """Return CSV with a line per draw: the drawn values, then the outcome of each body; see docs/rendering.md."""
+        """Return CSV with a line per draw: the values, then the outcome of each body.
+
+        docs/rendering.md describes the columns.
+        """
         text = io.StringIO()
         rows = csv.writer(text, lineterminator="\n")
         outcomes = [f"{name}.{column}" for name in self.names for column in COLUMNS]
         rows.writerow(["draw", *(value.path for value in self.doubts), *outcomes])
-        for k, outcome in enumerate(self.outcomes):
-            cells: list[Any] = [k, *self.values[k].tolist()]
+        for number, outcome in enumerate(self.outcomes):
+            cells: list[Any] = [number, *self.values[number].tolist()]
             if outcome is None:
                 cells += [""] * len(outcomes)
             else:
@@ -104,34 +116,36 @@ class Ensemble:
 
 def simulate_ensemble(
     scene: Scene,
-    compiled: Compiled,
+    compiled: CompiledScene,
     count: int,
     seed: int = 0,
     variant: str | None = None,
     progress: Progress = silent,
 ) -> Ensemble:
-    """Simulates `count` draws; `variant` is the one that was applied to the scene.
+    """Simulate `count` draws; `variant` is the one that was applied to the scene.
 
-    Draws that cannot be simulated are in `failures`. Raises InputError where the scene itself cannot be.
+    Failed draws are in `failures`. Raises InputError if the scene itself cannot be
+    simulated.
     """
     world = compiled.world
-    found = uncertain_values(scene, variant)
-    values = draw_values(found, seed, count)
+    doubts = uncertain_values(scene, variant)
+    values = draw_values(doubts, seed, count)
     samples = max(ceil(world.duration * RATE), 2) + 1
     times = np.linspace(0, world.duration, samples)
-    kept = (
+    stored_samples = (
         np.linspace(0, samples - 1, min(KEPT_SAMPLES, samples)).round().astype(np.intp)
     )
+    # A scene that fails with its own values raises an error here.
     own_run = simulate(world, times)
-    own, own_poses = outcome(world, own_run), own_run.poses[kept]
+    own_outcome, own_poses = outcome(world, own_run), own_run.poses[stored_samples]
     poses = np.full((count, *own_poses.shape), np.nan)
     outcomes: list[Outcome | None] = []
     failures: dict[str, Problem] = {}
-    for k in range(count):
-        progress("fan", k, count)
+    for number in range(count):
+        progress("fan", number, count)
         try:
             drawn_world = compile_shapes(
-                with_draw(scene, found, values[k]), compiled.shapes
+                with_draw(scene, doubts, values[number]), compiled.shapes
             ).world
             run = simulate(drawn_world, times)
         except InputError as error:
@@ -142,88 +156,105 @@ def simulate_ensemble(
             }
             outcomes.append(None)
             continue
-        poses[k] = run.poses[kept]
+        poses[number] = run.poses[stored_samples]
         outcomes.append(outcome(drawn_world, run))
     return Ensemble(
         seed=seed,
-        doubts=found,
+        doubts=doubts,
         values=values,
         names=tuple(body.name for body in world.bodies),
         sizes=np.array([size(body) for body in world.bodies]),
-        times=times[kept],
+        times=times[stored_samples],
         poses=poses,
         outcomes=tuple(outcomes),
-        own=own,
+        own=own_outcome,
         own_poses=own_poses,
         failures=tuple(failures.values()),
     )
 
 
 def size(body: Body) -> float:
-    """Return the diameter of a disc of the body's area, px."""
+    """Return the diameter of a disc with the body's area, px."""
     return float(2 * np.sqrt(area(body) / np.pi))
 
 
 def outcome(world: World, run: Trajectory) -> Outcome:
     """Return the outcome of a densely sampled simulation.
 
-    A body falls where it tips, by more than 45 degrees, or drops by more than half its size, more steeply than at 45
-    degrees: what slides or rolls down a slope does not. Circles do not tip. What a joint holds does not fall.
+    A body falls if it tips by more than 45 degrees, or drops by more than half its
+    size, more steeply than at 45 degrees: a body that slides or rolls down a slope does
+    not fall. Circles do not tip, and bodies with joints do not fall.
     """
     start, final = run.poses[0], run.poses[-1]
     sizes = np.array([size(body) for body in world.bodies])
-    away = np.hypot(*np.moveaxis(run.poses[:, :, :2] - start[:, :2], 2, 0)).max(axis=0)
-    turned = np.abs(run.poses[:, :, 2] - start[:, 2]).max(axis=0)
-    tips = (turned > TIP_ANGLE) & np.array(
+    distances = np.hypot(*np.moveaxis(run.poses[:, :, :2] - start[:, :2], 2, 0)).max(
+        axis=0
+    )
+    rotations = np.abs(run.poses[:, :, 2] - start[:, 2]).max(axis=0)
+    is_tipped = (rotations > TIP_ANGLE) & np.array(
         [body.radius is None for body in world.bodies], bool
     )
-    falls = _can_fall(world) & (tips | (_drop(world, run) > SIZE_SHARE * sizes))
-    fates = np.where(away > SIZE_SHARE * sizes, Fate.MOVES, Fate.STAYS)
+    is_fallen = _can_fall(world) & (
+        is_tipped | (_drop(world, run) > SIZE_SHARE * sizes)
+    )
+    fates = np.where(distances > SIZE_SHARE * sizes, Fate.MOVES, Fate.STAYS)
     fates = np.where(_outside(world, final), Fate.LEAVES, fates)
-    return Outcome(np.where(falls, Fate.FALLS, fates).astype(np.int32), final)
+    return Outcome(np.where(is_fallen, Fate.FALLS, fates).astype(np.int32), final)
 
 
 def _can_fall(world: World) -> Flags:
-    """Return dynamic bodies without joints, of a scene with gravity that is seen from the side."""
-    joined = {body for joint in world.joints for body in (joint.first, joint.second)}
-    pulled = world.view is View.SIDE and world.gravity.any()
-    free = [
-        pulled and body.motion is Motion.DYNAMIC and k not in joined
-        for k, body in enumerate(world.bodies)
+    """Return the mask (B,) of dynamic bodies without joints, if gravity acts in a side
+    view.
+    """
+    jointed_bodies = {
+        body for joint in world.joints for body in (joint.first, joint.second)
+    }
+    has_gravity = world.view is View.SIDE and world.gravity.any()
+    can_fall = [
+        has_gravity and body.motion is Motion.DYNAMIC and number not in jointed_bodies
+        for number, body in enumerate(world.bodies)
     ]
-    return np.array(free, bool)
+    return np.array(can_fall, bool)
 
 
 def _drop(world: World, run: Trajectory) -> Array:
-    """(B,) px that bodies come down in samples in which they come down by more than they go across; no more than they
-    ever are below their place at the start."""
+    """Return the steep drop of each body, px, (B,).
+
+    It is the sum over the samples in which a body moves more down than sideways, and at
+    most its largest depth below its start.
+    """
     if not world.gravity.any():
         return np.zeros(len(world.bodies))
     down = world.gravity / np.hypot(*world.gravity)
     steps = np.diff(run.poses[:, :, :2], axis=0)
-    deeper, across = steps @ down, np.abs(steps @ np.array([-down[1], down[0]]))
-    steep = np.where(deeper > across, deeper, 0.0).sum(axis=0)
+    descents, sideways_steps = (
+        steps @ down,
+        np.abs(steps @ np.array([-down[1], down[0]])),
+    )
+    steep_drops = np.where(descents > sideways_steps, descents, 0.0).sum(axis=0)
     return np.asarray(
-        np.minimum(steep, (deeper.cumsum(axis=0)).max(axis=0, initial=0.0))
+        np.minimum(steep_drops, (descents.cumsum(axis=0)).max(axis=0, initial=0.0))
     )
 
 
 def _outside(world: World, poses: Array) -> Flags:
-    """Return which bodies (B,) have no part on the canvas."""
+    """Return the mask (B,) of bodies with no part on the canvas."""
     width, height = world.size
     reach = np.array([body.reach for body in world.bodies])
     x, y = poses[:, 0], poses[:, 1]
-    out = (
+    is_outside = (
         (x + reach < -0.5)
         | (x - reach > width - 0.5)
         | (y + reach < -0.5)
         | (y - reach > height - 0.5)
     )
-    return np.asarray(out)
+    return np.asarray(is_outside)
 
 
-LEVEL = 0.95  # of confidence intervals
-MOST = 0.9  # share of the draws that a radius holds
+LEVEL = 0.95
+"""Level of confidence intervals."""
+MOST = 0.9
+"""Share of the draws within the radius of final places."""
 VERBS = {
     Fate.STAYS: "stays",
     Fate.MOVES: "moves",
@@ -233,23 +264,31 @@ VERBS = {
 
 
 def wilson(count: int, total: int) -> tuple[float, float]:
-    """Return the 95 % interval of a share of `count` in `total` draws (Wilson, J. Am. Stat. Assoc. 22, 1927).
+    """Return the 95 % interval of a share of `count` in `total` draws.
+
+    Wilson's score interval (J. Am. Stat. Assoc. 22, 1927).
 
     >>> [round(end, 3) for end in wilson(13, 32)]
     [0.255, 0.577]
     """
     z = NormalDist().inv_cdf((1 + LEVEL) / 2)
-    share, part = count / total, z * z / total
-    middle = (share + part / 2) / (1 + part)
-    half = z / (1 + part) * sqrt(share * (1 - share) / total + part / (4 * total))
-    return max(middle - half, 0.0), min(middle + half, 1.0)
+    share, correction = count / total, z * z / total
+    middle = (share + correction / 2) / (1 + correction)
+    half_width = (
+        z
+        / (1 + correction)
+        * sqrt(share * (1 - share) / total + correction / (4 * total))
+    )
+    return max(middle - half_width, 0.0), min(middle + half_width, 1.0)
 
 
 def radius(places: Array) -> float:
-    """Return the radius (px) about their median that contains 9 of 10 places `(N, 2)`."""
-    off = places - np.median(places, axis=0)
+    """Return the radius, px, around the median that contains 9 of 10 places
+    `(N, 2)`.
+    """
+    offsets = places - np.median(places, axis=0)
     return (
-        float(np.quantile(np.hypot(*off.T), MOST, method="higher"))
+        float(np.quantile(np.hypot(*offsets.T), MOST, method="higher"))
         if len(places)
         else 0.0
     )
@@ -261,42 +300,46 @@ def percent(share: float) -> str:
     >>> percent(0.4062), percent(1.0), percent(0.997)
     ('41 %', '100 %', '99.7 %')
     """
-    shown = 100 * share
-    return f"{shown:.1f} %" if 0 < shown < 1 or 99 < shown < 100 else f"{shown:.0f} %"
+    number = 100 * share
+    return (
+        f"{number:.1f} %" if 0 < number < 1 or 99 < number < 100 else f"{number:.0f} %"
+    )
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What becomes of one body in all draws."""
+    """The outcomes of one body in all draws."""
 
     name: str
-    counts: Mapping[Fate, int]  # of draws that could be simulated
+    counts: Mapping[Fate, int]  # numbers of simulated draws
     event: Fate  # the largest fate that occurs
-    interval: tuple[
-        float, float
-    ]  # 0..1: of the share of draws in which the event happens
-    radius: float  # px about the median of its final places within which 9 of 10 lie
+    interval: tuple[float, float]
+    """Confidence interval of the event's share, 0..1."""
+    radius: float
+    """Radius around the median final place with 9 of 10 draws, px."""
     size: float  # px; see `uncertainty.size`
-    own: Fate  # in the clip
+    own: Fate  # fate in the clip
 
     @property
     def total(self) -> int:
-        """Draws that could be simulated."""
+        """Return the number of simulated draws."""
         return sum(self.counts.values())
 
     @property
     def share(self) -> float:
-        """Return the share of draws in which the event happens, 0..1."""
+        """Return the event's share of all draws, 0..1."""
         return self.counts[self.event] / self.total
 
     @property
     def decided(self) -> bool:
-        """Return whether every draw has the same fate."""
+        """Check whether every draw has the same fate."""
         return self.counts[self.event] == self.total
 
     @property
     def placed(self) -> bool:
-        """Return whether the final place is decided, too, relative to the body's size."""
+        """Check whether the final place is also decided, relative to the body's
+        size.
+        """
         return self.radius <= SIZE_SHARE * self.size
 
     def sentences(self) -> list[str]:
@@ -316,14 +359,14 @@ class Verdict:
                 f"Not decided: {verb} in {count} of {total} draws ({percent(self.share)}, {interval}), {others}."
             ]
         if self.event is not Fate.STAYS:
-            decided = "is" if self.placed else "is not"
+            phrase = "is" if self.placed else "is not"
             lines.append(
-                f"Where it ends {decided} decided: 9 of 10 draws lie within {rounded(self.radius)} px."
+                f"Where it ends {phrase} decided: 9 of 10 draws lie within {rounded(self.radius)} px."
             )
         return lines
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain data."""
+        """Return the verdict as plain data."""
         return {
             "draws": {
                 fate.name.lower(): self.counts[fate]
@@ -363,6 +406,7 @@ def headline(fan: Ensemble, found: Sequence[Verdict]) -> str:
 
 
 def _verdict(fan: Ensemble, b: int, outcomes: list[Outcome]) -> Verdict:
+    """Return the verdict on body `b`."""
     fates = [Fate(int(outcome.fates[b])) for outcome in outcomes]
     counts = {fate: fates.count(fate) for fate in Fate}
     event = max(fates)

@@ -1,8 +1,8 @@
-"""Wheels of vehicles as bodies on pins, and their motion as a part of the vehicle's.
+"""Wheels of vehicles: bodies on pins in the engine, parts of vehicles in the result.
 
-The engine knows bodies and joints alone. A world with wheels becomes one in which each
-wheel is a disc after the scene's own bodies; what the engine returns about it is added
-to the vehicle's: touches and impulses become those of the vehicle.
+The engine knows only bodies and joints. A world with wheels becomes a world in which
+each wheel is a disc after the scene's own bodies. Touches and impulses of a wheel are
+added to those of its vehicle.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from physgen.scene.scene import JointKind, Motion, Solid
 from physgen.simulate.trajectory import Contacts, Effort, Index, Trajectory
 
 WHEEL_MASS = 0.02
-"""Share of a vehicle's mass that each wheel has: its inertia delays a stop by 1 %."""
+"""Share of a vehicle's mass in each wheel: its inertia delays a stop by 1 %."""
 CIRCLE_CORNERS = 48
 
 
@@ -72,7 +72,7 @@ def _chassis(vehicle: Body) -> Body:
 
 
 def _wheel_body(vehicle: Body, wheel: Wheel) -> Body:
-    """Return a disc that rolls as fast as its vehicle drives at t = 0."""
+    """Return a disc with the rolling speed of its vehicle at t = 0."""
     mass = WHEEL_MASS * vehicle.mass
     x, y = wheel.axle
     speed = vehicle.velocity + vehicle.spin * np.array([-y, x])
@@ -119,7 +119,7 @@ def fold_wheels(trajectory: Trajectory, world: World) -> Trajectory:
 
 
 def _vehicle_index(partners: NDArray[np.integer], count: int, owners: Index) -> Index:
-    """Return the partners' numbers in the world without bodies for wheels."""
+    """Return the indices of partners (R,) in the world without bodies for wheels."""
     wheels = len(owners)
     is_wheel = (partners >= count) & (partners < count + wheels)
     owner = owners[np.clip(partners - count, 0, wheels - 1)]
@@ -128,14 +128,16 @@ def _vehicle_index(partners: NDArray[np.integer], count: int, owners: Index) -> 
 
 
 def _fold_contacts(contacts: Contacts, count: int, owners: Index) -> Contacts:
+    """Return the contacts with those of wheels assigned to their vehicles."""
     surfaces = contacts.surfaces
     pairs = _vehicle_index(contacts.touch_pairs, count, owners)
     pairs, times = _merged_touches(pairs, contacts.touch_times)
     rows = contacts.impulse_rows.copy()
     rows[:, 1:] = _vehicle_index(rows[:, 1:], count, owners)
-    rows, which = np.unique(rows, axis=0, return_inverse=True)
+    # Two wheels on one floor in one sample become one row with the sum of impulses.
+    rows, row_numbers = np.unique(rows, axis=0, return_inverse=True)
     impulses = np.zeros((len(rows), 2))
-    np.add.at(impulses, which.ravel(), contacts.impulses)
+    np.add.at(impulses, row_numbers.ravel(), contacts.impulses)
     return replace(
         contacts,
         surfaces=surfaces[:count] + surfaces[count + len(owners) :],
@@ -147,7 +149,7 @@ def _fold_contacts(contacts: Contacts, count: int, owners: Index) -> Contacts:
 
 
 def _merged_touches(pairs: Index, times: Array) -> tuple[Index, Array]:
-    """Return the touches, those of one pair that overlap in time as one."""
+    """Merge the touches of one pair that overlap in time."""
     order = np.lexsort((times[:, 0], pairs[:, 1], pairs[:, 0]))
     merged_pairs: list[tuple[int, int]] = []
     merged_times: list[list[float]] = []
@@ -166,7 +168,8 @@ def _merged_touches(pairs: Index, times: Array) -> tuple[Index, Array]:
 
 
 def _fold_effort(effort: Effort, count: int, owners: Index) -> Effort:
+    """Return the effort with the pair of bodies without wheels."""
     pair = np.array([effort.overworked, effort.overworked_by])
-    known = pair >= 0
-    folded = np.where(known, _vehicle_index(pair, count, owners), pair).tolist()
-    return replace(effort, overworked=folded[0], overworked_by=folded[1])
+    is_pair = pair >= 0
+    vehicle_pair = np.where(is_pair, _vehicle_index(pair, count, owners), pair).tolist()
+    return replace(effort, overworked=vehicle_pair[0], overworked_by=vehicle_pair[1])

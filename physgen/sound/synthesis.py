@@ -94,7 +94,7 @@ def _add_modes(
     changes = np.zeros((block_count + 1, len(omega), 2), np.complex128)
     for strike in strikes:
         _strike_modes(sound, changes, resonator, exponents, strike)
-    states = _continued(changes[:block_count], per_block)
+    states = _continue_states(changes[:block_count], per_block)
     _add_blocks(sound, states, waves)
 
 
@@ -125,7 +125,7 @@ def _strike_modes(
     changes[block + 1] += (state * np.exp(exponents * remaining))[:, None] * gains
 
 
-def _continued(changes: Complex, per_block: Complex) -> Complex:
+def _continue_states(changes: Complex, per_block: Complex) -> Complex:
     """Return the states (blocks, M, 2) at the starts of all blocks."""
     states = np.zeros_like(changes)
     loudest = np.abs(changes).max(initial=0.0)

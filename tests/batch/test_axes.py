@@ -11,20 +11,20 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from physgen.batch.axes import Listed, read_axes
-from physgen.batch.sweep import planned
+from physgen.batch.axes import ListAxis, read_axes
+from physgen.batch.sweep import plan_clips
 from physgen.problems import InputError
 
 
 def values(argument: str) -> list[Any]:
     [axis] = read_axes([argument])
-    assert isinstance(axis, Listed)
+    assert isinstance(axis, ListAxis)
     return [value.data for value in axis.values]
 
 
 def said(*arguments: str, **others: Any) -> list[str]:
     with pytest.raises(InputError) as caught:
-        planned(read_axes(arguments), **others)
+        plan_clips(read_axes(arguments), **others)
     return [str(problem) for problem in caught.value.problems]
 
 
@@ -228,7 +228,7 @@ def test_every_wrong_argument_is_told_at_once() -> None:
 
 
 def test_a_grid_is_the_product_of_its_axes_in_order() -> None:
-    sweep = planned(read_axes(["a=1,2,3", "b=x,y", "c=0:1:4"]), (None, "other"))
+    sweep = plan_clips(read_axes(["a=1,2,3", "b=x,y", "c=0:1:4"]), (None, "other"))
     true = itertools.product((None, "other"), (1, 2, 3), "xy", (0, 1 / 3, 2 / 3, 1))
     assert [(p.variant, *(value.data for value in p.values)) for p in sweep] == list(
         true
@@ -241,7 +241,7 @@ def test_a_grid_is_the_product_of_its_axes_in_order() -> None:
 
 
 def test_overrides_say_exactly_the_value() -> None:
-    sweep = planned(
+    sweep = plan_clips(
         read_axes(["a=0:1:7", "b=~normal(0, 1)", "c=~loguniform(1e-9, 1e9)"]),
         samples=40,
     )

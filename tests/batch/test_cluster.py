@@ -21,7 +21,7 @@ from distributed import Client
 
 from physgen.batch import cluster
 from physgen.batch.cluster import BatchSize, run_batch, run_on_cluster
-from physgen.batch.run import Done, Job, failed, run
+from physgen.batch.run import Job, JobResult, report_failure, run
 from physgen.cli.main import main
 from physgen.files import install
 from physgen.pipeline import Page, RenderOptions
@@ -208,8 +208,8 @@ def test_a_killed_worker_loses_no_clip(
 ) -> None:
     out = tmp_path / "out"
     jobs = jobs_of(lesson, out, 30)
-    done: list[Done] = []
-    with closing(run_on_cluster(two.address, run, jobs, failed)) as results:
+    done: list[JobResult] = []
+    with closing(run_on_cluster(two.address, run, jobs, report_failure)) as results:
         for result in results:
             done.append(result)
             if len(done) == 3:
@@ -259,7 +259,7 @@ def test_a_lost_scheduler_ends_the_run(lesson: Path, tmp_path: Path) -> None:
     with dask_processes.alarm(), dask_processes.cluster(tmp_path / "own") as own:
         own.add_worker()
         jobs = jobs_of(lesson, tmp_path / "out", 400)
-        with closing(run_on_cluster(own.address, run, jobs, failed)) as results:
+        with closing(run_on_cluster(own.address, run, jobs, report_failure)) as results:
             next(results)
             own.scheduler.kill()
             with pytest.raises(ConnectionError, match="the scheduler is gone; once"):
@@ -275,7 +275,9 @@ def test_items_are_taken_as_they_are_needed(two: Cluster) -> None:
             taken.append(k)
             yield str(k)
 
-    with closing(run_on_cluster(two.address, run_or_die, items(), failed)) as results:
+    with closing(
+        run_on_cluster(two.address, run_or_die, items(), report_failure)
+    ) as results:
         for k in range(300):
             assert next(results) == str(k)
             # each waiting batch may be a full one, and follows a first one of one item

@@ -135,13 +135,13 @@ def test_all_clips_of_a_photo_are_in_one_split_whatever_else_there_is(
 
 def test_shares_are_kept_in_the_mean() -> None:
     splits = read_splits("train=0.8,validation=0.15,test=0.05", 7)
-    counts = Counter(splits.of(f"{k:064x}") for k in range(4000))
+    counts = Counter(splits.assign(f"{k:064x}") for k in range(4000))
     for name, share in splits.shares:
         assert counts[name] / 4000 == pytest.approx(
             share, abs=4 * (share * (1 - share) / 4000) ** 0.5
         )
     other = Splits(splits.shares, 8)
-    assert sum(splits.of(str(k)) != other.of(str(k)) for k in range(400)) > 50
+    assert sum(splits.assign(str(k)) != other.assign(str(k)) for k in range(400)) > 50
 
 
 def bytes_of(out: Path) -> dict[str, bytes]:

@@ -10,7 +10,7 @@ from written import world
 
 from physgen import pipeline
 from physgen.batch.outcomes import columns, outcomes
-from physgen.scene.schema import at
+from physgen.scene.schema import find_schema_part
 from physgen.simulate.trajectory import Trajectory
 from physgen.tables import Cell
 
@@ -115,5 +115,7 @@ def test_a_sphere_that_rolls_on_a_table_stops_by_its_resistance(tmp_path: Path) 
 
 def test_no_outcome_is_called_like_a_key_of_a_scene() -> None:
     names = set(columns(["ball"]))
-    keys = {f"objects.ball.{key}" for key in at("objects.*")["properties"]}
+    keys = {
+        f"objects.ball.{key}" for key in find_schema_part("objects.*")["properties"]
+    }
     assert not names & keys

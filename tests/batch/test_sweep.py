@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from physgen.batch.axes import read_axes
-from physgen.batch.sweep import MAX_NAME_BYTES, clip_name, planned, short_text
+from physgen.batch.sweep import MAX_NAME_BYTES, clip_name, plan_clips, short_text
 from physgen.batch.values import Value
 from physgen.text import natural
 
@@ -21,7 +21,7 @@ def names(
     variants: tuple[str | None, ...] = (None,),
     samples: int | None = None,
 ) -> list[str]:
-    return [point.name for point in planned(read_axes(arguments), variants, samples)]
+    return [point.name for point in plan_clips(read_axes(arguments), variants, samples)]
 
 
 def test_names_say_what_differs() -> None:
@@ -51,7 +51,7 @@ def test_two_thousand_names_are_unique_safe_short_and_in_order() -> None:
         "objects.cue.velocity.0=-900:900:5", "render.size=[256,256],[64, 48]", "objects.cue.label='a/b','..'",
         "objects.cue.mass=~uniform(1,1.0001)", "world.gravity=~choice([0, 980], [0, 0])",
     ]  # fmt: skip
-    sweep = planned(read_axes(arguments), (None, "very-heavy"), 50)
+    sweep = plan_clips(read_axes(arguments), (None, "very-heavy"), 50)
     found = [point.name for point in sweep]
     assert len(found) == len({name.lower() for name in found}) == 2000
     assert all(
@@ -97,7 +97,7 @@ def test_the_page_about_sweeps_tells_the_names_that_are_given() -> None:
     for written in patterns:
         assert (
             len(
-                planned(
+                plan_clips(
                     read_axes([f"a.b={written}"]), samples=5 if "~" in written else None
                 )
             )

@@ -16,7 +16,7 @@ import pytest
 
 from physgen import pipeline, tables
 from physgen.batch.axes import read_axes
-from physgen.batch.sweep import Point, planned
+from physgen.batch.sweep import Point, plan_clips
 from physgen.cli import sweep as sweep_command
 from physgen.cli.clips import preview_edits
 from physgen.cli.main import main
@@ -241,7 +241,7 @@ def test_points_of_one_duration_share_their_preview(
 ) -> None:
     changes = [f"world.duration={duration}"]
     options = Namespace(scene=str(lesson), allow_outside=False, set=changes)
-    plan = planned(read_axes([axis]))
+    plan = plan_clips(read_axes([axis]))
 
     def own_edits(point: Point) -> tuple[str, ...]:
         return preview_edits(str(lesson), None, options, point.overrides)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from physgen import pipeline
-from physgen.scene.document import Source, plain, read
+from physgen.scene.document import Source, read, to_plain_data
 from physgen.scene.write import scene_text
 from physgen.text import natural
 
@@ -51,7 +51,7 @@ def differences(one: Any, other: Any, path: str = "") -> list[str]:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_shuffled_keys_are_the_same_scene_and_world(seed: int, tmp_path: Path) -> None:
-    document = plain(
+    document = to_plain_data(
         read(FULL.read_text(encoding="utf-8"), Source("full.yaml", Path()))
     )
     document["objects"]["ring"]["motion"] = {

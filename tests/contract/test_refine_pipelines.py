@@ -18,7 +18,7 @@ import torch
 from PIL import Image
 
 from physgen.refine.denoiser import PromptSettings
-from physgen.refine.fusion import fused
+from physgen.refine.fusion import fuse_latents
 from tests.contract.tiny_ltx import SHIFT
 
 STEPS = 8
@@ -192,7 +192,7 @@ class Both:
         def noised(z: np.ndarray, k: int) -> np.ndarray:
             return model.noised(z, self.noise, k)
 
-        return fused(
+        return fuse_latents(
             self.z0, mask, noised=noised, denoised=denoised, count=self.count, stop=stop
         )
 

@@ -21,8 +21,8 @@ from physgen.edit.masks import stroke
 from physgen.edit.operations import edited
 from physgen.geometry.polygon import Disc, Outline, mass_properties
 from physgen.problems import EditError
-from physgen.scene.load import Opened
-from physgen.scene.yaml_edit import without_comments
+from physgen.scene.load import OpenedScene
+from physgen.scene.yaml_comments import without_comments
 
 W, H = 240, 160
 Y, X = np.mgrid[:H, :W]
@@ -376,7 +376,7 @@ def test_what_perception_said_of_a_number_goes_when_a_person_sets_it(
         {"set": ["world", "pixels_per_meter"], "value": 555},
     ]
     made = edited(desk.text, ops).text
-    ours = Opened(desk.path).scene().record.comments
+    ours = OpenedScene(desk.path).scene().record.comments
     after = without_comments(made, [op["set"] for op in ops], ours).split("\n")
     diff = [
         line

@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from physgen.edit.operations import edited
 from physgen.problems import EditError
 from physgen.scene import yaml_edit
-from physgen.scene.document import Node, Source, plain, read
-from physgen.scene.load import Opened
+from physgen.scene.document import Node, Source, read, to_plain_data
+from physgen.scene.load import OpenedScene
 from physgen.scene.overlay import Edit, apply, edits_of_variant, variants_of
-from physgen.scene.yaml_edit import marked, same
+from physgen.scene.yaml_edit import are_equal, mark_values
 from physgen.text import dotted
 
 ROOT = Path(__file__).parents[2]
@@ -33,7 +33,7 @@ def tree(text: str) -> Node:
 
 
 def data(text: str) -> Any:
-    return plain(tree(text))
+    return to_plain_data(tree(text))
 
 
 def made(text: str, *ops: dict[str, Any], variant: str | None = None) -> str:
@@ -163,7 +163,9 @@ def test_an_edit_is_what_an_overlay_makes_of_it_and_touches_its_lines_alone(
         text,
         {"unset": list(path)} if value is None else {"set": list(path), "value": value},
     )
-    assert data(new) == plain(apply(root, Edit(dotted(path), tree_of(value), ())))
+    assert data(new) == to_plain_data(
+        apply(root, Edit(dotted(path), tree_of(value), ()))
+    )
     alone = value is None and len(at(root, path[:-1]).value) == 1  # type: ignore[arg-type]
     first, last = span(root, path[:-1] if alone else path)
     if value is None:
@@ -289,7 +291,7 @@ def test_every_style_of_yaml_takes_every_change(text, end, draw) -> None:
             new = yaml_edit.put(text, (*path, "new"), value)
         else:
             return
-    assert same(data(new), want)
+    assert are_equal(data(new), want)
     head, _, _ = changed(text, new)
     kept = (
         text.splitlines()[: first - 1]
@@ -305,7 +307,7 @@ def test_every_style_of_yaml_takes_every_change(text, end, draw) -> None:
 
 def last_of(text: str, root: Node, path: tuple[str | int, ...], last: int) -> int:
     """The line in which brackets that were opened are closed, too."""
-    end = marked(text)
+    end = mark_values(text)
     for key in path[:-1]:
         end = end.child(key)  # type: ignore[assignment]
     child = end.child(path[-1])
@@ -421,9 +423,9 @@ FULL = TEXTS["tests/scene/full.yaml"].replace(
 )
 
 
-def loads(text: str, tmp_path: Path) -> Opened:
+def loads(text: str, tmp_path: Path) -> OpenedScene:
     """A scene that is right, variants and all."""
-    opened = Opened(tmp_path / "scene.yaml", text=text)
+    opened = OpenedScene(tmp_path / "scene.yaml", text=text)
     for variant in (None, *opened.variants):
         opened.scene((), variant)
     return opened
@@ -509,14 +511,16 @@ def test_a_variant_says_what_the_file_does_not(draw) -> None:
     of_new = new
     for edit in edits_of_variant(dict(variants_of(new))[variant], variant):
         of_new = apply(of_new, edit)
-    want = plain(apply(seen, Edit(dotted(path), tree_of(value), ())))
+    want = to_plain_data(apply(seen, Edit(dotted(path), tree_of(value), ())))
     want.pop("variants")
-    got = plain(of_new)
+    got = to_plain_data(of_new)
     got.pop("variants")
     assert got == want
-    file = {key: value for key, value in plain(root).items() if key != "variants"}
+    file = {
+        key: value for key, value in to_plain_data(root).items() if key != "variants"
+    }
     assert {
-        key: value for key, value in plain(new).items() if key != "variants"
+        key: value for key, value in to_plain_data(new).items() if key != "variants"
     } == file
 
 

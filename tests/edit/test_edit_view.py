@@ -13,7 +13,7 @@ from physgen.edit.session import EditRequest, Session
 from physgen.perceive.backends import boundary_support
 from physgen.perceive.support.view_classifier import ViewChances
 from physgen.problems import EditError
-from physgen.scene.yaml_edit import marked
+from physgen.scene.yaml_edit import mark_values
 from physgen.simulate.engine import simulate
 
 SIZE = (320, 240)
@@ -63,7 +63,7 @@ def displacements(session: Session) -> np.ndarray:
 def test_objects_stay_in_changed_view(tmp_path: Path, seed: int) -> None:
     scene = photographed(tmp_path, seed, "top")
     session, text = turned(scene, "side")
-    data = marked(text).data()
+    data = mark_values(text).data()
     assert data["world"]["view"] == "side"
     assert any("from" in wall for wall in data["boundaries"].values())
     assert displacements(session).max() < 1.5
@@ -71,7 +71,7 @@ def test_objects_stay_in_changed_view(tmp_path: Path, seed: int) -> None:
         EditRequest(version=session.history.version),
         [SetOp(set=["world", "view"], value="top")],
     )
-    back = marked(session.now.text).data()
+    back = mark_values(session.now.text).data()
     assert back["world"]["table"] == {"friction": 0.2}
     assert "floor" not in back["boundaries"]
     assert displacements(session).max() < 1.5
@@ -83,7 +83,7 @@ def test_objects_stay_in_changed_view(tmp_path: Path, seed: int) -> None:
 def test_gravity_of_side_view_leaves_table(tmp_path: Path) -> None:
     scene = photographed(tmp_path, 0, "side", ', gravity: [0, "9.8 m/s²"]')
     session, text = turned(scene, "top")
-    assert "gravity" not in marked(text).data()["world"]
+    assert "gravity" not in mark_values(text).data()["world"]
     assert displacements(session).max() < 1.5
 
 
@@ -127,7 +127,7 @@ def test_oblique_photo_gets_its_tilt_from_the_side(
     monkeypatch.setattr(boundary_support, "view_chances", lambda features: chances)
     scene = photographed(tmp_path, 0, "top")
     session, text = turned(scene, "side")
-    assert marked(text).data()["world"]["tilt"] == chances.tilt
+    assert mark_values(text).data()["world"]["tilt"] == chances.tilt
     top = [SetOp(set=["world", "view"], value="top")]
     session.edit(EditRequest(version=session.history.version), top)
-    assert "tilt" not in marked(session.now.text).data()["world"]
+    assert "tilt" not in mark_values(session.now.text).data()["world"]

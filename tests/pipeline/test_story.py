@@ -13,7 +13,7 @@ import yaml
 from physgen.pipeline import stages
 from physgen.pipeline.story import tell_story
 from physgen.problems import InputError
-from physgen.scene.load import Opened
+from physgen.scene.load import OpenedScene
 from physgen.scene.write import flow_text
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -24,8 +24,8 @@ LEAST_FULFILLED = 32
 
 
 @cache
-def opened(name: str) -> Opened:
-    return Opened(ROOT / "scenes" / name / "scene.yaml", False)
+def opened(name: str) -> OpenedScene:
+    return OpenedScene(ROOT / "scenes" / name / "scene.yaml", False)
 
 
 def compiled_of(name: str, overrides: tuple[str, ...] = ()) -> tuple[Any, Any]:

@@ -12,7 +12,7 @@ from pytest import approx
 
 from physgen.refine.denoiser import PromptSettings
 from physgen.refine.fusion import (
-    fused,
+    fuse_latents,
 )
 
 STEPS, COUNT, STOP = 50, 25, 5
@@ -45,7 +45,7 @@ def refined(
     stop: int = STOP,
     **more,
 ):
-    return fused(
+    return fuse_latents(
         guidance,
         mask,
         noised=lambda z, k: exact.noised(z, noise, k),
@@ -65,7 +65,7 @@ def test_the_last_steps_are_free_and_weights_rise() -> None:
             shares.append(z)
         return 1.0
 
-    last = fused(
+    last = fuse_latents(
         0.0, 1.0, noised=lambda z, k: z, denoised=denoised, count=COUNT, stop=STOP
     )
     assert [*shares, last] == approx([k / 25 for k in range(20)] + [1.0] * 5)
@@ -138,7 +138,7 @@ def measured(fresh: bool, mask: float, spread: float, draws: int = 200_000) -> f
     noise: Callable[[], np.ndarray] = (
         partial(rng.standard_normal, (1, draws), np.float32) if fresh else lambda: one
     )
-    z = fused(
+    z = fuse_latents(
         guidance,
         mask,
         noised=lambda z, k: exact.noised(z, noise(), k),

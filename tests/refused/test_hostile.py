@@ -33,9 +33,9 @@ HANG = 60  # s on the wall
 READ = """
 import sys
 from physgen.problems import InputError
-from physgen.scene.load import Opened
+from physgen.scene.load import OpenedScene
 try:
-    opened = Opened(sys.argv[1])
+    opened = OpenedScene(sys.argv[1])
     for problem in opened.variant_problems:
         print(problem)
     opened.scene(sys.argv[2:])

@@ -17,7 +17,7 @@ import pytest
 import physgen.scene
 from physgen.messages import Message
 from physgen.problems import InputError, Limit, Problem, by_place
-from physgen.scene.load import Opened
+from physgen.scene.load import OpenedScene
 
 CASES = Path(__file__).parent / "cases"
 NAMES = sorted(path.stem for path in CASES.glob("*.yaml"))
@@ -44,7 +44,7 @@ def problems_with(path: Path, flags: list[str]) -> list[Problem]:
     variant = flags[flags.index("--variant") + 1] if "--variant" in flags else None
     problems: list[Problem] = []
     try:
-        opened = Opened(path)
+        opened = OpenedScene(path)
         problems += opened.variant_problems
         opened.scene(overrides, variant)
     except InputError as error:
@@ -114,7 +114,7 @@ def test_other_files_are_named(code: str, tmp_path: Path) -> None:
     path = tmp_path / "scene.yaml"
     path.write_bytes(FILES[code])
     with pytest.raises(InputError) as error:
-        Opened(path)
+        OpenedScene(path)
     assert [problem.code for problem in error.value.problems] == [code]
 
 
@@ -127,7 +127,7 @@ def test_paths_without_a_scene_are_named(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError) as error:
-        Opened(Path(name))
+        OpenedScene(Path(name))
     assert [problem.code for problem in error.value.problems] == [code]
 
 
@@ -151,7 +151,7 @@ def test_wrong_assets_are_named(code: str, tmp_path: Path) -> None:
     path = tmp_path / "scene.yaml"
     path.write_text(scene, encoding="utf-8")
     with pytest.raises(InputError) as error:
-        Opened(path).scene()
+        OpenedScene(path).scene()
     assert [problem.code for problem in error.value.problems] == [code]
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from physgen import pipeline
-from physgen.compile.compile import Compiled
+from physgen.compile.compile import CompiledScene
 from physgen.maps import Percepts
 from physgen.perceive.inpaint.poisson import dilate
 from physgen.photometry import decode
@@ -19,7 +19,7 @@ from physgen.render.stage import Stage
 from physgen.simulate.engine import simulate
 
 
-def opened(bundled: Path, name: str) -> tuple[Percepts, Compiled, Stage]:
+def opened(bundled: Path, name: str) -> tuple[Percepts, CompiledScene, Stage]:
     """A bundled scene's maps, world and stage."""
     scene = pipeline.load(bundled / name / "scene.yaml")
     maps = pipeline.percepts(scene)
@@ -27,7 +27,7 @@ def opened(bundled: Path, name: str) -> tuple[Percepts, Compiled, Stage]:
     return maps, compiled, pipeline.stage(scene, compiled, maps)
 
 
-def emptied(compiled: Compiled, stage: Stage, stays: str = "") -> list[np.ndarray]:
+def emptied(compiled: CompiledScene, stage: Stage, stays: str = "") -> list[np.ndarray]:
     """sRGB of the first frame, and of one that all objects but one have left."""
     track = simulate(compiled.world, np.array([0.0, 0.1]))
     far = np.full(track.poses[0].shape, 1e5)
@@ -84,7 +84,7 @@ def test_shadows_of_many_leave_light_and_end_at_their_shelf(bundled: Path) -> No
     assert np.abs(last - maps.rgb)[470:, 20:490].max() <= 8
 
 
-def rack(folder: Path, doubtful: str = "") -> tuple[Percepts, Compiled, Stage]:
+def rack(folder: Path, doubtful: str = "") -> tuple[Percepts, CompiledScene, Stage]:
     """Two balls side by side on a table, dark between them, with a sliver beside the first that `coverage` holds."""
     y, x = np.mgrid[:120, :200].astype(float)
     away = [np.hypot(x - cx, y - 60) for cx in (70, 114)]
@@ -243,7 +243,7 @@ def test_what_left_takes_its_line_off_an_object_that_moved_a_little_itself(
 
 
 def posed(
-    compiled: Compiled, stage: Stage, **poses: list[tuple[float, float, float]]
+    compiled: CompiledScene, stage: Stage, **poses: list[tuple[float, float, float]]
 ) -> list[np.ndarray]:
     """sRGB of frames with objects at poses, by name, a frame after the other; the others stay."""
     track = simulate(compiled.world, np.arange(1 + max(map(len, poses.values()))) / 1e9)

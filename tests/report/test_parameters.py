@@ -7,7 +7,7 @@ from pathlib import Path
 from written import loaded
 
 from physgen import pipeline
-from physgen.report.parameters import collapsed, parameter_rows
+from physgen.report.parameters import merge_equal_rows, parameter_rows
 from physgen.scene.provenance import Source, source
 
 BASE = """\
@@ -73,7 +73,7 @@ def test_objects_with_equal_rows_share_one(tmp_path: Path) -> None:
     scene = loaded(
         tmp_path, "\n".join(["physgen: 1", "size: [60, 20]", "objects:", *lines, other])
     )
-    alike, apart = collapsed(
+    alike, apart = merge_equal_rows(
         parameter_rows(scene, pipeline.compile(scene, None).world, None)
     )
     assert (alike.name, apart.name) == ("ball-1 to ball-3, ball-5", "ball-4")

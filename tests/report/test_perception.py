@@ -16,7 +16,7 @@ from physgen.maps import Percepts
 from physgen.report.html import template
 from physgen.report.perception import (
     Picture,
-    compared,
+    compare_frames,
     light_picture,
     perception,
 )
@@ -151,7 +151,9 @@ def test_the_ball_is_brightest_where_the_light_comes_from(
 
 def test_a_slider_is_named_and_all_words_are_escaped() -> None:
     one, other = np.zeros((20, 30, 3), np.uint8), np.full((20, 30, 3), 255, np.uint8)
-    pair = compared("relit", "<script>", "a < b", ("not <b>", one), ("relit", other))
+    pair = compare_frames(
+        "relit", "<script>", "a < b", ("not <b>", one), ("relit", other)
+    )
     assert pixels(pair.before).max() < 10
     assert pixels(pair.after).min() > 245
     page = template("compare.html.j2").module.compare(pair)
@@ -159,7 +161,7 @@ def test_a_slider_is_named_and_all_words_are_escaped() -> None:
     assert "<b>" not in page.replace('<b dir="auto">', "")
     assert 'aria-label="&lt;script&gt;: how much is shown not &lt;b&gt;"' in page
     with pytest.raises(ValueError):
-        compared("relit", "", "", ("", one), ("", other[:5]))
+        compare_frames("relit", "", "", ("", one), ("", other[:5]))
 
 
 def test_report_draws_doubtful_regions_dashed(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from physgen import pipeline
 from physgen.pipeline.refining import MostChanged
 from physgen.report.films import Film
 from physgen.report.page import PageParts, report_page
-from physgen.report.perception import Comparison, compared
+from physgen.report.perception import Comparison, compare_frames
 from physgen.report.record import RunRecord
 
 SCENE = """\
@@ -61,7 +61,9 @@ def test_the_page_shows_what_refinement_did(tmp_path: Path) -> None:
         )
         changed.add(before, after)
     assert (changed.index, int(changed.refined[0, 0, 0])) == (1, 92)
-    pair = compared("refined", "Refined", "", ("before", before), ("after", after))
+    pair = compare_frames(
+        "refined", "Refined", "", ("before", before), ("after", after)
+    )
     page = page_of(tmp_path, NOTE, shown=pair)
     start = page.index('<section id="refinement"')
     section = page[start : page.index("</section>", start)]

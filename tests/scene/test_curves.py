@@ -11,7 +11,7 @@ import written
 from pytest import approx
 
 from physgen.problems import InputError
-from physgen.scene.load import SAG, arc_points, bezier_points
+from physgen.scene.construction import SAG, arc_points, bezier_points
 
 SCENE = """\
 physgen: 1

@@ -13,16 +13,18 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from physgen.problems import InputError
-from physgen.scene.document import Node, Source, plain, read
+from physgen.scene.document import Node, Source, read, to_plain_data
 from physgen.scene.load import load
-from physgen.scene.schema import published
+from physgen.scene.schema import load_published_schema
 from physgen.scene.validate import Findings, TooManyError, check_schema
 
 SOURCE = Source("scene.yaml", Path())
-ORACLE = jsonschema.Draft202012Validator(published())
+ORACLE = jsonschema.Draft202012Validator(load_published_schema())
 
 FULL = Path(__file__).with_name("full.yaml").read_bytes()
-SCENE: dict[str, Any] = plain(read(FULL.decode(), SOURCE)) | {"image": "photo.png"}
+SCENE: dict[str, Any] = to_plain_data(read(FULL.decode(), SOURCE)) | {
+    "image": "photo.png"
+}
 SCENE["objects"]["kite"]["mask"] = 1
 """Every key that there is, and a mask of each kind."""
 

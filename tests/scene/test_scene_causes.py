@@ -9,7 +9,7 @@ import pytest
 
 from physgen.cli.main import main
 from physgen.problems import InputError, Place
-from physgen.scene.load import Opened, load
+from physgen.scene.load import OpenedScene, load
 
 SCENE = """\
 physgen: 1
@@ -56,7 +56,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_removing_variant_is_named_at_its_key() -> None:
-    problems = Opened("scene.yaml").variant_problems
+    problems = OpenedScene("scene.yaml").variant_problems
     assert {p.variant for p in problems} == {"no-ball"}
     assert {p.place for p in problems} == {Place("scene.yaml", 21, 5)}
     assert {p.path: p.origin for p in problems} == {
@@ -66,7 +66,7 @@ def test_removing_variant_is_named_at_its_key() -> None:
 
 
 def test_failing_variant_is_refused_alone() -> None:
-    opened = Opened("scene.yaml")
+    opened = OpenedScene("scene.yaml")
     assert len(opened.scene().objects) == 2
     assert opened.scene(variant="heavy").objects[0].mass == 200
     with pytest.raises(InputError) as caught:
@@ -104,7 +104,7 @@ def test_fault_of_file_is_not_blamed_on_variant() -> None:
 def test_wrong_values_of_variants_are_named() -> None:
     text = SCENE + "variants:\n  odd: {objects.ball.mass: heavy, objects.bll.spin: 3}\n"
     Path("scene.yaml").write_text(text)
-    problems = Opened("scene.yaml").variant_problems
+    problems = OpenedScene("scene.yaml").variant_problems
     assert [(p.variant, p.place.line) for p in problems] == [("odd", 19)]
 
 

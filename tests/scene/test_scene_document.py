@@ -9,7 +9,7 @@ import pytest
 import yaml
 
 from physgen.problems import InputError, Limit
-from physgen.scene.document import Node, Source, decode, plain, read
+from physgen.scene.document import Node, Source, decode, read, to_plain_data
 
 SOURCE = Source("scene.yaml", Path())
 
@@ -81,7 +81,7 @@ def test_places_of_keys() -> None:
 
 
 def test_quoted_text_is_text() -> None:
-    assert plain(tree("a: '8'\nb: \"true\"\nc: |\n  1\nd: ''\n")) == {
+    assert to_plain_data(tree("a: '8'\nb: \"true\"\nc: |\n  1\nd: ''\n")) == {
         "a": "8",
         "b": "true",
         "c": "1\n",
@@ -90,21 +90,21 @@ def test_quoted_text_is_text() -> None:
 
 
 def test_keys_are_text() -> None:
-    assert list(plain(tree("8: a\ntrue: b\n~: c\n"))) == ["8", "true", "~"]
+    assert list(to_plain_data(tree("8: a\ntrue: b\n~: c\n"))) == ["8", "true", "~"]
 
 
 def test_a_byte_order_mark_is_no_text() -> None:
     text = decode(b"\xef\xbb\xbfphysgen: 1\n", "scene.yaml")
     assert tree(text).place.column == 1
-    assert plain(tree(text)) == {"physgen": 1}
+    assert to_plain_data(tree(text)) == {"physgen": 1}
 
 
 def test_the_limits_themselves_are_allowed() -> None:
-    assert plain(
+    assert to_plain_data(
         tree("a: " + "[" * (Limit.DEPTH.most - 1) + "]" * (Limit.DEPTH.most - 1))
     )
     assert (
-        len(plain(tree("a: [" + "0," * (Limit.VALUES.most - 3) + "]"))["a"])
+        len(to_plain_data(tree("a: [" + "0," * (Limit.VALUES.most - 3) + "]"))["a"])
         == Limit.VALUES.most - 3
     )
 
@@ -119,7 +119,7 @@ def test_anything_as_the_value_of_a_flag() -> None:
         ("# x", None),
     ):
         node = read(text, source, counted=False)
-        assert plain(node) == value
+        assert to_plain_data(node) == value
         assert node.place == ("--set a=1", 0, 0)
 
 
@@ -128,7 +128,7 @@ def test_pure_python_reads_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     fast = tree(TEXT)
     monkeypatch.setattr("physgen.scene.document.LOADER", yaml.SafeLoader)
     slow = tree(TEXT)
-    assert plain(slow) == plain(fast)
+    assert to_plain_data(slow) == to_plain_data(fast)
     assert (
         child(slow, "forces", 0, "impulse", 1).place
         == child(fast, "forces", 0, "impulse", 1).place

@@ -9,7 +9,7 @@ from PIL import Image
 
 from physgen.problems import InputError
 from physgen.scene import scene
-from physgen.scene.load import Opened, load
+from physgen.scene.load import OpenedScene, load
 
 FULL = Path(__file__).parent / "full.yaml"
 HEAD = "physgen: 1\nsize: [64, 48]\n"
@@ -36,7 +36,7 @@ def test_a_star_sets_no_more_than_a_scene_may_hold(tmp_path: Path) -> None:
     outline = ", ".join(f"[{k}, {k * k % 97}]" for k in range(400))
     variant = f"variants:\n  a: {{objects.*.shape: {{polygon: [{outline}]}}}}\n"
     path = write(tmp_path, f"{HEAD}objects:\n{objects}{variant}")
-    (problem,) = Opened(path).variant_problems
+    (problem,) = OpenedScene(path).variant_problems
     assert (problem.variant, problem.path) == ("a", "objects.*.shape")
     assert (problem.place.line, problem.place.column) == (205, 7)
     with pytest.raises(InputError):

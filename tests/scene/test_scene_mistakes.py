@@ -8,7 +8,7 @@ import pytest
 
 from physgen.cli.main import main
 from physgen.problems import InputError, Problem, by_place
-from physgen.scene.load import Opened
+from physgen.scene.load import OpenedScene
 
 HEAD = "physgen: 1\nsize: [512, 512]\n"
 BALL = HEAD + "objects:\n  ball:\n    shape: {circle: {center: [50, 50], radius: 9}}\n"
@@ -545,7 +545,7 @@ def problems_of(text: str) -> list[Problem]:
     path = Path("scene.yaml")
     path.write_bytes(text.encode())
     try:
-        opened = Opened(path)
+        opened = OpenedScene(path)
         problems = list(opened.variant_problems)
         opened.scene()
     except InputError as error:
@@ -599,11 +599,11 @@ def test_check_of_mistake_exits_with_two(name: str) -> None:
 )
 def test_one_number_is_a_vector(text: str, ends: tuple[float, float]) -> None:
     Path("scene.yaml").write_text(f"{BALL}    {text}\n")
-    assert Opened("scene.yaml").scene().objects[0].velocity == ends
+    assert OpenedScene("scene.yaml").scene().objects[0].velocity == ends
 
 
 @pytest.mark.parametrize("gravity", ["980", "9.8 m/s²", "[0, 980]"])
 def test_one_number_of_gravity_points_down(gravity: str) -> None:
     Path("scene.yaml").write_text(f"{BALL}world: {{gravity: {gravity}}}\n")
-    x, y = Opened("scene.yaml").scene().world.gravity
+    x, y = OpenedScene("scene.yaml").scene().world.gravity
     assert (x, y) == pytest.approx((0, 980))

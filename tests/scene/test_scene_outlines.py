@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from physgen.scene.rules import Corner, outline_fault
+from physgen.scene.shape_rules import Corner, outline_fault
 
 
 def properly_cross(a: Corner, b: Corner, c: Corner, d: Corner) -> bool:

@@ -10,7 +10,7 @@ import yaml
 
 from physgen.problems import InputError
 from physgen.scene import scene as model
-from physgen.scene.load import Opened, load
+from physgen.scene.load import OpenedScene, load
 from physgen.scene.overlay import parse_key
 
 BASE: dict[str, Any] = {
@@ -300,7 +300,7 @@ def test_every_variant_is_checked(scene: Path) -> None:
         "variants: {a: {objects.ball.mass: -1}, b: {forces: [{object: none, torque: 1}]},"
         " c: {light.direction: [0, 0, 0]}}\n"
     )
-    opened = Opened(over(scene, text))
+    opened = OpenedScene(over(scene, text))
     opened.scene(["objects.ball.mass=3"])
     problems = opened.variant_problems
     assert [(problem.variant, problem.path) for problem in problems] == [

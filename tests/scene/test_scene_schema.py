@@ -12,7 +12,11 @@ from scene_reference import EXAMPLE, markdown
 
 from physgen.problems import InputError
 from physgen.scene.load import load
-from physgen.scene.schema import expanded, published, with_defaults
+from physgen.scene.schema import (
+    load_expanded_schema,
+    load_published_schema,
+    with_defaults,
+)
 
 ROOT = Path(__file__).parents[2]
 
@@ -34,12 +38,12 @@ def properties(
             yield from properties(schema[key], path + end)
 
 
-ALL = dict(properties(expanded()))
+ALL = dict(properties(load_expanded_schema()))
 
 
 def test_it_is_a_schema() -> None:
-    jsonschema.Draft202012Validator.check_schema(published())
-    jsonschema.Draft202012Validator.check_schema(expanded())
+    jsonschema.Draft202012Validator.check_schema(load_published_schema())
+    jsonschema.Draft202012Validator.check_schema(load_expanded_schema())
 
 
 @pytest.mark.parametrize(

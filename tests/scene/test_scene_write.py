@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from physgen.scene.document import Source, plain, read
+from physgen.scene.document import Source, read, to_plain_data
 from physgen.scene.load import load
 from physgen.scene.write import scene_text
 
@@ -50,7 +50,7 @@ VALUES = st.recursive(
 
 
 def again(text: str) -> Any:
-    return plain(read(text, Source("x", Path())))
+    return to_plain_data(read(text, Source("x", Path())))
 
 
 @settings(max_examples=100)

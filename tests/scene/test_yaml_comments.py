@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from physgen.edit.operations import edited
-from physgen.scene.yaml_edit import is_json, marked, without_comments
+from physgen.scene.yaml_comments import without_comments
+from physgen.scene.yaml_edit import is_json, mark_values
 
 NAMES = ("ball", "crate", "cup")
 SHAPE = "{circle: {center: [20, 20], radius: 5}}"
@@ -110,7 +111,9 @@ def test_removed_object_takes_its_comments_alone(
     new = edited(text.replace("\n", end), [{"remove": ["objects", name]}]).text
     expected = [one for one in comments_of(text) if not one.startswith(f"{name} ")]
     assert comments_of(new) == expected
-    assert [*marked(new).data()["objects"]] == [one for one in NAMES if one != name]
+    assert [*mark_values(new).data()["objects"]] == [
+        one for one in NAMES if one != name
+    ]
     before = set(text.splitlines())
     assert [line for line in new.splitlines() if line not in before] == []
 
@@ -121,7 +124,7 @@ def test_only_object_leaves_comments_of_section(layout: str) -> None:
     new = edited(text, [{"remove": ["objects", name]} for name in NAMES]).text
     kept = [one for one in comments_of(text) if not one.startswith(NAMES)]
     assert comments_of(new) == kept
-    assert marked(new).data()["objects"] == {}
+    assert mark_values(new).data()["objects"] == {}
 
 
 def test_removed_item_takes_its_comments_alone() -> None:

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from physgen.compile.compile import compile_scene
-from physgen.scene.load import EARTH, load
+from physgen.scene.construction import EARTH
+from physgen.scene.load import load
 from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import read_trajectory
 from physgen.simulate.wheels import WHEEL_MASS, world_on_wheels

@@ -346,7 +346,7 @@ BALL_DISTANCE = 120
 
 
 @dataclass(frozen=True)
-class _Welded:
+class _WeldedPair:
     """Two boxes that are welded above each other, with one flush side."""
 
     sizes: tuple[Point, Point]
@@ -417,7 +417,7 @@ def _weld(draw: Draw) -> list[Case]:
     lower_size = (draw.number(24, 60, 0), draw.number(50, 80, 0))
     masses = (draw.mass(), draw.mass())
     side = draw.sign()
-    welded = _Welded((upper_size, lower_size), masses, side)
+    welded = _WeldedPair((upper_size, lower_size), masses, side)
     if draw.sign() > 0:
         y = SEAM_Y - draw.number(0.4, 0.9) * upper_size[1]
     else:
@@ -450,7 +450,7 @@ def _weld(draw: Draw) -> list[Case]:
     return [Case(document, partial(_weld_errors, welded, hit))]
 
 
-def _weld_errors(welded: _Welded, hit: _WeldHit, run: Run) -> Errors:
+def _weld_errors(welded: _WeldedPair, hit: _WeldHit, run: Run) -> Errors:
     """Return the errors of both spins, and of the velocity of the common centre, over one rigid body's."""
     upper = run.track("upper")
     lower = run.track("lower")

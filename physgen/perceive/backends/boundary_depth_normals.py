@@ -1,17 +1,21 @@
-"""Backend boundary=depth-normals: view and boundaries from depth and normals (paper, appendix).
+"""Backend boundary=depth-normals: view and boundaries from depth and normals (paper,
+appendix).
 
-The paper ("Boundary extraction") takes background objects within the foreground's range of depth, selects planes by
-normals, and fits level and upright edges to their borders. Here the supports come first, as boundary=support lays them
-under what rests on them; depth shows how far they reach and what else is solid in the plane in which the objects move;
-normals show which of its borders are planes'. Slopes are edges too.
+The paper ("Boundary extraction") selects background objects within the foreground's
+depth range, selects planes by normals, and fits level and upright edges to their
+borders. Here the supports come first: as in boundary=support, they lie under the
+objects. Depth shows their extent and other solid matter in the plane of motion, and
+normals show whether a border belongs to a plane. Slopes are edges too.
 
-A photo shows, in every direction, the nearest surface. Where that is nearer than the plane in which objects move, the
-plane is hidden behind matter and taken to be solid there; where it is farther, the plane is free. The border between
-the two is the section of all that stands still: a floor's, a wall's, a table's, a cushion's.
+In every direction a photo shows the nearest surface. If that surface is nearer than the
+plane of motion, the plane is hidden behind matter and is taken to be solid there; if it
+is farther, the plane is free. The border between both regions is the section of all
+static matter: floors, walls, tables, cushions.
 
-Image axes, px. An edge has the solid on its right as one goes along it from `start` to `end` (y points down), so that a
-floor's goes from left to right. The height of a floor is the objects': they stand exactly on it. Depth only decides
-where a floor begins and ends.
+Coordinates are image axes, px. An edge has the solid on its right in the direction from
+`start` to `end` (y points down), so that a floor's edge runs from left to right. The
+height of a floor comes from the objects, because they stand exactly on it; depth only
+decides about its ends.
 """
 
 from __future__ import annotations
@@ -60,50 +64,71 @@ from physgen.scene.scene import View
 
 @dataclass(frozen=True)
 class _Limits:
-    """Which edges are walls: px, shares of the photo's longer side ("of the photo"), or of its range of depth."""
+    """Limits of edges that become walls.
 
-    up: float = 0.6  # -y of a normal from which a surface faces up
-    # px that an edge may run within an outline: an error of the mask, or of the depth beside it
+    Units are px, shares of the photo's longer side ("of the photo") or shares of the
+    photo's depth range ("of depth").
+    """
+
+    # Least -y of the normal of a surface that faces up.
+    up: float = 0.6
+    # px: largest depth of an edge inside an outline, by an error of the mask or of the
+    # depth beside it.
     through: float = 2.0
-    # cosine between the way an edge's surface faces and the way out of it, from which it is its section
+    # Least cosine between the surface's direction and the outward direction of an edge
+    # that is the surface's section.
     section: float = 0.9
-    slope: float = 8.0  # degrees from level where slopes begin
-    bleeds: int = 4  # at 512 px, by which an object's depth runs over its outline in the output of models
-    slack: float = 0.02  # of depth, by which a face may lie behind the objects' plane and still be in it
-    soft: float = 1.5  # standard deviation of the blur that smooths a border
-    near: float = 1.0  # of the foreground's depth: how far before all objects a surface is still among them
-    thin: float = (
-        0.05  # of depth: least depth of the foreground where its objects stand ...
-    )
-    deep: float = 0.2  # ... and for its shelves
-    facing: float = 0.85  # cosine from which a surface faces the viewer
-    shortest: float = 0.04  # of the photo: a shorter edge is a detail
-    bent: float = (
-        0.005  # of the photo, by which a contour may leave its chord and be straight
-    )
-    rough: float = 1.5  # RMS by which a contour may leave the line fitted to it
-    seen: float = 0.4  # share of an edge that must not be hidden by objects
-    flat: float = 0.85  # length of the mean of unit normals of one plane: all within about 30 degrees
+    # Least angle of a slope, degrees from level.
+    slope: float = 8.0
+    # px at a photo of 512 px: models blur an object's depth over its outline by this
+    # distance.
+    bleeds: int = 4
+    # of depth: largest distance behind the objects' plane of a facing surface in the
+    # plane.
+    slack: float = 0.02
+    # px: standard deviation of the blur that smooths a border.
+    soft: float = 1.5
+    # Distance in front of all objects within which a surface is among them, as a share
+    # of the foreground's depth.
+    near: float = 1.0
+    # of depth: least depth range of the foreground for its supports ...
+    thin: float = 0.05
+    # ... and for its shelves.
+    deep: float = 0.2
+    # Least cosine of a surface that faces the viewer.
+    facing: float = 0.85
+    # of the photo: shorter edges are details.
+    shortest: float = 0.04
+    # of the photo: largest deviation of a straight contour from its chord.
+    bent: float = 0.005
+    # px: largest RMS deviation of a contour from its line.
+    rough: float = 1.5
+    # Least share of an edge that objects do not hide.
+    seen: float = 0.4
+    # Least length of the mean unit normal of a plane: all normals within about 30
+    # degrees.
+    flat: float = 0.85
+    # px from an edge at which normals and depth of its solid side are sampled.
     strip: tuple[int, ...] = (
         2,
         4,
         6,
-    )  # from an edge, where normals and depth are read on its solid side
-    same: float = (
-        0.02  # of the photo, by which the ends of a floor's edge may be off it
     )
-    under: tuple[int, ...] = (5, 8)  # below a floor, where solid matter is looked for
-    nothing: float = (
-        0.03  # of the photo: a floor ends where as much of nothing is seen under it
-    )
-    backed: float = 0.5  # share of a floor at objects that must be solid for its ends to be looked for
+    # of the photo: largest distance of an edge's ends from a floor that contains it.
+    same: float = 0.02
+    # px below a floor at which solid matter is tested.
+    under: tuple[int, ...] = (5, 8)
+    # of the photo: a floor ends at a gap of this width without solid matter.
+    nothing: float = 0.03
+    # Least share of solid matter under the objects for a floor with known ends.
+    backed: float = 0.5
 
 
 LIMITS = _Limits()
 
 
 def depth_normals() -> Boundary:
-    """The backend `depth-normals`."""
+    """Return the backend `depth-normals`."""
     return _depth_normals
 
 
@@ -117,11 +142,12 @@ def _depth_normals(
     normals: F32 | None = None,
     scenery: Scenery | None = None,
 ) -> BoundaryGuess:
-    """`depth` (H, W) up to scale and shift; without `normals`, everything counts as a plane that faces the viewer.
+    """Return the view and the boundaries.
 
-    Raises InputError where there is no depth.
+    `depth` (H, W) is known up to scale and shift. Without `normals`, every surface
+    counts as a plane that faces the viewer. Raises InputError without depth.
     """
-    even = normalised_depth(depth)
+    unit_depth = normalised_depth(depth)
     if normals is None:
         facing = np.zeros((*labels.shape, 3), np.float32)
         facing[..., 2] = 1
@@ -131,7 +157,7 @@ def _depth_normals(
     chances = view_chances(run_network(rgb).features)
     if view is None:
         small = cv2.resize(facing, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
-        found, sure, reason = guess_view(
+        view_guess, confidence, reason = guess_view(
             rgb,
             labels,
             np.asarray(small, np.float32),
@@ -139,45 +165,48 @@ def _depth_normals(
             chances,
         )
     else:
-        found, sure, reason = view, 1.0, "as given"
+        view_guess, confidence, reason = view, 1.0, "as given"
     if not len(objects) or not (labels > 0).any():
-        return BoundaryGuess(found, sure, reason, ())
-    if found is View.TOP:
+        return BoundaryGuess(view_guess, confidence, reason, ())
+    if view_guess is View.TOP:
         return BoundaryGuess(
-            found, sure, reason, tuple(find_cushions(Photo(rgb, labels), objects))
+            view_guess,
+            confidence,
+            reason,
+            tuple(find_cushions(Photo(rgb, labels), objects)),
         )
-    section = side_section(even, facing, labels, objects, groups, scenery)
-    stood = lay_floors(rgb, labels, objects, partial(solid_reach, section))
+    section = side_section(unit_depth, facing, labels, objects, groups, scenery)
+    supports = lay_floors(rgb, labels, objects, partial(solid_reach, section))
     edges = section_edges(section, facing)
     others = [
         edge
         for edge in edges
-        if not any(is_floor_edge(section, edge, wall) for wall in stood.walls)
+        if not any(is_floor_edge(section, edge, wall) for wall in supports.walls)
     ]
-    guess = BoundaryGuess(found, sure, reason, (), tilt=chances.tilt)
-    guess = with_supports(guess, labels, stood)
-    beside = _walls(others, stood.objects, guess.walls)
-    return replace(guess, walls=(*guess.walls, *beside))
+    guess = BoundaryGuess(view_guess, confidence, reason, (), tilt=chances.tilt)
+    guess = with_supports(guess, labels, supports)
+    extra_walls = _walls(others, supports.objects, guess.walls)
+    return replace(guess, walls=(*guess.walls, *extra_walls))
 
 
 def _walls(
     found: Sequence[Edge], objects: Sequence[PhotoObject], taken: Sequence[Wall]
 ) -> list[Wall]:
-    """Edges as walls, without the parts that run into objects."""
+    """Return walls along edges, without the parts inside objects."""
     outlines = [t.outline for t in objects]
     count, names = Counter[str](), {wall.name for wall in taken}
     walls: list[Wall] = []
     for edge in found:
-        along = edge.start + np.linspace(0, 1, max(2, int(edge.length)))[:, None] * (
+        samples = edge.start + np.linspace(0, 1, max(2, int(edge.length)))[:, None] * (
             edge.end - edge.start
         )
-        within = max(
-            (float(depth_inside(o, along).max()) for o in outlines), default=0.0
+        largest_depth = max(
+            (float(depth_inside(o, samples).max()) for o in outlines), default=0.0
         )
-        behind = (
-            edge.out[1] < -0.7 and within > LIMITS.through
-        )  # objects stand lower than this
-        if behind or _is_rim(edge):
+        # A surface that faces up lies below the objects on it: an edge inside an object
+        # is behind it.
+        lies_behind = edge.out[1] < -0.7 and largest_depth > LIMITS.through
+        if lies_behind or _is_rim(edge):
             continue
         chain = [
             (round(float(x), 2), round(float(y), 2)) for x, y in (edge.start, edge.end)
@@ -192,7 +221,7 @@ def _walls(
             if out > 0.35
             else "side"
         )
-        sure = round(min(0.9, 0.3 + 0.6 * edge.seen * edge.plane**2), 2)
+        confidence = round(min(0.9, 0.3 + 0.6 * edge.seen * edge.plane**2), 2)
         for part in free_parts(chain, outlines):
             if np.hypot(*np.subtract(part[-1], part[0])) < 4:
                 continue
@@ -201,86 +230,103 @@ def _walls(
                 count[kind] += 1
             source, reason = "depth and normals", "beyond it is far"
             walls.append(
-                Wall(name, tuple(part), FRICTION, ELASTICITY, sure, source, reason)
+                Wall(
+                    name, tuple(part), FRICTION, ELASTICITY, confidence, source, reason
+                )
             )
     return walls
 
 
 def _is_rim(edge: Edge) -> bool:
-    """Whether it ends a plane nearer than the objects' that faces elsewhere, as the side rim of a table's top."""
+    """Return whether an edge is only the rim of a nearer plane.
+
+    For example, the side rim of a table's top ends a plane that faces up, not sideways.
+    """
     assert edge.facing is not None
-    across = edge.facing[:2]
+    direction = edge.facing[:2]
     return bool(
-        np.hypot(*across) > LIMITS.up
-        and across @ edge.out < LIMITS.section * np.hypot(*across)
+        np.hypot(*direction) > LIMITS.up
+        and direction @ edge.out < LIMITS.section * np.hypot(*direction)
     )
 
 
-# section of the background by the plane of motion
+# The section of the background by the plane of motion.
 
 
 @dataclass(frozen=True)
 class Section:
-    """Solid matter in the plane of motion; depths are 0 at the photo's nearest point, 1 at its farthest."""
+    """Solid matter in the plane of motion; depth is 0 at the nearest and 1 at the
+    farthest point.
+    """
 
-    depth: (
-        F32  # (H, W): the background's, interpolated across objects from side to side
-    )
+    # (H, W): depth of the background, interpolated across objects in each row.
+    depth: F32
     solid: Mask  # (H, W)
-    known: Mask  # (H, W): False where objects, or the bleeding of their depth, hide it
-    nearest: float  # depth before which nothing is among the objects
+    # (H, W): False behind objects and their blurred depth.
+    known: Mask
+    # Depth in front of all objects; nearer surfaces do not interact with them.
+    nearest: float
 
     @property
     def size(self) -> int:
-        """The photo's longer side, px."""
+        """Return the photo's longer side, px."""
         height, width = self.solid.shape
         return int(max(height, width))
 
 
 @dataclass(frozen=True, eq=False)
 class Edge:
-    """One straight edge."""
+    """A straight edge of the section."""
 
     start: Array  # (2,) px
     end: Array  # (2,) px
-    seen: float = 0.0  # 0..1: the share of it that is
-    plane: float = 0.0  # 0..1: how alike the normals on its solid side are
-    facing: Array | None = None  # (3,) unit: their mean
+    # 0..1: visible share of the edge.
+    seen: float = 0.0
+    # 0..1: agreement of the normals on its solid side.
+    plane: float = 0.0
+    # (3,): their unit mean.
+    facing: Array | None = None
 
     @property
     def length(self) -> float:
-        """px."""
+        """Return the length, px."""
         return float(hypot(*(self.end - self.start)))
 
     @property
     def along(self) -> Array:
-        """(2,) unit."""
+        """Return the unit direction (2,) from start to end."""
         return np.asarray((self.end - self.start) / max(self.length, 1e-9))
 
     @property
     def out(self) -> Array:
-        """(2,) unit: away from the solid."""
+        """Return the unit normal (2,) that points away from the solid."""
         return np.array([self.along[1], -self.along[0]])
 
     @property
     def angle(self) -> float:
-        """degrees, -180..180: 0 a floor, 90 the left side of a solid."""
+        """Return the angle in degrees, -180..180: 0 for a floor, 90 for a solid's left
+        side.
+        """
         return degrees(atan2(self.along[1], self.along[0]))
 
 
 def normalised_depth(depth: F32 | None) -> F32:
-    """Depth from 0, the photo's nearest, to 1, its farthest, without specks. Raises InputError where there is none."""
+    """Return depth without specks, from 0 at the nearest to 1 at the farthest point.
+
+    Raises InputError if depth is missing or constant.
+    """
     if (
         depth is None
         or not np.isfinite(depth).all()
         or np.ptp(depth) <= 1e-6 * np.abs(depth).max()
     ):
-        found = (
+        fault = (
             "no depth"
             if depth is None
             else "depth that is the same everywhere, or not finite"
         )
-        raise Message.NO_DEPTH_FOR_BOUNDARY.error("--backend", found)
+        raise Message.NO_DEPTH_FOR_BOUNDARY.error("--backend", fault)
+    # Percentiles ignore outliers unless nearly all depths are equal.
     low, high = np.percentile(depth[::3, ::3], (0.5, 99.5))
     if high - low <= 1e-6 * max(abs(low), abs(high)):
         low, high = depth.min(), depth.max()
@@ -290,7 +336,7 @@ def normalised_depth(depth: F32 | None) -> F32:
 
 
 def hidden_by_objects(labels: Labels) -> Mask:
-    """(H, W): objects, and as far as their depth bleeds."""
+    """Return the pixels (H, W) of objects and of their blurred depth."""
     reach = 2 * max(2, round(LIMITS.bleeds * max(labels.shape) / 512)) + 1
     return np.asarray(
         cv2.dilate((labels > 0).astype(np.uint8), np.ones((reach, reach), np.uint8)) > 0
@@ -305,46 +351,51 @@ def side_section(
     groups: Sequence[tuple[Line, list[Foot]]],
     scenery: Scenery | None,
 ) -> Section:
-    """The section in a side view: the objects' plane is as far as what they stand on, where they stand."""
-    away = hidden_by_objects(labels)
-    full = _filled_behind(depth, away)
+    """Return the section of a photo from the side.
+
+    The plane of motion is as far as the supports at the objects' feet.
+    """
+    occlusion = hidden_by_objects(labels)
+    full = _filled_behind(depth, occlusion)
     parts = [depth[labels == item.id] for item in objects]
-    own = [np.percentile(part, (10, 75)) for part in parts if part.size]
-    nearest, farthest = min(float(o[0]) for o in own), max(float(o[1]) for o in own)
-    around = max(farthest - nearest, LIMITS.thin)
+    ranges = [np.percentile(part, (10, 75)) for part in parts if part.size]
+    nearest, farthest = (
+        min(float(o[0]) for o in ranges),
+        max(float(o[1]) for o in ranges),
+    )
+    depth_range = max(farthest - nearest, LIMITS.thin)
     stands = [
         d
         for line, group in groups
-        if (d := _depth_beside(full, away, line, group)) is not None
+        if (d := _depth_beside(full, occlusion, line, group)) is not None
     ]
-    # what is seen under an object in the air is no floor
-    stands = [d for d in stands if nearest - around <= d <= farthest + around]
+    # The surface visible under an object in the air is not its support.
+    stands = [d for d in stands if nearest - depth_range <= d <= farthest + depth_range]
     plane = max(stands) if stands else farthest
-    # flat objects stand in the plane, too; a surface that runs through it ends there
+    # Flat objects also stand in the plane; a surface that crosses the plane ends there.
     limit = plane + LIMITS.slack * (normals[..., 2] > LIMITS.facing)
     before = LIMITS.near * max(farthest - nearest, LIMITS.deep)
     solid = (full < limit).astype(np.float32)
-    if (
-        scenery is not None
-    ):  # the paper's choice: scenery within the foreground's range of depth
-        ids = np.where(away, 0, scenery.labels)
+    # The paper keeps only scenery within the foreground's range of depth.
+    if scenery is not None:
+        ids = np.where(occlusion, 0, scenery.labels)
         for i in np.unique(ids[ids > 0]).tolist():
             low, high = np.percentile(full[ids == i], (5, 95))
             if low > limit.max() or high < nearest - before:
                 solid[scenery.labels == i] = 0.0
-    smooth = cv2.GaussianBlur(solid, (0, 0), LIMITS.soft) > 0.5
-    return Section(full, smooth, ~away, nearest - before)
+    smooth_solid = cv2.GaussianBlur(solid, (0, 0), LIMITS.soft) > 0.5
+    return Section(full, smooth_solid, ~occlusion, nearest - before)
 
 
 def _filled_behind(depth: F32, away: Mask) -> F32:
-    """The depth with `away` (H, W) interpolated from side to side."""
+    """Return the depth with `away` (H, W) interpolated in each row."""
     result = depth.copy()
     columns = np.arange(depth.shape[1])
     for row in np.flatnonzero(away.any(1)):
-        seen = ~away[row]
-        if seen.any():
-            result[row, ~seen] = np.interp(
-                columns[~seen], columns[seen], depth[row, seen]
+        is_visible = ~away[row]
+        if is_visible.any():
+            result[row, ~is_visible] = np.interp(
+                columns[~is_visible], columns[is_visible], depth[row, is_visible]
             )
     return result
 
@@ -352,7 +403,9 @@ def _filled_behind(depth: F32, away: Mask) -> F32:
 def _depth_beside(
     depth: F32, away: Mask, line: Line, group: Sequence[Foot]
 ) -> float | None:
-    """Median depth beside objects, where they stand."""
+    """Return the median depth of the support beside objects, or None if it is
+    hidden.
+    """
     height, width = depth.shape
     x0, x1 = min(f.left[0] for f in group), max(f.right[0] for f in group)
     margin = 0.5 * max(float(np.ptp(f.hull[:, 0])) for f in group) + 2 * LIMITS.bleeds
@@ -360,34 +413,42 @@ def _depth_beside(
     rows = np.round(line.slope * columns + line.height).astype(int)
     inside = (rows >= 0) & (rows < height)
     columns, rows = columns[inside], rows[inside]
-    seen = ~away[rows, columns]
+    is_visible = ~away[rows, columns]
     return (
-        float(np.median(depth[rows[seen], columns[seen]])) if seen.sum() >= 5 else None
+        float(np.median(depth[rows[is_visible], columns[is_visible]]))
+        if is_visible.sum() >= 5
+        else None
     )
 
 
-# edges
+# Edges of the section.
 
 
 def section_edges(section: Section, normals: F32) -> list[Edge]:
-    """Straight parts of the border of the solid that are seen and with a plane on their solid side."""
+    """Return the visible straight edges of the solid with a plane on their solid
+    side.
+    """
     contours, _ = cv2.findContours(
         section.solid.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE
     )
-    found = [
+    edges = [
         edge
         for contour in contours
         for edge in _straight_edges(contour[::-1, 0, :], section)
     ]
-    planes = [_plane(edge, section, normals) for edge in found]
+    planes = [_plane(edge, section, normals) for edge in edges]
     return [edge for edge in planes if edge is not None]
 
 
 def _straight_edges(points: NDArray[Any], section: Section) -> Iterator[Edge]:
-    """Edges of one contour `(N, 2)`, half a pixel out: it runs through the middles of the outermost solid pixels."""
+    """Yield the straight edges of one contour `(N, 2)`.
+
+    Edges are shifted outwards by half a pixel, because the contour runs through the
+    centres of the outermost solid pixels.
+    """
     height, width = section.solid.shape
-    least = LIMITS.shortest * section.size
-    if len(points) < least:
+    least_length = LIMITS.shortest * section.size
+    if len(points) < least_length:
         return
     corners = cv2.approxPolyDP(points, LIMITS.bent * section.size, True)[:, 0, :]
     order = np.sort(
@@ -395,67 +456,75 @@ def _straight_edges(points: NDArray[Any], section: Section) -> Iterator[Edge]:
     )
     columns, rows = points.T
     border = (columns < 2) | (rows < 2) | (columns > width - 3) | (rows > height - 3)
-    seen = section.known[rows, columns] & ~border
+    is_visible = section.known[rows, columns] & ~border
     for first, last in zip(order, np.roll(order, -1), strict=True):
+        # A run of the contour between two corners, without its rounded ends.
         run = np.arange(
             first, last + 1 if last > first else last + 1 + len(points)
         ) % len(points)
         trim = min(len(run) // 5, 6)
-        used = run[trim : len(run) - trim]
-        used = used[seen[used]]
-        if len(used) < max(6, LIMITS.seen * (len(run) - 2 * trim)):
+        run_indices = run[trim : len(run) - trim]
+        run_indices = run_indices[is_visible[run_indices]]
+        if len(run_indices) < max(6, LIMITS.seen * (len(run) - 2 * trim)):
             continue
         x, y, u, v = cv2.fitLine(
-            points[used].astype(np.float32), cv2.DIST_L2, 0, 0.01, 0.01
+            points[run_indices].astype(np.float32), cv2.DIST_L2, 0, 0.01, 0.01
         ).ravel()[[2, 3, 0, 1]]
-        middle, along = np.array([x, y], np.float64), np.array([u, v], np.float64)
-        along = along if along @ (points[last] - points[first]) >= 0 else -along
-        out = np.array([along[1], -along[0]])
-        if np.sqrt((((points[used] - middle) @ out) ** 2).mean()) > LIMITS.rough:
+        middle, direction = np.array([x, y], np.float64), np.array([u, v], np.float64)
+        # Direct the line along the contour, with the solid on its right.
+        direction = (
+            direction if direction @ (points[last] - points[first]) >= 0 else -direction
+        )
+        out = np.array([direction[1], -direction[0]])
+        if np.sqrt((((points[run_indices] - middle) @ out) ** 2).mean()) > LIMITS.rough:
             continue
         start, end = (
-            middle + along * ((points[k] - middle) @ along) + 0.5 * out
+            middle + direction * ((points[k] - middle) @ direction) + 0.5 * out
             for k in (first, last)
         )
-        edge = Edge(start, end, len(used) / (len(run) - 2 * trim))
-        if edge.length >= least:
+        edge = Edge(start, end, len(run_indices) / (len(run) - 2 * trim))
+        if edge.length >= least_length:
             yield edge
 
 
 def _plane(edge: Edge, section: Section, normals: F32) -> Edge | None:
-    """The edge where its solid side is a plane, and not nearer than all objects."""
+    """Return the edge with its plane, or None without a plane or if it is nearer than
+    all objects.
+    """
     height, width = section.solid.shape
     best = replace(edge, plane=LIMITS.flat)
     share = np.linspace(0.1, 0.9, max(int(edge.length), 2))[:, None]
     for way in LIMITS.strip:
         points = edge.start + share * (edge.end - edge.start) - way * edge.out
         columns, rows = np.rint(points).astype(np.int64).T
-        at = np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)
-        use = section.known[at] & section.solid[at]
-        if use.sum() < 5 or np.median(section.depth[at][use]) < section.nearest:
+        pixels = np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)
+        use = section.known[pixels] & section.solid[pixels]
+        if use.sum() < 5 or np.median(section.depth[pixels][use]) < section.nearest:
             continue
-        mean = normals[at][use].mean(0).astype(np.float64)
+        mean = normals[pixels][use].mean(0).astype(np.float64)
         if (length := float(np.linalg.norm(mean))) >= best.plane:
             best = replace(edge, plane=length, facing=mean / length)
     return best if best.facing is not None else None
 
 
-# floors
+# Floors.
 
 
 def is_floor_edge(section: Section, edge: Edge, wall: Wall) -> bool:
-    """Whether an edge is a piece of a floor, or continues it."""
+    """Return whether an edge is a piece of a floor or its continuation."""
     (x0, y0), (x1, y1) = edge.start, edge.end
-    off = np.abs(np.interp([x0, x1], *np.array(wall.points).T) - [y0, y1])
-    return bool(edge.out[1] < -0.5 and off.max() <= LIMITS.same * section.size)
+    distances = np.abs(np.interp([x0, x1], *np.array(wall.points).T) - [y0, y1])
+    return bool(edge.out[1] < -0.5 and distances.max() <= LIMITS.same * section.size)
 
 
 def solid_reach(
     section: Section, line: Line, group: Sequence[Foot]
 ) -> tuple[float, float] | None:
-    """The ends of the floor under a group: where nothing solid is seen under it any more, else far off.
+    """Return the ends of the floor under a group, or None without solid matter under
+    it.
 
-    None where nothing solid is seen beside the objects.
+    An end is the first gap without solid matter; without a gap the floor ends outside
+    the photo.
     """
     height, width = section.solid.shape
     columns = np.arange(width)
@@ -463,14 +532,14 @@ def solid_reach(
     for down in LIMITS.under:
         rows = np.rint(line.slope * columns + line.height).astype(int) + down
         inside = (rows >= 0) & (rows < height)
-        at = np.clip(rows, 0, height - 1), columns
-        empty &= ~inside | (section.known[at] & ~section.solid[at])
-        solid &= section.solid[at] | ~section.known[at]
+        pixels = np.clip(rows, 0, height - 1), columns
+        empty &= ~inside | (section.known[pixels] & ~section.solid[pixels])
+        solid &= section.solid[pixels] | ~section.known[pixels]
     boxes = np.array([bounds(foot.item.outline) for foot in group])
     inner = boxes[:, 0].min(), boxes[:, 2].max()
     margin = int(max(LIMITS.nothing * section.size, 1))
-    beside = (columns >= inner[0] - margin) & (columns <= inner[1] + margin)
-    if not beside.any() or solid[beside].mean() < LIMITS.backed:
+    near_feet = (columns >= inner[0] - margin) & (columns <= inner[1] + margin)
+    if not near_feet.any() or solid[near_feet].mean() < LIMITS.backed:
         return None
     holes = np.flatnonzero(np.convolve(empty, np.ones(margin), "valid") >= margin)
     left, right = holes[holes + margin <= inner[0]], holes[holes >= inner[1]]

@@ -1,4 +1,6 @@
-"""Backend categories=everyday: the same nouns for every photo, for segmenters that need nouns."""
+"""Backend categories=everyday: the same nouns for every photo, for segmenters that need
+nouns.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,7 @@ STATIC = ("table", "shelf", "floor", "wall", "ramp", "desk")
 
 
 def everyday() -> Categories:
-    """The backend `everyday`."""
+    """Return the backend `everyday`."""
     return _everyday
 
 

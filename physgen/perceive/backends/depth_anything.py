@@ -1,4 +1,6 @@
-"""Backend depth=depth-anything: Depth Anything V2 (Yang et al. 2024), relative or metric."""
+"""Backend depth=depth-anything: Depth Anything V2 (Yang et al. 2024), relative or
+metric.
+"""
 
 from __future__ import annotations
 
@@ -21,20 +23,23 @@ NAME = "depth-anything"
 
 @dataclass(frozen=True)
 class DepthConstants:
-    """Constants of the depth."""
+    """Constants of the network's input and of the depth scale."""
 
     farthest: float = 50.0
     """Distance of points without parallax (the sky), relative to the nearest point."""
     patch: int = 14
     """px: the sides of the network's input are multiples of it."""
     longest: float = 3.0
-    """The longer side of the input at most, as a multiple of `resolution`: the cost of
-    attention is quadratic."""
+    """Largest ratio of the input's longer side to `resolution`, since the cost of
+    attention grows with the square of the area.
+    """
 
 
 DEPTH = DepthConstants()
 OPTIONS: Options = {"resolution": (518, {"type": "integer", "minimum": DEPTH.patch})}
-"""`resolution`: the shorter side of the network's input, px; 518 as it was trained."""
+"""`resolution`: the shorter side of the network's input, px; the weights were trained
+at 518 px.
+"""
 
 
 class DepthAnything(ModelBackend):
@@ -47,7 +52,7 @@ class DepthAnything(ModelBackend):
         super().__init__(setup, weights, "Depth Anything", options | {"unit": ""})
 
     def _number_type(self, setup: Setup) -> torch.dtype:
-        # the model is small, and 16 bits would give depth in steps
+        # The model is small, and 16-bit numbers would quantise depth visibly.
         if setup.dtype == "auto":
             return torch.float32
         return super()._number_type(setup)
@@ -62,11 +67,13 @@ class DepthAnything(ModelBackend):
         return model.to(self._device).eval()
 
     def __call__(self, rgb: Rgb) -> F32:
-        """Return (H, W) float32, larger = farther: m, or 1 = nearest (`invert_depth`)."""
+        """Return depth (H, W) float32, larger = farther, in m or relative to the
+        nearest point.
+        """
         model = self._model
         height, width = input_size(rgb.shape[:2], self._options["resolution"])
-        how = cv2.INTER_AREA if width < rgb.shape[1] else cv2.INTER_CUBIC
-        small = cv2.resize(rgb, (width, height), interpolation=how)
+        interpolation = cv2.INTER_AREA if width < rgb.shape[1] else cv2.INTER_CUBIC
+        small = cv2.resize(rgb, (width, height), interpolation=interpolation)
         inputs = self._processor(images=small, do_resize=False, return_tensors="pt")
         pixel_values = inputs["pixel_values"].to(self._device, self._dtype)
         with torch.inference_mode():
@@ -89,16 +96,17 @@ depth = DepthAnything
 def invert_depth(inverse: F32) -> F32:
     """Return depth from inverse depth >= 0 with unknown scale and shift.
 
-    The nearest point gets 1, points without parallax `DEPTH.farthest`; between them depth
-    is the inverse, so that ratios of near depths are right if the shift is small. The
-    order is kept strictly. A map without any parallax is all 1.
+    The nearest point gets depth 1, and points without parallax get `DEPTH.farthest`.
+    Between them the result is the reciprocal, so that ratios of small depths are
+    correct if the shift is small. The order of depths is kept strictly. A map without
+    any parallax becomes 1 everywhere.
     """
-    most = float(inverse.max())
-    if most <= 0:
+    nearest = float(inverse.max())
+    if nearest <= 0:
         return np.ones_like(inverse)
-    share = np.clip(inverse / most, 0, 1)
-    least = 1 / DEPTH.farthest
-    return np.asarray(1 / (share * (1 - least) + least), np.float32)
+    share = np.clip(inverse / nearest, 0, 1)
+    farthest = 1 / DEPTH.farthest
+    return np.asarray(1 / (share * (1 - farthest) + farthest), np.float32)
 
 
 def input_size(shape: tuple[int, ...], resolution: int) -> tuple[int, int]:

@@ -1,6 +1,7 @@
 """Backends ROLE=file: maps of another program, e.g. `normals=file:normals.npy`.
 
-A map may be larger or smaller than the photo, with the same proportions: it is resized.
+A map may be larger or smaller than the photo if its proportions are the same; it is
+resized.
 """
 
 from __future__ import annotations
@@ -23,31 +24,35 @@ from physgen.registry import Setup
 
 Map = NDArray[Any]
 ASPECT_TOLERANCE = 0.02
-"""Share by which a map's proportions may differ from the photo's."""
+"""Largest relative difference between the proportions of a map and of the photo."""
 
 
 def depth(setup: Setup) -> roles.Depth:
-    """The backend `depth=file`: larger = farther, in any unit."""
+    """Return the backend `depth=file`: depth in any unit, larger = farther."""
     path = _path(setup, "depth")
     values = _grey(path, "depth")
     return lambda rgb: _fit(values, rgb, path)
 
 
 def flat() -> roles.Depth:
-    """The backend `depth=none`: the same depth everywhere, for backends that need none."""
+    """Return the backend `depth=none`: constant depth, for roles that use none."""
     return lambda rgb: np.zeros(rgb.shape[:2], np.float32)
 
 
 def normals(setup: Setup) -> roles.Normals:
-    """The backend `normals=file`: +x right, +y down, +z to the viewer; of any length but 0, made unit."""
+    """Return the backend `normals=file`: +x right, +y down, +z to the viewer.
+
+    Vectors may have any length except 0 and are normalised.
+    """
     path = _path(setup, "normals")
     raw = _raw(path, "normals")
     values = _checked(raw, path, "normals", "(H, W, 3)")
     if values.ndim != 3 or values.shape[2] != 3:
         raise _refused(raw, path, "normals", "(H, W, 3)")
     if not _array(path) and raw.dtype.kind == "u":
-        half = np.iinfo(raw.dtype).max // 2  # 127 or 32767, and one more stands for 0
-        values = np.asarray((values - (half + 1)) / half, np.float32)
+        # Pictures store 0 as level 128 of 255, or as 32768 of 65535.
+        zero_level = np.iinfo(raw.dtype).max // 2
+        values = np.asarray((values - (zero_level + 1)) / zero_level, np.float32)
 
     def run(
         rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject], setting: BoundaryGuess
@@ -58,8 +63,13 @@ def normals(setup: Setup) -> roles.Normals:
 
 
 def facing(vectors: Map) -> NDArray[np.float32]:
-    """Unit normals from vectors (H, W, 3) of any length, +x right, +y down, +z to the viewer; none faces away."""
-    vectors = vectors.astype(np.float64)  # squares of long vectors exceed float32
+    """Return unit normals that face the viewer, from vectors (H, W, 3) of any length.
+
+    Axes: +x right, +y down, +z to the viewer. A negative z becomes 0, and a vector of
+    length 0 becomes (0, 0, 1).
+    """
+    # Squares of long vectors exceed float32.
+    vectors = vectors.astype(np.float64)
     vectors[..., 2] = np.maximum(vectors[..., 2], 0)
     vectors[(np.abs(vectors) < 1e-6).all(axis=2)] = (0, 0, 1)
     return np.asarray(
@@ -68,9 +78,10 @@ def facing(vectors: Map) -> NDArray[np.float32]:
 
 
 def intrinsic(setup: Setup) -> roles.Intrinsic:
-    """The backend `intrinsic=file`: linear shading of any scale; albedo is the photo divided by it.
+    """Return the backend `intrinsic=file`: linear shading of any scale.
 
-    It is scaled so that hardly any albedo exceeds 1.
+    The albedo is the photo divided by the shading, which is scaled so that 99 % of the
+    albedo is at most 1.
     """
     path = _path(setup, "intrinsic")
     values = _grey(path, "shading")
@@ -84,7 +95,10 @@ def intrinsic(setup: Setup) -> roles.Intrinsic:
 
 
 def parted(rgb: Rgb, shading: NDArray[np.float32]) -> Intrinsics:
-    """Albedo in 0..1 and shading from a photo and its shading (H, W); albedo above 1 is moved to the shading."""
+    """Return the albedo in 0..1 and the shading of a photo with shading (H, W).
+
+    If the albedo would exceed 1, the shading is increased instead.
+    """
     light = decode(rgb)
     final = np.maximum(_raised(shading), light.max(axis=2))
     return Intrinsics(
@@ -93,13 +107,13 @@ def parted(rgb: Rgb, shading: NDArray[np.float32]) -> Intrinsics:
 
 
 def _raised(shading: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The shading, raised to at least a hundredth of its median, so that it can be divided by."""
+    """Return the shading, at least a hundredth of its median, as a safe divisor."""
     floor = max(float(np.percentile(shading, 50)) * 1e-2, 1e-6)
     return np.maximum(shading, np.float32(floor))
 
 
 def inpaint(setup: Setup) -> roles.Inpaint:
-    """The backend `inpaint=file`: a background picture, used inside the hole."""
+    """Return the backend `inpaint=file`: a picture that replaces the hole's pixels."""
     path = _path(setup, "inpaint")
     picture = read_photo(path).rgb
 
@@ -119,28 +133,30 @@ def _path(setup: Setup, role: str) -> Path:
 
 
 def _array(path: Path) -> bool:
-    """Whether a file is an array rather than a picture, by its name."""
+    """Return whether a file is an array rather than a picture, by its name."""
     return path.suffix.lower() == ".npy"
 
 
 def _raw(path: Path, what: str) -> Map:
-    """A file's numbers as they are stored: an array's in any shape, a picture's (H, W) or (H, W, 3)."""
+    """Return the stored numbers: of an array any shape, of a picture (H, W) or (H, W,
+    3).
+    """
     try:
         if _array(path):
             return np.asarray(np.load(path, allow_pickle=False))
-        stored = np.fromfile(path, np.uint8)
+        content = np.fromfile(path, np.uint8)
         with discard_native_errors():
-            read = cv2.imdecode(stored, cv2.IMREAD_UNCHANGED) if stored.size else None
+            read = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
     except (OSError, ValueError, EOFError, cv2.error):
         read = None
     if read is None:
-        kind, how = (
+        kind, form = (
             ("array of numbers", "with numpy.save")
             if _array(path)
             else ("picture", "as PNG or .npy")
         )
         raise Message.MAP_FILE_UNREADABLE.error(
-            str(path), kind=kind, content=what, form=how
+            str(path), kind=kind, content=what, form=form
         )
     return read[..., [2, 1, 0]] if read.ndim == 3 else read
 
@@ -152,7 +168,7 @@ def _refused(raw: Map, path: Path, what: str, shape: str) -> InputError:
 
 
 def _checked(raw: Map, path: Path, what: str, shape: str) -> NDArray[np.float32]:
-    """Real numbers, one at least, all finite as float32. Raises InputError."""
+    """Return finite real numbers as float32, or raise InputError."""
     if not raw.size or raw.dtype.kind not in "iuf":
         raise _refused(raw, path, what, shape)
     with np.errstate(over="ignore"):
@@ -163,7 +179,10 @@ def _checked(raw: Map, path: Path, what: str, shape: str) -> NDArray[np.float32]
 
 
 def _grey(path: Path, what: str) -> NDArray[np.float32]:
-    """One number a pixel; integers of pictures become 0..1, numbers of arrays stay."""
+    """Return one number per pixel (H, W).
+
+    Integers of pictures are scaled to 0..1; numbers of arrays stay as they are.
+    """
     raw = _raw(path, what)
     values = np.squeeze(_checked(raw, path, what, "(H, W)"))
     values = (
@@ -173,19 +192,19 @@ def _grey(path: Path, what: str) -> NDArray[np.float32]:
     )
     if values.ndim != 2:
         raise _refused(raw, path, what, "(H, W)")
-    whole = not _array(path) and raw.dtype.kind in "iu"
-    return values / np.float32(np.iinfo(raw.dtype).max if whole else 1)
+    is_integer_picture = not _array(path) and raw.dtype.kind in "iu"
+    return values / np.float32(np.iinfo(raw.dtype).max if is_integer_picture else 1)
 
 
 def _fit(values: Map, rgb: Rgb, path: Path) -> Map:
-    """A map in the photo's size."""
+    """Return a map in the photo's size; raise InputError if the proportions differ."""
     height, width = rgb.shape[:2]
-    tall, wide = values.shape[:2]
-    if (tall, wide) == (height, width):
+    map_height, map_width = values.shape[:2]
+    if (map_height, map_width) == (height, width):
         return values
-    if abs(wide * height / (tall * width) - 1) > ASPECT_TOLERANCE:
+    if abs(map_width * height / (map_height * width) - 1) > ASPECT_TOLERANCE:
         raise Message.PROPORTIONS_DIFFER.error(
-            str(path), f"{wide} x {tall} px", width=width, height=height
+            str(path), f"{map_width} x {map_height} px", width=width, height=height
         )
-    how = cv2.INTER_AREA if wide > width else cv2.INTER_LINEAR
-    return np.asarray(cv2.resize(values, (width, height), interpolation=how))
+    interpolation = cv2.INTER_AREA if map_width > width else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(values, (width, height), interpolation=interpolation))

@@ -1,6 +1,7 @@
-"""Photo and hole -> the photo with the hole painted by a diffusion model: Stable Diffusion, SDXL, Flux, Qwen ...
+"""Backend inpaint=diffusion: holes filled by Stable Diffusion, SDXL, Flux, Qwen ...
 
-The same photo, weights and options give the same bytes on one machine: the noise is drawn on the CPU from `seed`.
+The same photo, weights and options give the same bytes on one machine, because the
+noise is drawn on the CPU from `seed`.
 """
 
 from __future__ import annotations
@@ -33,7 +34,11 @@ OPTIONS: Options = {
     "guidance": (None, {"type": "number", "minimum": 0}),
     "resolution": (None, {"type": "integer", "minimum": 64}),
 }
-"""`[diffusion]` of physgen.toml; `resolution`: side in px of the model's pictures, by default that of the weights."""
+"""Section `[diffusion]` of physgen.toml.
+
+`resolution`: side of the model's pictures, px; by default the native size of the
+weights.
+"""
 
 
 class Diffusion(ModelBackend):
@@ -52,7 +57,9 @@ class Diffusion(ModelBackend):
         return pipe
 
     def __call__(self, rgb: Rgb, hole: Mask) -> Rgb:
-        """(H, W, 3) uint8; equals `rgb` outside the hole."""
+        """Return the photo (H, W, 3) uint8 with a filled hole; other pixels are
+        unchanged.
+        """
         if not hole.any():
             return rgb.copy()
         pipe = self._model
@@ -64,17 +71,19 @@ class Diffusion(ModelBackend):
         )
 
     def _arguments(self, pipe: Any) -> dict[str, Any]:
-        """The options that this pipeline takes."""
+        """Return the options that this pipeline accepts."""
         takes = inspect.signature(type(pipe).__call__).parameters
-        known = {
+        options = {
             "prompt": self._options["prompt"],
             "num_inference_steps": self._options["steps"],
             "guidance_scale": self._options["guidance"],
-            "strength": 1.0,  # nothing of the objects is kept
+            # Strength 1 starts from pure noise, so that no trace of the objects
+            # remains.
+            "strength": 1.0,
         }
         return {
             key: value
-            for key, value in known.items()
+            for key, value in options.items()
             if value is not None and key in takes
         }
 
@@ -83,22 +92,23 @@ class Diffusion(ModelBackend):
         height, width = model_size(rgb.shape, self._options["resolution"], step)
         small, mask = resize_window(rgb, wanted, (height, width))
         arguments = self._arguments(pipe)
-        where = Image.fromarray(mask.astype(np.uint8) * 255)
+        mask_image = Image.fromarray(mask.astype(np.uint8) * 255)
+        # A CPU generator gives the same noise on every device.
         generator = torch.Generator("cpu").manual_seed(self._options["seed"])
         with torch.inference_mode():
-            found = pipe(
+            output = pipe(
                 image=Image.fromarray(small),
-                mask_image=where,
+                mask_image=mask_image,
                 height=height,
                 width=width,
                 generator=generator,
                 output_type="np",
                 **arguments,
             )
-        if any(getattr(found, "nsfw_content_detected", None) or ()):
+        if any(getattr(output, "nsfw_content_detected", None) or ()):
             seed = f"diffusion.seed: {self._options['seed']}"
             raise Message.FILL_WITHHELD.error("physgen.toml", seed)
-        picture = np.asarray(found.images[0], np.float32)
+        picture = np.asarray(output.images[0], np.float32)
         if not np.isfinite(picture).all():
             dtype = str(self._dtype).removeprefix("torch.")
             raise Message.COLOURS_NOT_FINITE.error("physgen.toml", dtype)
@@ -113,7 +123,7 @@ diffusion = Diffusion
 
 
 def _native(pipe: Any) -> int:
-    """px: the side of a pipeline's training pictures."""
+    """Return the side of a pipeline's training pictures, px."""
     network = getattr(pipe, "unet", None)
     side = (
         network.config.sample_size

@@ -1,10 +1,11 @@
 """Backend inpaint=fill: exemplar-based fill with matched colour and grain.
 
-Borrowed patches carry lines and grain on. Their difference from the photo around the hole is spread over it, so that
-no seam shows. Where the surroundings are smooth, a harmonic fill is right and the patches bring the grain only.
-Pixels right beside an object are mixed with its blurred edge and its contact shadow: they are not learnt from, they
-stay, and the fill meets them within a few pixels. Colours and patches of a large photo are chosen at reduced size;
-finer detail is copied at full size.
+Copied patches continue lines and grain. Their difference from the photo around the hole
+is interpolated across the hole, so that no seam shows. If the surroundings are smooth,
+a harmonic fill gives the colours and the patches give only the grain. Pixels next to an
+object are mixed with its blurred edge and its contact shadow: they are excluded as
+sources, and the fill meets them within a few pixels. On a large photo, colours and
+patches are chosen at reduced size, and finer detail is copied at full size.
 """
 
 from __future__ import annotations
@@ -34,39 +35,50 @@ from physgen.perceive.working_size import working_size
 
 @dataclass(frozen=True)
 class _Limits:
-    """Pixels beside the hole, and smooth surroundings."""
+    """Limits of the pixels beside the hole, of smooth surroundings and of level
+    lines.
+    """
 
-    mixed: int = 2  # px beside the hole that are mixed with the object's edge
-    band: int = 3  # px beyond them that are filled too, so that their difference from the photo is known
-    limit: float = (
-        24.0  # levels of that difference, at most: more is no difference of light
-    )
-    around: int = 12  # px around a piece of the hole in which smoothness is judged
-    # levels: RMS distance from a quadratic surface up to which the surroundings are smooth
+    # px beside the hole whose colours are mixed with the object's edge.
+    mixed: int = 2
+    # px beyond them that are filled as well, to measure the difference from the photo.
+    band: int = 3
+    # Largest difference in levels; a larger one is not a difference of light.
+    limit: float = 24.0
+    # px around a piece of the hole for the test of smoothness.
+    around: int = 12
+    # Levels: largest RMS distance of smooth surroundings from a quadratic surface.
     smooth: float = 3.0
-    grain: float = (
-        10.0  # px: standard deviation of the blur that separates grain from colour
-    )
-    # level lines, as a shelf's edge: px along and beside them in which they are seen, levels by which they stand out,
-    # shares of these by which their ends differ at most, and each along itself, and px beside their middle drawn
+    # px: standard deviation of the blur between grain and colour.
+    grain: float = 10.0
+    # px along and beside a level line (a shelf's edge) that are compared at both ends
+    # of the hole.
     line: tuple[int, int] = (4, 4)
+    # Least contrast of a level line, in levels.
     contrast: float = 25.0
-    over_texture: float = 12.0  # times the median detail: leaves contain no lines
+    # Least contrast in multiples of the median detail, because leaves contain no lines.
+    over_texture: float = 12.0
+    # Largest difference between the two ends of a line, as a share of its contrast.
     differ: float = 0.3
+    # Largest change along one end of a line, as a share of its contrast.
     uneven: float = 0.5
-    farther: int = 12  # px along it, as far as known, in which it must go on
+    # px along a line over which it must continue outside the hole.
+    farther: int = 12
+    # px on each side of a line's middle that are drawn.
     drawn: int = 2
-    arc_grain: float = 8.0  # levels: more beside an arc is an edge of the fill
-    detail: float = 2.0  # px: standard deviation of the blur below which is grain
+    # Levels: larger detail beside an arc is an edge of the fill rather than grain.
+    arc_grain: float = 8.0
+    # px: standard deviation of the blur that separates grain.
+    detail: float = 2.0
 
 
 LIMITS = _Limits()
 SAMPLED_COLUMNS = 1024
-"""Pixels in a row of those that are sampled: OpenCV allows no rows of over 32,767."""
+"""Row length of sampled pixels: OpenCV allows at most 32,767 columns."""
 
 
 def fill(*, copies: bool = True) -> Inpaint:
-    """The backend `fill`; without `copies`, means of patches everywhere."""
+    """Return the backend `fill`; without `copies` it averages patches everywhere."""
     return partial(_fill, copies=copies)
 
 
@@ -77,16 +89,17 @@ class _Guide:
     picture: F32
     """(H, W, 3)."""
     near: Mask
-    """(H, W): the hole without gaps, and what is mixed with it."""
+    """(H, W): the hole without gaps, and the mixed pixels beside it."""
     smooth: Mask
     """(H, W): pieces with smooth surroundings."""
     drawn: Mask
     """(H, W): continued circles and ellipses."""
     places: I64 | None
-    """(H, W, 2): rows and columns of the known place that each pixel is from."""
+    """(H, W, 2): row and column of the source of each pixel."""
 
 
 def _fill(rgb: Rgb, hole: Mask, *, copies: bool) -> Rgb:
+    """Return the photo (H, W, 3) with a filled hole (H, W)."""
     if not hole.any() or hole.all():
         return rgb.copy()
     photo = rgb.astype(np.float32)
@@ -96,11 +109,11 @@ def _fill(rgb: Rgb, hole: Mask, *, copies: bool) -> Rgb:
         if size is None
         else _make_large_guide(photo, hole, size)
     )
-    picture, textured = guide.picture, guide.near & ~guide.smooth & ~guide.drawn
-    if copies and textured.any():
+    picture, textured_hole = guide.picture, guide.near & ~guide.smooth & ~guide.drawn
+    if copies and textured_hole.any():
         level = _pieces_without(guide.drawn, guide.near)
-        copied = shift_map_fill(picture, textured, picture)
-        picture = _carry_level_lines(copied, photo, level)
+        copied_picture = shift_map_fill(picture, textured_hole, picture)
+        picture = _carry_level_lines(copied_picture, photo, level)
     if size is None:
         return blend_at_border(picture, rgb, hole)
     left, top, width, height = cv2.boundingRect(hole.view(np.uint8))
@@ -114,29 +127,37 @@ def _fill(rgb: Rgb, hole: Mask, *, copies: bool) -> Rgb:
 
 
 def _make_guide(photo: F32, hole: Mask) -> _Guide:
-    """Return the guide in the `hole` (H, W) of a photo (H, W, 3)."""
-    whole = close_gaps(hole)
-    near, far = dilate(whole, LIMITS.mixed), dilate(whole, LIMITS.mixed + LIMITS.band)
-    if far.all():  # hardly anything is left to learn from
-        near = far = hole
-    patches = patch_match_fill(photo, far)
-    borrowed, smooth = _smooth_pieces(photo, patches.picture, far)
-    gap = np.where(
-        near[:, :, None],
-        np.float32(0),
-        np.clip(photo - borrowed, -LIMITS.limit, LIMITS.limit),
+    """Return the guide for the `hole` (H, W) of a photo (H, W, 3)."""
+    closed_hole = close_gaps(hole)
+    inner_hole, outer_hole = (
+        dilate(closed_hole, LIMITS.mixed),
+        dilate(closed_hole, LIMITS.mixed + LIMITS.band),
     )
-    filled = np.where(near[:, :, None], borrowed + harmonic_fill(gap, near, 0.4), photo)
-    guide, drawn = _carry_arcs(filled, photo, near)
-    guide = _carry_level_lines(guide, photo, _pieces_without(drawn, near))
-    return _Guide(guide, near, smooth, drawn, patches.places)
+    # Hardly any pixels remain as sources: use the hole itself.
+    if outer_hole.all():
+        inner_hole = outer_hole = hole
+    patches = patch_match_fill(photo, outer_hole)
+    patch_picture, smooth_hole = _smooth_pieces(photo, patches.picture, outer_hole)
+    # Spread the difference at the border over the hole, so that no seam shows.
+    gap = np.where(
+        inner_hole[:, :, None],
+        np.float32(0),
+        np.clip(photo - patch_picture, -LIMITS.limit, LIMITS.limit),
+    )
+    filled_picture = np.where(
+        inner_hole[:, :, None],
+        patch_picture + harmonic_fill(gap, inner_hole, 0.4),
+        photo,
+    )
+    guide, arc_mask = _carry_arcs(filled_picture, photo, inner_hole)
+    guide = _carry_level_lines(guide, photo, _pieces_without(arc_mask, inner_hole))
+    return _Guide(guide, inner_hole, smooth_hole, arc_mask, patches.places)
 
 
 def _make_large_guide(photo: F32, hole: Mask, size: tuple[int, int]) -> _Guide:
-    """Return the guide of a photo that is chosen at a `size` (width, height).
+    """Return the guide of a large photo, computed at a reduced `size` (width, height).
 
-    The fine detail that the reduced picture lacks is copied from the place that each
-    pixel is from.
+    The fine detail lost by the reduction is copied from the source of each pixel.
     """
     height, width = hole.shape
     small: F32 = np.asarray(
@@ -144,35 +165,42 @@ def _make_large_guide(photo: F32, hole: Mask, size: tuple[int, int]) -> _Guide:
     )
     share = cv2.resize(hole.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     guide = _make_guide(small, np.asarray(share > 0))
-    near = dilate(close_gaps(hole), LIMITS.mixed)
-    if near.all():
-        near = hole
-    smooth, drawn = (
+    inner_hole = dilate(close_gaps(hole), LIMITS.mixed)
+    if inner_hole.all():
+        inner_hole = hole
+    smooth_pieces, arcs = (
         cv2.resize(
             part.view(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST
         )
         for part in (guide.smooth, guide.drawn)
     )
-    pixels = np.stack(np.nonzero(near))
+    pixels = np.stack(np.nonzero(inner_hole))
     steps = np.array([[height / size[1]], [width / size[0]]])
-    filled = _sample(guide.picture, pixels, steps)
+    values = _sample(guide.picture, pixels, steps)
     if guide.places is not None:
-        detail = _copy_detail((photo, small), near, guide.places, pixels, steps)
-        detail[drawn[near] > 0] = 0
-        filled += detail
+        detail = _copy_detail((photo, small), inner_hole, guide.places, pixels, steps)
+        detail[arcs[inner_hole] > 0] = 0
+        values += detail
     picture = photo.copy()
-    picture[near] = np.clip(filled, 0, 255)
-    return _Guide(picture, near, (smooth > 0) & near, (drawn > 0) & near, None)
+    picture[inner_hole] = np.clip(values, 0, 255)
+    return _Guide(
+        picture,
+        inner_hole,
+        (smooth_pieces > 0) & inner_hole,
+        (arcs > 0) & inner_hole,
+        None,
+    )
 
 
 def _sample(picture: F32, pixels: I64, steps: NDArray[np.float64]) -> F32:
-    """(n, 3): a reduced `picture` at rows and columns (2, n) px of the large one.
+    """Return values (n, 3) of a reduced `picture` at pixels (2, n) of the large one.
 
-    `steps` (2, 1) px of the large one are one of the reduced one.
+    `steps` (2, 1) is the number of large pixels per reduced pixel.
     """
     count = pixels.shape[1]
     lines = -(-count // SAMPLED_COLUMNS)
     place = ((pixels + 0.5) / steps - 0.5).astype(np.float32)
+    # Fold the samples into a rectangle, since OpenCV limits the row length.
     place = np.pad(place, ((0, 0), (0, lines * SAMPLED_COLUMNS - count)))
     rows, columns = place.reshape(2, lines, SAMPLED_COLUMNS)
     values = cv2.remap(
@@ -188,49 +216,51 @@ def _copy_detail(
     pixels: I64,
     steps: NDArray[np.float64],
 ) -> F32:
-    """(n, 3): the detail that the photo has and the reduced one lacks, by pixel.
+    """Return the detail (n, 3) of the photo that is missing in the reduced one.
 
-    `pictures` are both; `places` (h, w, 2) the source of each pixel of the reduced
-    one. Details are those at the sources of `pixels` (2, n), 0 if they are not known.
+    `pictures` are the photo and the reduced photo. `places` (h, w, 2) is the source of
+    each reduced pixel. Detail is taken at the sources of `pixels` (2, n) and is 0 if a
+    source is unknown.
     """
     photo, small = pictures
     last = np.array(small.shape[:2])[:, None] - 1
-    here = np.minimum((pixels / steps).astype(np.int64), last)
-    shift = (places[here[0], here[1]].T - here) * steps
+    cells = np.minimum((pixels / steps).astype(np.int64), last)
+    shift = (places[cells[0], cells[1]].T - cells) * steps
     place = np.rint(pixels + shift).astype(np.int64)
     sources = np.clip(place, 0, np.array(near.shape)[:, None] - 1)
-    is_known = (place == sources).all(axis=0) & ~near[sources[0], sources[1]]
+    is_valid = (place == sources).all(axis=0) & ~near[sources[0], sources[1]]
     detail = photo[sources[0], sources[1]] - _sample(small, sources, steps)
-    detail[~is_known] = 0
+    detail[~is_valid] = 0
     return np.asarray(detail, np.float32)
 
 
 def _carry_arcs(filled: F32, photo: F32, hole: Mask) -> tuple[F32, Mask]:
-    """`filled` (H, W, 3) with circles and ellipses continued through the `hole`, and where.
+    """Return `filled` with circles and ellipses continued through the hole, and their
+    mask.
 
-    Strips have the fine detail of the fill.
+    Continued strips keep the fine detail of the fill.
     """
-    arcs, drawn = continue_arcs(photo, hole)
-    if not drawn.any():
-        return filled, drawn
+    arcs, arc_mask = continue_arcs(photo, hole)
+    if not arc_mask.any():
+        return filled, arc_mask
     detail = filled - cv2.GaussianBlur(filled, (0, 0), LIMITS.detail)
     detail = np.clip(detail, -LIMITS.arc_grain, LIMITS.arc_grain)
-    return np.where(drawn[..., None], arcs + detail, filled), drawn
+    return np.where(arc_mask[..., None], arcs + detail, filled), arc_mask
 
 
 def _pieces_without(drawn: Mask, hole: Mask) -> Mask:
-    """The pieces of `hole` (H, W) without a `drawn` pixel."""
+    """Return the connected pieces of `hole` (H, W) without a `drawn` pixel."""
     count, names = cv2.connectedComponents(hole.astype(np.uint8), connectivity=8)
-    chosen = np.bincount(names[drawn], minlength=count) == 0
-    chosen[0] = False
-    return np.asarray(chosen[names])
+    is_free = np.bincount(names[drawn], minlength=count) == 0
+    is_free[0] = False
+    return np.asarray(is_free[names])
 
 
 def _carry_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
-    """`filled` (H, W, 3) with level lines that the photo shows at both sides of the `hole` (H, W) carried on."""
+    """Return `filled` with the level lines at both sides of the hole continued."""
     if not hole.any():
         return filled
-    # the hole, what is compared with it and the reach of a blur there
+    # The box contains the compared pixels and the reach of the blur.
     margin = LIMITS.around + round(4 * LIMITS.detail) + 1
     left, top, width, height = cv2.boundingRect(hole.view(np.uint8))
     part = np.s_[
@@ -243,72 +273,89 @@ def _carry_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
 
 
 def _draw_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
-    """The same for the box of a hole."""
-    (along, beside), thick = LIMITS.line, LIMITS.drawn
-    found, best = filled.copy(), np.full(hole.shape, np.inf, np.float32)
-    least = max(LIMITS.contrast, LIMITS.over_texture * _texture(photo, hole))
-    seen = np.where(hole[..., None], np.float32(np.nan), photo)
-    for y in range(beside, len(hole) - beside):
+    """Return `filled` with continued level lines, on the box of a hole."""
+    (end_length, half_height), half_width = LIMITS.line, LIMITS.drawn
+    result, best = filled.copy(), np.full(hole.shape, np.inf, np.float32)
+    least_contrast = max(LIMITS.contrast, LIMITS.over_texture * _texture(photo, hole))
+    known_photo = np.where(hole[..., None], np.float32(np.nan), photo)
+    for y in range(half_height, len(hole) - half_height):
         rows, middle = (
-            slice(y - beside, y + beside + 1),
-            slice(beside - thick, beside + thick + 1),
+            slice(y - half_height, y + half_height + 1),
+            slice(half_height - half_width, half_height + half_width + 1),
         )
         borders = np.flatnonzero(np.diff(hole[y], prepend=False, append=False))
         for left, right in zip(borders[::2], borders[1::2], strict=True):
-            if left < along or right > hole.shape[1] - along:
+            # The hole must have known pixels on both sides.
+            if left < end_length or right > hole.shape[1] - end_length:
                 continue
             ends = np.stack(
-                [seen[rows, left - along : left], seen[rows, right : right + along]]
+                [
+                    known_photo[rows, left - end_length : left],
+                    known_photo[rows, right : right + end_length],
+                ]
             )
-            one, other = ends.mean(axis=2)
-            both = ~np.isnan(one + other).any(axis=1)
-            if not both[beside] or both.sum() <= beside:
+            left_end, right_end = ends.mean(axis=2)
+            valid_rows = ~np.isnan(left_end + right_end).any(axis=1)
+            # Enough rows must be known at both ends.
+            if not valid_rows[half_height] or valid_rows.sum() <= half_height:
                 continue
-            contrast, off = (
-                np.abs(one - one[beside])[both].max(),
-                float(np.abs(one - other)[both].mean()),
+            contrast, difference = (
+                np.abs(left_end - left_end[half_height])[valid_rows].max(),
+                float(np.abs(left_end - right_end)[valid_rows].mean()),
             )
-            uneven = np.abs(ends - ends.mean(axis=2, keepdims=True))[:, both].max()
+            unevenness = np.abs(ends - ends.mean(axis=2, keepdims=True))[
+                :, valid_rows
+            ].max()
+            # A line has contrast, matches at both ends, is even along itself and
+            # continues.
             if (
-                contrast < least
-                or off > LIMITS.differ * contrast
-                or uneven > LIMITS.uneven * contrast
-                or not _goes_on(seen[y], (left, right), ends[:, beside], contrast)
+                contrast < least_contrast
+                or difference > LIMITS.differ * contrast
+                or unevenness > LIMITS.uneven * contrast
+                or not _goes_on(
+                    known_photo[y], (left, right), ends[:, half_height], contrast
+                )
             ):
                 continue
-            part = np.s_[y - thick : y + thick + 1, left:right]
-            away = np.where(
-                both[middle], off + 3 * np.abs(np.arange(-thick, thick + 1)), np.inf
+            part = np.s_[y - half_width : y + half_width + 1, left:right]
+            # If lines compete for a pixel, the one with the better match and the closer
+            # middle wins.
+            penalty = np.where(
+                valid_rows[middle],
+                difference + 3 * np.abs(np.arange(-half_width, half_width + 1)),
+                np.inf,
             )[:, None]
-            closer = hole[part] & (away < best[part])
+            closer = hole[part] & (penalty < best[part])
             share = np.linspace(0, 1, right - left)[None, :, None]
-            line = (1 - share) * one[middle, None] + share * other[middle, None]
-            found[part], best[part] = (
-                np.where(closer[..., None], line, found[part]),
-                np.where(closer, away, best[part]),
+            line = (1 - share) * left_end[middle, None] + share * right_end[
+                middle, None
+            ]
+            result[part], best[part] = (
+                np.where(closer[..., None], line, result[part]),
+                np.where(closer, penalty, best[part]),
             )
-    return found
+    return result
 
 
 def _goes_on(row: F32, hole: tuple[int, int], ends: F32, contrast: float) -> bool:
-    """Return whether a line goes on at both sides of a hole from left to right, px.
+    """Return whether a line continues on both sides of a hole from left to right, px.
 
-    `row` (W, 3) has nan where nothing is known; `ends` (2, n, 3) are what is seen of the
-    line. Grains of a carpet are shorter than a line.
+    `row` (W, 3) is nan at unknown pixels; `ends` (2, n, 3) are the visible ends of the
+    line. The test separates lines from the shorter grains of a carpet.
     """
     left, right = hole
     reach = LIMITS.farther
     sides = row[max(left - reach, 0) : left], row[right : right + reach]
     for side, end in zip(sides, ends, strict=True):
-        known = side[~np.isnan(side).any(axis=1)]
-        step = np.abs(known - end.mean(axis=0)).max(initial=0.0)
+        known_colours = side[~np.isnan(side).any(axis=1)]
+        step = np.abs(known_colours - end.mean(axis=0)).max(initial=0.0)
         if step > LIMITS.uneven * contrast:
             return False
     return True
 
 
 def _texture(photo: F32, hole: Mask) -> float:
-    """Levels: fine detail of most of the pixels around `hole` (H, W)."""
+    """Return the median fine detail of the pixels around `hole` (H, W), in levels."""
     ring = dilate(hole, LIMITS.around) & ~hole
     if not ring.any():
         return 0.0
@@ -318,43 +365,52 @@ def _texture(photo: F32, hole: Mask) -> float:
 
 
 def _smooth_pieces(photo: F32, borrowed: F32, hole: Mask) -> tuple[F32, Mask]:
-    """`borrowed` (H, W, 3), but a harmonic fill with grain of one place in pieces with smooth surroundings.
+    """Return `borrowed` with harmonic fills in pieces with smooth surroundings, and
+    these pieces.
 
-    And (H, W) these pieces.
+    A harmonic fill gets the grain of one place.
     """
-    smooth, own = (
+    smooth_pieces, detail = (
         np.zeros_like(hole),
         borrowed - cv2.GaussianBlur(borrowed, (0, 0), LIMITS.grain),
     )
-    grain = own.copy()
+    grain = detail.copy()
     for part, piece in hole_pieces(hole):
-        wide = tuple(
+        window = tuple(
             slice(max(0, s.start - LIMITS.around), s.stop + LIMITS.around) for s in part
         )
-        inner = np.zeros_like(hole[wide])
-        here = tuple(
+        inner = np.zeros_like(hole[window])
+        inner_box = tuple(
             slice(s.start - w.start, s.stop - w.start)
-            for s, w in zip(part, wide, strict=True)
+            for s, w in zip(part, window, strict=True)
         )
-        inner[here][piece] = True
-        rough = _roughness(
-            photo[wide], dilate(inner, LIMITS.around) & ~dilate(hole[wide], 1)
+        inner[inner_box][piece] = True
+        roughness = _roughness(
+            photo[window], dilate(inner, LIMITS.around) & ~dilate(hole[window], 1)
         )
-        if rough < LIMITS.smooth:
-            smooth[wide] |= inner
-            like = _like_place(own, hole, part, piece, rough)
-            grain[part][piece] = np.clip(own[like][piece], -2 * rough, 2 * rough)
-    if not smooth.any():
-        return borrowed, smooth
-    film = harmonic_fill(np.where(hole[:, :, None], borrowed, photo), smooth, 0.1)
-    return np.where(smooth[:, :, None], film + grain, borrowed), smooth
+        if roughness < LIMITS.smooth:
+            smooth_pieces[window] |= inner
+            like = _like_place(detail, hole, part, piece, roughness)
+            grain[part][piece] = np.clip(
+                detail[like][piece], -2 * roughness, 2 * roughness
+            )
+    if not smooth_pieces.any():
+        return borrowed, smooth_pieces
+    film = harmonic_fill(
+        np.where(hole[:, :, None], borrowed, photo), smooth_pieces, 0.1
+    )
+    return np.where(smooth_pieces[:, :, None], film + grain, borrowed), smooth_pieces
 
 
 def _like_place(
     grain: F32, hole: Mask, part: tuple[slice, slice], piece: Mask, rough: float
 ) -> tuple[slice, slice]:
-    """Rows and columns of the nearest place that shows a whole `piece` (h, w) of grain no rougher than `rough` levels;
-    `part` itself where there is none. Copies of many places, averaged, lose all but the finest grain."""
+    """Return rows and columns of the nearest place with grain for a whole `piece` (h,
+    w).
+
+    The grain must not be rougher than `rough` levels. Returns `part` itself if no place
+    qualifies. A single source matters: means of many places keep only the finest grain.
+    """
     top, left = (s.start for s in part)
     (h, w), (height, width) = piece.shape, hole.shape
     corners = [
@@ -365,22 +421,24 @@ def _like_place(
     for y, x in sorted(
         corners, key=lambda at: (at[0] - top) ** 2 + (at[1] - left) ** 2
     ):
-        there = slice(y, y + h), slice(x, x + w)
+        place = slice(y, y + h), slice(x, x + w)
         if (
-            not hole[there][piece].any()
-            and (grain[there][piece] ** 2).mean() < (1.2 * rough) ** 2
+            not hole[place][piece].any()
+            and (grain[place][piece] ** 2).mean() < (1.2 * rough) ** 2
         ):
-            return there
+            return place
     return part
 
 
 def _roughness(photo: F32, around: Mask) -> float:
-    """Levels: RMS distance of the pixels `around` (H, W) from a quadratic surface."""
+    """Return the RMS distance of the pixels `around` from a quadratic surface, in
+    levels.
+    """
     y, x = np.nonzero(around)
     if len(y) < 24:
         return float(np.inf)
     u, v = (y - y.mean()) / 64, (x - x.mean()) / 64
     terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], 1)
     colours = photo[y, x].astype(np.float64)
-    off = colours - terms @ np.linalg.lstsq(terms, colours, rcond=None)[0]
-    return float(np.sqrt((off**2).mean(0)).max())
+    residuals = colours - terms @ np.linalg.lstsq(terms, colours, rcond=None)[0]
+    return float(np.sqrt((residuals**2).mean(0)).max())

@@ -26,11 +26,11 @@ from physgen.registry import Options, Setup, read_options
 
 NAME = "lama"
 MULTIPLE = 8
-"""px: the sides of the network's input are multiples of it."""
+"""px: the sides of the network's input are multiples of this."""
 SMALLEST = 64
-"""px: least side of the input, since its coarsest level mirrors the borders."""
+"""px: least side of the input, since the coarsest level is padded by mirroring."""
 OPTIONS: Options = {"resolution": (1024, {"type": "integer", "minimum": SMALLEST})}
-"""`resolution`: windows of more than this, squared, are reduced to it; px."""
+"""`resolution`: windows with more pixels than its square are reduced to it, px."""
 GET = "write inpaint=lama:PATH, the path of big-lama.pt"
 
 
@@ -46,14 +46,16 @@ class Lama(ModelBackend):
         super().__init__(setup, weights, "LaMa", options)
 
     def _number_type(self, setup: Setup) -> torch.dtype:
-        # Fourier transforms of 16 bits are limited to sides that are powers of two
+        # Fourier transforms of 16-bit numbers require sides that are powers of two.
         return torch.float32
 
     def _load(self, weights: str) -> Any:
         return torch.jit.load(weights, map_location=self._device).eval()
 
     def __call__(self, rgb: Rgb, hole: Mask) -> Rgb:
-        """(H, W, 3) uint8; equals `rgb` outside the hole (H, W)."""
+        """Return the photo (H, W, 3) uint8 with a filled hole; other pixels are
+        unchanged.
+        """
         return inpaint_windows(rgb, hole, self._paint, self._options["resolution"])
 
     def _paint(self, rgb: Rgb, wanted: Mask) -> Rgb:
@@ -63,14 +65,14 @@ class Lama(ModelBackend):
             inner = model_size(size, resolution, MULTIPLE)
         inputs = _network_inputs(*resize_window(rgb, wanted, inner))
         with torch.inference_mode():
-            answer = self._model(*(one.to(self._device) for one in inputs))
+            answer = self._model(*(tensor.to(self._device) for tensor in inputs))
         if not isinstance(answer, torch.Tensor) or answer.shape != inputs[0].shape:
             raise self._refusal("does not answer with a picture: it is not LaMa")
-        painted = answer[0].float().cpu().numpy().transpose(1, 2, 0)
-        painted = painted[: inner[0], : inner[1]]
-        if not np.isfinite(painted).all():
+        colours = answer[0].float().cpu().numpy().transpose(1, 2, 0)
+        colours = colours[: inner[0], : inner[1]]
+        if not np.isfinite(colours).all():
             raise self._refusal("paints no finite colours")
-        levels = np.rint(np.clip(painted, 0, 1) * 255).astype(np.uint8)
+        levels = np.rint(np.clip(colours, 0, 1) * 255).astype(np.uint8)
         return resize_picture(levels, size)
 
     def _refusal(self, fault: str) -> InputError:
@@ -84,14 +86,19 @@ lama = Lama
 
 
 def _round_up(side: int) -> int:
-    """Return the next side (px) that the network takes."""
+    """Return the next larger side that the network accepts, px."""
     return max(SMALLEST, side + -side % MULTIPLE)
 
 
 def _network_inputs(rgb: Rgb, wanted: Mask) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return picture (1, 3, h, w) in 0..1 and hole (1, 1, h, w), mirrored up to its sides."""
+    """Return the picture (1, 3, h, w) in 0..1 and the hole (1, 1, h, w).
+
+    Both are extended by mirroring to sides that the network accepts.
+    """
     margins = [(0, _round_up(side) - side) for side in wanted.shape]
-    padded = np.pad(rgb, [*margins, (0, 0)], mode="symmetric").astype(np.float32) / 255
-    image = torch.from_numpy(padded.transpose(2, 0, 1)[None].copy())
+    mirrored = (
+        np.pad(rgb, [*margins, (0, 0)], mode="symmetric").astype(np.float32) / 255
+    )
+    image = torch.from_numpy(mirrored.transpose(2, 0, 1)[None].copy())
     hole = np.pad(wanted, margins, mode="symmetric").astype(np.float32)
     return image, torch.from_numpy(hole[None, None])

@@ -1,12 +1,14 @@
 """Backend intrinsic=retinex: albedo and shading from colour changes and normals.
 
-Where colour changes, paint does (Land & McCann 1971; Funt, Drew & Brockington 1992 for colour): such gradients are
-albedo's, the rest is mostly shading's. Places far apart but of one colour have mostly one albedo (Garces et al.
-2012), so that differences of light within a colour are shading's, and those between colours mostly are not. The
-normals and the light that explains them (`light=shading`) give the shading of objects; a screened
-Poisson equation, solved by cosine transforms, holds all of it together. The light on whole surfaces beside each
-other, which no gradient shows, follows from how they stand: tables, what lies behind them, objects. After Barron &
-Malik 2015 in its priors, not in its method.
+Where colour changes, paint does (Land & McCann 1971; Funt, Drew & Brockington 1992 for
+colour): such gradients are albedo's, the rest is mostly shading's. Places far apart but
+of one colour have mostly one albedo (Garces et al. 2012), so that differences of light
+within a colour are shading's, and those between colours mostly are not. The normals and
+the light that explains them (`light=shading`) give the shading of objects; a screened
+Poisson equation, solved by cosine transforms, holds all of it together. The light on
+whole surfaces beside each other, which no gradient shows, follows from how they stand:
+tables, what lies behind them, objects. After Barron & Malik 2015 in its priors, not in
+its method.
 """
 
 from __future__ import annotations
@@ -31,27 +33,28 @@ class _Priors:
     darkest: float = 4e-3  # linear light added before logarithms of luminance
     greyest: float = 1e-2  # and of ratios of colours
     calm: float = 1.5  # blur of colours before they are compared, against noise
-    paint: float = 0.15  # change of colour a px at which a gradient is albedo's rather than shading's
-    shade: float = (
-        0.6  # share of a gradient without a change of colour that is shading's
-    )
+    # change of colour a px at which a gradient is albedo's rather than shading's
+    paint: float = 0.15
+    # share of a gradient without a change of colour that is shading's
+    shade: float = 0.6
     outline: float = 0.2  # the same at an object's outline, where both change
-    within: float = (
-        0.7  # share of the differences of light within one colour that are shading's
-    )
+    # share of the differences of light within one colour that are shading's
+    within: float = 0.7
     between: float = 0.3  # and of those between colours
     colours: int = 64  # bins a side of the table of colours, over ratios of e^-3 to e^3
     reach: float = 3.0  # over which those differences are taken together
     hold: float = 0.03  # 1/px²: weight of differences far apart beside gradients
-    trust: float = 0.6  # trust in Lambert's shading, on objects; around them normals are too uncertain
+    # trust in Lambert's shading, on objects; around them normals are too uncertain
+    trust: float = 0.6
     upwards: float = -0.5  # y of the normals of tables
-    lift: float = (
-        0.55  # light on a table over that behind it: lamps are above, and it faces them
-    )
+    # light on a table over that behind it: lamps are above, and it faces them
+    lift: float = 0.55
     kept: float = 0.55  # share of how much lighter a table looks that is shading's, too
     stood: float = -0.15  # light on objects over that on the table they stand on
     flat: float = -0.15  # and over that behind them, without a table
-    own: float = 0.15  # share of how much lighter an object looks that is shading's: neighbours are lit alike
+    # share of how much lighter an object looks that is shading's: neighbours are lit
+    # alike
+    own: float = 0.15
     even: float = 0.5  # the least share of ambient light: rooms are bright in the shade
     brightest: float = 0.9  # albedo of the photo's lightest surfaces
 
@@ -62,7 +65,7 @@ LIKELY = DistantLight((0.0, -0.6, 0.8), 0.5, 0.5)
 
 
 def retinex() -> Intrinsic:
-    """The backend `retinex`."""
+    """Return the backend `retinex`."""
     return _retinex
 
 
@@ -103,7 +106,9 @@ def _level(linear: F32) -> F32:
 
 
 def _lambert(linear: F32, labels: Labels, normals: F32, size: tuple[int, int]) -> F32:
-    """(h, w) on the grid: the logarithm of the shading by normals, weighted by the trust in it."""
+    """(h, w) on the grid: the logarithm of the shading by normals, weighted by the
+    trust in it.
+    """
     ids = [int(i) for i in np.flatnonzero(np.bincount(labels.ravel())) if i]
     found = (
         fit_light(pixel_pairs(linear, labels, dict.fromkeys(ids, False), normals))
@@ -121,9 +126,11 @@ def _lambert(linear: F32, labels: Labels, normals: F32, size: tuple[int, int]) -
 
 
 def _levelled(shading: F32, level: F32, normals: F32, ids: Labels) -> F32:
-    """(h, w) of the grid: the logarithm of `shading`, with the likely light on surfaces beside each other.
+    """(h, w) of the grid: the logarithm of `shading`, with the likely light on surfaces
+    beside each other.
 
-    Gradients across outlines are of paint and shading both. Within a surface nothing changes.
+    Gradients across outlines are of paint and shading both. Within a surface nothing
+    changes.
     """
     free = ids == 0
     upright = cv2.resize(normals[..., 1], ids.shape[::-1], interpolation=cv2.INTER_AREA)
@@ -149,7 +156,9 @@ def _levelled(shading: F32, level: F32, normals: F32, ids: Labels) -> F32:
 
 
 def _parted(linear: F32, level: F32, lambert: F32, ids: Labels) -> F32:
-    """(h, w): the logarithm of shading, from light (h, w, 3), its `level`, Lambert's shading, and labels."""
+    """(h, w): the logarithm of shading, from light (h, w, 3), its `level`, Lambert's
+    shading, and labels.
+    """
     green = linear[..., 1] + np.float32(PRIORS.greyest)
     colour = np.log((linear[..., ::2] + np.float32(PRIORS.greyest)) / green[..., None])
     colour = np.asarray(cv2.GaussianBlur(colour, (0, 0), PRIORS.calm), np.float32)
@@ -194,9 +203,11 @@ def _mean_level_of_colour(level: F32, colour: F32) -> F32:
 
 
 def _screened_poisson(across: F32, down: F32, far: F32) -> F32:
-    """(h, w) nearest to `far` whose differences are nearest to `across` (h, w-1) and `down` (h-1, w).
+    """(h, w) nearest to `far` whose differences are nearest to `across` (h, w-1) and
+    `down` (h-1, w).
 
-    The cosine transform turns the screened Poisson equation with a free border into a division (Bhat et al. 2008).
+    The cosine transform turns the screened Poisson equation with a free border into a
+    division (Bhat et al. 2008).
     """
     h, w = far.shape
     right = (PRIORS.hold * far).astype(np.float64)

@@ -1,9 +1,11 @@
-"""Backend label=imagenet: names by a small network where it is sure, else by shape.
+"""Backend label=imagenet: labels by a small network if it is confident, else by shape.
 
-The network is EfficientNet-Lite0 with its ImageNet weights. It sees a crop of each object with the background dimmed.
-The probabilities of its 1,000 classes are added up by labels of the material table, and a logistic regression on its
-features adds classes of household photos that ImageNet lacks. The detector's classes of COCO join them, and they alone
-tell people. `studio/segmentation/names.py` writes both files; OpenCV runs the network.
+The network is EfficientNet-Lite0 with its ImageNet weights, applied to a crop of each
+object with a dimmed background. The probabilities of its 1,000 classes are summed by
+labels of the material table. A logistic regression on its features adds classes of
+household photos that are missing in ImageNet. The detector's COCO classes are combined
+with both, and only the detector decides on people. `studio/segmentation/names.py`
+writes both files; OpenCV runs the network.
 """
 
 from __future__ import annotations
@@ -36,39 +38,58 @@ LOCK = Lock()
 NETWORK, HEADS = "names.onnx", "names.npz"
 PERSON, DINOSAUR, TOY = "person", "dinosaur", "toy animal"
 EXTINCT = 51
-"""ImageNet's class of dinosaurs: what all of its photos show are models."""
+"""ImageNet's class of dinosaurs: all of its photos show models."""
 
 
 @dataclass(frozen=True)
 class CropConstants:
-    """How an object is shown to the network."""
+    """Constants of the crop, the labels and the special cases."""
 
-    side: int = 224  # px, the network's own size
-    margin: float = 0.1  # of the object's longer side, around it
-    dim: float = (
-        0.35  # contrast of the background: surroundings help, neighbours confuse
-    )
-    middle: float = 127.0  # 8-bit code of the dimmed background; the input is (code - middle) / spread
+    # px: side of the network's input.
+    side: int = 224
+    # Margin around an object as a share of its longer side.
+    margin: float = 0.1
+    # Contrast factor of the background: surroundings help the network, but neighbours
+    # confuse it.
+    dim: float = 0.35
+    # 8-bit level of the dimmed background; the network's input is (level - middle) /
+    # spread.
+    middle: float = 127.0
     spread: float = 128.0
-    least: int = 200  # px: smaller objects are named by shape
-    joint: float = 0.7  # probability of network or detector from which a label is sure
-    same: float = 0.5  # IoU of boxes from which the detector's is the object's
-    likely: int = 3  # names that are kept beside the label
-    floor: float = 0.01  # probability below which they are not
+    # px: objects with fewer pixels are labelled by shape.
+    least: int = 200
+    # Least joint probability of network and detector for a confident label.
+    joint: float = 0.7
+    # Least IoU of an object's box and the detector's box of the same object.
+    same: float = 0.5
+    # Number of alternative labels beside the label.
+    likely: int = 3
+    # Least probability of an alternative label.
+    floor: float = 0.01
     pool_table: int = 736
-    """ImageNet's class. A photo with so many round objects and this probability of the class or more is one."""
+    """ImageNet's class of pool tables.
+
+    A photo shows a pool table if it contains `rack` discs and the class has a
+    probability of at least `pool`.
+    """
     rack: int = 3
     pool: float = 0.25
-    alike: int = 2  # sure objects of a label and size that another one may follow
-    unsure: float = 0.2  # its own probability of that label, at least
-    support: float = 0.2  # by which they raise it
-    size: float = 1.5  # ratio of their sizes, at most
+    # Number of confident objects of one label and size that support another object.
+    alike: int = 2
+    # Least probability of the label for the supported object.
+    unsure: float = 0.2
+    # Increase of its probability by the support.
+    support: float = 0.2
+    # Largest ratio of sizes of two objects of one kind.
+    size: float = 1.5
     model: float = 0.15
-    """Chance of a dinosaur from which an animal is a model.
+    """Least probability of the dinosaur class for an animal model.
 
-    None of 227 boxes of animals and people has more than 0.04.
+    None of 227 boxes of animals and people exceeds 0.04.
     """
-    certain: float = 0.75  # confidence of what is round on it; of 182 photos without one none has over 0.2
+    # Confidence of a billiard ball on a pool table; in 182 photos without a table the
+    # class never exceeds 0.2.
+    certain: float = 0.75
 
 
 CROP = CropConstants()
@@ -76,94 +97,119 @@ CROP = CropConstants()
 
 @dataclass(frozen=True, eq=False)
 class Heads:
-    """From (1280,) features to L labels, and "no label" after them."""
+    """The classifiers that turn features (1280,) into L labels and a last class "no
+    label".
+    """
 
     labels: tuple[str, ...]
-    group: (
-        Any  # (1000,) label of each ImageNet class, L where the material table has none
-    )
-    weights: F32  # (1000, 1280) ImageNet's classifier
+    # (1000,) label index of each ImageNet class, L if the material table has none.
+    group: Any
+    # (1000, 1280) ImageNet's classifier.
+    weights: F32
     bias: F32
-    trust: float  # power to which ImageNet's probabilities are raised
-    own: F32  # (L + 1, 1280) log odds per feature that the regression adds
-    shift: F32  # (L + 1,) the same without features
-    sure: float  # mean probability from which a label is written
-    coco: Any  # (80,) label of each class of COCO, L where there is none
+    # Exponent of ImageNet's probabilities.
+    trust: float
+    # (L + 1, 1280) log odds per feature, added by the regression.
+    own: F32
+    # (L + 1,) log odds without features.
+    shift: F32
+    # Least mean probability of a label that is written.
+    sure: float
+    # (80,) label index of each COCO class, L if there is none.
+    coco: Any
 
     def chances(self, features: F32) -> tuple[F32, F32]:
-        """(N, 1280) features -> (N, L + 1) probabilities, and (N,) those of the likeliest labels, 0 for people.
+        """Return label probabilities (N, L + 1) of features (N, 1280), and a certainty
+        (N,).
 
-        The latter are means with ImageNet's own: the regression knows few classes, and takes a can for a cup. What is
-        found as an object and taken for a person is none: it was a plant, a bench or a tie.
+        The certainty is the mean of the regression's and ImageNet's probability of the
+        likeliest label, since the regression knows few classes and takes a can for a
+        cup. It is 0 for people: objects classified as people were plants, benches or
+        ties.
         """
-        plain = self._plain(features)
-        learned = _softmax(
-            self.trust * np.log(plain + 1e-4) + features @ self.own.T + self.shift
+        imagenet_chances = self._plain(features)
+        chances = _softmax(
+            self.trust * np.log(imagenet_chances + 1e-4)
+            + features @ self.own.T
+            + self.shift
         )
-        best = np.arange(len(features)), learned[:, :-1].argmax(1)
+        best = np.arange(len(features)), chances[:, :-1].argmax(1)
         objects = np.array([label != "person" for label in self.labels])[best[1]]
-        return learned, np.asarray(
-            objects * (learned[best] + plain[best]) / 2, np.float32
+        return chances, np.asarray(
+            objects * (chances[best] + imagenet_chances[best]) / 2, np.float32
         )
 
     def joint_chances(
         self, features: F32, detected: F32
     ) -> tuple[F32, NDArray[np.bool_]]:
-        """Return (N, L + 1): that the network or the detector (N, 80) is right.
+        """Return the probabilities (N, L + 1) that network or detector is right about a
+        label.
 
-        The second array (N,) marks those whose likeliest label is sure. People are named by
-        the detector alone: the network takes plants, benches and ties for them. What the
-        detector takes for an animal is a dinosaur if it is a model.
+        The second array (N,) marks confident labels. Only the detector labels people,
+        because the network takes plants, benches and ties for people. An animal of the
+        detector becomes a dinosaur if it looks like a model. `detected` is (N, 80).
         """
-        learned, sureness = self.chances(features)
-        named = (learned + self._plain(features)) / 2
+        regression_chances, sureness = self.chances(features)
+        network_chances = (regression_chances + self._plain(features)) / 2
         if PERSON in self.labels:
-            named[:, self.labels.index(PERSON)] = 0
-        seen = np.zeros_like(named)
+            network_chances[:, self.labels.index(PERSON)] = 0
+        detector_chances = np.zeros_like(network_chances)
         is_model = self.is_model(features)
+        # The detector knows no dinosaurs: its scores for animals go to the label
+        # dinosaur.
         if is_model.any() and DINOSAUR in self.labels:
             places = np.ix_(np.flatnonzero(is_model), np.array(ANIMALS, np.intp))
-            seen[is_model, self.labels.index(DINOSAUR)] = detected[places].max(axis=1)
+            detector_chances[is_model, self.labels.index(DINOSAUR)] = detected[
+                places
+            ].max(axis=1)
             detected = detected.copy()
             detected[places] = 0
         for k, label in enumerate(self.coco.tolist()):
-            seen[:, label] = np.maximum(seen[:, label], detected[:, k])
-        joint = np.asarray(1 - (1 - named) * (1 - seen), np.float32)
+            detector_chances[:, label] = np.maximum(
+                detector_chances[:, label], detected[:, k]
+            )
+        # Network and detector err independently: the joint probability is 1 - (1 - p)(1
+        # - q).
+        joint = np.asarray(
+            1 - (1 - network_chances) * (1 - detector_chances), np.float32
+        )
         joint[:, -1] = 0
         best = joint.argmax(axis=1)
-        is_sure = (sureness >= self.sure) & (best == learned[:, :-1].argmax(axis=1))
-        return joint, is_sure | (joint.max(axis=1) >= CROP.joint)
+        is_confident = (sureness >= self.sure) & (
+            best == regression_chances[:, :-1].argmax(axis=1)
+        )
+        return joint, is_confident | (joint.max(axis=1) >= CROP.joint)
 
     def is_model(self, features: F32) -> NDArray[np.bool_]:
-        """Return (N,) which features are those of an animal of which there are models only."""
+        """Return (N,) whether features show an animal that exists only as a model."""
         return np.asarray(self._classes(features)[:, EXTINCT] >= CROP.model)
 
     def _classes(self, features: F32) -> F32:
-        """Return (N, 1000): the probabilities of ImageNet's classes."""
+        """Return the probabilities (N, 1000) of ImageNet's classes."""
         return _softmax(features @ self.weights.T + self.bias)
 
     def _plain(self, features: F32) -> F32:
-        """Return (N, L + 1): ImageNet's own probabilities."""
-        plain = np.zeros((len(features), len(self.labels) + 1), np.float32)
+        """Return ImageNet's own label probabilities (N, L + 1)."""
+        chances = np.zeros((len(features), len(self.labels) + 1), np.float32)
         classes = self._classes(features)
-        np.add.at(plain.T, self.group, classes.T)
-        return plain
+        np.add.at(chances.T, self.group, classes.T)
+        return chances
 
 
 def detected_classes(boxes: DetectedBoxes, mask: Mask) -> F32:
-    """Return (80,): the class scores of the box that fits an object best, by its fit."""
+    """Return the class scores (80,) of the box with the best fit, scaled by the fit."""
     x, y, width, height = cv2.boundingRect(mask.astype(np.uint8))
-    own = np.array([[x, y, x + width, y + height]], np.float64)
+    object_box = np.array([[x, y, x + width, y + height]], np.float64)
     if not boxes:
         return np.zeros(boxes.scores.shape[1] - 2, np.float32)
-    fit = box_overlap(own, boxes.corners)[0]
+    fit = box_overlap(object_box, boxes.corners)[0]
     best = int((fit * (0.5 + boxes.scores.max(axis=1))).argmax())
     share = fit[best] if fit[best] >= CROP.same else 0.0
     return np.asarray(share * boxes.scores[best, 2:], np.float32)
 
 
 def imagenet() -> Label:
-    """The backend `imagenet`."""
+    """Return the backend `imagenet`."""
     return _imagenet
 
 
@@ -182,22 +228,22 @@ def _imagenet(
         return names | pool
     head = heads()
     boxes = detect_boxes(rgb)
-    joint, is_sure = head.joint_chances(
+    joint, confident = head.joint_chances(
         np.stack([features(crop(rgb, labels == i)) for i in large]),
         np.stack([detected_classes(boxes, labels == i) for i in large]),
     )
-    for i, chances, is_named in zip(large, joint, is_sure, strict=True):
+    for i, chances, has_label in zip(large, joint, confident, strict=True):
         best = np.argsort(-chances[:-1])[: CROP.likely + 1]
-        likely = [
+        candidates = [
             (head.labels[k], round(float(chances[k]), 2))
             for k in best
             if chances[k] >= CROP.floor
         ]
-        if is_named:
-            label, chance = likely[0]
-            names[i] = Name(label, chance, tuple(likely[1:]), "imagenet")
+        if has_label:
+            label, chance = candidates[0]
+            names[i] = Name(label, chance, tuple(candidates[1:]), "imagenet")
         else:
-            names[i] = replace(names[i], likely=tuple(likely[: CROP.likely]))
+            names[i] = replace(names[i], likely=tuple(candidates[: CROP.likely]))
     by_id = {item.id: item for item in objects}
     return name_toys(name_like_others(names, by_id), by_id) | pool
 
@@ -205,25 +251,27 @@ def _imagenet(
 def name_like_others(
     names: Mapping[int, Name], objects: Mapping[int, PhotoObject]
 ) -> dict[int, Name]:
-    """Return the names, unsure ones after sure ones of objects as large.
+    """Return the labels, with doubtful ones adopted from confident objects of the same
+    size.
 
-    One of six apples on a table, less sure than the others, is an apple, too.
+    For example, one of six apples on a table becomes an apple although its own
+    probability is lower.
     """
-    sure: dict[str, list[int]] = {}
+    confident_ids: dict[str, list[int]] = {}
     for i, name in names.items():
         if name.source == "imagenet":
-            sure.setdefault(name.label, []).append(i)
+            confident_ids.setdefault(name.label, []).append(i)
     result = dict(names)
     for i, name in names.items():
         if name.source == "imagenet" or not name.likely:
             continue
         label, chance = name.likely[0]
-        alike = [
+        supporters = [
             other
-            for other in sure.get(label, ())
+            for other in confident_ids.get(label, ())
             if _is_as_large(objects[i], objects[other])
         ]
-        if len(alike) >= CROP.alike and chance >= CROP.unsure:
+        if len(supporters) >= CROP.alike and chance >= CROP.unsure:
             confidence = round(min(0.95, chance + CROP.support), 2)
             result[i] = Name(label, confidence, name.likely[1:], "imagenet")
     return result
@@ -232,7 +280,9 @@ def name_like_others(
 def name_toys(
     names: Mapping[int, Name], objects: Mapping[int, PhotoObject]
 ) -> dict[int, Name]:
-    """Return the names, animals as large as a dinosaur beside them as toys."""
+    """Return the labels, with animals as large as a neighbouring dinosaur labelled as
+    toys.
+    """
     models = [objects[i] for i, name in names.items() if name.label == DINOSAUR]
     result = dict(names)
     for i, name in names.items():
@@ -249,14 +299,17 @@ def _is_as_large(one: PhotoObject, other: PhotoObject) -> bool:
 
 
 def _pool(rgb: Rgb, round_ones: Sequence[int]) -> dict[int, Name]:
-    """What is round on a pool table: the photo as a whole tells, a ball alone could be any."""
+    """Return the label billiard ball for all discs if the photo shows a pool table.
+
+    The whole photo decides, because a single ball could be any ball.
+    """
     if len(round_ones) < CROP.rack:
         return {}
     head = heads()
-    whole = cv2.resize(
+    small_photo = cv2.resize(
         rgb, (CROP.side, CROP.side), interpolation=cv2.INTER_AREA
     ).astype(np.float32)
-    chances = _softmax(features(whole)[None] @ head.weights.T + head.bias)[0]
+    chances = _softmax(features(small_photo)[None] @ head.weights.T + head.bias)[0]
     name = Name("billiard ball", CROP.certain, (), "imagenet")
     return (
         dict.fromkeys(round_ones, name) if chances[CROP.pool_table] >= CROP.pool else {}
@@ -264,28 +317,42 @@ def _pool(rgb: Rgb, round_ones: Sequence[int]) -> dict[int, Name]:
 
 
 def crop(rgb: Rgb, mask: Mask) -> F32:
-    """(side, side, 3) 8-bit codes: the object in the middle, upright and undistorted, its background dimmed."""
+    """Return an object's crop (side, side, 3), 8-bit levels, with a dimmed background.
+
+    The object is centred, upright and undistorted.
+    """
     x, y, w, h = cv2.boundingRect(mask.astype(np.uint8))
-    whole = max(w, h) * (1 + 2 * CROP.margin)
-    left, top = max(int(x + w / 2 - whole / 2), 0), max(int(y + h / 2 - whole / 2), 0)
+    span = max(w, h) * (1 + 2 * CROP.margin)
+    left, top = (
+        max(int(x + w / 2 - span / 2), 0),
+        max(int(y + h / 2 - span / 2), 0),
+    )
     part = np.s_[
-        top : int(y + h / 2 + whole / 2) + 2, left : int(x + w / 2 + whole / 2) + 2
+        top : int(y + h / 2 + span / 2) + 2,
+        left : int(x + w / 2 + span / 2) + 2,
     ]
     inside = mask[part].astype(np.float32)
-    scale = CROP.side / whole
-    soft = np.maximum(cv2.GaussianBlur(inside, (0, 0), max(1.0, 1 / scale)), inside)[
+    scale = CROP.side / span
+    # The mask is blurred by one pixel of the crop, so that its edge is no cue.
+    weight = np.maximum(cv2.GaussianBlur(inside, (0, 0), max(1.0, 1 / scale)), inside)[
         ..., None
     ]
     middle = np.float32(CROP.middle)
-    shown = middle + (rgb[part] - middle) * (CROP.dim + (1 - CROP.dim) * soft)
-    size = max(round(shown.shape[1] * scale), 1), max(round(shown.shape[0] * scale), 1)
+    picture = middle + (rgb[part] - middle) * (CROP.dim + (1 - CROP.dim) * weight)
+    size = (
+        max(round(picture.shape[1] * scale), 1),
+        max(round(picture.shape[0] * scale), 1),
+    )
     small = cv2.resize(
-        shown, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+        picture,
+        size,
+        interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR,
     )
     centre = (x + w / 2 - left) * scale, (y + h / 2 - top) * scale
     move = np.array(
         [[1, 0, CROP.side / 2 - centre[0]], [0, 1, CROP.side / 2 - centre[1]]]
     )
+    # Shift the object's centre to the centre of the crop.
     square = cv2.warpAffine(
         small, move, (CROP.side, CROP.side), borderValue=(CROP.middle,) * 3
     )
@@ -293,32 +360,36 @@ def crop(rgb: Rgb, mask: Mask) -> F32:
 
 
 def features(shown: F32) -> F32:
-    """(1280,) of a crop (side, side, 3)."""
+    """Return the features (1280,) of a crop (side, side, 3)."""
     blob = ((shown - np.float32(CROP.middle)) / np.float32(CROP.spread)).transpose(
         2, 0, 1
     )[None]
     network = _network()
-    with LOCK:  # a net holds state between the calls
+    # An OpenCV network holds state between the two calls.
+    with LOCK:
         network.setInput(np.ascontiguousarray(blob))
         return np.array(network.forward()[0], np.float32)
 
 
 @cache
 def heads() -> Heads:
-    """The shipped heads; weights are stored in 8 bits, with a scale for each row."""
-    with np.load(Path(__file__).with_name(HEADS)) as stored:
-        label = tuple(map(str, stored["labels"]))
-        own = np.zeros((len(label) + 1, stored["own"].shape[1]), np.float32)
-        own[stored["own_rows"]] = stored["own"] * stored["own_scale"][:, None]
-        weights = stored["weights"] * stored["scale"][:, None]
+    """Return the bundled classifiers.
+
+    Weights are stored with 8 bits and one scale per row.
+    """
+    with np.load(Path(__file__).with_name(HEADS)) as arrays:
+        label = tuple(map(str, arrays["labels"]))
+        regression = np.zeros((len(label) + 1, arrays["own"].shape[1]), np.float32)
+        regression[arrays["own_rows"]] = arrays["own"] * arrays["own_scale"][:, None]
+        weights = arrays["weights"] * arrays["scale"][:, None]
         return Heads(
-            label, stored["group"], weights, stored["bias"], float(stored["trust"]), own, stored["shift"],
-            float(stored["sure"]), stored["coco"],
+            label, arrays["group"], weights, arrays["bias"], float(arrays["trust"]), regression, arrays["shift"],
+            float(arrays["sure"]), arrays["coco"],
         )  # fmt: skip
 
 
 def _softmax(logits: NDArray[Any]) -> F32:
-    """(N, K) -> (N, K) probabilities."""
+    """Return probabilities (N, K) of logits (N, K)."""
     powers = np.exp(logits - logits.max(1, keepdims=True))
     return np.asarray(powers / powers.sum(1, keepdims=True), np.float32)
 

@@ -1,6 +1,7 @@
-"""Backend label=shape: names from outlines alone, with little confidence.
+"""Backend label=shape: labels from outlines alone, with low confidence.
 
-An outline supports `ball`, `block`, `stick` and `object`, and `bottle` where a neck is clear.
+An outline can suggest `ball`, `block`, `stick`, `object`, and `bottle` if it has a
+distinct neck.
 """
 
 from __future__ import annotations
@@ -18,18 +19,21 @@ from physgen.perceive.spheres import is_shaded_as_sphere
 
 @dataclass(frozen=True)
 class ShapeConstants:
-    """Constants of the names."""
+    """Constants of the labels."""
 
-    boxy: float = 0.88  # least share of its smallest bounding box that a block covers
-    long: float = 8.0  # length over width from which a block is a stick
-    alike: float = 0.9  # least common share of a bottle's outline and its mirror image
+    # Least share of its smallest bounding box that a block covers.
+    boxy: float = 0.88
+    # Least ratio of length to width of a stick.
+    long: float = 8.0
+    # Least overlap of a bottle's outline and its mirror image.
+    alike: float = 0.9
 
 
 SHAPE = ShapeConstants()
 
 
 def shape() -> Label:
-    """The backend `shape`."""
+    """Return the backend `shape`."""
     return _shape
 
 
@@ -57,15 +61,17 @@ def _name(rgb: Rgb, outline: Outline, cut: bool) -> Name:
 
 
 def _necked(outline: Region) -> bool:
-    """Whether the outline is upright and symmetric, with a wide body that narrows to a neck."""
+    """Return whether an outline is an upright, symmetric body with a narrow neck."""
     left, right = _profile(outline)
     widths = right - left
     height = float(np.ptp(outline.rings[0].outer[:, 1]))
     body, neck = float(np.median(widths[30:58])), float(np.median(widths[2:12]))
     if not (1.8 < height / max(body, 1e-6) < 5 and 0.15 < neck / body < 0.6):
         return False
+    # The halves left and right of the middle line must be equal.
     middle = float(np.median((left + right) / 2))
     common = 2 * np.minimum(middle - left, right - middle).clip(0)
+    # From the neck downwards the width may not fall noticeably.
     narrowing = np.diff(
         np.array([float(np.median(widths[k : k + 6])) for k in range(2, 40, 6)])
     )
@@ -75,12 +81,15 @@ def _necked(outline: Region) -> bool:
 
 
 def _profile(outline: Region) -> tuple[np.ndarray, np.ndarray]:
-    """(60,) px: left and right end of the outline in 60 slices from top to bottom."""
+    """Return the left and right ends (60,) of an outline in 60 slices from the
+    top, px.
+    """
     border = outline.rings[0].outer
     low, high = border[:, 1].min(), border[:, 1].max()
     ends = np.roll(border, -1, axis=0)
     left, right = np.zeros(60), np.zeros(60)
     for k, y in enumerate(low + (np.arange(60) + 0.5) / 60 * (high - low)):
+        # Edges that cross the height y have one end above and one below.
         meets = (border[:, 1] <= y) != (ends[:, 1] <= y)
         (x0, y0), (x1, y1) = border[meets].T, ends[meets].T
         x = x0 + (y - y0) / (y1 - y0) * (x1 - x0)

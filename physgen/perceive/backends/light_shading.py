@@ -1,8 +1,10 @@
-"""Backend light=shading: distant and ambient light from the shading of objects (Lambert's law) and from highlights.
+"""Backend light=shading: distant and ambient light from the shading of objects
+(Lambert's law) and from highlights.
 
-Pairs of pixels of one object and one colour differ in light by their shading alone, whatever their albedo. Lights all
-over the sky are compared by how well they explain those differences, and the best is refined. A bright spot on a glossy
-ball is a mirror image of the lamp, and shows where that is by itself.
+Pairs of pixels of one object and one colour differ in light by their shading alone,
+whatever their albedo. Lights all over the sky are compared by how well they explain
+those differences, and the best is refined. A bright spot on a glossy ball is a mirror
+image of the lamp, and shows where that is by itself.
 """
 
 from __future__ import annotations
@@ -51,20 +53,18 @@ class _Tuning:
     ball_z: float = 0.2  # z of the normals under which a ball's are not trusted
     other_z: float = 0.4  # and those of all others
     elsewhere: float = 35.0  # degrees from a light at which others are its rivals
-    below: float = (
-        0.1  # cost of a light from straight below: lamps and skies are mostly above
-    )
+    # cost of a light from straight below: lamps and skies are mostly above
+    below: float = 0.1
     spot_gain: float = 0.25  # of highlights that all agree
     spot_angle: float = 12.0  # degrees within which they agree
-    spot_size: float = (
-        0.3  # of a ball's radius: the size under which a bright spot is a highlight
-    )
+    # of a ball's radius: the size under which a bright spot is a highlight
+    spot_size: float = 0.3
     bright: float = 0.2  # by which a highlight stands out, at least
     white: float = 0.35  # share of its light that is not white, at most
-    full: float = (
-        1.2  # shading of a surface that faces the light: there it shows its own colour
-    )
-    least: float = 0.1  # of the differences of light, that must be explained for a light to be found
+    # shading of a surface that faces the light: there it shows its own colour
+    full: float = 1.2
+    # of the differences of light, that must be explained for a light to be found
+    least: float = 0.1
     # of the same, from which only rivals make the light unsure: prints and reflections stay unexplained
     enough: float = 0.2
 
@@ -74,7 +74,9 @@ TUNING = _Tuning()
 
 @dataclass(frozen=True)
 class PixelPairs:
-    """Pixels compared: `change` (n,) of the logarithm of light from the second to the first of each pair."""
+    """Pixels compared: `change` (n,) of the logarithm of light from the second to the
+    first of each pair.
+    """
 
     change: F32
     first: F32  # (n, 3) normals
@@ -91,11 +93,12 @@ class LightEstimate:
     explained: float  # 0..1 of the differences of light
     spots: int  # highlights that agree
     trust: float
-    rival: float  # 0..1: the share of its explanation that the best light from elsewhere reaches
+    # 0..1: the share of its explanation that the best light from elsewhere reaches
+    rival: float
 
 
 def shading() -> Light:
-    """The backend `shading`."""
+    """Return the backend `shading`."""
     return _shading
 
 
@@ -127,7 +130,9 @@ def _shading(
 def fit_light(
     pairs: PixelPairs | None, spots: F32 | None = None
 ) -> LightEstimate | None:
-    """The best light for `pairs`, with `spots` (m, 3) the directions of highlights; None where nothing shows any."""
+    """Return the best light for `pairs`, with `spots` (m, 3) the directions of
+    highlights; None where nothing shows any.
+    """
     spots = np.zeros((0, 3), np.float32) if spots is None else spots
     if pairs is None and len(spots) < 2:
         return None
@@ -170,7 +175,9 @@ def _light(direction: F32, ratio: float) -> DistantLight:
 
 
 def _cost(pairs: PixelPairs | None, sky: F32, spots: F32) -> F32:
-    """(m, ambients): the unexplained share, 1 for even light, and the prior cost of each direction."""
+    """(m, ambients): the unexplained share, 1 for even light, and the prior cost of
+    each direction.
+    """
     cost = np.ones((len(sky), len(AMBIENT)), np.float32)
     if pairs is not None:
         share = min(1.0, 2 * pairs.trust)  # little shading is weak evidence
@@ -199,7 +206,9 @@ def _misfit(pairs: PixelPairs, sky: F32) -> F32:
 
 
 def _directions(count: int, whole: bool = False) -> F32:
-    """(count, 3) directions, evenly (Fibonacci's spiral), all but those behind the scene unless `whole`."""
+    """(count, 3) directions, evenly (Fibonacci's spiral), all but those behind the
+    scene unless `whole`.
+    """
     k = np.arange(count) + 0.5
     z = 1 - k / count * (2.0 if whole else 1.05)
     angle = k * np.pi * (3 - 5**0.5)
@@ -212,7 +221,9 @@ def _directions(count: int, whole: bool = False) -> F32:
 def pixel_pairs(
     linear: F32, labels: Labels, balls: dict[int, bool], normals: F32
 ) -> PixelPairs | None:
-    """Pairs in the objects of `balls`, True for spheres; drawn at random, the same each time."""
+    """Pairs in the objects of `balls`, True for spheres; drawn at random, the same each
+    time.
+    """
     random = np.random.default_rng(0)
     level = np.log(luminance(linear) + np.float32(2e-3))
     small = linear + np.float32(4e-3)
@@ -272,7 +283,8 @@ def pixel_pairs(
 
 
 def highlights(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]) -> F32:
-    """(m, 3) directions of the lamp whose mirror images are the bright white spots on balls.
+    """(m, 3) directions of the lamp whose mirror images are the bright white spots on
+    balls.
 
     The normal there lies halfway between viewer and lamp (Blinn 1977).
     """
@@ -300,7 +312,9 @@ def highlights(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]) -> F32:
 
 
 def _white_spot(part: F32, own: Mask, radius: float) -> tuple[float, float] | None:
-    """(x, y) of the brightest white spot much smaller than the ball; None where there is none."""
+    """(x, y) of the brightest white spot much smaller than the ball; None where there
+    is none.
+    """
     least = np.where(own, part.min(axis=2), 0).astype(np.float32)
     size = 2 * max(1, round(TUNING.spot_size * radius)) + 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))

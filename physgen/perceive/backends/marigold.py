@@ -1,7 +1,7 @@
-"""A photo -> depth, normals, or albedo and shading, by Marigold's diffusion pipelines (Ke et al., CVPR 2024 and
-2025).
+"""Backends depth, normals and intrinsic by Marigold (Ke et al., CVPR 2024 and 2025).
 
-The same photo, weights and options give the same bytes on one machine: the noise is drawn on the CPU from `seed`.
+The same photo, weights and options give the same bytes on one machine, because the
+noise is drawn on the CPU from `seed`.
 """
 
 from __future__ import annotations
@@ -28,11 +28,14 @@ OPTIONS: Options = {
     "seed": (0, {"type": "integer", "minimum": 0}),
     "resolution": (None, {"type": "integer", "minimum": 0}),
 }
-"""`[marigold]` of physgen.toml, for all three roles; `resolution`: the longer side, px, 0 = the photo's own."""
+"""Section `[marigold]` of physgen.toml, for all three roles.
+
+`resolution`: longer side, px; 0 keeps the photo's size.
+"""
 SLIMMEST = 8
-"""px: the shorter side of the pipeline's input, at least."""
+"""px: least shorter side of the pipeline's input."""
 DARKEST = 0.02
-"""Least albedo to divide by, that of soot."""
+"""Least albedo used as a divisor: the albedo of soot."""
 PIPELINES = {
     "depth": "MarigoldDepthPipeline",
     "normals": "MarigoldNormalsPipeline",
@@ -41,7 +44,7 @@ PIPELINES = {
 
 
 class _Marigold(ModelBackend):
-    """One of the pipelines with its options."""
+    """A backend with one of the three pipelines and its options."""
 
     role = ""
 
@@ -51,9 +54,9 @@ class _Marigold(ModelBackend):
         super().__init__(setup, weights, f"Marigold's {self.role}", options)
 
     def _number_type(self, setup: Setup) -> torch.dtype:
-        half = setup.dtype == "auto" and self._device.startswith("cuda")
-        # bfloat16 has 8 bits of mantissa: maps of it would have steps
-        return torch.float16 if half else super()._number_type(setup)
+        is_float16 = setup.dtype == "auto" and self._device.startswith("cuda")
+        # bfloat16 has 8 bits of mantissa, which would give maps visible steps.
+        return torch.float16 if is_float16 else super()._number_type(setup)
 
     def _load(self, weights: str) -> Any:
         pipe = load_pipeline(
@@ -80,12 +83,14 @@ class _Marigold(ModelBackend):
         return pipe
 
     def predicted(self, rgb: Rgb) -> tuple[F32, Rgb]:
-        """The output, (N, h, w, C) in the pipeline's own conventions, and the resized photo, (h, w, 3)."""
+        """Return the prediction (N, h, w, C) in the pipeline's conventions and the
+        resized photo (h, w, 3).
+        """
         pipe = self._model
         small = shrunk(rgb, self._options["resolution"])
         generator = torch.Generator("cpu").manual_seed(self._options["seed"])
         with torch.inference_mode():
-            found = pipe(
+            prediction = pipe(
                 small,
                 num_inference_steps=self._options["steps"],
                 ensemble_size=self._options["ensemble"],
@@ -93,12 +98,12 @@ class _Marigold(ModelBackend):
                 match_input_resolution=False,
                 generator=generator,
             ).prediction
-        if not np.isfinite(found).all():
+        if not np.isfinite(prediction).all():
             dtype = str(self._dtype).removeprefix("torch.")
             raise Message.PREDICTION_NOT_FINITE.error(
                 "physgen.toml", dtype, role=self.role, device=self._device
             )
-        return np.asarray(found, np.float32), small
+        return np.asarray(prediction, np.float32), small
 
 
 class Depth(_Marigold):
@@ -107,7 +112,9 @@ class Depth(_Marigold):
     role = "depth"
 
     def __call__(self, rgb: Rgb) -> F32:
-        """(H, W) float32 in 0..1, larger = farther, from the nearest plane of the photo to its farthest."""
+        """Return depth (H, W) float32 in 0..1, from the nearest to the farthest
+        plane.
+        """
         return _sized(self.predicted(rgb)[0][0, :, :, 0], rgb)
 
 
@@ -123,27 +130,31 @@ class Normals(_Marigold):
         objects: Sequence[PhotoObject],
         setting: BoundaryGuess,
     ) -> F32:
-        """(H, W, 3) float32 unit. The pipeline's are +x right, +y UP, +z to the viewer."""
-        theirs = self.predicted(rgb)[0][0]
-        return facing(_sized(theirs * np.array([1, -1, 1], np.float32), rgb))
+        """Return unit normals (H, W, 3) float32."""
+        # The pipeline's axes are +x right, +y up, +z to the viewer; y is flipped below.
+        prediction = self.predicted(rgb)[0][0]
+        return facing(_sized(prediction * np.array([1, -1, 1], np.float32), rgb))
 
 
 class Intrinsic(_Marigold):
-    """The backend `intrinsic=marigold`: weights that give albedo, shading and residual, or albedo alone."""
+    """The backend `intrinsic=marigold`, for weights that predict albedo alone, or
+    albedo, shading and residual.
+    """
 
     role = "intrinsic"
 
     def __call__(self, rgb: Rgb, labels: Labels, normals: F32) -> Intrinsics:
-        """Albedo times shading is the photo.
+        """Return albedo and shading whose product is the photo.
 
-        The shading is the pipeline's, at its resolution; the albedo is the photo divided by it, with all details.
+        The shading has the pipeline's resolution. The albedo is the photo divided by
+        it, so that it keeps all details.
         """
-        found, small = self.predicted(rgb)
+        predictions, small = self.predicted(rgb)
         properties = self._model.target_properties or {}
         names = properties.get("target_names") or []
         maps = {
-            name: linear(one, properties.get(name, {}))
-            for name, one in zip(names, found, strict=False)
+            name: linear(target, properties.get(name, {}))
+            for name, target in zip(names, predictions, strict=False)
         }
         if "albedo" not in maps:
             raise Message.NO_ALBEDO.error(
@@ -166,7 +177,9 @@ depth, normals, intrinsic = Depth, Normals, Intrinsic
 
 
 def linear(values: F32, properties: Mapping[str, Any]) -> F32:
-    """A target in 0..1 of the pipeline in linear light, by its entry in `target_properties`."""
+    """Return a predicted target in 0..1 as linear light, by its entry in
+    `target_properties`.
+    """
     return (
         values
         if properties.get("prediction_space", "srgb") == "linear"
@@ -175,21 +188,23 @@ def linear(values: F32, properties: Mapping[str, Any]) -> F32:
 
 
 def lit(light: F32, albedo: F32, shading: F32, residual: F32 | None) -> F32:
-    """The shading (h, w) by which `albedo` becomes the photo's `light`, both (h, w, 3) linear.
+    """Return the shading (h, w) that turns `albedo` into the photo's `light`.
 
-    Shading and residual come up to scale: photo = a albedo shading + b residual, with the a and b that fit best.
-    Mirror reflections are light, not paint, so the residual counts as shading.
+    `light` and `albedo` are (h, w, 3), linear. Shading and residual are known up to
+    scale: photo = a albedo shading + b residual, with a and b by least squares. Mirror
+    reflections are light rather than paint, so the residual counts as shading.
     """
     paint, fall = luminance(albedo), luminance(shading)
     matt = paint * fall
     gloss = np.zeros_like(matt) if residual is None else luminance(residual)
-    seen = luminance(light)
+    photo_luminance = luminance(light)
     a, b = np.linalg.lstsq(
-        np.stack([matt.ravel(), gloss.ravel()], 1), seen.ravel(), rcond=None
+        np.stack([matt.ravel(), gloss.ravel()], 1), photo_luminance.ravel(), rcond=None
     )[0]
+    # A negative factor has no physical meaning: fit the shading alone.
     if b <= 0 or a <= 0:
         a, b = (
-            float(matt.ravel() @ seen.ravel())
+            float(matt.ravel() @ photo_luminance.ravel())
             / max(float(matt.ravel() @ matt.ravel()), 1e-9),
             0.0,
         )
@@ -197,19 +212,28 @@ def lit(light: F32, albedo: F32, shading: F32, residual: F32 | None) -> F32:
 
 
 def shrunk(rgb: Rgb, resolution: int) -> Rgb:
-    """The photo with its longer side `resolution` px (0: unchanged), its shorter one at least `SLIMMEST`."""
+    """Return the photo with a longer side of `resolution` px; 0 leaves it unchanged.
+
+    The shorter side is at least `SLIMMEST`.
+    """
     height, width = rgb.shape[:2]
     scale = resolution / max(height, width) if resolution else 1.0
-    tall, wide = (max(SLIMMEST, round(side * scale)) for side in (height, width))
-    if (tall, wide) == (height, width):
+    new_height, new_width = (
+        max(SLIMMEST, round(side * scale)) for side in (height, width)
+    )
+    if (new_height, new_width) == (height, width):
         return rgb
-    how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
-    return np.asarray(cv2.resize(rgb, (wide, tall), interpolation=how), np.uint8)
+    interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+    return np.asarray(
+        cv2.resize(rgb, (new_width, new_height), interpolation=interpolation), np.uint8
+    )
 
 
 def _sized(values: F32, rgb: Rgb) -> F32:
-    """A map in the photo's size."""
-    how = cv2.INTER_AREA if values.shape[1] > rgb.shape[1] else cv2.INTER_LINEAR
+    """Return a map in the photo's size."""
+    interpolation = (
+        cv2.INTER_AREA if values.shape[1] > rgb.shape[1] else cv2.INTER_LINEAR
+    )
     return np.asarray(
-        cv2.resize(values, rgb.shape[1::-1], interpolation=how), np.float32
+        cv2.resize(values, rgb.shape[1::-1], interpolation=interpolation), np.float32
     )

@@ -1,10 +1,11 @@
 """Backend matte=edge: coverage with a soft border that follows the photo's edges.
 
-Coverage falls from 1 to 0 over two pixels, one half on the mask's border. With contrast, a pixel's colour between the
-object's and the background's is its share of the object (Porter and Duff's compositing equation solved for alpha). A
-mask that is too large or too small is so for some way along its border: the mean there of these shares moves the
-border. Beyond it, a single pixel belongs to the object as its colour says, unless it is dimmed background: that may be
-the object's shadow.
+Coverage falls from 1 to 0 over two pixels and is one half on the mask's border. If
+object and background differ in colour, the colour of a border pixel tells its share of
+the object (Porter and Duff's compositing equation solved for alpha). Masks are usually
+too large or too small along whole stretches of their border, so the mean share of a
+stretch moves the border. After that, a single pixel is decided by its own colour,
+unless it looks like dimmed background, which may be the object's shadow.
 """
 
 from __future__ import annotations
@@ -22,37 +23,47 @@ from physgen.photometry import decode
 
 @dataclass(frozen=True)
 class _Limits:
-    """How far the photo moves a border."""
+    """Limits of the changes that the photo makes to a mask's border."""
 
-    reach: float = 1.0  # px from one half to 0 or 1
-    shift: float = 2.75  # px by which the photo may move the border along some way ...
-    unsure: float = 0.5  # ... less those by which shadows and texture pretend to
-    single: float = 0.25  # px by which single pixels may then move it; by `shift` outwards, if their colour ...
-    dimmed: float = 0.3  # ... differs from dimmed background's, by so much of square roots of linear light
-    along: float = 32.0  # px, standard deviation: the way
-    doubt: float = 0.1  # trust in the mask's border, beside the colours' 0..1
-    gain: float = (
-        2.0  # of shares about one half: shadows beside an object reach that seldom
-    )
-    # difference of square roots of linear light from which colours separate object and background
+    # px from coverage one half to coverage 0 or 1.
+    reach: float = 1.0
+    # px by which the mean share of a stretch may move the border ...
+    shift: float = 2.75
+    # ... less this part, in px, which shadows and texture can simulate.
+    unsure: float = 0.5
+    # px by which a single pixel may then move the border. Outwards the limit is `shift`
+    # if its colour differs from dimmed background ...
+    single: float = 0.25
+    # ... by this difference of square roots of linear light.
+    dimmed: float = 0.3
+    # px: standard deviation of the weights along a stretch.
+    along: float = 32.0
+    # Weight of the mask's own border beside the trust in colours, 0..1.
+    doubt: float = 0.1
+    # Contrast of shares about one half: a shadow beside an object rarely exceeds one
+    # half.
+    gain: float = 2.0
+    # Difference of square roots of linear light that separates object and background.
     contrast: float = 0.08
 
 
 LIMITS = _Limits()
 BLUR_REACH = 4
-"""Standard deviations beyond which a blur does not reach visibly."""
+"""Standard deviations beyond which a Gaussian blur has no visible effect."""
 
 
 def edge() -> Matte:
-    """The backend `edge`."""
+    """Return the backend `edge`."""
     return _edge
 
 
 def _edge(rgb: Rgb, labels: Labels) -> F32:
+    """Return the coverage (H, W) float32 of all objects, 0..1."""
     inside = labels > 0
     if not inside.any() or inside.all():
         return inside.astype(np.float32)
     x, y, width, height = cv2.boundingRect(inside.astype(np.uint8))
+    # Outside this margin the blurred shift of the border is zero.
     margin = round(BLUR_REACH * LIMITS.along)
     rows = slice(max(y - margin, 0), y + height + margin)
     columns = slice(max(x - margin, 0), x + width + margin)
@@ -62,27 +73,34 @@ def _edge(rgb: Rgb, labels: Labels) -> F32:
 
 
 def _coverage(rgb: Rgb, inside: Mask) -> F32:
-    """(H, W) 0..1 of a photo in which something is `inside` (H, W), and something not."""
+    """Return the coverage (H, W), 0..1, of a mask that is not empty and not full."""
     distance = _border_distance(inside)
-    mixed, trust, other = _coverage_by_colour(rgb, distance)
-    mixed = np.clip((mixed - 0.5) * LIMITS.gain + 0.5, 0, 1)
-    distance += _shift(distance, mixed, trust)
+    share, trust, other = _coverage_by_colour(rgb, distance)
+    share = np.clip((share - 0.5) * LIMITS.gain + 0.5, 0, 1)
+    # A mean over a stretch first moves the whole border ...
+    distance += _shift(distance, share, trust)
     coverage = _ramp(distance)
+    # ... then single pixels move by their own colour, within tight limits.
     out = LIMITS.single + (LIMITS.shift - LIMITS.single) * other * (distance < 0)
-    moved = np.clip(mixed, _ramp(distance - LIMITS.single), _ramp(distance + out))
-    near = np.abs(distance) < LIMITS.reach + out
-    coverage = np.where(near, coverage + trust * (moved - coverage), coverage)
-    return np.asarray(
-        np.round(coverage * 255) / 255, np.float32
-    )  # as stored: 0 here is 0 in coverage.png
+    limited_share = np.clip(
+        share, _ramp(distance - LIMITS.single), _ramp(distance + out)
+    )
+    border_band = np.abs(distance) < LIMITS.reach + out
+    coverage = np.where(
+        border_band, coverage + trust * (limited_share - coverage), coverage
+    )
+    # Rounded as coverage.png stores it, so that 0 here is 0 in the file.
+    return np.asarray(np.round(coverage * 255) / 255, np.float32)
 
 
 def _shift(distance: F32, mixed: F32, trust: F32) -> F32:
-    """(H, W) px by which the border lies farther out than the mask says."""
+    """Return by how many px (H, W) the border lies outside the mask's border."""
     band = LIMITS.reach + LIMITS.shift
-    near = (np.abs(distance) < band).astype(np.float32)
-    excess = blurred((mixed - _ramp(distance)) * trust * near, LIMITS.along)
-    weight = blurred((trust + np.float32(LIMITS.doubt)) * near, LIMITS.along)
+    border_band = (np.abs(distance) < band).astype(np.float32)
+    excess = blurred((mixed - _ramp(distance)) * trust * border_band, LIMITS.along)
+    weight = blurred((trust + np.float32(LIMITS.doubt)) * border_band, LIMITS.along)
+    # In a symmetric band of half width `band`, moving the border by d changes the mean
+    # coverage by d / (2 band).
     shift = np.clip(
         2 * band * excess / np.maximum(weight, 1e-6), -LIMITS.shift, LIMITS.shift
     )
@@ -92,41 +110,73 @@ def _shift(distance: F32, mixed: F32, trust: F32) -> F32:
 
 
 def _ramp(distance: F32) -> F32:
-    """Distance to the border, px, positive inside -> coverage: smooth from 0 to 1 over 2 LIMITS.reach."""
+    """Return the coverage at a distance from the border, px, positive inside.
+
+    A cubic rises smoothly from 0 to 1 over 2 `LIMITS.reach`.
+    """
     t = np.clip(distance / np.float32(LIMITS.reach), -1, 1)
     return np.asarray(0.5 + 0.75 * t - 0.25 * t**3, np.float32)
 
 
 def _border_distance(inside: Mask) -> F32:
-    """px to the border between the pixels, positive inside, with rounded corners."""
-    padded = np.pad(inside, 8, mode="edge")
-    within = cv2.distanceTransform(padded.astype(np.uint8), cv2.DIST_L2, 5)
-    without = cv2.distanceTransform((~padded).astype(np.uint8), cv2.DIST_L2, 5)
-    signed = np.where(padded, within - 0.5, 0.5 - without).astype(np.float32)
-    return np.asarray(cv2.GaussianBlur(signed, (0, 0), 0.8)[8:-8, 8:-8], np.float32)
+    """Return the distance to the mask's border (H, W) px, positive inside.
+
+    The border runs between pixels; a slight blur rounds its staircase.
+    """
+    padded_mask = np.pad(inside, 8, mode="edge")
+    inner_distance = cv2.distanceTransform(padded_mask.astype(np.uint8), cv2.DIST_L2, 5)
+    outer_distance = cv2.distanceTransform(
+        (~padded_mask).astype(np.uint8), cv2.DIST_L2, 5
+    )
+    signed_distance = np.where(
+        padded_mask, inner_distance - 0.5, 0.5 - outer_distance
+    ).astype(np.float32)
+    return np.asarray(
+        cv2.GaussianBlur(signed_distance, (0, 0), 0.8)[8:-8, 8:-8], np.float32
+    )
 
 
 def _coverage_by_colour(rgb: Rgb, distance: F32) -> tuple[F32, F32, F32]:
-    """Coverage `(H, W)` by colour, its trust, 0..1, and 0..1 how unlike dimmed background the colour is."""
+    """Return three maps (H, W) in 0..1: coverage by colour, trust in it, and the degree
+    to which the colour differs from dimmed background.
+    """
+    # Square roots of linear light are roughly uniform to the eye.
     colour = np.sqrt(decode(rgb))
+    # Object and background colours come from pixels far enough from the border to be
+    # pure.
     front = _nearby_mean(colour, distance > LIMITS.reach + LIMITS.shift - 1)
     back = _nearby_mean(colour, distance < -(LIMITS.reach + LIMITS.shift + 0.5))
     axis = front - back
     length = np.einsum("ijk,ijk->ij", axis, axis)
+    # Project each colour on the line from background to object colour.
     share = np.einsum("ijk,ijk->ij", colour - back, axis) / np.maximum(length, 1e-6)
     trust = np.clip(np.sqrt(length) / LIMITS.contrast - 0.5, 0, 1)
-    known = (front.sum(2) > 0) & (back.sum(2) > 0)
-    smooth = cv2.GaussianBlur(np.clip(share, 0, 1).astype(np.float32), (0, 0), 0.5)
-    dim = np.einsum("ijk,ijk->ij", colour, back) / np.maximum(
+    has_both_sides = (front.sum(2) > 0) & (back.sum(2) > 0)
+    smooth_share = cv2.GaussianBlur(
+        np.clip(share, 0, 1).astype(np.float32), (0, 0), 0.5
+    )
+    # A shadow only scales the background's colour; the residual after the best scaling
+    # shows a different surface.
+    brightness_ratio = np.einsum("ijk,ijk->ij", colour, back) / np.maximum(
         np.einsum("ijk,ijk->ij", back, back), 1e-6
     )
-    off = np.square(colour - dim[..., None] * back).sum(2) / LIMITS.dimmed**2
-    other = np.where(dim < 1, 1 - np.exp(-off), 1).astype(np.float32)
-    return smooth, np.where(known, trust, 0).astype(np.float32), other
+    colour_difference = (
+        np.square(colour - brightness_ratio[..., None] * back).sum(2) / LIMITS.dimmed**2
+    )
+    foreign_colour = np.where(
+        brightness_ratio < 1, 1 - np.exp(-colour_difference), 1
+    ).astype(np.float32)
+    return (
+        smooth_share,
+        np.where(has_both_sides, trust, 0).astype(np.float32),
+        foreign_colour,
+    )
 
 
 def _nearby_mean(colour: F32, known: Mask) -> F32:
-    """The mean colour of the known pixels nearby; 0 where there are none within 6 px."""
+    """Return the mean colour of the known pixels within 6 px (H, W, 3), 0 if none is
+    known.
+    """
     weight = known.astype(np.float32)
     total = cv2.GaussianBlur(colour * weight[:, :, None], (13, 13), 2.5)
     count = cv2.GaussianBlur(weight, (13, 13), 2.5)[:, :, None]

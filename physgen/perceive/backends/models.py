@@ -1,6 +1,7 @@
-"""Loading of model backends: device, number type, weights and pipelines.
+"""Load model backends: device, number type, weights and pipelines.
 
-Every model backend loads through `load_weights`, so that missing weights are reported in one way, and at once.
+Every model backend loads its weights through `load_weights`, so that missing weights
+are reported in one way, before any other work starts.
 """
 
 from __future__ import annotations
@@ -18,7 +19,8 @@ import torch
 
 from physgen.messages import Message
 from physgen.problems import InputError
-from physgen.registry import Setup, describe_error, find, in_hub_cache
+from physgen.registry import Setup, describe_error, find
+from physgen.weights import in_hub_cache
 
 T = TypeVar("T")
 
@@ -28,19 +30,26 @@ DTYPES = {
     "bfloat16": torch.bfloat16,
 }
 HUB_TIMEOUT = 3.0
-"""s to wait for the hub; its library retries for about 20."""
+"""s: the longest wait for an answer of the hub.
+
+Its own library retries for about 20 s.
+"""
 OUT_OF_MEMORY = (
     "can't allocate memory",
     "defaultcpuallocator: not enough memory",
     "out of memory",
 )
-"""Parts of error messages, in lower case; the allocators of the CPU and of Apple's GPU have no error type."""
+"""Parts of error messages in lower case.
+
+The allocators of the CPU and of Apple's GPU raise plain RuntimeErrors, so that only the
+text tells a lack of memory.
+"""
 HUB_ID = re.compile(r"[\w.-]+/[\w.-]+")
 
 
 @dataclass(frozen=True)
 class Flag:
-    """The flag that names weights, for messages."""
+    """The command-line flag that names the weights, for messages."""
 
     name: str
     form: str
@@ -52,27 +61,35 @@ BACKEND = Flag("--backend", "ROLE=NAME:PATH")
 def weight_ids(
     role: str, name: str, setup: Setup, flag: Flag = BACKEND
 ) -> tuple[str, ...]:
-    """One id or path for each of the row's weights: `A,B` names both, `A` and `,B` one. Raises InputError for more."""
+    """Return one hub id or path for each weights entry of the backend's registry row.
+
+    A backend with two entries takes `A,B`; `A` and `,B` replace only one of them.
+    Raises InputError if the text names more ids than the row has entries.
+    """
     defaults = [weights.id for weights in find(role, name).weights]
-    named = (
+    ids = (
         [part.strip() for part in setup.weights.split(",")]
         if len(defaults) > 1
         else [setup.weights]
     )
-    if len(named) > len(defaults):
+    if len(ids) > len(defaults):
         raise Message.TOO_MANY_WEIGHTS.error(
             flag.name,
             f'"{setup.weights}"',
             name=name,
-            count=len(named),
+            count=len(ids),
             most=len(defaults),
         )
-    named += [""] * (len(defaults) - len(named))
-    return tuple(one or default for one, default in zip(named, defaults, strict=True))
+    ids += [""] * (len(defaults) - len(ids))
+    return tuple(
+        weights_id or default for weights_id, default in zip(ids, defaults, strict=True)
+    )
 
 
 def device_of(setup: Setup) -> str:
-    """The device of the setup, or the best one present. Raises InputError for one that is not present.
+    """Return the device of the setup, or for "auto" the fastest device that is present.
+
+    Raises InputError if the device is unknown or not present.
 
     >>> device_of(Setup(device="cpu"))
     'cpu'
@@ -85,20 +102,23 @@ def device_of(setup: Setup) -> str:
     }
     best = next(kind for kind in ("cuda", "mps", "cpu") if count[kind])
     kind, _, number = name.partition(":")
-    here = count.get(kind, 0) > (int(number) if number.isdigit() else 0) and (
+    # "cuda:1" needs two GPUs: a device number must be below the count.
+    is_present = count.get(kind, 0) > (int(number) if number.isdigit() else 0) and (
         number.isdigit() or not number
     )
-    if name != "auto" and not here:
-        found = f'device "{name}"'
+    if name != "auto" and not is_present:
+        culprit = f'device "{name}"'
         if kind not in count:
-            raise Message.NOT_A_DEVICE.error("physgen.toml", found, best=best)
-        missing, version = Message.DEVICE_MISSING, torch.__version__
-        raise missing.error("physgen.toml", found, version=version, best=best)
+            raise Message.NOT_A_DEVICE.error("physgen.toml", culprit, best=best)
+        message, version = Message.DEVICE_MISSING, torch.__version__
+        raise message.error("physgen.toml", culprit, version=version, best=best)
     return best if name == "auto" else name
 
 
 def dtype_of(setup: Setup, device: str) -> torch.dtype:
-    """The number type of the setup; by default float32 on a CPU and a type of 16 bits on a GPU.
+    """Return the number type of the setup.
+
+    The type "auto" means float32 on a CPU, and bfloat16 or float16 on a GPU.
 
     >>> dtype_of(Setup(), "cpu")
     torch.float32
@@ -113,10 +133,11 @@ def dtype_of(setup: Setup, device: str) -> torch.dtype:
 def load_weights(
     load: Callable[[str], T], weights: str, what: str, flag: Flag = BACKEND
 ) -> T:
-    """`load(weights)`: a hub id or a folder or file, `~` allowed. `what` names the model in messages: `SAM`.
+    """Call `load` with a hub id, a folder or a file and return its result.
 
-    Raises InputError with the id or path and how to get it, where the weights are missing, broken or of another model,
-    or where the memory does not suffice.
+    `weights` may begin with `~`. `what` names the model in messages, e.g. `SAM`. Raises
+    InputError with the id or path and a fix if the weights are missing, broken or of
+    another model, or if memory runs out.
     """
 
     path = Path(weights).expanduser()
@@ -133,14 +154,14 @@ def load_weights(
     if (local or in_hub_cache(weights)) and importlib.util.find_spec("transformers"):
         from transformers.utils import logging
 
-        logging.disable_progress_bar()  # only a download is worth one
+        # A progress bar is useful for downloads only.
+        logging.disable_progress_bar()
     try:
         return load(str(path) if local else weights)
     except InputError:
         raise
-    except (
-        Exception
-    ) as error_:  # libraries raise errors of every type for files that are no model
+    except Exception as error_:
+        # Libraries raise errors of every type if a file is not a model.
         cause = describe_error(error_)
         if is_out_of_memory(error_):
             raise error(Message.WEIGHTS_TOO_LARGE, cause=cause) from error_
@@ -151,7 +172,7 @@ def load_weights(
 
 
 def is_out_of_memory(error: BaseException) -> bool:
-    """Whether an error is a lack of memory on any device."""
+    """Return whether an error is a lack of memory on any device."""
     if isinstance(error, MemoryError | torch.cuda.OutOfMemoryError):
         return True
     text = str(error).lower()
@@ -163,7 +184,7 @@ def is_out_of_memory(error: BaseException) -> bool:
 def run_note(
     device: str, dtype: torch.dtype, weights: str, options: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Device, number type, weights and options of a run, for the record.
+    """Return the device, number type, weights and options of a run for its record.
 
     >>> run_note("cpu", torch.float32, "a/b", {"steps": 4})
     {'device': 'cpu', 'dtype': 'float32', 'weights': 'a/b', 'steps': 4}
@@ -177,7 +198,7 @@ def run_note(
 
 
 def free_memory() -> None:
-    """Return the memory of a model that nothing refers to any more."""
+    """Release the memory of models without references to the operating system."""
     gc.collect()
     if torch.cuda.is_available():
         torch.cuda.empty_cache()
@@ -186,16 +207,22 @@ def free_memory() -> None:
 
 
 class ModelBackend:
-    """A backend with one model, loaded by `_load` when `_model` is first needed and freed by `close`."""
+    """A backend with one model: `_load` loads it at its first use, and `close` frees
+    it.
+    """
 
     def __init__(
         self, setup: Setup, weights: str, what: str, options: dict[str, Any]
     ) -> None:
-        """`what` names the model in messages. Raises InputError for missing weights and for an unknown device."""
+        """Raises InputError if the weights are missing or the device is unknown.
+
+        `what` names the model in messages.
+        """
         self._weights, self._what, self._options = weights, what, options
         self._device = device_of(setup)
         self._dtype = self._number_type(setup)
-        load_weights(lambda _: None, weights, what)  # is it here, or to be had
+        # Report missing weights now rather than after minutes of other work.
+        load_weights(lambda _: None, weights, what)
 
     @cached_property
     def _model(self) -> Any:
@@ -217,41 +244,51 @@ class ModelBackend:
         free_memory()
 
     def note(self) -> Mapping[str, Any]:
-        """Device, number type, weights and options, for the record."""
+        """Return the device, number type, weights and options for the record."""
         return run_note(self._device, self._dtype, self._weights, self._options)
 
 
 @cache
 def _hub_is_offline() -> bool:
-    """Whether the hub cannot be reached; its library is then set to offline, so that it does not retry."""
+    """Return whether the hub is out of reach.
+
+    In that case its library is set to offline, so that it does not retry.
+    """
     from huggingface_hub import constants
     from huggingface_hub.utils import get_session
 
     if not constants.HF_HUB_OFFLINE:
         try:
             get_session().head(constants.ENDPOINT, timeout=HUB_TIMEOUT)
-        except Exception:  # of its own and of its HTTP library
+        # The errors come from the hub's library or from its HTTP library.
+        except Exception:
             constants.HF_HUB_OFFLINE = True
     return bool(constants.HF_HUB_OFFLINE)
 
 
 def load_pipeline(kind: Any, weights: str, device: str, dtype: torch.dtype) -> Any:
-    """`kind.from_pretrained(weights)` without progress bars, on `device`. `kind`: a diffusers pipeline class."""
+    """Load a diffusers pipeline of class `kind` on `device`, without progress bars."""
     return load_pipeline_on_cpu(kind, weights, dtype).to(device)
 
 
 def load_pipeline_on_cpu(
     kind: Any, weights: str, dtype: torch.dtype, **parts: Any
 ) -> Any:
-    """The pipeline on the CPU, with `parts` in place of its own components.
+    """Load a diffusers pipeline on the CPU, with `parts` in place of its own
+    components.
 
-    Only safetensors are accepted: other formats are unpickled by the library, which runs code.
+    Only safetensors files are accepted: the library unpickles other formats, which runs
+    code.
     """
     from diffusers.utils import logging
 
-    shown, verbosity = logging.is_progress_bar_enabled(), logging.get_verbosity()
+    has_progress_bar, verbosity = (
+        logging.is_progress_bar_enabled(),
+        logging.get_verbosity(),
+    )
     logging.disable_progress_bar()
-    logging.set_verbosity_error()  # it warns of casts that change nothing
+    # The library warns of casts that change nothing.
+    logging.set_verbosity_error()
     try:
         pipe = kind.from_pretrained(weights, dtype=dtype, use_safetensors=True, **parts)
         for name, part in pipe.components.items():
@@ -259,12 +296,12 @@ def load_pipeline_on_cpu(
                 as_dtype(part, dtype)
     finally:
         logging.set_verbosity(verbosity)
-        if shown:
+        if has_progress_bar:
             logging.enable_progress_bar()
     pipe.set_progress_bar_config(disable=True)
     return pipe
 
 
 def as_dtype(part: Any, dtype: torch.dtype) -> Any:
-    """A component in `dtype`: older versions of the library ignore `dtype=`."""
+    """Convert a component to `dtype`, since older library versions ignore `dtype=`."""
     return part if part.dtype == dtype else part.to(dtype)

@@ -1,8 +1,10 @@
-"""Backend physics=table: mass, friction, elasticity and rolling from the material table.
+"""Backend physics=table: mass, friction, elasticity and rolling from the material
+table.
 
-An object of a standard mass (a billiard ball) gets that mass. Other masses follow from the outline's area, the depth
-that the form implies, the material's density and the photo's scale; they are averaged with the typical mass of the kind
-where the size is about typical. A photo of unknown scale is assumed to show half a metre.
+An object with a standard mass (a billiard ball) gets that mass. Other masses follow
+from the outline's area, the depth implied by the form, the material's density and the
+photo's scale. If the size is typical of the label, they are averaged with the label's
+typical mass. A photo of unknown scale is assumed to show half a metre.
 """
 
 from __future__ import annotations
@@ -18,7 +20,7 @@ from physgen.scene.scene import Solid
 
 
 def table() -> Physics:
-    """The backend `table`."""
+    """Return the backend `table`."""
     return _table
 
 
@@ -28,9 +30,9 @@ def _table(
     kinds = {item.id: kind(item.label) for item in objects}
     side = max(rgb.shape[:2])
     value = assumed_scale(side) if pixels_per_meter is None else pixels_per_meter
-    most = WEIGHING.unscaled if is_assumed(value, side) else 1.0
+    maximum = WEIGHING.unscaled if is_assumed(value, side) else 1.0
     return {
-        item.id: _matter(rgb, item, kinds[item.id], value, most) for item in objects
+        item.id: _matter(rgb, item, kinds[item.id], value, maximum) for item in objects
     }
 
 
@@ -52,7 +54,8 @@ def _matter(
 
 
 def _surface(material: Material) -> str:
-    """The source of friction in words; elasticity and rolling are of the same material.
+    """Describe the source of the friction; elasticity and rolling use the same
+    material.
 
     >>> from physgen.materials import kind
     >>> _surface(kind("mug").material)

@@ -1,7 +1,8 @@
 """Open-vocabulary segmentation: Grounding DINO boxes, SAM masks (paper section 3.1).
 
-`segment=grounding-dino+sam:DINO,SAM` names both weights, `:DINO` or `:,SAM` one of them, as hub ids or paths. Pictures
-for SAM are prepared here as its own processor does it.
+`segment=grounding-dino+sam:DINO,SAM` names both weights, `:DINO` or `:,SAM` one of
+them, as hub ids or paths. Pictures for SAM are prepared here as its own processor does
+it.
 """
 
 from __future__ import annotations
@@ -40,10 +41,11 @@ MEAN, SPREAD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 class GroundedConstants:
     """Constants of boxes and prompts."""
 
-    batch: int = (
-        16  # prompts decoded together: the decoder copies the photo's features for each
-    )
-    tokens: int = 256  # of Grounding DINO's text, at most; the model's own `max_text_len` where that is less
+    # prompts decoded together: the decoder copies the photo's features for each
+    batch: int = 16
+    # of Grounding DINO's text, at most; the model's own `max_text_len` where that is
+    # less
+    tokens: int = 256
     least_score: float = 0.2  # of a box that is passed on to SAM
     boxes: int = 100  # of a photo, that are passed on
 
@@ -66,7 +68,9 @@ class Grounded:
         self._counts: dict[str, Any] = {}
 
     def __call__(self, rgb: Rgb, categories: Sequence[Category] = ()) -> Segments:
-        """The objects and static surfaces of `categories`; everyday nouns where none are given."""
+        """Return the objects and static surfaces of `categories`; everyday nouns where
+        none are given.
+        """
         kinds = list(categories) or list(everyday()(rgb))
         found = self._dino(rgb, [kind.noun for kind in kinds])
         sam = self._sam
@@ -88,7 +92,9 @@ class Grounded:
         boxes: Sequence[tuple[float, float, float, float]],
         points: Sequence[tuple[float, float]],
     ) -> list[PromptedMask]:
-        """SAM's masks for boxes (left, top, width, height px) and for points, in that order."""
+        """SAM's masks for boxes (left, top, width, height px) and for points, in that
+        order.
+        """
         sam = self._sam
         sam.encode(rgb)
         corners = [(x, y, x + width, y + height) for x, y, width, height in boxes]
@@ -129,7 +135,8 @@ grounded = Grounded
 
 
 def read_threshold(setup: Setup, name: str, default: float) -> float:
-    """Return the option `threshold`: the confidence 0..1 from which a mask is an object.
+    """Return the option `threshold`: the confidence 0..1 from which a mask is an
+    object.
 
     Raises InputError for other options and values.
     """
@@ -143,7 +150,9 @@ def pixels(
     mean: Sequence[float] = MEAN,
     spread: Sequence[float] = SPREAD,
 ) -> torch.Tensor:
-    """(1, 3, h, w) float32: the photo stretched to `size` (h, w), its colours normalised."""
+    """(1, 3, h, w) float32: the photo stretched to `size` (h, w), its colours
+    normalised.
+    """
     small = (
         np.asarray(
             Image.fromarray(rgb).resize(size[::-1], Image.Resampling.BILINEAR),
@@ -158,7 +167,8 @@ def pixels(
 class Sam:
     """One encoding of the photo in `dtype`, then a mask for each prompt in float32.
 
-    Prompts of 16 bits would be off by pixels. The photo keeps its proportions, and the rest of the input is black.
+    Prompts of 16 bits would be off by pixels. The photo keeps its proportions, and the
+    rest of the input is black.
     """
 
     what = "SAM"
@@ -226,7 +236,9 @@ class Sam:
         self._features = None
 
     def _decoded(self, **prompts: torch.Tensor) -> list[tuple[Mask, float]]:
-        """Of three masks a prompt (whole, part, part of a part) the one with the best expected IoU."""
+        """Of three masks a prompt (whole, part, part of a part) the one with the best
+        expected IoU.
+        """
         with torch.inference_mode():
             output = self.model(
                 image_embeddings=self._features, multimask_output=True, **prompts
@@ -242,7 +254,7 @@ class Sam:
         ]
 
     def _restored(self, logits: torch.Tensor) -> Mask:
-        """A mask (h, w) of the model at the photo's size."""
+        """Return a mask (h, w) of the model at the photo's size."""
         square = interpolate(
             logits[None, None],
             (self.side, self.side),
@@ -301,7 +313,9 @@ class GroundingDino:
         return [found[k] for k in distinct_boxes(boxes, scores)[: GROUNDED.boxes]]
 
     def texts(self, nouns: Sequence[str]) -> list[list[int]]:
-        """Indices of the nouns of each text, as many as fit; empty and repeated nouns are left out."""
+        """Indices of the nouns of each text, as many as fit; empty and repeated nouns
+        are left out.
+        """
         result: list[list[int]] = []
         room = 0
         used: set[str] = set()
@@ -324,7 +338,10 @@ class GroundingDino:
         indices: Sequence[int],
         size: tuple[int, ...],
     ) -> list[NounBox]:
-        """The boxes of one text. A query's noun is that of its strongest token."""
+        """Return the boxes of one text.
+
+        A query's noun is that of its strongest token.
+        """
         text = self.tokens(
             " ".join(f"{noun}." for noun in nouns),
             return_tensors="pt",
@@ -367,7 +384,7 @@ class GroundingDino:
 
 
 def plain_noun(noun: str) -> str:
-    """A noun in lower case, without the marks that end a phrase.
+    """Return a noun in lower case, without the marks that end a phrase.
 
     >>> plain_noun(" Mr. Potato-head?")
     'mr potato-head'

@@ -1,4 +1,6 @@
-"""Backend segment=learned: boxes, groups and edges propose, a head draws, a judge chooses."""
+"""Backend segment=learned: boxes, groups and edges propose, a head draws, a judge
+chooses.
+"""
 
 from __future__ import annotations
 
@@ -42,28 +44,41 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LearnedConstants:
-    """Constants of the choice, chosen on photos that the judge learns from."""
+    """Constants of the choice, tuned on the judge's training photos."""
 
-    threshold: float = 0.55  # expected fit above which a candidate may be an object
-    agreement: float = 0.5  # bonus of what the photo's edges select as well
-    possible: float = 0.35  # expected fit from which that counts: edges bound gaps, too
+    # Least expected fit of an object.
+    threshold: float = 0.55
+    # Bonus for a candidate that the photo's edges select, too.
+    agreement: float = 0.5
+    # Least expected fit for that bonus, since edges also bound gaps.
+    possible: float = 0.35
     foreground: tuple[float, float] = (0.3, 0.6)
-    """Mean foreground from which that counts in part, and in full."""
-    gap_penalty: float = 0.35  # of a candidate whose colours continue around it
+    """Mean foreground probability that gives none and all of the bonus."""
+    # Penalty for a candidate whose colours continue around it.
+    gap_penalty: float = 0.35
     rarer: float = 3.0
-    """Factor by which a colour may be rarer there and still count as continued."""
+    """Largest ratio of the frequencies of a colour inside and around for a continued
+    colour.
+    """
     explained: tuple[float, float] = (0.5, 0.8)
-    """Share of such colours from which that counts in part, and in full."""
+    """Share of continued colours that gives none and all of the penalty."""
     own_box: tuple[float, float] = (0.55, 0.7)
-    """Score of its own box from which a candidate is no gap in part, and for sure."""
-    doubtful: float = 0.1  # confidence from which a candidate is a doubtful object
-    doubts: int = 8  # doubtful objects at most
+    """Score of a candidate's own box that cancels none and all of the penalty."""
+    # Least confidence of a doubtful object.
+    doubtful: float = 0.1
+    # Largest number of doubtful objects.
+    doubts: int = 8
     same_box: float = 0.7
-    """IoU of a candidate's box with the one that it was cut out in, from which it is cut
-    out there again; on 200 objects the masks are as good, in less time."""
-    same: float = 0.5  # IoU below which what is cut out again is another object
+    """Least IoU of a candidate's box and its first box for a repeated cut-out in the
+    first box.
+
+    On 200 objects the masks are as good and take less time.
+    """
+    # Least IoU of a candidate and its repeated cut-out; below it the new mask is
+    # another object.
+    same: float = 0.5
     round: float = 0.9
-    """Share of its smallest enclosing circle from which an object is round."""
+    """Least share of its smallest enclosing circle that a round object covers."""
 
 
 LEARNED = LearnedConstants()
@@ -76,56 +91,71 @@ def learned() -> Segment:
 
 @dataclass(frozen=True)
 class Rules:
-    """The rules that choose among candidates; measurements take one away."""
+    """Rules that choose among candidates; measurements switch them off one by one."""
 
-    gaps: bool = True  # drop gaps between others
-    wholes: bool = True  # put wholes in place of their parts
-    living: bool = True  # drop parts of people and animals
-    focus: bool = True  # drop the blurred background
-    pieces: bool = True  # put an object in place of its loose pieces
+    # Drop gaps between other objects.
+    gaps: bool = True
+    # Replace parts by wholes.
+    wholes: bool = True
+    # Drop parts of people and animals.
+    living: bool = True
+    # Drop the blurred background.
+    focus: bool = True
+    # Replace loose pieces by one object.
+    pieces: bool = True
 
 
 ALL_RULES = Rules()
 
 
 def segment(rgb: NDArray[np.uint8]) -> Segments:
-    """Return the movable objects of a photo (H, W, 3) uint8 sRGB, and doubtful ones."""
-    judged = judge_photo(rgb)
-    objects = choose_objects(rgb, judged)
-    toys = find_likely_toys(rgb, judged.boxes, objects.labels)
+    """Return the movable and the doubtful objects of a photo (H, W, 3) uint8 sRGB."""
+    candidates = judge_photo(rgb)
+    objects = choose_objects(rgb, candidates)
+    toys = find_likely_toys(rgb, candidates.boxes, objects.labels)
     return replace(objects, doubtful=[*toys, *objects.doubtful])
 
 
 def choose_objects(
     rgb: NDArray[np.uint8], judged: JudgedCandidates, rules: Rules = ALL_RULES
 ) -> Segments:
-    """Return the objects among the candidates of a photo, and doubtful ones."""
-    found = judged.found
-    fit = with_agreement(judged.fit, found.edges, found.features)
-    best = choose_candidates(found.proposals, found.shape, fit, LEARNED.threshold)
+    """Return the objects and the doubtful objects among the candidates of a photo."""
+    candidates = judged.found
+    fit = with_agreement(judged.fit, candidates.edges, candidates.features)
+    best = choose_candidates(
+        candidates.proposals, candidates.shape, fit, LEARNED.threshold
+    )
+    # A gap between objects has the colours of the background, but edges like an object.
     if rules.gaps:
         fit[best] -= _gap_penalties(rgb, judged, best, fit[best])
         best = best[fit[best] > LEARNED.threshold]
     selection = Selection(best)
     if rules.wholes:
-        boxes = judged.boxes.scaled(*_scale_to(found.shape, rgb))
-        selection = unite_parts(found.proposals, best, (judged.fit, fit), boxes)
+        boxes = judged.boxes.scaled(*_scale_to(candidates.shape, rgb))
+        selection = unite_parts(candidates.proposals, best, (judged.fit, fit), boxes)
         best = selection.chosen
-    chosen = [found.proposals[k] for k in best.tolist()]
+    proposals = [candidates.proposals[k] for k in best.tolist()]
+    # A part of a person or animal is not movable by itself: its fit falls below the
+    # threshold.
     if rules.living:
-        is_part = parts_of_living(rgb, judged.boxes, chosen, found.shape)
+        is_part = parts_of_living(rgb, judged.boxes, proposals, candidates.shape)
         fit[best] -= LEARNED.threshold * is_part
+    # Blurred regions lie behind the subject of the photo.
     if rules.focus:
-        areas = np.array([one.area for one in chosen], np.float64)
-        fit[best] *= 1 - blur_shares(rim_sharpness(rgb, chosen, found.shape), areas)
-    sure = best[fit[best] > LEARNED.threshold]
-    selection = replace(selection, chosen=sure)
-    objects = as_segments(rgb, found, selection, fit[sure])
+        areas = np.array([proposal.area for proposal in proposals], np.float64)
+        fit[best] *= 1 - blur_shares(
+            rim_sharpness(rgb, proposals, candidates.shape), areas
+        )
+    object_ids = best[fit[best] > LEARNED.threshold]
+    selection = replace(selection, chosen=object_ids)
+    objects = as_segments(rgb, candidates, selection, fit[object_ids])
     if rules.pieces:
         objects = left_to_right(unite_pieces(rgb, objects, judged.boxes))
     objects = cut_out_on_plain(rgb, objects)
-    taken = [*sure.tolist(), *selection.parts_of(sure)]
-    return replace(objects, doubtful=find_doubts(found, fit, taken, rgb.shape[:2]))
+    used_ids = [*object_ids.tolist(), *selection.parts_of(object_ids)]
+    return replace(
+        objects, doubtful=find_doubts(candidates, fit, used_ids, rgb.shape[:2])
+    )
 
 
 def _gap_penalties(
@@ -134,62 +164,66 @@ def _gap_penalties(
     best: NDArray[np.intp],
     fit: Array,
 ) -> Array:
-    """Return what chosen candidates of some fit lose as gaps between others, (n,).
+    """Return the penalties (n,) of chosen candidates that may be gaps between objects.
 
-    Edges bound a gap as they bound an object: there their agreement says nothing.
+    Edges bound a gap as they bound an object, so the bonus for edges is also removed.
     """
-    found = judged.found
-    gap = continued_colours(rgb, [found.proposals[k] for k in best], found.shape)
-    gap *= 1 - own_box(found.features[best])
+    candidates = judged.found
+    gap = continued_colours(
+        rgb, [candidates.proposals[k] for k in best], candidates.shape
+    )
+    gap *= 1 - own_box(candidates.features[best])
     return np.asarray(gap * (LEARNED.gap_penalty + fit - judged.fit[best]))
 
 
 def continued_colours(
     rgb: NDArray[np.uint8], chosen: Sequence[Proposal], shape: tuple[int, int]
 ) -> Array:
-    """Return (n,) 0..1: how surely chosen candidates are gaps between others.
+    """Return the probability (n,) that chosen candidates are gaps between others.
 
-    The colours around a gap are seen through it. `shape` (h, w) is that of the grid.
+    The colours around a gap are visible through it. `shape` (h, w) is the size of the
+    grid.
     """
     if not chosen:
         return np.zeros(0)
     colours = colour_steps(rgb, shape)
-    masks = [one.on(shape) for one in chosen]
+    masks = [candidate.on(shape) for candidate in chosen]
     free = ~np.any(masks, axis=0)
     shares = []
-    for one, mask in zip(chosen, masks, strict=True):
-        reach = max(3, int(np.sqrt(one.area)))
-        left, top, right, bottom = one.box
+    for candidate, mask in zip(chosen, masks, strict=True):
+        reach = max(3, int(np.sqrt(candidate.area)))
+        left, top, right, bottom = candidate.box
         ring = np.s_[
             max(0, top - reach) : bottom + reach, max(0, left - reach) : right + reach
         ]
-        own, other = (
+        inner_counts, ring_counts = (
             np.bincount(part, minlength=COLOUR_STEPS)
             for part in (colours[mask], colours[ring][free[ring]])
         )
-        around = LEARNED.rarer * other / max(other.sum(), 1)
-        shares.append(np.minimum(own / own.sum(), around).sum())
+        ring_shares = LEARNED.rarer * ring_counts / max(ring_counts.sum(), 1)
+        shares.append(np.minimum(inner_counts / inner_counts.sum(), ring_shares).sum())
     return np.asarray(np.interp(shares, LEARNED.explained, (0, 1)))
 
 
 def own_box(features: Array) -> Array:
-    """Return (n,) 0..1: how surely candidates have a box of a movable whole of their own.
+    """Return the probability (n,) that a box of a movable object fits each candidate.
 
-    `features` (n, k) are as of FEATURES. No box is on a gap.
+    The columns of `features` (n, k) are FEATURES. No box fits a gap.
     """
     score = features[:, FEATURES.index("movable box")]
     return np.asarray(np.interp(score, LEARNED.own_box, (0, 1)))
 
 
 def _scale_to(shape: tuple[int, int], rgb: NDArray[np.uint8]) -> tuple[float, float]:
-    """Return the size of a grid `shape` (h, w), across and down, as parts of a photo's."""
+    """Return the width and height of a grid `shape` (h, w) as shares of the photo's."""
     return shape[1] / rgb.shape[1], shape[0] / rgb.shape[0]
 
 
 def with_agreement(fit: Array, edges: Array, features: Array) -> Array:
-    """Return expected fits (n,) with a bonus for what edges select on an object.
+    """Return expected fits (n,) with a bonus for objects that edges select, too.
 
-    `edges` (n,) is the confidence of that selection, `features` (n, k) as of FEATURES.
+    `edges` (n,) is the confidence of that selection, and `features` (n, k) has the
+    columns FEATURES.
     """
     foreground = features[:, FEATURES.index("foreground")]
     share = np.interp(foreground, LEARNED.foreground, (0, 1))
@@ -203,24 +237,25 @@ def find_doubts(
     taken_places: Sequence[int],
     size: tuple[int, ...],
 ) -> list[Doubt]:
-    """Return the best other candidates, mostly outside those that are taken.
+    """Return the best remaining candidates that barely overlap the chosen ones.
 
-    `size` is that of the photo (H, W).
+    `size` is the photo's (H, W).
     """
     scale = size[1] / found.shape[1], size[0] / found.shape[0]
     right = confidence(fit)
-    taken = [found.proposals[k] for k in taken_places]
+    used_proposals = [found.proposals[k] for k in taken_places]
     doubtful: list[Doubt] = []
     for k in np.argsort(-fit, kind="stable").tolist():
         if right[k] < LEARNED.doubtful or len(doubtful) == LEARNED.doubts:
             break
-        one = found.proposals[k]
+        proposal = found.proposals[k]
         if any(
-            overlap(one, other) > SHARED * min(one.area, other.area) for other in taken
+            overlap(proposal, other) > SHARED * min(proposal.area, other.area)
+            for other in used_proposals
         ):
             continue
-        taken.append(one)
-        doubtful += doubt_about(one, float(right[k]), scale)
+        used_proposals.append(proposal)
+        doubtful += doubt_about(proposal, float(right[k]), scale)
     return doubtful
 
 
@@ -230,64 +265,65 @@ def as_segments(
     selection: Selection,
     fit: Array,
 ) -> Segments:
-    """Return the chosen candidates as labels of the photo; `fit` is theirs.
+    """Return the chosen candidates as a label map of the photo; `fit` belongs to them.
 
-    Each is cut out again in its box, as is each part of it; what is round stays so, and
-    what is not found again stays as it is. Of two with a common pixel the better one
-    gets it. Ids run left to right.
+    Each candidate and each of its parts is cut out again in its box, except if
+    roundness or the object would be lost. Of two overlapping objects the one with the
+    better fit keeps the common pixels. Ids increase from left to right.
     """
     rising = np.argsort(fit, kind="stable")
     size = rgb.shape[0], rgb.shape[1]
     labels = np.zeros(size, np.uint16)
     for label, k in enumerate(selection.chosen[rising].tolist(), 1):
-        for one in (k, *selection.parts.get(k, ())):
-            labels[_cut_out_again(rgb, found, one)] = label
+        for index in (k, *selection.parts.get(k, ())):
+            labels[_cut_out_again(rgb, found, index)] = label
     for label in range(1, len(rising) + 1):
-        own = labels == label
-        left, top, width, height = cv2.boundingRect(own.view(np.uint8))
+        mask = labels == label
+        left, top, width, height = cv2.boundingRect(mask.view(np.uint8))
         box = np.s_[top : top + height, left : left + width]
-        piece = cut_out(own[box], 0, 0, 1)
-        if piece is not None:  # without what a later one cut off
-            labels[box][own[box] & ~piece.on((height, width))] = 0
+        piece = cut_out(mask[box], 0, 0, 1)
+        # Remove pieces that a later object has cut off.
+        if piece is not None:
+            labels[box][mask[box] & ~piece.on((height, width))] = 0
     return left_to_right(Segments(labels, confidence(fit[rising])))
 
 
 def _cut_out_again(rgb: NDArray[np.uint8], found: Candidates, k: int) -> Mask:
     """Return the mask (H, W) of a candidate on the photo."""
-    across, down = _scale_to(found.shape, rgb)
-    corners = found.proposals[k].box / np.array([across, down, across, down])
+    x_scale, y_scale = _scale_to(found.shape, rgb)
+    corners = found.proposals[k].box / np.array([x_scale, y_scale, x_scale, y_scale])
     if k in found.corners:
         fit = box_overlap(corners[None], found.corners[k][None])[0, 0]
-        # the first look into the box of the candidate is known
+        # The cut-out in the first box is cached.
         corners = found.corners[k] if fit >= LEARNED.same_box else corners
-    own = found.on_photo(k, (rgb.shape[0], rgb.shape[1]))
-    return better_mask(own, mask_in_box(rgb, corners.tolist()).mask)
+    mask = found.on_photo(k, (rgb.shape[0], rgb.shape[1]))
+    return better_mask(mask, mask_in_box(rgb, corners.tolist()).mask)
 
 
 def better_mask(own: Mask, again: Mask) -> Mask:
-    """Return what was cut out again, or else the mask before."""
-    shared, union = np.count_nonzero(own & again), np.count_nonzero(own | again)
-    is_other = shared < LEARNED.same * union
+    """Return the repeated mask, or the first mask if the repeated one is worse."""
+    common, union = np.count_nonzero(own & again), np.count_nonzero(own | again)
+    is_other = common < LEARNED.same * union
     loses_roundness = bool(round_radius(own)) and not round_radius(again)
     return own if is_other or loses_roundness else again
 
 
 def round_radius(mask: Mask) -> float:
-    """Return the radius (px) of a round mask (H, W), 0 of any other."""
+    """Return the radius of a round mask (H, W) in px, and 0 for other masks."""
     x, y, width, height = cv2.boundingRect(mask.view(np.uint8))
     if not width:
         return 0.0
     rows, columns = np.nonzero(mask[y : y + height, x : x + width])
     points = np.stack([columns + x, rows + y], axis=1).astype(np.float32)
-    _, around = cv2.minEnclosingCircle(points)
-    is_round = len(points) > LEARNED.round * np.pi * around**2
-    return float(np.sqrt(len(points) / np.pi)) if is_round else 0.0
+    _, enclosing_radius = cv2.minEnclosingCircle(points)
+    is_disc = len(points) > LEARNED.round * np.pi * enclosing_radius**2
+    return float(np.sqrt(len(points) / np.pi)) if is_disc else 0.0
 
 
 def left_to_right(objects: Segments) -> Segments:
-    """Return the same with ids from left to right by centroid.
+    """Return the objects with ids ordered from left to right by centroid.
 
-    Those without a pixel are left out.
+    Objects without pixels are removed.
     """
     labels = objects.labels
     rows, columns = np.nonzero(labels)

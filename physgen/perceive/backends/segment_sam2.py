@@ -1,7 +1,8 @@
-"""Backend segment=sam2: SAM 2.1 (Ravi et al. 2025) draws what is found and what is prompted.
+"""Backend segment=sam2: masks of SAM 2.1 (Ravi et al. 2025) for detections and prompts.
 
-Without a prompt the default segmenter finds the objects, and SAM 2 draws each in its box.
-Its own picture processor needs torchvision; pictures are prepared here in the same way.
+Without a prompt the default segmenter detects the objects, and SAM 2 redraws each in
+its bounding box. SAM 2's own image processor requires torchvision; this module prepares
+pictures in the same way.
 """
 
 from __future__ import annotations
@@ -29,12 +30,14 @@ from physgen.registry import Setup
 
 NAME = "sam2"
 LEAST_FIT = 0.5
-"""Expected IoU from which SAM's mask of a box replaces the one that was found: below it
-SAM 2 states that it is more wrong than right."""
+"""Least expected IoU at which SAM's mask replaces the default segmenter's mask.
+
+Below it SAM 2 expects its mask to be more wrong than right.
+"""
 
 
 class Sam2(ModelBackend):
-    """A segmenter that draws boxes and points, and what the default segmenter finds."""
+    """A segmenter for boxes, points and the detections of the default segmenter."""
 
     def __init__(self, setup: Setup) -> None:
         """Raises InputError for an unknown device, number type, option or weights."""
@@ -43,22 +46,27 @@ class Sam2(ModelBackend):
         super().__init__(setup, weights, "SAM 2", {})
 
     def __call__(self, rgb: Rgb) -> Segments:
-        """Return the objects that the default segmenter finds, drawn by SAM 2."""
-        found = learned()(rgb)
-        masks = [found.labels == k for k in range(1, len(found.confidence) + 1)]
+        """Return the objects of the default segmenter, with masks by SAM 2."""
+        detections = learned()(rgb)
+        masks = [
+            detections.labels == k for k in range(1, len(detections.confidence) + 1)
+        ]
         model = self._model
         model.encode(rgb)
-        drawn = list(model.boxes([_box(mask) for mask in masks]))
+        sam_masks = list(model.boxes([_box(mask) for mask in masks]))
         model.forget()
-        labels = np.zeros_like(found.labels)
-        # the surest object is drawn last: it gets the pixels that several masks cover
-        for k in np.argsort(found.confidence, kind="stable").tolist():
-            mask, fit = drawn[k]
-            is_sure = fit >= self._threshold
-            again = better_mask(masks[k], smoothed(mask)) if is_sure else masks[k]
-            labels[again] = k + 1
+        labels = np.zeros_like(detections.labels)
+        # The most confident object is drawn last, so that it gets the pixels of
+        # overlapping masks.
+        for k in np.argsort(detections.confidence, kind="stable").tolist():
+            mask, fit = sam_masks[k]
+            is_reliable = fit >= self._threshold
+            final_mask = (
+                better_mask(masks[k], smoothed(mask)) if is_reliable else masks[k]
+            )
+            labels[final_mask] = k + 1
         self._options = {"boxes": len(masks)}
-        return left_to_right(replace(found, labels=labels))
+        return left_to_right(replace(detections, labels=labels))
 
     def meant(
         self,
@@ -86,7 +94,9 @@ sam2 = Sam2
 
 
 class StretchedSam(Sam):
-    """SAM 2 and 2.1: the photo is stretched to a square, and has features of three sizes."""
+    """SAM 2 and 2.1: the photo is stretched to a square, and there are three feature
+    maps.
+    """
 
     what = "SAM 2"
 
@@ -102,13 +112,13 @@ class StretchedSam(Sam):
         return [part.float() for part in self.model.get_image_embeddings(ready)]
 
     def _restored(self, logits: torch.Tensor) -> Mask:
-        whole = interpolate(
+        photo_logits = interpolate(
             logits[None, None], self._photo, mode="bilinear", align_corners=False
         )
-        return np.asarray((whole[0, 0] > 0).cpu().numpy(), np.bool_)
+        return np.asarray((photo_logits[0, 0] > 0).cpu().numpy(), np.bool_)
 
 
 def _box(mask: Mask) -> Box:
-    """Return left, top, right and bottom (px) of a mask (H, W)."""
+    """Return the left, top, right and bottom of a mask (H, W), px."""
     x, y, width, height = cv2.boundingRect(mask.view(np.uint8))
     return x, y, x + width, y + height

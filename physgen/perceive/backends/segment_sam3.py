@@ -1,7 +1,6 @@
-"""Backend segment=sam3: SAM 3 (Carion et al. 2025), asked for one noun after the other.
-
-Boxes and points that a person gives are drawn without a model: in `transformers` they are
-a second network, SAM 3's tracker.
+"""Backend segment=sam3: SAM 3 (Carion et al. 2025), prompted with one noun at a time.
+Boxes and points of a user are drawn without a model, because `transformers` implements
+them as a second network, SAM 3's tracker.
 """
 
 from __future__ import annotations
@@ -28,22 +27,25 @@ from physgen.registry import Setup
 
 NAME = "sam3"
 HALF = (0.5, 0.5, 0.5)
-"""Mean and spread of the colours in its input."""
+"""Mean and standard deviation of the colours in the network's input."""
 TEXT_TOKENS = 32
-"""Of a noun, at most; the model's own limit if that is less."""
+"""Largest number of tokens of a noun; the model's own limit may be lower."""
 CONFIDENT = 0.3
-"""Confidence from which a mask is an object: the default of its own processor."""
+"""Confidence from which a mask counts as an object: the default of SAM 3's processor.
+"""
 MOST_MASKS = 100
-"""Of a photo, the surest ones."""
+"""Largest number of masks per photo; the most confident ones are kept."""
 
 
 @dataclass(frozen=True)
 class Instance:
-    """One answer of the network."""
+    """A mask that the network predicts for one noun."""
 
     noun: str
-    score: float  # 0..1
-    logits: torch.Tensor  # (h, w) of the mask, on the CPU
+    # 0..1.
+    score: float
+    # (h, w) of the mask, on the CPU.
+    logits: torch.Tensor
 
 
 class Sam3(ModelBackend):
@@ -56,25 +58,28 @@ class Sam3(ModelBackend):
         super().__init__(setup, weights, "SAM 3", {})
 
     def __call__(self, rgb: Rgb, categories: Sequence[Category] = ()) -> Segments:
-        """Return objects and static surfaces of `categories`, everyday nouns if empty."""
+        """Return the objects and static surfaces of `categories`, by default everyday
+        nouns.
+        """
         kinds: dict[str, Category] = {}
         for kind in categories or everyday()(rgb):
             kinds.setdefault(plain_noun(kind.noun), kind)
         kinds.pop("", None)
-        found = self._instances(rgb, list(kinds))
-        found.sort(key=lambda one: -one.score)
-        del found[MOST_MASKS:]
-        self._options = {"asked": len(kinds), "masks": len(found)}
+        instances = self._instances(rgb, list(kinds))
+        instances.sort(key=lambda one: -one.score)
+        del instances[MOST_MASKS:]
+        self._options = {"asked": len(kinds), "masks": len(instances)}
         size = rgb.shape[0], rgb.shape[1]
-        cuts = (  # a generator: masks of a large photo are large
+        # A generator: masks of a large photo take much memory.
+        cuts = (
             Cut.of(
-                _resize_mask(one.logits, size),
-                kinds[one.noun].noun,
-                kinds[one.noun].movable,
-                one.score,
+                _resize_mask(instance.logits, size),
+                kinds[instance.noun].noun,
+                kinds[instance.noun].movable,
+                instance.score,
                 1.0,
             )
-            for one in found
+            for instance in instances
         )
         return segments(cuts, size, self._threshold)
 
@@ -90,11 +95,11 @@ class Sam3(ModelBackend):
         _, model = self._model
         side = int(model.config.image_size)
         pixel_values = pixels(rgb, (side, side), HALF, HALF).to(self._device)
-        is_half, kind = self._dtype != torch.float32, self._device.partition(":")[0]
+        is_16_bit, kind = self._dtype != torch.float32, self._device.partition(":")[0]
         instances: list[Instance] = []
         with (
             torch.inference_mode(),
-            torch.autocast(kind, self._dtype, enabled=is_half),
+            torch.autocast(kind, self._dtype, enabled=is_16_bit),
         ):
             features = model.get_vision_features(pixel_values)
             for noun in nouns:
@@ -131,9 +136,9 @@ sam3 = Sam3
 def _resize_mask(logits: torch.Tensor, size: tuple[int, int]) -> Mask:
     """Return a mask at the photo's size (H, W).
 
-    Probabilities are interpolated, not logits, as its own processor does.
+    As in SAM 3's own processor, probabilities are interpolated rather than logits.
     """
-    whole = interpolate(
+    probabilities = interpolate(
         logits.sigmoid()[None, None], size, mode="bilinear", align_corners=False
     )
-    return np.asarray((whole[0, 0] > 0.5).numpy(), np.bool_)
+    return np.asarray((probabilities[0, 0] > 0.5).numpy(), np.bool_)

@@ -1,8 +1,10 @@
-"""Backend shadow=geometry: shadows removed and the light that casts them.
+"""Backend shadow=geometry: remove shadows and estimate the light.
 
-A light is searched whose shadows, by the simple geometry of `physgen.geometry.shadows`, lie where the photo is darker
-than its surroundings of like colour; they are removed as far as the photo is dark there. So it is on a table seen from
-above; photos from the side go another way, `physgen.perceive.shadow.side_view`.
+The search finds the light whose shadows, by the simple geometry of
+`physgen.geometry.shadows`, coincide with dark regions of the photo. A pixel is dark
+relative to surroundings of similar colour. Shadows are then removed to the degree that
+the photo is dark there. This method is for tables seen from above;
+`physgen.perceive.shadow.side_view` treats photos from the side.
 """
 
 from __future__ import annotations
@@ -70,7 +72,7 @@ SURE = 0.5  # correlation of predicted and seen darkness from which shadows are 
 
 
 def geometry() -> Shadow:
-    """The backend `geometry`."""
+    """Return the backend `geometry`."""
     return _geometry
 
 
@@ -87,49 +89,62 @@ def _geometry(
         return side_view_shadows(
             background, coverage, labels, objects, matter, boundaries, light
         )
-    at = partial(object_silhouettes, labels, objects, matter, boundaries)
-    reduced = reduce_photo(background, coverage)
-    shadows = _find_reduced_shadows(reduced, reduced.at(at), light)
-    return restore_size(shadows, reduced, background, coverage)
+    silhouettes_at = partial(object_silhouettes, labels, objects, matter, boundaries)
+    reduced_photo = reduce_photo(background, coverage)
+    shadows = _find_reduced_shadows(
+        reduced_photo, reduced_photo.at(silhouettes_at), light
+    )
+    return restore_size(shadows, reduced_photo, background, coverage)
 
 
 def _find_reduced_shadows(
     reduced: ReducedPhoto, at: SilhouettesAt, light: LightGuess
 ) -> Shadows:
-    """Shadows of a reduced photo; `at` gives the silhouettes on smaller ones."""
+    """Return the shadows of a reduced photo; `at` gives silhouettes at other scales."""
     background, coverage = reduced.background, reduced.coverage
-    nothing = Shadows(None, None, light.light, 4.0, 4.0, None, 0.0)
+    no_shadows = Shadows(None, None, light.light, 4.0, 4.0, None, 0.0)
     scale = max(max(background.shape[:2]) / COARSE, 1.0)
     silhouettes = at(scale)
     if not silhouettes:
-        return nothing
+        return no_shadows
+    # A coarse search over all directions comes first ...
     setting, score, factor = _search(
         _coarse_picture(background, coverage, silhouettes, scale), light
     )
+    # Without a clear directional shadow, look for the soft shade of ambient light.
     if score < SURE or factor < 0.15:
         shade = find_ambient_shade(background, coverage, at, from_above=True)
         if shade is None:
-            return nothing
+            return no_shadows
         return _remove_ambient(background, coverage, shade, at(1.0), light.light)
+    # ... then a finer picture determines direction and softness.
     scale = max(max(background.shape[:2]) / (FINER * COARSE), 1.0)
     picture = _coarse_picture(background, coverage, at(scale), scale)
     setting, _, factor = _climb(
         replace(setting, size=picture.dark.shape[::-1]), picture, light, 1 / FINER
     )
+    # The matched share of direct light makes predicted and measured shadows equally
+    # dark.
     setting = replace(_matched(setting, factor), size=reduced.size)
     silhouettes = at(1.0)
-    clean = lightened(
+    clean_background = lightened(
         background, *_seen_darkness(background, coverage, silhouettes, setting)
     )
     casts = [
-        (what.id, *found)
-        for what in silhouettes
-        if (found := shadow_darkness(what, setting)) is not None
+        (silhouette.id, *darkness)
+        for silhouette in silhouettes
+        if (darkness := shadow_darkness(silhouette, setting)) is not None
     ]
-    owners = shadow_owners(background, clean, coverage, casts)
-    sure = round(min(0.9, score), 2)
+    owners = shadow_owners(background, clean_background, coverage, casts)
+    confidence = round(min(0.9, score), 2)
     return Shadows(
-        clean, owners, setting.light, round(setting.softness, 1), 4.0, None, sure
+        clean_background,
+        owners,
+        setting.light,
+        round(setting.softness, 1),
+        4.0,
+        None,
+        confidence,
     )
 
 
@@ -140,128 +155,182 @@ def _remove_ambient(
     silhouettes: Sequence[Silhouette],
     light: DistantLight,
 ) -> Shadows:
-    """The shade of soft light about rims is too faint, and too near, to be seen but on the whole."""
-    found = [
-        (what.id, *cast)
-        for what in silhouettes
-        if (cast := shadow_darkness(what, shade.setting)) is not None
+    """Return shadows of ambient light, removed by the model instead of the photo.
+
+    The shade around rims is too faint and too close to the object to be measured pixel
+    by pixel.
+    """
+    silhouette_casts = [
+        (silhouette.id, *cast)
+        for silhouette in silhouettes
+        if (cast := shadow_darkness(silhouette, shade.setting)) is not None
     ]
     casts = [
-        (i, box, np.asarray(shade.factor * dark, np.float32)) for i, box, dark in found
+        (i, box, np.asarray(shade.factor * darkness, np.float32))
+        for i, box, darkness in silhouette_casts
     ]
-    dark = np.zeros(coverage.shape, np.float32)
+    darkness = np.zeros(coverage.shape, np.float32)
     for _, (x0, y0, x1, y1), values in casts:
-        dark[y0:y1, x0:x1] += values
-    clean = encode_u8(
-        decode(background) * np.exp(extend_behind_objects(dark, coverage))[..., None]
+        darkness[y0:y1, x0:x1] += values
+    clean_background = encode_u8(
+        decode(background)
+        * np.exp(extend_behind_objects(darkness, coverage))[..., None]
     )
-    owners = shadow_owners_by_model(coverage, casts, dark)
-    soft = shade.setting.softness
-    return Shadows(clean, owners, light, soft, 4.0, None, shade.confidence, faint=True)
+    owners = shadow_owners_by_model(coverage, casts, darkness)
+    softness = shade.setting.softness
+    return Shadows(
+        clean_background,
+        owners,
+        light,
+        softness,
+        4.0,
+        None,
+        shade.confidence,
+        faint=True,
+    )
 
 
 @dataclass(frozen=True)
 class _Picture:
     """The photo at a coarse scale."""
 
-    dark: F32  # (h, w): by how much the logarithm of light stays below that of the surroundings
+    # (h, w): logarithm of the surrounding light minus that of the pixel.
+    dark: F32
     weight: F32  # (h, w)
     silhouettes: Sequence[Silhouette]
-    size: float  # px of a typical object
+    # px: size of a typical object.
+    size: float
 
     def score(self, setting: ShadowSetting) -> tuple[float, float]:
-        """Correlation of predicted and seen darkness, and the factor from one to the other."""
+        """Return the correlation of predicted and measured darkness, and their
+        ratio.
+        """
         model = np.minimum(predicted_darkness(self.silhouettes, setting), 2.5)
         side = 2 * round(0.7 * self.size) + 1
+        # Only pixels near a predicted shadow count.
         w = self.weight * cv2.dilate(
             (model > 0.04).astype(np.uint8), np.ones((side, side), np.uint8)
         )
         count = max(float(w.sum()), 1.0)
+        # Subtract weighted means, as in Pearson's correlation.
         model = model - float((w * model).sum()) / count
-        dark = self.dark - float((w * self.dark).sum()) / count
-        both, square = float((w * model * dark).sum()), float((w * model * model).sum())
-        seen = float((w * dark * dark).sum())
-        return both / max((square * seen) ** 0.5, 1e-9), both / max(square, 1e-9)
+        darkness = self.dark - float((w * self.dark).sum()) / count
+        product, square = (
+            float((w * model * darkness).sum()),
+            float((w * model * model).sum()),
+        )
+        darkness_square = float((w * darkness * darkness).sum())
+        return product / max((square * darkness_square) ** 0.5, 1e-9), product / max(
+            square, 1e-9
+        )
 
 
 def _coarse_picture(
     background: Rgb, coverage: F32, silhouettes: Sequence[Silhouette], scale: float
 ) -> _Picture:
+    """Return the darkness of a reduced photo relative to its surroundings."""
     h, w = (max(1, round(n / scale)) for n in background.shape[:2])
     light = np.log(luminance(decode(background)) + DARKEST)
+    # Pixels at objects are unknown: average only the free ones.
     open_ = away_from_objects(coverage).astype(np.float32)
-    known = np.asarray(
+    known_share = np.asarray(
         cv2.resize(open_, (w, h), interpolation=cv2.INTER_AREA), np.float32
     )
     small = np.asarray(
         cv2.resize(light * open_, (w, h), interpolation=cv2.INTER_AREA), np.float32
     )
-    small = np.where(known > 0.05, small / np.maximum(known, 0.05), 0).astype(
-        np.float32
-    )
+    small = np.where(
+        known_share > 0.05, small / np.maximum(known_share, 0.05), 0
+    ).astype(np.float32)
     size = typical_size(silhouettes)
     sigma = 1.2 * size
-    sums = cv2.GaussianBlur(small * known, (0, 0), sigma)
-    around = np.asarray(
-        sums / np.maximum(cv2.GaussianBlur(known, (0, 0), sigma), 1e-3), np.float32
+    # Normalised convolution gives the mean light around each pixel.
+    sums = cv2.GaussianBlur(small * known_share, (0, 0), sigma)
+    surroundings = np.asarray(
+        sums / np.maximum(cv2.GaussianBlur(known_share, (0, 0), sigma), 1e-3),
+        np.float32,
     )
-    dark = np.clip(around - small, -0.3, 1.2)
-    weight = known * (known > 0.5)
+    darkness = np.clip(surroundings - small, -0.3, 1.2)
+    weight = known_share * (known_share > 0.5)
     return _Picture(
-        np.asarray(dark, np.float32), np.asarray(weight, np.float32), silhouettes, size
+        np.asarray(darkness, np.float32),
+        np.asarray(weight, np.float32),
+        silhouettes,
+        size,
     )
 
 
 def _search(picture: _Picture, light: LightGuess) -> tuple[ShadowSetting, float, float]:
-    """The best light, its correlation and factor: coordinate steps from several directions."""
+    """Return the best light, its correlation and its factor.
+
+    Coordinate steps start from the two best of many directions.
+    """
     h, w = picture.dark.shape
     start = ShadowSetting(light.light, 4.0, True, 0.1, inf, (w, h))
-    tries = [one for one in _starts(start) if deviation_penalty(one.light, light) < inf]
+    tries = [
+        candidate
+        for candidate in _starts(start)
+        if deviation_penalty(candidate.light, light) < inf
+    ]
     best = sorted(tries, key=lambda one: -picture.score(one)[0])[:2]
     return max(
-        (_climb(one, picture, light) for one in best), key=lambda found: found[1]
+        (_climb(candidate, picture, light) for candidate in best),
+        key=lambda found: found[1],
     )
 
 
 def _climb(
     setting: ShadowSetting, picture: _Picture, light: LightGuess, step: float = 1.0
 ) -> tuple[ShadowSetting, float, float]:
-    """As `_search`, from one setting on; changes of direction are `step` times the usual ones."""
-    now = (setting, *picture.score(setting))
+    """Return the best setting near a start, as `_search` does.
+
+    Changes of direction are `step` times the usual ones.
+    """
+    best = (setting, *picture.score(setting))
     for _ in range(2):
-        for other in _steps(now[0], step):
+        for other in _steps(best[0], step):
             if deviation_penalty(other.light, light) < inf:
                 score, factor = picture.score(other)
-                if score > now[1]:
-                    now = (other, score, factor)
-    return now
+                if score > best[1]:
+                    best = (other, score, factor)
+    return best
 
 
 def _starts(setting: ShadowSetting) -> Iterator[ShadowSetting]:
+    """Yield start settings: the guessed light and 36 directions around the zenith."""
     yield setting
     for k in range(12):
         turn = 2 * pi * k / 12
         for height in (0.9, 0.75, 0.5):
-            flat = (1 - height**2) ** 0.5
-            yield with_direction(setting, (flat * cos(turn), flat * sin(turn), height))
+            horizontal = (1 - height**2) ** 0.5
+            yield with_direction(
+                setting, (horizontal * cos(turn), horizontal * sin(turn), height)
+            )
 
 
 def _steps(setting: ShadowSetting, step: float) -> Iterator[ShadowSetting]:
-    """Neighbours of a setting, one number changed; directions by `step` times 0.15."""
+    """Yield neighbours of a setting with one changed number.
+
+    Directions change by `step` times 0.15.
+    """
     x, y, z = setting.light.direction
     for dx, dy, dz in ((0.15, 0, 0), (0, 0.15, 0), (0, 0, 0.15)):
         for sign in (1, -1, 0.4, -0.4):
             new = np.array([x, y, z]) + step * sign * np.array([dx, dy, dz])
             if new[2] > 0.1:
                 yield with_direction(setting, tuple(new / np.linalg.norm(new)))
-    for soft in (0.5, 2.0, 4.0, 6.0, 8.0, 10.0, 14.0, 20.0, 28.0):
-        yield replace(setting, softness=soft)
+    for softness in (0.5, 2.0, 4.0, 6.0, 8.0, 10.0, 14.0, 20.0, 28.0):
+        yield replace(setting, softness=softness)
     for share in (0.15, 0.35, 0.6, 0.85):
         yield with_direct_share(setting, share)
 
 
 def _matched(setting: ShadowSetting, factor: float) -> ShadowSetting:
-    """The share of direct light made such that the predicted shadows are as dark as the seen ones."""
+    """Return a setting whose shadows are as dark as the photo's.
+
+    `factor` is the ratio of measured to predicted darkness; it changes the share of
+    direct light.
+    """
     x, y, z = setting.light.direction
     share = min(setting.direct((0.0, 0.0, 1.0)) * min(max(factor, 0.3), 1.6), 0.97)
     ambient = max(setting.light.ambient, 0.05)
@@ -278,30 +347,35 @@ def _seen_darkness(
     silhouettes: Sequence[Silhouette],
     setting: ShadowSetting,
 ) -> tuple[F32, F32, F32]:
-    """(H, W) -log of the light that the photo misses, within reach of what geometry predicts; (H, W, 3) the light of
-    like surfaces in full light; (H, W) 1 where no object is near."""
+    """Return the measured darkness, the light without shadows, and the free pixels.
+
+    Darkness (H, W) is -log of the missing light within reach of the predicted shadows;
+    the light (H, W, 3) is that of similar surfaces in full light; free pixels (H, W)
+    are 1 away from objects.
+    """
     model = predicted_darkness(silhouettes, setting)
     size = typical_size(silhouettes)
     side = 2 * max(1, round(0.2 * size)) + 1
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
-    wide = cv2.dilate(model, disc)
-    reach = blurred(np.asarray(wide, np.float32), max(2.0, 0.15 * size))
+    dilated_model = cv2.dilate(model, disc)
+    reach = blurred(np.asarray(dilated_model, np.float32), max(2.0, 0.15 * size))
     linear = decode(background)
-    smooth = np.asarray(
+    smooth_level = np.asarray(
         cv2.medianBlur(np.log(luminance(linear) + DARKEST), 5), np.float32
     )
     free = away_from_objects(coverage)
-    lit = _reference(linear, (reach <= 0.03) & free, size)
-    # the light found may be a little off, so that shadows lie beside those of the model
-    most = 1.7 * cv2.dilate(wide, disc) + 0.2
-    dark = np.clip(np.log(luminance(lit) + DARKEST) - smooth, 0, most) * np.clip(
-        reach / 0.08, 0, 1
-    )
-    return np.asarray(dark, np.float32), lit, free.astype(np.float32)
+    full_light = _reference(linear, (reach <= 0.03) & free, size)
+    # The estimated light has an error, so that shadows lie beside the predicted ones:
+    # allow some darkness there.
+    limit = 1.7 * cv2.dilate(dilated_model, disc) + 0.2
+    darkness = np.clip(
+        np.log(luminance(full_light) + DARKEST) - smooth_level, 0, limit
+    ) * np.clip(reach / 0.08, 0, 1)
+    return np.asarray(darkness, np.float32), full_light, free.astype(np.float32)
 
 
 def _reference(linear: F32, known: Mask, size: float) -> F32:
-    """(H, W, 3): the light of like-coloured surfaces nearby, from where it is `known`."""
+    """Return the light (H, W, 3) of similar colours nearby, from `known` pixels."""
     if np.count_nonzero(known) < HUES:
         return np.asarray(cv2.medianBlur(linear, 5), np.float32)
     reaches = [
@@ -313,11 +387,17 @@ def _reference(linear: F32, known: Mask, size: float) -> F32:
     def blur(picture: F32, across: float, down: float) -> F32:
         return blurred(picture, across)
 
-    plain = known.astype(np.float32)
+    pixel_weights = known.astype(np.float32)
     logs = (cv2.medianBlur(np.log(part + DARKEST), 5) for part in cv2.split(linear))
     means = [
         mean_of_kind(
-            part, plain, kinds, reaches, tiny=1e-9, prior=(1e-6, 1e-6), blur=blur
+            part,
+            pixel_weights,
+            kinds,
+            reaches,
+            tiny=1e-9,
+            prior=(1e-6, 1e-6),
+            blur=blur,
         )
         for part in logs
     ]

@@ -1,8 +1,10 @@
-"""Categories, labels and physical properties from a vision-language model behind an OpenAI-compatible server.
+"""Categories, labels and physical properties from a vision-language model.
 
-The two questions of the paper (appendix, "Segmentation" and "Physical properties reasoning") in other words, and for
-more answers: material, solid, rolling and true size, which gives the photo its scale. Each answer is one JSON object,
-checked against a schema; the model is given the fault of an unusable one and asked again.
+The model runs behind an OpenAI-compatible server. The two questions follow the paper
+(appendix, "Segmentation" and "Physical properties reasoning") in other words, and ask
+for more: material, solid, rolling and true size, which gives the photo's scale. Each
+answer is one JSON object and is checked against a schema. If an answer is unusable, the
+model gets the fault and is asked again.
 """
 
 from __future__ import annotations
@@ -45,55 +47,69 @@ OPTIONS: Options = {
     "model": ("", {"type": "string"}),
     "timeout": (90, {"type": "number", "minimum": 0.05, "maximum": 3600}),
 }
-"""`[vlm]` of physgen.toml; `timeout`: s without a response after which a request is given up."""
+"""Section `[vlm]` of physgen.toml.
+
+`timeout`: a request without a response is given up after this many seconds.
+"""
 SAMPLING: Mapping[str, Any] = {"temperature": 0, "seed": 0}
-"""Left out for a server that refuses them."""
+"""Sampling options, omitted for servers that refuse them."""
 
 
 @dataclass(frozen=True)
 class Constants:
     """Constants of requests, answers and pictures."""
 
-    attempts: int = 3  # how often a question is put until its answer is usable
-    retries: int = 2  # how often a request is repeated when the server fails, is busy or does not answer
-    parallel: int = 4  # concurrent requests
-    answer: int = 50_000  # characters of an answer that are read
-    starts: int = 200  # brackets at which JSON decoding is tried before giving up
-    categories: int = 48  # at most, of a photo
-    similar_size: float = (
-        1.15  # ratio of lengths up to which two objects share one question
-    )
-    similar_colour: float = (
-        20.0  # CIELAB distance up to which two objects have one colour
-    )
-    named: float = 0.8  # confidence of a name
-    weighed: float = (
-        0.49  # confidence of a mass judged by eye: its logarithm scatters by 0.6
-    )
-    same_length: float = (
-        0.05  # relative difference in length up to which similar objects count as equal
-    )
-    name: int = 48  # characters of a name
+    # Largest number of answers to one question until one is usable.
+    attempts: int = 3
+    # Repetitions of a request if the server fails, is busy or does not answer.
+    retries: int = 2
+    # Concurrent requests.
+    parallel: int = 4
+    # Characters of an answer; the rest is ignored.
+    answer: int = 50_000
+    # Brackets at which JSON decoding is tried.
+    starts: int = 200
+    # Largest number of categories per photo.
+    categories: int = 48
+    # Largest ratio of lengths of two objects with a common question.
+    similar_size: float = 1.15
+    # Largest CIELAB distance between two objects of one colour.
+    similar_colour: float = 20.0
+    # Confidence of a label.
+    named: float = 0.8
+    # Confidence of an estimated mass: its logarithm has a standard deviation of 0.6.
+    weighed: float = 0.49
+    # Relative difference in length below which similar objects count as equal.
+    same_length: float = 0.05
+    # Largest length of a label in characters.
+    name: int = 48
     densest: float = 23.0  # g/cm³: osmium, the densest element (CRC)
-    photo: int = 1024  # px: the longer side of a whole photo, at most
+    # px: largest longer side of a whole photo.
+    photo: int = 1024
+    # px: least and largest longer side of a close-up.
     closeup: tuple[int, int] = (
         256,
         512,
-    )  # px: the longer side of a close-up, at least and at most
-    margin: float = 0.25  # around an object, as a share of its longer side
-    surroundings: float = 0.4  # share of their light that an object's surroundings keep
+    )
+    # Margin around an object as a share of its longer side.
+    margin: float = 0.25
+    # Brightness factor of an object's surroundings.
+    surroundings: float = 0.4
+    # RGB of outlines: magenta, because hardly any object has this colour.
     ink: tuple[int, int, int] = (
         255,
         0,
         255,
-    )  # RGB of outlines: hardly any object is magenta
+    )
 
 
 VLM = Constants()
 
 
 def object_schema(**properties: Schema) -> dict[str, Any]:
-    """The schema of an object with these properties, all of them required and no others allowed."""
+    """Return the schema of an object that requires these properties and allows no
+    others.
+    """
     return {
         "type": "object",
         "properties": properties,
@@ -121,8 +137,11 @@ PHYSICS_SCHEMA = object_schema(
     elasticity={"type": "number", "minimum": 0, "maximum": 1},
     rolling={"type": "number", "minimum": 0, "maximum": 0.3},
 )
-"""From a grain to a lorry, in m and g; rubber on dry asphalt has the most friction. The reason comes first, so that the
-model reasons before it writes numbers."""
+"""Ranges reach from a grain to a lorry, in m and g; rubber on dry asphalt has the
+highest friction.
+
+The reason comes first, so that the model reasons before it writes numbers.
+"""
 
 CATEGORIES_QUESTION = """\
 Name every kind of object and of surface that this photo shows, so that each part of it belongs to exactly
@@ -164,25 +183,29 @@ Every number is one exact number, without its unit. Answer with one JSON object 
 class Query:
     """A question about pictures."""
 
-    about: str  # in one to three words, for messages: `ball`
+    # One to three words for messages, e.g. `ball`.
+    about: str
     text: str
     pictures: tuple[bytes, ...]  # PNG
     schema: Schema  # of the answer
     contradictions: Callable[[Any], list[str]] = lambda answer: []
-    """Faults of an answer that keeps to the schema."""
+    """Return the faults of an answer that satisfies the schema."""
 
 
 class UnusableAnswerError(Exception):
-    """An answer that cannot be used; its text gives the reason, for the model and for the user."""
+    """Raised for an unusable answer, with the reason for the model and the user."""
 
 
 class _Role:
-    """Puts the questions of one role to its model."""
+    """A role whose questions go to one model."""
 
     role = ""
 
     def __init__(self, setup: Setup) -> None:
-        """Settings from the environment, then from `[vlm]`. Raises InputError with what is missing or wrong."""
+        """Read the settings from the environment, then from `[vlm]`.
+
+        Raises InputError with all missing or invalid settings.
+        """
         options = read_options(setup, "vlm", OPTIONS)
         self._url = os.environ.get(URL) or options["url"]
         self._model = setup.weights or os.environ.get(MODEL) or options["model"]
@@ -209,21 +232,26 @@ class _Role:
         )
 
     def ask(self, queries: Sequence[Query]) -> list[Any]:
-        """The answer to each question. Raises InputError where one has no usable answer."""
+        """Return the answers to all questions, or raise InputError if one has no usable
+        answer.
+        """
         self._usage = []
         pool = ThreadPoolExecutor(VLM.parallel)
         try:
             return list(pool.map(self._answer, queries))
         except BaseException:
-            self.close()  # breaks off what is under way
+            # Closing the client aborts the requests in progress.
+            self.close()
             raise
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
 
     def note(self) -> Mapping[str, Any]:
-        """Model, server and usage of the last call, for the record."""
+        """Return the model, the server and the usage of the last call, for the
+        record.
+        """
         keys = ("requests", "cached", "tokens_in", "tokens_out")
-        usage = {key: sum(one.get(key, 0) for one in self._usage) for key in keys}
+        usage = {key: sum(record.get(key, 0) for record in self._usage) for key in keys}
         return {"model": self._model, "server": self._where, **usage}
 
     def close(self) -> None:
@@ -232,24 +260,24 @@ class _Role:
             server.close()
 
     def _answer(self, query: Query) -> Any:
-        """A usable answer, from the cache where it was given before."""
+        """Return a usable answer, from the cache if possible."""
         file = self._cache_file(query)
-        with suppress(
-            OSError, UnicodeDecodeError, UnusableAnswerError
-        ):  # none there, or a broken one
-            cached = parse_answer(file.read_text(encoding="utf-8"), query)
+        # The file may be missing or broken; then the model is asked.
+        with suppress(OSError, UnicodeDecodeError, UnusableAnswerError):
+            cached_answer = parse_answer(file.read_text(encoding="utf-8"), query)
             self._usage.append({"cached": 1})
-            return cached
+            return cached_answer
         answer = self._usable(query)
-        with suppress(
-            OSError
-        ):  # a folder that cannot be written to is no reason to fail
+        # The cache is optional, so a read-only folder is not an error.
+        with suppress(OSError):
             file.parent.mkdir(parents=True, exist_ok=True)
             write_atomic(file, json.dumps(answer, ensure_ascii=False).encode())
         return answer
 
     def _usable(self, query: Query) -> Any:
-        """An answer of the model; it is given the fault of each unusable one."""
+        """Return an answer of the model, which gets the fault of each unusable
+        answer.
+        """
         content: list[dict[str, Any]] = [{"type": "text", "text": query.text}]
         for picture in query.pictures:
             url = f"data:image/png;base64,{b64encode(picture).decode()}"
@@ -262,21 +290,23 @@ class _Role:
                 return parse_answer(text, query)
             except UnusableAnswerError as error:
                 fault = str(error)
-            again = f"That cannot be used: {fault}. Answer again, with the JSON object alone."
+            retry_request = f"That cannot be used: {fault}. Answer again, with the JSON object alone."
             turns += [
                 {"role": "assistant", "content": plain_line(text, 2000) or "(nothing)"},
-                {"role": "user", "content": again},
+                {"role": "user", "content": retry_request},
             ]
         self._fail(query, f"answered nonsense {VLM.attempts} times: {fault}")
 
     def _complete(self, query: Query, turns: Sequence[Mapping[str, Any]]) -> str:
-        """The reply to `turns`. Raises InputError."""
+        """Return the reply to `turns`, or raise InputError if the server fails."""
         request: dict[str, Any] = {"model": self._model, "messages": turns}
         try:
             try:
                 reply = self._server.chat.completions.create(
                     **request, **self._sampling
                 )
+            # Some models refuse sampling options; such a server is asked without them
+            # from now on.
             except (openai.BadRequestError, openai.UnprocessableEntityError):
                 self._sampling = {}
                 reply = self._server.chat.completions.create(**request)
@@ -290,7 +320,8 @@ class _Role:
             )
             status = getattr(error, "status_code", type(error).__name__)
             self._fail(query, f"fails ({status}: {plain_line(text, 160)})")
-        except (ValueError, AttributeError, IndexError, TypeError):  # a web page
+        # A wrong address often returns a web page instead of a completion.
+        except (ValueError, AttributeError, IndexError, TypeError):
             self._fail(query, "gave what is no chat completion")
         tokens = (
             getattr(usage, f"{kind}_tokens", None) or 0
@@ -304,17 +335,24 @@ class _Role:
         return message.content or getattr(message, "refusal", None) or ""
 
     def _fail(self, query: Query, what: str) -> NoReturn:
-        """One message: the failure, the server and model, and the fix; never the key."""
+        """Raise InputError with the failure, the server, the model and the fix.
+
+        The key is masked in the text.
+        """
         about = f"{self._where} (model {self._model}), asked for {self.role} of {query.about},"
         what = what.replace(self._key, "***") if self._key else what
-        failed = Message.SERVER_FAILED
+        message = Message.SERVER_FAILED
         values = {"failure": what, "url": URL, "model": MODEL, "key": KEY}
-        raise failed.error("--backend", about, **values) from None
+        raise message.error("--backend", about, **values) from None
 
     def _cache_file(self, query: Query) -> Path:
-        """The file of an answer below `$XDG_CACHE_HOME/physgen/vlm`, named by all that the answer depends on."""
+        """Return the cache file of an answer in `$XDG_CACHE_HOME/physgen/vlm`.
+
+        Its name is a hash of everything that the answer depends on.
+        """
         pictures = [sha256(picture).hexdigest() for picture in query.pictures]
-        # servers call different models `default`
+        # The server is part of the hash because servers call different models
+        # `default`.
         content = [self._where, self._model, query.text, pictures, query.schema]
         digest = sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
         return cache_folder() / "vlm" / digest[:2] / f"{digest}.json"
@@ -326,28 +364,34 @@ class Categories(_Role):
     role = "categories"
 
     def __call__(self, rgb: Rgb) -> Sequence[Category]:
-        """Each noun once; a repeated one is movable if it is so each time. Raises InputError."""
+        """Return each noun once, or raise InputError.
+
+        A repeated noun is movable only if it is movable every time.
+        """
         picture = _png(_resized(rgb, 0, VLM.photo))
         query = Query(
             "the photo", CATEGORIES_QUESTION, (picture,), CATEGORIES_SCHEMA, _nameless
         )
         (answer,) = self.ask([query])
-        found: dict[str, bool] = {}
-        for one in answer["categories"]:
-            if noun := clean_name(one["noun"]):
-                found[noun] = one["movable"] and found.get(noun, True)
-        return [Category(*item) for item in found.items()][: VLM.categories]
+        movability: dict[str, bool] = {}
+        for entry in answer["categories"]:
+            if noun := clean_name(entry["noun"]):
+                movability[noun] = entry["movable"] and movability.get(noun, True)
+        return [Category(*item) for item in movability.items()][: VLM.categories]
 
 
 class Label(_Role):
-    """The backend `label=vlm`: names of objects."""
+    """The backend `label=vlm`: labels of objects."""
 
     role = "label"
 
     def __call__(
         self, rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]
     ) -> Mapping[int, Name]:
-        """A name for every object, by id; similar objects share one question. Raises InputError."""
+        """Return the label of every object by id, or raise InputError.
+
+        Similar objects share one question.
+        """
         masks = {item.id: np.asarray(labels == item.id) for item in objects}
         groups = similar_groups(rgb, objects, masks)
         queries = [label_query(rgb, masks[group[0].id]) for group in groups]
@@ -362,14 +406,19 @@ class Label(_Role):
 
 
 class Physics(_Role):
-    """The backend `physics=vlm`: mass, friction, elasticity, rolling, material and size."""
+    """The backend `physics=vlm`: mass, friction, elasticity, rolling, material and
+    size.
+    """
 
     role = "physics"
 
     def __call__(
         self, rgb: Rgb, objects: Sequence[PhotoObject], pixels_per_meter: float | None
     ) -> Mapping[int, Matter]:
-        """Matter of every object, by id; similar objects share one question. Raises InputError."""
+        """Return the matter of every object by id, or raise InputError.
+
+        Similar objects share one question.
+        """
         size = rgb.shape[1], rgb.shape[0]
         masks = {
             item.id: raster.coverage(item.outline, size) >= 0.5 for item in objects
@@ -392,17 +441,23 @@ categories, label, physics = Categories, Label, Physics
 def similar_groups(
     rgb: Rgb, objects: Sequence[PhotoObject], masks: Mapping[int, Mask]
 ) -> list[list[PhotoObject]]:
-    """Objects grouped by label and size, and by colour where the label is one word: a `ball` may be steel or rubber."""
+    """Group objects by label and size, and also by colour if the label is a single
+    word.
+
+    A plain `ball` may be of steel or rubber, so that its colour matters.
+    """
     groups: list[list[PhotoObject]] = []
     lengths = {item.id: box_sides(item.outline) for item in objects}
     colours = {item.id: median_lab(rgb, masks[item.id]) for item in objects}
 
     def similar(a: PhotoObject, b: PhotoObject) -> bool:
         pairs = zip(lengths[a.id], lengths[b.id], strict=True)
-        sized = all(1 / VLM.similar_size <= x / y <= VLM.similar_size for x, y in pairs)
+        same_size = all(
+            1 / VLM.similar_size <= x / y <= VLM.similar_size for x, y in pairs
+        )
         distance = float(np.linalg.norm(colours[a.id] - colours[b.id]))
         same_material = " " in a.label.strip() or distance <= VLM.similar_colour
-        return a.label == b.label and a.cut == b.cut and sized and same_material
+        return a.label == b.label and a.cut == b.cut and same_size and same_material
 
     for item in objects:
         group = next((group for group in groups if similar(group[0], item)), None)
@@ -416,9 +471,11 @@ def similar_groups(
 def group_matter(
     answer: Mapping[str, Any], group: Sequence[PhotoObject], model: str
 ) -> Mapping[int, Matter]:
-    """Matter of each of the similar objects of a group, by id, from the `answer` about the first.
+    """Return the matter of each object of a group by id, from the answer about the
+    first one.
 
-    Mass is scaled by the cube of the length where an object is larger or smaller than that.
+    If another object is larger or smaller, its mass is scaled by the cube of the ratio
+    of lengths.
     """
     reason = plain_line(answer["reason"], 240).rstrip(".")
     if len(group) > 1:
@@ -433,7 +490,7 @@ def group_matter(
             friction=round(answer["friction"], 3),
             elasticity=round(answer["elasticity"], 3),
             rolling=float(f"{answer['rolling']:.2g}"),
-            # only circles have another moment than that of their area
+            # Only for circles the moment of inertia depends on the solid.
             solid=Solid(answer["solid"])
             if isinstance(item.outline, Disc)
             else Solid.PLATE,
@@ -447,17 +504,17 @@ def group_matter(
 
 
 def label_query(rgb: Rgb, mask: Mask) -> Query:
-    """The name of one object."""
+    """Return the question for the label of one object."""
     pictures = _outlined_photo(rgb, mask), _closeup(rgb, mask)
     return Query("an object", LABEL_QUESTION, pictures, LABEL_SCHEMA, _nameless)
 
 
 def _nameless(answer: Mapping[str, Any]) -> list[str]:
-    """A fault where no name is left of the answer."""
+    """Return a fault if the answer contains no usable name."""
     names = (
         [answer["name"]]
         if "name" in answer
-        else [one["noun"] for one in answer["categories"]]
+        else [entry["noun"] for entry in answer["categories"]]
     )
     return [] if any(map(clean_name, names)) else ["there is no name in it"]
 
@@ -465,7 +522,7 @@ def _nameless(answer: Mapping[str, Any]) -> list[str]:
 def physics_query(
     rgb: Rgb, mask: Mask, item: PhotoObject, pixels_per_meter: float | None
 ) -> Query:
-    """Material, mass and size of one object."""
+    """Return the question for material, mass and size of one object."""
     name = plain_line(item.label, VLM.name)
     label = f', "{name}",' if name else ""
     hint = ""
@@ -479,7 +536,9 @@ def physics_query(
 
 
 def mass_contradictions(answer: Mapping[str, Any]) -> list[str]:
-    """A fault where the mass is more than that of a cube of the densest element with the longest side."""
+    """Return a fault if the mass exceeds that of a cube of osmium with the longest
+    side.
+    """
     size, mass = answer["size"], answer["mass"]
     if mass <= VLM.densest * (100 * size) ** 3:
         return []
@@ -487,7 +546,7 @@ def mass_contradictions(answer: Mapping[str, Any]) -> list[str]:
 
 
 def clean_name(text: str) -> str:
-    """A noun as labels are written: lower case, no quotes, no article.
+    """Return a noun in the form of labels: lower case, without quotes and article.
 
     >>> clean_name(' A "Tennis ball." ')
     'tennis ball'
@@ -500,7 +559,7 @@ def clean_name(text: str) -> str:
 
 
 def median_lab(rgb: Rgb, mask: Mask) -> NDArray[np.float64]:
-    """(3,) an object's median colour in CIELAB, L in 0..100."""
+    """Return the median colour (3,) of an object in CIELAB, L in 0..100."""
     inside = rgb[mask] if mask.any() else rgb.reshape(-1, 3)
     lab = cv2.cvtColor(
         np.median(inside, axis=0).astype(np.float32)[None, None] / 255,
@@ -510,16 +569,17 @@ def median_lab(rgb: Rgb, mask: Mask) -> NDArray[np.float64]:
 
 
 def _outlined_photo(rgb: Rgb, mask: Mask) -> bytes:
-    """The photo with one object outlined, as PNG."""
+    """Return the photo with one object outlined, as PNG."""
     picture = _resized(rgb, 0, VLM.photo).copy()
     _draw_outline(picture, _fitted(mask, picture))
     return _png(picture)
 
 
 def _closeup(rgb: Rgb, mask: Mask) -> bytes:
-    """One object with a margin, outlined, its surroundings darkened, as PNG."""
+    """Return an outlined object with darkened surroundings, as PNG."""
     rows, columns = (np.flatnonzero(mask.any(axis)) for axis in (1, 0))
     if not len(rows):  # the object lies outside the photo
+        # The object lies outside the photo.
         return _png(_resized(rgb, *VLM.closeup))
     (y0, y1), (x0, x1) = ((int(line[0]), int(line[-1]) + 1) for line in (rows, columns))
     margin = max(ceil(VLM.margin * max(y1 - y0, x1 - x0)), 8)
@@ -529,35 +589,35 @@ def _closeup(rgb: Rgb, mask: Mask) -> bytes:
         mask[y0 : y1 + margin, x0 : x1 + margin],
     )
     picture = _resized(np.ascontiguousarray(part), *VLM.closeup).copy()
-    fitted = _fitted(inside, picture)
-    picture[~fitted] = (picture[~fitted] * VLM.surroundings).astype(np.uint8)
-    _draw_outline(picture, fitted)
+    fitted_mask = _fitted(inside, picture)
+    picture[~fitted_mask] = (picture[~fitted_mask] * VLM.surroundings).astype(np.uint8)
+    _draw_outline(picture, fitted_mask)
     return _png(picture)
 
 
 def _resized(rgb: Rgb, least: int, most: int) -> Rgb:
-    """A picture whose longer side is from `least` to `most` px."""
-    tall, wide = rgb.shape[:2]
-    factor = min(max(1.0, least / max(tall, wide)), most / max(tall, wide))
+    """Return a picture with a longer side from `least` to `most` px."""
+    height, width = rgb.shape[:2]
+    factor = min(max(1.0, least / max(height, width)), most / max(height, width))
     if factor == 1:
         return rgb
-    size = max(round(wide * factor), 1), max(round(tall * factor), 1)
+    size = max(round(width * factor), 1), max(round(height * factor), 1)
     method = cv2.INTER_AREA if factor < 1 else cv2.INTER_CUBIC
     return np.asarray(cv2.resize(rgb, size, interpolation=method), np.uint8)
 
 
 def _fitted(mask: Mask, picture: Rgb) -> Mask:
-    """A mask in the picture's size."""
-    tall, wide = picture.shape[:2]
-    if mask.shape == (tall, wide):
+    """Return a mask in the picture's size."""
+    height, width = picture.shape[:2]
+    if mask.shape == (height, width):
         return mask
-    return np.asarray(cv2.resize(mask.astype(np.float32), (wide, tall)) >= 0.5)
+    return np.asarray(cv2.resize(mask.astype(np.float32), (width, height)) >= 0.5)
 
 
 def _draw_outline(picture: Rgb, mask: Mask) -> None:
-    """An outline around the mask, outside of it so that the object is not covered."""
-    wide = cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-    picture[wide & ~mask] = VLM.ink
+    """Draw an outline around the mask, outside it so that the object stays visible."""
+    dilated_mask = cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    picture[dilated_mask & ~mask] = VLM.ink
 
 
 def _png(rgb: Rgb) -> bytes:
@@ -565,9 +625,10 @@ def _png(rgb: Rgb) -> bytes:
 
 
 def parse_answer(text: str, query: Query) -> Any:
-    """The first JSON object in `text` that answers `query`; prose, code fences and thoughts around it are skipped.
+    """Return the first JSON object in `text` that answers `query`.
 
-    Raises UnusableAnswerError with the faults of the first JSON found.
+    Prose, code fences and thoughts around it are skipped. Raises UnusableAnswerError
+    with the faults of the first JSON object.
     """
     text = re.sub(
         r"<think>.*?(</think>|\Z)", " ", text[: VLM.answer], flags=re.DOTALL
@@ -584,17 +645,17 @@ def parse_answer(text: str, query: Query) -> Any:
 
 
 def _json_objects(text: str) -> Iterator[Any]:
-    """Every outermost JSON object in a text."""
-    decoder = json.JSONDecoder(
-        parse_constant=lambda name: name
-    )  # NaN and Infinity stay text
+    """Yield every outermost JSON object of a text."""
+    # NaN and Infinity stay text, so that the schema refuses them.
+    decoder = json.JSONDecoder(parse_constant=lambda name: name)
     position = 0
     for _ in range(VLM.starts):
         if (start := text.find("{", position)) < 0:
             return
         try:
             value, position = decoder.raw_decode(text, start)
-        except RecursionError:  # the next bracket would fail in the same way
+        # The nesting is too deep; the next bracket would fail in the same way.
+        except RecursionError:
             return
         except ValueError:
             position = start + 1
@@ -603,18 +664,18 @@ def _json_objects(text: str) -> Iterator[Any]:
 
 
 def _faults(value: Any, query: Query) -> list[str]:
-    """Breaches of the schema, or else contradictions."""
+    """Return violations of the schema, or contradictions if the schema is satisfied."""
     faults = []
     errors = Draft202012Validator(query.schema).iter_errors(value)
     for error in sorted(errors, key=lambda e: (len(e.path), str(e.path))):
-        where = error.json_path.removeprefix("$").lstrip(".")
+        place = error.json_path.removeprefix("$").lstrip(".")
         message = plain_line(error.message, 120)
-        faults.append(f"{where}: {message}" if where else message)
+        faults.append(f"{place}: {message}" if place else message)
     return faults or query.contradictions(value)
 
 
 def plain_line(text: str, most: int = 300) -> str:
-    """The printable characters of a text on one line, cut at a word.
+    r"""Return the printable characters of a text on one line, cut at a word.
 
     >>> plain_line("a  red\\n# ball\\x1b[0m")
     'a red # ball[0m'

@@ -1,7 +1,8 @@
-"""Circles and ellipses, visible in part, continued through a hole.
+"""Circles and ellipses, partly visible, continued through a hole.
 
-The visible edge is followed outwards from both its ends. If one ellipse passes through both parts and has their
-directions, its arc between the ends is the hidden part: a painted ring stays a ring.
+The visible edge is followed outwards from both of its ends. If one ellipse passes
+through both parts in their directions, its arc between the ends is the hidden part: a
+painted ring stays a ring.
 """
 
 from __future__ import annotations
@@ -22,30 +23,46 @@ F64 = NDArray[np.float64]
 class _Tuning:
     """Sizes in px of the photo."""
 
-    step: float = 1.5  # along the edge
-    search: float = 2.0  # to both sides of the expected place
-    across: float = 2.0  # from the edge to the colours that are compared
-    fade: float = 0.4  # share of an end's contrast below which the edge has ended
-    steps: int = 60  # at most followed from one end
-    fewest: int = 16  # steps that must be visible on each side
-    bend: float = 0.25  # rad by which each visible side must turn: a straight one tells no ellipse
-    hidden: float = 2.5  # hidden turn over the visible one, at most
-    turn: float = 0.25  # rad from a straight line: a flatter arc is a cubic as well
-    error: float = 0.7  # root mean square distance of the visible edge from the ellipse
-    tangent: float = 0.35  # rad between the ellipse and the direction at an end
-    smallest: float = 8.0  # semi-axis: less is no ring, but a corner
-    largest: float = 3.0  # semi-axis over the distance of both ends
-    inside: float = 0.4  # share of the arc that lies in the hole
-    spacing: float = 0.5  # between points of the arc
+    # Step along the edge.
+    step: float = 1.5
+    # Search range on both sides of the expected position.
+    search: float = 2.0
+    # Distance from the edge to the compared colours.
+    across: float = 2.0
+    # Share of an end's contrast below which the edge ends.
+    fade: float = 0.4
+    # Largest number of steps from one end.
+    steps: int = 60
+    # Least number of visible steps on each side.
+    fewest: int = 16
+    # rad: least turn of each visible side; a straight one determines no ellipse.
+    bend: float = 0.25
+    # Largest ratio of the hidden to the visible turn.
+    hidden: float = 2.5
+    # rad from a straight line: for a flatter arc a cubic is as good.
+    turn: float = 0.25
+    # Largest RMS distance of the visible edge from the ellipse.
+    error: float = 0.7
+    # rad: largest angle between the ellipse and the direction at an end.
+    tangent: float = 0.35
+    # Least semi-axis: a smaller one is a corner rather than a ring.
+    smallest: float = 8.0
+    # Largest semi-axis over the distance of both ends.
+    largest: float = 3.0
+    # Least share of the arc in the hole.
+    inside: float = 0.4
+    # Distance between points of the arc.
+    spacing: float = 0.5
 
 
 TUNING = _Tuning()
 
 
 def follow_edge(picture: F32, blocked: Mask, start: F64, away: F64) -> F64:
-    """(n, 2) x, y of the edge that leaves `start` in the direction `away`.
+    """Return points (n, 2) x, y of the edge that leaves `start` in the direction
+    `away`.
 
-    `picture` (H, W, 3) is unknown where `blocked` (H, W).
+    `picture` (H, W, 3) is unknown in `blocked` (H, W).
     """
     place, direction = start.copy(), away.copy()
     first = _contrast(picture, blocked, place[None], direction)[0]
@@ -57,20 +74,25 @@ def follow_edge(picture: F32, blocked: Mask, start: F64, away: F64) -> F64:
         ahead = place + TUNING.step * direction
         options = ahead + shifts[:, None] * normal
         contrast = _contrast(picture, blocked, options, direction) @ first
+        # A small penalty keeps the path straight on flat maxima.
         contrast -= 0.02 * np.abs(shifts) * strength**2
         best = int(np.argmax(contrast))
         if not contrast[best] > TUNING.fade * strength**2:
             break
         place = options[best]
         points.append(place.copy())
-        # the direction of the last few steps, so that one pixel does not turn it
+        # The direction follows the last few steps, so that a single pixel cannot turn
+        # it.
         chord = place - points[max(0, len(points) - 6)]
         direction = chord / max(float(np.hypot(*chord)), 1e-9)
     return np.array(points)
 
 
 def _contrast(picture: F32, blocked: Mask, places: F64, direction: F64) -> F64:
-    """(n, 3): colours on one side of `places` less those on the other; NaN if hidden."""
+    """Return colours (n, 3) on one side of `places` minus those on the other side.
+
+    Hidden colours give -1e9.
+    """
     normal = np.array([-direction[1], direction[0]])
     height, width = blocked.shape
     sides = []
@@ -90,10 +112,10 @@ def _contrast(picture: F32, blocked: Mask, places: F64, direction: F64) -> F64:
 def ellipse_arc(
     edges: tuple[F64, F64], directions: tuple[F64, F64], piece: Mask
 ) -> F64 | None:
-    """(n, 2) points from the first end to the second along one ellipse; None if none.
+    """Return points (n, 2) from the first end to the second along an ellipse, or None.
 
-    `edges`: visible points (n, 2) from each end outwards; `directions`: unit vectors
-    into the hole `piece` (H, W).
+    `edges` are visible points (n, 2) from each end outwards; `directions` are unit
+    vectors into the hole `piece` (H, W).
     """
     if min(len(edge) for edge in edges) < TUNING.fewest:
         return None
@@ -113,7 +135,7 @@ def ellipse_arc(
     height, width = piece.shape
     legal = (x >= 0) & (y >= 0) & (x < width) & (y < height)
     inner = piece[y[legal], x[legal]].sum()
-    # both ends are a few pixels outside of the hole
+    # Both ends are a few pixels outside the hole.
     outside = 2 * TUNING.fewest / TUNING.spacing
     if inner < TUNING.inside * (len(arc) - outside):
         return None
@@ -121,19 +143,21 @@ def ellipse_arc(
     turns = (_angle(leaves, directions[0]), _angle(arrives, -directions[1]))
     if max(turns) > TUNING.tangent or _angle(leaves, arrives) < TUNING.turn:
         return None
-    hidden = _turning(arc)
-    return arc if hidden < TUNING.hidden * sum(bends) else None
+    hidden_turn = _turning(arc)
+    return arc if hidden_turn < TUNING.hidden * sum(bends) else None
 
 
 def _turning(points: F64) -> float:
-    """Angle by which a curve (n, 2) turns in all, rad, without its finest wiggles."""
+    """Return the total turn of a curve (n, 2), rad, without its finest
+    irregularities.
+    """
     chords = np.diff(points[:: max(1, len(points) // 4)], axis=0)
     angles = np.unwrap(np.arctan2(chords[:, 1], chords[:, 0]))
     return abs(float(angles[-1] - angles[0]))
 
 
 def _angle(one: F64, other: F64) -> float:
-    """Angle between two vectors, rad, 0 to pi."""
+    """Return the angle between two vectors, rad, 0 to pi."""
     cross = one[0] * other[1] - one[1] * other[0]
     return abs(float(np.arctan2(cross, one @ other)))
 
@@ -148,7 +172,9 @@ class _Ellipse:
 
     @classmethod
     def fitted(cls, points: F64) -> _Ellipse | None:
-        """Return the ellipse of least squares through (n, 2); None if it is degenerate."""
+        """Return the least-squares ellipse through (n, 2), or None if it is
+        degenerate.
+        """
         (x, y), sizes, degrees = cv2.fitEllipseDirect(points.astype(np.float32))
         axes = np.array(sizes) / 2
         if not np.isfinite([x, y, *sizes]).all() or axes.min() < TUNING.smallest:
@@ -156,21 +182,25 @@ class _Ellipse:
         return cls(np.array([x, y]), axes, float(np.deg2rad(degrees)))
 
     def _unit(self, points: F64) -> F64:
-        """Points (n, 2) in the frame where the ellipse is the unit circle."""
+        """Return points (n, 2) in the frame in which the ellipse is the unit circle."""
         cosine, sine = np.cos(self.angle), np.sin(self.angle)
         x, y = (points - self.centre).T
-        turned = np.stack([cosine * x + sine * y, cosine * y - sine * x], axis=1)
-        return np.asarray(turned / self.axes)
+        rotated_points = np.stack(
+            [cosine * x + sine * y, cosine * y - sine * x], axis=1
+        )
+        return np.asarray(rotated_points / self.axes)
 
     def error(self, points: F64) -> float:
-        """Root mean square distance of points from the ellipse, px, to first order."""
+        """Return the RMS distance of points from the ellipse, px, to first order."""
         unit = self._unit(points)
         value = (unit**2).sum(axis=1) - 1
         slope = 2 * np.hypot(*(unit / self.axes).T)
         return float(np.sqrt(np.mean((value / np.maximum(slope, 1e-9)) ** 2)))
 
     def arc(self, start: F64, end: F64, direction: F64) -> F64:
-        """(n, 2) points from near `start` to near `end`, leaving in `direction`."""
+        """Return points (n, 2) from near `start` to near `end`, leaving in
+        `direction`.
+        """
         first, last = (
             float(np.arctan2(*self._unit(p[None])[0][::-1])) for p in (start, end)
         )
@@ -184,5 +214,7 @@ class _Ellipse:
     def _points(self, angles: F64) -> F64:
         x, y = self.axes[0] * np.cos(angles), self.axes[1] * np.sin(angles)
         cosine, sine = np.cos(self.angle), np.sin(self.angle)
-        turned = np.stack([cosine * x - sine * y, sine * x + cosine * y], axis=1)
-        return np.asarray(self.centre + turned)
+        rotated_points = np.stack(
+            [cosine * x - sine * y, sine * x + cosine * y], axis=1
+        )
+        return np.asarray(self.centre + rotated_points)

@@ -1,8 +1,9 @@
-"""Labelling of the pixels of a hole with offsets, by belief propagation on their grid.
+"""Labels of the pixels of a hole with offsets, by belief propagation on the grid.
 
-The cost of two offsets at neighbouring pixels is the difference of what both would copy to both pixels (Kwatra et al.
-2003, Graphcut textures). Messages are passed line by line, down, up, right and left (Tappen and Freeman 2003). The last
-label is the guide, a fill by other means, for pixels that no offset can fill.
+The cost of two offsets at neighbouring pixels is the difference of their copies at both
+pixels (Kwatra et al. 2003, Graphcut textures). Messages are passed line by line, down,
+up, right and left (Tappen and Freeman 2003). The last label is the guide, another fill,
+for pixels without a valid offset.
 """
 
 from __future__ import annotations
@@ -23,23 +24,36 @@ Line = tuple[slice, int] | tuple[int, slice]
 
 @dataclass(frozen=True)
 class _Costs:
-    """Squared levels of three channels a pixel; tune half of `benchmarks/fills.py`."""
+    """Costs in squared levels of three channels; tuned on a half of
+    `benchmarks/fills.py`.
+    """
 
-    guide: float = 0.04  # of the squared difference from the guide's colour
-    guide_most: float = 240.0  # levels squared times 0.04: a guide can be wrong
-    guide_blur: float = 2.0  # px: finer differences from the guide do not count
-    contrast: float = 300.0  # of the squared logarithm of contrast beside the expected
-    contrast_most: float = 6.0  # squared logarithm: different is different
-    far: float = 30.0  # for an offset as long as the picture
-    keep: float = 5e5  # for the guide, which shows only if no offset is usable
-    rim: float = 2.0  # of the squared difference from known neighbours
-    rim_second: float = 0.35  # the same for those that do not touch
-    unusable: float = 1e7  # where nothing is known
-    rounds: int = 3  # of messages in all four directions
+    # Factor of the squared difference from the guide's colour.
+    guide: float = 0.04
+    # Limit of that cost, since the guide can be wrong.
+    guide_most: float = 240.0
+    # px: finer differences from the guide do not count.
+    guide_blur: float = 2.0
+    # Factor of the squared logarithm of contrast over the expected contrast.
+    contrast: float = 300.0
+    # Limit of that squared logarithm.
+    contrast_most: float = 6.0
+    # Cost of an offset as long as the picture.
+    far: float = 30.0
+    # Cost of the guide, which is used only if no offset is usable.
+    keep: float = 5e5
+    # Factor of the squared difference from known neighbours.
+    rim: float = 2.0
+    # The same for neighbours that do not touch.
+    rim_second: float = 0.35
+    # Cost of unknown sources.
+    unusable: float = 1e7
+    # Rounds of messages in all four directions.
+    rounds: int = 3
 
 
 COSTS = _Costs()
-# px, standard deviations, and weights of the blurs that expect a contrast
+# Standard deviations, px, and weights of the blurs that give the expected contrast.
 EXPECTATION = ((1.5, 1.0), (4.0, 0.05), (12.0, 2e-3), (40.0, 1e-4))
 
 
@@ -47,11 +61,15 @@ EXPECTATION = ((1.5, 1.0), (4.0, 0.05), (12.0, 2e-3), (40.0, 1e-4))
 class ReducedPhoto:
     """A part of a photo at reduced size; (h, w) and (h, w, 3)."""
 
-    picture: F32  # the guide in what is blocked
-    guide: F32  # equals the picture outside the hole
+    # The guide in blocked pixels.
+    picture: F32
+    # Equals the picture outside the hole.
+    guide: F32
     hole: Mask
-    blocked: Mask  # the hole, and what else is not to be copied
-    contrast: F32  # logarithm of mean squared fine detail; arbitrary in what is blocked
+    # The hole, and other pixels that must not be copied.
+    blocked: Mask
+    # Logarithm of mean squared fine detail; arbitrary in blocked pixels.
+    contrast: F32
 
 
 class OffsetLabels:
@@ -69,28 +87,32 @@ class OffsetLabels:
         self.own = self._own_costs()
 
     def solve(self) -> NDArray[np.int64]:
-        """(h, w) label of each pixel of the hole; len(offsets) = guide, -1 = known."""
+        """Return the label (h, w) of each pixel: len(offsets) = guide, -1 = known."""
         beliefs = self.own + sum(self._messages())
         labels = np.full(self.photo.hole.shape, -1, np.int64)
         labels[self.box] = np.where(self.inside, beliefs.argmin(axis=2), -1)
         return labels
 
     def _sources(self, down: int = 0, right: int = 0) -> tuple[NDArray[np.int64], ...]:
-        """Rows, columns (h, w, K) that offsets copy to a neighbour, within the photo."""
+        """Return rows and columns (h, w, K) that offsets copy to a neighbour, inside
+        the photo.
+        """
         height, width = self.photo.hole.shape
         rows = self.rows + down + self.offsets[:, 0]
         columns = self.columns + right + self.offsets[:, 1]
         return np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)
 
     def _label_colours(self) -> F32:
-        """(h, w, K + 1, 5): colour and slopes of each label, in whole numbers."""
+        """Return colour and slopes (h, w, K + 1, 5) of each label as whole numbers."""
         sources = self._sources()
         copies = _colour_and_slopes(self.photo.picture)[sources]
         guide = _colour_and_slopes(self.photo.guide)[self.box][:, :, None]
         return np.concatenate([copies, guide], axis=2)
 
     def _own_costs(self) -> F32:
-        """(h, w, K + 1): costs that do not depend on the neighbours' labels."""
+        """Return the costs (h, w, K + 1) that do not depend on the neighbours'
+        labels.
+        """
         photo, sources = self.photo, self._sources()
         costs = self._guide_costs(sources) + COSTS.rim * self._rim_costs()
         costs += COSTS.far * offset_cost(self.offsets, photo.hole.shape)
@@ -102,57 +124,75 @@ class OffsetLabels:
         return np.asarray(costs, np.float32)
 
     def _usable(self, sources: tuple[NDArray[np.int64], ...]) -> Mask:
-        """(h, w, K): whether an offset stays in the photo and copies known pixels."""
+        """Return (h, w, K) whether an offset stays in the photo and copies known
+        pixels.
+        """
         height, width = self.photo.hole.shape
-        # slopes next to a hole are not known either
-        near = cv2.dilate(self.photo.blocked.astype(np.uint8), np.ones((3, 3))) > 0
-        near[[0, -1]] = near[:, [0, -1]] = True
+        # Slopes next to a hole are unknown, too.
+        blocked_slopes = (
+            cv2.dilate(self.photo.blocked.astype(np.uint8), np.ones((3, 3))) > 0
+        )
+        blocked_slopes[[0, -1]] = blocked_slopes[:, [0, -1]] = True
         rows, columns = (
             self.rows + self.offsets[:, 0],
             self.columns + self.offsets[:, 1],
         )
         legal = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
-        return np.asarray(legal & ~near[sources])
+        return np.asarray(legal & ~blocked_slopes[sources])
 
     def _guide_costs(self, sources: tuple[NDArray[np.int64], ...]) -> F32:
-        soft = _known_blur(self.photo.picture, self.photo.blocked, COSTS.guide_blur)
+        """Return the costs (h, w, K) of differences from the guide's blurred
+        colours.
+        """
+        blurred_sources = _known_blur(
+            self.photo.picture, self.photo.blocked, COSTS.guide_blur
+        )
         aim = cv2.GaussianBlur(self.photo.guide, (0, 0), COSTS.guide_blur)[self.box]
-        gap = ((soft[sources] - aim[:, :, None]) ** 2).sum(axis=-1)
+        gap = ((blurred_sources[sources] - aim[:, :, None]) ** 2).sum(axis=-1)
         return np.asarray(np.minimum(COSTS.guide * gap, COSTS.guide_most), np.float32)
 
     def _contrast_costs(self, sources: tuple[NDArray[np.int64], ...]) -> F32:
-        """(h, w, K): a blur costs as much as too strong a texture."""
+        """Return costs (h, w, K) of contrast: a blur costs as much as too strong a
+        texture.
+        """
         photo = self.photo
-        known = (~photo.blocked).astype(np.float32)
-        total, weights = np.zeros_like(known), np.zeros_like(known)
+        known_weights = (~photo.blocked).astype(np.float32)
+        total, weights = np.zeros_like(known_weights), np.zeros_like(known_weights)
+        # Wide blurs have small weights and count only if no contrast is known nearby.
         for sigma, gain in EXPECTATION:
-            total += gain * cv2.GaussianBlur(photo.contrast * known, (0, 0), sigma)
-            weights += gain * cv2.GaussianBlur(known, (0, 0), sigma)
-        expected = (total / np.maximum(weights, 1e-9))[self.box][..., None]
+            total += gain * cv2.GaussianBlur(
+                photo.contrast * known_weights, (0, 0), sigma
+            )
+            weights += gain * cv2.GaussianBlur(known_weights, (0, 0), sigma)
+        expected_contrast = (total / np.maximum(weights, 1e-9))[self.box][..., None]
         copies = _known_blur(photo.contrast, photo.blocked, 1.0)[sources]
-        gap = np.minimum((copies - expected) ** 2, COSTS.contrast_most)
+        gap = np.minimum((copies - expected_contrast) ** 2, COSTS.contrast_most)
         return np.asarray(COSTS.contrast * gap, np.float32)
 
     def _rim_costs(self) -> F32:
-        """(h, w, K): differences of known neighbours and what is beside the copies."""
+        """Return differences (h, w, K) of known neighbours and the neighbours of the
+        copies.
+        """
         photo = self.photo
         height, width = photo.hole.shape
         costs = np.zeros((*self.inside.shape, len(self.offsets)), np.float32)
         for down, right, weight in _neighbours():
             rows, columns = self.rows[..., 0] + down, self.columns[..., 0] + right
-            known = self.inside & (rows >= 0) & (rows < height)
-            known &= (columns >= 0) & (columns < width)
-            known[known] = ~photo.blocked[rows[known], columns[known]]
-            if not known.any():
+            known_mask = self.inside & (rows >= 0) & (rows < height)
+            known_mask &= (columns >= 0) & (columns < width)
+            known_mask[known_mask] = ~photo.blocked[
+                rows[known_mask], columns[known_mask]
+            ]
+            if not known_mask.any():
                 continue
-            sources = tuple(place[known] for place in self._sources(down, right))
-            aim = photo.picture[rows[known], columns[known]][:, None]
+            sources = tuple(place[known_mask] for place in self._sources(down, right))
+            aim = photo.picture[rows[known_mask], columns[known_mask]][:, None]
             gap = ((photo.picture[sources] - aim) ** 2).sum(axis=-1)
-            costs[known] += np.float32(weight) * gap
+            costs[known_mask] += np.float32(weight) * gap
         return costs
 
     def _messages(self) -> list[F32]:
-        """Messages (h, w, K + 1) from above, below, left and right."""
+        """Return messages (h, w, K + 1) from above, below, left and right."""
         height, width = self.inside.shape
         messages = [np.zeros_like(self.own) for _ in range(4)]
         rows: list[Line] = [(k, slice(None)) for k in range(height)]
@@ -175,48 +215,57 @@ class OffsetLabels:
         last: Line | None = None
         gap = np.zeros(0, np.float32)
         for line in lines:
-            here = self._differences(line)
+            differences = self._differences(line)
             if last is not None:
                 belief = self.own[last].copy()
                 for other, message in enumerate(messages):
+                    # The message back to the receiver is excluded, as in belief
+                    # propagation.
                     if other != back:
                         belief += message[last]
-                gap += here
+                gap += differences
                 gap += belief[:, :, None]
-                passed = gap.min(axis=1)
-                passed -= passed.min(axis=1, keepdims=True)
-                both = self.inside[line] & self.inside[last]
-                messages[index][line] = np.where(both[:, None], passed, 0)
-            last, gap = line, here.copy()
+                message_values = gap.min(axis=1)
+                # Only differences between labels matter; a minimum of 0 avoids large
+                # numbers.
+                message_values -= message_values.min(axis=1, keepdims=True)
+                is_link = self.inside[line] & self.inside[last]
+                messages[index][line] = np.where(is_link[:, None], message_values, 0)
+            last, gap = line, differences.copy()
 
     def _differences(self, line: Line) -> F32:
-        """(n, K + 1, K + 1): squared differences of two labels at one pixel."""
+        """Return squared differences (n, K + 1, K + 1) of two labels at one pixel."""
         colours, square = self.colours[line], self.square[line]
-        both = colours @ np.swapaxes(colours, 1, 2)
-        return np.asarray(square[:, :, None] + square[:, None, :] - 2 * both)
+        products = colours @ np.swapaxes(colours, 1, 2)
+        return np.asarray(square[:, :, None] + square[:, None, :] - 2 * products)
 
 
 def _neighbours() -> Iterable[tuple[int, int, float]]:
-    """Neighbours of a pixel, px down and right, and their weights."""
+    """Yield neighbours of a pixel, px down and right, and their weights."""
     reach = range(-2, 3)
     for down in reach:
         for right in reach:
-            far = abs(down) + abs(right)
-            if 0 < far <= 3:
-                yield down, right, 1.0 if far == 1 else COSTS.rim_second
+            distance = abs(down) + abs(right)
+            if 0 < distance <= 3:
+                yield down, right, 1.0 if distance == 1 else COSTS.rim_second
 
 
 def _colour_and_slopes(picture: F32) -> F32:
-    """(h, w, 5) whole numbers: sums of their products are exact in single precision."""
+    """Return colours and slopes (h, w, 5) as whole numbers.
+
+    Sums of their products are exact in single precision.
+    """
     grey = picture.mean(axis=2)
     slopes = [cv2.Sobel(grey, cv2.CV_32F, *axes) / 4 for axes in ((1, 0), (0, 1))]
     return np.round(np.dstack([picture, *slopes])).astype(np.float32)
 
 
 def _known_blur(picture: F32, blocked: Mask, sigma: float) -> F32:
-    """A blur of `picture` (h, w[, c]) from what is not `blocked` (h, w)."""
-    known = (~blocked).astype(np.float32)
-    weight = np.maximum(cv2.GaussianBlur(known, (0, 0), sigma), 1e-3)
+    """Return a blur of `picture` (h, w[, c]) from pixels that are not `blocked`
+    (h, w).
+    """
+    weights = (~blocked).astype(np.float32)
+    weight = np.maximum(cv2.GaussianBlur(weights, (0, 0), sigma), 1e-3)
     if picture.ndim == 3:
-        known, weight = known[..., None], weight[..., None]
-    return np.asarray(cv2.GaussianBlur(picture * known, (0, 0), sigma) / weight)
+        weights, weight = weights[..., None], weight[..., None]
+    return np.asarray(cv2.GaussianBlur(picture * weights, (0, 0), sigma) / weight)

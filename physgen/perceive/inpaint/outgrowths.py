@@ -1,10 +1,10 @@
-"""What hangs on an object outside its mask: rims of a base, a wheel, a heel tab.
+"""Parts of an object outside its mask: rims of a base, a wheel, a heel tab.
 
-A mask of a network may end before its object does. Parts of the object and its contact
-shadow that are left out look like the object, unlike the ground beside them, and start
-at its outline. They belong to the hole: the fill would copy them, and they would stay
-behind. Colours of object and ground are two mixtures of Gaussians, the border a minimal
-cut (Rother et al. 2004, GrabCut), at reduced size.
+The mask of a network may end before its object. Missing parts of the object and its
+contact shadow look like the object, unlike the ground beside them, and start at its
+outline. They belong to the hole, because the fill would copy them and they would remain
+visible. The colours of object and ground are two mixtures of Gaussians, and the border
+is a minimal cut (Rother et al. 2004, GrabCut) at reduced size.
 """
 
 from __future__ import annotations
@@ -24,62 +24,84 @@ from physgen.perceive.roles import Labels, Mask, Rgb
 class OutgrowthConstants:
     """Constants of the search, chosen on six photos of one object each."""
 
-    side: int = 224  # px: longer side of an object's surroundings when it is searched
-    around: float = 0.3  # of an object's size (root of its area): these surroundings
-    reach: float = 0.22  # of its size: how far a part reaches
-    least: float = 0.01  # of the photo's area: of smaller objects parts are too small
-    objects: int = 5  # the largest ones; more are a heap
-    rounds: int = 2  # of GrabCut, from its first guess
-    seed: int = 1  # of its first clusters
-    touches: float = 2.0  # px between a part and the object, at reduced size
-    contact: float = 0.9  # length along which they touch, over the root of its area
-    smallest: int = 12  # px of a part, at reduced size
-    part: float = 0.12  # of the object's area, at most: more is background like it
-    every: float = 0.2  # of its area, all parts together
-    attached: float = 0.06  # of its area, at most, that becomes a part of the object
-    thin: float = 0.05  # of its size: reach of a part of its upper half, as of a rim
-    longest: float = 0.9  # of the reach: what goes on is background like the object
-    ring: int = 4  # px around a part with which it is compared
-    alike: float = 45.0  # 8-bit codes from a part's colour, with which it goes on
-    highlight: int = 5  # px at reduced size: a bright line across a part is narrower
-    sharp: float = 30.0  # codes across 3 px at the border of a part of the object ...
-    clearer: float = 2.0  # ... and times those of the ground; shadows have less
-    bordered: float = 0.7  # share of its border that is so clear
-    unlike: float = 18.0  # 8-bit codes between a part and the ground beside it
+    # px: longer side of an object's surroundings in the search.
+    side: int = 224
+    # Width of these surroundings over the object's size (root of its area).
+    around: float = 0.3
+    # Largest distance of a part from the mask over the object's size.
+    reach: float = 0.22
+    # Least area of an object over the photo's; parts of smaller objects are too small.
+    least: float = 0.01
+    # Number of the largest objects that are searched; more are a heap.
+    objects: int = 5
+    # Rounds of GrabCut after its first estimate.
+    rounds: int = 2
+    # Seed of its first clusters.
+    seed: int = 1
+    # px at reduced size: largest gap between a part and the object.
+    touches: float = 2.0
+    # Least length of contact over the root of a part's area.
+    contact: float = 0.9
+    # px at reduced size: least area of a part.
+    smallest: int = 12
+    # Largest area of a part over the object's; more is similar background.
+    part: float = 0.12
+    # Largest area of all parts together over the object's.
+    every: float = 0.2
+    # Largest area of parts that are added to the object, over the object's.
+    attached: float = 0.06
+    # Reach of a part of the upper half, e.g. a rim, over the object's size.
+    thin: float = 0.05
+    # Largest extent over the reach: a longer region is similar background.
+    longest: float = 0.9
+    # px around a part that are compared with it.
+    ring: int = 4
+    # 8-bit levels: largest colour difference of a part's continuation.
+    alike: float = 45.0
+    # px at reduced size: largest width of a bright line across a part.
+    highlight: int = 5
+    # Levels across 3 px at the border of a part of the object ...
+    sharp: float = 30.0
+    # ... and the least ratio to the ground's gradient; shadows have less.
+    clearer: float = 2.0
+    # Least share of the border that is this sharp.
+    bordered: float = 0.7
+    # 8-bit levels: least difference between a part and the ground beside it.
+    unlike: float = 18.0
 
 
 OUTGROWTHS = OutgrowthConstants()
 
 
 def outgrowths(photo: Rgb, hole: Mask) -> Mask:
-    """Return parts (H, W) of what is in `hole` (H, W) that lie outside it."""
+    """Return the parts (H, W) of objects in `hole` (H, W) that lie outside it."""
     result = np.zeros_like(hole)
-    for own, box in _large_pieces(hole):
-        result[box] |= _parts(photo[box], own, hole[box]) > 0
+    for piece, box in _large_pieces(hole):
+        result[box] |= _parts(photo[box], piece, hole[box]) > 0
     return _without_ground(result & ~hole)
 
 
 def attach_outgrowths(photo: Rgb, labels: Labels) -> Labels:
-    """Return the label map (H, W) with parts of clear borders as their objects'.
+    """Return the label map (H, W) with sharply bordered parts added to their objects.
 
-    Contact shadow has a soft border. A part of one of several objects that touch each
-    other stays outside: its owner is unsure.
+    Contact shadow has a soft border and is excluded. Parts of touching objects stay
+    outside, because their owner is uncertain.
     """
-    attached = labels.copy()
+    result = labels.copy()
     hole = labels > 0
-    for own, box in _large_pieces(hole):
-        owners = np.unique(labels[box][own])
+    for piece, box in _large_pieces(hole):
+        owners = np.unique(labels[box][piece])
         if len(owners) == 1:
             parts = np.zeros_like(hole)
-            parts[box] = _parts(photo[box], own, hole[box], is_clear=True) >= 0.5
-            parts = _without_ground(parts & (attached == 0))
-            if parts.sum() <= OUTGROWTHS.attached * own.sum():
-                attached[parts] = owners[0]
-    return attached
+            parts[box] = _parts(photo[box], piece, hole[box], is_clear=True) >= 0.5
+            parts = _without_ground(parts & (result == 0))
+            if parts.sum() <= OUTGROWTHS.attached * piece.sum():
+                result[parts] = owners[0]
+    return result
 
 
 def _without_ground(parts: Mask) -> Mask:
-    """Return parts (H, W) without those that reach the photo's border: these are ground."""
+    """Return parts (H, W) without pieces at the photo's border, which are ground."""
     _, names = cv2.connectedComponents(parts.view(np.uint8), connectivity=8)
     sides = (names[0], names[-1], names[:, 0], names[:, -1])
     at_border = np.unique(np.concatenate(sides))
@@ -103,57 +125,85 @@ def _large_pieces(hole: Mask) -> Iterator[tuple[Mask, tuple[slice, slice]]]:
 
 
 def _parts(photo: Rgb, own: Mask, hole: Mask, *, is_clear: bool = False) -> F32:
-    """Return how far (h, w) 0..1 parts beside one object cover its surroundings.
+    """Return the coverage (h, w), 0..1, of the surroundings by parts of one object.
 
-    Those with a clear border alone if `is_clear`.
+    If `is_clear`, only parts with a sharp border count.
     """
     height, width = own.shape
     scale = min(1.0, OUTGROWTHS.side / max(height, width))
     size = max(1, round(width * scale)), max(1, round(height * scale))
     small = np.asarray(cv2.resize(photo, size, interpolation=cv2.INTER_AREA), np.uint8)
-    mine = _reduced(own, size)
-    blocked = _reduced(hole & ~own, size)
-    reach = OUTGROWTHS.reach * float(np.sqrt(np.count_nonzero(mine)))
-    away = np.asarray(
-        cv2.distanceTransform((~mine).view(np.uint8), cv2.DIST_L2, 5), np.float32
+    object_mask = _reduced(own, size)
+    other_objects = _reduced(hole & ~own, size)
+    reach = OUTGROWTHS.reach * float(np.sqrt(np.count_nonzero(object_mask)))
+    distance = np.asarray(
+        cv2.distanceTransform((~object_mask).view(np.uint8), cv2.DIST_L2, 5), np.float32
     )
-    if not mine.any() or not (away > reach).any():
+    if not object_mask.any() or not (distance > reach).any():
         return np.zeros(own.shape, np.float32)
-    like = _like_object(small, mine, (away <= reach) & ~blocked)
-    beside = _Beside(small, away, mine | blocked, reach)
-    parts = beside.parts(like)
+    like = _like_object(small, object_mask, (distance <= reach) & ~other_objects)
+    surroundings = _Beside(small, distance, object_mask | other_objects, reach)
+    parts = surroundings.parts(like)
     if is_clear:
-        parts = beside.clear(parts)
+        parts = surroundings.clear(parts)
     return np.asarray(cv2.resize(parts.astype(np.float32), (width, height)), np.float32)
 
 
 def _reduced(mask: Mask, size: tuple[int, int]) -> Mask:
-    reduced = cv2.resize(mask.view(np.uint8), size, interpolation=cv2.INTER_NEAREST)
-    return np.asarray(reduced > 0)
+    small_mask = cv2.resize(mask.view(np.uint8), size, interpolation=cv2.INTER_NEAREST)
+    return np.asarray(small_mask > 0)
 
 
 def _like_object(photo: Rgb, own: Mask, band: Mask) -> Mask:
-    """Return the pixels (h, w) of a `band` that look like an object, not like ground."""
-    known: NDArray[np.uint8] = np.full(own.shape, cv2.GC_BGD, np.uint8)
-    known[own] = cv2.GC_FGD
-    whole = 0, 0, own.shape[1], own.shape[0]
-    far, near = np.zeros((1, 65)), np.zeros((1, 65))
+    """Return the pixels (h, w) of a `band` that look like the object rather than the
+    ground.
+    """
+    seeds: NDArray[np.uint8] = np.full(own.shape, cv2.GC_BGD, np.uint8)
+    seeds[own] = cv2.GC_FGD
+    full_rectangle = 0, 0, own.shape[1], own.shape[0]
+    background_model, object_model = np.zeros((1, 65)), np.zeros((1, 65))
     cv2.setRNGSeed(OUTGROWTHS.seed)
-    # models are learnt without the band: a wheel there is no colour of the ground
+    # The models are learnt without the band: a wheel in it has no ground colour.
     ground = np.where(band[..., None], _nearest_outside(photo, band | own), photo)
-    cv2.grabCut(ground, known, whole, far, near, 1, cv2.GC_INIT_WITH_MASK)
+    cv2.grabCut(
+        ground,
+        seeds,
+        full_rectangle,
+        background_model,
+        object_model,
+        1,
+        cv2.GC_INIT_WITH_MASK,
+    )
     classes: NDArray[np.uint8] = np.full(own.shape, cv2.GC_BGD, np.uint8)
     classes[band] = cv2.GC_PR_BGD
     classes[own] = cv2.GC_FGD
-    cv2.grabCut(photo, classes, whole, far, near, 1, cv2.GC_EVAL_FREEZE_MODEL)
-    cv2.grabCut(photo, classes, whole, far, near, OUTGROWTHS.rounds, cv2.GC_EVAL)
+    cv2.grabCut(
+        photo,
+        classes,
+        full_rectangle,
+        background_model,
+        object_model,
+        1,
+        cv2.GC_EVAL_FREEZE_MODEL,
+    )
+    cv2.grabCut(
+        photo,
+        classes,
+        full_rectangle,
+        background_model,
+        object_model,
+        OUTGROWTHS.rounds,
+        cv2.GC_EVAL,
+    )
     like = ((classes == cv2.GC_PR_FGD) & ~own).view(np.uint8)
-    opened = cv2.morphologyEx(like, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
-    return np.asarray(opened > 0)
+    cleaned_mask = cv2.morphologyEx(like, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
+    return np.asarray(cleaned_mask > 0)
 
 
 def _nearest_outside(photo: Rgb, mask: Mask) -> Rgb:
-    """Return the photo (h, w, 3), each pixel of a mask as the nearest outside it."""
+    """Return the photo (h, w, 3) with each pixel of a mask replaced by the nearest
+    other one.
+    """
     _, nearest = cv2.distanceTransformWithLabels(
         mask.view(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )
@@ -169,14 +219,16 @@ class _Beside:
 
     photo: Rgb
     away: F32
-    """px to the object."""
+    """Distance to the object, px."""
     taken: Mask
-    """All objects."""
+    """Pixels of all objects."""
     reach: float
-    """px that a part reaches at most."""
+    """Largest reach of a part, px."""
 
     def parts(self, like: Mask) -> Mask:
-        """Return the pieces of `like` that are parts, whole; none if too many."""
+        """Return the complete pieces of `like` that are parts; none if they are too
+        many.
+        """
         area = np.count_nonzero(self.taken)
         parts = np.zeros_like(like)
         count, names = cv2.connectedComponents(like.view(np.uint8), connectivity=8)
@@ -193,7 +245,7 @@ class _Beside:
         return np.zeros_like(parts) if is_texture else parts
 
     def clear(self, parts: Mask) -> Mask:
-        """Return the pieces of `parts` (h, w) with borders clearer than the ground."""
+        """Return the pieces of `parts` (h, w) with sharper borders than the ground."""
         square = np.ones((3, 3), np.uint8)
         slope = cv2.cvtColor(self.photo, cv2.COLOR_RGB2GRAY)
         slope = np.asarray(cv2.morphologyEx(slope, cv2.MORPH_GRADIENT, square))
@@ -207,24 +259,29 @@ class _Beside:
             if not (border.any() and ground.any()):
                 continue
             usual = OUTGROWTHS.clearer * float(np.median(slope[ground]))
-            is_clear = slope[border] >= max(OUTGROWTHS.sharp, usual)
-            if is_clear.mean() >= OUTGROWTHS.bordered:
+            sharp_pixels = slope[border] >= max(OUTGROWTHS.sharp, usual)
+            if sharp_pixels.mean() >= OUTGROWTHS.bordered:
                 result |= piece
         return result
 
     def _whole(self, piece: Mask, like: Mask) -> Mask:
-        """Return a piece with what of its colour goes on beside it and below."""
+        """Return a piece with the adjacent pixels of its colour beside and below it."""
         ground = self._ring(piece, like)
         if not ground.any():
             return piece
-        own, other = self._steps(piece), self._steps(ground)
-        is_own = (own <= OUTGROWTHS.alike) & (own < other) & ~self.taken
-        is_own[: np.nonzero(piece)[0].min()] = False
-        square = np.ones((OUTGROWTHS.highlight, OUTGROWTHS.highlight), np.uint8)
-        joined = cv2.morphologyEx(
-            (is_own | piece).view(np.uint8), cv2.MORPH_CLOSE, square
+        own_difference, ground_difference = self._steps(piece), self._steps(ground)
+        own_pixels = (
+            (own_difference <= OUTGROWTHS.alike)
+            & (own_difference < ground_difference)
+            & ~self.taken
         )
-        _, names = cv2.connectedComponents(joined, connectivity=8)
+        own_pixels[: np.nonzero(piece)[0].min()] = False
+        square = np.ones((OUTGROWTHS.highlight, OUTGROWTHS.highlight), np.uint8)
+        # Closing bridges bright lines, so that a highlight does not cut the part.
+        joint_mask = cv2.morphologyEx(
+            (own_pixels | piece).view(np.uint8), cv2.MORPH_CLOSE, square
+        )
+        _, names = cv2.connectedComponents(joint_mask, connectivity=8)
         return np.isin(names, np.unique(names[piece])) & ~self.taken
 
     def _is_part(self, piece: Mask) -> bool:
@@ -245,10 +302,12 @@ class _Beside:
     def _ring(self, piece: Mask, like: Mask) -> Mask:
         """Return the ground around a piece."""
         kernel = np.ones((2 * OUTGROWTHS.ring + 1,) * 2, np.uint8)
-        near = cv2.dilate(piece.view(np.uint8), kernel) > 0
-        return np.asarray(near & ~like & ~self.taken)
+        neighbourhood = cv2.dilate(piece.view(np.uint8), kernel) > 0
+        return np.asarray(neighbourhood & ~like & ~self.taken)
 
     def _steps(self, mask: Mask) -> F32:
-        """Return 8-bit codes (h, w) from the median colour of a mask."""
+        """Return the difference (h, w) from the median colour of a mask, 8-bit
+        levels.
+        """
         colour = np.median(self.photo[mask], axis=0)
         return np.asarray(np.abs(self.photo - colour).max(axis=2), np.float32)

@@ -1,4 +1,6 @@
-"""Inpainting by a generative model in windows around the hole, blended back into the photo."""
+"""Inpainting by a generative model in windows around the hole, blended into the
+photo.
+"""
 
 from __future__ import annotations
 
@@ -15,93 +17,111 @@ from physgen.perceive.roles import Rgb
 
 Mask = NDArray[np.bool_]
 Painter = Callable[[Rgb, Mask], Rgb]
-"""Picture (h, w, 3) and hole (h, w) to picture (h, w, 3) uint8; pixels outside the hole may change."""
+"""Return a picture (h, w, 3) uint8 for a picture (h, w, 3) and a hole (h, w); pixels
+outside the hole may change.
+"""
 
 CONTACT = 20 / 512
-"""Of the photo's longer side: margin around an object that is painted over, for its contact shadow. The paper dilates
-by a kernel of 40 px at 512 px (appendix, background inpainting)."""
+"""Margin around an object, as a share of the photo's longer side, that is painted
+because of contact shadow.
+
+The paper dilates by a kernel of 40 px at 512 px (appendix, background inpainting).
+"""
 EVEN = 4.0
-"""px: standard deviation of the blur that separates a painter's shift of colour from its detail."""
+"""px: standard deviation of the blur that separates a shift of colour from detail."""
 
 
 def inpaint_windows(rgb: Rgb, hole: Mask, paint: Painter, least: int) -> Rgb:
-    """`rgb` with `hole` (H, W) painted; outside the hole it equals `rgb`.
+    """Return `rgb` with `hole` (H, W) painted; other pixels are unchanged.
 
-    Contact shadows around the hole are painted over, so that they are not continued; windows are at least `least` px
-    wide and high where the photo is. A shift of colour between painting and photo is removed. An empty hole, and one
-    that covers the photo, return the photo.
+    Contact shadows around the hole are painted as well, so that they do not continue
+    into it. Windows are at least `least` px wide and high if the photo is. A shift of
+    colour between painting and photo is removed. If the hole is empty or covers the
+    photo, the photo is returned.
     """
     if not hole.any() or hole.all():
         return rgb.copy()
-    wide = widened(hole)
+    wide_hole = widened(hole)
     picture = rgb.astype(np.float32)
-    for part in windows(wide, least):
-        strokes = paint(rgb[part], wide[part])
-        picture[part] = strokes + _shift(rgb[part], strokes, wide[part])
+    for part in windows(wide_hole, least):
+        strokes = paint(rgb[part], wide_hole[part])
+        picture[part] = strokes + _shift(rgb[part], strokes, wide_hole[part])
     return blend_at_border(picture, rgb, hole)
 
 
 def widened(hole: Mask) -> Mask:
-    """The hole and the contact shadows around it; with a smaller margin where that would cover the photo."""
-    away = cv2.distanceTransform(1 - hole.astype(np.uint8), cv2.DIST_L2, 5)
+    """Return the hole with the contact shadows around it.
+
+    The margin is reduced if it would cover the photo.
+    """
+    distance = cv2.distanceTransform(1 - hole.astype(np.uint8), cv2.DIST_L2, 5)
     reach = CONTACT * max(hole.shape)
     while reach > 1:
-        wide = away <= reach
-        if not wide.all():
-            return np.asarray(wide)
+        wide_hole = distance <= reach
+        if not wide_hole.all():
+            return np.asarray(wide_hole)
         reach /= 2
     return hole
 
 
 def windows(hole: Mask, least: int) -> list[tuple[slice, slice]]:
-    """Rows and columns of windows twice as large as the pieces of `hole` (H, W); no two overlap.
+    """Return rows and columns of windows twice as large as the pieces of `hole` (H, W).
 
-    Each is at least `least` px high and wide, where the photo is.
+    Windows do not overlap and are at least `least` px high and wide if the photo is.
     """
     canvas = np.zeros_like(hole)
     for rows, columns in _rectangles(hole):
         canvas[
             _around(rows, hole.shape[0], least), _around(columns, hole.shape[1], least)
         ] = True
-    while True:  # touching windows are merged
-        found = _rectangles(canvas)
+    # Merge touching windows until none touch.
+    while True:
+        rectangles = _rectangles(canvas)
         before = np.count_nonzero(canvas)
-        for part in found:
+        for part in rectangles:
             canvas[part] = True
         if np.count_nonzero(canvas) == before:
-            return found
+            return rectangles
 
 
 def model_size(shape: tuple[int, ...], native: int, step: int) -> tuple[int, int]:
-    """The size of a window of `shape` (H, W) for a model of `native` px squared: multiples of `step`.
+    """Return the size for a model of `native` px squared, in multiples of `step`.
+
+    `shape` (H, W) is the size of the window.
 
     >>> model_size((300, 400), 512, 16)
     (448, 592)
     """
     scale = min(native / math.sqrt(shape[0] * shape[1]), 2 * native / max(shape[:2]))
-    tall, wide = (max(2, round(side * scale / step)) * step for side in shape[:2])
-    return tall, wide
+    model_height, model_width = (
+        max(2, round(side * scale / step)) * step for side in shape[:2]
+    )
+    return model_height, model_width
 
 
 def resize_window(rgb: Rgb, wanted: Mask, size: tuple[int, int]) -> tuple[Rgb, Mask]:
-    """A window and its hole, both resized to `size` (h, w)."""
+    """Return a window and its hole, both resized to `size` (h, w)."""
     if rgb.shape[:2] == size:
         return rgb, wanted
-    how = cv2.INTER_AREA if size[1] < rgb.shape[1] else cv2.INTER_LINEAR
-    mask = cv2.resize(wanted.astype(np.float32), size[::-1], interpolation=how)
+    interpolation = cv2.INTER_AREA if size[1] < rgb.shape[1] else cv2.INTER_LINEAR
+    mask = cv2.resize(
+        wanted.astype(np.float32), size[::-1], interpolation=interpolation
+    )
     return resize_picture(rgb, size), np.asarray(mask > 0)
 
 
 def resize_picture(picture: Rgb, size: tuple[int, int]) -> Rgb:
-    """A picture resized to `size` (h, w)."""
+    """Return a picture resized to `size` (h, w)."""
     if picture.shape[:2] == size:
         return picture
-    how = cv2.INTER_AREA if size[1] < picture.shape[1] else cv2.INTER_CUBIC
-    return np.asarray(cv2.resize(picture, size[::-1], interpolation=how), np.uint8)
+    interpolation = cv2.INTER_AREA if size[1] < picture.shape[1] else cv2.INTER_CUBIC
+    return np.asarray(
+        cv2.resize(picture, size[::-1], interpolation=interpolation), np.uint8
+    )
 
 
 def _rectangles(mask: Mask) -> list[tuple[slice, slice]]:
-    """Rows and columns of each connected piece."""
+    """Return rows and columns of each connected piece."""
     _, _, stats, _ = cv2.connectedComponentsWithStats(
         mask.astype(np.uint8), connectivity=8
     )
@@ -109,15 +129,28 @@ def _rectangles(mask: Mask) -> list[tuple[slice, slice]]:
 
 
 def _around(span: slice, side: int, least: int) -> slice:
-    """A span with half its length added on both sides, at least `least` long, within the photo's `side`."""
-    wanted = min(side, max(least, 2 * (span.stop - span.start)))
-    start = min(max(0, (span.start + span.stop - wanted) // 2), side - wanted)
-    return slice(start, start + wanted)
+    """Return a span extended by half its length on both sides, inside the photo's
+    `side`.
+
+    The result is at least `least` long.
+    """
+    length = min(side, max(least, 2 * (span.stop - span.start)))
+    start = min(max(0, (span.start + span.stop - length) // 2), side - length)
+    return slice(start, start + length)
 
 
 def _shift(photo: Rgb, picture: Rgb, wide: Mask) -> F32:
-    """(h, w, 3): the smoothed difference of photo and painting around the hole, extended over the hole."""
-    off = np.where(wide[:, :, None], np.float32(0), photo.astype(np.float32) - picture)
-    seen = cv2.GaussianBlur((~wide).astype(np.float32), (0, 0), EVEN)
-    even = cv2.GaussianBlur(off, (0, 0), EVEN) / np.maximum(seen, 1e-3)[:, :, None]
-    return harmonic_fill(np.where(wide[:, :, None], np.float32(0), even), wide, 0.1)
+    """Return the smoothed difference (h, w, 3) of photo and painting, extended over the
+    hole.
+    """
+    differences = np.where(
+        wide[:, :, None], np.float32(0), photo.astype(np.float32) - picture
+    )
+    known_share = cv2.GaussianBlur((~wide).astype(np.float32), (0, 0), EVEN)
+    smooth_shift = (
+        cv2.GaussianBlur(differences, (0, 0), EVEN)
+        / np.maximum(known_share, 1e-3)[:, :, None]
+    )
+    return harmonic_fill(
+        np.where(wide[:, :, None], np.float32(0), smooth_shift), wide, 0.1
+    )

@@ -1,4 +1,4 @@
-"""Candidate objects: groups of pixels that belong together, cut-outs of boxes, and what edges select."""
+"""Candidate objects: groups of pixels, cut-outs of boxes, and selections by edges."""
 
 from __future__ import annotations
 
@@ -37,24 +37,34 @@ Array = NDArray[np.float64]
 class CandidateConstants:
     """Constants of candidates; areas are in px of the network's grid."""
 
-    on: float = 0.3  # foreground from which a basin may be part of an object
+    # Least mean foreground of a basin that may be part of an object.
+    on: float = 0.3
     border_share: float = 0.6
-    """Share of the boundary map in the relief; the rest is the lack of affinity of neighbours."""
-    joining: int = 9  # px of the grid: pairs of pixels up to so far apart say which basins belong together
-    whole: float = 0.4  # mean affinity from which parts are one object
-    smallest: int = 14  # px of the network's grid, of the smallest candidate
-    largest: float = 0.8  # of the photo: the largest candidate
+    """Share of the boundary map in the relief; the rest is the lack of affinity between
+    neighbours.
+    """
+    # px of the grid: largest distance of pixel pairs that join basins.
+    joining: int = 9
+    # Least mean affinity between parts of one object.
+    whole: float = 0.4
+    # px of the network's grid: least area of a candidate.
+    smallest: int = 14
+    # Largest area of a candidate over the photo's.
+    largest: float = 0.8
     least_foreground: float = 0.2
-    """Mean foreground of a group below which it is dropped."""
+    """Least mean foreground of a group."""
     score_middle: float = 0.8
-    """Score of the selection by edges whose confidence is a half."""
-    score_width: float = 0.05  # width of the logistic from score to confidence
+    """Score of a selection by edges with a confidence of one half."""
+    # Width of the logistic function from score to confidence.
+    score_width: float = 0.05
     cut_outs: int = 9
     """Boxes that are cut out in any photo, the best ones: each costs 35 ms."""
-    likely: float = 0.3  # score of a movable whole from which more boxes are cut out
-    likely_cut_outs: int = 20  # boxes that are cut out at most
+    # Score of a movable whole above which more boxes are cut out.
+    likely: float = 0.3
+    # Largest number of boxes that are cut out.
+    likely_cut_outs: int = 20
     same_group: float = 0.9
-    """IoU of a box with a group's from which the group stands for it."""
+    """Least IoU of a box with the box of a group that replaces it."""
 
 
 CANDIDATES = CandidateConstants()
@@ -62,33 +72,39 @@ CANDIDATES = CandidateConstants()
 
 @dataclass(frozen=True, eq=False)
 class Outlined:
-    """A candidate that the photo's edges selected."""
+    """A candidate selected by the photo's edges."""
 
-    rough: Proposal  # on the network's grid
-    mask: Proposal  # on the grid of the edges
-    shape: tuple[int, int]  # (h, w) of that grid
-    confidence: float  # 0..1, of the selection by edges
+    # On the network's grid.
+    rough: Proposal
+    # On the grid of the edges.
+    mask: Proposal
+    # (h, w) of that grid.
+    shape: tuple[int, int]
+    # 0..1: confidence of the selection by edges.
+    confidence: float
 
 
 @dataclass(frozen=True, eq=False)
 class CutOut:
     """A candidate that was cut out in a box."""
 
-    mask: Proposal  # on the network's grid
-    corners: Array  # (4,) px: the box on the photo
+    # On the network's grid.
+    mask: Proposal
+    # (4,) px: the box on the photo.
+    corners: Array
 
 
 @dataclass(frozen=True, eq=False)
 class Candidates:
-    """Candidates on the network's grid of `shape` (h, w), with what the judge reads."""
+    """Candidates on the network's grid of `shape` (h, w), with the judge's features."""
 
     shape: tuple[int, int]
     proposals: Sequence[Proposal]
     features: Array  # (n, len(FEATURES))
     edges: Array
-    """(n,) 0..1: confidence of the selection by edges; 0 where it did not select it."""
+    """(n,) 0..1: confidence of the selection by edges, 0 for other candidates."""
     outlined: Mapping[int, Outlined] = field(default_factory=dict)
-    """What edges selected, by index."""
+    """Selections by edges, by index."""
     corners: Mapping[int, Array] = field(default_factory=dict)
     """Boxes (4,) on the photo in which candidates were cut out, by index."""
 
@@ -96,8 +112,8 @@ class Candidates:
         """Return the mask of a candidate on a photo of `size` (H, W)."""
         mask = self.proposals[k].on(self.shape)
         if k in self.outlined:
-            fine = self.outlined[k]
-            mask = fine.mask.on(fine.shape)
+            edge_selection = self.outlined[k]
+            mask = edge_selection.mask.on(edge_selection.shape)
         return cv2.resize(mask.astype(np.uint8), size[::-1]) > 0
 
 
@@ -109,64 +125,77 @@ def find_candidates(
 ) -> Candidates:
     """Return the candidates of a photo (H, W, 3) sRGB.
 
-    Those that `edges` selected come last; the judge learns without them.
+    Selections by `edges` come last; the judge is trained without them.
     """
     shape = seen.foreground.shape
     evidence = gather_evidence(rgb, seen, boxes)
     groups = find_groups(seen)
     cut_outs = cut_out_boxes(rgb, evidence, groups)
     first = len(groups) + len(cut_outs)
-    outlined = edge_candidates(edges, seen) if edges else []
-    cut_masks = [one.mask for one in cut_outs]
-    proposals = [*groups, *cut_masks, *(one.rough for one in outlined)]
-    agreement = np.array([0.0] * first + [one.confidence for one in outlined])
+    edge_selections = edge_candidates(edges, seen) if edges else []
+    cut_masks = [selection.mask for selection in cut_outs]
+    proposals = [
+        *groups,
+        *cut_masks,
+        *(selection.rough for selection in edge_selections),
+    ]
+    agreement = np.array(
+        [0.0] * first + [selection.confidence for selection in edge_selections]
+    )
     return Candidates(
         shape,
         proposals,
         judge_features(proposals, evidence),
         agreement,
-        {first + k: one for k, one in enumerate(outlined)},
-        {len(groups) + k: one.corners for k, one in enumerate(cut_outs)},
+        {first + k: selection for k, selection in enumerate(edge_selections)},
+        {len(groups) + k: selection.corners for k, selection in enumerate(cut_outs)},
     )
 
 
 def edge_candidates(edges: EdgeSearch, seen: NetworkMaps) -> list[Outlined]:
-    """Return what the photo's edges selected on what the network sees as objects."""
+    """Return the selections by edges in the network's foreground."""
     shape = seen.foreground.shape
-    sure = 1 / (
+    confidences = 1 / (
         1 + np.exp((CANDIDATES.score_middle - edges.scores) / CANDIDATES.score_width)
     )
-    outlined = []
-    for one, confidence in zip(edges.chosen, sure.tolist(), strict=True):
-        rough = rescaled(one, edges.shape, shape)
-        if rough and _mean(seen.foreground, rough) >= CANDIDATES.least_foreground:
-            outlined.append(Outlined(rough, one, edges.shape, confidence))
-    return outlined
+    selections = []
+    for proposal, confidence in zip(edges.chosen, confidences.tolist(), strict=True):
+        grid_proposal = rescaled(proposal, edges.shape, shape)
+        if (
+            grid_proposal
+            and _mean(seen.foreground, grid_proposal) >= CANDIDATES.least_foreground
+        ):
+            selections.append(
+                Outlined(grid_proposal, proposal, edges.shape, confidence)
+            )
+    return selections
 
 
 def find_groups(seen: NetworkMaps) -> list[Proposal]:
-    """Return groups of pixels that the network sees as one: parts, wholes and piles."""
+    """Return groups of pixels from the network's affinities: parts, wholes and
+    piles.
+    """
     cells = seen.foreground.size
     largest = round(CANDIDATES.largest * cells)
     groups, wholes = network_proposals(seen, CANDIDATES.smallest, largest)
     return [
-        one
-        for one in distinct([*groups, *wholes])
-        if _mean(seen.foreground, one) >= CANDIDATES.least_foreground
+        proposal
+        for proposal in distinct([*groups, *wholes])
+        if _mean(seen.foreground, proposal) >= CANDIDATES.least_foreground
     ]
 
 
 def cut_out_boxes(
     rgb: NDArray[np.uint8], evidence: Evidence, groups: Sequence[Proposal]
 ) -> list[CutOut]:
-    """Cut out the best boxes, without those that a group already fits."""
+    """Cut out the best boxes, except boxes that match a group."""
     boxes, shape = evidence.boxes, evidence.colours.shape
-    group_boxes = np.array([one.box for one in groups], np.float64).reshape(-1, 4)
+    group_boxes = np.array([group.box for group in groups], np.float64).reshape(-1, 4)
     fit = box_overlap(evidence.corners, group_boxes).max(axis=1, initial=0.0)
     free = np.flatnonzero(fit < CANDIDATES.same_group)
     promise = np.maximum(boxes.movable, 0.5 * boxes.immovable)[free]
-    likely = np.count_nonzero(boxes.movable[free] > CANDIDATES.likely)
-    count = max(CANDIDATES.cut_outs, min(int(likely), CANDIDATES.likely_cut_outs))
+    likely_count = np.count_nonzero(boxes.movable[free] > CANDIDATES.likely)
+    count = max(CANDIDATES.cut_outs, min(int(likely_count), CANDIDATES.likely_cut_outs))
     best = free[np.argsort(-promise, kind="stable")][:count]
     cut_outs = []
     for k in best.tolist():
@@ -177,25 +206,27 @@ def cut_out_boxes(
 
 
 def _mean(values: F32, one: Proposal) -> float:
-    """Mean of a map of the network (h, w) on a proposal of its grid."""
+    """Return the mean of a map (h, w) over a proposal on the same grid."""
     left, top, right, bottom = one.box
     return float(values[top:bottom, left:right][one.mask].mean())
 
 
 def border_relief(seen: NetworkMaps) -> F32:
-    """(h, w) 0..1: how likely a border runs here."""
-    apart = np.zeros_like(seen.boundary)
+    """Return the probability (h, w) of a border at each pixel."""
+    separation = np.zeros_like(seen.boundary)
     for n, (down, right) in enumerate(OFFSETS):
-        if max(abs(down), abs(right)) <= 3:  # the border lies in the middle of the pair
+        # The border lies in the middle of the pair.
+        if max(abs(down), abs(right)) <= 3:
             middle = np.array([[1, 0, right / 2], [0, 1, down / 2]])
-            size = apart.shape[::-1]
-            there = cv2.warpAffine(
+            size = separation.shape[::-1]
+            centred_map = cv2.warpAffine(
                 1 - seen.pairs[n], middle, size, borderMode=cv2.BORDER_REPLICATE
             )
-            apart = np.maximum(apart, there)
-    apart = apart * seen.foreground
+            separation = np.maximum(separation, centred_map)
+    separation = separation * seen.foreground
     return np.asarray(
-        CANDIDATES.border_share * seen.boundary + (1 - CANDIDATES.border_share) * apart,
+        CANDIDATES.border_share * seen.boundary
+        + (1 - CANDIDATES.border_share) * separation,
         np.float32,
     )
 
@@ -203,9 +234,11 @@ def border_relief(seen: NetworkMaps) -> F32:
 def network_proposals(
     seen: NetworkMaps, smallest: int, largest: int
 ) -> tuple[list[Proposal], list[Proposal]]:
-    """Proposals on the network's grid, of `smallest` to `largest` px of it: parts and piles, and wholes.
+    """Return parts and piles, and wholes, of `smallest` to `largest` px of the
+    network's grid.
 
-    They are groups of basins by affinity; wholes are the largest groups whose parts all belong together.
+    They are groups of basins, merged by affinity; wholes are the largest groups with
+    high affinity between all parts.
     """
     height, width = seen.foreground.shape
     labels = basins(
@@ -218,30 +251,41 @@ def network_proposals(
             and down < height
             and abs(right) < width
         ):
-            here = slice(0, height - down), slice(max(-right, 0), width - max(right, 0))
-            there = slice(down, height), slice(max(right, 0), width + min(right, 0))
-            pairs.append((here, there, 1 - affinity[here]))
-    kept = _on_objects(labels, seen.foreground)
-    tree = merge_tree(pair_borders(labels, pairs, kept), stale=0)
-    apart = 1 - CANDIDATES.whole
-    beyond = np.where(tree.parent >= 0, tree.height[tree.parent], 1.0)
-    whole = (tree.height < apart) & (beyond >= apart)
-    found = tree_regions(tree, labels, tree.without(kept), smallest, largest)
-    return [one for k, one in found if not whole[k]], [
-        one for k, one in found if whole[k]
+            first_side = (
+                slice(0, height - down),
+                slice(max(-right, 0), width - max(right, 0)),
+            )
+            second_side = (
+                slice(down, height),
+                slice(max(right, 0), width + min(right, 0)),
+            )
+            pairs.append((first_side, second_side, 1 - affinity[first_side]))
+    object_basins = _on_objects(labels, seen.foreground)
+    tree = merge_tree(pair_borders(labels, pairs, object_basins), stale=0)
+    limit = 1 - CANDIDATES.whole
+    parent_height = np.where(tree.parent >= 0, tree.height[tree.parent], 1.0)
+    whole_nodes = (tree.height < limit) & (parent_height >= limit)
+    tree_proposals = tree_regions(
+        tree, labels, tree.without(object_basins), smallest, largest
+    )
+    return [proposal for k, proposal in tree_proposals if not whole_nodes[k]], [
+        proposal for k, proposal in tree_proposals if whole_nodes[k]
     ]
 
 
 def _on_objects(labels: NDArray[np.int32], foreground: F32) -> NDArray[np.bool_]:
-    """(basins,): which basins (h, w) may be parts of objects."""
-    on = np.bincount(labels.ravel(), foreground.ravel())
-    return np.asarray(on >= CANDIDATES.on * np.bincount(labels.ravel()))
+    """Return (basins,) whether basins (h, w) may be parts of objects."""
+    foreground_sums = np.bincount(labels.ravel(), foreground.ravel())
+    return np.asarray(foreground_sums >= CANDIDATES.on * np.bincount(labels.ravel()))
 
 
 def rescaled(
     one: Proposal, shape: tuple[int, int], onto: tuple[int, int]
 ) -> Proposal | None:
-    """A proposal on a grid of `shape` (h, w) as it lies on the grid `onto`; None where nothing is left of it."""
+    """Return a proposal on a grid of `shape` (h, w), moved to the grid `onto`, or None.
+
+    None means that no pixel remains.
+    """
     down, right = onto[0] / shape[0], onto[1] / shape[1]
     left, top, end, bottom = one.box
     x0, y0 = int(left * right), int(top * down)
@@ -249,24 +293,25 @@ def rescaled(
         min(int(np.ceil(end * right)), onto[1]),
         min(int(np.ceil(bottom * down)), onto[0]),
     )
-    # canvas pixel centres to those of the proposal
+    # Maps pixel centres of the target to those of the proposal.
     matrix = np.array(
         [
             [1 / right, 0, (x0 + 0.5) / right - 0.5 - left],
             [0, 1 / down, (y0 + 0.5) / down - 0.5 - top],
         ]
     )
-    soft = one.mask.astype(np.float32)
-    if right < 1:  # many pixels become one
+    soft_mask = one.mask.astype(np.float32)
+    # Blur before many pixels become one, against aliasing.
+    if right < 1:
         blur = cv2.GaussianBlur(
-            soft, (0, 0), 0.4 / right, borderType=cv2.BORDER_CONSTANT
+            soft_mask, (0, 0), 0.4 / right, borderType=cv2.BORDER_CONSTANT
         )
-        soft = np.asarray(blur, np.float32)
-    there = cv2.warpAffine(
-        soft,
+        soft_mask = np.asarray(blur, np.float32)
+    grid_mask = cv2.warpAffine(
+        soft_mask,
         matrix,
         (x1 - x0, y1 - y0),
         flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
         borderMode=cv2.BORDER_CONSTANT,
     )
-    return cut_out(there >= 0.5, x0, y0, 1)
+    return cut_out(grid_mask >= 0.5, x0, y0, 1)

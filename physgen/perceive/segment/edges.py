@@ -26,19 +26,29 @@ class SelectionConstants:
     """Constants of the selection by edges, chosen on photos."""
 
     threshold: float = 0.58
-    """Score below which a proposal is dropped. This and the following values were chosen on photos."""
+    """Score below which a proposal is dropped. All values were chosen on photos."""
     area_power: float = 0.7
-    """Exponent of the area in a proposal's gain, which balances wholes against their parts."""
+    """Exponent of the area in a proposal's gain; it balances wholes against their
+    parts.
+    """
     set_bonus: float = 0.1
-    """Bonus where three selected proposals have the same size and compactness: objects come in sets."""
+    """Bonus if three selected proposals have the same size and compactness, because
+    objects often come in sets.
+    """
     gap_penalty: float = 0.4
-    """Penalty of a small proposal between larger selected ones: a gap, or a face of an object."""
-    working_area: int = 512 * 512  # px searched; larger photos are reduced to it
-    working_side: int = 4096  # px: the longest side searched, of a panorama
+    """Penalty of a small proposal between larger selected ones: a gap, or a face of an
+    object.
+    """
+    # px: area of the searched picture; larger photos are reduced to it.
+    working_area: int = 512 * 512
+    # px: longest side of the searched picture, for panoramas.
+    working_side: int = 4096
     areas: tuple[float, ...] = (0.0012, 0.22)
-    """Of the photo: bounds of an object's area in the selection by edges."""
+    """Bounds of an object's area over the photo's."""
     noise: float = 1.2
-    """Of CIELAB a px, of the median edge: in a rougher photo, edges select little that is right."""
+    """Median edge strength, CIELAB per px, above which edges rarely select correct
+    objects.
+    """
 
 
 SELECTION = SelectionConstants()
@@ -65,29 +75,32 @@ def search_edges(rgb: NDArray[np.uint8]) -> EdgeSearch:
         SELECTION.working_side / max(height, width),
     )
     size = max(1, round(width * scale)), max(1, round(height * scale))
-    reduced = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA) if scale < 1 else rgb
+    small_photo = (
+        cv2.resize(rgb, size, interpolation=cv2.INTER_AREA) if scale < 1 else rgb
+    )
     shape = size[1], size[0]
     smallest, largest = (round(part * size[0] * size[1]) for part in SELECTION.areas)
     smallest = max(12, smallest)
-    colour = smoothed_lab(np.asarray(reduced, np.uint8))
+    colour = smoothed_lab(np.asarray(small_photo, np.uint8))
     gradient = colour_gradient(colour)
     if gradient.noise > SELECTION.noise:
         return EdgeSearch(shape, [], np.zeros(0))
     regions = stable_regions(colour, gradient, smallest, largest)
     circles = discs(gradient, smallest, largest)
     proposals = distinct(regions + circles)
-    least = SELECTION.threshold - SELECTION.set_bonus
-    scores = score_proposals(proposals, colour, gradient, least)
-    chosen, final = select(proposals, scores, shape)
-    return EdgeSearch(shape, chosen, final)
+    least_score = SELECTION.threshold - SELECTION.set_bonus
+    scores = score_proposals(proposals, colour, gradient, least_score)
+    selection, final = select(proposals, scores, shape)
+    return EdgeSearch(shape, selection, final)
 
 
 def select(
     proposals: Sequence[Proposal], looks: Scores, shape: tuple[int, int]
 ) -> tuple[list[Proposal], NDArray[np.float64]]:
-    """The set without overlap of the largest gain on a grid of `shape` (h, w), with final scores.
+    """Return the set with the largest gain without overlap, and its final scores.
 
-    There are two rounds, since the scores depend on the selection.
+    The grid is `shape` (h, w). There are two rounds, since the scores depend on the
+    selection.
     """
     worth = np.flatnonzero(looks.score > SELECTION.threshold - SELECTION.set_bonus)
     pool = [proposals[i] for i in worth.tolist()]
@@ -98,32 +111,36 @@ def select(
     weight = (area / (shape[0] * shape[1])) ** SELECTION.area_power
     excludes = exclusions(pool)
     final, gap = score, np.zeros(len(pool))
-    chosen = best_set((final - SELECTION.threshold) * weight, excludes)
+    selection = best_set((final - SELECTION.threshold) * weight, excludes)
     for _ in range(2):
-        gap = np.maximum(gap, _gaps(pool, area, chosen, shape))
-        final = score + _sets(score, area, compactness, chosen, excludes) - gap
-        chosen = best_set((final - SELECTION.threshold) * weight, excludes)
-    return [pool[i] for i in np.flatnonzero(chosen).tolist()], final[chosen]
+        gap = np.maximum(gap, _gaps(pool, area, selection, shape))
+        final = score + _sets(score, area, compactness, selection, excludes) - gap
+        selection = best_set((final - SELECTION.threshold) * weight, excludes)
+    return [pool[i] for i in np.flatnonzero(selection).tolist()], final[selection]
 
 
 def _sets(
     score: Values, area: Values, compactness: Values, chosen: Flags, excludes: Flags
 ) -> Values:
-    """(n,): the bonus of proposals with the size and compactness of several selected ones."""
+    """Return the bonus (n,) of proposals similar to several selected ones in size and
+    compactness.
+    """
     size = np.log(area[:, None] / area[chosen]) / 0.12
-    round_ = np.log(compactness[:, None] / compactness[chosen]) / 0.15
-    alike = np.exp(-(size**2) - round_**2) * np.clip(
+    compactness_ratio = np.log(compactness[:, None] / compactness[chosen]) / 0.15
+    similarity = np.exp(-(size**2) - compactness_ratio**2) * np.clip(
         (score[chosen] - SELECTION.threshold) / 0.2, 0, 1
     )
-    alike[(excludes | np.eye(len(area), dtype=np.bool_))[:, chosen]] = 0
-    bonus: Values = SELECTION.set_bonus * np.minimum(alike.sum(1), 3) / 3
+    similarity[(excludes | np.eye(len(area), dtype=np.bool_))[:, chosen]] = 0
+    bonus: Values = SELECTION.set_bonus * np.minimum(similarity.sum(1), 3) / 3
     return bonus
 
 
 def _gaps(
     proposals: Sequence[Proposal], area: Values, chosen: Flags, shape: tuple[int, int]
 ) -> Values:
-    """(n,): the penalty of selected proposals next to larger selected ones along much of the outline."""
+    """Return the penalty (n,) of selected proposals with larger selected ones along
+    their outline.
+    """
     reach = 3
     labels = np.zeros((shape[0] + 2 * reach, shape[1] + 2 * reach), np.int32)
     members = np.flatnonzero(chosen).tolist()
@@ -133,19 +150,19 @@ def _gaps(
     penalty = np.zeros(len(proposals))
     for i in members:
         left, top, right, bottom = proposals[i].box
-        around = labels[top : bottom + 2 * reach, left : right + 2 * reach]
-        others = (around > 0) & (around != i + 1)
+        window = labels[top : bottom + 2 * reach, left : right + 2 * reach]
+        others = (window > 0) & (window != i + 1)
         if not others.any():
             continue
-        near = cv2.dilate(
+        near_others = cv2.dilate(
             others.astype(np.uint8), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
         )
         x, y = (outline(proposals[i].mask) + reach).T
-        enclosed = max(0.0, float(near[y, x].mean()) - 0.3) / 0.7
-        beside = float(np.median(area[np.unique(around[others]) - 1]))
+        enclosure = max(0.0, float(near_others[y, x].mean()) - 0.3) / 0.7
+        neighbour_area = float(np.median(area[np.unique(window[others]) - 1]))
         penalty[i] = (
             SELECTION.gap_penalty
-            * enclosed
-            * np.clip(1 - area[i] / (0.6 * beside), 0, 1)
+            * enclosure
+            * np.clip(1 - area[i] / (0.6 * neighbour_area), 0, 1)
         )
     return penalty

@@ -1,8 +1,8 @@
-"""The judge: how well each candidate fits a whole movable object, by boosted trees.
+"""The judge: boosted trees that predict the fit of a candidate to a movable object.
 
-It judges twice: a first time each candidate by itself, then each beside the first fits
-of the others, which tells wholes from parts and piles. `studio/segmentation/judge.py`
-makes the numbers in `judge.npz`.
+It judges twice: first each candidate by itself, then each candidate beside the first
+fits of the others, which separates wholes from parts and piles.
+`studio/segmentation/judge.py` makes the numbers in `judge.npz`.
 """
 
 from __future__ import annotations
@@ -29,25 +29,28 @@ from physgen.perceive.segment.proposals import Proposal
 
 Array = NDArray[np.float64]
 Numbers = Mapping[str, NDArray[np.generic]]
-"""Of trees: `feature`, `threshold`, `low`, `high` (children), `value` of all nodes,
-`root` of each tree, `depth` and `base`."""
+"""Arrays of trees: `feature`, `threshold`, `low`, `high` (children) and `value` of all
+nodes, `root` of each tree, `depth` and `base`.
+"""
 
 JUDGE = "judge.npz"
 STAGES = ("first", "second")
-"""Begin the names of the two judgements' numbers in the file."""
+"""Prefixes of the two judgements' arrays in the file."""
 
 
 @dataclass(frozen=True, eq=False)
 class Judge:
-    """Both judgements, and the calibration."""
+    """Both judgements and the calibration."""
 
     first: Numbers
     second: Numbers
-    fit: Array  # (k,): expected fits, and
-    right: Array  # (k,): the share of chosen candidates of such a fit that are right
+    # (k,): expected fits, and
+    fit: Array
+    # (k,): the share of correct candidates among chosen ones with that fit.
+    right: Array
 
     def expected_fit(self, candidates: Sequence[Proposal], features: Array) -> Array:
-        """Return (n,) 0..1: the expected IoU of candidates with the best object."""
+        """Return the expected IoU (n,) of candidates with the best object, 0..1."""
         first = sum_trees(features, self.first)
         context = context_features(candidates, first)
         return sum_trees(np.hstack([features, context]), self.second)
@@ -55,51 +58,54 @@ class Judge:
 
 @dataclass(frozen=True, eq=False)
 class JudgedCandidates:
-    """The candidates of a photo and what the judge expects of them."""
+    """The candidates of a photo and their expected fits."""
 
     found: Candidates
-    fit: Array  # (n,) 0..1: expected IoU with the best movable object
-    boxes: DetectedBoxes  # on the photo
+    # (n,) 0..1: expected IoU with the best movable object.
+    fit: Array
+    # On the photo.
+    boxes: DetectedBoxes
 
 
 def judge_photo(rgb: NDArray[np.uint8]) -> JudgedCandidates:
     """Return the judged candidates of a photo (H, W, 3) sRGB.
 
-    Those of the last photo are kept, since a point needs them again.
+    The last result is cached, since a point uses it again.
     """
     return _judge_photo(rgb.tobytes(), rgb.shape[0], rgb.shape[1])
 
 
 @lru_cache(maxsize=1)
 def _judge_photo(codes: bytes, height: int, width: int) -> JudgedCandidates:
+    """Return the judged candidates of a photo given as bytes."""
     rgb = np.frombuffer(codes, np.uint8).reshape(height, width, 3)
-    seen = run_network(rgb)
+    maps = run_network(rgb)
     boxes = release_models(rgb, detect_boxes(rgb))
-    found = find_candidates(rgb, seen, boxes, search_edges(rgb))
-    fit = shipped_judge().expected_fit(found.proposals, found.features)
-    return JudgedCandidates(found, fit, boxes)
+    candidates = find_candidates(rgb, maps, boxes, search_edges(rgb))
+    fit = shipped_judge().expected_fit(candidates.proposals, candidates.features)
+    return JudgedCandidates(candidates, fit, boxes)
 
 
 def judge_others(
     rgb: NDArray[np.uint8], judged: JudgedCandidates, others: Sequence[Proposal]
 ) -> Array:
-    """Return (n,) the expected fits of other masks beside the candidates of a photo."""
+    """Return the expected fits (n,) of other masks beside the candidates of a photo."""
     if not others:
         return np.zeros(0)
     evidence = gather_evidence(rgb, run_network(rgb), judged.boxes)
-    found = judged.found
-    features = np.vstack([found.features, judge_features(others, evidence)])
-    fit = shipped_judge().expected_fit([*found.proposals, *others], features)
-    return fit[len(found.proposals) :]
+    candidates = judged.found
+    features = np.vstack([candidates.features, judge_features(others, evidence)])
+    fit = shipped_judge().expected_fit([*candidates.proposals, *others], features)
+    return fit[len(candidates.proposals) :]
 
 
 def sum_trees(features: Array, trees: Numbers) -> Array:
-    """Return the sum (n,) 0..1 of the leaves of all trees that features (n, k) reach."""
+    """Return the sum (n,) 0..1 of the leaves of all trees for features (n, k)."""
     feature, threshold = trees["feature"], trees["threshold"]
     rows = np.arange(len(features))[:, None]
     node = np.tile(trees["root"], (len(features), 1)).astype(np.intp)
     for _ in range(int(trees["depth"])):
-        # a leaf leads to itself
+        # A leaf points to itself, so that all rows take `depth` steps.
         is_low = features[rows, feature[node]] <= threshold[node]
         node = np.where(is_low, trees["low"][node], trees["high"][node])
     total = trees["base"] + trees["value"][node].sum(axis=1)
@@ -107,21 +113,21 @@ def sum_trees(features: Array, trees: Numbers) -> Array:
 
 
 def confidence(fit: Array, judge: Judge | None = None) -> Array:
-    """Return (n,) 0..1: the counted share of chosen candidates of such a fit that are right."""
+    """Return the measured share (n,) 0..1 of correct candidates with such a fit."""
     judge = judge or shipped_judge()
     return np.asarray(np.interp(fit, judge.fit, judge.right), np.float64)
 
 
 @cache
 def shipped_judge() -> Judge:
-    """Return the judge of the package's file."""
+    """Return the bundled judge."""
     return read_judge(Path(__file__).with_name(JUDGE))
 
 
 def read_judge(path: Path) -> Judge:
     """Read a judge's file."""
-    with np.load(path) as stored:
-        numbers = {name: stored[name] for name in stored.files}
+    with np.load(path) as arrays:
+        numbers = {name: arrays[name] for name in arrays.files}
     stages = [
         {
             name.removeprefix(f"{stage}."): part

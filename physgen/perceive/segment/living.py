@@ -1,8 +1,8 @@
-"""People and animals, which are never moved, their parts, and toys shaped like animals.
+"""People and animals, which are never moved, their parts, and toy animals.
 
-The detector takes toys for animals. ImageNet has a class of dinosaurs, of which all
+The detector takes toys for animals. ImageNet has a class of dinosaurs, all of whose
 photos show models. Other animals may be toys if the photo looks like photos of loose
-objects at rest; that is too little to move them.
+objects at rest, but this evidence is too weak to move them.
 """
 
 from __future__ import annotations
@@ -32,31 +32,39 @@ Flags = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class LivingConstants:
-    """Constants of what lives: of toys, chosen on 200 photos of COCO and Caltech-101."""
+    """Constants of people and animals; those of toys were chosen on 200 photos of COCO
+    and Caltech-101.
+    """
 
     box: float = 0.25
-    """Score of an animal from which a box is looked at.
+    """Least score of an animal's box that is examined.
 
-    Also that of a candidate's own box, from which the candidate is no part: on 60 photos
-    what people hold has .34 or more.
+    Also the score of a candidate's own box above which the candidate is not a part: on
+    60 photos, objects held by people have at least .34.
     """
-    looks: int = 3  # boxes that are looked at: each costs 30 ms
+    # Largest number of examined boxes: each costs 30 ms.
+    looks: int = 3
     loose: float = 0.1
-    """Chance of a photo without loose objects, below which an animal may be a toy.
+    """Probability of a photo without loose objects below which an animal may be a toy.
 
     Nine of ten photos of real animals have more.
     """
-    confidence: float = 0.3  # that such an animal is a toy
+    # Confidence that such an animal is a toy.
+    confidence: float = 0.3
     reason: str = "looks like an animal; if it is a toy, move it to objects"
-    inside: float = 0.7  # share of a candidate's box in its box
-    covered: float = 0.8  # share of a candidate that its cut-out covers
+    # Least share of a candidate's box inside its animal's box.
+    inside: float = 0.7
+    # Least share of a candidate that the animal's cut-out covers.
+    covered: float = 0.8
 
 
 LIVING = LivingConstants()
 
 
 def release_models(rgb: NDArray[np.uint8], boxes: DetectedBoxes) -> DetectedBoxes:
-    """Return the boxes of a photo (H, W, 3) sRGB, models of animals as movable wholes."""
+    """Return the boxes of a photo (H, W, 3) sRGB, with models of animals as movable
+    wholes.
+    """
     animals = _animals(boxes)
     models = [k for k in animals if _is_model(rgb, boxes.corners[k])]
     if not models:
@@ -68,7 +76,7 @@ def release_models(rgb: NDArray[np.uint8], boxes: DetectedBoxes) -> DetectedBoxe
 def find_likely_toys(
     rgb: NDArray[np.uint8], boxes: DetectedBoxes, taken: NDArray[np.uint16]
 ) -> list[Doubt]:
-    """Return animals that may be toys, where no object is `taken` (H, W) > 0."""
+    """Return animals that may be toys, outside objects (`taken` (H, W) > 0)."""
     animals = _animals(boxes)
     if not animals:
         return []
@@ -91,43 +99,46 @@ def parts_of_living(
     chosen: Sequence[Proposal],
     shape: tuple[int, int],
 ) -> Flags:
-    """Return (n,) which chosen candidates are parts of people or animals.
+    """Return (n,) whether chosen candidates are parts of people or animals.
 
-    The cut-out of a person covers a hand, and what a person holds as well, but that has
-    a box of its own. `boxes` are on the photo, candidates on its grid of `shape` (h, w).
+    The cut-out of a person covers a hand, but also a held object; the held object has a
+    box of its own. `boxes` are on the photo, candidates on its grid of `shape` (h, w).
     """
     is_part = np.zeros(len(chosen), np.bool_)
     living = _living(boxes)
     if not len(chosen) or not living:
         return is_part
     grid = boxes.scaled(shape[1] / rgb.shape[1], shape[0] / rgb.shape[0]).corners
-    rectangles = np.array([one.box for one in chosen], np.float64)
-    own = (box_overlap(rectangles, grid) ** 2 * boxes.movable).max(axis=1)
+    rectangles = np.array([proposal.box for proposal in chosen], np.float64)
+    own_scores = (box_overlap(rectangles, grid) ** 2 * boxes.movable).max(axis=1)
     inside = box_shares(rectangles, grid[living]) >= LIVING.inside
-    inside &= own[:, None] < LIVING.box
+    inside &= own_scores[:, None] < LIVING.box
     for place in np.flatnonzero(inside.any(axis=0)).tolist():
-        whole = rough_mask_in_box(rgb, boxes.corners[living[place]], shape)
+        cut_out_mask = rough_mask_in_box(rgb, boxes.corners[living[place]], shape)
         for k in np.flatnonzero(inside[:, place]).tolist():
-            is_part[k] |= whole is not None and _is_part(chosen[k], whole)
+            is_part[k] |= cut_out_mask is not None and _is_part(chosen[k], cut_out_mask)
     return is_part
 
 
 def _living(boxes: DetectedBoxes) -> list[int]:
-    """Return the indices of boxes that are surely of a person or an animal."""
+    """Return the indices of boxes that certainly show a person or an animal."""
     classes = boxes.classes
     living = classes[:, [*PERSON, *ANIMALS]].max(axis=1, initial=0.0)
-    is_sure = (living >= WHOLE.score) & (boxes.immovable >= WHOLE.score)
-    return [int(k) for k in np.flatnonzero(is_sure & (boxes.immovable > boxes.movable))]
+    confident_boxes = (living >= WHOLE.score) & (boxes.immovable >= WHOLE.score)
+    return [
+        int(k)
+        for k in np.flatnonzero(confident_boxes & (boxes.immovable > boxes.movable))
+    ]
 
 
 def _is_part(one: Proposal, whole: Proposal) -> bool:
-    """Return whether a person's cut-out covers a candidate and more beside it."""
-    is_covered = overlap(one, whole) >= LIVING.covered * one.area
-    return is_covered and one.area <= PART * whole.area
+    """Return whether a person's cut-out covers a candidate and more."""
+    covers_candidate = overlap(one, whole) >= LIVING.covered * one.area
+    return covers_candidate and one.area <= PART * whole.area
 
 
 def _animals(boxes: DetectedBoxes) -> list[int]:
-    """Return the indices of the best boxes of animals, without parts of one another."""
+    """Return the indices of the best boxes of animals, without parts of each other."""
     classes = boxes.classes
     animal = classes[:, list(ANIMALS)].max(axis=1, initial=0.0)
     person = classes[:, list(PERSON)].max(axis=1, initial=0.0)
@@ -136,22 +147,22 @@ def _animals(boxes: DetectedBoxes) -> list[int]:
     best: list[int] = []
     order = np.argsort(-animal, kind="stable")
     for k in order[is_animal[order]].tolist():
-        own = boxes.corners[[k]]
-        if not best or not _inside(own, boxes.corners[best])[0]:
+        own_corners = boxes.corners[[k]]
+        if not best or not _inside(own_corners, boxes.corners[best])[0]:
             best.append(k)
     return best[: LIVING.looks]
 
 
 def _inside(corners: Array, others: Array) -> Flags:
-    """Return (n,) which boxes (n, 4) are for the most part in one of others (m, 4)."""
+    """Return (n,) whether boxes (n, 4) lie mostly in one of the others (m, 4)."""
     return np.asarray((box_shares(corners, others) >= WITHIN).any(axis=1))
 
 
 def _is_model(rgb: NDArray[np.uint8], corners: Array) -> bool:
-    """Return whether a box shows an animal of which there are models only."""
+    """Return whether a box shows an animal of a kind that exists only as models."""
     left, top, right, bottom = np.rint(corners).astype(int).tolist()
     if min(right - left, bottom - top) < 2:
         return False
-    shown = np.zeros(rgb.shape[:2], np.bool_)
-    shown[top:bottom, left:right] = True
-    return bool(heads().is_model(features(crop(rgb, shown))[None])[0])
+    box_mask = np.zeros(rgb.shape[:2], np.bool_)
+    box_mask[top:bottom, left:right] = True
+    return bool(heads().is_model(features(crop(rgb, box_mask))[None])[0])

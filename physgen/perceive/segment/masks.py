@@ -1,4 +1,4 @@
-"""Clean-up of overlapping model masks: one mask for each object, each pixel in at most one of them."""
+"""Clean-up of overlapping model masks: one mask per object without common pixels."""
 
 from __future__ import annotations
 
@@ -24,30 +24,41 @@ T = TypeVar("T", bound=np.generic)
 Box = tuple[float, float, float, float]
 """Left, top, right, bottom px; 0 and the photo's width are its borders."""
 CONFIDENT = 0.25
-"""Confidence from which a mask is an object."""
+"""Least confidence of an object's mask."""
 DOUBTFUL = 0.1
-"""Confidence from which a mask is a doubtful object."""
+"""Least confidence of a doubtful object's mask."""
 
 
 @dataclass(frozen=True)
 class CleanUp:
     """Constants of the clean-up; shares and IoU were chosen on the studio's photos."""
 
-    same_box: float = 0.8  # IoU from which two boxes mean one object
-    same_mask: float = 0.7  # IoU from which two masks mean one object
-    inside: float = 0.8  # share of a mask within another, from which it is inside
-    least_share: float = 0.0002  # of the photo: smaller masks are dropped
-    least_area: int = 32  # px: smaller masks are dropped
-    hole: float = 0.005  # of a mask: smaller holes are closed
-    speck: float = 0.02  # of a mask's largest piece: smaller pieces are dropped
-    part: float = (
-        0.1  # of a mask's largest piece: larger pieces are objects of their own
-    )
-    parts: int = 8  # pieces of a mask, at most
+    # Least IoU of two boxes of one object.
+    same_box: float = 0.8
+    # Least IoU of two masks of one object.
+    same_mask: float = 0.7
+    # Least share of a mask inside another that contains it.
+    inside: float = 0.8
+    # Least area of a mask over the photo's.
+    least_share: float = 0.0002
+    # px: least area of a mask.
+    least_area: int = 32
+    # Area of a hole over the mask's below which it is closed.
+    hole: float = 0.005
+    # Area of a piece over the largest piece's below which it is dropped.
+    speck: float = 0.02
+    # Least area of a piece over the largest piece's for an object of its own.
+    part: float = 0.1
+    # Largest number of pieces of a mask.
+    parts: int = 8
     visible: float = 0.2
-    """Share of an object that others in front must leave; less is a heap, seen between its members."""
-    rival: float = 0.5  # ratio of confidences from which a smaller object lies in front of a larger one
-    doubts: int = 8  # doubtful objects at most
+    """Least share of an object that others in front leave visible; a smaller share is a
+    heap, seen between its members.
+    """
+    # Least ratio of confidences of a smaller object in front of a larger one.
+    rival: float = 0.5
+    # Largest number of doubtful objects.
+    doubts: int = 8
 
 
 CLEANUP = CleanUp()
@@ -55,20 +66,24 @@ CLEANUP = CleanUp()
 
 @dataclass(frozen=True, eq=False)
 class Cut(Proposal):
-    """One mask with its noun."""
+    """A mask with its noun."""
 
     noun: str
     movable: bool
-    score: float  # 0..1, that there is such an object
-    fit: float  # 0..1: the IoU of the mask that the model expects
+    # 0..1: probability that such an object exists.
+    score: float
+    # 0..1: IoU of the mask as expected by the model.
+    fit: float
 
     @classmethod
     def of(cls, mask: Mask, noun: str, movable: bool, score: float, fit: float) -> Cut:
-        """From a mask of the photo (H, W)."""
+        """Return a cut from a mask of the photo (H, W)."""
         return cls(0, 0, mask, 0, noun, movable, score, fit).with_mask(mask)
 
     def with_mask(self, mask: Mask) -> Cut:
-        """The cut with some of its pixels; `mask` has the size of its own."""
+        """Return the cut with a part of its pixels; `mask` has the size of its own
+        mask.
+        """
         x, y, width, height = (
             cv2.boundingRect(mask.view(np.uint8)) if mask.size else (0, 0, 0, 0)
         )
@@ -83,17 +98,17 @@ class Cut(Proposal):
 
     @property
     def confidence(self) -> float:
-        """0..1, that the object exists and that this is its mask."""
+        """Return the probability, 0..1, that the object exists and has this mask."""
         return min(max(self.score, 0.0), 1.0) * min(max(self.fit, 0.0), 1.0)
 
     @property
     def centroid(self) -> tuple[float, float]:
-        """x, y px."""
+        """Return the centroid x, y, px."""
         rows, columns = np.nonzero(self.mask)
         return self.x + float(columns.mean()), self.y + float(rows.mean())
 
     def seen_in(self, photo: NDArray[T]) -> NDArray[T]:
-        """A view of its box in an array of the photo's size."""
+        """Return a view of the cut's box in an array of the photo's size."""
         left, top, right, bottom = self.box
         return photo[top:bottom, left:right]
 
@@ -101,17 +116,22 @@ class Cut(Proposal):
 def distinct_boxes(
     boxes: NDArray[np.float64], scores: NDArray[np.float64]
 ) -> list[int]:
-    """Indices of boxes (N, 4) without duplicates, whatever their nouns; the most confident first."""
-    some = np.flatnonzero((boxes[:, 2:] > boxes[:, :2]).all(1))
-    sides = np.hstack([boxes[some, :2], boxes[some, 2:] - boxes[some, :2]])
-    kept = cv2.dnn.NMSBoxes(
-        sides.tolist(), scores[some].tolist(), 0.0, CLEANUP.same_box
+    """Return indices of boxes (N, 4) without duplicates of any noun, most confident
+    first.
+    """
+    valid = np.flatnonzero((boxes[:, 2:] > boxes[:, :2]).all(1))
+    sides = np.hstack([boxes[valid, :2], boxes[valid, 2:] - boxes[valid, :2]])
+    indices = cv2.dnn.NMSBoxes(
+        sides.tolist(), scores[valid].tolist(), 0.0, CLEANUP.same_box
     )
-    return [int(some[k]) for k in kept]
+    return [int(valid[k]) for k in indices]
 
 
 def smoothed(mask: Mask) -> Mask:
-    """The mask without specks and pinholes; rings and contact with the photo's border are kept."""
+    """Return the mask without specks and pinholes.
+
+    Rings and contact with the photo's border are preserved.
+    """
     if not mask.any():
         return mask
     inside = np.pad(mask, 1).view(np.uint8)
@@ -127,20 +147,23 @@ def smoothed(mask: Mask) -> Mask:
     inside[np.isin(pieces, small)] = 1
     count, pieces, stats, _ = cv2.connectedComponentsWithStats(inside, connectivity=8)
     large = max(stats[1:, cv2.CC_STAT_AREA])
-    kept = [
+    large_pieces = [
         k
         for k in range(1, count)
         if stats[k, cv2.CC_STAT_AREA] >= CLEANUP.speck * large
     ]
-    return np.isin(pieces, kept)[1:-1, 1:-1]
+    return np.isin(pieces, large_pieces)[1:-1, 1:-1]
 
 
 def parts(mask: Mask) -> list[Mask]:
-    """The pieces of a mask that are large enough to be objects, the largest first; gaps of 2 px are ignored."""
+    """Return the pieces of a mask that are large enough for objects, the largest first.
+
+    Gaps of 2 px are ignored.
+    """
     if not mask.size:
         return []
-    near = cv2.dilate(mask.view(np.uint8), np.ones((3, 3), np.uint8))
-    count, pieces = cv2.connectedComponents(near, connectivity=8)
+    dilated_mask = cv2.dilate(mask.view(np.uint8), np.ones((3, 3), np.uint8))
+    count, pieces = cv2.connectedComponents(dilated_mask, connectivity=8)
     areas = np.bincount(pieces[mask], minlength=count)
     order = [
         int(k)
@@ -151,38 +174,53 @@ def parts(mask: Mask) -> list[Mask]:
 
 
 def split(cuts: Sequence[Cut]) -> list[Cut]:
-    """Movable objects in one piece each (paper section 3.1)."""
-    found: list[Cut] = []
+    """Return movable objects as one cut per piece (paper section 3.1)."""
+    result: list[Cut] = []
     for cut in cuts:
         pieces = parts(cut.mask) if cut.movable else []
-        found += [cut.with_mask(part) for part in pieces] if len(pieces) > 1 else [cut]
-    return found
+        result += [cut.with_mask(part) for part in pieces] if len(pieces) > 1 else [cut]
+    return result
 
 
 def distinct(cuts: Sequence[Cut]) -> list[Cut]:
-    """Cuts without duplicates, the most confident first, none inside another of its kind.
+    """Return cuts without duplicates, most confident first, none inside another of its
+    kind.
 
-    A cut around several of its kind is a heap and is dropped; of one around another, the less confident is dropped.
+    A cut around several of its kind is a heap and is dropped; of a cut around a single
+    other one, the less confident is dropped.
     """
-    kept: list[Cut] = []
+    distinct_cuts: list[Cut] = []
     for cut in sorted(cuts, key=lambda cut: -cut.confidence):
-        if cut.area and all(iou(cut, other) <= CLEANUP.same_mask for other in kept):
-            kept.append(cut)
+        if cut.area and all(
+            iou(cut, other) <= CLEANUP.same_mask for other in distinct_cuts
+        ):
+            distinct_cuts.append(cut)
     inner_cuts = {
-        k: [i for i, cut in enumerate(kept) if i != k and _contains(one, cut)]
-        for k, one in enumerate(kept)
+        k: [
+            i
+            for i, cut in enumerate(distinct_cuts)
+            if i != k and _contains(outer_cut, cut)
+        ]
+        for k, outer_cut in enumerate(distinct_cuts)
     }
-    gone = {k for k, inner in inner_cuts.items() if len(inner) > 1}
+    dropped_indices = {k for k, inner in inner_cuts.items() if len(inner) > 1}
     for k, inner in inner_cuts.items():
-        if k not in gone and len(inner) == 1 and inner[0] not in gone:
-            gone.add(max(k, inner[0]))  # the most confident come first
-    return [cut for k, cut in enumerate(kept) if k not in gone]
+        if (
+            k not in dropped_indices
+            and len(inner) == 1
+            and inner[0] not in dropped_indices
+        ):
+            # The list is sorted: the larger index is less confident.
+            dropped_indices.add(max(k, inner[0]))
+    return [cut for k, cut in enumerate(distinct_cuts) if k not in dropped_indices]
 
 
 def resolved(cuts: Sequence[Cut]) -> list[Cut]:
-    """Movable objects without common pixels: small ones lie in front of larger ones that are not much more confident.
+    """Return movable objects without common pixels.
 
-    A bowl gives way to the apples in it. Objects of which almost nothing is left are dropped.
+    Small objects lie in front of larger ones unless those are much more confident:
+    apples stay in front of their bowl. Objects with almost no visible pixels are
+    dropped.
     """
     rest = list(cuts)
     while True:
@@ -204,34 +242,35 @@ def resolved(cuts: Sequence[Cut]) -> list[Cut]:
 def segments(
     cuts: Iterable[Cut], size: tuple[int, int], confident: float = CONFIDENT
 ) -> Segments:
-    """Segments from overlapping cuts: cleaned, split, without duplicates or overlaps; `size` is the photo's (H, W).
+    """Return segments of overlapping cuts: cleaned, split, without duplicates or
+    overlap.
 
-    `cuts` may be a generator. Ids run left to right by centroid. Cuts below `confident` are doubtful; cuts that are not
-    movable are scenery.
+    `size` is the photo's (H, W). `cuts` may be a generator. Ids increase from left to
+    right by centroid. Cuts below `confident` are doubtful; immovable cuts are scenery.
     """
-    least = max(CLEANUP.least_share * size[0] * size[1], CLEANUP.least_area)
-    smooth = [
+    least_area = max(CLEANUP.least_share * size[0] * size[1], CLEANUP.least_area)
+    smooth_cuts = [
         cut.with_mask(smoothed(cut.mask)) for cut in cuts if cut.confidence >= DOUBTFUL
     ]
     cuts = distinct(
         [
             cut
-            for cut in split(smooth)
-            if cut.area >= least and cut.confidence >= DOUBTFUL
+            for cut in split(smooth_cuts)
+            if cut.area >= least_area and cut.confidence >= DOUBTFUL
         ]
     )
     objects = resolved(
         [cut for cut in cuts if cut.movable and cut.confidence >= confident]
     )
-    objects = [cut for cut in objects if cut.area >= least]
+    objects = [cut for cut in objects if cut.area >= least_area]
     objects.sort(key=lambda cut: cut.centroid)
     labels = np.zeros(size, np.uint16)
     for k, cut in enumerate(objects, 1):
         cut.seen_in(labels)[cut.mask] = k
-    weak = [cut for cut in cuts if cut.movable and cut.confidence < confident]
+    weak_cuts = [cut for cut in cuts if cut.movable and cut.confidence < confident]
     doubts = [
         doubt
-        for cut in weak
+        for cut in weak_cuts
         if np.count_nonzero(cut.seen_in(labels)[cut.mask]) <= 0.5 * cut.area
         for doubt in doubt_about(cut, cut.confidence)
     ]
@@ -251,29 +290,32 @@ def segments(
 
 
 def _scenery(cuts: Sequence[Cut], labels: NDArray[np.uint16]) -> Scenery:
-    """Static surfaces: small ones in front of large ones, all behind the movable objects."""
+    """Return static surfaces: small ones in front of large ones, all behind movable
+    objects.
+    """
     cuts = sorted(cuts, key=lambda cut: -cut.area)
-    seen = np.zeros(labels.shape, np.uint16)
+    scenery_labels = np.zeros(labels.shape, np.uint16)
     for k, cut in enumerate(cuts, 1):
-        cut.seen_in(seen)[cut.mask] = k
-    seen[labels > 0] = 0
+        cut.seen_in(scenery_labels)[cut.mask] = k
+    scenery_labels[labels > 0] = 0
     return Scenery(
-        seen, {k: cut.noun for k, cut in enumerate(cuts, 1) if (seen == k).any()}
+        scenery_labels,
+        {k: cut.noun for k, cut in enumerate(cuts, 1) if (scenery_labels == k).any()},
     )
 
 
 def _behind(cut: Cut, others: Sequence[Cut]) -> Mask:
-    """The part of a piece that is not behind others."""
+    """Return the part of a cut's mask that is not behind others."""
     left = cut.mask.copy()
     for other in others:
-        mine, its = common(cut, other), common(other, cut)
-        if left[mine].size and _before(other, cut):
-            left[mine] &= ~other.mask[its]
+        own_part, other_part = common(cut, other), common(other, cut)
+        if left[own_part].size and _before(other, cut):
+            left[own_part] &= ~other.mask[other_part]
     return left
 
 
 def _before(one: Cut, other: Cut) -> bool:
-    """Whether `one` gets the common pixels; of two, exactly one does."""
+    """Return whether `one` gets the common pixels; exactly one of both does."""
     if one.area == other.area:
         return (one.confidence, *one.box) > (other.confidence, *other.box)
     small, large = (one, other) if one.area < other.area else (other, one)
@@ -281,7 +323,7 @@ def _before(one: Cut, other: Cut) -> bool:
 
 
 def _contains(one: Cut, other: Cut) -> bool:
-    """Whether a movable object contains another of its kind."""
+    """Return whether a movable object contains another of its kind."""
     kind = (
         one.movable
         and other.movable

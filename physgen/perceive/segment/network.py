@@ -1,7 +1,8 @@
-"""The segmentation network: foreground, borders, pixel affinities, normals, shadows and movability of a photo; and its
-head, which cuts out the object in a box or at a point.
+"""The segmentation network: maps of a photo, and a head that cuts out objects.
 
-The weights come from `studio/segmentation`; OpenCV runs them.
+The maps are foreground, borders, pixel affinities, normals, shadows and movability. The
+head cuts out the object in a box or at a point. The weights come from
+`studio/segmentation`; OpenCV runs them.
 """
 
 from __future__ import annotations
@@ -26,75 +27,98 @@ LOCK = Lock()
 
 WEIGHTS = "segmentation.onnx"
 OFFSETS = ((3, 0), (0, 3), (9, 0), (0, 9), (9, 9), (9, -9), (27, 0), (0, 27))
-"""(rows, columns) px of the output: offsets of the pixel pairs whose affinity (same object) is predicted."""
-SIDE = 192  # px of the crop that the head looks at
-MARGIN = 0.25  # of a box's sides: seen around it
+"""(rows, columns) px of the output: offsets of pixel pairs with a predicted affinity
+(same object).
+"""
+# px: side of the head's crop.
+SIDE = 192
+# Width of the surroundings in the crop over a box's sides.
+MARGIN = 0.25
 LOOKS = 24
-"""Crops whose first look is cached: those of a photo's candidates."""
+"""Number of crops with cached first results: those of a photo's candidates."""
 OUTPUTS = "seen", "level-32", "level-16", "level-8", "level-4", "level-2"
 POOLED = {"level-32": 32, "level-16": 16}
-"""Levels of the encoder that describe the whole photo, and their strides in px: finer ones describe texture."""
+"""Levels of the encoder that describe the whole photo, and their strides in px: finer
+levels describe texture.
+"""
 BANDS = 3
-"""Rows into which a photo is pooled: what is above differs from what is below."""
+"""Rows into which a photo is pooled, because its upper and lower parts differ."""
 MEAN, SPREAD = 118.0, 64.0
-"""Of 8-bit codes: the input is (code - MEAN) / SPREAD."""
+"""Mean and standard deviation of 8-bit levels: the input is (level - MEAN) / SPREAD."""
 STRIDE = 32
-"""px: the input's sides are multiples of it."""
+"""px: the input's sides are multiples of this."""
 LEAST = 160
-"""px: the input's shortest side. Where the coarsest maps are smaller than the kernels, OpenCV reads foreign memory."""
+"""px: shortest side of the input.
+
+If the coarsest maps are smaller than the kernels, OpenCV reads foreign memory.
+"""
 PASSES = 256, 512
-"""px, the longer side of the photo in each pass: large objects are found in the first, small ones in the second; the
-outputs, of the photo and of its mirror image, are averaged. Of a few pairs tried, this one finds most in the
-validation homes."""
+"""px: longer side of the photo in each pass.
+
+Large objects are found in the first pass, small ones in the second; the outputs of the
+photo and of its mirror image are averaged. Of a few tried pairs, this one finds most
+objects in the validation homes.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class NetworkMaps:
     """Maps (h, w) of half the size of the largest pass."""
 
-    foreground: F32  # 0..1: on an object
-    boundary: F32  # 0..1: at the border of an object
-    pairs: F32  # (8, h, w) 0..1: the pixel and the one at OFFSETS belong to one object
-    normals: F32  # (h, w, 3) unit: +x right, +y down, +z to the viewer
-    shadow: F32  # 0..1: in a cast shadow
-    movable: F32  # 0..1: if on an object, on one that may be moved: no person, animal or piece of furniture
+    # 0..1: on an object.
+    foreground: F32
+    # 0..1: at the border of an object.
+    boundary: F32
+    # (8, h, w) 0..1: the pixel and the one at OFFSETS belong to one object.
+    pairs: F32
+    # (h, w, 3) unit: +x right, +y down, +z to the viewer.
+    normals: F32
+    # 0..1: in a cast shadow.
+    shadow: F32
+    # 0..1: on a movable object, if on an object; people, animals and furniture are
+    # immovable.
+    movable: F32
     features: F32 = field(default_factory=lambda: np.zeros(0, np.float32))
-    """(D,) description of the whole photo, the same for its mirror image; see `pool`."""
+    """(D,) description of the whole photo, equal for its mirror image; see `pool`."""
 
 
 def run_network(rgb: NDArray[np.uint8]) -> NetworkMaps:
-    """The network's maps of a photo (H, W, 3) sRGB, from `PASSES`.
+    """Return the network's maps of a photo (H, W, 3) sRGB, from `PASSES`.
 
-    The last photo's maps are cached, since several roles of perception need them; the arrays are read-only.
+    The last maps are cached, since several roles use them; the arrays are read-only.
     """
     return _seen(rgb.tobytes(), rgb.shape[0], rgb.shape[1])
 
 
 @lru_cache(maxsize=1)
 def _seen(codes: bytes, height: int, width: int) -> NetworkMaps:
+    """Return the maps of a photo given as bytes."""
     rgb = np.frombuffer(codes, np.uint8).reshape(height, width, 3)
     mirror = np.ascontiguousarray(rgb[:, ::-1])
-    # their errors differ, and the mean of both is nearer to the truth
+    # The errors of photo and mirror image differ, so that their mean is more accurate.
     passes, features = [], np.zeros(0, np.float32)
     for side in PASSES:
-        one, other = _pass(rgb, side), _pass(mirror, side)
-        mean_maps = (one.maps + mirrored(other.maps)) / 2
+        photo_pass, mirror_pass = _pass(rgb, side), _pass(mirror, side)
+        mean_maps = (photo_pass.maps + mirrored(mirror_pass.maps)) / 2
         passes.append(np.asarray(mean_maps, np.float32))
         if side == PASSES[0]:
-            pairs_of_levels = zip(one.levels, other.levels, strict=True)
+            pairs_of_levels = zip(photo_pass.levels, mirror_pass.levels, strict=True)
             features = pool([*pairs_of_levels, (passes[0],)])
     h, w = passes[-1].shape[1:]
-    same = [
-        cv2.resize(one.transpose(1, 2, 0), (w, h), interpolation=cv2.INTER_LINEAR)
-        for one in passes
+    resized_maps = [
+        cv2.resize(
+            photo_pass.transpose(1, 2, 0), (w, h), interpolation=cv2.INTER_LINEAR
+        )
+        for photo_pass in passes
     ]
-    mean = np.asarray(np.mean(same, axis=0), np.float32)
+    mean = np.asarray(np.mean(resized_maps, axis=0), np.float32)
     chances = np.asarray(
         1 / (1 + np.exp(-np.clip(mean, -30, 30))), np.float32
     ).transpose(2, 0, 1)
     normals = mean[..., 10:13]
     normals = normals / np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-6)
-    # offsets mean longer distances in smaller passes: affinities come from the largest pass alone
+    # Offsets mean longer distances in smaller passes: affinities come from the largest
+    # pass only.
     pairs = 1 / (1 + np.exp(-np.clip(passes[-1][2:10], -30, 30)))
     maps = (
         chances[0], chances[1], np.asarray(pairs, np.float32), np.asarray(normals, np.float32),
@@ -106,57 +130,63 @@ def _seen(codes: bytes, height: int, width: int) -> NetworkMaps:
 
 
 def mirrored(maps: F32) -> F32:
-    """Raw output (15, h, w) for the mirror image of a photo, as it lies in the photo."""
-    there = np.array(maps[:, :, ::-1])
-    there[10] *= -1  # x of the normals
+    """Return the raw output (15, h, w) of a mirror image, mapped to the photo."""
+    result = np.array(maps[:, :, ::-1])
+    # The x component of the normals changes its sign.
+    result[10] *= -1
     for n, (down, right) in enumerate(OFFSETS, 2):
-        if (
-            down == 0
-        ):  # the other end of the pair comes first; pairs past the border stay as they are
-            there[n, :, :-right] = there[n, :, right:]
+        # The other end of the pair comes first; pairs across the border stay.
+        if down == 0:
+            result[n, :, :-right] = result[n, :, right:]
         elif right:
-            there[n] = maps[2 + OFFSETS.index((down, -right)), :, ::-1]
-    return there
+            result[n] = maps[2 + OFFSETS.index((down, -right)), :, ::-1]
+    return result
 
 
 def pool(levels: Sequence[Sequence[F32]]) -> F32:
-    """Pool levels, each the maps (C, h, w) of a photo and of its mirror image, to one vector.
+    """Return one vector for levels, each the maps (C, h, w) of a photo and its mirror
+    image.
 
     Each channel gives its mean in BANDS rows of equal height, and its spread.
     """
     parts = []
     for maps in levels:
-        profile = np.mean([one.mean(axis=2) for one in maps], axis=0)
+        profile = np.mean([channel_maps.mean(axis=2) for channel_maps in maps], axis=0)
         rows = np.arange(profile.shape[1])
         borders = np.linspace(0, profile.shape[1], BANDS + 1)
         for top, bottom in pairwise(borders):
-            # a row on a border belongs to both bands in part
+            # A row on a border belongs to both bands in part.
             share = np.minimum(rows + 1, bottom) - np.maximum(rows, top)
             share = np.maximum(share, 0)
             parts.append(profile @ share / share.sum())
-        spreads = [one.reshape(len(one), -1).std(axis=1) for one in maps]
+        spreads = [
+            channel_maps.reshape(len(channel_maps), -1).std(axis=1)
+            for channel_maps in maps
+        ]
         parts.append(np.mean(spreads, axis=0))
     return np.concatenate(parts).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
 class _Pass:
-    """Raw outputs for one size of a photo."""
+    """The raw outputs for one size of a photo."""
 
-    maps: F32  # (15, h, w); h, w half of the size
-    levels: Sequence[F32]  # those of POOLED, (C, h, w) each
+    # (15, h, w); h, w are half of the size.
+    maps: F32
+    # The levels of POOLED, (C, h, w) each.
+    levels: Sequence[F32]
 
 
 def _pass(rgb: NDArray[np.uint8], side: int) -> _Pass:
-    """Raw output for the photo with `side` px along its longer side."""
+    """Return the raw output for the photo with `side` px along its longer side."""
     height, width = rgb.shape[:2]
     scale = side / max(height, width)
     size = max(round(width * scale / 2), 1) * 2, max(round(height * scale / 2), 1) * 2
-    how = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
-    small = cv2.resize(rgb, size, interpolation=how)
-    right, below = (max(-part % STRIDE, LEAST - part) for part in size)
-    padded = cv2.copyMakeBorder(small, 0, below, 0, right, cv2.BORDER_REPLICATE)
-    outputs = dict(zip(OUTPUTS, _outputs(as_input(padded)), strict=True))
+    interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+    small = cv2.resize(rgb, size, interpolation=interpolation)
+    right, bottom = (max(-part % STRIDE, LEAST - part) for part in size)
+    padded_photo = cv2.copyMakeBorder(small, 0, bottom, 0, right, cv2.BORDER_REPLICATE)
+    outputs = dict(zip(OUTPUTS, _outputs(as_input(padded_photo)), strict=True))
     levels = []
     for name, stride in POOLED.items():
         width, height = (-(-part // stride) for part in size)
@@ -165,7 +195,7 @@ def _pass(rgb: NDArray[np.uint8], side: int) -> _Pass:
 
 
 def as_input(rgb: NDArray[Any]) -> F32:
-    """(H, W, 3) sRGB codes as the network takes them, (1, 3, H, W)."""
+    """Return sRGB levels (H, W, 3) as the network's input (1, 3, H, W)."""
     codes = rgb.astype(np.float32)
     return np.ascontiguousarray(
         ((codes - np.float32(MEAN)) / np.float32(SPREAD)).transpose(2, 0, 1)[None]
@@ -173,10 +203,12 @@ def as_input(rgb: NDArray[Any]) -> F32:
 
 
 def _outputs(blob: F32) -> list[F32]:
+    """Return the outputs of the network for an input."""
     network = _network()
-    with LOCK:  # a net holds state between the calls
+    # An OpenCV network holds state between the calls.
+    with LOCK:
         network.setInput(blob)
-        return [np.array(one, np.float32) for one in network.forward(OUTPUTS)]
+        return [np.array(output, np.float32) for output in network.forward(OUTPUTS)]
 
 
 @cache
@@ -187,10 +219,14 @@ def _network() -> cv2.dnn.Net:
 def crop(
     image: NDArray[np.uint8], box: Sequence[float], side: int, beyond: int = round(MEAN)
 ) -> NDArray[np.uint8]:
-    """A box (left, top, right, bottom px) and its margin, squeezed to (side, side[, 3]); `beyond` is off the photo."""
+    """Return a box (left, top, right, bottom px) with its margin, resized to (side,
+    side[, 3]).
+
+    Pixels outside the photo have the value `beyond`.
+    """
     left, top, right, bottom = bounds(box)
     height, width = image.shape[:2]
-    found = np.full((side, side, *image.shape[2:]), beyond, np.uint8)
+    result = np.full((side, side, *image.shape[2:]), beyond, np.uint8)
     part = image[max(top, 0) : max(bottom, 0), max(left, 0) : max(right, 0)]
     x0, x1 = (
         round((x - left) / (right - left) * side)
@@ -201,32 +237,37 @@ def crop(
         for y in (max(top, 0), min(bottom, height))
     )
     if part.size and x1 > x0 and y1 > y0:
-        less = min(part.shape[1], x1 - x0), min(part.shape[0], y1 - y0)
+        # Reduce first, then enlarge: INTER_AREA cannot enlarge.
+        size = min(part.shape[1], x1 - x0), min(part.shape[0], y1 - y0)
         part = np.asarray(
-            cv2.resize(part, less, interpolation=cv2.INTER_AREA), np.uint8
+            cv2.resize(part, size, interpolation=cv2.INTER_AREA), np.uint8
         )
-        found[y0:y1, x0:x1] = cv2.resize(
+        result[y0:y1, x0:x1] = cv2.resize(
             part, (x1 - x0, y1 - y0), interpolation=cv2.INTER_LINEAR
         )
-    return found
+    return result
 
 
 def bounds(box: Sequence[float]) -> tuple[int, int, int, int]:
-    """Left, top, right, bottom px of a box's crop, which may reach beyond the photo; 1 px across and down at least."""
-    across, down = MARGIN * (box[2] - box[0]), MARGIN * (box[3] - box[1])
-    left, top = round(box[0] - across), round(box[1] - down)
+    """Return left, top, right, bottom of a box's crop, px.
+
+    The crop may reach outside the photo and is at least 1 px wide and high.
+    """
+    x_margin, y_margin = MARGIN * (box[2] - box[0]), MARGIN * (box[3] - box[1])
+    left, top = round(box[0] - x_margin), round(box[1] - y_margin)
     return (
         left,
         top,
-        max(round(box[2] + across), left + 1),
-        max(round(box[3] + down), top + 1),
+        max(round(box[2] + x_margin), left + 1),
+        max(round(box[3] + y_margin), top + 1),
     )
 
 
 def mask_in_box(rgb: NDArray[np.uint8], box: Sequence[float]) -> PromptedMask:
-    """The object in a box (left, top, right, bottom px), in one piece; an empty mask where none is seen.
+    """Return the object in a box (left, top, right, bottom px), in one piece.
 
-    The confidence is the overlap (IoU) that the head expects.
+    The mask is empty if no object is visible. The confidence is the IoU that the head
+    expects.
     """
     return _segment(rgb, box, at_point=False)
 
@@ -234,19 +275,23 @@ def mask_in_box(rgb: NDArray[np.uint8], box: Sequence[float]) -> PromptedMask:
 def mask_at_point(
     rgb: NDArray[np.uint8], point: tuple[float, float], side: float
 ) -> PromptedMask:
-    """The same for the object at a point (x, y px), looked for in a square around it with sides of `side` px."""
-    half = side / (1 + 2 * MARGIN) / 2
+    """Return the object at a point (x, y px), in a square with sides of `side` px
+    around it.
+    """
+    half_side = side / (1 + 2 * MARGIN) / 2
     x, y = point
-    return _segment(rgb, (x - half, y - half, x + half, y + half), at_point=True)
+    return _segment(
+        rgb, (x - half_side, y - half_side, x + half_side, y + half_side), at_point=True
+    )
 
 
 def rough_mask_in_box(
     rgb: NDArray[np.uint8], box: Sequence[float], shape: tuple[int, int]
 ) -> Proposal | None:
-    """Return the object in a box of the photo, on a grid of `shape` (h, w).
+    """Return the object in a box of the photo on a grid of `shape` (h, w), or None.
 
-    One look without its mirror image and without the photo's edges, in half the time of
-    `mask_in_box`. None where nothing is seen.
+    This uses one crop, without its mirror image and the photo's edges, in half the time
+    of `mask_in_box`.
     """
     left, top, right, bottom = bounds(box)
     chances = _first_chances(crop(rgb, box, SIDE).tobytes(), at_point=False)
@@ -257,23 +302,25 @@ def rough_mask_in_box(
     x1, y1 = np.minimum(high, shape[::-1]).tolist()
     if x1 <= x0 or y1 <= y0:
         return None
-    # centres of the grid's cells -> those of the head's output
+    # Maps centres of the grid's cells to those of the head's output.
     step = np.array([right - left, bottom - top]) / np.array(chances.shape[::-1])
     factor = 1 / (scale * step)
     first = (np.array([x0, y0]) + 0.5) * factor - np.array([left, top]) / step - 0.5
     matrix = np.array([[factor[0], 0, first[0]], [0, factor[1], first[1]]])
-    there = cv2.warpAffine(
+    grid_chances = cv2.warpAffine(
         chances,
         matrix,
         (x1 - x0, y1 - y0),
         flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
         borderMode=cv2.BORDER_REPLICATE,
     )
-    return cut_out(there >= 0.5, x0, y0, 4)
+    return cut_out(grid_chances >= 0.5, x0, y0, 4)
 
 
 def box_of(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
-    """Left, top, right, bottom px of a mask (H, W); the last two just outside."""
+    """Return left, top, right, bottom of a mask (H, W), px; the last two are just
+    outside.
+    """
     x, y, width, height = cv2.boundingRect(mask.astype(np.uint8))
     return x, y, x + width, y + height
 
@@ -281,6 +328,7 @@ def box_of(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
 def _segment(
     rgb: NDArray[np.uint8], box: Sequence[float], *, at_point: bool
 ) -> PromptedMask:
+    """Return the object in a box or, if `at_point`, at the centre of a box."""
     height, width = rgb.shape[:2]
     mask = np.zeros((height, width), np.bool_)
     left, top, right, bottom = bounds(box)
@@ -289,21 +337,25 @@ def _segment(
         return PromptedMask(mask, 0.0)
     view = crop(rgb, box, SIDE)
     small = _first_chances(view.tobytes(), at_point)
-    # errors of the mirror image differ
+    # The errors of the mirror image differ from those of the crop.
     other = _chances(np.ascontiguousarray(view[:, ::-1]), at_point)
     affine: NDArray[Any] = follow_edges(
         view, np.asarray((small + other[:, ::-1]) / 2, np.float32)
     )
-    across, down = SIDE / (right - left), SIDE / (bottom - top)
-    there = np.array(
+    x_scale, y_scale = SIDE / (right - left), SIDE / (bottom - top)
+    transform = np.array(
         [
-            [across, 0, (x - left + 0.5) * across - 0.5],
-            [0, down, (y - top + 0.5) * down - 0.5],
+            [x_scale, 0, (x - left + 0.5) * x_scale - 0.5],
+            [0, y_scale, (y - top + 0.5) * y_scale - 0.5],
         ]
     )
-    how = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     affine = cv2.warpAffine(
-        affine, there, (end - x, foot - y), flags=how, borderMode=cv2.BORDER_REPLICATE
+        affine,
+        transform,
+        (end - x, foot - y),
+        flags=flags,
+        borderMode=cv2.BORDER_REPLICATE,
     )
     chances = np.clip(
         (affine[..., :3] * rgb[y:foot, x:end]).sum(-1) + affine[..., 3], 0, 1
@@ -312,17 +364,22 @@ def _segment(
     if piece is None:
         return PromptedMask(mask, 0.0)
     mask[y:foot, x:end] = inside = piece.on(chances.shape)
-    on = float(chances[inside].sum())
-    return PromptedMask(mask, on / (float(inside.sum()) + float(chances.sum()) - on))
+    inner_sum = float(chances[inside].sum())
+    return PromptedMask(
+        mask, inner_sum / (float(inside.sum()) + float(chances.sum()) - inner_sum)
+    )
 
 
 def follow_edges(
     rgb: NDArray[np.uint8], chances: F32, radius: int = 3, noise: float = 4.0
 ) -> F32:
-    """(SIDE, SIDE, 4) that gives chances (h, w) at the photo's own edges: weights of red, green and blue and a sum.
+    """Return (SIDE, SIDE, 4) weights of red, green, blue and a constant that give the
+    chances.
 
-    Coefficients of a guided filter (He and Sun 2015, Fast guided filter): around each pixel of the crop (SIDE, SIDE, 3)
-    the linear function of colours nearest to the chances. `radius` px; `noise` levels of the colours.
+    The result follows the photo's edges: coefficients of a guided filter (He and Sun
+    2015, Fast guided filter). Around each pixel of the crop (SIDE, SIDE, 3) they define
+    the linear function of colours nearest to the chances (h, w). `radius` is in px,
+    `noise` in levels of the colours.
     """
 
     def mean(values: NDArray[Any]) -> F32:
@@ -331,13 +388,17 @@ def follow_edges(
             np.float32,
         )
 
-    colours, known = rgb.astype(np.float32), cv2.resize(chances, rgb.shape[1::-1])
-    middle, level = mean(colours), mean(known)
-    shared = mean(colours * known[..., None]) - middle * level[..., None]
-    other = np.roll(colours, -1, axis=-1)  # green, blue, red
+    colours, large_chances = (
+        rgb.astype(np.float32),
+        cv2.resize(chances, rgb.shape[1::-1]),
+    )
+    middle, level = mean(colours), mean(large_chances)
+    covariance = mean(colours * large_chances[..., None]) - middle * level[..., None]
+    # Channels in the order green, blue, red.
+    other = np.roll(colours, -1, axis=-1)
     squares = mean(colours * colours) - middle * middle + np.float32(noise**2)
     products = mean(colours * other) - middle * np.roll(middle, -1, axis=-1)
-    weights = _solve_symmetric(squares, products, shared)
+    weights = _solve_symmetric(squares, products, covariance)
     return mean(np.dstack([weights, level - (weights * middle).sum(-1)]))
 
 
@@ -345,13 +406,16 @@ def _solve_symmetric(diagonal: F32, beside: F32, right: F32) -> F32:
     """Return the solutions (h, w, 3) of symmetric systems of three equations.
 
     `beside` (h, w, 3) has the elements 01, 12 and 20 of the matrices; `right` is the
-    right side. By cofactors: a general solver takes four times as long.
+    right side. The solution uses cofactors: a general solver takes four times as long.
     """
     first, second, third = _cofactors(diagonal, beside)
     row = np.dstack([diagonal[..., 0], beside[..., 0], beside[..., 2]])
     x, y, z = np.moveaxis(right.astype(np.float64), -1, 0)
     factor = 1 / (row.astype(np.float64) * np.stack(first, axis=-1)).sum(axis=-1)
-    parts = [one[0] * x + one[1] * y + one[2] * z for one in (first, second, third)]
+    parts = [
+        cofactor_row[0] * x + cofactor_row[1] * y + cofactor_row[2] * z
+        for cofactor_row in (first, second, third)
+    ]
     return np.stack([part * factor for part in parts], axis=-1).astype(np.float32)
 
 
@@ -365,7 +429,7 @@ def _cofactors(diagonal: F32, beside: F32) -> list[list[NDArray[np.float64]]]:
 
 @lru_cache(maxsize=LOOKS)
 def _first_chances(codes: bytes, at_point: bool) -> F32:
-    """Return `_chances` of the codes of a crop, read-only; a photo's last are cached."""
+    """Return `_chances` of a crop given as bytes, read-only and cached."""
     view = np.frombuffer(codes, np.uint8).reshape(SIDE, SIDE, 3)
     chances = _chances(view, at_point)
     chances.setflags(write=False)
@@ -373,7 +437,7 @@ def _first_chances(codes: bytes, at_point: bool) -> F32:
 
 
 def _chances(rgb: NDArray[np.uint8], at_point: bool) -> F32:
-    """(SIDE / 2, SIDE / 2) 0..1 of a crop (SIDE, SIDE, 3): on the object meant."""
+    """Return the probability (SIDE / 2, SIDE / 2) of the prompted object in a crop."""
     levels, head = _outputs(as_input(rgb))[1:], _head()
     with LOCK:
         for name, level in zip(OUTPUTS[1:], levels, strict=True):

@@ -1,7 +1,7 @@
-"""Objects before one plain colour, as in pictures of goods.
+"""Objects in front of one plain colour, as in product pictures.
 
-Such a ground is known at every pixel, so that an object ends where its colour begins:
-the gap below a handle is no part of a bag, and no corner of it stays behind.
+Such a ground is known at every pixel, so that an object ends where the ground's colour
+begins: the gap below a handle is not part of a bag, and none of its corners is missed.
 """
 
 from __future__ import annotations
@@ -22,42 +22,51 @@ Rgb = NDArray[np.uint8]
 class PlainConstants:
     """Constants of plain grounds, chosen on a bag and drawings."""
 
-    frame: float = 0.02  # of the shorter side: the border on which a ground is judged
-    even: float = 6.0  # 8-bit codes from its colour, within which a pixel is ground
-    share: float = 0.85  # of the frame's pixels that are ground
-    unlike: float = 40.0  # codes from it, from which a pixel is none; shadows have less
-    stroke: float = (
-        0.012  # of an object's size: half the width of a mark of that colour
-    )
-    contour: float = 0.8  # of a gap's border that is a clear edge
-    reach: int = 3  # px to either side of such an edge
-    own: float = 0.5  # share of a region unlike the ground that lies in its object
-    band: float = 0.05  # of an object's longer side: ground beside it
-    gap: float = 0.45  # of its object: the face of a plate or a clock is larger
-    most: float = 1.6  # area that an object may have after, over that before
+    # Width of the border in which the ground is tested, over the shorter side.
+    frame: float = 0.02
+    # 8-bit levels: largest difference of ground from its colour.
+    even: float = 6.0
+    # Least share of ground in the frame.
+    share: float = 0.85
+    # Levels: least difference of an object from that colour; shadows have less.
+    unlike: float = 40.0
+    # Half the width of a mark of that colour over an object's size.
+    stroke: float = 0.012
+    # Least share of a gap's border with a clear edge.
+    contour: float = 0.8
+    # px on both sides of such an edge.
+    reach: int = 3
+    # Least share of a region unlike the ground inside its object.
+    own: float = 0.5
+    # Width of the ground beside an object over the object's longer side.
+    band: float = 0.05
+    # Largest area of a gap over its object's: the face of a plate or a clock is larger.
+    gap: float = 0.45
+    # Largest ratio of an object's areas after and before.
+    most: float = 1.6
 
 
 PLAIN = PlainConstants()
 
 
 def plain_colour(rgb: Rgb) -> NDArray[np.float32] | None:
-    """Return the colour (3,) of a photo's plain ground; None if it has none."""
+    """Return the colour (3,) of a photo's plain ground, or None if it has none."""
     width = max(1, round(PLAIN.frame * min(rgb.shape[:2])))
     is_frame = np.ones(rgb.shape[:2], bool)
     is_frame[width:-width, width:-width] = False
     frame = rgb[is_frame].astype(np.float32)
     colour = np.median(frame, axis=0)
-    is_even = np.abs(frame - colour).max(axis=1) <= PLAIN.even
-    return np.asarray(colour) if is_even.mean() >= PLAIN.share else None
+    ground_mask = np.abs(frame - colour).max(axis=1) <= PLAIN.even
+    return np.asarray(colour) if ground_mask.mean() >= PLAIN.share else None
 
 
 def distance_from_ground(rgb: Rgb, colour: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return 8-bit codes (H, W) by which pixels differ from the ground's colour."""
+    """Return the difference (H, W) of pixels from the ground's colour, 8-bit levels."""
     return np.asarray(np.abs(rgb.astype(np.float32) - colour).max(axis=2))
 
 
 def cut_out_on_plain(rgb: Rgb, objects: Segments) -> Segments:
-    """Return the objects with the borders that a plain ground shows."""
+    """Return the objects with borders where the plain ground begins."""
     colour = plain_colour(rgb)
     if colour is None:
         return objects
@@ -65,19 +74,21 @@ def cut_out_on_plain(rgb: Rgb, objects: Segments) -> Segments:
     labels = objects.labels.copy()
     regions = _regions(distance)
     for i in np.unique(labels[labels > 0]).tolist():
-        own = labels == i
-        whole = own | (_belonging(regions, own) & (labels == 0))
-        if whole.sum() <= PLAIN.most * own.sum():
-            labels[own] = 0
-            labels[_without_gaps(whole, distance) & (labels == 0)] = i
+        mask = labels == i
+        full_mask = mask | (_belonging(regions, mask) & (labels == 0))
+        if full_mask.sum() <= PLAIN.most * mask.sum():
+            labels[mask] = 0
+            labels[_without_gaps(full_mask, distance) & (labels == 0)] = i
     return replace(objects, labels=labels)
 
 
 def _regions(distance: NDArray[np.float32]) -> NDArray[np.int32]:
-    """Return numbers (H, W) of connected regions unlike the ground; 0 = ground."""
-    unlike = (distance > PLAIN.unlike).view(np.uint8)
-    closed = cv2.morphologyEx(unlike, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-    _, names = cv2.connectedComponents(closed, connectivity=8)
+    """Return numbers (H, W) of connected regions unlike the ground; 0 is ground."""
+    foreground = (distance > PLAIN.unlike).view(np.uint8)
+    closed_mask = cv2.morphologyEx(
+        foreground, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)
+    )
+    _, names = cv2.connectedComponents(closed_mask, connectivity=8)
     return np.asarray(names, np.int32)
 
 
@@ -91,7 +102,7 @@ def _belonging(regions: NDArray[np.int32], own: Mask) -> Mask:
 
 
 def _without_gaps(whole: Mask, distance: NDArray[np.float32]) -> Mask:
-    """Return an object without the gaps in it; marks at its border are closed."""
+    """Return an object without its gaps; marks at its border are closed."""
     gaps = _gaps(whole, distance)
     marks = cv2.morphologyEx(
         (whole & ~gaps).view(np.uint8), cv2.MORPH_CLOSE, _disc(_stroke(whole))
@@ -100,16 +111,18 @@ def _without_gaps(whole: Mask, distance: NDArray[np.float32]) -> Mask:
 
 
 def _gaps(mask: Mask, distance: NDArray[np.float32]) -> Mask:
-    """Return the parts of a mask (H, W) through which the ground is seen.
+    """Return the parts of a mask (H, W) through which the ground is visible.
 
     Marks of the ground's colour on an object are narrow, and a pale object has no clear
     edge inside.
     """
     is_ground = (mask & (distance <= PLAIN.even)).astype(np.uint8)
     radius = _stroke(mask)
-    wide = cv2.morphologyEx(is_ground, cv2.MORPH_OPEN, _disc(radius))
-    near = cv2.dilate(wide, np.ones((3, 3), np.uint8), iterations=radius) > 0
-    ground = (near & (is_ground > 0)).astype(np.uint8)
+    opened_mask = cv2.morphologyEx(is_ground, cv2.MORPH_OPEN, _disc(radius))
+    ground_region = (
+        cv2.dilate(opened_mask, np.ones((3, 3), np.uint8), iterations=radius) > 0
+    )
+    ground = (ground_region & (is_ground > 0)).astype(np.uint8)
     count, names = cv2.connectedComponents(ground, connectivity=4)
     square = np.ones((2 * PLAIN.reach + 1, 2 * PLAIN.reach + 1), np.uint8)
     farthest = cv2.dilate(distance, square)
@@ -127,7 +140,7 @@ def _gaps(mask: Mask, distance: NDArray[np.float32]) -> Mask:
 
 
 def _stroke(mask: Mask) -> int:
-    """Return half the width (px) of a mark on an object (H, W)."""
+    """Return half the width of a mark on an object (H, W), px."""
     size = float(np.sqrt(max(int(mask.sum()), 1)))
     return max(2, round(PLAIN.stroke * size))
 
@@ -140,16 +153,16 @@ def _disc(radius: int) -> NDArray[np.uint8]:
 
 
 def shade_below(rgb: Rgb, labels: NDArray[np.uint16]) -> float:
-    """Return 8-bit codes by which plain ground is darker below objects than around.
+    """Return by how many levels plain ground is darker below objects than around them.
 
-    What stands on a plain ground has its shade or its mirror image below it; what lies
-    on it has shade at other sides, too. 0 without a plain ground.
+    An object on a plain ground has its shade or mirror image below it; an object seen
+    from above has shade on other sides as well. The result is 0 without a plain ground.
     """
     colour = plain_colour(rgb)
-    own = labels > 0
-    if colour is None or not own.any():
+    object_mask = labels > 0
+    if colour is None or not object_mask.any():
         return 0.0
-    left, top, width, height = cv2.boundingRect(own.view(np.uint8))
+    left, top, width, height = cv2.boundingRect(object_mask.view(np.uint8))
     band = max(2, round(PLAIN.band * max(width, height)))
     rows, columns = slice(top, top + height), slice(left, left + width)
     places = (
@@ -159,16 +172,21 @@ def shade_below(rgb: Rgb, labels: NDArray[np.uint16]) -> float:
         np.s_[rows, left + width : left + width + band],
     )
     distance = distance_from_ground(rgb, colour)
-    shades = [float(np.median(distance[at])) for at in places if distance[at].size]
+    shades = [
+        float(np.median(distance[band_window]))
+        for band_window in places
+        if distance[band_window].size
+    ]
     if len(shades) < len(places):
         return 0.0
     return max(0.0, shades[0] - max(shades[1:]))
 
 
 def shows_ground_beyond(rgb: Rgb, own: Mask, near: int) -> bool:
-    """Return whether plain ground lies between an object (H, W) and each border nearby.
+    """Return whether plain ground lies between an object (H, W) and each near border.
 
-    `near` px from a border, an object may be cut off by it; not if ground is seen there.
+    An object within `near` px of a border may be cut off by it, unless ground is
+    visible in between.
     """
     colour = plain_colour(rgb)
     if colour is None:
@@ -180,4 +198,4 @@ def shows_ground_beyond(rgb: Rgb, own: Mask, near: int) -> bool:
         (own[:, : near + 1].any(axis=1), is_ground[:, 0]),
         (own[:, -near - 1 :].any(axis=1), is_ground[:, -1]),
     )
-    return all(bool(ground[beside].all()) for beside, ground in sides)
+    return all(bool(ground[side_pixels].all()) for side_pixels, ground in sides)

@@ -1,8 +1,8 @@
-"""What a click means: the best of the candidates and boxes at a point.
+"""The object selected by a click: the best of the candidates and boxes at a point.
 
-The judge rates the cut-outs of all of the detector's boxes there, and of squares around
-the point, beside the candidates of the whole photo. It prefers wholes, piles among them;
-a click lies deep in what is meant, and the head cuts that out more surely.
+The judge rates the cut-outs of all boxes at the point, and of squares around it, beside
+the candidates of the whole photo. It prefers wholes, including piles; a click lies deep
+inside the intended object, and the head cuts that object out with higher confidence.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from physgen.perceive.segment.proposals import Proposal, cut_out
 Pixel = tuple[int, int]
 """Column and row of the photo."""
 Scale = NDArray[np.float64]
-"""Across and down: how many times as large as the candidates' grid the photo is."""
+"""Horizontal and vertical size of the photo over the candidates' grid."""
 
 
 @dataclass(frozen=True)
@@ -37,17 +37,24 @@ class PointConstants:
     Chosen on clicks on 75 objects of household photos, COCO's and two rendered piles.
     """
 
-    least: float = 0.05  # expected fit from which a candidate may be meant
-    likely: float = 0.1  # expected fit from which the smallest candidate may be meant
+    # Least expected fit of a possible candidate.
+    least: float = 0.05
+    # Least expected fit of the smallest possible candidate.
+    likely: float = 0.1
     sure: float = 0.3
-    """Expected fit of the best from which the judge knows an object there."""
-    tries: int = 6  # candidates that are cut out again at most
+    """Expected fit of the best candidate above which the judge knows an object
+    there.
+    """
+    # Largest number of candidates that are cut out again.
+    tries: int = 6
     same_box: float = 0.9
-    """IoU of a box with a candidate's from which the candidate stands for it."""
+    """Least IoU of a box with the box of a candidate that replaces it."""
     whole: float = 0.9
-    """Share of the photo from which a mask is the photo and no object."""
+    """Share of the photo above which a mask is the photo rather than an object."""
     caution: float = 0.8
-    """Factor on a candidate's confidence beside what is seen around the point alone."""
+    """Factor of a candidate's confidence relative to a cut-out around the point
+    alone.
+    """
 
 
 POINT = PointConstants()
@@ -58,31 +65,36 @@ class PointChoice:
     """A candidate at a point."""
 
     candidate: Proposal
-    fit: float  # 0..1: expected IoU with the best object
-    depth: float  # 0..1: of the point in the mask; 1 is the pixel farthest from its rim
-    mask: PromptedMask | None = None  # on the photo, if it is cut out already
+    # 0..1: expected IoU with the best object.
+    fit: float
+    # 0..1: depth of the point in the mask; 1 at the pixel farthest from its rim.
+    depth: float
+    # On the photo, if it is already cut out.
+    mask: PromptedMask | None = None
 
 
 @dataclass(frozen=True)
 class Ranking:
-    """Weights of what tells the candidate that is meant."""
+    """Exponents and offsets of the criteria for the intended candidate."""
 
     shallow: float
-    """Added to the depth of a click, since some lie near the rim."""
-    fit_power: float  # of the judge's fit
-    confidence_power: float  # of the IoU that the head expects
+    """Added to the depth of a click, since some clicks are near the rim."""
+    # Exponent of the judge's fit.
+    fit_power: float
+    # Exponent of the IoU that the head expects.
+    confidence_power: float
 
     def worth(self, one: PointChoice, confidence: float = 1.0) -> float:
-        """Return the rank of a candidate that is cut out with some confidence."""
+        """Return the rank of a candidate with a confidence of its cut-out."""
         depth = self.shallow + one.depth
         fit = one.fit**self.fit_power
         return float(depth * fit * confidence**self.confidence_power)
 
 
 BY_DEPTH = Ranking(0.2, 0.5, 2.0)
-"""If the judge knows objects there, piles among them."""
+"""Used if the judge knows objects there, including piles."""
 BY_FIT = Ranking(2.0, 1.0, 0.5)
-"""If the judge expects little of all candidates."""
+"""Used if the judge expects little of all candidates."""
 
 
 def object_at_point(
@@ -92,23 +104,23 @@ def object_at_point(
     smallest: bool,
     look_around: Callable[[], Sequence[PromptedMask]],
 ) -> PromptedMask | None:
-    """Return the best candidate at a pixel that holds none of the other ones.
+    """Return the best candidate at a pixel without the other pixels, or None.
 
-    With `smallest`, the smallest likely one. None if there is none. `look_around`
-    returns what is seen around the pixel without candidates.
+    With `smallest`, it is the smallest likely one. `look_around` returns cut-outs
+    around the pixel without candidates.
     """
-    judged = judge_photo(rgb)
-    shape = judged.found.shape
+    candidates = judge_photo(rgb)
+    shape = candidates.found.shape
     scale = np.array([rgb.shape[1] / shape[1], rgb.shape[0] / shape[0]])
-    choices = _choices(rgb, judged, own, others, scale)
+    choices = _choices(rgb, candidates, own, others, scale)
     if smallest:
-        likely = [one for one in choices if one.fit >= POINT.likely]
-        likely.sort(key=lambda one: one.candidate.area)
-        masks = _cut_out_again(rgb, likely[: POINT.tries], own, others, scale)
+        likely_choices = [choice for choice in choices if choice.fit >= POINT.likely]
+        likely_choices.sort(key=lambda one: one.candidate.area)
+        masks = _cut_out_again(rgb, likely_choices[: POINT.tries], own, others, scale)
         return next((mask for _, mask in masks), None)
-    is_known = max((one.fit for one in choices), default=0.0) >= POINT.sure
-    ranking = BY_DEPTH if is_known else BY_FIT
-    choices += _judge_looks(rgb, judged, look_around(), own, scale)
+    has_good_fit = max((choice.fit for choice in choices), default=0.0) >= POINT.sure
+    ranking = BY_DEPTH if has_good_fit else BY_FIT
+    choices += _judge_looks(rgb, candidates, look_around(), own, scale)
     choices.sort(key=lambda one: -ranking.worth(one))
     masks = list(_cut_out_again(rgb, choices[: POINT.tries], own, others, scale))
     if not masks:
@@ -124,18 +136,20 @@ def _choices(
     scale: Scale,
 ) -> list[PointChoice]:
     """Return the candidates and the cut-outs of boxes at a pixel."""
-    found = judged.found
+    candidates = judged.found
     cut_outs = [
-        one
-        for one in _cut_out_boxes(rgb, judged, own, scale)
-        if _holds(one, own, others, scale)
+        proposal
+        for proposal in _cut_out_boxes(rgb, judged, own, scale)
+        if _holds(proposal, own, others, scale)
     ]
     fits = np.concatenate([judged.fit, judge_others(rgb, judged, cut_outs)])
-    some = zip([*found.proposals, *cut_outs], fits.tolist(), strict=True)
+    rated_proposals = zip(
+        [*candidates.proposals, *cut_outs], fits.tolist(), strict=True
+    )
     return [
-        PointChoice(one, fit, _depth(one, own, scale))
-        for one, fit in some
-        if fit >= POINT.least and _holds(one, own, others, scale)
+        PointChoice(proposal, fit, _depth(proposal, own, scale))
+        for proposal, fit in rated_proposals
+        if fit >= POINT.least and _holds(proposal, own, others, scale)
     ]
 
 
@@ -146,7 +160,7 @@ def _judge_looks(
     own: Pixel,
     scale: Scale,
 ) -> list[PointChoice]:
-    """Return what is seen around a pixel as choices."""
+    """Return cut-outs around a pixel as choices."""
     size = judged.found.shape[::-1]
     pieces: list[tuple[Proposal, PromptedMask]] = []
     for look in looks:
@@ -167,13 +181,15 @@ def _judge_looks(
 def _cut_out_boxes(
     rgb: Rgb, judged: JudgedCandidates, own: Pixel, scale: Scale
 ) -> Iterable[Proposal]:
-    """Yield cut-outs of the boxes around a pixel that no candidate stands for."""
+    """Yield cut-outs of the boxes around a pixel that match no candidate."""
     boxes = judged.boxes
-    rectangles = np.array([one.box for one in judged.found.proposals], np.float64)
+    rectangles = np.array(
+        [proposal.box for proposal in judged.found.proposals], np.float64
+    )
     corners = rectangles.reshape(-1, 4) * np.tile(scale, 2)
-    known = box_overlap(boxes.corners, corners).max(axis=1, initial=0.0)
+    best_overlap = box_overlap(boxes.corners, corners).max(axis=1, initial=0.0)
     is_inside = (boxes.corners[:, :2] <= own) & (boxes.corners[:, 2:] > own)
-    is_free = is_inside.all(axis=1) & (known < POINT.same_box)
+    is_free = is_inside.all(axis=1) & (best_overlap < POINT.same_box)
     for k in np.flatnonzero(is_free).tolist():
         piece = rough_mask_in_box(rgb, boxes.corners[k], judged.found.shape)
         if piece is not None:
@@ -187,16 +203,23 @@ def _cut_out_again(
     others: Sequence[Pixel],
     scale: Scale,
 ) -> Iterable[tuple[PointChoice, PromptedMask]]:
-    """Yield candidates with their masks on the photo, if those hold the pixel alone."""
-    for one in choices:
-        found = one.mask or mask_in_box(rgb, one.candidate.box * np.tile(scale, 2))
-        if is_meant(found.mask, own, others) and found.mask.mean() < POINT.whole:
-            confidence = POINT.caution * found.confidence
-            yield one, PromptedMask(found.mask, confidence)
+    """Yield candidates with their masks on the photo, if those contain only the own
+    pixel.
+    """
+    for choice in choices:
+        cut_out_mask = choice.mask or mask_in_box(
+            rgb, choice.candidate.box * np.tile(scale, 2)
+        )
+        if (
+            is_meant(cut_out_mask.mask, own, others)
+            and cut_out_mask.mask.mean() < POINT.whole
+        ):
+            confidence = POINT.caution * cut_out_mask.confidence
+            yield choice, PromptedMask(cut_out_mask.mask, confidence)
 
 
 def is_meant(mask: Mask, own: Pixel, others: Sequence[Pixel]) -> bool:
-    """Return whether a mask (H, W) holds the own pixel and no other one."""
+    """Return whether a mask (H, W) contains the own pixel and none of the others."""
     return bool(mask[own[::-1]]) and not any(mask[v, u] for u, v in others)
 
 
@@ -207,7 +230,9 @@ def _place(one: Proposal, pixel: Pixel, scale: Scale) -> Pixel:
 
 
 def _holds(one: Proposal, own: Pixel, others: Sequence[Pixel], scale: Scale) -> bool:
-    """Return whether a candidate holds the own pixel of the photo and no other."""
+    """Return whether a candidate contains the own pixel of the photo and none of the
+    others.
+    """
 
     def has(pixel: Pixel) -> bool:
         x, y = _place(one, pixel, scale)
@@ -218,7 +243,7 @@ def _holds(one: Proposal, own: Pixel, others: Sequence[Pixel], scale: Scale) -> 
 
 
 def _depth(one: Proposal, own: Pixel, scale: Scale) -> float:
-    """Return how deep a pixel of the photo lies in a candidate, 0..1."""
+    """Return the relative depth of a pixel of the photo in a candidate, 0..1."""
     mask = np.pad(one.mask, 1).astype(np.uint8)
     distances = cv2.distanceTransform(mask, cv2.DIST_L2, 5)[1:-1, 1:-1]
     x, y = _place(one, own, scale)

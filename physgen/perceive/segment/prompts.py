@@ -1,4 +1,4 @@
-"""Objects from user prompts: boxes, points and label maps."""
+"""Objects from a user's prompts: boxes, points and label maps."""
 
 from __future__ import annotations
 
@@ -36,19 +36,23 @@ Point = tuple[float, float]
 class PromptRule:
     """Constants of prompts, chosen on the validation homes and the tune half."""
 
-    weak: float = (
-        0.33  # confidence below which what is pointed at makes the photo doubtful
-    )
-    likely: float = 0.6  # confidence from which a point takes the segmenter's object
-    whole: float = 0.9  # share of the photo from which a mask is the photo and no object: it has nothing behind it
-    visible: float = (
-        0.3  # share of a prompted object that the others must leave visible
-    )
+    # Confidence of a selected object below which the photo is doubtful.
+    weak: float = 0.33
+    # Confidence above which a point selects the segmenter's object.
+    likely: float = 0.6
+    # Share of the photo above which a mask is the photo rather than an object, since
+    # nothing lies behind it.
+    whole: float = 0.9
+    # Least share of a selected object that the others leave visible.
+    visible: float = 0.3
     looks: tuple[float, ...] = (1.4, 0.7, 0.35, 0.175, 0.09)
-    """Of the photo's longer side: sides of the squares around a point in which its object is looked for."""
+    """Sides of the squares around a point in which its object is searched, over the
+    photo's longer side.
+    """
     beyond: float = 0.02
-    """Of the photo's longer side: how far a loosely drawn box may reach out of it."""
-    least: float = 4.0  # px: the smallest width and height of a box
+    """Largest overhang of a loosely drawn box over the photo's longer side."""
+    # px: least width and height of a box.
+    least: float = 4.0
 
 
 RULE = PromptRule()
@@ -56,13 +60,16 @@ RULE = PromptRule()
 
 @dataclass(frozen=True)
 class PromptFrame:
-    """The photo in whose pixels prompts are written, and where they are written."""
+    """The photo in whose pixels prompts are given, and the places in the input."""
 
-    width: float  # px
-    height: float  # px
-    scale: float = 1.0  # px of the scene's photo for a px of this one
+    # px.
+    width: float
+    # px.
+    height: float
+    # px of the scene's photo per px of this one.
+    scale: float = 1.0
     places: Mapping[int, tuple[Place, str]] = field(default_factory=dict)
-    """Place and dotted path of a prompt, by its order; absent: a flag."""
+    """Place and dotted path of a prompt, by its order; a missing entry means a flag."""
 
     @classmethod
     def of(cls, rgb: Rgb) -> PromptFrame:
@@ -77,7 +84,7 @@ class PromptFrame:
     def points_in(self, rgb: Rgb, points: Sequence[Point]) -> list[Point]:
         """Convert points to pixels of the photo (H, W, 3)."""
         x, y = rgb.shape[1] / self.width, rgb.shape[0] / self.height
-        # pixel centres are whole numbers: the last pixel stays on a smaller photo
+        # Pixel centres are whole numbers: the last pixel must stay on a smaller photo.
         return [
             ((point[0] + 0.5) * x - 0.5, (point[1] + 0.5) * y - 0.5) for point in points
         ]
@@ -85,19 +92,19 @@ class PromptFrame:
     def problem(
         self, order: int, kind: str, numbers: Sequence[float], refusal: RefusedError
     ) -> Problem:
-        """Return a problem at the place where a prompt is written, in its numbers."""
+        """Return a problem at the place of a prompt, in the prompt's own numbers."""
         place, path = self.places.get(order, (Place(_flag(kind, numbers)), ""))
-        found = "" if order not in self.places else f"[{_written(numbers)}]"
-        return refusal.problem(place, path, found)
+        quoted_value = "" if order not in self.places else f"[{_written(numbers)}]"
+        return refusal.problem(place, path, quoted_value)
 
 
 def check_prompts(
     boxes: Sequence[Box], points: Sequence[Point], frame: PromptFrame
 ) -> None:
-    """Raise InputError for every box and point that does not lie on the photo.
+    """Raise InputError with every box and point that is not on the photo.
 
-    A box may reach out of the photo by a few pixels. Boxes and points are in pixels of
-    the `frame`.
+    A box may overhang the photo by a few pixels. Boxes and points are in pixels of the
+    `frame`.
     """
     problems: list[Problem] = []
     for order, box in enumerate(boxes):
@@ -120,27 +127,29 @@ BOX_FORM, POINT_FORM = "write x,y,WIDTH,HEIGHT in px", "write x,y in px"
 
 
 def _share_fault(numbers: Sequence[float], frame: PromptFrame) -> RefusedError | None:
-    """Return what is wrong with parts of the photo's sides; None if numbers are px."""
+    """Return the fault of numbers that are shares of the photo's sides, or None
+    for px.
+    """
     is_share = all(0 <= number <= 1 for number in numbers)
     if not is_share or all(number in (0, 1) for number in numbers):
         return None
     sides = (frame.width, frame.height, frame.width, frame.height)
-    likely = [number * side for number, side in zip(numbers, sides, strict=False)]
+    pixels = [number * side for number, side in zip(numbers, sides, strict=False)]
     form = BOX_FORM if len(numbers) == len(sides) else POINT_FORM
-    fix = f"{form}; did you mean {_whole(likely)}?"
+    fix = f"{form}; did you mean {_whole(pixels)}?"
     return Message.PROMPT_IN_SHARES.refusal(fix=fix)
 
 
 def _box_fault(box: Box, frame: PromptFrame) -> RefusedError | None:
-    """Return what is wrong with a box and its fix; None if nothing is wrong."""
-    form, least = BOX_FORM, RULE.least / min(frame.scale, 1.0)
+    """Return the fault of a box with its fix, or None."""
+    form, least_side = BOX_FORM, RULE.least / min(frame.scale, 1.0)
     x, y, width, height = box
     if width < 0 or height < 0:
-        likely = (min(x, x + width), min(y, y + height), abs(width), abs(height))
-        fix = f"{form}; did you mean {_whole(likely)}?"
+        corrected_box = (min(x, x + width), min(y, y + height), abs(width), abs(height))
+        fix = f"{form}; did you mean {_whole(corrected_box)}?"
         return Message.BOX_NEGATIVE.refusal(fix=fix)
-    if min(width, height) < least:
-        return Message.BOX_TOO_SMALL.refusal(least=least, fix=form)
+    if min(width, height) < least_side:
+        return Message.BOX_TOO_SMALL.refusal(least=least_side, fix=form)
     if not (_reaches_out(box, frame) or _is_off(box, frame)):
         return None
     size = {"width": frame.width, "height": frame.height}
@@ -153,25 +162,27 @@ def _box_fault(box: Box, frame: PromptFrame) -> RefusedError | None:
 
 
 def _likely_boxes(box: Box, frame: PromptFrame) -> Iterator[Box]:
-    """Yield boxes that a wrong one may mean: by its corners, else its part on the photo."""
+    """Yield the probable meanings of a wrong box: by its corners, or its part on the
+    photo.
+    """
     x, y, right, bottom = box
     by_corners = (x, y, right - x, bottom - y)
     left, top = max(x, 0.0), max(y, 0.0)
     clipped_right = min(x + right, frame.width)
     clipped_bottom = min(y + bottom, frame.height)
-    clipped = (left, top, clipped_right - left, clipped_bottom - top)
-    for candidate in (by_corners, clipped):
+    visible_box = (left, top, clipped_right - left, clipped_bottom - top)
+    for candidate in (by_corners, visible_box):
         if min(candidate[2:]) >= RULE.least and not _reaches_out(candidate, frame):
             yield candidate
 
 
 def _reaches_out(box: Box, frame: PromptFrame) -> bool:
-    """Return whether a box reaches farther out of the photo than a loose one."""
+    """Return whether a box overhangs the photo more than a loosely drawn one."""
     return _excess(box, frame) > RULE.beyond * max(frame.width, frame.height)
 
 
 def _excess(box: Box, frame: PromptFrame) -> float:
-    """Return how far a box reaches out of the photo, px."""
+    """Return the overhang of a box outside the photo, px."""
     x, y, width, height = box
     return max(-x, -y, x + width - frame.width, y + height - frame.height, 0.0)
 
@@ -179,18 +190,18 @@ def _excess(box: Box, frame: PromptFrame) -> float:
 def _is_off(box: Box, frame: PromptFrame) -> bool:
     """Return whether no part of a box is on the photo."""
     x, y, width, height = box
-    is_beside = x >= frame.width or x + width <= 0
-    return is_beside or y >= frame.height or y + height <= 0
+    lies_beside = x >= frame.width or x + width <= 0
+    return lies_beside or y >= frame.height or y + height <= 0
 
 
 def _point_fault(point: Point, frame: PromptFrame) -> RefusedError | None:
-    """Return what is wrong with a point and its fix; None if nothing is wrong."""
+    """Return the fault of a point with its fix, or None."""
     form = POINT_FORM
     if _is_inside(point, frame):
         return None
-    swapped = (point[1], point[0])
-    if _is_inside(swapped, frame):
-        form += f"; did you mean {_whole(swapped)}?"
+    swapped_point = (point[1], point[0])
+    if _is_inside(swapped_point, frame):
+        form += f"; did you mean {_whole(swapped_point)}?"
     size = {"width": frame.width, "height": frame.height}
     return Message.PROMPT_OFF_PHOTO.refusal(fix=form, **size)
 
@@ -205,28 +216,31 @@ def _is_inside(point: Point, frame: PromptFrame) -> bool:
 
 @dataclass(frozen=True)
 class Segmenter:
-    """The role `segment` with its nouns; where there are none, the role `categories` finds them."""
+    """The role `segment` with its nouns; without nouns, the role `categories` finds
+    them.
+    """
 
     backends: Backends
     nouns: Sequence[str] = ()
     is_smallest_meant: bool = False
-    """Whether a point means the smallest object there, and not the whole one."""
+    """Whether a point selects the smallest object rather than the whole one."""
 
     def __call__(self, rgb: Rgb) -> Segments:
-        """Objects found in the photo."""
+        """Return the objects of the photo."""
         categories: Sequence[Category] = [Category(noun, True) for noun in self.nouns]
         if "categories" in self.backends.row("segment").uses and not categories:
             categories = self.backends.call("categories", rgb)
             self.backends.release("categories")
-        found: Segments = self.backends.call("segment", rgb, categories=categories)
-        return found
+        segments: Segments = self.backends.call("segment", rgb, categories=categories)
+        return segments
 
     def answers(
         self, rgb: Rgb, boxes: Sequence[Box], points: Sequence[Point]
     ) -> dict[int, PromptedMask]:
-        """The masks of a backend that takes prompts itself, by their place in the order of boxes and points.
+        """Return the masks of a backend that takes prompts itself, by the order of
+        prompts.
 
-        Empty where one is off the photo, which is reported later.
+        The result is empty if a prompt is off the photo, which is reported later.
         """
         if not (boxes or points) or not hasattr(self.backends.get("segment"), "meant"):
             return {}
@@ -241,18 +255,18 @@ class Segmenter:
             "segment", lambda backend: backend.meant(rgb, sides, points)
         )
         return {
-            k: one
-            for k, one in enumerate(masks)
-            if np.count_nonzero(one.mask) >= SMALLEST_OBJECT
+            k: answer
+            for k, answer in enumerate(masks)
+            if np.count_nonzero(answer.mask) >= SMALLEST_OBJECT
         }
 
 
 def from_masks(
     labels: NDArray[np.uint16], names: Mapping[int, str] | None = None
 ) -> Detections:
-    """The objects of a label map (H, W); `names` are known labels by id."""
-    known = {i: Name(text, 1.0) for i, text in (names or {}).items()}
-    return Detections(labels, "given", {}, known)
+    """Return the objects of a label map (H, W); `names` are known labels by id."""
+    labels_by_id = {i: Name(text, 1.0) for i, text in (names or {}).items()}
+    return Detections(labels, "given", {}, labels_by_id)
 
 
 def from_prompts(
@@ -262,24 +276,25 @@ def from_prompts(
     segment: Segmenter,
     frame: PromptFrame | None = None,
 ) -> Detections:
-    """One object for each box and then for each point: ids 1, 2, ...
+    """Return one object per box and then per point, with ids 1, 2, ...
 
-    A backend that takes prompts answers first; else a box is `segment_box`, and a point `segment_point`.
-    Boxes and points are in pixels of the `frame`, or of the photo itself. Where a point means the
-    smallest object, the box of that becomes its prompt.
-    Raises InputError with every box or point that is off the photo or shows no object.
+    A backend that takes prompts answers first; otherwise `segment_box` and
+    `segment_point` are used. Boxes and points are in pixels of the `frame`, or of the
+    photo itself. If a point selects the smallest object, the box of that object becomes
+    its prompt. Raises InputError with every box or point that is off the photo or shows
+    no object.
     """
     masks: list[PromptedMask] = []
     problems: list[Problem] = []
     frame = frame or PromptFrame.of(rgb)
-    written: list[tuple[str, Sequence[float]]] = [("box", box) for box in boxes]
-    written += [("point", point) for point in points]
+    given_prompts: list[tuple[str, Sequence[float]]] = [("box", box) for box in boxes]
+    given_prompts += [("point", point) for point in points]
     boxes, points = frame.boxes_in(rgb, boxes), frame.points_in(rgb, points)
-    found = cache(lambda: segment(rgb))
+    segments_once = cache(lambda: segment(rgb))
     answers = segment.answers(rgb, boxes, points)
 
     def report(order: int, refusal: RefusedError) -> None:
-        kind, numbers = written[order]
+        kind, numbers = given_prompts[order]
         problems.append(frame.problem(order, kind, numbers, refusal))
 
     for k, box in enumerate(boxes):
@@ -292,7 +307,11 @@ def from_prompts(
             masks.append(
                 answers.get(k)
                 or segment_point(
-                    rgb, point, found(), points, smallest=segment.is_smallest_meant
+                    rgb,
+                    point,
+                    segments_once(),
+                    points,
+                    smallest=segment.is_smallest_meant,
                 )
             )
         except InputError as error:
@@ -300,39 +319,41 @@ def from_prompts(
     if problems:
         raise InputError(problems)
     labels = np.zeros(rgb.shape[:2], np.uint16)
-    for k in sorted(
-        range(len(masks)), key=lambda k: -int(masks[k].mask.sum())
-    ):  # small objects in front
+    # Small objects are drawn last, in front.
+    for k in sorted(range(len(masks)), key=lambda k: -int(masks[k].mask.sum())):
         labels[masks[k].mask] = k + 1
     places: list[tuple[str, Sequence[float]]] = [("box", box) for box in boxes]
     places += [("point", point) for point in points]
     for k in range(1, len(places) + 1):
-        least = max(RULE.visible * np.count_nonzero(masks[k - 1].mask), SMALLEST_OBJECT)
-        if np.count_nonzero(labels == k) < least:
+        least_area = max(
+            RULE.visible * np.count_nonzero(masks[k - 1].mask), SMALLEST_OBJECT
+        )
+        if np.count_nonzero(labels == k) < least_area:
             report(k - 1, Message.PROMPT_REPEATED.refusal())
     if problems:
         raise InputError(problems)
-    if segment.is_smallest_meant:  # the scene keeps what was chosen, not how
-        for k, one in enumerate(masks[len(boxes) :], len(boxes)):
-            left, top, right, bottom = box_of(one.mask)
+    # The scene stores the chosen region rather than the click.
+    if segment.is_smallest_meant:
+        for k, prompt_mask in enumerate(masks[len(boxes) :], len(boxes)):
+            left, top, right, bottom = box_of(prompt_mask.mask)
             places[k] = "box", (left, top, right - left, bottom - top)
     prompts = {
         k: {kind: [round(float(v), 2) for v in place]}
         for k, (kind, place) in enumerate(places, 1)
     }
-    confidence = {k: one.confidence for k, one in enumerate(masks, 1)}
+    confidence = {k: prompt_mask.confidence for k, prompt_mask in enumerate(masks, 1)}
     return Detections(labels, "pointed at", confidence, {}, prompts)
 
 
 def segment_box(rgb: Rgb, box: Box) -> PromptedMask:
-    """The object in a box, in one piece.
+    """Return the object in a box, in one piece.
 
-    Raises InputError where the box leaves too little of the photo, or where nothing is seen in it.
+    Raises InputError if the box has too little of the photo or no visible object.
     """
-    found = mask_in_box(rgb, _corners(rgb, box))
-    if not 0 < found.mask.mean() < RULE.whole:
+    result = mask_in_box(rgb, _corners(rgb, box))
+    if not 0 < result.mask.mean() < RULE.whole:
         raise Message.BOX_EMPTY.error(_flag("box", box))
-    return found
+    return result
 
 
 def segment_point(
@@ -345,42 +366,42 @@ def segment_point(
 ) -> PromptedMask:
     """Return the object at a point.
 
-    It is that of `segments` if it is likely, or else the best of the candidates and
-    the detector's boxes there, or else the surest of what is seen around the point.
-    With `smallest`, the smallest candidate comes first. What also holds another of the
-    `points` is not meant. Raises InputError where there is none.
+    It is the segmenter's object if that is likely, else the best of the candidates and
+    boxes there, else the most confident cut-out around the point. With `smallest`, the
+    smallest candidate comes first. Masks that contain another of the `points` are
+    excluded. Raises InputError if there is no object.
     """
     x, y = _pixel(rgb, point)
     others = _other_pixels(rgb, points, (x, y))
-    found: list[PromptedMask] = []
+    alternatives: list[PromptedMask] = []
     if segments is not None and not smallest:
-        known = _known_object(segments, (x, y), others)
-        if known is not None:
-            found.append(known)
-            if known.confidence >= RULE.likely:
-                return known
-    around = cache(partial(_looks_around, rgb, (x, y), others))
+        segmented_object = _known_object(segments, (x, y), others)
+        if segmented_object is not None:
+            alternatives.append(segmented_object)
+            if segmented_object.confidence >= RULE.likely:
+                return segmented_object
+    cached_looks = cache(partial(_looks_around, rgb, (x, y), others))
 
     def look_around() -> list[PromptedMask]:
-        return [look for look, _ in around()[0]]
+        return [look for look, _ in cached_looks()[0]]
 
     candidate = object_at_point(rgb, (x, y), others, smallest, look_around)
     if candidate is not None:
         return candidate
-    looks, is_contested = around()
-    found += [PromptedMask(look.mask, sureness) for look, sureness in looks]
-    if not found:
-        nothing = (
-            Message.PROMPT_REPEATED if is_contested else Message.POINT_SHOWS_NOTHING
+    looks, has_other_point = cached_looks()
+    alternatives += [PromptedMask(look.mask, sureness) for look, sureness in looks]
+    if not alternatives:
+        message = (
+            Message.PROMPT_REPEATED if has_other_point else Message.POINT_SHOWS_NOTHING
         )
-        raise nothing.error(_flag("point", point))
-    return max(found, key=lambda one: one.confidence)
+        raise message.error(_flag("point", point))
+    return max(alternatives, key=lambda one: one.confidence)
 
 
 def _other_pixels(
     rgb: Rgb, points: Sequence[Point], own: tuple[int, int]
 ) -> list[tuple[int, int]]:
-    """Return the columns and rows of points on the photo that are not the own one."""
+    """Return columns and rows of the other points on the photo."""
     height, width = rgb.shape[:2]
     pixels = [(round(u), round(v)) for u, v in points]
     return [
@@ -393,7 +414,7 @@ def _other_pixels(
 def _known_object(
     segments: Segments, own: tuple[int, int], others: Sequence[tuple[int, int]]
 ) -> PromptedMask | None:
-    """Return the segmenter's object at a pixel, None where there is none."""
+    """Return the segmenter's object at a pixel, or None."""
     label = int(segments.labels[own[::-1]])
     mask = segments.labels == label
     if label == 0 or not is_meant(mask, own, others):
@@ -404,44 +425,49 @@ def _known_object(
 def _looks_around(
     rgb: Rgb, own: tuple[int, int], others: Sequence[tuple[int, int]]
 ) -> tuple[list[tuple[PromptedMask, float]], bool]:
-    """Return what is seen in squares of several sizes around a pixel, and how surely.
+    """Return cut-outs in squares of several sizes around a pixel, with their
+    confidences.
 
-    The last value is whether some of it also holds another point.
+    The last value says whether one of them also contains another point.
     """
     height, width = rgb.shape[:2]
-    found = []
-    is_contested = False
+    results = []
+    has_other_point = False
     for look in RULE.looks:
         first = mask_at_point(rgb, own, look * max(height, width))
         if not first.mask[own[::-1]] or first.mask.mean() >= RULE.whole:
             continue
         part = split(rgb, first.mask, own, others)
-        again = PromptedMask(part, 0.0)
+        # A second cut-out in the box of the first one should agree with it.
+        second = PromptedMask(part, 0.0)
         if part.any():
-            again = mask_in_box(rgb, box_of(part))
-        is_contested |= not is_meant(first.mask, own, others)
-        if is_meant(again.mask, own, others) and again.mask.mean() < RULE.whole:
-            shared = np.count_nonzero(first.mask & again.mask)
-            alike = shared / np.count_nonzero(first.mask | again.mask)
-            sure = float(first.confidence * again.confidence * alike)
-            found.append((again, sure))
-    return found, is_contested
+            second = mask_in_box(rgb, box_of(part))
+        has_other_point |= not is_meant(first.mask, own, others)
+        if is_meant(second.mask, own, others) and second.mask.mean() < RULE.whole:
+            intersection = np.count_nonzero(first.mask & second.mask)
+            agreement = intersection / np.count_nonzero(first.mask | second.mask)
+            confidence = float(first.confidence * second.confidence * agreement)
+            results.append((second, confidence))
+    return results, has_other_point
 
 
 def split(
     rgb: Rgb, mask: Mask, point: tuple[int, int], others: Sequence[tuple[int, int]]
 ) -> Mask:
-    """(H, W): the part of a mask about a point, up to the edges between it and those of the `others` that it holds."""
+    """Return the part (H, W) of a mask around a point, up to the edges towards the
+    `others`.
+    """
     inside = [(x, y) for x, y in others if mask[y, x]]
     if not inside:
         return mask
+    # The watershed grows one region from each point; outside the mask is region 1.
     markers = np.where(
         cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0, 0, 1
     ).astype(np.int32)
     for k, (x, y) in enumerate((point, *inside), 2):
         cv2.circle(markers, (x, y), 2, k, -1)
-    own = cv2.watershed(np.ascontiguousarray(rgb), markers) == 2
-    return np.asarray(own & mask)
+    region = cv2.watershed(np.ascontiguousarray(rgb), markers) == 2
+    return np.asarray(region & mask)
 
 
 def _flag(kind: str, place: Sequence[float]) -> str:
@@ -449,7 +475,7 @@ def _flag(kind: str, place: Sequence[float]) -> str:
 
 
 def _written(numbers: Sequence[float]) -> str:
-    """Return numbers as a person writes them, without rounding pixels."""
+    """Return numbers as a user writes them, without rounding of pixels."""
     return ",".join(f"{number:.10g}" for number in numbers)
 
 
@@ -459,7 +485,10 @@ def _whole(numbers: Sequence[float]) -> str:
 
 
 def _corners(rgb: Rgb, box: Box) -> tuple[int, int, int, int]:
-    """Left, top, right, bottom px of the part of a box on the photo. Raises InputError where that is too small."""
+    """Return left, top, right, bottom of the part of a box on the photo, px.
+
+    Raises InputError if that part is too small.
+    """
     height, width = rgb.shape[:2]
     x0, y0 = max(0, round(box[0])), max(0, round(box[1]))
     x1, y1 = min(width, round(box[0] + box[2])), min(height, round(box[1] + box[3]))
@@ -471,7 +500,7 @@ def _corners(rgb: Rgb, box: Box) -> tuple[int, int, int, int]:
 
 
 def _pixel(rgb: Rgb, point: Point) -> tuple[int, int]:
-    """Column and row of a point. Raises InputError where it is off the photo."""
+    """Return column and row of a point, or raise InputError if it is off the photo."""
     height, width = rgb.shape[:2]
     x, y = round(point[0]), round(point[1])
     if not (0 <= x < width and 0 <= y < height):

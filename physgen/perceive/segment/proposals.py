@@ -1,4 +1,4 @@
-"""Proposals: masks that may be whole objects; cutting out, comparing, joining and scoring them."""
+"""Proposals: masks of possible objects; cutting out, comparing, joining and scoring."""
 
 from __future__ import annotations
 
@@ -15,40 +15,46 @@ from physgen.perceive.segment.gradient import Gradient, sample
 Mask = NDArray[np.bool_]
 Array = NDArray[np.float64]
 STRAIGHT = 0.01
-"""Of an outline's length: tolerance of a doubtful object's polygon."""
+"""Tolerance of a doubtful object's polygon over the outline's length."""
 
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """A mask, kept as the cut-out that bounds it: many masks of a large photo would fill the memory."""
+    """A mask, stored as its bounding cut-out, because many masks of a large photo would
+    fill the memory.
+    """
 
     x: int
     y: int
-    mask: Mask  # (h, w), its top-left pixel at (x, y) of the photo
-    area: int  # px
+    # (h, w), with its top-left pixel at (x, y) of the photo.
+    mask: Mask
+    # px.
+    area: int
 
     @property
     def box(self) -> tuple[int, int, int, int]:
-        """Left, top, right, bottom; the last two just outside."""
+        """Return left, top, right, bottom; the last two are just outside."""
         return self.x, self.y, self.x + self.mask.shape[1], self.y + self.mask.shape[0]
 
     def on(self, shape: tuple[int, int]) -> Mask:
-        """(H, W): the mask on the whole photo."""
-        whole = np.zeros(shape, np.bool_)
+        """Return the mask (H, W) on the whole photo."""
+        canvas = np.zeros(shape, np.bool_)
         left, top, right, bottom = self.box
-        whole[top:bottom, left:right] = self.mask
-        return whole
+        canvas[top:bottom, left:right] = self.mask
+        return canvas
 
 
 def disc(radius: int) -> NDArray[np.uint8]:
-    """The structuring element of a radius in px."""
+    """Return the structuring element of a radius in px."""
     return cv2.getStructuringElement(
         cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)
     ).astype(np.uint8)
 
 
 def outline(mask: Mask) -> NDArray[np.int32]:
-    """(n, 2) int32: x, y of the pixels along the longest outer contour of a mask."""
+    """Return x, y (n, 2) int32 of the pixels along the longest outer contour of a
+    mask.
+    """
     contours, _ = cv2.findContours(
         mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
     )
@@ -56,23 +62,29 @@ def outline(mask: Mask) -> NDArray[np.int32]:
 
 
 def polygons(contour: NDArray[np.int32]) -> list[NDArray[np.int32]]:
-    """Polygons of 4 to 6 corners (k, 2) close to a contour (n, 2): tightest rectangle, simplified hull."""
-    found = [np.rint(cv2.boxPoints(cv2.minAreaRect(contour))).astype(np.int32)]
+    """Return polygons of 4 to 6 corners (k, 2) close to a contour (n, 2).
+
+    They are the tightest rectangle and simplified hulls.
+    """
+    result = [np.rint(cv2.boxPoints(cv2.minAreaRect(contour))).astype(np.int32)]
     hull, length = cv2.convexHull(contour), cv2.arcLength(contour, True)
     for tolerance in (0.02, 0.035, 0.06):
         corners = cv2.approxPolyDP(hull, tolerance * length, True)[:, 0].astype(
             np.int32
         )
         if 4 <= len(corners) <= 6:
-            found.append(corners)
-    return found
+            result.append(corners)
+    return result
 
 
 def cut_out(
     mask: Mask, x: int, y: int, smallest: int, opening: int = 0
 ) -> Proposal | None:
-    """The largest part of a mask whose corner lies at (x, y), opened by a disc and its holes filled;
-    None when it holds fewer than `smallest` px."""
+    """Return the largest part of a mask with its corner at (x, y), or None.
+
+    The mask is opened by a disc and its holes are filled. None means fewer than
+    `smallest` px.
+    """
     image = np.pad(mask, opening + 1).astype(np.uint8)
     if opening:
         image = cv2.morphologyEx(image, cv2.MORPH_OPEN, disc(opening)).astype(np.uint8)
@@ -81,17 +93,21 @@ def cut_out(
         return None
     largest = 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
     left, top, width, height, _ = (int(value) for value in stats[largest])
-    filled = np.zeros((height, width), np.uint8)
+    filled_part = np.zeros((height, width), np.uint8)
     part = parts[top : top + height, left : left + width] == largest
-    cv2.fillPoly(filled, [outline(part)], 1)
-    area = int(filled.sum())
+    cv2.fillPoly(filled_part, [outline(part)], 1)
+    area = int(filled_part.sum())
     if area < smallest:
         return None
-    return Proposal(x + left - opening - 1, y + top - opening - 1, filled > 0, area)
+    return Proposal(
+        x + left - opening - 1, y + top - opening - 1, filled_part > 0, area
+    )
 
 
 def common(a: Proposal, b: Proposal) -> tuple[slice, slice]:
-    """The part of the mask of `a` that lies in the box of `b`; empty where they do not meet."""
+    """Return the part of the mask of `a` in the box of `b`; empty if they do not
+    meet.
+    """
     left, top, right, bottom = b.box
     return (
         slice(max(top - a.y, 0), max(bottom - a.y, 0)),
@@ -100,7 +116,7 @@ def common(a: Proposal, b: Proposal) -> tuple[slice, slice]:
 
 
 def overlap(a: Proposal, b: Proposal) -> int:
-    """Pixels that two proposals share."""
+    """Return the number of common pixels of two proposals."""
     part = a.mask[common(a, b)]
     return int(np.count_nonzero(part & b.mask[common(b, a)])) if part.size else 0
 
@@ -108,8 +124,10 @@ def overlap(a: Proposal, b: Proposal) -> int:
 def doubt_about(
     one: Proposal, confidence: float, scale: tuple[float, float] = (1.0, 1.0)
 ) -> list[Doubt]:
-    """A doubtful object on a photo `scale` (across, down) times as large as the proposal's, with few corners; none
-    where its outline is too thin."""
+    """Return a doubtful object with few corners, or none if its outline is too thin.
+
+    The photo is `scale` (horizontal, vertical) times as large as the proposal's grid.
+    """
     contour = outline(one.mask)
     corners = cv2.approxPolyDP(contour, STRAIGHT * cv2.arcLength(contour, True), True)[
         :, 0
@@ -121,28 +139,34 @@ def doubt_about(
 
 
 def distinct(proposals: Sequence[Proposal], same: float = 0.96) -> list[Proposal]:
-    """Proposals by area, without those whose intersection over union with a smaller one exceeds `same`."""
-    kept: list[Proposal] = []
-    first = 0  # kept[first:] are large enough to be the same as the one at hand
-    for one in sorted(proposals, key=lambda proposal: proposal.area):
-        while first < len(kept) and kept[first].area < same * one.area:
+    """Return proposals by area, without those whose IoU with a smaller one exceeds
+    `same`.
+    """
+    distinct_proposals: list[Proposal] = []
+    # From this index, proposals are large enough to equal the current one.
+    first = 0
+    for candidate in sorted(proposals, key=lambda proposal: proposal.area):
+        while (
+            first < len(distinct_proposals)
+            and distinct_proposals[first].area < same * candidate.area
+        ):
             first += 1
-        slack = 4 + 0.12 * sum(one.mask.shape)
-        for other in kept[first:]:
+        slack = 4 + 0.12 * sum(candidate.mask.shape)
+        for other in distinct_proposals[first:]:
             if (
-                sum(abs(p - q) for p, q in zip(one.box, other.box, strict=True))
+                sum(abs(p - q) for p, q in zip(candidate.box, other.box, strict=True))
                 <= slack
             ):
-                shared = overlap(one, other)
-                if shared > same * (one.area + other.area - shared):
+                intersection = overlap(candidate, other)
+                if intersection > same * (candidate.area + other.area - intersection):
                     break
         else:
-            kept.append(one)
-    return kept
+            distinct_proposals.append(candidate)
+    return distinct_proposals
 
 
 def iou(a: Proposal, b: Proposal) -> float:
-    """Intersection over union."""
+    """Return the intersection over union."""
     common = overlap(a, b)
     return common / max(a.area + b.area - common, 1)
 
@@ -153,30 +177,37 @@ POINTS = 96
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """(n,) float64 each."""
+    """Scores and compactness (n,) float64."""
 
-    score: NDArray[np.float64]  # About 0.6 for a doubtful object, 1 for a perfect one
-    compactness: NDArray[
-        np.float64
-    ]  # Isoperimetric quotient: 1 for a disc, less for longer outlines
+    # About 0.6 for a doubtful object, 1 for a perfect one.
+    score: NDArray[np.float64]
+    # Isoperimetric quotient: 1 for a disc, less for longer outlines.
+    compactness: NDArray[np.float64]
 
 
 def contour_normals(contour: NDArray[np.int32]) -> NDArray[np.float64]:
-    """(n, 2): the outward unit normals of a closed contour (n, 2) of pixels, its steps smoothed."""
+    """Return the outward unit normals (n, 2) of a closed contour (n, 2) of pixels.
+
+    The staircase of the pixels is smoothed.
+    """
     sigma = max(1.0, 0.012 * len(contour))
     ends = int(3 * sigma) + 3
-    around = np.arange(-ends, len(contour) + ends) % len(contour)
-    closed = contour[around].astype(np.float64)
-    smooth = cv2.GaussianBlur(closed, (1, 2 * ends - 3), sigmaX=0.1, sigmaY=sigma)
-    along = (smooth[4:] - smooth[:-4])[ends - 2 : ends - 2 + len(contour)]
-    along /= np.linalg.norm(along, axis=1, keepdims=True) + 1e-6
+    indices = np.arange(-ends, len(contour) + ends) % len(contour)
+    periodic = contour[indices].astype(np.float64)
+    smooth_contour = cv2.GaussianBlur(
+        periodic, (1, 2 * ends - 3), sigmaX=0.1, sigmaY=sigma
+    )
+    tangents = (smooth_contour[4:] - smooth_contour[:-4])[
+        ends - 2 : ends - 2 + len(contour)
+    ]
+    tangents /= np.linalg.norm(tangents, axis=1, keepdims=True) + 1e-6
     x, y = contour.T.astype(np.float64)
     turn = 1 if (x * np.roll(y, -1) - y * np.roll(x, -1)).sum() >= 0 else -1
-    return turn * np.stack([along[:, 1], -along[:, 0]], 1)
+    return turn * np.stack([tangents[:, 1], -tangents[:, 0]], 1)
 
 
 EXPONENTS = {
-    "cover": 1.2,  # edges along all of the outline
+    "cover": 1.2,  # edges along the whole outline
     "weakest": 0.6,  # and along its weakest quarter
     "contrast": 0.6,  # between the two sides of the outline
     "solidity": 2.0,
@@ -184,15 +215,17 @@ EXPONENTS = {
     "compactness": 0.5,
     "free": 1.5,  # share of the outline that the photo's border does not cut off
 }
-"""Of the terms of a score, chosen on photos."""
+"""Exponents of the terms of a score, chosen on photos."""
 EXPONENT_SUM = 2.4
-"""Divides the sum of their logarithms, chosen on photos."""
+"""Divisor of the sum of their logarithms, chosen on photos."""
 HIGHEST = {"cover": 1.001, "weakest": 1.05, "contrast": 1.01, "likeness": 1.001}
-"""Values that the terms that take time cannot exceed."""
-ROUNDING = 1e-6  # of the highest score possible
+"""Largest values of the costly terms."""
+# Rounding error of the highest possible score.
+ROUNDING = 1e-6
 CROSSING = 0.6
-"""Factor of the score of what reaches from border to border of the photo."""
-BORDER = 2.5  # px from the photo's border, below which an outline has no edge
+"""Factor of the score of a proposal that crosses the photo from border to border."""
+# px from the photo's border within which an outline has no edge.
+BORDER = 2.5
 Terms = dict[str, Array]
 """Values (n,) by the name of their exponent."""
 
@@ -203,10 +236,10 @@ def score_proposals(
     gradient: Gradient,
     least: float = 0.0,
 ) -> Scores:
-    """Return the scores of proposals, from their outlines and shapes.
+    """Return the scores of proposals from their outlines and shapes.
 
-    A score is a weighted geometric mean of the terms in EXPONENTS. Scores that
-    cannot exceed `least` are 0: costly terms are left out as soon as this is known.
+    A score is a weighted geometric mean of the terms in EXPONENTS. Scores that cannot
+    exceed `least` are 0, and their costly terms are not computed.
     """
     if not proposals:
         return Scores(np.zeros(0), np.zeros(0))
@@ -215,15 +248,15 @@ def score_proposals(
     is_crossing = _crosses(proposals, gradient.strength.shape)
     factor = np.where(is_crossing, CROSSING, 1)
     places = _in_reach(terms, factor, least)
-    some = [proposals[k] for k in places.tolist()]
+    candidates = [proposals[k] for k in places.tolist()]
     loops = [contours[k] for k in places.tolist()]
     terms = {name: values[places] for name, values in terms.items()}
-    terms |= _edge_terms(some, loops, colour, gradient)
-    again = _in_reach(terms, factor[places], least)
-    terms = {name: values[again] for name, values in terms.items()}
-    alike = [_likeness(some[k].mask, loops[k]) for k in again.tolist()]
-    terms["likeness"] = np.array(alike) + 1e-3
-    places = places[again]
+    terms |= _edge_terms(candidates, loops, colour, gradient)
+    remaining = _in_reach(terms, factor[places], least)
+    terms = {name: values[remaining] for name, values in terms.items()}
+    likenesses = [_likeness(candidates[k].mask, loops[k]) for k in remaining.tolist()]
+    terms["likeness"] = np.array(likenesses) + 1e-3
+    places = places[remaining]
     score = np.zeros(len(proposals))
     score[places] = factor[places] * _mean_score(terms)
     return Scores(score, compactness)
@@ -236,7 +269,7 @@ def _mean_score(terms: Mapping[str, Array | float]) -> Array:
 
 
 def _in_reach(terms: Terms, factor: Array, least: float) -> NDArray[np.intp]:
-    """Return the indices of proposals whose score may exceed `least`."""
+    """Return the indices of proposals with a possible score above `least`."""
     highest = factor * _mean_score({**HIGHEST, **terms})
     return np.flatnonzero(highest > least - ROUNDING)
 
@@ -244,11 +277,11 @@ def _in_reach(terms: Terms, factor: Array, least: float) -> NDArray[np.intp]:
 def _crosses(
     proposals: Sequence[Proposal], shape: tuple[int, int]
 ) -> NDArray[np.bool_]:
-    """Return (n,) which proposals reach from one border of the photo to the other."""
+    """Return (n,) whether proposals reach from one border of the photo to the other."""
     left, top, right, bottom = np.array([proposal.box for proposal in proposals]).T
-    across = (left <= 2) & (right >= shape[1] - 2)
-    down = (top <= 2) & (bottom >= shape[0] - 2)
-    return np.asarray(across | down)
+    crosses_width = (left <= 2) & (right >= shape[1] - 2)
+    crosses_height = (top <= 2) & (bottom >= shape[0] - 2)
+    return np.asarray(crosses_width | crosses_height)
 
 
 def _outline_terms(
@@ -256,11 +289,13 @@ def _outline_terms(
     contours: Sequence[NDArray[np.int32]],
     shape: tuple[int, int],
 ) -> tuple[Terms, Array]:
-    """Return the terms that outlines alone tell, and the compactness (n,)."""
+    """Return the terms from outlines alone, and the compactness (n,)."""
     free = np.zeros((len(proposals), POINTS), np.bool_)
     forms = np.zeros((len(proposals), 2))
-    for k, (one, contour) in enumerate(zip(proposals, contours, strict=True)):
-        free[k] = _is_free(contour[_sample_places(contour)] + (one.x, one.y), shape)
+    for k, (proposal, contour) in enumerate(zip(proposals, contours, strict=True)):
+        free[k] = _is_free(
+            contour[_sample_places(contour)] + (proposal.x, proposal.y), shape
+        )
         area, length = cv2.contourArea(contour), cv2.arcLength(contour, True)
         hull = cv2.contourArea(cv2.convexHull(contour))
         forms[k, 0] = (area + length / 2 + 1) / (hull + length / 2 + 1)
@@ -295,21 +330,22 @@ def _edge_terms(
     colour: NDArray[np.float32],
     gradient: Gradient,
 ) -> Terms:
-    """Return the terms that the edges and colours along outlines tell."""
+    """Return the terms from edges and colours along outlines."""
     rim = np.zeros((len(proposals), POINTS, 4))
-    for k, (one, contour) in enumerate(zip(proposals, contours, strict=True)):
+    for k, (proposal, contour) in enumerate(zip(proposals, contours, strict=True)):
         places = _sample_places(contour)
-        rim[k, :, :2] = contour[places] + (one.x, one.y)
+        rim[k, :, :2] = contour[places] + (proposal.x, proposal.y)
         rim[k, :, 2:] = contour_normals(contour)[places]
     x, y, nx, ny = np.moveaxis(rim, 2, 0)
     free = _is_free(rim[..., :2], gradient.strength.shape)
     count = np.maximum(free.sum(1), 1)
-    areas = np.array([one.area for one in proposals]).reshape(-1, 1)
+    areas = np.array([proposal.area for proposal in proposals]).reshape(-1, 1)
     reach = np.clip(0.03 * np.sqrt(areas), 1.5, 4)
     angle, edge = np.arctan2(ny, nx), np.zeros_like(x)
+    # The edge may lie a little inside or outside the mask's outline.
     for step in np.linspace(-1, 1, 7):
-        here = gradient.across(x + step * reach * nx, y + step * reach * ny, angle)
-        edge = np.maximum(edge, here * (1 - 0.25 * step * step))
+        strength = gradient.across(x + step * reach * nx, y + step * reach * ny, angle)
+        edge = np.maximum(edge, strength * (1 - 0.25 * step * step))
     support = np.where(free, gradient.support(edge), np.inf)
     cover = np.where(free, support, 0).sum(1) / count
     weakest = _weakest_quarters(support, count)
@@ -323,7 +359,7 @@ def _edge_terms(
 
 
 def _weakest_quarters(support: Array, count: NDArray[np.int64]) -> Array:
-    """Return the mean support (n,) of the weakest of `count` (n,) samples, a quarter."""
+    """Return the mean support (n,) of the weakest quarter of `count` (n,) samples."""
     rising = np.sort(support, 1)
     quarters = [
         row[: max(1, n // 4)].mean() for row, n in zip(rising, count, strict=True)
@@ -332,26 +368,30 @@ def _weakest_quarters(support: Array, count: NDArray[np.int64]) -> Array:
 
 
 def _contrasts(rim: Array, side: Array, colour: NDArray[np.float32]) -> Array:
-    """Return (n, POINTS) 0..1: the colour steps between the two sides of outlines.
+    """Return the colour steps (n, POINTS) 0..1 between both sides of outlines.
 
     Colours are compared `side` px from the outline.
     """
-    soft = cv2.GaussianBlur(colour, (0, 0), 1.5).astype(np.float32)
+    blurred_colour = cv2.GaussianBlur(colour, (0, 0), 1.5).astype(np.float32)
     x, y, nx, ny = np.moveaxis(rim, 2, 0)
-    inside, outside = (sample(soft, x + s * nx, y + s * ny) for s in (-side, side))
+    inside, outside = (
+        sample(blurred_colour, x + s * nx, y + s * ny) for s in (-side, side)
+    )
     step = np.linalg.norm(inside - outside, axis=2)
     return np.asarray(step / (step + 8))
 
 
 def _likeness(mask: Mask, contour: NDArray[np.int32]) -> float:
-    """Return the IoU with the ellipse or polygon of few corners that fits best."""
+    """Return the IoU with the best fitting ellipse or polygon of few corners."""
     y, x = np.nonzero(mask)
     spread = np.cov(x, y) + 0.08 * np.eye(2)
-    along = np.arange(mask.shape[1]) - x.mean()
-    down = np.arange(mask.shape[0])[:, None] - y.mean()
+    x_offset = np.arange(mask.shape[1]) - x.mean()
+    y_offset = np.arange(mask.shape[0])[:, None] - y.mean()
     form = np.linalg.inv(spread)
     distance = (
-        form[0, 0] * along**2 + 2 * form[0, 1] * along * down + form[1, 1] * down**2
+        form[0, 0] * x_offset**2
+        + 2 * form[0, 1] * x_offset * y_offset
+        + form[1, 1] * y_offset**2
     )
     shapes = [distance <= 4]
     blank = np.zeros(mask.shape, np.uint8)

@@ -1,4 +1,7 @@
-"""Regions from merge trees of basins, by colour or by the affinity of pixels, and circles by a Hough transform."""
+"""Regions from merge trees of basins, and circles by a Hough transform.
+
+Basins are merged by colour or by the affinity of pixels.
+"""
 
 from __future__ import annotations
 
@@ -19,15 +22,18 @@ Circles = NDArray[np.float64]
 
 ANGLES = np.arange(72) * 2 * np.pi / 72
 RIM = np.stack([np.cos(ANGLES), np.sin(ANGLES), np.ones(72)], 1)
-"""(72, 3): how far the rim moves out at each angle when x, y or the radius grows by 1."""
+"""(72, 3): outward motion of the rim at each angle if x, y or the radius grows by 1."""
 LEAST = 0.13
-"""Of a rim, that must vote for a circle."""
+"""Least share of a rim that votes for a circle."""
 
 
 def discs(
     gradient: Gradient, smallest: int, largest: int, most: int = 250
 ) -> list[Proposal]:
-    """The discs of an area within bounds (px) that the most of a rim supports, at most `most` of them."""
+    """Return at most `most` discs with the best support of their rims.
+
+    Areas are between `smallest` and `largest` px.
+    """
     height, width = gradient.strength.shape
     circles = fit(
         gradient,
@@ -37,30 +43,35 @@ def discs(
         _across_rim(gradient, circles, np.linspace(0.97, 1.03, 5)).max(1)
     ).mean(1)
     x, y = np.arange(width), np.arange(height)[:, None]
-    kept: list[Proposal] = []
-    seen = np.zeros((0, 3))
+    result: list[Proposal] = []
+    found_circles = np.zeros((0, 3))
     for i in np.argsort(-support, kind="stable"):
-        one = circles[i]
-        off = np.abs(seen - one)
-        double = (np.hypot(off[:, 0], off[:, 1]) < 0.12 * one[2]) & (
-            off[:, 2] < 0.12 * one[2]
+        circle = circles[i]
+        differences = np.abs(found_circles - circle)
+        double = (np.hypot(differences[:, 0], differences[:, 1]) < 0.12 * circle[2]) & (
+            differences[:, 2] < 0.12 * circle[2]
         )
-        if support[i] < 0.3 or len(kept) == most:
+        if support[i] < 0.3 or len(result) == most:
             break
-        if double.any() or not (0 <= one[0] < width and 0 <= one[1] < height):
+        if double.any() or not (0 <= circle[0] < width and 0 <= circle[1] < height):
             continue
-        seen = np.vstack([seen, one])
-        left, top = (max(0, int(one[k] - one[2])) for k in (0, 1))
-        right, bottom = (int(one[k] + one[2]) + 2 for k in (0, 1))
-        mask = np.hypot(x[left:right] - one[0], y[top:bottom] - one[1]) <= one[2]
+        found_circles = np.vstack([found_circles, circle])
+        left, top = (max(0, int(circle[k] - circle[2])) for k in (0, 1))
+        right, bottom = (int(circle[k] + circle[2]) + 2 for k in (0, 1))
+        mask = (
+            np.hypot(x[left:right] - circle[0], y[top:bottom] - circle[1]) <= circle[2]
+        )
         proposal = cut_out(mask, left, top, smallest)
         if proposal is not None and proposal.area <= largest:
-            kept.append(proposal)
-    return kept
+            result.append(proposal)
+    return result
 
 
 def vote(gradient: Gradient, smallest: float, largest: float, most: int) -> Circles:
-    """Maxima of the Hough transform of edges along their normals, over centre and radius; best first."""
+    """Return maxima of the Hough transform over centre and radius, the best first.
+
+    Edges vote along their normals.
+    """
     height, width = gradient.strength.shape
     rows, columns = np.nonzero(gradient.ridge)
     strength, angle = gradient.strength[rows, columns], gradient.angle[rows, columns]
@@ -68,38 +79,44 @@ def vote(gradient: Gradient, smallest: float, largest: float, most: int) -> Circ
     radii = [smallest]
     while radii[-1] < largest:
         radii.append(1.07 * radii[-1] + 0.2)
-    across, down = np.cos(angle), np.sin(angle)
-    found = []
-    here: Layer | None = None
-    for level in range(
-        len(radii) + 1
-    ):  # maxima over place, and over the next larger radius
-        after = None
+    x_normal, y_normal = np.cos(angle), np.sin(angle)
+    maxima = []
+    current_layer: Layer | None = None
+    # A maximum must exceed its neighbourhood in position and in the next larger radius.
+    for level in range(len(radii) + 1):
+        next_layer = None
         if level < len(radii):
             votes = _votes(
-                (height, width), rows, columns, across, down, weight, radii[level]
+                (height, width), rows, columns, x_normal, y_normal, weight, radii[level]
             )
-            after = (
+            next_layer = (
                 votes,
                 np.asarray(cv2.dilate(votes, np.ones((5, 5), np.uint8)), np.float32),
             )
-        if here is not None:
-            y, x = np.nonzero(here[0] > LEAST)
-            most_near = np.max(
-                [layer[1][y, x] for layer in (here, after) if layer is not None], axis=0
+        if current_layer is not None:
+            y, x = np.nonzero(current_layer[0] > LEAST)
+            neighbourhood_maximum = np.max(
+                [
+                    layer[1][y, x]
+                    for layer in (current_layer, next_layer)
+                    if layer is not None
+                ],
+                axis=0,
             )
-            top = here[0][y, x] >= most_near
+            top = current_layer[0][y, x] >= neighbourhood_maximum
             y, x = y[top], x[top]
-            found.append(
-                np.stack([x, y, np.full(len(x), radii[level - 1]), here[0][y, x]], 1)
+            maxima.append(
+                np.stack(
+                    [x, y, np.full(len(x), radii[level - 1]), current_layer[0][y, x]], 1
+                )
             )
-        here = after
-    every = np.concatenate(found).astype(np.float64)
-    return every[np.argsort(-every[:, 3], kind="stable")[:most], :3]
+        current_layer = next_layer
+    circles = np.concatenate(maxima).astype(np.float64)
+    return circles[np.argsort(-circles[:, 3], kind="stable")[:most], :3]
 
 
 Layer = tuple[NDArray[np.float32], NDArray[np.float32]]
-"""(H, W) votes for a radius, and their greatest over 5 x 5 px."""
+"""(H, W): votes for a radius, and their maximum over 5 x 5 px."""
 
 
 def _votes(
@@ -111,7 +128,11 @@ def _votes(
     weight: NDArray[np.float32],
     radius: float,
 ) -> NDArray[np.float32]:
-    """(H, W): how much of a rim of a radius edge pixels put about each pixel; 1: a whole rim of full weight."""
+    """Return the votes (H, W) of edge pixels for a circle of a radius around each
+    pixel.
+
+    A complete rim of full weight gives 1.
+    """
     height, width = shape
     votes = np.zeros(height * width)
     for side in (radius, -radius):
@@ -120,29 +141,35 @@ def _votes(
         inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
         votes += np.bincount((y * width + x)[inside], weight[inside], height * width)
     sigma = max(0.8, 0.08 * radius)
-    blurred = cv2.GaussianBlur(
+    blurred_votes = cv2.GaussianBlur(
         votes.reshape(height, width).astype(np.float32), (0, 0), sigma
     )
-    return np.asarray(blurred * (sigma * sigma / radius), np.float32)
+    return np.asarray(blurred_votes * (sigma * sigma / radius), np.float32)
 
 
 def fit(gradient: Gradient, circles: Circles) -> Circles:
-    """Each circle moved to the strongest edges near its rim: robust least squares, three bands."""
+    """Return each circle after robust least-squares moves to the strongest edges near
+    its rim.
+
+    There are three bands of decreasing width.
+    """
     for band, steps in ((0.14, 15), (0.08, 13), (0.05, 11)):
         factor = np.linspace(1 - band, 1 + band, steps)
         edge = _across_rim(gradient, circles, factor)
-        near = 1 - 0.5 * np.linspace(-1, 1, steps)[:, None] ** 2
-        at = (edge / (edge + 8) * near).argmax(1)
-        strength = np.take_along_axis(edge, at[:, None], 1)[:, 0]
+        window = 1 - 0.5 * np.linspace(-1, 1, steps)[:, None] ** 2
+        best_step = (edge / (edge + 8) * window).argmax(1)
+        strength = np.take_along_axis(edge, best_step[:, None], 1)[:, 0]
         radius = circles[:, 2:]
-        out = radius * (factor[at] - 1)  # (n, 72) px by which the rim should move
-        weight = certain = np.minimum(strength, 5) * (strength > 2 * gradient.noise)
+        out = radius * (
+            factor[best_step] - 1
+        )  # (n, 72) px by which the rim should move
+        weight = base_weight = np.minimum(strength, 5) * (strength > 2 * gradient.noise)
         for _ in range(3):
             normal = np.einsum("nt,ti,tj->nij", weight, RIM, RIM) + 1e-3 * np.eye(3)
             move = np.linalg.solve(
                 normal, np.einsum("nt,nt,ti->ni", weight, out, RIM)[..., None]
             )[..., 0]
-            weight = certain / (
+            weight = base_weight / (
                 1 + ((out - move @ RIM.T) / (0.025 * radius + 0.7)) ** 2
             )
         circles = circles + np.clip(move, -0.2 * radius, 0.2 * radius)
@@ -152,7 +179,10 @@ def fit(gradient: Gradient, circles: Circles) -> Circles:
 def _across_rim(
     gradient: Gradient, circles: Circles, factor: NDArray[np.float64]
 ) -> NDArray[np.float32]:
-    """(n, k, 72): edge strength across the rim of each circle, its radius multiplied by each of k factors."""
+    """Return edge strengths (n, k, 72) across the rim of each circle.
+
+    The radius is multiplied by each of k factors.
+    """
     radius = (circles[:, 2:] * factor)[..., None]
     x = circles[:, 0, None, None] + radius * np.cos(ANGLES)
     y = circles[:, 1, None, None] + radius * np.sin(ANGLES)
@@ -160,30 +190,36 @@ def _across_rim(
 
 
 COLOUR_WEIGHT = 0.25
-"""Weight of the difference of mean colour against the gradient along the boundary; chosen on photos."""
+"""Weight of the difference of mean colours relative to the gradient along the border;
+chosen on photos.
+"""
 STALE = 0.05
-"""CIELAB units by which a queued difference may have grown before it is queued again."""
+"""CIELAB units: growth of a queued difference above which it is queued again."""
 EDGE_CAP = 20.0
-"""CIELAB units at which edge strength is cut off."""
+"""CIELAB units: limit of edge strength."""
 
 
 def basins(height: NDArray[np.float32]) -> NDArray[np.int32]:
-    """(H, W) int32, 0..n-1: watershed basins of a relief by steepest descent; a flat bottom is one basin."""
+    """Return watershed basins (H, W) int32, 0..n-1, of a relief by steepest descent.
+
+    A flat bottom is one basin.
+    """
     rows, columns = height.shape
-    wide = np.pad(height, 1, constant_values=np.inf)
+    padded_relief = np.pad(height, 1, constant_values=np.inf)
     index = np.pad(np.arange(height.size, dtype=np.int32).reshape(height.shape), 1)
     lowest, target = height.copy(), index[1:-1, 1:-1].copy()
     for dy, dx in ((0, 1), (1, 0), (1, 2), (2, 1), (0, 0), (0, 2), (2, 0), (2, 2)):
-        beside = wide[dy : dy + rows, dx : dx + columns]
+        neighbour = padded_relief[dy : dy + rows, dx : dx + columns]
         target = np.where(
-            beside < lowest, index[dy : dy + rows, dx : dx + columns], target
+            neighbour < lowest, index[dy : dy + rows, dx : dx + columns], target
         )
-        lowest = np.minimum(beside, lowest)
+        lowest = np.minimum(neighbour, lowest)
     bottom = lowest == height
     _, bottoms = cv2.connectedComponents(bottom.astype(np.uint8), connectivity=8)
     _, first = np.unique(bottoms[bottom], return_index=True)
     target[bottom] = np.flatnonzero(bottom)[first][bottoms[bottom] - 1]
     flow = target.ravel()
+    # Pointer doubling leads every pixel to its bottom in few rounds.
     while not np.array_equal(flow, flow[flow]):
         flow = flow[flow]
     return (
@@ -193,23 +229,30 @@ def basins(height: NDArray[np.float32]) -> NDArray[np.int32]:
 
 @dataclass(frozen=True, eq=False)
 class MergeTree:
-    """Basins joined two by two, the least different neighbours first; nodes 0..n-1 are the basins."""
+    """Basins merged in pairs, the least different neighbours first; nodes 0..n-1 are
+    basins.
+    """
 
     height: NDArray[np.float64]
-    """(nodes,): the difference at which a node came about, CIELAB units; never below its children's."""
-    parent: NDArray[np.int64]  # (nodes,), -1 for a root
-    span: NDArray[
-        np.int64
-    ]  # (nodes, 2): the node holds the basins of rank first..last-1
-    rank: NDArray[np.int64]  # (basins,): the place of each basin in the tree's order
+    """(nodes,): difference at which a node was merged, CIELAB units; never below that
+    of its children.
+    """
+    # (nodes,): -1 for a root.
+    parent: NDArray[np.int64]
+    # (nodes, 2): the node contains the basins of rank first..last-1.
+    span: NDArray[np.int64]
+    # (basins,): position of each basin in the tree's order.
+    rank: NDArray[np.int64]
 
     def without(self, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """(nodes,): all but the basins that are not `kept` (basins,)."""
+        """Return (nodes,) True except for basins that are not `kept` (basins,)."""
         return np.concatenate([kept, np.ones(len(self.parent) - len(kept), np.bool_)])
 
 
 Borders = list[dict[int, tuple[int, float]]]
-"""For each basin its neighbours: how many pairs of pixels lie across the border, and their differences summed."""
+"""Per basin its neighbours: the number of pixel pairs across the border, and the sum of
+their differences.
+"""
 
 
 def merge_tree(
@@ -218,18 +261,20 @@ def merge_tree(
     means: NDArray[np.float64] | None = None,
     stale: float = STALE,
 ) -> MergeTree:
-    """The tree of basins by the mean difference along their borders (greedy additive clustering, as in Keuper et al.
-    2015), and, where they are given, by their mean colours (basins, 3), weighted by `areas` (basins,), px.
+    """Return the tree of basins by the mean difference along their borders.
 
-    `borders` is used up. `stale`: see `STALE`.
+    The method is greedy additive clustering, as in Keuper et al. 2015. If given, mean
+    colours (basins, 3) also count, weighted by `areas` (basins,), px. `borders` is
+    consumed. `stale`: see `STALE`.
     """
-    count, beside = len(borders), borders
+    count, neighbours = len(borders), borders
     area = [] if areas is None else areas.tolist()
     mean = [] if means is None else list(means)
+    # A region keeps its number while others join it.
     owner, node = (
         list(range(count)),
         list(range(count)),
-    )  # a region keeps its number while others join it
+    )
     height, parent = [0.0] * count, [-1] * count
     children: dict[int, tuple[int, int]] = {}
 
@@ -239,7 +284,7 @@ def merge_tree(
         return region
 
     def difference(a: int, b: int) -> float:
-        length, total = beside[a][b]
+        length, total = neighbours[a][b]
         if not mean:
             return total / length
         step = mean[a] - mean[b]
@@ -247,33 +292,37 @@ def merge_tree(
             EDGE_CAP, float(np.sqrt(step @ step))
         )
 
-    queue = [(difference(a, b), a, b) for a in range(count) for b in beside[a] if a < b]
+    queue = [
+        (difference(a, b), a, b) for a in range(count) for b in neighbours[a] if a < b
+    ]
     heapq.heapify(queue)
     while queue:
         cost, a, b = heapq.heappop(queue)
         a, b = whole(a), whole(b)
         if a == b:
             continue
-        now = difference(a, b)
-        if now > cost + stale:
-            heapq.heappush(queue, (now, a, b))
+        current_difference = difference(a, b)
+        # The queue may contain outdated differences: queue the region again.
+        if current_difference > cost + stale:
+            heapq.heappush(queue, (current_difference, a, b))
             continue
-        if len(beside[a]) < len(beside[b]):
+        # Merge the region with fewer neighbours into the other one.
+        if len(neighbours[a]) < len(neighbours[b]):
             a, b = b, a
         new = len(parent)
         children[new] = node[a], node[b]
-        height.append(max(now, height[node[a]], height[node[b]]))
+        height.append(max(current_difference, height[node[a]], height[node[b]]))
         parent[node[a]] = parent[node[b]] = new
         parent.append(-1)
         owner[b], node[a] = a, new
         if mean:
             mean[a] = (mean[a] * area[a] + mean[b] * area[b]) / (area[a] + area[b])
             area[a] += area[b]
-        for other, (length, total) in beside[b].items():
-            del beside[other][b]
+        for other, (length, total) in neighbours[b].items():
+            del neighbours[other][b]
             if other != a:
-                before = beside[a].get(other, (0, 0.0))
-                beside[a][other] = beside[other][a] = (
+                before = neighbours[a].get(other, (0, 0.0))
+                neighbours[a][other] = neighbours[other][a] = (
                     before[0] + length,
                     before[1] + total,
                 )
@@ -286,7 +335,9 @@ def merge_tree(
 def colour_tree(
     labels: NDArray[np.int32], colour: NDArray[np.float32], edge: NDArray[np.float32]
 ) -> MergeTree:
-    """The tree of basins `labels` (H, W) by the mean edge strength along their borders and their mean colour."""
+    """Return the tree of basins `labels` (H, W) by edge strength along borders and mean
+    colour.
+    """
     areas = np.bincount(labels.ravel())
     means = np.stack(
         [np.bincount(labels.ravel(), colour[..., c].ravel()) / areas for c in range(3)],
@@ -300,12 +351,19 @@ def edge_borders(
     edge: NDArray[np.float32],
     kept: NDArray[np.bool_] | None = None,
 ) -> Borders:
-    """Borders of basins `labels` (H, W) with the edge strength along them, up to EDGE_CAP; `kept` as `pair_borders`."""
+    """Return borders of basins `labels` (H, W) with the edge strength along them.
+
+    Strengths are limited to EDGE_CAP; `kept` is as in `pair_borders`.
+    """
     strength = np.minimum(edge, EDGE_CAP)
     sides = ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:]))
     pairs = [
-        (here, there, np.maximum(strength[here], strength[there]))
-        for here, there in sides
+        (
+            first_side,
+            second_side,
+            np.maximum(strength[first_side], strength[second_side]),
+        )
+        for first_side, second_side in sides
     ]
     return pair_borders(labels, pairs, kept)
 
@@ -315,41 +373,50 @@ def pair_borders(
     pairs: Sequence[tuple[Any, Any, NDArray[np.float32]]],
     kept: NDArray[np.bool_] | None = None,
 ) -> Borders:
-    """Borders of basins `labels` (H, W) from the differences of pairs of pixels, each two slices of the map and the
-    differences; basins that are not `kept` (basins,) have none."""
+    """Return borders of basins `labels` (H, W) from the differences of pixel pairs.
+
+    Each of `pairs` is two slices of the map and their differences; basins that are not
+    `kept` (basins,) have no borders.
+    """
     count = int(labels.max()) + 1
     keys, values = [np.zeros(0, np.int64)], [np.zeros(0, np.float32)]
-    for here, there, difference in pairs:
-        ours, theirs = labels[here].astype(np.int64), labels[there].astype(np.int64)
-        across = ours != theirs
-        if kept is not None:
-            across &= kept[ours] & kept[theirs]
-        keys.append(
-            np.minimum(ours, theirs)[across] * count + np.maximum(ours, theirs)[across]
+    for first_side, second_side, difference in pairs:
+        first_labels, second_labels = (
+            labels[first_side].astype(np.int64),
+            labels[second_side].astype(np.int64),
         )
-        values.append(difference[across])
+        is_border = first_labels != second_labels
+        if kept is not None:
+            is_border &= kept[first_labels] & kept[second_labels]
+        keys.append(
+            np.minimum(first_labels, second_labels)[is_border] * count
+            + np.maximum(first_labels, second_labels)[is_border]
+        )
+        values.append(difference[is_border])
     unique, inverse = np.unique(np.concatenate(keys), return_inverse=True)
     lengths, totals = np.bincount(inverse), np.bincount(inverse, np.concatenate(values))
-    beside: Borders = [{} for _ in range(count)]
+    neighbours: Borders = [{} for _ in range(count)]
     for key, length, total in zip(
         unique.tolist(), lengths.tolist(), totals.tolist(), strict=True
     ):
         a, b = divmod(key, count)
-        beside[a][b] = beside[b][a] = (length, total)
-    return beside
+        neighbours[a][b] = neighbours[b][a] = (length, total)
+    return neighbours
 
 
 def _spans(
     parent: list[int], children: dict[int, tuple[int, int]], count: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Order the basins so that every node is a run of them: (nodes, 2) the runs and (basins,) the ranks."""
+    """Return an order of the basins in which every node is a contiguous run.
+
+    The results are the runs (nodes, 2) and the ranks (basins,).
+    """
     size = [1] * count
     for a, b in children.values():
         size.append(size[a] + size[b])
     first, start = [0] * len(size), 0
-    for node in reversed(
-        range(len(size))
-    ):  # parents have larger numbers than their children
+    # Parents have larger numbers than their children.
+    for node in reversed(range(len(size))):
         if parent[node] < 0:
             first[node], start = start, start + size[node]
         if node in children:
@@ -361,13 +428,16 @@ def _spans(
 def stable_regions(
     colour: NDArray[np.float32], gradient: Gradient, smallest: int, largest: int
 ) -> list[Proposal]:
-    """Every node of the merge tree of an area within bounds (px) that outlives a rise of the threshold."""
+    """Return the nodes of the merge tree that survive a rise of the threshold.
+
+    Their areas are between `smallest` and `largest` px.
+    """
     labels = basins(
         np.maximum(cv2.GaussianBlur(gradient.strength, (0, 0), 0.8), gradient.noise)
     )
     tree = colour_tree(labels, colour, gradient.strength)
-    above = tree.height[tree.parent]
-    stable = (tree.parent >= 0) & (above >= 1.08 * tree.height + 0.3)
+    parent_height = tree.height[tree.parent]
+    stable = (tree.parent >= 0) & (parent_height >= 1.08 * tree.height + 0.3)
     return [
         region
         for _, region in tree_regions(
@@ -384,24 +454,29 @@ def tree_regions(
     largest: int,
     opening: int = 0,
 ) -> list[tuple[int, Proposal]]:
-    """Some `nodes` of the tree of basins `labels` (H, W), each with its largest part, of an area within bounds (px)."""
+    """Return the largest part of each of some `nodes` of the tree of basins `labels`
+    (H, W).
+
+    Areas are between `smallest` and `largest` px.
+    """
     ranks = tree.rank[labels]
     sizes = np.concatenate(
         [[0], np.cumsum(np.bincount(ranks.ravel(), minlength=len(tree.rank)))]
     )
     rows, columns = np.indices(ranks.shape)
+    # Minima of these give the bounding box of each basin.
     corners = np.stack([columns, rows, -columns, -rows], -1).reshape(-1, 4)
     boxes = np.full((len(tree.rank), 4), np.iinfo(np.int64).max)
     np.minimum.at(boxes, ranks.ravel(), corners)
     areas = sizes[tree.span[:, 1]] - sizes[tree.span[:, 0]]
-    found = []
+    result = []
     for k in np.flatnonzero(
         nodes & (areas >= smallest) & (areas <= 1.2 * largest)
     ).tolist():
         first, last = tree.span[k].tolist()
         x, y, right, bottom = np.abs(boxes[first:last].min(0)).tolist()
         part = ranks[y : bottom + 1, x : right + 1]
-        one = cut_out((part >= first) & (part < last), x, y, smallest, opening)
-        if one is not None and one.area <= largest:
-            found.append((k, one))
-    return found
+        proposal = cut_out((part >= first) & (part < last), x, y, smallest, opening)
+        if proposal is not None and proposal.area <= largest:
+            result.append((k, proposal))
+    return result

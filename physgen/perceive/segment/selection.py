@@ -1,4 +1,4 @@
-"""Selection of the best set of candidates without overlap, wholes before their parts."""
+"""Selection of the best candidates without overlap, wholes before their parts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from physgen.perceive.segment.proposals import Proposal, overlap
 SHARED = 0.12
 """Common share of the smaller of two candidates above which they exclude each other."""
 AREA_POWER = 0.7
-"""Exponent of the area in a candidate's gain, which balances wholes against parts."""
+"""Exponent of the area in a candidate's gain; it balances wholes against parts."""
 
 Flags = NDArray[np.bool_]
 Values = NDArray[np.float64]
@@ -24,19 +24,24 @@ Values = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class WholeConstants:
-    """Constants of wholes, chosen on 200 photos that the judge learns from."""
+    """Constants of wholes, chosen on 200 photos of the judge's training set."""
 
-    score: float = 0.5  # of a whole: a box from which candidates may be its parts
+    # Least score of a box as a whole whose parts may be candidates.
+    score: float = 0.5
     match: float = 0.7
-    """IoU of the box of a whole with that one, and share of a part that it covers."""
-    within: float = 0.8  # share of a part's box in it
+    """Least IoU of the whole's box with that box, and least share of a part inside the
+    whole.
+    """
+    # Least share of a part's box inside that box.
+    within: float = 0.8
     own_box: float = 0.65
-    """Of the whole's score: a part with a box that scores more is an object."""
+    """Score of a part's own box over the whole's, above which the part is an object."""
     clear: float = 0.75
-    """Fit, with its bonus, from which a part beside the largest one is an object."""
-    worse: float = 0.1  # fit that the whole may lack beside the best part
+    """Fit, with its bonus, above which a part beside the largest one is an object."""
+    # Largest deficit of the whole's fit to that of the best part.
+    worse: float = 0.1
     better: float = 0.05
-    """IoU with the box by which a strap or a handle brings its whole nearer to it."""
+    """Least gain of IoU with the box by a strap or a handle."""
 
 
 WHOLE = WholeConstants()
@@ -63,14 +68,16 @@ def unite_parts(
     """Return the selection with wholes in place of chosen candidates that are parts.
 
     The parts of a whole lie in one of the detector's `boxes` (on the grid of the
-    candidates), of which a candidate shows the whole, and have no such box of their
-    own. `fits` are those of all candidates, (n,) each, without and with the bonus of
+    candidates), a candidate matches that box, and the parts have no such box of their
+    own. `fits` belong to all candidates, (n,) each, without and with the bonus of
     edges.
     """
     selection = Selection(chosen)
-    rectangles = np.array([one.box for one in candidates], np.float64).reshape(-1, 4)
-    is_clear = (boxes.movable >= WHOLE.score) & (boxes.movable > boxes.immovable)
-    for k in np.flatnonzero(is_clear).tolist():
+    rectangles = np.array(
+        [candidate.box for candidate in candidates], np.float64
+    ).reshape(-1, 4)
+    is_whole_box = (boxes.movable >= WHOLE.score) & (boxes.movable > boxes.immovable)
+    for k in np.flatnonzero(is_whole_box).tolist():
         parts = _weak_parts(rectangles[selection.chosen], boxes, k)
         if len(parts) > 1:
             matches = box_overlap(rectangles, boxes.corners[[k]])[:, 0] >= WHOLE.match
@@ -91,34 +98,34 @@ def _append(
     """Return the selection with appendages as parts of the whole in a box.
 
     An appendage, at one of the `places` of `selection.chosen`, touches the whole, and
-    the box with these `corners` fits the two better than the whole alone.
+    both together fit the box with these `corners` better than the whole alone.
     """
     rectangles = np.array([candidates[k].box for k in selection.chosen], np.float64)
     fits = box_overlap(rectangles, corners[None])[:, 0]
     best = int(fits.argmax())
-    whole = int(selection.chosen[best])
+    whole_index = int(selection.chosen[best])
     if fits[best] < WHOLE.match:
         return selection
-    own, reached = rectangles[best], fits[best]
+    current_box, current_fit = rectangles[best], fits[best]
     parts: list[int] = []
     for place in places.tolist():
         part = int(selection.chosen[place])
-        both = np.concatenate(
+        joint_box = np.concatenate(
             [
-                np.minimum(own[:2], rectangles[place, :2]),
-                np.maximum(own[2:], rectangles[place, 2:]),
+                np.minimum(current_box[:2], rectangles[place, :2]),
+                np.maximum(current_box[2:], rectangles[place, 2:]),
             ]
         )
-        fit = box_overlap(both[None], corners[None])[0, 0]
-        is_near = _touch(candidates[whole], candidates[part])
-        if place != best and is_near and fit >= reached + WHOLE.better:
-            own, reached = both, fit
+        fit = box_overlap(joint_box[None], corners[None])[0, 0]
+        touches = _touch(candidates[whole_index], candidates[part])
+        if place != best and touches and fit >= current_fit + WHOLE.better:
+            current_box, current_fit = joint_box, fit
             parts.append(part)
     if not parts:
         return selection
     rest = selection.chosen[~np.isin(selection.chosen, parts)]
-    known = selection.parts.get(whole, [])
-    return Selection(rest, {**selection.parts, whole: [*known, *parts]})
+    known_parts = selection.parts.get(whole_index, [])
+    return Selection(rest, {**selection.parts, whole_index: [*known_parts, *parts]})
 
 
 def _touch(one: Proposal, other: Proposal) -> bool:
@@ -127,17 +134,17 @@ def _touch(one: Proposal, other: Proposal) -> bool:
     kernel = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
     mask = cv2.dilate(np.pad(one.mask, reach).astype(np.uint8), kernel) > 0
     area = int(np.count_nonzero(mask))
-    wide = Proposal(one.x - reach, one.y - reach, mask, area)
-    return overlap(wide, other) > 0
+    dilated_proposal = Proposal(one.x - reach, one.y - reach, mask, area)
+    return overlap(dilated_proposal, other) > 0
 
 
 def _weak_parts(rectangles: Values, boxes: DetectedBoxes, k: int) -> NDArray[np.intp]:
-    """Return which rectangles (n, 4) lie in box k and have no box like it of their own."""
+    """Return the rectangles (n, 4) in box k without a similar box of their own."""
     inside = box_shares(rectangles, boxes.corners[[k]])[:, 0] >= WHOLE.within
     scores = box_overlap(rectangles, boxes.corners) ** 2 * boxes.movable
     scores[:, k] = 0
-    is_weak = scores.max(axis=1) <= WHOLE.own_box * boxes.movable[k]
-    return np.flatnonzero(inside & is_weak)
+    lacks_box = scores.max(axis=1) <= WHOLE.own_box * boxes.movable[k]
+    return np.flatnonzero(inside & lacks_box)
 
 
 def _unite(
@@ -149,47 +156,54 @@ def _unite(
 ) -> Selection:
     """Return the selection with the best whole that covers two or more parts.
 
-    `places` of `selection.chosen` are those of the parts.
+    `places` of `selection.chosen` are the parts.
     """
-    alone, fit = fits
+    plain_fits, fit = fits
     chosen = selection.chosen
-    for whole in wholes[np.argsort(-alone[wholes], kind="stable")].tolist():
-        one = candidates[whole]
-        shares = np.array([overlap(one, candidates[k]) for k in chosen.tolist()])
+    for whole in wholes[np.argsort(-plain_fits[wholes], kind="stable")].tolist():
+        whole_candidate = candidates[whole]
+        shares = np.array(
+            [overlap(whole_candidate, candidates[k]) for k in chosen.tolist()]
+        )
         areas = np.array([candidates[k].area for k in chosen.tolist()])
         is_part = np.isin(np.arange(len(chosen)), places)
         is_part &= shares >= WHOLE.match * areas
-        is_rival = shares > SHARED * np.minimum(areas, one.area)
+        is_rival = shares > SHARED * np.minimum(areas, whole_candidate.area)
         parts = chosen[is_part]
         if len(parts) < 2 or (is_rival & ~is_part).any():
             continue
         largest = parts[areas[is_part].argmax()]
-        has_clear = fit[parts[parts != largest]].max() > WHOLE.clear
-        if has_clear or alone[whole] < alone[parts].max() - WHOLE.worse:
+        has_good_part = fit[parts[parts != largest]].max() > WHOLE.clear
+        if has_good_part or plain_fits[whole] < plain_fits[parts].max() - WHOLE.worse:
             continue
-        united = np.append(chosen[~is_part], whole)
-        return Selection(united, {**selection.parts, whole: parts.tolist()})
+        new_choice = np.append(chosen[~is_part], whole)
+        return Selection(new_choice, {**selection.parts, whole: parts.tolist()})
     return selection
 
 
 def choose_candidates(
     candidates: Sequence[Proposal], shape: tuple[int, int], fit: Values, least: float
 ) -> NDArray[np.intp]:
-    """Return the set without overlap of the largest gain, of a fit (n,) above the least.
+    """Return the set with the largest gain without overlap, above the least fit.
 
-    `shape` (h, w) is that of the grid.
+    `fit` is (n,); `shape` (h, w) is the size of the grid.
     """
     pool = np.flatnonzero(fit > least)
     if not len(pool):
         return pool
-    some = [candidates[k] for k in pool.tolist()]
-    area = np.array([one.area for one in some], np.float64) / (shape[0] * shape[1])
+    pool_candidates = [candidates[k] for k in pool.tolist()]
+    area = np.array([candidate.area for candidate in pool_candidates], np.float64) / (
+        shape[0] * shape[1]
+    )
     gain = (fit[pool] - least) * area**AREA_POWER
-    return pool[best_set(gain, exclusions(some))]
+    return pool[best_set(gain, exclusions(pool_candidates))]
 
 
 def exclusions(proposals: Sequence[Proposal]) -> Flags:
-    """(n, n): which proposals share too much to be chosen together; false on the diagonal."""
+    """Return (n, n) whether two proposals overlap too much to be chosen together.
+
+    The diagonal is False.
+    """
     boxes = np.array([proposal.box for proposal in proposals], np.float64)
     area = np.array([proposal.area for proposal in proposals], np.float64)
     low, high = (
@@ -208,19 +222,19 @@ def exclusions(proposals: Sequence[Proposal]) -> Flags:
 
 
 def best_set(gain: Values, excludes: Flags) -> Flags:
-    """(n,): the independent set of the largest gain, by local search.
+    """Return the independent set (n,) with the largest gain, by local search.
 
-    Proposals are taken by falling gain; then one is added or removed, the free place is refilled, and improvements
-    are kept.
+    Proposals are added by decreasing gain; then one is added or removed, the free space
+    is refilled, and improvements are kept.
     """
     by_gain = np.argsort(-gain, kind="stable")
     by_gain = by_gain[gain[by_gain] > 0]
-    chosen = _fill(np.zeros(len(gain), np.bool_), by_gain, excludes)
+    best = _fill(np.zeros(len(gain), np.bool_), by_gain, excludes)
     for _ in range(12):
-        before = float(gain[chosen].sum())
+        before = float(gain[best].sum())
         for i in by_gain:
-            trial, out = chosen.copy(), chosen & excludes[i]
-            if chosen[i]:
+            trial, out = best.copy(), best & excludes[i]
+            if best[i]:
                 trial[i], out = False, np.arange(len(gain)) == i
             elif gain[out].sum() > 1.7 * gain[i]:
                 continue
@@ -228,18 +242,19 @@ def best_set(gain: Values, excludes: Flags) -> Flags:
                 trial[out], trial[i] = False, True
             room = excludes[out].any(0)
             trial = _fill(trial, by_gain[room[by_gain]], excludes)
-            if gain[trial].sum() > gain[chosen].sum() + 1e-9:
-                chosen = trial
-        if gain[chosen].sum() <= before + 1e-9:
+            if gain[trial].sum() > gain[best].sum() + 1e-9:
+                best = trial
+        if gain[best].sum() <= before + 1e-9:
             break
-    return chosen
+    return best
 
 
 def _fill(chosen: Flags, order: NDArray[np.intp], excludes: Flags) -> Flags:
+    """Return the set with all compatible proposals added in the given order."""
     chosen = chosen.copy()
-    blocked = excludes[chosen].any(0) | chosen
+    exclusion_mask = excludes[chosen].any(0) | chosen
     for i in order:
-        if not blocked[i]:
+        if not exclusion_mask[i]:
             chosen[i] = True
-            blocked |= excludes[i]
+            exclusion_mask |= excludes[i]
     return chosen

@@ -1,8 +1,8 @@
-"""Mirror images of objects on a glossy ground: their detection and their removal.
+"""Mirror images of objects on a glossy ground: detection and removal.
 
-A photo from the side shows below an object on ice, glass or lacquer what the ground mirrors
-of it: the object upside down, weak and blurred. The mirror image stays in the photo when
-the object leaves, unless the clean background lacks it.
+On ice, glass or lacquer, a photo from the side shows a mirror image below an object:
+the object upside down, weak and blurred. When the object moves away, its mirror image
+would stay, unless the clean background lacks it.
 """
 
 from __future__ import annotations
@@ -22,37 +22,39 @@ from physgen.perceive.roles import Inpaint, Labels, Mask, Rgb
 class MirrorLimits:
     """Limits of mirror images; lengths are shares of the object's height or width.
 
-    Chosen by eye on 21 photos and the bundled scenes: a can on ice is the only object with
-    both correlations above 0.6 and a share of 0.04 to 0.5.
+    Chosen by eye on 21 photos and the bundled scenes: a can on ice is the only object
+    with both correlations above 0.6 and a share of 0.04 to 0.5.
     """
 
     shallow: float = 0.15
-    """Height of the ground below an object, at least."""
+    """Least height of the ground below an object."""
     beside: float = 0.25
-    """Width of the ground at either side that shows its own colour."""
+    """Width of the ground on either side that shows its own colour."""
     gap: float = 0.03
     """Height below the foot that contact shadows may spoil."""
     near: float = 0.5
-    """Height in which a mirror image is looked for."""
+    """Height of the search for a mirror image."""
     blur: float = 0.05
     """Standard deviation of the blur: a ground is less sharp than a mirror."""
     likeness: float = 0.6
-    """Correlation with the object upside down, as differences from the ground."""
+    """Least correlation with the inverted object, as differences from the ground."""
     structure: float = 0.6
     """The same without the mean difference: a shadow has no structure."""
     weakest: float = 0.04
-    """Share of the object's difference from the ground that is mirrored, at least."""
+    """Least and largest share of the object's difference from the ground in the mirror
+    image.
+    """
     strongest: float = 0.5
     visible: float = 1.5
-    """Difference from the ground over the ground's own texture."""
+    """Least ratio of the difference from the ground and the ground's texture."""
     least: float = 4.0
-    """8-bit codes of that difference."""
+    """Least difference, 8-bit levels."""
     covered: float = 0.05
-    """Share of the mirror image that other objects may hide."""
+    """Largest share of the mirror image behind other objects."""
     margin: float = 0.06
-    """Width around the mirror image that is removed, too."""
+    """Width around the mirror image that is removed as well."""
     smallest: int = 400
-    """px of a mirror image."""
+    """px: least area of a mirror image."""
 
 
 MIRROR = MirrorLimits()
@@ -66,9 +68,9 @@ def remove_mirror_images(
     ids: Sequence[int],
     inpaint: Inpaint,
 ) -> Rgb | None:
-    """Return `clean` (H, W, 3) without the mirror images of the objects `ids`.
+    """Return `clean` (H, W, 3) without mirror images of the objects `ids`, or None.
 
-    None if the photo shows none.
+    None means that the photo shows no mirror image.
     """
     hole = np.zeros(labels.shape, bool)
     for number in ids:
@@ -81,32 +83,32 @@ def remove_mirror_images(
 
 
 def find_mirror_image(rgb: Rgb, labels: Labels, number: int) -> Mask | None:
-    """Return the pixels (H, W) of an object's mirror image below it, if it has one."""
-    own = labels == number
-    left, top, width, height = cv2.boundingRect(own.view(np.uint8))
+    """Return the pixels (H, W) of an object's mirror image below it, or None."""
+    mask = labels == number
+    left, top, width, height = cv2.boundingRect(mask.view(np.uint8))
     windows = _windows((left, top, width, height), labels.shape)
     if windows is None:
         return None
-    below, upright = windows
-    mirrored = own[upright][::-1]
-    part = _visible_part(mirrored, labels[below] > 0, height)
-    ground = _ground(rgb[below], left - below[1].start, width)
+    lower_window, upright = windows
+    mirrored_mask = mask[upright][::-1]
+    part = _visible_part(mirrored_mask, labels[lower_window] > 0, height)
+    ground = _ground(rgb[lower_window], left - lower_window[1].start, width)
     if part is None or ground is None:
         return None
-    if not _shows_mirror_image(rgb[below], rgb[upright][::-1], part, ground):
+    if not _shows_mirror_image(rgb[lower_window], rgb[upright][::-1], part, ground):
         return None
     image = np.zeros(labels.shape, np.uint8)
-    image[below] = mirrored
-    widened = _widened(image, max(1, round(MIRROR.margin * width)))
-    return np.asarray(widened & (labels == 0))
+    image[lower_window] = mirrored_mask
+    full_image = _widened(image, max(1, round(MIRROR.margin * width)))
+    return np.asarray(full_image & (labels == 0))
 
 
 def _windows(
     box: tuple[int, int, int, int], shape: tuple[int, ...]
 ) -> tuple[tuple[slice, slice], tuple[slice, slice]] | None:
-    """Return rows and columns below the foot of a box, and as many rows above it.
+    """Return a window below an object's foot and an equally high one above it, or None.
 
-    None if the photo shows too little ground below it.
+    None means that the photo shows too little ground below the object.
     """
     left, top, width, height = box
     foot = top + height
@@ -119,29 +121,29 @@ def _windows(
 
 
 def _margin(width: int) -> int:
-    """Return the px beside an object that show its ground."""
+    """Return the width of the visible ground beside an object, px."""
     return round(MIRROR.beside * width) + 4
 
 
 def _visible_part(mirrored: Mask, is_hidden: Mask, height: int) -> Mask | None:
-    """Return the pixels of a mirror image that are compared; None if too few are seen."""
-    hidden = mirrored & is_hidden
-    if hidden.sum() > MIRROR.covered * mirrored.sum():
+    """Return the compared pixels of a mirror image, or None if too few are visible."""
+    hidden_pixels = mirrored & is_hidden
+    if hidden_pixels.sum() > MIRROR.covered * mirrored.sum():
         return None
-    part = mirrored & ~hidden
+    part = mirrored & ~hidden_pixels
     part[: max(2, round(MIRROR.gap * height))] = False
     part[max(2, round(MIRROR.near * height)) :] = False
     return part if np.count_nonzero(part) >= MIRROR.smallest else None
 
 
 def _widened(image: NDArray[np.uint8], reach: int) -> Mask:
-    """Return a mask (H, W), widened by `reach` px to all sides."""
+    """Return a mask (H, W) dilated by `reach` px in all directions."""
     kernel = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
     return np.asarray(cv2.dilate(image, kernel) > 0)
 
 
 def _shows_mirror_image(below: Rgb, turned: Rgb, part: Mask, ground: _Ground) -> bool:
-    """Return whether the ground (h, w, 3) shows an object that is turned upside down."""
+    """Return whether the ground (h, w, 3) shows the inverted object `turned`."""
     height = round(np.count_nonzero(part.any(axis=1)) / MIRROR.near)
     image, item = (
         _blurred(picture.astype(np.float32) - ground.colours, part, height)[part]
@@ -152,16 +154,18 @@ def _shows_mirror_image(below: Rgb, turned: Rgb, part: Mask, ground: _Ground) ->
 
 @dataclass(frozen=True, eq=False)
 class _Ground:
-    """The ground below an object, as it is at both sides."""
+    """The ground below an object, interpolated from both sides."""
 
     colours: F32
-    """(h, w, 3) 8-bit codes."""
+    """(h, w, 3) 8-bit levels."""
     texture: float
-    """8-bit codes: its median deviation from them."""
+    """Median deviation from these colours, 8-bit levels."""
 
 
 def _ground(below: Rgb, left: int, width: int) -> _Ground | None:
-    """Return the ground below an object from a column on; None if none is seen."""
+    """Return the ground below an object whose left column is `left`, or None if it is
+    hidden.
+    """
     right, margin = left + width, _margin(width)
     columns = np.arange(below.shape[1])
     sides = [
@@ -173,27 +177,29 @@ def _ground(below: Rgb, left: int, width: int) -> _Ground | None:
     rows = [np.median(below[:, side], axis=1) for side in sides]
     way = np.clip((columns - left) / max(right - left, 1), 0, 1)[None, :, None]
     colours = rows[0][:, None] * (1 - way) + rows[1][:, None] * way
-    off = [
+    deviations = [
         np.abs(below[:, side] - row[:, None])
         for side, row in zip(sides, rows, strict=True)
     ]
-    texture = float(np.median(np.concatenate(off, axis=1)))
+    texture = float(np.median(np.concatenate(deviations, axis=1)))
     return _Ground(colours.astype(np.float32), texture)
 
 
 def _blurred(differences: F32, part: Mask, height: int) -> NDArray[np.float32]:
-    """Return differences (h, w, 3), blurred within a part."""
+    """Return differences (h, w, 3), blurred inside a part."""
     sigma = max(2.0, MIRROR.blur * height)
     weights = part.astype(np.float32)
     total = cv2.GaussianBlur(weights, (0, 0), sigma)
-    summed = cv2.GaussianBlur(differences * weights[..., None], (0, 0), sigma)
-    return np.asarray(summed / np.maximum(total, 1e-3)[..., None], np.float32)
+    sums = cv2.GaussianBlur(differences * weights[..., None], (0, 0), sigma)
+    return np.asarray(sums / np.maximum(total, 1e-3)[..., None], np.float32)
 
 
 def _is_mirrored(
     image: NDArray[np.float32], item: NDArray[np.float32], texture: float
 ) -> bool:
-    """Return whether differences (n, 3) below an object are like its own, upside down."""
+    """Return whether differences (n, 3) below an object resemble those of the inverted
+    object.
+    """
     strength = float(np.sqrt((image**2).mean()))
     if strength < max(MIRROR.least, MIRROR.visible * texture):
         return False

@@ -1,8 +1,8 @@
-"""Shadows found on a reduced photo, and the light they take restored at full size.
+"""Shadows of a reduced photo, and the removed shadow's light at full size.
 
-Shadows are wide: their search at a fixed size costs the same for every photo. The light
-that is given back is carried to full size by a guided filter (He, Sun and Tang 2013):
-near a shadow's edge it follows the photo's own edge, elsewhere it is smooth.
+Shadows are wide: their search at a fixed size costs the same for every photo. A guided
+filter (He, Sun and Tang 2013) transfers the added light to full size: at a shadow's
+edge it follows the photo's edge, elsewhere it is smooth.
 """
 
 from __future__ import annotations
@@ -25,30 +25,30 @@ from physgen.photometry import decode, encode_u8, luminance
 GUIDE_SIDE = 5
 """px of the reduced photo: side of the guided filter's windows."""
 GUIDE_TEXTURE = 0.01
-"""Squared -log of light: a texture of a tenth of the light is no shadow's edge."""
+"""Squared -log of light: texture of a tenth of the light is not a shadow's edge."""
 VISIBLE = 1e-3
-"""-log of light: less is not given back."""
+"""-log of light: smaller changes are not applied."""
 
 SilhouettesAt = Callable[[float], Sequence[Silhouette]]
-"""Silhouettes on a picture so many times smaller."""
+"""Return the silhouettes on a picture reduced by a factor."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReducedPhoto:
-    """A background (h, w, 3) and its coverage (h, w), made smaller if they are large."""
+    """A background (h, w, 3) and its coverage (h, w), reduced if they are large."""
 
     background: Rgb
     coverage: F32
     scale: float
-    """px of the photo in one of these."""
+    """px of the photo per px of these maps."""
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height, px."""
+        """Return width and height, px."""
         return self.coverage.shape[1], self.coverage.shape[0]
 
     def at(self, silhouettes: SilhouettesAt) -> SilhouettesAt:
-        """Return the silhouettes of the photo as those of this picture."""
+        """Return a function for silhouettes of this picture from one for the photo."""
         return lambda scale: silhouettes(scale * self.scale)
 
 
@@ -68,20 +68,23 @@ def reduce_photo(background: Rgb, coverage: F32) -> ReducedPhoto:
 def restore_size(
     shadows: Shadows, reduced: ReducedPhoto, background: Rgb, coverage: F32
 ) -> Shadows:
-    """Return shadows of a reduced photo as those of its `background` (H, W, 3)."""
+    """Return the shadows of a reduced photo at the size of its `background` (H,
+    W, 3).
+    """
     if reduced.scale == 1:
         return shadows
-    owners, clean, backdrop = shadows.owners, shadows.clean, shadows.backdrop
+    owners, clean_background, backdrop = shadows.owners, shadows.clean, shadows.backdrop
     if backdrop is not None:
         backdrop = round(backdrop * reduced.scale, 1)
-    if clean is not None:
-        clean = _lighten(background, reduced.background, clean)
+    if clean_background is not None:
+        clean_background = _lighten(background, reduced.background, clean_background)
     if owners is not None:
         owners = _enlarge_owners(owners, coverage)
-    return replace(shadows, clean=clean, owners=owners, backdrop=backdrop)
+    return replace(shadows, clean=clean_background, owners=owners, backdrop=backdrop)
 
 
 def _enlarge_owners(owners: Labels, coverage: F32) -> Labels | None:
+    """Return the owners at full size outside objects, or None if there are none."""
     size = coverage.shape[::-1]
     large = cv2.resize(owners, size, interpolation=cv2.INTER_NEAREST_EXACT)
     large[coverage >= 0.5] = 0
@@ -89,7 +92,9 @@ def _enlarge_owners(owners: Labels, coverage: F32) -> Labels | None:
 
 
 def _lighten(background: Rgb, small: Rgb, lifted: Rgb) -> Rgb:
-    """Return `background` with the light by which `lifted` exceeds `small` (h, w, 3)."""
+    """Return `background` with the light by which `lifted` exceeds `small` (h, w,
+    3).
+    """
     height, width = background.shape[:2]
     guide = _log(luminance(decode(small)))
     gain = _log(decode(lifted)) - _log(decode(small))
@@ -100,37 +105,39 @@ def _lighten(background: Rgb, small: Rgb, lifted: Rgb) -> Rgb:
     if not len(rows):
         return background
     slope, level = _fit_lines(guide, gain)
-    # the box of what changes, and the windows' reach, at full size
-    down, across = height / small.shape[0], width / small.shape[1]
+    # Only a box around the changes, extended by the windows' reach, is computed.
+    down, x_ratio = height / small.shape[0], width / small.shape[1]
     top, bottom = (rows[0] - GUIDE_SIDE) * down, (rows[-1] + GUIDE_SIDE) * down
     left, right = (
-        (columns[0] - GUIDE_SIDE) * across,
-        (columns[-1] + GUIDE_SIDE) * across,
+        (columns[0] - GUIDE_SIDE) * x_ratio,
+        (columns[-1] + GUIDE_SIDE) * x_ratio,
     )
     x0, y0 = max(int(left), 0), max(int(top), 0)
     x1, y1 = min(int(right) + 1, width), min(int(bottom) + 1, height)
     part = np.s_[y0:y1, x0:x1]
     linear = decode(background[part])
-    bright = _log(luminance(linear))
+    levels = _log(luminance(linear))
     matrix = np.array(
         [
-            [1 / across, 0, (x0 + 0.5) / across - 0.5],
+            [1 / x_ratio, 0, (x0 + 0.5) / x_ratio - 0.5],
             [0, 1 / down, (y0 + 0.5) / down - 0.5],
         ]
     )
     for channel in range(3):
-        steep, flat = (
+        slope_map, level_map = (
             cv2.warpAffine(
-                np.ascontiguousarray(one[..., channel]),
+                np.ascontiguousarray(line_map[..., channel]),
                 matrix,
                 (x1 - x0, y1 - y0),
                 flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
                 borderMode=cv2.BORDER_REPLICATE,
             )
-            for one in (slope, level)
+            for line_map in (slope, level)
         )
-        more = np.maximum(steep * bright + flat, 0)
-        linear[..., channel] *= np.where(more > VISIBLE, cv2.exp(more), np.float32(1))
+        log_gain = np.maximum(slope_map * levels + level_map, 0)
+        linear[..., channel] *= np.where(
+            log_gain > VISIBLE, cv2.exp(log_gain), np.float32(1)
+        )
     result = background.copy()
     result[part] = encode_u8(np.minimum(linear, 1))
     return result
@@ -141,12 +148,12 @@ def _fit_lines(guide: F32, values: F32) -> tuple[F32, F32]:
     middle = _box_mean(guide)
     spread = _box_mean(guide * guide) - middle * middle
     means = _box_mean(values)
-    both = np.asarray(guide[..., None] * values, np.float32)
-    shared = _box_mean(both) - middle[..., None] * means
-    slope = shared / (np.maximum(spread, 0) + np.float32(GUIDE_TEXTURE))[..., None]
+    products = np.asarray(guide[..., None] * values, np.float32)
+    covariance = _box_mean(products) - middle[..., None] * means
+    slope = covariance / (np.maximum(spread, 0) + np.float32(GUIDE_TEXTURE))[..., None]
     level = means - slope * middle[..., None]
-    steep = np.asarray(slope, np.float32)
-    return _box_mean(steep), _box_mean(np.asarray(level, np.float32))
+    slopes = np.asarray(slope, np.float32)
+    return _box_mean(slopes), _box_mean(np.asarray(level, np.float32))
 
 
 def _box_mean(values: NDArray[np.floating[Any]]) -> F32:

@@ -1,8 +1,10 @@
-"""Fit of a distant light to the shadows in a side view: on the floor, or on a wall behind the objects.
+"""Fit of a distant light to the shadows in a side view, on the floor or a wall behind.
 
-Slopes of the logarithm of light are compared, at two widths, with those of the predicted darkness, near these alone:
-a far edge of the floor or a picture on the wall has slopes too, but elsewhere. On an upright wall behind, one distant
-light moves every shadow alike; in perspective, farther off, the whole is a little smaller.
+The gradients of the logarithm of light are compared, at two widths, with the gradients
+of the predicted darkness, only near predicted shadows: a far edge of the floor or a
+picture on the wall has gradients, too, but elsewhere. On an upright wall behind, a
+distant light shifts every shadow equally; in perspective the farther shadows are a
+little smaller.
 """
 
 from __future__ import annotations
@@ -29,35 +31,51 @@ from physgen.perceive.shadow.silhouettes import (
 from physgen.photometry import DistantLight, decode, luminance
 
 COARSE, FINE = 192, 384
-"""px: longer side of the pictures in which the light is searched, first and then."""
-TILT = 0.1  # rise over run of the floor where it is unknown
-SOFT = 8.0  # degrees: half the width of usual lights, lamps and windows
-TRUSTED = 0.3  # confidence of a light from shading from which it counts
-FULL = 1.2  # shading of a surface that faces the light: there it shows its own colour
+"""px: longer side of the pictures for the search of the light, first and second."""
+# Rise over run of the floor if it is unknown.
+TILT = 0.1
+# degrees: angular radius of usual lights, lamps and windows.
+SOFT = 8.0
+# Least confidence of a light from shading that is used.
+TRUSTED = 0.3
+# Shading of a surface that faces the light and shows its true colour.
+FULL = 1.2
 
 
 @dataclass(frozen=True)
 class _Tuning:
-    """Tuning of the search, on studio photos of the split `tune`; sizes are shares of an object's."""
+    """Tuning of the search on studio photos of the split `tune`.
 
-    widths: tuple[float, ...] = (0.03, 0.08)  # over which slopes are smoothed
-    least_seen: float = 0.1  # share of the predicted slopes that must be in sight
-    well: float = 0.5  # confidence of a light from shading from which it counts most
-    # degrees, standard deviation of such lights: trusted, trusted well
+    Sizes are shares of an object's.
+    """
+
+    # Widths over which gradients are smoothed.
+    widths: tuple[float, ...] = (0.03, 0.08)
+    # Least visible share of the predicted gradients.
+    least_seen: float = 0.1
+    # Confidence of a light from shading that has full weight.
+    well: float = 0.5
+    # degrees: standard deviations of such a light at low and full confidence.
     deviation: tuple[float, float] = (20.0, 7.0)
-    # degrees, and standard deviations: no light is tried farther from it
+    # Largest tested distance from that light: degrees, and standard deviations.
     beyond: tuple[float, float] = (40.0, 2.5)
-    pull: float = 0.02  # correlation that one standard deviation from it must gain
-    telling: int = 3  # objects, or groups of them, that the light is searched by at first; the largest
+    # Correlation that one standard deviation from that light must gain.
+    pull: float = 0.02
+    # Number of the largest objects or groups in the first search.
+    telling: int = 3
+    # Relative sizes of shadows on a wall, in perspective.
     wall_sizes: tuple[float, ...] = (
         1.0,
         0.94,
         0.88,
         0.82,
-    )  # of shadows on a wall, in perspective
-    farthest: float = 5.0  # from an object to its shadow on a wall
-    in_sight: float = 0.5  # share of all outlines that must lie in the photo, and free
-    # percentile of the photo's slopes: steeper ones are edges of objects, and cut to this
+    )
+    # Largest distance from an object to its shadow on a wall.
+    farthest: float = 5.0
+    # Least share of all outlines that is free and inside the photo.
+    in_sight: float = 0.5
+    # Percentile of the photo's gradients: steeper ones are edges of objects and are
+    # clipped to it.
     steepest: float = 97
 
 
@@ -68,38 +86,55 @@ TUNING = _Tuning()
 class LightGradients:
     """A photo's light at one scale, and the silhouettes that may block some of it."""
 
-    scale: float  # px of the photo in one of this picture
-    size: tuple[int, int]  # Width and height, px
-    known: F32  # (h, w) 1 where no object is near
+    # px of the photo per px of this picture.
+    scale: float
+    # Width and height, px.
+    size: tuple[int, int]
+    # (h, w): 1 away from objects.
+    known: F32
     slopes: Sequence[tuple[float, F32, F32, F32]]
-    """Width of smoothing, px; (h, w) share known within it; (h, w) slopes of the logarithm of light, x and y."""
+    """Per width: the width, px; the known share (h, w) within it; the gradients (h, w)
+    of the logarithm of light in x and y.
+    """
     silhouettes: Sequence[Silhouette]
-    joined: Sequence[Silhouette]  # The same, those that stand side by side as one
+    # The silhouettes, with neighbours side by side joined.
+    joined: Sequence[Silhouette]
 
     @cached_property
     def within(self) -> F32:
-        """(h, w) `known`, a pixel less on all sides."""
+        """Return `known` (h, w), eroded by one pixel."""
         return np.asarray(cv2.erode(self.known, np.ones((3, 3), np.uint8)), np.float32)
 
     @property
     def telling(self) -> list[Silhouette]:
-        """The largest of `joined`; the small ones would take as long and add little."""
-        areas = [what.area for what in self.joined]
+        """Return the largest of `joined`; small ones cost as much and add little."""
+        areas = [silhouette.area for silhouette in self.joined]
         return [self.joined[k] for k in np.argsort(areas)[::-1][: TUNING.telling]]
 
     def agreement(self, model: F32) -> tuple[float, float]:
-        """Correlation of seen slopes and those of a darkness (h, w), and the factor; means over the widths."""
+        """Return the correlation of measured and predicted gradients, and their ratio.
+
+        `model` is a darkness (h, w); results are means over the widths.
+        """
         sums = self._sums(model)
-        alike = [both / max((own * seen) ** 0.5, 1e-9) for both, own, seen in sums]
-        factors = [both / max(own, 1e-9) for both, own, _ in sums]
+        correlations = [
+            product / max((model_energy * photo_energy) ** 0.5, 1e-9)
+            for product, model_energy, photo_energy in sums
+        ]
+        factors = [
+            product / max(model_energy, 1e-9) for product, model_energy, _ in sums
+        ]
         return (
-            (sum(alike) / len(sums), sum(factors) / len(sums)) if sums else (0.0, 0.0)
+            (sum(correlations) / len(sums), sum(factors) / len(sums))
+            if sums
+            else (0.0, 0.0)
         )
 
     def _sums(self, model: F32) -> list[tuple[float, float, float]]:
-        """Of each width: products of predicted and seen slopes, squares of either, near what is predicted.
+        """Return, per width, products and squares of predicted and measured gradients.
 
-        Empty where hardly any of it is in sight.
+        Only pixels near predicted edges count. The list is empty if hardly any of them
+        are visible.
         """
         rows, columns = (
             np.flatnonzero(model.max(axis=1) > 0.02),
@@ -110,31 +145,32 @@ class LightGradients:
         pad = int(3 * self.slopes[-1][0]) + 4
         top, left = max(int(rows[0]) - pad, 0), max(int(columns[0]) - pad, 0)
         part = np.s_[top : int(rows[-1]) + pad + 1, left : int(columns[-1]) + pad + 1]
-        model, known = np.minimum(model[part], 2.5), self.known[part]
-        within = self.within[part]
-        found = []
-        for width, near, right, down in self.slopes:
-            soft = cv2.GaussianBlur(model * known, (0, 0), width) / np.maximum(
-                near[part], 0.05
-            )
-            dy, dx = np.gradient(soft)
+        model, known_weights = np.minimum(model[part], 2.5), self.known[part]
+        inner_weights = self.within[part]
+        result = []
+        for width, known_share, right, down in self.slopes:
+            smooth_model = cv2.GaussianBlur(
+                model * known_weights, (0, 0), width
+            ) / np.maximum(known_share[part], 0.05)
+            dy, dx = np.gradient(smooth_model)
             energy = np.asarray(dx * dx + dy * dy, np.float32)
-            edges = energy > 0.01 * float((energy * within).max())
-            weight = within * cv2.dilate(
+            # Compare only near the edges of predicted shadows.
+            edges = energy > 0.01 * float((energy * inner_weights).max())
+            weight = inner_weights * cv2.dilate(
                 edges.astype(np.uint8), np.ones((9, 9), np.uint8)
             )
-            own = float((weight * energy).sum())
-            if own <= TUNING.least_seen * float(energy.sum()):
+            model_energy = float((weight * energy).sum())
+            if model_energy <= TUNING.least_seen * float(energy.sum()):
                 return []
-            both = -float((weight * (dx * right[part] + dy * down[part])).sum())
-            found.append(
+            product = -float((weight * (dx * right[part] + dy * down[part])).sum())
+            result.append(
                 (
-                    both,
-                    own,
+                    product,
+                    model_energy,
                     float((weight * (right[part] ** 2 + down[part] ** 2)).sum()),
                 )
             )
-        return found
+        return result
 
 
 def light_gradients(
@@ -143,7 +179,7 @@ def light_gradients(
     longest: int,
     at: Callable[[float], Sequence[Silhouette]],
 ) -> LightGradients | None:
-    """The photo at a scale; `at` gives the silhouettes at it. None where there are none."""
+    """Return the photo at a scale, or None without silhouettes; `at` gives them."""
     scale = max(max(background.shape[:2]) / longest, 1.0)
     silhouettes = at(scale)
     if not silhouettes:
@@ -158,41 +194,53 @@ def light_gradients(
         cv2.resize(light * open_, (w, h), interpolation=cv2.INTER_AREA), np.float32
     )
     small = np.asarray(small / np.maximum(share, 0.05), np.float32)
-    known = np.asarray(share * (share > 0.5), np.float32)
+    known_weights = np.asarray(share * (share > 0.5), np.float32)
     slopes = []
     for part in TUNING.widths:
         width = max(part * typical_size(silhouettes), 1.0)
-        near = np.asarray(cv2.GaussianBlur(known, (0, 0), width), np.float32)
+        known_share = np.asarray(
+            cv2.GaussianBlur(known_weights, (0, 0), width), np.float32
+        )
         down, right = np.gradient(
-            cv2.GaussianBlur(small * known, (0, 0), width) / np.maximum(near, 0.05)
+            cv2.GaussianBlur(small * known_weights, (0, 0), width)
+            / np.maximum(known_share, 0.05)
         )
         slopes.append(
-            (width, near, np.asarray(right, np.float32), np.asarray(down, np.float32))
+            (
+                width,
+                known_share,
+                np.asarray(right, np.float32),
+                np.asarray(down, np.float32),
+            )
         )
     return LightGradients(
-        scale, (w, h), known, slopes, silhouettes, join_silhouettes(silhouettes)
+        scale, (w, h), known_weights, slopes, silhouettes, join_silhouettes(silhouettes)
     )
 
 
 @dataclass(frozen=True)
 class LightFit:
-    """A light and the surfaces that its shadows fall on, in px of the photo."""
+    """A light and the surfaces with its shadows, in px of the photo."""
 
     setting: ShadowSetting
-    likeness: float  # Correlation of predicted and seen slopes
-    factor: float  # Seen over predicted darkness, as a logarithm
-    each: float = 1.0  # the same where the shadows of objects side by side are added up
+    # Correlation of predicted and measured gradients.
+    likeness: float
+    # Ratio of measured and predicted darkness, as logarithms.
+    factor: float
+    # The same if the shadows of objects side by side are added.
+    each: float = 1.0
 
 
 def search_light(
     gradients: Sequence[LightGradients], guess: LightGuess
 ) -> tuple[int, LightFit]:
-    """The index of the best of `gradients`, and the light in its px: coordinate steps from several directions.
+    """Return the index of the best of `gradients`, and the light in its px.
 
-    `gradients`: of one size, with floors in different places.
+    Coordinate steps start from several directions. `gradients` have one size and differ
+    in the positions of floors.
     """
     first = ShadowSetting(guess.light, 4.0, False, TILT, inf, gradients[0].size)
-    telling = [one.telling for one in gradients]
+    telling = [candidate.telling for candidate in gradients]
 
     def rated(k: int, setting: ShadowSetting) -> LightFit:
         return _rated(gradients[k], telling[k], setting, guess)
@@ -212,6 +260,7 @@ def search_light(
     k, best = max(
         ((k, climbed(k, fit)) for k, fit in starts[:3]), key=lambda end: end[1].likeness
     )
+    # Repeat the steps while they still improve the fit.
     for _ in range(2):
         before, best = best, climbed(k, best)
         if best.likeness < before.likeness + 0.005:
@@ -243,11 +292,17 @@ def _climbed(
 
 
 def deviation_penalty(light: DistantLight, guess: LightGuess) -> float:
-    """Correlation that a light must gain for its distance from the one of shading; infinite where it is too far."""
+    """Return the correlation that a light must gain for its distance from the shading's
+    light.
+
+    The penalty is infinite if the light is too far away.
+    """
     if guess.confidence < TRUSTED:
         return 0.0
-    sure = min((guess.confidence - TRUSTED) / (TUNING.well - TRUSTED), 1.0)
-    deviation = TUNING.deviation[0] + sure * (TUNING.deviation[1] - TUNING.deviation[0])
+    weight = min((guess.confidence - TRUSTED) / (TUNING.well - TRUSTED), 1.0)
+    deviation = TUNING.deviation[0] + weight * (
+        TUNING.deviation[1] - TUNING.deviation[0]
+    )
     cosine = sum(
         a * b for a, b in zip(light.direction, guess.light.direction, strict=True)
     )
@@ -260,7 +315,10 @@ def deviation_penalty(light: DistantLight, guess: LightGuess) -> float:
 def refine_light(
     fine: LightGradients, setting: ShadowSetting, guess: LightGuess
 ) -> LightFit:
-    """Smaller steps from a setting, in px of `fine`, by the largest objects; its likeness by all."""
+    """Return the light after smaller steps from a setting, in px of `fine`.
+
+    The steps use the largest objects; the final likeness uses all objects.
+    """
     telling = fine.telling
 
     def rated(where: ShadowSetting) -> LightFit:
@@ -271,7 +329,8 @@ def refine_light(
         for _ in range(times):
             before = fit
             fit = _climbed(fit, iter(list(_fine_steps(fit.setting, step))), rated)
-            if fit is before:  # the same steps again would lead nowhere either
+            # The same steps would fail again.
+            if fit is before:
                 break
     if fit.likeness == -inf:
         return fit
@@ -281,7 +340,11 @@ def refine_light(
 
 
 def _oddness(setting: ShadowSetting, factor: float) -> float:
-    """Correlation that an unusual fit must gain: low or high or sharp light, a steep or flat floor, other darkness."""
+    """Return the correlation that an unusual fit must gain.
+
+    Unusual are a low, high or sharp light, a steep or flat floor, and an unusual
+    darkness.
+    """
     x, y, z = setting.light.direction
     length = (x * x + z * z) ** 0.5 / max(-y, 0.05)
     slant = 0.03 * max(length - 2, 0.0) + 0.03 * max(0.4 - length, 0.0)
@@ -297,15 +360,19 @@ def _starts(first: ShadowSetting, guess: LightGuess) -> Iterator[ShadowSetting]:
     for k in range(12):
         turn = 2 * pi * k / 12
         for height in (0.4, 0.75):
-            flat = (1 - height**2) ** 0.5
-            yield with_direction(first, (flat * cos(turn), -height, flat * sin(turn)))
+            horizontal = (1 - height**2) ** 0.5
+            yield with_direction(
+                first, (horizontal * cos(turn), -height, horizontal * sin(turn))
+            )
 
 
 def _turned(setting: ShadowSetting, step: float) -> Iterator[ShadowSetting]:
-    """The light turned about the upright, and higher and lower, by so many radians."""
+    """Yield the light turned about the vertical, and raised and lowered, by `step`
+    radians.
+    """
     x, y, z = setting.light.direction
     turn, rise = atan2(z, x), asin(min(max(-y, -1.0), 1.0))
-    for around, up in (
+    for turn_step, rise_step in (
         (step, 0),
         (-step, 0),
         (0, step),
@@ -313,17 +380,17 @@ def _turned(setting: ShadowSetting, step: float) -> Iterator[ShadowSetting]:
         (step, -step),
         (-step, -step),
     ):
-        a, e = turn + around / max(cos(rise), 0.3), rise + up
+        a, e = turn + turn_step / max(cos(rise), 0.3), rise + rise_step
         if sin(e) > 0.1 and e < pi / 2:
             yield with_direction(setting, (cos(e) * cos(a), -sin(e), cos(e) * sin(a)))
 
 
 def _coarse_steps(setting: ShadowSetting) -> Iterator[ShadowSetting]:
-    """Neighbours of a setting, one number changed."""
+    """Yield neighbours of a setting with one changed number."""
     yield from _turned(setting, 0.15)
     yield from _turned(setting, 0.06)
-    for soft in (1.0, 3.0, 6.0, 12.0, 25.0):
-        yield replace(setting, softness=soft)
+    for softness in (1.0, 3.0, 6.0, 12.0, 25.0):
+        yield replace(setting, softness=softness)
     for share in (0.2, 0.5, 0.85):
         yield with_direct_share(setting, share)
     for tilt in (0.05, 0.08, 0.12, 0.17):
@@ -332,19 +399,19 @@ def _coarse_steps(setting: ShadowSetting) -> Iterator[ShadowSetting]:
 
 def _fine_steps(setting: ShadowSetting, step: float) -> Iterator[ShadowSetting]:
     yield from _turned(setting, step)
-    for by in (1 + 4 * step, 1 / (1 + 4 * step)):
-        yield replace(setting, softness=min(max(setting.softness * by, 0.5), 45.0))
-    for by in (1 + 2 * step, 1 / (1 + 2 * step)):
-        yield replace(setting, tilt=min(max(setting.tilt * by, 0.02), 0.5))
-    now = setting.light.intensity / max(
+    for ratio in (1 + 4 * step, 1 / (1 + 4 * step)):
+        yield replace(setting, softness=min(max(setting.softness * ratio, 0.5), 45.0))
+    for ratio in (1 + 2 * step, 1 / (1 + 2 * step)):
+        yield replace(setting, tilt=min(max(setting.tilt * ratio, 0.02), 0.5))
+    direct_share = setting.light.intensity / max(
         setting.light.intensity + setting.light.ambient, 1e-6
     )
-    for share in (min(now + step, 0.98), max(now - step, 0.02)):
+    for share in (min(direct_share + step, 0.98), max(direct_share - step, 0.02)):
         yield with_direct_share(setting, share)
 
 
 def with_direction(setting: ShadowSetting, direction: Sequence[float]) -> ShadowSetting:
-    """The same under a light from another direction (unit)."""
+    """Return the setting with a light from another (unit) direction."""
     x, y, z = (float(c) for c in direction)
     light = setting.light
     return replace(
@@ -353,7 +420,7 @@ def with_direction(setting: ShadowSetting, direction: Sequence[float]) -> Shadow
 
 
 def with_direct_share(setting: ShadowSetting, share: float) -> ShadowSetting:
-    """The same with so much of the light direct where it falls straight."""
+    """Return the setting with a share of direct light at normal incidence."""
     light = DistantLight(setting.light.direction, share * FULL, (1 - share) * FULL)
     return replace(setting, light=light)
 
@@ -362,23 +429,34 @@ def with_direct_share(setting: ShadowSetting, share: float) -> ShadowSetting:
 class WallShadow:
     """The objects' shadows on a wall behind, in px of the photo."""
 
-    shift: tuple[
-        float, float
-    ]  # From an object to its shadow, in the middle of the photo
-    size: float  # Of shadow to object, about the middle of the photo
-    likeness: float = 0.0  # correlation of slopes along the outlines
-    factor: float = 0.0  # -log of the light that is left
-    soft: float = 0.0  # px, standard deviation of the shadows' edges
+    # From an object to its shadow, in the middle of the photo.
+    shift: tuple[float, float]
+    # Ratio of shadow and object, about the middle of the photo.
+    size: float
+    # Correlation of gradients along the outlines.
+    likeness: float = 0.0
+    # -log of the remaining light.
+    factor: float = 0.0
+    # px: standard deviation of the shadows' edges.
+    soft: float = 0.0
 
     def convincing(self, count: int) -> bool:
-        """One round object finds a round patch almost anywhere; several must find theirs all at once."""
+        """Return whether the likeness suffices for `count` objects.
+
+        A single round object matches some round patch almost anywhere; several objects
+        must all match at once.
+        """
         return self.likeness >= float(0.5 + 0.35 / max(count, 1) ** 0.5)
 
 
 def cast_on_wall(
     what: Silhouette, shadow: WallShadow, scale: float, size: tuple[int, int]
 ) -> F32:
-    """(h, w) coverage of the wall by its shadow, on a picture of `size` (w, h), 1 / scale of the photo's."""
+    """Return the coverage (h, w) of the wall by a shadow, on a picture of `size` (w,
+    h).
+
+    The picture is 1 / `scale` of the photo's size.
+    """
     middle = (size[0] - 1) / 2, (size[1] - 1) / 2
     matrix = np.zeros((2, 3))
     for k in (0, 1):
@@ -399,45 +477,48 @@ def wall_coverage(
     scale: float,
     size: tuple[int, int],
 ) -> F32:
-    """(h, w) coverage of the wall by all shadows, with sharp edges."""
+    """Return the coverage (h, w) of the wall by all shadows, with sharp edges."""
     total = np.zeros(size[::-1], np.float32)
-    for what in silhouettes:
-        np.maximum(total, cast_on_wall(what, shadow, scale, size), out=total)
+    for silhouette in silhouettes:
+        np.maximum(total, cast_on_wall(silhouette, shadow, scale, size), out=total)
     return total
 
 
 def refine_wall_shadow(gradients: LightGradients, shadow: WallShadow) -> WallShadow:
-    """Smaller steps from a wall shadow, and the softness of its edges, on a finer picture."""
+    """Return a wall shadow after smaller steps on a finer picture, with soft edges."""
 
     def rated(one: WallShadow) -> WallShadow:
         total = wall_coverage(
             gradients.silhouettes, one, gradients.scale, gradients.size
         )
-        soft = one.soft / gradients.scale
+        softness = one.soft / gradients.scale
         model = (
             total
-            if soft < 0.3
-            else np.asarray(cv2.GaussianBlur(total, (0, 0), soft), np.float32)
+            if softness < 0.3
+            else np.asarray(cv2.GaussianBlur(total, (0, 0), softness), np.float32)
         )
         likeness, factor = gradients.agreement(model)
         return replace(one, likeness=likeness, factor=factor)
 
     def steps(one: WallShadow, step: float) -> list[WallShadow]:
         (dx, dy) = one.shift
-        moved = [
+        shifted_shadows = [
             replace(one, shift=(dx + a * step, dy + b * step))
             for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))
         ]
         return [
-            *moved,
+            *shifted_shadows,
             replace(one, soft=one.soft * 1.5),
             replace(one, soft=one.soft / 1.5),
         ]
 
     best = rated(replace(shadow, soft=gradients.slopes[0][0] * gradients.scale))
     for step in (4.0, 2.0, 1.0):
-        by = 0.01 * step
-        sizes = [replace(best, size=best.size + by), replace(best, size=best.size - by)]
+        size_step = 0.01 * step
+        sizes = [
+            replace(best, size=best.size + size_step),
+            replace(best, size=best.size - size_step),
+        ]
         tries = steps(best, step)
         tries = [*tries[:4], *sizes, *tries[4:]]
         for _ in range(2):
@@ -449,26 +530,36 @@ def refine_wall_shadow(gradients: LightGradients, shadow: WallShadow) -> WallSha
 
 
 def find_wall_shadow(gradients: LightGradients) -> WallShadow | None:
-    """The best way to move the objects onto their shadows; None where no way keeps enough of them in sight."""
-    width, near, right, down = gradients.slopes[-1]
-    within = cv2.erode(gradients.known, np.ones((3, 3), np.uint8)) * (near > 0.3)
-    steep = np.hypot(right, down)
-    free = steep[within > 0]
+    """Return the shift of the objects onto their shadows, or None if too few are
+    visible.
+    """
+    width, known_share, right, down = gradients.slopes[-1]
+    inner_weights = cv2.erode(gradients.known, np.ones((3, 3), np.uint8)) * (
+        known_share > 0.3
+    )
+    steepness = np.hypot(right, down)
+    free = steepness[inner_weights > 0]
     if not free.size:
         return None
-    cut = np.minimum(1, np.percentile(free, TUNING.steepest) / np.maximum(steep, 1e-6))
-    right, down = within * right * cut, within * down * cut
+    cut = np.minimum(
+        1, np.percentile(free, TUNING.steepest) / np.maximum(steepness, 1e-6)
+    )
+    right, down = inner_weights * right * cut, inner_weights * down * cut
     shape = (
         cv2.getOptimalDFTSize(2 * gradients.size[1]),
         cv2.getOptimalDFTSize(2 * gradients.size[0]),
     )
+    # Correlations over all shifts are products of spectra.
     spectra = [
         np.fft.rfft2(part, shape)
-        for part in (right, down, right * right + down * down, within)
+        for part in (right, down, right * right + down * down, inner_weights)
     ]
     rows, columns = (np.fft.fftfreq(n, 1 / n)[:, None] for n in shape)
     reach = TUNING.farthest * typical_size(gradients.silhouettes)
-    allowed = (np.abs(columns.T) < reach) & (rows > -0.12 * reach) & (rows < reach)
+    # A shadow lies beside or below its object, up to `TUNING.farthest`.
+    allowed_shifts = (
+        (np.abs(columns.T) < reach) & (rows > -0.12 * reach) & (rows < reach)
+    )
 
     def correlated(k: int, by: F32) -> NDArray[np.float64]:
         return np.fft.irfft2(spectra[k] * np.conj(np.fft.rfft2(by, shape)), shape)
@@ -482,19 +573,21 @@ def find_wall_shadow(gradients: LightGradients) -> WallShadow | None:
         energy = dx * dx + dy * dy
         edges = (energy > 0.02 * energy.max()).astype(np.float32)
         band = np.asarray(cv2.dilate(edges, np.ones((5, 5), np.uint8)), np.float32)
-        both = -(correlated(0, dx) + correlated(1, dy))
-        own, seen = (
+        products = -(correlated(0, dx) + correlated(1, dy))
+        model_energy, photo_energy = (
             np.maximum(correlated(3, energy), 1e-9),
             np.maximum(correlated(2, band), 1e-9),
         )
-        visible = allowed & (own > TUNING.in_sight * energy.sum())
-        likeness = np.where(visible, both / np.sqrt(own * seen), -1.0)
+        visible = allowed_shifts & (model_energy > TUNING.in_sight * energy.sum())
+        likeness = np.where(
+            visible, products / np.sqrt(model_energy * photo_energy), -1.0
+        )
         row, column = np.unravel_index(int(likeness.argmax()), likeness.shape)
         if likeness[row, column] > (best.likeness if best else 0.0):
             shift = (
                 float(columns[column, 0]) * gradients.scale,
                 float(rows[row, 0]) * gradients.scale,
             )
-            factor = float(both[row, column] / own[row, column])
+            factor = float(products[row, column] / model_energy[row, column])
             best = WallShadow(shift, size, float(likeness[row, column]), factor)
     return best

@@ -64,22 +64,33 @@ from physgen.photometry import DistantLight
 
 @dataclass(frozen=True)
 class _Limits:
-    """Which shadows are believed and removed; depths are -log of light."""
+    """Limits of accepted and removed shadows; depths are -log of light."""
 
-    alike: float = 0.5  # correlation of slopes that shadows on a floor need ...
-    sure: float = 0.75  # ... and with `deep` for each unit of depth, up to one
+    # Least correlation of gradients for shadows on a floor ...
+    alike: float = 0.5
+    # ... and least sum of that correlation and `deep` times the depth, up to a depth of
+    # one.
+    sure: float = 0.75
     deep: float = 0.3
-    calm: float = 0.92  # share of the slopes of light that removal may leave: a shadow's edges go with it
-    seen: float = 1.0  # up to this share there are shadows, though they lie too far astray to be removed
-    faintest: float = 0.15  # depth of the faintest shadows
-    darkest: float = 2.5  # depth of the darkest
-    foot: float = 0.1  # of an object's height, from its foot to the floor it stands on
-    direct: float = 0.05  # share of direct light where only shade is known
-    soft: float = 40.0  # degrees: half the width of that light
-    unknown: float = 0.3  # confidence of that light
-    rough: int = (
-        240  # px: longer side of the picture in which shadows on a wall are searched
-    )
+    # Largest share of the gradients of light after removal, because a shadow's edges
+    # disappear with it.
+    calm: float = 0.92
+    # Up to this share there are shadows, although they lie too far off to be removed.
+    seen: float = 1.0
+    # Depth of the faintest shadows.
+    faintest: float = 0.15
+    # Depth of the darkest shadows.
+    darkest: float = 2.5
+    # Largest distance of an object's foot from its floor over the object's height.
+    foot: float = 0.1
+    # Share of direct light if only shade is known.
+    direct: float = 0.05
+    # degrees: angular radius of that light.
+    soft: float = 40.0
+    # Confidence of that light.
+    unknown: float = 0.3
+    # px: longer side of the picture for the search of shadows on a wall.
+    rough: int = 240
 
 
 LIMITS = _Limits()
@@ -87,7 +98,7 @@ LIMITS = _Limits()
 
 @dataclass(frozen=True)
 class _Photo:
-    """The reduced background and its objects; silhouettes and gradients at several scales, each made once.
+    """The reduced background and its objects, with cached silhouettes and gradients.
 
     Lengths are px of the reduced background; labels, objects and boundaries are in px
     of the photo.
@@ -104,22 +115,24 @@ class _Photo:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height of the reduced background, px."""
+        """Return width and height of the reduced background, px."""
         return self.reduced.size
 
     @property
     def background(self) -> Rgb:
-        """(h, w, 3)."""
+        """Return the background (h, w, 3)."""
         return self.reduced.background
 
     @property
     def coverage(self) -> F32:
-        """(h, w)."""
+        """Return the coverage (h, w)."""
         return self.reduced.coverage
 
     def silhouettes(self, scale: float, floor: float | None = None) -> list[Silhouette]:
-        """Silhouettes at 1 / `scale` of the size; `floor` is a row of the photo."""
-        at = partial(
+        """Return silhouettes at 1 / `scale` of the size; `floor` is a row of the
+        photo.
+        """
+        silhouettes_at = partial(
             object_silhouettes,
             self.labels,
             self.objects,
@@ -127,15 +140,20 @@ class _Photo:
             self.boundaries,
             floor=floor,
         )
-        return at(scale * self.reduced.scale)
+        return silhouettes_at(scale * self.reduced.scale)
 
     def gradients(
         self, longest: int, floor: float | None = None
     ) -> LightGradients | None:
+        """Return the gradients of a picture with a longer side of `longest` px,
+        cached.
+        """
         if (longest, floor) not in self.made:
-            at = partial(self.silhouettes, floor=floor)
-            made = light_gradients(self.background, self.coverage, longest, at)
-            self.made[longest, floor] = made
+            silhouettes_at = partial(self.silhouettes, floor=floor)
+            result = light_gradients(
+                self.background, self.coverage, longest, silhouettes_at
+            )
+            self.made[longest, floor] = result
         return self.made[longest, floor]
 
 
@@ -148,62 +166,78 @@ def side_view_shadows(
     boundaries: BoundaryGuess,
     guess: LightGuess,
 ) -> Shadows:
-    """The role `shadow` for a photo from the side."""
-    reduced = reduce_photo(background, coverage)
-    photo = _Photo(reduced, labels, objects, matter, boundaries)
-    found = None
+    """Return the result of the role `shadow` for a photo from the side."""
+    reduced_photo = reduce_photo(background, coverage)
+    photo = _Photo(reduced_photo, labels, objects, matter, boundaries)
+    shade = None
     if not _is_ground_known(photo):
-        found = find_smooth_shade(background, coverage, labels, objects)
-    if found is not None:
-        return _soft_light(*found, guess, boundaries.tilt)
-    return restore_size(_reduced_shadows(photo, guess), reduced, background, coverage)
+        shade = find_smooth_shade(background, coverage, labels, objects)
+    if shade is not None:
+        return _soft_light(*shade, guess, boundaries.tilt)
+    return restore_size(
+        _reduced_shadows(photo, guess), reduced_photo, background, coverage
+    )
 
 
 def _reduced_shadows(photo: _Photo, guess: LightGuess) -> Shadows:
-    """Shadows of the reduced photo."""
+    """Return the shadows of the reduced photo."""
     background, coverage = photo.background, photo.coverage
-    nothing = Shadows(None, None, guess.light, 4.0, 4.0, None, 0.0)
-    given = photo.gradients(COARSE)
-    if given is None:
-        return nothing
+    result = Shadows(None, None, guess.light, 4.0, 4.0, None, 0.0)
+    gradients = photo.gradients(COARSE)
+    if gradients is None:
+        return result
     wall = _wall_shadow(photo)
-    found, floor = _floor_fit(photo, given, guess)
+    floor_light, floor = _floor_fit(photo, gradients, guess)
     silhouettes = photo.silhouettes(1.0, floor)
-    for fit in (found, None) if found else (None,):
+    # Shadows on floor and wall are tried first, then those on the wall alone.
+    for fit in (floor_light, None) if floor_light else (None,):
         if fit is None and wall is None:
             break
-        dark = _predicted(silhouettes, fit, wall, photo.size)
-        clean = remove_shadows(background, coverage, dark, typical_size(silhouettes))
-        ratio = edge_ratio(background, clean, coverage)
-        if ratio <= LIMITS.seen and (ratio <= LIMITS.calm or nothing.owners is None):
+        darkness = _predicted(silhouettes, fit, wall, photo.size)
+        clean_background = remove_shadows(
+            background, coverage, darkness, typical_size(silhouettes)
+        )
+        # Removal must also remove edges; new edges mean that the light is wrong.
+        ratio = edge_ratio(background, clean_background, coverage)
+        if ratio <= LIMITS.seen and (ratio <= LIMITS.calm or result.owners is None):
             casts = _casts(silhouettes, fit, wall, photo.size)
-            nothing = replace(
-                nothing, owners=shadow_owners(background, clean, coverage, casts)
+            result = replace(
+                result,
+                owners=shadow_owners(background, clean_background, coverage, casts),
             )
         if ratio <= LIMITS.calm:
-            setting, sure = _light(fit, wall, guess, photo.size)
+            setting, confidence = _light(fit, wall, guess, photo.size)
             setting = _with_known_tilt(setting, photo.boundaries.tilt)
             back = None if setting.backdrop == inf else round(setting.backdrop, 1)
             tilt, softness = (
                 round(degrees(atan(setting.tilt)), 1),
                 round(setting.softness, 1),
             )
-            sure = round(min(0.9, sure), 2)
+            confidence = round(min(0.9, confidence), 2)
             return Shadows(
-                clean, nothing.owners, setting.light, softness, tilt, back, sure
+                clean_background,
+                result.owners,
+                setting.light,
+                softness,
+                tilt,
+                back,
+                confidence,
             )
-    return _soft_shade(photo, guess) or nothing
+    return _soft_shade(photo, guess) or result
 
 
 def _is_ground_known(photo: _Photo) -> bool:
     """Return whether an object stands on a floor, seen from a small height."""
     if photo.boundaries.tilt is not None:
         return False
-    given = photo.gradients(COARSE)
-    for what in [] if given is None else given.silhouettes:
-        height = what.coverage.shape[0]
-        foot = what.corner[1] + height
-        if what.floor is not None and what.floor - foot < LIMITS.foot * height:
+    gradients = photo.gradients(COARSE)
+    for silhouette in [] if gradients is None else gradients.silhouettes:
+        height = silhouette.coverage.shape[0]
+        foot = silhouette.corner[1] + height
+        if (
+            silhouette.floor is not None
+            and silhouette.floor - foot < LIMITS.foot * height
+        ):
             return True
     return False
 
@@ -213,7 +247,7 @@ def _soft_light(
 ) -> Shadows:
     """Return shade on a ground of unknown geometry, with a soft light.
 
-    Geometry then predicts little, and each object takes the shade that the photo shows
+    Geometry then predicts little, and each object keeps the shade that the photo shows
     with it.
     """
     direct = LIMITS.direct
@@ -224,10 +258,10 @@ def _soft_light(
 
 
 def _with_known_tilt(setting: ShadowSetting, angle: float | None) -> ShadowSetting:
-    """Return the setting with the floor's true tilt, in which shadows lie at the same pixels.
+    """Return the setting with the floor's true tilt and shadows at the same pixels.
 
     A shadow's length up the picture is the rise of the floor times the light's slant in
-    depth: one fit cannot tell them apart.
+    depth; one fit cannot separate the two.
     """
     if angle is None:
         return setting
@@ -239,34 +273,41 @@ def _with_known_tilt(setting: ShadowSetting, angle: float | None) -> ShadowSetti
 
 
 def _soft_shade(photo: _Photo, guess: LightGuess) -> Shadows | None:
-    """The shade of soft light on a floor under the lowest object; None where it is not seen."""
+    """Return the shade of soft light on a floor under the lowest object, or None."""
     bottom = max(bounds(item.outline)[3] for item in photo.objects)
     if bottom >= len(photo.labels) - 1:
         return None
-    at = partial(photo.silhouettes, floor=bottom)
-    shade = find_ambient_shade(photo.background, photo.coverage, at, from_above=False)
+    silhouettes_at = partial(photo.silhouettes, floor=bottom)
+    shade = find_ambient_shade(
+        photo.background, photo.coverage, silhouettes_at, from_above=False
+    )
     if shade is None:
         return None
     fit = LightFit(shade.setting, 0.0, shade.factor, shade.factor)
     silhouettes = photo.silhouettes(1.0, bottom)
-    dark = _predicted(silhouettes, fit, None, photo.size)
-    # a surface where shade is predicted, and that is no darker there, lies in none
-    there = np.where(photo.coverage > 0, 1, np.clip(shade.missing / FAINT, 0, 1))
-    predicted = np.asarray(dark * there, np.float32)
-    clean = remove_shadows(
-        photo.background, photo.coverage, predicted, typical_size(silhouettes)
+    model_darkness = _predicted(silhouettes, fit, None, photo.size)
+    # A surface that is not darker at the predicted place lies in no shade.
+    agreement = np.where(photo.coverage > 0, 1, np.clip(shade.missing / FAINT, 0, 1))
+    prediction = np.asarray(model_darkness * agreement, np.float32)
+    clean_background = remove_shadows(
+        photo.background, photo.coverage, prediction, typical_size(silhouettes)
     )
-    if edge_ratio(photo.background, clean, photo.coverage) > LIMITS.seen:
+    if edge_ratio(photo.background, clean_background, photo.coverage) > LIMITS.seen:
         return None
-    seen = np.where(dark > PREDICTED, shade.missing, 0).astype(np.float32)
+    owner_depth = np.where(model_darkness > PREDICTED, shade.missing, 0).astype(
+        np.float32
+    )
     owners = shadow_owners_by_model(
-        photo.coverage, _casts(silhouettes, fit, None, photo.size), seen
+        photo.coverage, _casts(silhouettes, fit, None, photo.size), owner_depth
     )
     tilt = photo.boundaries.tilt
-    if tilt is None:  # shade all around an object does not depend on the tilt
+    # Shade all around an object does not depend on the tilt.
+    if tilt is None:
         tilt = round(degrees(atan(shade.setting.tilt)), 1)
-    softness, sure = shade.setting.softness, shade.confidence
-    return Shadows(clean, owners, guess.light, softness, tilt, None, sure)
+    softness, confidence = shade.setting.softness, shade.confidence
+    return Shadows(
+        clean_background, owners, guess.light, softness, tilt, None, confidence
+    )
 
 
 def _predicted(
@@ -275,17 +316,17 @@ def _predicted(
     wall: WallShadow | None,
     size: tuple[int, int],
 ) -> F32:
-    """(H, W) -log of the light that the objects leave, on floor and wall."""
-    dark = np.zeros(size[::-1], np.float32)
+    """Return -log (H, W) of the light that the objects leave on floor and wall."""
+    darkness = np.zeros(size[::-1], np.float32)
     if fit is not None:
-        dark += np.float32(fit.factor) * predicted_darkness(
+        darkness += np.float32(fit.factor) * predicted_darkness(
             join_silhouettes(silhouettes), fit.setting
         )
     if wall is not None:
-        dark += np.float32(wall.factor) * _softened(
+        darkness += np.float32(wall.factor) * _softened(
             wall_coverage(silhouettes, wall, 1.0, size), wall
         )
-    return np.minimum(dark, LIMITS.darkest)
+    return np.minimum(darkness, LIMITS.darkest)
 
 
 def _softened(coverage: F32, wall: WallShadow) -> F32:
@@ -300,68 +341,80 @@ def _casts(
     wall: WallShadow | None,
     size: tuple[int, int],
 ) -> Casts:
-    """Shadows of each object on floor and wall."""
+    """Yield the shadows of each object on floor and wall."""
     if fit is not None:
-        for what in silhouettes:
-            if (found := shadow_darkness(what, fit.setting)) is not None:
-                yield what.id, found[0], np.float32(fit.factor) * found[1]
+        for silhouette in silhouettes:
+            if (cast := shadow_darkness(silhouette, fit.setting)) is not None:
+                yield silhouette.id, cast[0], np.float32(fit.factor) * cast[1]
     if wall is not None:
-        for what in silhouettes:
-            soft = _softened(cast_on_wall(what, wall, 1.0, size), wall)
+        for silhouette in silhouettes:
+            soft_shadow = _softened(cast_on_wall(silhouette, wall, 1.0, size), wall)
             yield (
-                what.id,
+                silhouette.id,
                 (0, 0, *size),
-                np.asarray(np.float32(wall.factor) * soft, np.float32),
+                np.asarray(np.float32(wall.factor) * soft_shadow, np.float32),
             )
 
 
 def _floor_fit(
     photo: _Photo, given: LightGradients, guess: LightGuess
 ) -> tuple[LightFit | None, float | None]:
-    """A light whose shadows lie on the floor, in px of the photo, if there is one; and the floor's row if guessed."""
-    coarse: list[LightGradients] = [given]
+    """Return a light with shadows on the floor, in px of the photo, and the assumed
+    floor row.
+
+    Both may be None.
+    """
+    coarse_gradients: list[LightGradients] = [given]
     floors: list[float | None] = [None]
     lowest = lowest_floor(photo.boundaries)
     if lowest is not None:
         row = lowest / (given.scale * photo.reduced.scale)
-        elsewhere = any(
+        has_other_floor = any(
             s.floor is None or abs(s.floor - row) > 2 for s in given.silhouettes
         )
-        other = photo.gradients(COARSE, lowest) if elsewhere else None
+        other = photo.gradients(COARSE, lowest) if has_other_floor else None
         if other is not None:
-            coarse.append(other)
+            coarse_gradients.append(other)
             floors.append(lowest)
-    k, rough = search_light(coarse, guess)
-    fine = photo.gradients(FINE, floors[k])
-    assert fine is not None
-    fit = refine_light(fine, replace(rough.setting, size=fine.size), guess)
-    if not _is_sure(fine, fit):
+    k, coarse_fit = search_light(coarse_gradients, guess)
+    fine_gradients = photo.gradients(FINE, floors[k])
+    assert fine_gradients is not None
+    fit = refine_light(
+        fine_gradients, replace(coarse_fit.setting, size=fine_gradients.size), guess
+    )
+    if not _is_sure(fine_gradients, fit):
         return None, floors[k]
-    each = fit.factor
-    if len(fine.joined) < len(fine.silhouettes):
-        _, each = fine.agreement(predicted_darkness(fine.silhouettes, fit.setting))
+    single_factor = fit.factor
+    if len(fine_gradients.joined) < len(fine_gradients.silhouettes):
+        _, single_factor = fine_gradients.agreement(
+            predicted_darkness(fine_gradients.silhouettes, fit.setting)
+        )
     return replace(
-        fit, setting=replace(fit.setting, size=photo.size), each=each
+        fit, setting=replace(fit.setting, size=photo.size), each=single_factor
     ), floors[k]
 
 
 def _is_sure(fine: LightGradients, fit: LightFit) -> bool:
-    """Whether such shadows are there: alike, and dark enough."""
+    """Return whether the fit is good and dark enough for real shadows."""
     model = predicted_darkness(fine.joined, fit.setting) * fine.known
-    seen = model[model > 0.02]
-    depth = fit.factor * float(np.percentile(seen, 95)) if seen.size else 0.0
-    sure = fit.likeness + LIMITS.deep * min(depth, 1.0) > LIMITS.sure
-    return depth > LIMITS.faintest and fit.likeness > LIMITS.alike and sure
+    depths = model[model > 0.02]
+    depth = fit.factor * float(np.percentile(depths, 95)) if depths.size else 0.0
+    confident = fit.likeness + LIMITS.deep * min(depth, 1.0) > LIMITS.sure
+    return depth > LIMITS.faintest and fit.likeness > LIMITS.alike and confident
 
 
 def _wall_shadow(photo: _Photo) -> WallShadow | None:
-    """The shadows on a wall behind, where they are seen."""
-    rough = photo.gradients(LIMITS.rough)
-    wall = None if rough is None else find_wall_shadow(rough)
-    if rough is None or wall is None or not wall.convincing(len(rough.silhouettes)):
+    """Return the shadows on a wall behind, or None if none are visible."""
+    coarse_gradients = photo.gradients(LIMITS.rough)
+    wall = None if coarse_gradients is None else find_wall_shadow(coarse_gradients)
+    if (
+        coarse_gradients is None
+        or wall is None
+        or not wall.convincing(len(coarse_gradients.silhouettes))
+    ):
         return None
-    fine = photo.gradients(FINE)
-    wall = wall if fine is None else refine_wall_shadow(fine, wall)
+    fine_gradients = photo.gradients(FINE)
+    wall = wall if fine_gradients is None else refine_wall_shadow(fine_gradients, wall)
     return wall if wall.factor > LIMITS.faintest else None
 
 
@@ -371,7 +424,7 @@ def _light(
     guess: LightGuess,
     size: tuple[int, int],
 ) -> tuple[ShadowSetting, float]:
-    """The light and where its shadows fall, and its confidence."""
+    """Return the light with its surfaces, and its confidence."""
     if fit is None:
         assert wall is not None
         return _light_of_wall(wall, guess, size), wall.likeness
@@ -384,19 +437,21 @@ def _light(
     back = _distance_back(
         wall, np.array([-x / max(z, 0.2), -y / max(z, 0.2) - setting.tilt])
     )
-    sure = max(fit.likeness, wall.likeness)
-    return (replace(setting, backdrop=back) if back > 1 else setting), sure
+    confidence = max(fit.likeness, wall.likeness)
+    return (replace(setting, backdrop=back) if back > 1 else setting), confidence
 
 
 def _distance_back(wall: WallShadow, flat: np.ndarray) -> float:
-    """px to the wall, where shadows move by `flat` (2,) for each px back."""
+    """Return the distance to the wall, px, if shadows move by `flat` (2,) per px
+    back.
+    """
     return float(flat @ np.array(wall.shift) / max(float(flat @ flat), 1e-3))
 
 
 def _light_of_wall(
     wall: WallShadow, guess: LightGuess, size: tuple[int, int]
 ) -> ShadowSetting:
-    """The light of shadows that lie on a wall alone."""
+    """Return the light of shadows that lie only on a wall."""
     dx, dy = wall.shift
     x, y, z = guess.light.direction
     back = _distance_back(wall, np.array([-x, -y - TILT * z]) / max(z, 0.2))
@@ -404,8 +459,10 @@ def _light_of_wall(
         back = 0.8 * hypot(dx, dy)
     direction = np.array([-dx / back, -(dy / back + TILT), 1.0])
     a, b, c = (direction / np.linalg.norm(direction)).tolist()
-    far = back / max(c, 0.2) * float(np.hypot(1, 0.5 * hypot(a, b) / max(c, 0.2)))
-    softness = min(max(degrees(atan(2 * max(wall.soft - 0.35, 0.0) / far)), 0.3), 45.0)
+    distance = back / max(c, 0.2) * float(np.hypot(1, 0.5 * hypot(a, b) / max(c, 0.2)))
+    softness = min(
+        max(degrees(atan(2 * max(wall.soft - 0.35, 0.0) / distance)), 0.3), 45.0
+    )
     setting = ShadowSetting(
         DistantLight((a, b, c), 1.0, 0.2), softness, False, TILT, back, size
     )
@@ -415,15 +472,17 @@ def _light_of_wall(
 def _with_share(
     setting: ShadowSetting, facing: tuple[float, float, float], share: float
 ) -> ShadowSetting:
-    """The same with so much of the light direct on a surface that faces there."""
+    """Return the setting with a share of direct light on a surface with normal
+    `facing`.
+    """
     share = min(max(share, 0.02), 0.97)
-    now = min(max(setting.direct(facing), 1e-3), 0.999)
+    old_share = min(max(setting.direct(facing), 1e-3), 0.999)
     light = setting.light
     ratio = (
         light.intensity
         / max(light.ambient, 1e-3)
         * (share / (1 - share))
-        / (now / (1 - now))
+        / (old_share / (1 - old_share))
     )
     ambient = FULL / (1 + min(ratio, 100.0))
     return replace(

@@ -1,4 +1,6 @@
-"""Silhouettes of objects that cast shadows, at any scale, and the darkness that geometry predicts from them."""
+"""Silhouettes of objects at any scale, and the darkness that geometry predicts from
+them.
+"""
 
 from __future__ import annotations
 
@@ -19,13 +21,19 @@ from physgen.maps import F32
 from physgen.perceive.roles import BoundaryGuess, Labels, Mask, Matter, PhotoObject
 from physgen.scene.scene import Solid, View
 
-MOST = 40  # objects that are considered; the largest
-SUNK = 3.0  # px by which an object may reach below its floor
-MARGIN = 2  # px around objects where the background still shows traces of them
-DARKEST = 2e-3  # linear light added before logarithms and ratios: black has neither
+# Number of the largest objects that are considered.
+MOST = 40
+# px by which an object may reach below its floor.
+SUNK = 3.0
+# px around objects in which the background still shows traces of them.
+MARGIN = 2
+# Linear light added before logarithms and ratios, which black does not have.
+DARKEST = 2e-3
 
 Casts = Iterator[tuple[int, PixelBox, F32]]
-"""Of each object its id, a box of the photo, and -log of the light that it leaves there."""
+"""Per object: its id, a box of the photo, and -log of the remaining light in the
+box.
+"""
 
 
 def object_silhouettes(
@@ -36,16 +44,17 @@ def object_silhouettes(
     scale: float,
     floor: float | None = None,
 ) -> list[Silhouette]:
-    """Silhouettes of the largest objects, on a picture 1 / scale of the size.
+    """Return silhouettes of the largest objects, on a picture 1 / `scale` of the size.
 
-    Each stands over the highest boundary below it, or over `floor`, a row of the photo, where that is given.
+    Each stands above the highest boundary below it, or above `floor`, a row of the
+    photo, if it is given.
     """
     grounds = [
         (np.array(a) / scale, np.array(b) / scale)
         for wall in boundaries.walls
         for a, b in zip(wall.points[:-1], wall.points[1:], strict=True)
     ]
-    found = []
+    result = []
     sizes = {t.id: mass_properties(t.outline).area for t in objects}
     for item in sorted(objects, key=lambda t: -sizes[t.id])[:MOST]:
         x0, y0, x1, y1 = bounds(item.outline)
@@ -62,61 +71,73 @@ def object_silhouettes(
                 [0, 1 / scale, (b + 0.5) / scale - 0.5 - corner[1]],
             ]
         )
-        soft = cv2.GaussianBlur(mask, (0, 0), 0.4 * scale) if scale > 1.2 else mask
+        # Blur before sampling, so that a reduced mask has no aliasing.
+        smooth_mask = (
+            cv2.GaussianBlur(mask, (0, 0), 0.4 * scale) if scale > 1.2 else mask
+        )
         small = np.asarray(
-            cv2.warpAffine(soft, matrix, size, flags=cv2.INTER_LINEAR), np.float32
+            cv2.warpAffine(smooth_mask, matrix, size, flags=cv2.INTER_LINEAR),
+            np.float32,
         )
         x, y = (mass_properties(item.outline).center / scale).tolist()
         radius = item.outline.radius / scale if isinstance(item.outline, Disc) else None
         ball = radius is not None and matter[item.id].solid is Solid.SPHERE
-        wide, high = (x1 - x0) / scale, (y1 - y0) / scale
-        thick = 2 * radius if radius is not None else 0.9 * (wide * high) ** 0.5
+        width, high = (x1 - x0) / scale, (y1 - y0) / scale
+        # The depth of an object is unknown: assume the mean of its width and height.
+        thickness = 2 * radius if radius is not None else 0.9 * (width * high) ** 0.5
         if boundaries.view is View.TOP and not ball:
-            thick *= 0.4 if radius is not None else 0.6
-        below = (
+            thickness *= 0.4 if radius is not None else 0.6
+        floor_row = (
             _row_below(grounds, x, y1 / scale - 0.5) if floor is None else floor / scale
         )
-        found.append(
+        result.append(
             Silhouette(
                 small,
                 corner,
                 (x, y),
                 radius if ball else None,
-                thick,
-                below,
+                thickness,
+                floor_row,
                 id=item.id,
             )
         )
-    return found
+    return result
 
 
 def join_silhouettes(silhouettes: Sequence[Silhouette]) -> list[Silhouette]:
-    """Each ball; then all others, those of one floor and like thickness as one: so are their shadows."""
+    """Return each ball, and all other objects joined if floor and thickness are
+    similar.
+
+    Their shadows join, too.
+    """
     groups: list[list[Silhouette]] = []
-    for what in sorted(
+    for silhouette in sorted(
         (w for w in silhouettes if w.radius is None), key=lambda w: w.thick
     ):
         for group in groups:
-            if _alike(group[0], what):
-                group.append(what)
+            if _alike(group[0], silhouette):
+                group.append(silhouette)
                 break
         else:
-            groups.append([what])
-    return [what for what in silhouettes if what.radius is not None] + [
-        _union(group) for group in groups
-    ]
+            groups.append([silhouette])
+    return [
+        silhouette for silhouette in silhouettes if silhouette.radius is not None
+    ] + [_union(group) for group in groups]
 
 
 def _union(group: Sequence[Silhouette]) -> Silhouette:
+    """Return one silhouette for a group."""
     x0, y0 = (min(w.corner[k] for w in group) for k in (0, 1))
     x1, y1 = (max(w.corner[k] + w.coverage.shape[1 - k] for w in group) for k in (0, 1))
-    whole = np.zeros((y1 - y0, x1 - x0), np.float32)
-    for what in group:
-        (x, y), (h, w) = what.corner, what.coverage.shape
-        part = whole[y - y0 : y - y0 + h, x - x0 : x - x0 + w]
-        np.maximum(part, what.coverage, out=part)
-    thick = float(np.median([w.thick for w in group]))
-    return Silhouette(whole, (x0, y0), group[0].center, None, thick, group[0].floor)
+    coverage = np.zeros((y1 - y0, x1 - x0), np.float32)
+    for silhouette in group:
+        (x, y), (h, w) = silhouette.corner, silhouette.coverage.shape
+        part = coverage[y - y0 : y - y0 + h, x - x0 : x - x0 + w]
+        np.maximum(part, silhouette.coverage, out=part)
+    thickness = float(np.median([w.thick for w in group]))
+    return Silhouette(
+        coverage, (x0, y0), group[0].center, None, thickness, group[0].floor
+    )
 
 
 def _alike(one: Silhouette, other: Silhouette) -> bool:
@@ -126,7 +147,11 @@ def _alike(one: Silhouette, other: Silhouette) -> bool:
 
 
 def lowest_floor(boundaries: BoundaryGuess) -> float | None:
-    """The row, px, of the lowest boundary that objects can stand on; None where there is none but the bottom."""
+    """Return the row, px, of the lowest boundary that can carry objects, except the
+    bottom.
+
+    Returns None if there is none.
+    """
     rows = [
         max(p[1], q[1])
         for wall in boundaries.walls
@@ -140,6 +165,7 @@ def lowest_floor(boundaries: BoundaryGuess) -> float | None:
 def _row_below(
     grounds: Sequence[tuple[Array, Array]], x: float, bottom: float
 ) -> float | None:
+    """Return the row of the highest ground below a point, or None."""
     rows = [
         float(p[1] + (q[1] - p[1]) * (x - p[0]) / (q[0] - p[0]))
         for p, q in grounds
@@ -150,13 +176,13 @@ def _row_below(
 
 
 def typical_size(silhouettes: Sequence[Silhouette]) -> float:
-    """px of a typical object: the root of its area."""
+    """Return the size of a typical object, px: the median root of the areas."""
     areas = [float((s.coverage > 0.5).sum()) for s in silhouettes]
     return float(np.median([area**0.5 for area in areas])) + 1 if areas else inf
 
 
 def away_from_objects(coverage: F32, margin: int = MARGIN) -> Mask:
-    """(H, W): pixels farther than `margin` px from every object."""
+    """Return the pixels (H, W) farther than `margin` px from every object."""
     square = np.ones((2 * margin + 1, 2 * margin + 1), np.uint8)
     return np.asarray(cv2.dilate((coverage > 0).astype(np.uint8), square) == 0)
 
@@ -164,11 +190,11 @@ def away_from_objects(coverage: F32, margin: int = MARGIN) -> Mask:
 def predicted_darkness(
     silhouettes: Sequence[Silhouette], setting: ShadowSetting
 ) -> F32:
-    """(h, w) -log of the light that objects leave."""
+    """Return -log (h, w) of the light that objects leave."""
     w, h = setting.size
     model = np.zeros((h, w), np.float32)
-    for what in silhouettes:
-        if (found := shadow_darkness(what, setting)) is not None:
-            (x0, y0, x1, y1), values = found
+    for silhouette in silhouettes:
+        if (cast := shadow_darkness(silhouette, setting)) is not None:
+            (x0, y0, x1, y1), values = cast
             model[y0:y1, x0:x1] += values
     return model

@@ -1,9 +1,11 @@
 """Static equilibrium of objects under gravity, contact forces and Coulomb friction.
 
-An object stands where forces at its contacts, each within its cone of Coulomb friction, can balance its weight and its
-neighbours' (Palmer 1987, The complexity of simple mechanisms; Whiting et al. 2009, masonry): a least-squares problem
-with forces that only push, solved by an interior point method (Wright 1997, Primal-dual interior-point methods). Image
-axes, px; weight is proportional to area.
+An object is at rest if forces at its contacts, each within its cone of Coulomb
+friction, can balance its weight and the forces of its neighbours (Palmer 1987, The
+complexity of simple mechanisms; Whiting et al. 2009, masonry). This is a least-squares
+problem with forces that only push, solved by an interior point method (Wright 1997,
+Primal-dual interior-point methods). Coordinates are image axes, px; weight is
+proportional to area.
 """
 
 from __future__ import annotations
@@ -25,29 +27,41 @@ from physgen.geometry.polygon import (
 )
 
 TILTED = np.radians(1.0)
-"""Angle by which the photo may be turned without anything falling."""
+"""Angle by which the photo may be rotated before an object falls."""
 UNHELD = 0.004
-"""Share of its weight that may stay unbalanced, for outlines that are off by a part of a pixel."""
+"""Share of its weight that may stay unbalanced, because outlines have errors of a
+fraction of a pixel.
+"""
 MANY = 32
-"""Objects in one pile, beyond which several of them are held at a time, and for good."""
+"""Objects in one pile above which several are held at a time, without a later check."""
 
 
 @dataclass(frozen=True)
 class _Limits:
-    """Contacts and iterations."""
+    """Limits of contacts and iterations."""
 
-    touch: float = 0.6  # px between surfaces that still touch: gaps that close unseen
-    inner: float = 1.5  # px, or a fifth of a face, by which its ends may be off
-    overhead: float = 0.3  # sine of the angle by which a surface that lies above what it touches faces down
-    spot: float = 0.04  # of its radius: half of the spot a ball rests on; more than the tangent of TILTED
-    one_face: float = float(
-        np.cos(np.radians(12.0))
-    )  # cosine between normals of contacts on one face
-    hold_rounds: int = 8  # in which some of a large pile are held, after which all are that do not stand yet
-    passes: int = 60  # of the interior point method
-    accuracy: float = 1e-7  # of complementarity and gradient: far below UNHELD
-    diverged: float = 1e3  # times the least error so far: rounding dominates
-    step: float = 0.99  # share of the way to the border of what is allowed
+    # px: largest gap between touching surfaces; such gaps are invisible.
+    touch: float = 0.6
+    # px, or a fifth of a face: uncertainty of the ends of a face.
+    inner: float = 1.5
+    # Sine of the angle by which a surface on top of another faces down.
+    overhead: float = 0.3
+    # Half the contact spot of a ball, as a share of its radius; more than the tangent
+    # of TILTED.
+    spot: float = 0.04
+    # Least cosine between normals of contacts on one face.
+    one_face: float = float(np.cos(np.radians(12.0)))
+    # Rounds in which some objects of a large pile are held; after them all unbalanced
+    # ones are held.
+    hold_rounds: int = 8
+    # Largest number of steps of the interior point method.
+    passes: int = 60
+    # Accuracy of complementarity and gradient, far below UNHELD.
+    accuracy: float = 1e-7
+    # Ratio to the least error so far at which rounding dominates.
+    diverged: float = 1e3
+    # Share of the way to the border of the feasible region.
+    step: float = 0.99
 
 
 LIMITS = _Limits()
@@ -57,36 +71,46 @@ Friction = Mapping[tuple[int, int], float]
 
 @dataclass(frozen=True, eq=False)
 class Contact:
-    """Where one object rests against another, or against a wall."""
+    """A contact between an object and another object or a wall."""
 
-    body: int  # Index of its outline
-    other: int  # The same; -1 a wall
+    # Index of its outline.
+    body: int
+    # Index of the other outline; -1 for a wall.
+    other: int
     point: Array  # (2,) px
-    normal: Array  # (2,) unit, from the other into the body
+    # (2,) unit, from the other object into the body.
+    normal: Array
 
 
 def contacts(outlines: Sequence[Outline], walls: Sequence[Array]) -> list[Contact]:
-    """Contacts between outlines, and of outlines with walls, each `(K, 2)` px."""
+    """Return contacts between outlines, and of outlines with walls, each `(K, 2)`
+    px.
+    """
     boxes = np.array([bounds(outline) for outline in outlines]).reshape(-1, 4)
-    found: list[Contact] = []
-    on = [wall_contacts(outlines, boxes, wall) for wall in walls]
+    result: list[Contact] = []
+    wall_hits = [wall_contacts(outlines, boxes, wall) for wall in walls]
     for i, outline in enumerate(outlines):
         for j in _near(boxes[i + 1 :], boxes[i]):
-            found += _face_ends(i, i + 1 + j, _touches(outline, outlines[i + 1 + j]))
-        found += [contact for wall in on for contact in wall if contact.body == i]
-    return found
+            result += _face_ends(i, i + 1 + j, _touches(outline, outlines[i + 1 + j]))
+        result += [
+            contact for wall in wall_hits for contact in wall if contact.body == i
+        ]
+    return result
 
 
 def wall_contacts(
     outlines: Sequence[Outline], boxes: Array, wall: Array
 ) -> list[Contact]:
-    """Contacts of outlines, with their `bounds` in `boxes` (N, 4), with one wall `(K, 2)` px."""
-    found: list[Contact] = []
+    """Return the contacts of outlines with one wall `(K, 2)` px.
+
+    `boxes` (N, 4) are the outlines' `bounds`.
+    """
+    result: list[Contact] = []
     for i in _near(boxes, np.concatenate([wall.min(axis=0), wall.max(axis=0)])):
-        found += _face_ends(
+        result += _face_ends(
             i, -1, _on_chain(outlines[i], wall, mass_properties(outlines[i]).center)
         )
-    return found
+    return result
 
 
 def unstable_objects(
@@ -97,22 +121,24 @@ def unstable_objects(
     default: float = 0.3,
     known: dict[tuple[object, ...], list[int]] | None = None,
 ) -> list[int]:
-    """Indices of the objects that cannot stand still, lowest first: hold them and all else stands.
+    """Return the indices of objects to hold so that all others are at rest, lowest
+    first.
 
-    `friction` of pairs (body, other) that is not `default`; `fixed` are held already. `known` caches the result of each
-    group of objects that touch, for a call with some of the same contacts and the same friction.
+    `friction` gives coefficients of pairs (body, other) if they differ from `default`;
+    `fixed` objects are held already. `known` caches the results of groups for calls
+    with the same contacts and the same friction.
     """
-    everyone = [i for i in range(len(outlines)) if i not in fixed]
+    free_ids = [i for i in range(len(outlines)) if i not in fixed]
     found = [c for c in found if not _from_above(c, fixed)]
-    masses = {i: mass_properties(outlines[i]) for i in everyone}
-    discs = {i: o.radius for i in everyone if isinstance(o := outlines[i], Disc)}
+    masses = {i: mass_properties(outlines[i]) for i in free_ids}
+    discs = {i: o.radius for i in free_ids if isinstance(o := outlines[i], Disc)}
     known = {} if known is None else known
     unstable: list[int] = []
-    groups = _groups(everyone, found)
-    within = {i: k for k, group in enumerate(groups) for i in group}
+    groups = _groups(free_ids, found)
+    group_of = {i: k for k, group in enumerate(groups) for i in group}
     parts: list[list[Contact]] = [[] for _ in groups]
     for contact in found:
-        k = within.get(contact.body, within.get(contact.other))
+        k = group_of.get(contact.body, group_of.get(contact.other))
         if k is not None:
             parts[k].append(contact)
     for group, part in zip(groups, parts, strict=True):
@@ -129,50 +155,59 @@ def unstable_objects(
 
 
 def _held(group: Sequence[int], forces: _Forces) -> list[int]:
-    """The fewest of a group that must be held, found one by one."""
-    held: list[int] = []
-    while bad := forces.worst_first(
-        forces.residual([i for i in group if i not in held])
+    """Return a minimal set of objects of a group to hold, found one by one."""
+    held_ids: list[int] = []
+    while unbalanced_ids := forces.worst_first(
+        forces.residual([i for i in group if i not in held_ids])
     ):
-        held.append(bad[0])
-    for i in list(held):
-        if len(held) > 1:
-            rest = forces.residual([k for k in group if k not in held or k == i])
+        held_ids.append(unbalanced_ids[0])
+    # An object may be released if the others, held later, suffice.
+    for i in list(held_ids):
+        if len(held_ids) > 1:
+            rest = forces.residual([k for k in group if k not in held_ids or k == i])
             if all(value <= UNHELD for value in rest.values()):
-                held.remove(i)
-    return held
+                held_ids.remove(i)
+    return held_ids
 
 
 def _held_of_many(group: Sequence[int], forces: _Forces) -> list[int]:
-    """Some of a group that must be held: each time all that do not touch each other."""
-    beside: dict[int, set[int]] = {i: set() for i in group}
+    """Return objects of a large group to hold.
+
+    Each round holds all unbalanced objects that do not touch each other.
+    """
+    neighbours: dict[int, set[int]] = {i: set() for i in group}
     for contact in forces.found:
-        if contact.body in beside and contact.other in beside:
-            beside[contact.body].add(contact.other)
-            beside[contact.other].add(contact.body)
-    held: set[int] = set()
+        if contact.body in neighbours and contact.other in neighbours:
+            neighbours[contact.body].add(contact.other)
+            neighbours[contact.other].add(contact.body)
+    held_ids: set[int] = set()
     for _ in range(LIMITS.hold_rounds):
-        bad = forces.worst_first(forces.residual([i for i in group if i not in held]))
-        if not bad:
-            return [i for i in group if i in held]
+        unbalanced_ids = forces.worst_first(
+            forces.residual([i for i in group if i not in held_ids])
+        )
+        if not unbalanced_ids:
+            return [i for i in group if i in held_ids]
         new: set[int] = set()
-        for i in bad:
-            if not beside[i] & new:
+        for i in unbalanced_ids:
+            if not neighbours[i] & new:
                 new.add(i)
-        held |= new
-    rest = forces.residual([i for i in group if i not in held])
-    return [i for i in group if i in held or rest[i] > UNHELD]
+        held_ids |= new
+    rest = forces.residual([i for i in group if i not in held_ids])
+    return [i for i in group if i in held_ids or rest[i] > UNHELD]
 
 
 def _from_above(contact: Contact, fixed: Collection[int]) -> bool:
-    """Whether a fixed object lies on top: it might jam an object, but has no weight to press it down."""
+    """Return whether a fixed object lies on top.
+
+    It might jam an object, but has no weight to press it down.
+    """
     if contact.other < 0 or contact.other in fixed:
         return bool(contact.normal[1] > LIMITS.overhead)
     return contact.body in fixed and bool(-contact.normal[1] > LIMITS.overhead)
 
 
 def _groups(everyone: Sequence[int], found: Sequence[Contact]) -> list[list[int]]:
-    """Objects that touch, directly or through others."""
+    """Return groups of objects that touch, directly or through others."""
     root = {i: i for i in everyone}
 
     def top(i: int) -> int:
@@ -189,19 +224,19 @@ def _groups(everyone: Sequence[int], found: Sequence[Contact]) -> list[list[int]
     return list(groups.values())
 
 
-# contacts of outlines
+# Contacts of outlines.
 
 
 def _near(boxes: Array, box: Array) -> list[int]:
-    """Indices of the boxes `(N, 4)` that may touch one."""
-    apart = (boxes[:, :2] >= box[2:] + LIMITS.touch) | (
+    """Return the indices of the boxes `(N, 4)` that may touch one box."""
+    separation = (boxes[:, :2] >= box[2:] + LIMITS.touch) | (
         box[:2] >= boxes[:, 2:] + LIMITS.touch
     )
-    return [int(i) for i in np.flatnonzero(~apart.any(axis=1))]
+    return [int(i) for i in np.flatnonzero(~separation.any(axis=1))]
 
 
 def _touches(a: Outline, b: Outline) -> list[tuple[Array, Array]]:
-    """Points, and normals from b into a."""
+    """Return contact points, and normals from b into a."""
     if isinstance(a, Disc) and isinstance(b, Disc):
         way = a.center - b.center
         length = max(float(np.hypot(*way)), 1e-9)
@@ -214,47 +249,60 @@ def _touches(a: Outline, b: Outline) -> list[tuple[Array, Array]]:
         return [(p, -n) for points in _rings(a) for p, n in _disc_on(b, points)]
     hits = [
         hit
-        for mine in _rings(a)
+        for ring in _rings(a)
         for other in _rings(b)
-        for hit in _corners_on(mine, other)
+        for hit in _corners_on(ring, other)
     ]
     return hits + [
         (p, -n)
-        for mine in _rings(a)
+        for ring in _rings(a)
         for other in _rings(b)
-        for p, n in _corners_on(other, mine)
+        for p, n in _corners_on(other, ring)
     ]
 
 
 def _rings(outline: Outline) -> list[Array]:
-    """Closed, the inside on the right of every edge as it turns +x towards +y."""
+    """Return closed rings with the inside on the right of every edge (+x turns to
+    +y).
+    """
     assert not isinstance(outline, Disc)
     rings = []
     for ring in outline.rings:
         points = ring.outer
         x, y = points.T
-        twice = float((x * np.roll(y, -1) - np.roll(x, -1) * y).sum())
-        points = points if twice > 0 else points[::-1]
+        double_area = float((x * np.roll(y, -1) - np.roll(x, -1) * y).sum())
+        points = points if double_area > 0 else points[::-1]
         rings.append(np.concatenate([points, points[:1]]))
     return rings
 
 
 def _disc_on(disc: Disc, chain: Array) -> list[tuple[Array, Array]]:
-    at, off = _closest(disc.center[None], np.stack([chain[:-1], chain[1:]], axis=1))
+    """Return contact points of a disc on the edges of a chain, and normals into the
+    disc.
+    """
+    nearest, offsets = _closest(
+        disc.center[None], np.stack([chain[:-1], chain[1:]], axis=1)
+    )
     hits = []
-    for k in np.flatnonzero(np.hypot(*off[0].T) <= disc.radius + LIMITS.touch).tolist():
-        length = float(np.hypot(*off[0, k]))
+    for k in np.flatnonzero(
+        np.hypot(*offsets[0].T) <= disc.radius + LIMITS.touch
+    ).tolist():
+        length = float(np.hypot(*offsets[0, k]))
+        # Points near the centre would mean that the outlines overlap deeply.
         if length > 0.5 * disc.radius:
-            hits.append((at[0, k], off[0, k] / length))
+            hits.append((nearest[0, k], offsets[0, k] / length))
     return hits
 
 
 def _corners_on(points: Array, chain: Array) -> list[tuple[Array, Array]]:
-    """Corners of one closed chain on edges of another; the normals point out of the other."""
+    """Return corners of one closed chain on edges of another, with the other's
+    normals.
+    """
     low, high = (
         points.min(axis=0) - LIMITS.touch - 1,
         points.max(axis=0) + LIMITS.touch + 1,
     )
+    # Only edges near the box of the points can be touched.
     edges = np.flatnonzero(
         (np.maximum(chain[:-1], chain[1:]) >= low).all(1)
         & (np.minimum(chain[:-1], chain[1:]) <= high).all(1)
@@ -263,124 +311,148 @@ def _corners_on(points: Array, chain: Array) -> list[tuple[Array, Array]]:
         return []
     hits = []
     segments = np.stack([chain[edges], chain[edges + 1]], axis=1)
-    at, off = _closest(points[:-1], segments)
-    length = np.hypot(off[..., 0], off[..., 1])
+    nearest, offsets = _closest(points[:-1], segments)
+    length = np.hypot(offsets[..., 0], offsets[..., 1])
     for i in np.flatnonzero(length.min(axis=1) <= LIMITS.touch).tolist():
         k = int(length[i].argmin())
-        along = segments[k, 1] - segments[k, 0]
-        run = float(np.hypot(*along))
+        edge = segments[k, 1] - segments[k, 0]
+        run = float(np.hypot(*edge))
         if run > 1e-9:
-            hits.append((at[i, k], np.array([along[1], -along[0]]) / run))
+            hits.append((nearest[i, k], np.array([edge[1], -edge[0]]) / run))
     return hits
 
 
 def _on_chain(
     outline: Outline, chain: Array, center: Array
 ) -> list[tuple[Array, Array]]:
-    """Where an outline touches an open chain; normals towards the side that its centre is on."""
+    """Return contact points of an outline on an open chain.
+
+    Normals point to the side with the outline's centre.
+    """
     if isinstance(outline, Disc):
         return _disc_on(outline, chain)
     hits = []
-    closed = np.concatenate([chain, chain[-1:]])
+    closed_chain = np.concatenate([chain, chain[-1:]])
     for ring in _rings(outline):
         hits += _corners_on(ring, chain) + [
-            (p, -n) for p, n in _corners_on(closed, ring)
+            (p, -n) for p, n in _corners_on(closed_chain, ring)
         ]
     return [(p, n if (center - p) @ n >= 0 else -n) for p, n in hits]
 
 
 def _closest(points: Array, segments: Array) -> tuple[Array, Array]:
-    """`(N, M, 2)`: of each segment `(M, 2, 2)` the point nearest to each of `(N, 2)`, and the way from there."""
-    start, along = segments[:, 0], segments[:, 1] - segments[:, 0]
-    off = points[:, None] - start[None]
-    share = np.clip((off * along).sum(-1) / np.maximum((along**2).sum(-1), 1e-12), 0, 1)
-    at = start[None] + share[..., None] * along[None]
-    return at, points[:, None] - at
+    """Return the points of segments `(M, 2, 2)` nearest to points `(N, 2)`, and the
+    offsets from them.
+
+    Both results are `(N, M, 2)`.
+    """
+    start, edges = segments[:, 0], segments[:, 1] - segments[:, 0]
+    offsets = points[:, None] - start[None]
+    share = np.clip(
+        (offsets * edges).sum(-1) / np.maximum((edges**2).sum(-1), 1e-12), 0, 1
+    )
+    nearest = start[None] + share[..., None] * edges[None]
+    return nearest, points[:, None] - nearest
 
 
 def _face_ends(i: int, j: int, hits: Sequence[tuple[Array, Array]]) -> list[Contact]:
-    """The two ends of the hits on each face, moved inwards by their uncertainty."""
+    """Return the two ends of the hits on each face, moved inwards by their
+    uncertainty.
+    """
     left = list(hits)
-    found = []
+    result = []
     while left:
         normal = left[0][1]
         face = [hit for hit in left if hit[1] @ normal >= LIMITS.one_face]
         left = [hit for hit in left if hit[1] @ normal < LIMITS.one_face]
-        where = [cross(normal, p) for p, _ in face]
-        first, last = (face[int(k)] for k in (np.argmin(where), np.argmax(where)))
+        positions = [cross(normal, p) for p, _ in face]
+        first, last = (
+            face[int(k)] for k in (np.argmin(positions), np.argmax(positions))
+        )
         if len(face) == 1:
-            found.append(Contact(i, j, *first))
+            result.append(Contact(i, j, *first))
             continue
         way = last[0] - first[0]
-        inwards = way * min(0.2, LIMITS.inner / max(float(np.hypot(*way)), 1e-9))
-        found += [
-            Contact(i, j, first[0] + inwards, first[1]),
-            Contact(i, j, last[0] - inwards, last[1]),
+        inset = way * min(0.2, LIMITS.inner / max(float(np.hypot(*way)), 1e-9))
+        result += [
+            Contact(i, j, first[0] + inset, first[1]),
+            Contact(i, j, last[0] - inset, last[1]),
         ]
-    return found
+    return result
 
 
-# balance of forces
+# Balance of forces.
 
 
 @dataclass(frozen=True, eq=False)
 class _Forces:
-    """Forces that may act within a group."""
+    """The possible forces in a group of objects."""
 
     masses: Mapping[int, MassProperties]
     found: Sequence[Contact]
     friction: Friction
     default: float
-    discs: Mapping[int, float]  # Radii, px
+    # Radii by index, px.
+    discs: Mapping[int, float]
 
     def worst_first(self, rest: Mapping[int, float]) -> list[int]:
-        """Objects that do not stand, the least balanced of the lowest first: those on top may only lack them."""
-        bad = [i for i in rest if rest[i] > UNHELD]
+        """Return the unbalanced objects, the least balanced of the lowest first.
+
+        Objects on top may only lack the support of the lower ones.
+        """
+        unbalanced_ids = [i for i in rest if rest[i] > UNHELD]
         return sorted(
-            bad, key=lambda i: -(float(self.masses[i].center[1]) + 4 * rest[i])
+            unbalanced_ids,
+            key=lambda i: -(float(self.masses[i].center[1]) + 4 * rest[i]),
         )
 
     def residual(self, free: Sequence[int]) -> dict[int, float]:
-        """Share of each object's weight (or of a torque of its weight and size) that nothing balances.
+        """Return the unbalanced share of each object's weight, or of a torque of weight
+        times size.
 
-        The worst of a level photo and of one tilted a little either way: an object that only just stands will fall.
+        It is the worst value of a level photo and of one tilted slightly either way,
+        because an object in a labile balance will fall.
         """
         pairs, parts = self._columns(free)
         worst = np.zeros(len(free))
         for tilt in (0.0, -TILTED, TILTED):
-            wanted = np.tile([-np.sin(tilt), -np.cos(tilt), 0.0], (len(free), 1))
-            rest = unbalanced_forces(pairs, parts, wanted)
+            weights = np.tile([-np.sin(tilt), -np.cos(tilt), 0.0], (len(free), 1))
+            rest = unbalanced_forces(pairs, parts, weights)
             worst = np.maximum(worst, np.abs(rest).max(axis=1))
         return dict(zip(free, worst.tolist(), strict=True))
 
     def _columns(self, free: Sequence[int]) -> tuple[Pairs, Array]:
-        """The edges of every friction cone: the places in `free` of both objects (M, 2), -1 none of them, and the
-        force and torque on each (M, 2, 3).
+        """Return the edges of every friction cone as pairs (M, 2) and columns (M, 2,
+        3).
+
+        Pairs are the positions of both objects in `free`, -1 for none; columns are the
+        force and torque on each.
         """
         place = {i: k for k, i in enumerate(free)}
         pairs, parts = [], []
         for contact in self.found:
-            both = (contact.body, contact.other)
+            pair = (contact.body, contact.other)
             if contact.body not in place and contact.other not in place:
                 continue
-            mu = self.friction.get(both, self.default)
-            along = np.array([-contact.normal[1], contact.normal[0]])
-            # a round object is held by a spot, not by a point, unless it lies on another
-            radii = [self.discs[i] for i in both if i in self.discs]
+            mu = self.friction.get(pair, self.default)
+            tangent = np.array([-contact.normal[1], contact.normal[0]])
+            # A round object rests on a spot rather than a point, except on another
+            # round object.
+            radii = [self.discs[i] for i in pair if i in self.discs]
             spot = LIMITS.spot * radii[0] if len(radii) == 1 else 0.0
-            for aside in (-spot, spot) if spot else (0.0,):
+            for shift in (-spot, spot) if spot else (0.0,):
                 for way in (-mu, mu):
-                    force = contact.normal + way * along
+                    force = contact.normal + way * tangent
                     column = np.zeros((2, 3))
-                    for k, (i, sign) in enumerate(zip(both, (1.0, -1.0), strict=True)):
+                    for k, (i, sign) in enumerate(zip(pair, (1.0, -1.0), strict=True)):
                         if i in place:
                             mass = self.masses[i]
                             arm = (
-                                contact.point + aside * along - mass.center
+                                contact.point + shift * tangent - mass.center
                             ) / np.sqrt(mass.area)
                             part = np.array([force[0], force[1], cross(arm, force)])
                             column[k] = sign * part / mass.area
-                    pairs.append([place.get(i, -1) for i in both])
+                    pairs.append([place.get(i, -1) for i in pair])
                     parts.append(column / max(np.abs(column).max(), 1e-12))
         return np.array(pairs, np.int64).reshape(-1, 2), np.array(parts).reshape(
             -1, 2, 3
@@ -388,11 +460,12 @@ class _Forces:
 
 
 def unbalanced_forces(pairs: Pairs, parts: Array, wanted: Array) -> Array:
-    """(N, 3): `wanted` (N, 3) minus matrix x, for the x >= 0 that makes it least.
+    """Return `wanted` (N, 3) minus matrix x, for the x >= 0 with the least residual.
 
-    Each column of the matrix holds `parts` (M, 2, 3) at two of the N objects, `pairs` (M, 2); -1 is none of them.
-    Mehrotra's predictor and corrector; objects are taken in layers, each of which touches only the next, so that every
-    system is block tridiagonal.
+    Each column of the matrix holds `parts` (M, 2, 3) at two of the N objects, given by
+    `pairs` (M, 2); -1 is none. The method is Mehrotra's predictor-corrector method.
+    Objects are ordered in layers that touch only the next layer, so that every system
+    is block tridiagonal.
     """
     count = len(wanted)
     if not len(pairs):
@@ -401,9 +474,9 @@ def unbalanced_forces(pairs: Pairs, parts: Array, wanted: Array) -> Array:
     system = _System(count, pairs, parts)
 
     def times(x: Array) -> Array:
-        weighted = (parts * x[:, None, None]).ravel()
+        products = (parts * x[:, None, None]).ravel()
         return np.asarray(
-            np.bincount(spread.ravel(), weighted, 3 * count + 3)[:-3], np.float64
+            np.bincount(spread.ravel(), products, 3 * count + 3)[:-3], np.float64
         )
 
     def transposed(y: Array) -> Array:
@@ -411,30 +484,35 @@ def unbalanced_forces(pairs: Pairs, parts: Array, wanted: Array) -> Array:
 
     def towards(right: Array) -> Array:
         way = scale * (right - transposed(system.solve(times(scale * right))))
-        # large weights are rounded off: one step of refinement
-        off = right - transposed(times(way)) - way / scale
-        return way + scale * (off - transposed(system.solve(times(scale * off))))
+        # Large weights cause rounding errors: add one step of iterative refinement.
+        error = right - transposed(times(way)) - way / scale
+        return way + scale * (error - transposed(system.solve(times(scale * error))))
 
     x, s = np.ones(len(pairs)), np.ones(len(pairs))
     best = left = wanted.ravel() - times(x)
-    least = np.inf
+    least_error = np.inf
     for _ in range(LIMITS.passes):
+        # The gradient of the dual problem and the complementarity gap measure the
+        # error.
         slope, gap = -transposed(left) - s, float((x * s).mean())
         error = max(gap, float(np.abs(slope).max()))
-        if error < least:
-            best, least = left, error
-        if least < LIMITS.accuracy or error > LIMITS.diverged * least:
+        if error < least_error:
+            best, least_error = left, error
+        if least_error < LIMITS.accuracy or error > LIMITS.diverged * least_error:
             break
         scale = x / s
         system.factor(scale)
+        # Predictor: a step towards the solution without centring.
         dx = towards(-slope - s)
         ds = -s - dx / scale
         a, b = _longest_step(x, dx), _longest_step(s, ds)
+        # Corrector: centre as far as the predictor fell short, with a second-order
+        # term.
         middle = gap * (float(((x + a * dx) * (s + b * ds)).mean()) / gap) ** 3
         right = middle - x * s - a * b * dx * ds
         dx = towards(-slope + right / x)
         ds = (right - s * dx) / x
-        # one step for both: the gradient depends on x as well
+        # Both variables take one common step, since the gradient depends on x as well.
         step = min(1.0, LIMITS.step * min(_longest_step(x, dx), _longest_step(s, ds)))
         x, s = x + step * dx, s + step * ds
         left = wanted.ravel() - times(x)
@@ -442,13 +520,13 @@ def unbalanced_forces(pairs: Pairs, parts: Array, wanted: Array) -> Array:
 
 
 def _longest_step(x: Array, way: Array) -> float:
-    """Share of a way that can be gone before some of x turns negative; 1 at most."""
+    """Return the share of a step, at most 1, before an entry of x turns negative."""
     down = way < 0
     return min(1.0, float((-x[down] / way[down]).min())) if down.any() else 1.0
 
 
 class _System:
-    """I + matrix diag(weights) matrix^T, factored layer by layer."""
+    """The matrix I + A diag(weights) A^T, factored layer by layer."""
 
     def __init__(self, count: int, pairs: Pairs, parts: Array) -> None:
         self.size = 3 * count + 3
@@ -461,62 +539,77 @@ class _System:
             3 * place[np.where(pairs < 0, count, pairs)][:, :, None] + np.arange(3)
         ).reshape(-1, 6)
         self.rows = (3 * order[:, None] + np.arange(3)).ravel()
-        flat = parts.reshape(-1, 6)
-        one, other = np.broadcast_arrays(rows[:, :, None], rows[:, None, :])
-        self.at, self.entry = np.unique(
-            (one * self.size + other).ravel(), return_inverse=True
+        flat_parts = parts.reshape(-1, 6)
+        row_index, column_index = np.broadcast_arrays(
+            rows[:, :, None], rows[:, None, :]
         )
-        self.products = (flat[:, :, None] * flat[:, None, :]).reshape(-1, 36)
+        self.at, self.entry = np.unique(
+            (row_index * self.size + column_index).ravel(), return_inverse=True
+        )
+        self.products = (flat_parts[:, :, None] * flat_parts[:, None, :]).reshape(
+            -1, 36
+        )
 
     def factor(self, weights: Array) -> None:
-        whole = np.zeros(self.size**2)
-        weighted = (self.products * weights[:, None]).ravel()
-        whole[self.at] = np.bincount(self.entry.ravel(), weighted, len(self.at))
-        matrix = whole.reshape(self.size, self.size)[:-3, :-3]
+        """Factor the matrix for new weights by block elimination."""
+        flat_matrix = np.zeros(self.size**2)
+        entries = (self.products * weights[:, None]).ravel()
+        flat_matrix[self.at] = np.bincount(self.entry.ravel(), entries, len(self.at))
+        matrix = flat_matrix.reshape(self.size, self.size)[:-3, :-3]
         matrix[np.diag_indices(self.size - 3)] += 1
-        # of each layer the inverse of the rest of its block, and its block beside the next layer
+        # Keep, for each layer, the inverse of its Schur complement and its coupling to
+        # the next layer.
         self.steps: list[tuple[Array, Array]] = []
         ends = [*self.ends.tolist(), self.size - 3]
         left = matrix[: ends[1], : ends[1]]
         for k in range(len(ends) - 2):
             inverse = np.asarray(np.linalg.inv(left), np.float64)
-            here, after = slice(ends[k], ends[k + 1]), slice(ends[k + 1], ends[k + 2])
-            beside = matrix[here, after]
-            self.steps.append((inverse, beside))
-            left = matrix[after, after] - beside.T @ inverse @ beside
+            block, after = slice(ends[k], ends[k + 1]), slice(ends[k + 1], ends[k + 2])
+            coupling = matrix[block, after]
+            self.steps.append((inverse, coupling))
+            left = matrix[after, after] - coupling.T @ inverse @ coupling
 
     def solve(self, right: Array) -> Array:
+        """Solve the factored system for one right-hand side."""
+        # Forward elimination, then back substitution, over the layers.
         parts = np.split(right[self.rows], self.ends[1:-1].tolist())
-        for k, (inverse, beside) in enumerate(self.steps[:-1]):
-            parts[k + 1] = parts[k + 1] - beside.T @ (inverse @ parts[k])
+        for k, (inverse, coupling) in enumerate(self.steps[:-1]):
+            parts[k + 1] = parts[k + 1] - coupling.T @ (inverse @ parts[k])
         parts[-1] = self.steps[-1][0] @ parts[-1]
         for k in range(len(parts) - 2, -1, -1):
-            inverse, beside = self.steps[k]
-            parts[k] = inverse @ (parts[k] - beside @ parts[k + 1])
+            inverse, coupling = self.steps[k]
+            parts[k] = inverse @ (parts[k] - coupling @ parts[k + 1])
         result = np.empty(len(right))
         result[self.rows] = np.concatenate(parts)
         return result
 
 
 def _layers(count: int, pairs: Pairs) -> list[Pairs]:
-    """Objects by their distance, in contacts, from an end of their group: each touches the next layer only."""
-    beside: list[set[int]] = [set() for _ in range(count)]
+    """Return objects in layers by their distance, in contacts, from an end of their
+    group.
+
+    Each layer touches only the next one.
+    """
+    neighbours: list[set[int]] = [set() for _ in range(count)]
     for a, b in np.unique(pairs, axis=0).tolist():
         if a >= 0 and b >= 0:
-            beside[a].add(b)
-            beside[b].add(a)
+            neighbours[a].add(b)
+            neighbours[b].add(a)
 
     def outwards(start: int) -> list[list[int]]:
-        seen, found = {start}, [[start]]
-        while after := sorted({j for i in found[-1] for j in beside[i]} - seen):
-            seen.update(after)
-            found.append(after)
-        return found
+        visited_ids, shells = {start}, [[start]]
+        while after := sorted(
+            {j for i in shells[-1] for j in neighbours[i]} - visited_ids
+        ):
+            visited_ids.update(after)
+            shells.append(after)
+        return shells
 
     layers: list[Pairs] = []
     left = set(range(count))
     while left:
-        found = outwards(outwards(min(left))[-1][0])  # the last one found is at an end
-        layers += [np.array(layer, np.int64) for layer in found]
-        left.difference_update(*found)
+        # The last object of a first search lies at an end of the group.
+        object_layers = outwards(outwards(min(left))[-1][0])
+        layers += [np.array(layer, np.int64) for layer in object_layers]
+        left.difference_update(*object_layers)
     return layers

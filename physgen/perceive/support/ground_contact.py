@@ -1,7 +1,8 @@
-"""Contact of objects with the ground: feet, common floor lines, level feet and rectangles.
+"""Contact of objects with the ground: feet, floor lines, level feet and rectangles.
 
-Image axes, px: the lowest point has the largest y. A floor is a chain of points, so that every object stands on it as
-it is in the photo: on the edge of its convex hull that its centre of mass is above, a ball on a level spot.
+Coordinates are image axes, px: the lowest point has the largest y. A floor is a chain
+of points on which every object stands as in the photo: on the edge of its convex hull
+below its centre of mass, or, for a ball, on a level spot.
 """
 
 from __future__ import annotations
@@ -33,60 +34,85 @@ from physgen.materials import kind
 from physgen.perceive.roles import Labels, PhotoObject
 from physgen.perceive.support.equilibrium import contacts
 
-STEEP = 0.15  # slope above which a line is no level floor
-AGREE = 0.12  # between the slope of a line and that of what lies on it
+STEEP = 0.15
+"""Largest slope of a level floor."""
+AGREE = 0.12
+"""Largest difference between the slope of a line and of an object on it."""
 
 
 @dataclass(frozen=True)
 class _FootLimits:
-    """Feet and the lines through them; slopes, px."""
+    """Limits of feet and of the lines through them; slopes, px."""
 
-    steepest: float = 0.75  # slope that friction may still hold: cardboard on wood slips at 0.5 to 0.8
-    broad: float = (
-        0.5  # share of its width that a steep edge under an object on a slope has
-    )
-    short: float = 8.0  # px: the slope of a shorter edge is the raggedness of its mask
-    ragged: float = 1.5  # px by which a mask's straight edge bulges
-    columns: int = 64  # at which a sloped edge is compared with the outline
-    gap: float = 0.03  # of an object's height: it lies on the edge
-    touching: float = 0.5  # share of the edge that it lies on, at least
-    invisible: float = 0.06  # px by which points are off a line that replaces them
-    two_tilt: float = 0.04  # slope of a floor through two objects only, at most
+    # Steepest slope that friction can hold: cardboard on wood slips at 0.5 to 0.8.
+    steepest: float = 0.75
+    # Least width of a steep edge under an object on a slope, as a share of the object's
+    # width.
+    broad: float = 0.5
+    # px: the slope of a shorter edge is noise of its mask.
+    short: float = 8.0
+    # px by which a mask's straight edge bulges.
+    ragged: float = 1.5
+    # Columns in which a sloped edge is compared with the outline.
+    columns: int = 64
+    # Largest gap between outline and edge, over the object's height.
+    gap: float = 0.03
+    # Least share of a sloped edge that the object lies on.
+    touching: float = 0.5
+    # px: largest distance of points from a line that replaces them.
+    invisible: float = 0.06
+    # Largest slope of a floor through only two objects.
+    two_tilt: float = 0.04
 
 
 @dataclass(frozen=True)
 class _LevelLimits:
-    """Which feet are made level, and at what height; px.
+    """Limits of feet that are made level, and of their heights; px.
 
-    A mask's lowest border is ragged, and an object on two stray pixels rocks. Its front edge, too, is nearer to a
-    camera that looks down a little, and so lower in the photo than the section through its middle that moves: the foot
-    is lifted as the camera's usual tilt requires for an object as deep as it is wide.
+    The lowest border of a mask is ragged, and an object on two stray pixels rocks.
+    Also, the front edge of an object is nearer to a camera that looks down slightly, so
+    that it lies lower in the photo than the moving section through the object's middle.
+    The foot is therefore lifted as the camera's usual tilt requires for an object as
+    deep as it is wide.
     """
 
-    # degrees: with 4 (`world.tilt`) a peer photo's floor is missed by 3.3 px, with 0 ours by 4
+    # degrees: with 4 (`world.tilt`) the floor of a peer photo is missed by 3.3 px, with
+    # 0 that of a bundled photo by 4.
     tilt: float = 2.0
     max_lift: float = 2.0
-    disc: float = 0.145  # share of its radius by which a round object may be off the line that others share
-    askew: float = 2.5  # by which the foot of a narrow object may rise and be level
-    nearer: float = 4.0  # by which a flat foot may be lower than those of most and be lifted to their line
-    band: float = 2.0  # above a foot, in which the border is the foot's
-    alike: float = 1.5  # between feet up to which they stand on one straight line
-    level: float = 0.08  # slope of a foot up to which it is level, and its slope an error of the mask
-    # slope of a line through three feet or more from which it is no level floor seen askew
+    # Largest distance of a round object from the common line, as a share of its radius.
+    disc: float = 0.145
+    # Largest rise of the foot of a narrow object that counts as level.
+    askew: float = 2.5
+    # Largest distance of a flat foot below the others' line for a lift to that line.
+    nearer: float = 4.0
+    # Height above a foot in which the border belongs to the foot.
+    band: float = 2.0
+    # Largest distance between feet on one straight line.
+    alike: float = 1.5
+    # Largest slope of a level foot; smaller slopes are errors of the mask.
+    level: float = 0.08
+    # Least slope of a sloped floor through three feet or more.
     sloped: float = 0.03
-    wide: float = 0.35  # share of its width that a flat foot has
+    # Least width of a flat foot as a share of the object's width.
+    wide: float = 0.35
 
 
 @dataclass(frozen=True)
 class _BoxLimits:
-    """Which outlines are rectangles; px."""
+    """Limits of outlines that become rectangles; px."""
 
-    covered: float = 0.97  # intersection over union of outline and rectangle
-    ragged: float = 1.5  # about a side, in which the border is that side's
-    upright: float = 0.5  # degrees off upright
-    # and 12 % of the shorter side at most, by which a corner is rounded or a side bulges
+    # Least IoU of outline and rectangle.
+    covered: float = 0.97
+    # Distance from a side within which the border belongs to that side.
+    ragged: float = 1.5
+    # Largest deviation of an upright rectangle, degrees.
+    upright: float = 0.5
+    # Largest rounding of a corner or bulge of a side; also at most 12 % of the shorter
+    # side.
     rounded: float = 3.0
-    overlap: float = 0.05  # with a neighbour
+    # Largest overlap with a neighbour.
+    overlap: float = 0.05
 
 
 FOOT, LEVEL, BOX = _FootLimits(), _LevelLimits(), _BoxLimits()
@@ -94,60 +120,70 @@ FOOT, LEVEL, BOX = _FootLimits(), _LevelLimits(), _BoxLimits()
 
 @dataclass(frozen=True, eq=False)
 class Foot:
-    """Where an object stands."""
+    """The foot of an object: the edge on which it stands."""
 
     item: PhotoObject
     left: Array  # (2,) px, on its hull
     right: Array  # (2,) px
-    hull: Array  # (K, 2) px: its lower side, left to right, none of it under the line `left` to `right`
+    # (K, 2) px: its lower side from left to right, never below the line `left` to
+    # `right`.
+    hull: Array
 
     @cached_property
     def slope(self) -> float:
-        """Of the edge that it stands on."""
+        """Return the slope of the edge on which the object stands."""
         return float(
             (self.right[1] - self.left[1]) / max(self.right[0] - self.left[0], 1e-9)
         )
 
     @cached_property
     def lowest(self) -> Array:
-        """(2,) px: the middle of where it stands."""
+        """Return the middle (2,) of the foot, px."""
         return np.asarray((self.left + self.right) / 2)
 
 
 @dataclass(frozen=True)
 class Line:
-    """y = slope x + height, px."""
+    """The line y = slope x + height, px."""
 
     slope: float
     height: float
 
     def at(self, x: float) -> float:
-        """y at x."""
+        """Return y at x."""
         return self.slope * x + self.height
 
 
 def find_foot(item: PhotoObject) -> Foot:
-    """Where an object would stand on a floor under it."""
+    """Return the foot of an object on a floor under it."""
     center = mass_properties(item.outline).center
     hull = lower_hull(item.outline)
     if isinstance(item.outline, Disc):
         x, y = float(center[0]), float(center[1]) + item.outline.radius
-        aside = 0.3 * item.outline.radius
-        return Foot(item, np.array([x - aside, y]), np.array([x + aside, y]), hull)
+        half_width = 0.3 * item.outline.radius
+        return Foot(
+            item, np.array([x - half_width, y]), np.array([x + half_width, y]), hull
+        )
+    # The object stands on the hull's edge below its centre of mass, if that edge is
+    # level.
     k = int(np.clip(np.searchsorted(hull[:, 0], center[0]) - 1, 0, len(hull) - 2))
     left, right = hull[k], hull[k + 1]
     run = right[0] - left[0]
     if run >= 2 and abs(right[1] - left[1]) <= STEEP * run:
         return Foot(item, left, right, hull)
+    # Otherwise it may stand on a straight part along a slope ...
     first, last = _straight_part(hull, k)
     run, rise = hull[last] - hull[first]
     is_long = run >= max(FOOT.short, FOOT.broad * (hull[-1, 0] - hull[0, 0]))
     is_slope = is_long and abs(rise) <= FOOT.steepest * run
     if is_slope and _lies_along(item.outline, hull[first], hull[last]):
         return Foot(item, hull[first], hull[last], hull)
+    # ... or on its lowest corner.
     x, y = hull[int(np.argmax(hull[:, 1]))]
-    aside = 0.1 * (hull[-1, 0] - hull[0, 0])
-    return Foot(item, np.array([x - aside, y]), np.array([x + aside, y]), hull)
+    half_width = 0.1 * (hull[-1, 0] - hull[0, 0])
+    return Foot(
+        item, np.array([x - half_width, y]), np.array([x + half_width, y]), hull
+    )
 
 
 def _lies_along(outline: Region, start: Array, end: Array) -> bool:
@@ -171,22 +207,27 @@ def _lies_along(outline: Region, start: Array, end: Array) -> bool:
 
 
 def _straight_part(hull: Array, k: int) -> tuple[int, int]:
-    """First and last corner of the longest straight part of a hull `(K, 2)` that holds its k-th edge."""
+    """Return the corners of the longest straight part of a hull `(K, 2)` with its k-th
+    edge.
+    """
     best = k, k + 1
     for i in range(k + 1):
         for j in range(k + 1, len(hull)):
-            along = hull[j] - hull[i]
-            off = np.abs(cross(along, hull[i : j + 1] - hull[i])) / max(
-                float(np.hypot(*along)), 1e-9
+            chord = hull[j] - hull[i]
+            distances = np.abs(cross(chord, hull[i : j + 1] - hull[i])) / max(
+                float(np.hypot(*chord)), 1e-9
             )
             longer = hull[j, 0] - hull[i, 0] > hull[best[1], 0] - hull[best[0], 0]
-            if off.max() <= FOOT.ragged and longer:
+            if distances.max() <= FOOT.ragged and longer:
                 best = i, j
     return best
 
 
 def lower_hull(outline: Outline) -> Array:
-    """`(K, 2)` px: the lower side of its convex hull, left to right (Andrew's monotone chain)."""
+    """Return the lower side `(K, 2)` of the convex hull, left to right, px.
+
+    The method is Andrew's monotone chain.
+    """
     if isinstance(outline, Disc):
         angle = np.linspace(np.pi, 0, 65)
         return np.asarray(
@@ -207,27 +248,32 @@ def lower_hull(outline: Outline) -> Array:
 def is_carried(
     item: PhotoObject, labels: Labels, objects: Sequence[PhotoObject]
 ) -> bool:
-    """Whether other objects under it hold it: some on either side of its centre of mass, close below."""
+    """Return whether other objects carry an object.
+
+    Carriers are close below it on both sides of its centre of mass.
+    """
     rows, columns = np.nonzero(labels == item.id)
     if not len(rows):
         return False
     left, right = int(columns.min()), int(columns.max())
     bottom = np.full(right - left + 1, -1)
     np.maximum.at(bottom, columns - left, rows)
-    here = np.flatnonzero(bottom >= 0)
+    occupied = np.flatnonzero(bottom >= 0)
     gap = int(max(3, 0.06 * (rows.max() - rows.min() + 1)))
     center = mass_properties(item.outline).center
     rows_below = np.minimum(
-        bottom[here] + np.arange(1, gap + 1)[:, None], labels.shape[0] - 1
+        bottom[occupied] + np.arange(1, gap + 1)[:, None], labels.shape[0] - 1
     )
-    below = labels[rows_below, here + left]
-    seen = set(np.unique(below).tolist()) - {0, item.id}
+    ids_below = labels[rows_below, occupied + left]
+    neighbour_ids = set(np.unique(ids_below).tolist()) - {0, item.id}
     lowest = bounds(item.outline)[3]
-    holders = [t.id for t in objects if t.id in seen and bounds(t.outline)[3] > lowest]
-    held = np.isin(below, holders).any(axis=0)
-    if not held.any():
+    holders = [
+        t.id for t in objects if t.id in neighbour_ids and bounds(t.outline)[3] > lowest
+    ]
+    support_columns = np.isin(ids_below, holders).any(axis=0)
+    if not support_columns.any():
         return False
-    x = here[held] + left
+    x = occupied[support_columns] + left
     slack = 0.1 * (right - left + 1)
     return bool(x.min() <= center[0] + slack and x.max() >= center[0] - slack)
 
@@ -235,8 +281,11 @@ def is_carried(
 def close_gaps_below(
     labels: Labels, objects: Sequence[PhotoObject]
 ) -> dict[int, Outline]:
-    """Outlines, by id, of what ends just above its carrier and is no disc: it gets a foot there."""
-    closed, feet = labels.copy(), set[int]()
+    """Return outlines, by id, of objects with a small gap above their carrier.
+
+    Their feet are extended downwards to the carrier. Discs stay as they are.
+    """
+    closed_labels, feet = labels.copy(), set[int]()
     for item in objects:
         if (
             item.cut
@@ -244,29 +293,34 @@ def close_gaps_below(
             or not is_carried(item, labels, objects)
         ):
             continue
-        own = labels == item.id
-        columns = np.flatnonzero(own.any(axis=0))
-        ends = len(own) - own[::-1, columns].argmax(axis=0)
-        low, height = int(ends.max()), np.count_nonzero(own.any(axis=1))
+        mask = labels == item.id
+        columns = np.flatnonzero(mask.any(axis=0))
+        ends = len(mask) - mask[::-1, columns].argmax(axis=0)
+        low, height = int(ends.max()), np.count_nonzero(mask.any(axis=1))
         foot = ends > low - height / 8
-        below = labels[low : low + max(3, int(0.06 * height)) + 1, columns[foot]] > 0
-        gap = int((below.mean(axis=1) >= 0.5).argmax())
+        carrier_mask = (
+            labels[low : low + max(3, int(0.06 * height)) + 1, columns[foot]] > 0
+        )
+        gap = int((carrier_mask.mean(axis=1) >= 0.5).argmax())
         if gap >= FIT.touch:
             feet.add(item.id)
             for x, end in zip(columns[foot], ends[foot], strict=True):
-                part = closed[end : low + gap, x]
+                part = closed_labels[end : low + gap, x]
                 part[part == 0] = item.id
     if not feet:
         return {}
     return {
         i: outline
-        for i, outline in fit_outlines(closed, [t.id for t in objects]).items()
+        for i, outline in fit_outlines(closed_labels, [t.id for t in objects]).items()
         if i in feet
     }
 
 
 def group_feet(feet: Sequence[Foot], tolerance: float) -> list[tuple[Line, list[Foot]]]:
-    """Feet on common lines, largest group first; a foot that shares its line with none stands on a level one."""
+    """Return feet on common lines, largest group first.
+
+    A foot alone on its line stands on a level one.
+    """
     left = list(feet)
     groups: list[tuple[Line, list[Foot]]] = []
     while left:
@@ -277,67 +331,85 @@ def group_feet(feet: Sequence[Foot], tolerance: float) -> list[tuple[Line, list[
         lines = _largest_groups(points, slopes, tolerance)
         line, group = max(lines, key=lambda found: _quality(found[0], found[1], points))
         groups.append((line, [left[i] for i in group]))
-        taken = set(group)
-        left = [f for i, f in enumerate(left) if i not in taken]
+        used_indices = set(group)
+        left = [f for i, f in enumerate(left) if i not in used_indices]
     return groups
 
 
 def _largest_groups(
     points: Array, slopes: Array, tolerance: float
 ) -> list[tuple[Line, list[int]]]:
-    """Lines through pairs of the points `(N, 2)` with the most feet on them, and those; else each foot's own line."""
+    """Return lines through two points with the largest number of feet on them, and the
+    feet.
+
+    `points` is `(N, 2)`. If no line has two feet, each foot gets its own line.
+    """
     order = np.argsort(points[:, 0], kind="stable")
-    # of very many, neighbours and those across the photo are enough to find a line
+    # With very many feet, pairs of neighbours and pairs across the photo suffice.
     reach = 400 // len(order) + 1
     i, j = np.triu_indices(len(order), 1)
-    kept = (j - i <= reach) | (i < reach)
-    first, run = points[order[i[kept]]], points[order[j[kept]]] - points[order[i[kept]]]
+    pair_mask = (j - i <= reach) | (i < reach)
+    first, run = (
+        points[order[i[pair_mask]]],
+        points[order[j[pair_mask]]] - points[order[i[pair_mask]]],
+    )
     slope = np.where(run[:, 0] > 1, run[:, 1] / np.maximum(run[:, 0], 1.0), 0.0)
-    height, steep = first[:, 1] - slope * first[:, 0], np.abs(slope)
-    on = np.zeros((len(slope), len(points)), bool)
-    for some in np.array_split(np.arange(len(slope)), len(slope) // 4096 + 1):
-        off = points[:, 1] - (slope[some, None] * points[:, 0] + height[some, None])
-        alike = (steep[some, None] <= STEEP) | (
-            np.abs(slopes - slope[some, None]) <= AGREE
+    height, steepness = first[:, 1] - slope * first[:, 0], np.abs(slope)
+    membership = np.zeros((len(slope), len(points)), bool)
+    # Chunks limit the memory of the comparison of all lines with all points.
+    for chunk in np.array_split(np.arange(len(slope)), len(slope) // 4096 + 1):
+        distances = points[:, 1] - (
+            slope[chunk, None] * points[:, 0] + height[chunk, None]
         )
-        on[some] = (np.abs(off) <= tolerance) & alike
-    count = on.sum(axis=1)
-    two_askew = (count < 3) & (steep > FOOT.two_tilt) & (steep <= STEEP)
-    count[(steep > FOOT.steepest) | two_askew] = 0
+        has_slope = (steepness[chunk, None] <= STEEP) | (
+            np.abs(slopes - slope[chunk, None]) <= AGREE
+        )
+        membership[chunk] = (np.abs(distances) <= tolerance) & has_slope
+    count = membership.sum(axis=1)
+    # Two points always define a line, so a slope needs a third foot.
+    two_askew = (count < 3) & (steepness > FOOT.two_tilt) & (steepness <= STEEP)
+    count[(steepness > FOOT.steepest) | two_askew] = 0
     if count.max(initial=0) < 2:
-        own = np.where(np.abs(slopes) > STEEP, slopes, 0.0).tolist()
+        own_slopes = np.where(np.abs(slopes) > STEEP, slopes, 0.0).tolist()
         return [
             (Line(s, float(y - s * x)), [k])
-            for k, (s, (x, y)) in enumerate(zip(own, points, strict=True))
+            for k, (s, (x, y)) in enumerate(zip(own_slopes, points, strict=True))
         ]
-    found = []
+    candidates = []
     for k in np.flatnonzero(count == count.max()).tolist():
-        group = np.flatnonzero(on[k])
+        group = np.flatnonzero(membership[k])
         x, y = points[group].T
         fit = np.polyfit(x, y, 1) if len(group) > 2 else (slope[k], height[k])
-        found.append((Line(float(fit[0]), float(fit[1])), group.tolist()))
-    return found
+        candidates.append((Line(float(fit[0]), float(fit[1])), group.tolist()))
+    return candidates
 
 
 def _quality(
     line: Line, group: Sequence[int], points: Array
 ) -> tuple[int, float, float]:
-    """Many feet first, then a close fit, then the lower place."""
+    """Return a sort key: many feet first, then a close fit, then the lower place."""
     x, y = points[list(group)].T
     rest = np.abs(y - (line.slope * x + line.height)).tolist()
     return len(group), -round(sum(rest) + 100 * abs(line.slope), 6), float(y.max())
 
 
 def rounded_down(x: float, y: float) -> tuple[float, float]:
-    """To 0.01 px, y down the photo, so that a wall does not enter what stands on it."""
+    """Round to 0.01 px, y downwards, so that a wall does not enter the objects on
+    it.
+    """
     return round(x, 2), float(np.ceil(y * 100 - 1e-6) / 100)
 
 
 def floor_points(
     line: Line, group: Sequence[Foot], ends: tuple[float, float]
 ) -> list[tuple[float, float]]:
-    """A chain of points from x = `ends[0]` to `ends[1]` on which every object of a group stands, entering none."""
+    """Return a chain from x = `ends[0]` to `ends[1]` that carries every object of a
+    group.
+
+    The chain enters none of the objects.
+    """
     chain = sorted((float(x), float(y)) for f in group for x, y in (f.left, f.right))
+    # Add hull points below the chain until the chain enters no hull.
     for _ in range(8):
         xs, ys = (np.array([p[k] for p in chain]) for k in (0, 1))
         low = [
@@ -357,20 +429,27 @@ def floor_points(
         *chain,
         (end, _clear_of_hulls(group, last, end, line.slope, 1)),
     ]
-    rounded = [rounded_down(x, y) for x, y in chain]
+    rounded_chain = [rounded_down(x, y) for x, y in chain]
     return _without_straight_points(
-        [p for i, p in enumerate(rounded) if i == 0 or p[0] > rounded[i - 1][0]]
+        [
+            p
+            for i, p in enumerate(rounded_chain)
+            if i == 0 or p[0] > rounded_chain[i - 1][0]
+        ]
     )
 
 
 def _clear_of_hulls(
     group: Sequence[Foot], start: tuple[float, float], x: float, slope: float, side: int
 ) -> float:
-    """y at x of a line from `start` outwards, of at least the slope that keeps it under every hull on that side."""
+    """Return y at x of a line from `start` outwards that stays below every hull.
+
+    The line has at least the given slope.
+    """
     y = start[1] + slope * (x - start[0])
     for f in group:
-        beyond = f.hull[(f.hull[:, 0] - start[0]) * side > 0.05]
-        for px, py in beyond:
+        points = f.hull[(f.hull[:, 0] - start[0]) * side > 0.05]
+        for px, py in points:
             if abs(px - start[0]) <= abs(x - start[0]):
                 y = max(
                     y,
@@ -383,29 +462,36 @@ def _clear_of_hulls(
 def _without_straight_points(
     chain: list[tuple[float, float]],
 ) -> list[tuple[float, float]]:
-    """Without the points on the line between their neighbours, to 0.005 px; two where all nearly lie on one line."""
+    """Return a chain without points on the line between their neighbours, to 0.005 px.
+
+    If all points nearly lie on one line, only the two ends remain.
+    """
     points = np.array(chain)
     (x0, y0), (x1, y1) = points[0], points[-1]
-    off = points[:, 1] - (y0 + (y1 - y0) * (points[:, 0] - x0) / max(x1 - x0, 1e-9))
-    if np.ptp(off) <= FOOT.invisible:
-        down = float(off.max())
+    distances = points[:, 1] - (
+        y0 + (y1 - y0) * (points[:, 0] - x0) / max(x1 - x0, 1e-9)
+    )
+    if np.ptp(distances) <= FOOT.invisible:
+        down = float(distances.max())
         return [
             (x, float(np.ceil((y + down) * 100 - 1e-6) / 100))
             for x, y in (chain[0], chain[-1])
         ]
-    kept = [chain[0]]
+    result = [chain[0]]
     for i in range(1, len(chain) - 1):
-        (x0, y0), (x, y), (x1, y1) = kept[-1], chain[i], chain[i + 1]
+        (x0, y0), (x, y), (x1, y1) = result[-1], chain[i], chain[i + 1]
         if abs(y0 + (y1 - y0) * (x - x0) / (x1 - x0) - y) > 0.005:
-            kept.append(chain[i])
-    return [*kept, chain[-1]]
+            result.append(chain[i])
+    return [*result, chain[-1]]
 
 
-# level feet
+# Level feet.
 
 
 def stands_flat(foot: Foot) -> bool:
-    """Whether an object stands on a level edge, not on a corner or a curve."""
+    """Return whether an object stands on a level edge rather than a corner or a
+    curve.
+    """
     if isinstance(foot.item.outline, Disc):
         return False
     x0, _, x1, _ = bounds(foot.item.outline)
@@ -418,7 +504,11 @@ def stands_flat(foot: Foot) -> bool:
 
 
 def _height(foot: Foot) -> float:
-    """y at which an object stands: a flat foot as its section through its middle, higher than its front edge."""
+    """Return the y at which an object stands.
+
+    A flat foot is lifted from its front edge to the section through the object's
+    middle.
+    """
     x0, y0, x1, y1 = bounds(foot.item.outline)
     lift = min(LEVEL.max_lift, 0.5 * sin(radians(LEVEL.tilt)) * min(x1 - x0, y1 - y0))
     return float(foot.hull[:, 1].max()) - lift * (
@@ -427,7 +517,10 @@ def _height(foot: Foot) -> float:
 
 
 def free_discs(objects: Sequence[PhotoObject]) -> frozenset[int]:
-    """Ids of round objects that touch no other object: their masks, not they, are off the line that others share."""
+    """Return the ids of round objects that touch no other object.
+
+    If such a disc is off the common line, its mask is wrong.
+    """
     discs = {item.id for item in objects if isinstance(item.outline, Disc)}
     return frozenset(discs - touching_objects(objects))
 
@@ -435,27 +528,30 @@ def free_discs(objects: Sequence[PhotoObject]) -> frozenset[int]:
 def split_group(
     line: Line, group: Sequence[Foot], free: Collection[int]
 ) -> list[tuple[Line, list[Foot]]]:
-    """The feet of a group that stand on one line, level unless most show its slope; each other foot by itself.
+    """Return the feet of a group on one line, and each other foot by itself.
 
-    One floor for all of them would be a chain of humps: as the floor is flat, the masks are wrong, or those objects
-    stand nearer or farther. Objects `free` follow the line, as those with flat feet do.
+    The line is level unless most feet show its slope. One floor for all feet would be a
+    chain of humps: a floor is flat, so the masks are wrong or some objects are nearer
+    or farther. Objects `free` follow the line, as objects with flat feet do.
     """
     if abs(line.slope) > STEEP or _askew(line, group):
         return [(line, list(group))]
-    level, tilted = (
+    level, sloped_feet = (
         _near_line(group, slope, free, LEVEL.alike)[1] for slope in (0.0, line.slope)
     )
-    # one object alone shows no slope
-    slope = line.slope if len(tilted) >= len(level) + 2 else 0.0
-    stood, kept = _near_line(group, slope, free, LEVEL.askew, LEVEL.nearer)
-    alone = [f for f in group if len(kept) < 2 or f not in kept]
-    return [(stood, kept)] * (len(kept) > 1) + [
-        (Line(0.0, round(_height(f), 2)), [f]) for f in alone
+    # A single additional object is no evidence of a slope.
+    slope = line.slope if len(sloped_feet) >= len(level) + 2 else 0.0
+    common_line, feet_on_line = _near_line(
+        group, slope, free, LEVEL.askew, LEVEL.nearer
+    )
+    separate = [f for f in group if len(feet_on_line) < 2 or f not in feet_on_line]
+    return [(common_line, feet_on_line)] * (len(feet_on_line) > 1) + [
+        (Line(0.0, round(_height(f), 2)), [f]) for f in separate
     ]
 
 
 def _askew(line: Line, group: Sequence[Foot]) -> bool:
-    """Whether it is a sloped floor's."""
+    """Return whether a line belongs to a sloped floor."""
     return len(group) > 2 and abs(line.slope) >= LEVEL.sloped
 
 
@@ -466,22 +562,26 @@ def _near_line(
     within: float,
     lower: float | None = None,
 ) -> tuple[Line, list[Foot]]:
-    """The line of a slope through most of a group, and those within `within` px of it, or that follow it and down to
-    `lower`."""
-    off = np.array([_height(foot) - slope * float(foot.lowest[0]) for foot in group])
-    line = Line(slope, round(float(np.median(off)), 2))
+    """Return the line of a slope through most of a group, and the feet on it.
+
+    Feet are on the line within `within` px. Feet that follow it may also be down to
+    `lower` px below it.
+    """
+    intercepts = np.array(
+        [_height(foot) - slope * float(foot.lowest[0]) for foot in group]
+    )
+    line = Line(slope, round(float(np.median(intercepts)), 2))
     follows = np.array([foot.item.id in free or stands_flat(foot) for foot in group])
-    # a flat foot nearer to the camera is lower, and can be lifted
+    # A flat foot nearer to the camera is lower in the photo and can be lifted.
     radii = [
         f.item.outline.radius if isinstance(f.item.outline, Disc) else np.inf
         for f in group
     ]
-    reach = np.minimum(
-        LEVEL.disc * np.array(radii), 3.6
-    )  # else its pixels leave its circle
-    most = np.where(follows, within if lower is None else lower, within)
-    near = (off - line.height >= -np.minimum(within, reach)) & (
-        off - line.height <= np.minimum(most, reach)
+    # A disc may move only as far as its pixels stay inside its circle.
+    reach = np.minimum(LEVEL.disc * np.array(radii), 3.6)
+    largest = np.where(follows, within if lower is None else lower, within)
+    line_members = (intercepts - line.height >= -np.minimum(within, reach)) & (
+        intercepts - line.height <= np.minimum(largest, reach)
     )
     ends = np.array(
         [
@@ -489,19 +589,26 @@ def _near_line(
             for f in group
         ]
     )
-    near &= follows | (np.abs(ends).max(axis=1) <= LEVEL.alike)
-    return line, [foot for foot, here in zip(group, near, strict=True) if here]
+    line_members &= follows | (np.abs(ends).max(axis=1) <= LEVEL.alike)
+    return line, [
+        foot for foot, is_member in zip(group, line_members, strict=True) if is_member
+    ]
 
 
 def level_feet(
     line: Line, group: Sequence[Foot], free: Collection[int]
 ) -> dict[int, Outline]:
-    """Outlines with feet straight on the line of a group, by id, of those that stand flat, or as steep as it; `free`
-    ones are resized down to it."""
+    """Return outlines, by id, with feet straight on the line of a group.
+
+    This applies to objects with flat feet, or as steep as a slope; `free` discs are
+    resized to reach the line.
+    """
     result: dict[int, Outline] = {}
     for foot in group:
-        outline, steep = foot.item.outline, abs(line.slope) > STEEP
-        follows = abs(foot.slope - line.slope) <= AGREE if steep else stands_flat(foot)
+        outline, on_slope = foot.item.outline, abs(line.slope) > STEEP
+        follows = (
+            abs(foot.slope - line.slope) <= AGREE if on_slope else stands_flat(foot)
+        )
         if (
             isinstance(outline, Disc)
             and foot.item.id in free
@@ -509,100 +616,110 @@ def level_feet(
             and len(group) > 1
         ):
             x, y = outline.center
-            r = (line.height - float(y) + outline.radius) / 2  # its top stays
+            r = (line.height - float(y) + outline.radius) / 2
             result[foot.item.id] = Disc(np.array([x, line.height - r]), r)
         if (
             isinstance(outline, Disc)
             or not follows
-            or (_askew(line, group) and not steep)
+            or (_askew(line, group) and not on_slope)
         ):
             continue
         rise = abs(float(foot.right[1] - foot.left[1]))
         lift = line.at(float(foot.lowest[0])) - float(foot.hull[:, 1].max())
-        up = LEVEL.band if steep else max(LEVEL.band, rise + 0.5, lift + 0.5)
-        result[foot.item.id] = straighten_foot(outline, line, up)
+        band = LEVEL.band if on_slope else max(LEVEL.band, rise + 0.5, lift + 0.5)
+        result[foot.item.id] = straighten_foot(outline, line, band)
     return result
 
 
 def straighten_foot(outline: Region, line: Line, band: float = LEVEL.band) -> Region:
-    """The outline with none of it below the line, and its border within `band` px above it on it.
+    """Return the outline cut off below a line, with its border close above moved onto
+    the line.
 
-    Unchanged where its border would cross itself.
+    `band` is the height of that border, px. The outline is unchanged if its border
+    would cross itself.
     """
     normal = np.array([-line.slope, 1.0]) / np.hypot(line.slope, 1.0)
     start = np.array([0.0, line.height])
     rings = []
     for ring in outline.rings:
-        off = (ring.outer - start) @ normal
-        low = off >= -band
-        points = ring.outer - np.where(low, off, 0.0)[:, None] * normal
+        distances = (ring.outer - start) @ normal
+        low = distances >= -band
+        points = ring.outer - np.where(low, distances, 0.0)[:, None] * normal
         inner = low & np.roll(low, 1) & np.roll(low, -1)
-        if np.ptp(off) > band and (~inner).sum() >= 3:
+        if np.ptp(distances) > band and (~inner).sum() >= 3:
             rings.append(Ring(points[~inner], ring.holes))
     borders = [part for ring in rings for part in (ring.outer, *ring.holes)]
-    if not rings or len(
-        crossings([np.round(part, 2) for part in borders])
-    ):  # a thin neck is pressed flat
+    # A thin neck would be pressed flat.
+    if not rings or len(crossings([np.round(part, 2) for part in borders])):
         return outline
     return Region(tuple(rings))
 
 
 def cradle(item: PhotoObject, center: Array, hull: Array) -> list[tuple[float, float]]:
-    """A chain that follows the underside of an object to both sides of its centre of mass: a nest that it lies in."""
+    """Return a chain along the underside of an object: a nest that holds it.
+
+    The chain extends to both sides of the centre of mass.
+    """
     outline = item.outline
     if isinstance(outline, Disc):
         x, y, r = float(outline.center[0]), float(outline.center[1]), outline.radius
         a = np.radians(25.0)
-        inner, side, up = r * np.tan(a / 2), r * np.sin(a), r * np.cos(a)
+        inner, side, depth = r * np.tan(a / 2), r * np.sin(a), r * np.cos(a)
         chain = [
-            (x - side, y + up),
+            (x - side, y + depth),
             (x - inner, y + r),
             (x + inner, y + r),
-            (x + side, y + up),
+            (x + side, y + depth),
         ]
     else:
         x0, _, x1, _ = bounds(outline)
         reach = 0.3 * (x1 - x0)
         ends = np.clip([center[0] - reach, center[0] + reach], hull[0, 0], hull[-1, 0])
-        # it lies on corners of its hull: without one on either side of its centre it would tip
+        # The object rests on corners of its hull: without a corner on either side of
+        # its centre it would tip.
         k = int(np.clip(np.searchsorted(hull[:, 0], center[0]), 1, len(hull) - 1))
-        wide = [min(ends[0], hull[k - 1, 0] - 0.5), max(ends[1], hull[k, 0] + 0.5)]
-        ends = np.clip(wide, hull[0, 0], hull[-1, 0])
+        end_columns = [
+            min(ends[0], hull[k - 1, 0] - 0.5),
+            max(ends[1], hull[k, 0] + 0.5),
+        ]
+        ends = np.clip(end_columns, hull[0, 0], hull[-1, 0])
         inner = hull[(hull[:, 0] > ends[0]) & (hull[:, 0] < ends[1])]
         xs = [ends[0], *inner[:, 0], ends[1]]
         chain = [(float(px), float(np.interp(px, hull[:, 0], hull[:, 1]))) for px in xs]
     return [rounded_down(float(px), py) for px, py in chain]
 
 
-# flat bases
+# Flat bases.
 
 
 @dataclass(frozen=True)
 class _BaseLimits:
-    """Flat bases under objects whose lower outline recedes from the camera.
+    """Limits of flat bases under objects whose lower outline recedes from the camera.
 
     A camera that looks down sees the rear of a base higher in the picture than its
-    front: the lowest corner of the outline is the nearest one, and the object would tip
+    front. The lowest corner of the outline is the nearest one, and the object would tip
     over it. Widths and heights are shares of the object's.
     """
 
     narrow: float = 0.15
-    """On both sides of the centre of mass: a foot that reaches so far stays as it is."""
+    """Least extent of a foot on both sides of the centre of mass; wider feet stay."""
     wide: float = 0.3
-    """On both sides of the centre of mass: the least width of a base that is added."""
+    """Least extent of an added base on both sides of the centre of mass."""
     high: float = 0.45
-    """Height of the lower outline above the ground: higher ones stand on something."""
+    """Largest height of the lower outline above the ground; a higher outline has
+    another support.
+    """
     round: float = 0.85
-    """Share of its smallest circle from which fruit may roll, and gets no base."""
+    """Share of its smallest circle above which fruit may roll and gets no base."""
     whole: float = 0.95
-    """Share of its area in its largest piece: smaller pieces are stray pixels."""
+    """Least share of its area in its largest piece: smaller pieces are stray pixels."""
 
 
 BASE = _BaseLimits()
 
 
 def needs_base(foot: Foot) -> bool:
-    """Return whether an object that stands on level ground would tip over its foot."""
+    """Return whether an object on level ground would tip over its foot."""
     outline = foot.item.outline
     if isinstance(outline, Disc) or foot.item.cut:
         return False
@@ -611,8 +728,8 @@ def needs_base(foot: Foot) -> bool:
     x0, _, x1, _ = bounds(outline)
     middle = float(mass_properties(outline).center[0])
     reach = BASE.narrow * (x1 - x0)
-    is_narrow = foot.left[0] > middle - reach or foot.right[0] < middle + reach
-    return bool(is_narrow)
+    has_tipping_foot = foot.left[0] > middle - reach or foot.right[0] < middle + reach
+    return bool(has_tipping_foot)
 
 
 def _is_nearly_round(outline: Region) -> bool:
@@ -625,7 +742,7 @@ def _is_nearly_round(outline: Region) -> bool:
 def add_base(foot: Foot, line: Line) -> Region | None:
     """Return the outline with a flat base on a line, under its centre of mass.
 
-    None if the lower outline is too high above the line, or consists of several pieces.
+    Returns None if the lower outline is too high above the line or in several pieces.
     """
     outline = foot.item.outline
     if isinstance(outline, Disc):
@@ -644,15 +761,16 @@ def add_base(foot: Foot, line: Line) -> Region | None:
     ground = line.slope * xs + line.height
     if float((ground - ys).max()) > BASE.high * (y1 - y0):
         return None
-    upper = np.stack([xs, ys - 1.0], axis=1)  # 1 px into the outline, so that they join
+    # The base reaches 1 px into the outline, so that the union is one piece.
+    upper = np.stack([xs, ys - 1.0], axis=1)
     lower = np.array([[right, line.at(right)], [left, line.at(left)]])
     base = shapely.Polygon(np.concatenate([upper, lower])).buffer(0)
-    joined = shapely.union(outline_shape(outline), base)
-    if not isinstance(joined, shapely.Polygon):
+    union_shape = shapely.union(outline_shape(outline), base)
+    if not isinstance(union_shape, shapely.Polygon):
         return None
-    # gaps between the outline and its base are part of the base
-    outer = np.asarray(joined.exterior.coords[:-1], np.float64)
-    if not joined.exterior.is_ccw:
+    # Gaps between the outline and its base become part of the base.
+    outer = np.asarray(union_shape.exterior.coords[:-1], np.float64)
+    if not union_shape.exterior.is_ccw:
         outer = outer[::-1]
     return Region((Ring(outer, outline.rings[0].holes),))
 
@@ -666,13 +784,13 @@ def _largest_piece(outline: Region) -> Region:
     return Region((outline.rings[areas.index(largest)],))
 
 
-# rectangles
+# Rectangles.
 
 
 def fit_rectangles(objects: Sequence[PhotoObject]) -> dict[int, Outline]:
-    """Rectangles of four corners, by id, for objects that are rectangular and touch no other object.
+    """Return rectangles, by id, of rectangular objects that touch no other object.
 
-    Objects that touch share their borders: a rectangle would leave gaps or overlap.
+    Touching objects share their borders: rectangles would leave gaps or overlap.
     """
     outlines = [item.outline for item in objects]
     touching = touching_objects(objects)
@@ -682,63 +800,81 @@ def fit_rectangles(objects: Sequence[PhotoObject]) -> dict[int, Outline]:
         box = None if item.id in touching or item.cut else fit_rectangle(item.outline)
         if box is not None:
             x0, y0, x1, y1 = bounds(box)
-            apart = (boxes[:, :2] > (x1, y1)).any(axis=1) | (
+            separation = (boxes[:, :2] > (x1, y1)).any(axis=1) | (
                 boxes[:, 2:] < (x0, y0)
             ).any(axis=1)
-            near = [outlines[i] for i in np.flatnonzero(~apart).tolist() if i != k]
-            if all(overlap_depth(box, other) <= BOX.overlap for other in near):
+            neighbours = [
+                outlines[i] for i in np.flatnonzero(~separation).tolist() if i != k
+            ]
+            if all(overlap_depth(box, other) <= BOX.overlap for other in neighbours):
                 result[item.id] = box
     return result
 
 
 def touching_objects(objects: Sequence[PhotoObject]) -> set[int]:
-    """Ids of objects that touch others."""
-    found = contacts([item.outline for item in objects], [])
-    return {objects[k].id for contact in found for k in (contact.body, contact.other)}
+    """Return the ids of objects that touch others."""
+    pairs = contacts([item.outline for item in objects], [])
+    return {objects[k].id for contact in pairs for k in (contact.body, contact.other)}
 
 
 def fit_rectangle(outline: Outline) -> Region | None:
-    """The rectangle of the outline's area, with the height of its lowest corner; None where it is no rectangle."""
+    """Return the rectangle with the outline's area and lowest corner, or None.
+
+    None means that the outline is not a rectangle.
+    """
     if isinstance(outline, Disc) or len(outline.rings) != 1 or outline.rings[0].holes:
         return None
     points = outline.rings[0].outer
     (_, size, degrees) = cv2.minAreaRect(points.astype(np.float32))
-    off = (degrees + 45) % 90 - 45
-    angle = 0.0 if abs(off) <= BOX.upright else np.radians(off)
+    deviation = (degrees + 45) % 90 - 45
+    angle = 0.0 if abs(deviation) <= BOX.upright else np.radians(deviation)
     turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
-    own = points @ turn.T
-    low, high = _sides(own)
+    # Work in the rectangle's own axes.
+    aligned_points = points @ turn.T
+    low, high = _sides(aligned_points)
     if angle == 0.0:
         high[1] = bounds(outline)[3]
     width, height = high - low
     if min(width, height) <= 2 * BOX.ragged:
         return None
-    away = np.minimum(np.abs(own - low), np.abs(own - high)).min(axis=1)
+    side_distance = np.minimum(
+        np.abs(aligned_points - low), np.abs(aligned_points - high)
+    ).min(axis=1)
     corners = np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
-    sharp = np.hypot(*(corners[:, None] - _dense(own)[None]).transpose(2, 0, 1)).min(
-        axis=1
-    )
-    if max(away.max(), sharp.max()) > min(BOX.rounded, 0.12 * min(size)):
+    sharp = np.hypot(
+        *(corners[:, None] - _dense(aligned_points)[None]).transpose(2, 0, 1)
+    ).min(axis=1)
+    # The border must follow the sides, with corners that are not too round.
+    if max(side_distance.max(), sharp.max()) > min(BOX.rounded, 0.12 * min(size)):
         return None
-    inside = np.clip(own, low, high)
-    shared, area = abs(polygon_moments(inside).area), abs(polygon_moments(own).area)
-    if shared / (area + width * height - shared) < BOX.covered:
+    inside = np.clip(aligned_points, low, high)
+    common_area, area = (
+        abs(polygon_moments(inside).area),
+        abs(polygon_moments(aligned_points).area),
+    )
+    if common_area / (area + width * height - common_area) < BOX.covered:
         return None
     return Region((Ring(corners @ turn),))
 
 
 def _sides(own: Array) -> tuple[Array, Array]:
-    """`(2,)` each: the sides in the rectangle's own axes, at the median of the border along each."""
-    dense, margin = _dense(own), 2 * BOX.ragged
+    """Return the lower and upper sides (2,) each, in the rectangle's own axes.
+
+    Each side is at the median of the border along it.
+    """
+    border, margin = _dense(own), 2 * BOX.ragged
     low, high = (
-        np.where(near, dense, np.nan)
-        for near in (dense < dense.min(0) + margin, dense > dense.max(0) - margin)
+        np.where(is_side, border, np.nan)
+        for is_side in (
+            border < border.min(0) + margin,
+            border > border.max(0) - margin,
+        )
     )
     return np.nanmedian(low, axis=0), np.nanmedian(high, axis=0)
 
 
 def _dense(points: Array) -> Array:
-    """The border of a ring, a point every half px or so."""
+    """Return the border of a ring with a point about every half px."""
     parts = []
     for a, b in zip(points, np.roll(points, -1, axis=0), strict=True):
         count = max(2, int(2 * np.hypot(*(b - a))))

@@ -1,6 +1,7 @@
-"""The view of a photo by its looks: linear models on features of the segmentation network.
+"""The view of a photo by its looks: linear models on the segmentation network's
+features.
 
-The weights come from `studio/view_weights.py`, which learns them from photos labelled by hand.
+`studio/view_weights.py` learns the weights from photos labelled by hand.
 """
 
 from __future__ import annotations
@@ -17,27 +18,29 @@ from physgen.maps import F32
 
 WEIGHTS = "view.npz"
 CLIP = 4.0
-"""Standard deviations at which a feature counts in full: photos unlike all others stay in range."""
+"""Standard deviations at which a feature is clipped, so that unusual photos stay in
+range.
+"""
 TILTS = {"side": 10.0, "oblique": 45.0, "top": 75.0}
-"""Degrees by which the camera looks down in the middle of each range of labels."""
+"""Tilt of the camera in the middle of each range of labels, degrees."""
 OBLIQUE_TILTS = (30.0, 60.0)
-"""Degrees: the range that is labelled as oblique; 60 is also the most that `world.tilt` takes."""
+"""Degrees: the range with the label oblique; 60 is also the largest `world.tilt`."""
 TILT_STEP = 5.0
-"""Degrees to which a tilt is rounded: looks do not tell it better."""
+"""Degrees to which a tilt is rounded, the accuracy of this estimate."""
 
 
 @dataclass(frozen=True)
 class ViewChances:
-    """Chances of the ranges of views, which sum to 1, and of a photo that cannot be animated."""
+    """Probabilities of the ranges of views, with sum 1, and of an unsuitable photo."""
 
     side: float
-    """The camera looks down by less than 30 degrees."""
+    """The camera is tilted by less than 30 degrees."""
     oblique: float
-    """By 30 to 60 degrees."""
+    """The camera is tilted by 30 to 60 degrees."""
     top: float
-    """By more."""
+    """The camera is tilted by more than 60 degrees."""
     unsuitable: float
-    """People, animals, landscapes, rooms: nothing loose at rest."""
+    """The photo shows people, animals, landscapes or rooms: no loose object at rest."""
 
     @property
     def is_level(self) -> bool:
@@ -46,24 +49,25 @@ class ViewChances:
 
     @property
     def tilt(self) -> float | None:
-        """Degrees by which the camera looks down on the ground of an oblique photo.
+        """Return the tilt of the camera to the ground of an oblique photo, degrees.
 
-        None if the photo is rather one from the side.
+        Returns None if the photo is rather one from the side.
         """
         if self.oblique <= self.side:
             return None
         chances = (self.side, self.oblique, self.top)
-        expected = np.dot(chances, list(TILTS.values()))
-        rounded = TILT_STEP * round(float(expected) / TILT_STEP)
-        return float(np.clip(rounded, *OBLIQUE_TILTS))
+        mean_tilt = np.dot(chances, list(TILTS.values()))
+        tilt = TILT_STEP * round(float(mean_tilt) / TILT_STEP)
+        return float(np.clip(tilt, *OBLIQUE_TILTS))
 
 
 def view_chances(features: F32) -> ViewChances:
-    """Return the chances of a photo by its features (D,), as `run_network` gives them."""
+    """Return the chances of a photo by its features (D,) from `run_network`."""
     model = _model()
-    scaled = np.clip((features - model.mean) / model.spread, -CLIP, CLIP)
-    logits = scaled @ model.weights.T + model.bias
+    scores = np.clip((features - model.mean) / model.spread, -CLIP, CLIP)
+    logits = scores @ model.weights.T + model.bias
     top, not_side, unsuitable = (_chance(logit) for logit in logits.tolist())
+    # Top views are part of the views that are not from the side.
     not_side = max(not_side, top)
     return ViewChances(1 - not_side, not_side - top, top, unsuitable)
 
@@ -76,14 +80,13 @@ def _chance(logit: float) -> float:
 class _Model:
     mean: NDArray[np.float32]  # (D,)
     spread: NDArray[np.float32]  # (D,)
-    weights: NDArray[
-        np.float32
-    ]  # (3, D): logits of top, of oblique or top, of unsuitable
+    # (3, D): logits of top, of oblique or top, of unsuitable
+    weights: NDArray[np.float32]
     bias: NDArray[np.float32]  # (3,)
 
 
 @cache
 def _model() -> _Model:
-    with np.load(Path(__file__).with_name(WEIGHTS)) as stored:
+    with np.load(Path(__file__).with_name(WEIGHTS)) as arrays:
         names = ("mean", "spread", "weights", "bias")
-        return _Model(*(stored[name].astype(np.float32) for name in names))
+        return _Model(*(arrays[name].astype(np.float32) for name in names))

@@ -1,10 +1,11 @@
-"""Side view or top view, and whether a photo suits: its looks, and cues from the background and the objects.
+"""Side view or top view, and the suitability of a photo.
 
-How a photo looks as a whole (`view_classifier`) has the most weight.
-
-From the side, the background changes from top to bottom more than from left to right: a wall over a floor, blurred far
-away and sharp near by, and the floor faces up. From above, one surface lies all around, and objects lie anywhere,
-supported by nothing below them. Every cue adds to the log odds; a mirrored photo gives the same.
+The looks of the whole photo (`view_classifier`) have the most weight; cues from the
+background and the objects are added. From the side, the background changes more from
+top to bottom than from left to right: a wall above a floor, blurred far away and sharp
+nearby, and the floor faces up. From above, one surface surrounds all objects, and they
+lie anywhere, without supports below them. Every cue adds to the log odds; a mirrored
+photo gives the same result.
 """
 
 from __future__ import annotations
@@ -36,17 +37,21 @@ from physgen.perceive.support.view_classifier import ViewChances, view_chances
 from physgen.scene.scene import View
 from physgen.text import counted, percent
 
-LEAST = 30  # px of background from which a part of the photo counts
-SPREAD = 12.0  # CIE 1976 Lab: standard deviation of a background from which its layers count in full
-PRIOR = 1.0  # log odds: photos of objects at rest are more often taken from the side
+LEAST = 30
+"""Least px of background in a part of the photo with a cue."""
+SPREAD = 12.0
+"""CIE 1976 Lab: standard deviation of a background with full weight of its layers."""
+PRIOR = 1.0
+"""Log odds: photos of objects at rest are more often taken from the side."""
 
 
 @dataclass(frozen=True)
 class _Cue:
-    """Log odds per unit of a cue and at most, so that none decides alone; the reasons for either view.
+    """Log odds per unit of a cue, their limit, and the reasons for either view.
 
-    Weights are round numbers, set by eye on the studio's and the peers' photos. Half or twice one of them decides at
-    most one of those 20 otherwise, with true masks or found ones.
+    The limit prevents that a single cue decides. Weights are round numbers, set by eye
+    on the studio's and the peers' photos. Half or twice one of them changes at most one
+    of those 20 decisions, with true or predicted masks.
     """
 
     weight: float
@@ -56,13 +61,15 @@ class _Cue:
 
 
 CUES_WEIGHT = 0.5
-"""Of the log odds of all cues: they depend on each other."""
+"""Factor of the log odds of all cues, since they depend on each other."""
 BESIDE_LOOKS = 0.5
-"""Of what cues tell, if the looks tell something, too: both see the same background."""
+"""Factor of the cues beside the looks, since both use the same background."""
 DRAWING_COLOURS = 256
-"""Colours of a drawing at most; a photo of 100 px a side has thousands."""
+"""Largest number of colours of a drawing; a photo of 100 px a side has thousands."""
 MOST_LOOKS = 6.0
-"""Log odds of the looks at most: one in 400 labelled photos is seen wrongly for sure."""
+"""Largest log odds of the looks: one in 400 labelled photos gets a confident wrong
+view.
+"""
 LOOKS = {
     View.SIDE: "it looks like a photo from the side",
     View.TOP: "it looks like a photo from above",
@@ -90,11 +97,12 @@ def guess_view(
     stands: int,
     chances: ViewChances | None = None,
 ) -> tuple[View, float, str]:
-    """The view, its confidence 0.5..0.98, and the two strongest reasons.
+    """Return the view, its confidence 0.5..0.98, and the two strongest reasons.
 
-    `normals` (h, w, 3) unit, +y down, of any size. `aloft`: the number of objects without anything below that holds
-    them; `stands`: the number that stand upright on a level foot or on others. `chances` are those of the photo's
-    looks; without them, the cues alone decide.
+    `normals` (h, w, 3) are unit, +y down, of any size. `aloft` is the number of objects
+    without a visible support; `stands` is the number of objects that stand upright on a
+    level foot or on others. `chances` come from the photo's looks; without them, the
+    cues alone decide.
     """
     cues = _background_cues(rgb, labels, normals) | {
         "aloft": -max(aloft - 2, 0),
@@ -114,20 +122,27 @@ def guess_view(
             reasons.append(_looks_reason(chances))
     view = View.SIDE if total >= 0 else View.TOP
     is_side = view is View.SIDE
-    agreeing = [name for name, odd in odds.items() if odd and (odd > 0) == is_side]
+    agreeing = [
+        name
+        for name, log_odds in odds.items()
+        if log_odds and (log_odds > 0) == is_side
+    ]
     for name in sorted(agreeing, key=lambda name: -abs(odds[name])):
         text = CUES[name].side if is_side else CUES[name].top
         if text:
             reasons.append(text)
     reason = " and ".join(reasons[:2]) or "there are few cues"
-    sure = round(min(1 / (1 + exp(-abs(total))), 0.98), 2)
-    return view, sure, reason
+    confidence = round(min(1 / (1 + exp(-abs(total))), 0.98), 2)
+    return view, confidence, reason
 
 
 def _is_drawing(rgb: Rgb) -> bool:
-    """Return whether a picture has the few colours of a drawing; looks are of photos."""
-    packed = rgb.astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], np.uint32)
-    return len(np.unique(packed)) <= DRAWING_COLOURS
+    """Return whether a picture has the few colours of a drawing.
+
+    The looks are learnt from photos and say nothing about drawings.
+    """
+    codes = rgb.astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], np.uint32)
+    return len(np.unique(codes)) <= DRAWING_COLOURS
 
 
 def _log_odds(chance: float) -> float:
@@ -143,7 +158,9 @@ def _looks_reason(chances: ViewChances) -> str:
 
 
 def _background_cues(rgb: Rgb, labels: Labels, normals: F32) -> dict[str, float]:
-    """Cues for the side view, of the background alone; none where too little of it is seen."""
+    """Return the cues of the background for the side view, if enough of it is
+    visible.
+    """
     h, w = normals.shape[:2]
     lab = cv2.cvtColor(rgb.astype(np.float32) / np.float32(255), cv2.COLOR_RGB2LAB)
     colour: F32 = np.asarray(
@@ -156,16 +173,16 @@ def _background_cues(rgb: Rgb, labels: Labels, normals: F32) -> dict[str, float]
     if np.count_nonzero(free) < LEAST:
         return {}
     low, high = slice(7 * h // 8, h), slice(0, h // 2)
-    # shading alone makes weak layers of one surface
-    clear = min(1.0, float(np.sqrt(colour[free].var(0).sum())) / SPREAD)
+    # Shading alone makes weak layers on a single surface.
+    layer_weight = min(1.0, float(np.sqrt(colour[free].var(0).sum())) / SPREAD)
     cues = {
-        "layered": clear
+        "layered": layer_weight
         * (_explained(colour, free, 1) - _explained(colour, free, 0) - 0.1)
     }
     if min(np.count_nonzero(free[low]), np.count_nonzero(free[high])) >= LEAST:
-        up = -normals[..., 1]
+        upward = -normals[..., 1]
         cues["faces"] = (
-            float(up[low][free[low]].mean() - up[high][free[high]].mean()) - 0.1
+            float(upward[low][free[low]].mean() - upward[high][free[high]].mean()) - 0.1
         )
     thirds = (
         np.s_[2 * h // 3 :],
@@ -174,69 +191,88 @@ def _background_cues(rgb: Rgb, labels: Labels, normals: F32) -> dict[str, float]
         np.s_[:, 2 * w // 3 :],
     )
     if all(np.count_nonzero(free[part]) >= LEAST for part in thirds):
-        below, above, left, right = (
+        bottom, top, left, right = (
             np.median(colour[part][free[part]], axis=0) for part in thirds
         )
-        apart = [
+        differences = [
             float(np.linalg.norm((a - b) * (0.5, 1, 1)))
-            for a, b in ((below, above), (left, right))
+            for a, b in ((bottom, top), (left, right))
         ]
-        cues["changed"] = log((apart[0] + 3) / (apart[1] + 3)) - 0.2
+        cues["changed"] = log((differences[0] + 3) / (differences[1] + 3)) - 0.2
         detail = np.abs(
             cv2.Laplacian(cv2.GaussianBlur(colour[..., 0], (0, 0), 1), cv2.CV_32F)
         )
-        fine = [
+        details = [
             float(np.percentile(detail[part][free[part]], 90)) + 1e-3
             for part in thirds[:2]
         ]
-        cues["sharp"] = log(fine[0] / fine[1])
+        cues["sharp"] = log(details[0] / details[1])
     return cues
 
 
 def _explained(colour: F32, free: Mask, axis: int) -> float:
-    """Share of the colours' variance that the mean of each row (`axis` 1) or column (0) explains, 0..1.
+    """Return the share of colour variance that row means (`axis` 1) or column means (0)
+    explain.
 
-    A row or column counts where it shows a twentieth of its length of background, 2 px to 5 px.
+    A row or column counts if it shows background over a twentieth of its length, 2 px
+    to 5 px.
     """
     count = free.sum(axis)
-    known = count >= np.clip(free.shape[axis] / 20, 2, 5)
-    if np.count_nonzero(known) < 2:
+    is_valid = count >= np.clip(free.shape[axis] / 20, 2, 5)
+    if np.count_nonzero(is_valid) < 2:
         return 0.0
-    mean = (colour * free[..., None]).sum(axis)[known] / count[known, None]
+    mean = (colour * free[..., None]).sum(axis)[is_valid] / count[is_valid, None]
     middle, total = colour[free].mean(0), colour[free].var(0).sum()
-    between = (((mean - middle) ** 2).sum(1) * count[known]).sum() / count[known].sum()
-    return float(min(between / max(total, 1e-6), 1.0))
+    explained = (((mean - middle) ** 2).sum(1) * count[is_valid]).sum() / count[
+        is_valid
+    ].sum()
+    return float(min(explained / max(total, 1e-6), 1.0))
 
 
 @dataclass(frozen=True)
 class _Doubts:
-    """Where a photo is doubtful; shares are of the photo.
+    """Thresholds of doubts; shares are of the photo.
 
-    Chosen on four fifths of 158 photos of COCO, and on 24 that are good, with the core's segmentation: of the good ones
-    each leaves out two at most.
+    They were chosen on four fifths of 158 COCO photos and on 24 good ones, with the
+    default segmentation: each excludes at most two of the good photos.
     """
 
-    expected: float = 0.66  # F that confidences of objects and doubtful regions state; chosen on 80 photos
-    unsure: float = 0.65  # confidence of an object; a third of such are none
-    unclear: float = 0.1  # doubtful regions, where they cover more than the objects do
-    fixed: float = 0.1  # wholes that nobody moves
-    pointed: float = (
-        0.5  # of what is pointed at: 187 of 192 people of COCO, 3 of 31 cups and bowls
-    )
-    sky: float = (
-        0.125  # in the upper half; this and the next two of what is around the objects
-    )
+    # F measure expected from the confidences of objects and doubtful regions; chosen on
+    # 80 photos.
+    expected: float = 0.66
+    # Confidence of an object; below it a third of the objects are wrong.
+    unsure: float = 0.65
+    # Share of doubtful regions that are larger than the objects.
+    unclear: float = 0.1
+    # Share of immovable wholes.
+    fixed: float = 0.1
+    # Share of immovable pixels in the user's selection: holds for 187 of 192 people of
+    # COCO and for 3 of 31 cups and bowls.
+    pointed: float = 0.5
+    # Share of sky in the upper half. This share and the next two are relative to the
+    # surroundings of the objects.
+    sky: float = 0.125
     foliage: float = 0.1
-    detail: float = 0.4  # fine detail: clutter, crowds, gravel
-    view: float = 0.6  # confidence of the view
-    unsuitable: float = 0.95  # that it shows nothing loose at rest, by its looks
-    unheld: float = 0.5  # of the objects, under which nothing is seen
-    filling: float = 0.6  # one object, as large as the largest that is looked for
-    side: int = 256  # px, the photo's width as its texture is judged
-    patch: int = 9  # px, over which detail is averaged
-    fine: float = 12.0  # mean of |Laplacian|, 8-bit codes, of a patch of fine detail
-    coarse: float = 16.0  # the same at a quarter of the size: grain of a wall has less
-    quarter: int = 4  # px of a photo that are one of it there
+    # Share of fine detail: clutter, crowds, gravel.
+    detail: float = 0.4
+    # Confidence of the view.
+    view: float = 0.6
+    # Probability, by its looks, that the photo shows no loose object at rest.
+    unsuitable: float = 0.95
+    # Share of objects without a visible support.
+    unheld: float = 0.5
+    # Share of one object: the largest object that is searched for.
+    filling: float = 0.6
+    # px: width of the photo for texture.
+    side: int = 256
+    # px: side of the patch over which detail is averaged.
+    patch: int = 9
+    # Mean of |Laplacian|, 8-bit levels, of a patch with fine detail.
+    fine: float = 12.0
+    # The same at a quarter of the size; the grain of a wall has less.
+    coarse: float = 16.0
+    # Ratio of the photo's size and the reduced size.
+    quarter: int = 4
 
 
 DOUBTS = _Doubts()
@@ -248,9 +284,9 @@ def judge_suitability(
     objects: Sequence[PhotoObject],
     boundaries: BoundaryGuess,
 ) -> Suitability:
-    """Reasons to doubt that the photo shows loose objects at rest, from what perception knows of it.
+    """Return the reasons to doubt that the photo shows loose objects at rest.
 
-    Masks that the user gave are sure, and so are those that are kept.
+    Masks from the user, and masks kept from an earlier scene, are certain.
     """
     size, view = (
         np.bincount(found.labels.ravel(), minlength=1) / found.labels.size,
@@ -259,11 +295,12 @@ def judge_suitability(
     area = {t.id: float(size[t.id]) for t in objects}
     by_hand = found.source in ("given", "pointed at")
     reasons = [] if by_hand else _detection_doubts(found, objects, area)
-    if found.source != "given":  # pointing at an object does not change its street
+    # A selection by the user does not change the rest of the photo.
+    if found.source != "given":
         reasons += _photo_doubts(rgb, found)
-    fixed = _immovable(rgb)
-    own = cv2.resize((found.labels > 0).astype(np.float32), fixed.shape[::-1])
-    if by_hand and (own * fixed).sum() > DOUBTS.pointed * own.sum():
+    immovable = _immovable(rgb)
+    coverage = cv2.resize((found.labels > 0).astype(np.float32), immovable.shape[::-1])
+    if by_hand and (coverage * immovable).sum() > DOUBTS.pointed * coverage.sum():
         reasons.append(Note.MARKED_IMMOVABLE.text())
     if any(found.confidence[i] < RULE.weak for i in found.prompts):
         reasons.append(Note.MARKED_FAINT.text())
@@ -275,37 +312,41 @@ def judge_suitability(
         for w in boundaries.walls
         if w.source == SOURCE and w.name.startswith(("nest", "ledge"))
     ]
-    on = contacts([t.outline for t in loose], [np.array(w.points) for w in unseen])
-    beneath = boundaries.held | {loose[c.body].id for c in on if c.other < 0}
+    support_contacts = contacts(
+        [t.outline for t in loose], [np.array(w.points) for w in unseen]
+    )
+    beneath = boundaries.held | {
+        loose[c.body].id for c in support_contacts if c.other < 0
+    }
     unheld = sum(t.id in beneath for t in loose)
-    # at an angle, the ground is seen around what stands on it
+    # In an oblique photo the ground around an object is visible.
     is_ground_visible = boundaries.tilt is not None
     if unheld > DOUBTS.unheld * len(loose) and not is_ground_visible:
-        every = counted(len(loose), "object")
-        reasons.append(Note.NO_SUPPORT.text(count=unheld, objects=every))
+        all_objects = counted(len(loose), "object")
+        reasons.append(Note.NO_SUPPORT.text(count=unheld, objects=all_objects))
     if view < DOUBTS.view:
         reasons.append(Note.VIEW_UNCERTAIN.text())
     return Suitability(tuple(reasons))
 
 
 def _small_photo(rgb: Rgb) -> Rgb:
-    """Return the photo (h, DOUBTS.side, 3) at the size at which texture is judged."""
+    """Return the photo (h, DOUBTS.side, 3) at the size for texture."""
     height = max(round(DOUBTS.side * rgb.shape[0] / rgb.shape[1]), 2)
     small = cv2.resize(rgb, (DOUBTS.side, height), interpolation=cv2.INTER_AREA)
     return np.asarray(small, np.uint8)
 
 
 def fine_detail(rgb: Rgb) -> Mask:
-    """Return where a photo shows fine detail, (h, DOUBTS.side): clutter, crowds, gravel."""
+    """Return the pixels (h, DOUBTS.side) with fine detail: clutter, crowds, gravel."""
     grey = cv2.cvtColor(_small_photo(rgb), cv2.COLOR_RGB2GRAY).astype(np.float32)
     detail = np.abs(cv2.Laplacian(grey, cv2.CV_32F))
     return np.asarray(cv2.blur(detail, (DOUBTS.patch, DOUBTS.patch)) > DOUBTS.fine)
 
 
 def coarse_detail(rgb: Rgb) -> Mask:
-    """Return where a photo shows detail at a quarter of the size, as `fine_detail`.
+    """Return the pixels with detail at a quarter of the size, as `fine_detail`.
 
-    Objects and their edges remain there; the grain of a plain wall averages out.
+    Objects and their edges remain at that size; the grain of a plain wall averages out.
     """
     grey = cv2.cvtColor(_small_photo(rgb), cv2.COLOR_RGB2GRAY).astype(np.float32)
     height, width = grey.shape
@@ -317,16 +358,19 @@ def coarse_detail(rgb: Rgb) -> Mask:
 
 
 def _immovable(rgb: Rgb) -> Mask:
-    """(h, w), of the network's size: where it sees people, animals, furniture or the like."""
-    seen = run_network(rgb)
-    return np.asarray((seen.foreground >= 0.5) & (seen.movable < 0.5))
+    """Return the pixels (h, w) of people, animals, furniture and the like, by the
+    network.
+    """
+    prediction = run_network(rgb)
+    return np.asarray((prediction.foreground >= 0.5) & (prediction.movable < 0.5))
 
 
 def _detection_doubts(
     found: Detections, objects: Sequence[PhotoObject], area: Mapping[int, float]
 ) -> list[str]:
-    """Return the doubts about what was found."""
+    """Return the doubts about the detections."""
     reasons, right = [], sum(found.confidence.get(t.id, 1.0) for t in objects)
+    # Confidences are probabilities: their sum is the expected number of true objects.
     true = right + sum(doubt.confidence for doubt in found.doubtful)
     if 2 * right <= DOUBTS.expected * (len(objects) + true):
         reasons.append(Note.FEW_SURE_OBJECTS.text())
@@ -340,32 +384,32 @@ def _detection_doubts(
 
 
 def _photo_doubts(rgb: Rgb, found: Detections) -> list[str]:
-    """Return the doubts about what does not move, and the texture around objects."""
+    """Return the doubts about immovable content and the texture around objects."""
     reasons: list[str] = []
     if view_chances(run_network(rgb).features).unsuitable > DOUBTS.unsuitable:
         reasons.append(Note.NO_LOOSE_OBJECTS.text())
-    fixed = float(_immovable(rgb).mean())
-    if fixed >= DOUBTS.fixed:
-        reasons.append(Note.IMMOVABLE.text(share=percent(fixed)))
+    immovable_share = float(_immovable(rgb).mean())
+    if immovable_share >= DOUBTS.fixed:
+        reasons.append(Note.IMMOVABLE.text(share=percent(immovable_share)))
     small = _small_photo(rgb)
-    detailed = fine_detail(rgb)
+    detail_mask = fine_detail(rgb)
     hue, saturation, value = np.moveaxis(
         cv2.cvtColor(small, cv2.COLOR_RGB2HSV).astype(int), 2, 0
     )
-    # hues in steps of 2 degrees
+    # OpenCV's hues have steps of 2 degrees.
     blue = (hue > 90) & (hue < 130) & (saturation > 30) & (value > 110)
     green = (hue > 25) & (hue < 90) & (saturation > 40)
     blue[len(blue) // 2 :] = False
-    around = (
+    surroundings = (
         cv2.resize(found.labels, small.shape[1::-1], interpolation=cv2.INTER_NEAREST)
         == 0
     )
-    for note, part, most in (
+    for note, part, limit in (
         (Note.LIKE_SKY, blue, DOUBTS.sky),
-        (Note.LIKE_FOLIAGE, green & detailed, DOUBTS.foliage),
-        (Note.CLUTTERED, detailed & coarse_detail(rgb), DOUBTS.detail),
+        (Note.LIKE_FOLIAGE, green & detail_mask, DOUBTS.foliage),
+        (Note.CLUTTERED, detail_mask & coarse_detail(rgb), DOUBTS.detail),
     ):
-        share = np.count_nonzero(part & around) / max(int(around.sum()), 1)
-        if share > most:
+        share = np.count_nonzero(part & surroundings) / max(int(surroundings.sum()), 1)
+        if share > limit:
             return [*reasons, note.text(share=percent(share))]
     return reasons

@@ -1,6 +1,7 @@
-"""AnimateDiff (Guo et al. 2024): a motion adapter within a Stable Diffusion 1.5, every frame a latent.
+"""AnimateDiff (Guo et al. 2024): a motion adapter in a Stable Diffusion 1.5.
 
-Its frames are to be of about 512 x 512 px, and 16 of them seen at a time. It takes no first frame.
+Every frame is a latent. Frames should have about 512 x 512 px; the model sees 16 at a
+time, and no first frame.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from physgen.refine.backends.sampling import (
     Kind,
     Sampler,
     Schedule,
-    Trained,
+    TrainingSettings,
     ddim,
     load_pipeline,
     part_config,
@@ -35,11 +36,11 @@ from physgen.registry import Setup, find
 
 NAME, WHAT = "animatediff", "AnimateDiff"
 GUIDANCE = 8.0
-"""How much it listens to words unless the scene says so: as upstream guides SEINE."""
+"""Default weight of the texts, as upstream for SEINE."""
 FRAMES = 16
-"""That its adapters were trained on, whatever they can take."""
+"""Number of frames in the adapters' training, although some can take more."""
 CHUNK = 8
-"""Frames that its VAE takes at a time."""
+"""Number of frames per pass of the VAE."""
 
 
 class AnimateDiff:
@@ -47,11 +48,12 @@ class AnimateDiff:
 
     def __init__(self, pipe: Any, device: str, dtype: torch.dtype) -> None:
         self.pipe, self._device, self._dtype = pipe, device, dtype
-        pipe.register_modules(
-            motion_adapter=None
-        )  # the network has it now: 1.7 GB twice
-        # the authors' own: PNDM, which most such weights bring, takes steps twice. Spaced so, every step ends where the
-        # next begins (with `linspace` 8 steps of 1000 end 18 early), and the last at the picture itself
+        # The network contains the adapter by now, which would take 1.7 GB twice.
+        pipe.register_modules(motion_adapter=None)
+        # DDIM as in the authors' code: PNDM, the scheduler of most such weights, takes
+        # some steps twice. With this spacing every step ends at the begin of the next
+        # one, and the last at the picture (with `linspace`, 8 steps of 1000 would end
+        # 18 levels early).
         self._scheduler = DDIMScheduler.from_config(
             pipe.scheduler.config, clip_sample=False, timestep_spacing="leading", beta_schedule="linear",
             steps_offset=1, set_alpha_to_one=True,
@@ -67,10 +69,12 @@ class AnimateDiff:
         return embedding
 
     def condition(self, frame: Tensor, latents: int) -> None:
-        """Return nothing: it is guided by words alone."""
+        """Return None: the model is guided only by text."""
 
     def encode(self, video: Tensor) -> Tensor:
-        """Encode (F, 3, H, W) in -1..1 on the processor as (F, C, h, w): the mean of each frame, some at a time."""
+        """Encode (F, 3, H, W) in -1..1 on the processor as mean latents (F, C,
+        h, w).
+        """
         vae = self.pipe.vae
         latents_by_frame = [
             vae.encode(part.to(self._device)).latent_dist.mode()
@@ -79,7 +83,9 @@ class AnimateDiff:
         return torch.cat(latents_by_frame) * vae.config.scaling_factor
 
     def decode(self, latents: Tensor) -> Iterator[Tensor]:
-        """Decode (F, C, h, w) on the processor to (f, 3, H, W) in -1..1, some frames at a time."""
+        """Decode (F, C, h, w) on the processor to (f, 3, H, W) in -1..1, some frames at
+        a time.
+        """
         vae = self.pipe.vae
         for part in latents.split(CHUNK):
             yield vae.decode(part.to(self._device) / vae.config.scaling_factor).sample
@@ -87,7 +93,7 @@ class AnimateDiff:
     def predict(
         self, latents: Tensor, time: Tensor, text: Tensor, condition: Any
     ) -> Tensor:
-        """(F, C, h, w): the network takes (1, C, F, h, w)."""
+        """Predict (F, C, h, w); the network takes (1, C, F, h, w)."""
         z = latents.to(self._device, self._dtype).transpose(0, 1)[None]
         words = text.repeat_interleave(len(latents), dim=0)
         prediction: Tensor = self.pipe.unet(
@@ -96,8 +102,8 @@ class AnimateDiff:
         return prediction[0].transpose(0, 1)
 
 
-def trained(weights: tuple[str, ...]) -> Trained:
-    """Return the settings of the configurations."""
+def read_training_settings(weights: tuple[str, ...]) -> TrainingSettings:
+    """Read the settings of the configurations."""
     adapter, base = weights
     index, motion = pipeline_index(base, WHAT), part_config(adapter, "", WHAT)
     kind = str(motion.get("_class_name"))
@@ -124,14 +130,14 @@ def trained(weights: tuple[str, ...]) -> Trained:
     cell = 2 ** (len(vae["block_out_channels"]) - 1)
     levels = 2 ** (len(unet["block_out_channels"]) - 1)
     side = unet.get("sample_size") or 64
-    return Trained(
+    return TrainingSettings(
         Grid(cell, cell * levels, (side * cell) ** 2, min(FRAMES, most_frames)),
         most_frames,
     )
 
 
 def load(weights: tuple[str, ...], device: str, dtype: torch.dtype) -> AnimateDiff:
-    """Return the pipeline."""
+    """Load the pipeline."""
     adapter, base = weights
 
     def motion(path: str) -> Any:
@@ -149,7 +155,7 @@ def load(weights: tuple[str, ...], device: str, dtype: torch.dtype) -> AnimateDi
     )
 
 
-KIND = Kind(NAME, WHAT, GUIDANCE, trained, load)
+KIND = Kind(NAME, WHAT, GUIDANCE, read_training_settings, load)
 
 
 def animatediff(setup: Setup) -> Sampler:

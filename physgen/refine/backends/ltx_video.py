@@ -24,7 +24,7 @@ from physgen.refine.backends.sampling import (
     Kind,
     Sampler,
     Schedule,
-    Trained,
+    TrainingSettings,
     check_pipeline_class,
     euler,
     load_pipeline,
@@ -38,21 +38,21 @@ NAME, WHAT = "ltx-video", "LTX-Video"
 CONDITION = "LTXConditionPipeline"
 KNOWN = ("LTXPipeline", "LTXImageToVideoPipeline", CONDITION)
 GUIDANCE = 3.0
-"""Weight of the prompt that its pipelines use unless told otherwise."""
+"""Default weight of the prompt in its pipelines."""
 AREA = 512 * 768
-"""px of the videos that its authors advise."""
+"""Area of the videos recommended by its authors, px."""
 FRAMES = 161
-"""Of these videos."""
+"""Length of these videos, frames."""
 MOST_FRAMES = 257
-"""Frames that its authors advise at most."""
+"""Maximum number of frames recommended by its authors."""
 RATE = 25.0
-"""Frames per second that its pipelines assume."""
+"""Frames per second assumed by its pipelines."""
 Text = tuple[Tensor, Tensor]
-"""The states of a text (1, tokens, width), and which of them count (1, tokens)."""
+"""States of a text (1, tokens, width), and the mask of valid ones (1, tokens)."""
 
 
 class LtxVideo:
-    """See `sampling.Network`."""
+    """LTX-Video as a `sampling.Network`."""
 
     def __init__(self, pipe: Any, device: str, dtype: torch.dtype) -> None:
         self.pipe, self._device, self._dtype = pipe, device, dtype
@@ -62,7 +62,9 @@ class LtxVideo:
         )
 
     def schedule(self, steps: int, count: int, shape: torch.Size) -> Schedule:
-        """Return Euler's steps; the more tokens a window has, the longer they stay noisy."""
+        """Return Euler's steps; the more tokens a window has, the longer they stay
+        noisy.
+        """
         frames, _, height, width = shape
         config = self._scheduler.config
         mu = calculate_shift(
@@ -74,7 +76,7 @@ class LtxVideo:
         )
         scheduler = self._scheduler
         if steps == 1:
-            # the only level, 1, cannot be stretched to end at another one
+            # A single level, 1, cannot be stretched to end at another level.
             scheduler = FlowMatchEulerDiscreteScheduler.from_config(
                 config, shift_terminal=None
             )
@@ -96,21 +98,23 @@ class LtxVideo:
         """Return None: the network gets no frame."""
 
     def encode(self, video: Tensor) -> Tensor:
-        """Return the mean, every channel centred and scaled."""
+        """Return the mean latents, with every channel centred and scaled."""
         vae = self.pipe.vae
         latents = vae.encode(video.to(self._device).transpose(0, 1)[None]).latent_dist
         mean, spread = self._statistics()
         return ((latents.mode() - mean) / spread)[0].transpose(0, 1)
 
     def decode(self, latents: Tensor) -> Iterator[Tensor]:
-        """Decode all at once: a frame depends on latent frames before and after it."""
+        """Decode all frames at once: each depends on latent frames before and
+        after it.
+        """
         vae = self.pipe.vae
         mean, spread = self._statistics()
         z = latents.to(self._device).transpose(0, 1)[None] * spread + mean
         time = None
         if vae.config.timestep_conditioning:
             time = torch.zeros(1, device=self._device)  # nothing is left to denoise
-        # some decoders add noise; equal noise keeps an unchanged video unchanged
+        # Some decoders add noise: equal noise leaves an unchanged video unchanged.
         with torch.random.fork_rng():
             torch.manual_seed(0)
             video = vae.decode(z, time).sample
@@ -128,7 +132,7 @@ class LtxVideo:
     def predict(
         self, latents: Tensor, time: Tensor, text: Text, condition: None
     ) -> Tensor:
-        """(F', C, h, w): the network takes tokens, (1, F' h w, C)."""
+        """Predict (F', C, h, w); the network takes tokens (1, F' h w, C)."""
         frames, channels, height, width = latents.shape
         z = latents.to(self._device, self._dtype).permute(0, 2, 3, 1)
         states, mask = text
@@ -148,7 +152,8 @@ class LtxVideo:
         stride = self.pipe.vae_temporal_compression_ratio
         cell = self.pipe.vae_spatial_compression_ratio
         times = torch.arange(frames, device=self._device) * stride
-        if self._is_condition:  # the first latent frame holds one frame alone
+        # The first latent frame has only one frame.
+        if self._is_condition:
             times = (times + 1 - stride).clamp(min=0)
         y = torch.arange(height, device=self._device) * cell
         x = torch.arange(width, device=self._device) * cell
@@ -156,8 +161,8 @@ class LtxVideo:
         return torch.stack(grid).reshape(1, 3, -1)
 
 
-def trained(weights: tuple[str, ...]) -> Trained:
-    """Return what the configurations state."""
+def read_training_settings(weights: tuple[str, ...]) -> TrainingSettings:
+    """Read the settings of the configurations."""
     (weights_name,) = weights
     index = pipeline_index(weights_name, WHAT)
     check_pipeline_class(weights_name, str(index.get("_class_name")), KNOWN, WHAT)
@@ -166,7 +171,7 @@ def trained(weights: tuple[str, ...]) -> Trained:
     cell = vae.get("spatial_compression_ratio") or vae["patch_size"] * 2**halvings
     stride = vae.get("temporal_compression_ratio") or vae["patch_size_t"] * 2**halvings
     window = 1 + (FRAMES - 1) // stride
-    return Trained(Grid(cell, cell, AREA, window, stride), MOST_FRAMES)
+    return TrainingSettings(Grid(cell, cell, AREA, window, stride), MOST_FRAMES)
 
 
 def load(weights: tuple[str, ...], device: str, dtype: torch.dtype) -> LtxVideo:
@@ -177,7 +182,7 @@ def load(weights: tuple[str, ...], device: str, dtype: torch.dtype) -> LtxVideo:
     return LtxVideo(pipe, device, dtype)
 
 
-KIND = Kind(NAME, WHAT, GUIDANCE, trained, load)
+KIND = Kind(NAME, WHAT, GUIDANCE, read_training_settings, load)
 
 
 def ltx_video(setup: Setup) -> Sampler:

@@ -1,7 +1,7 @@
-"""Loading, options, schedules, guidance and memory shared by the video diffusion models.
+"""Loading, options, schedules, guidance and memory of all video diffusion models.
 
-Schedulers of diffusers count their own steps. Here every step is given by number, so that windows, trials and repeated
-steps cannot disturb one another.
+Schedulers of diffusers count their own steps. Here every step has its number, so that
+windows, trials and repeated steps do not disturb each other.
 """
 
 from __future__ import annotations
@@ -37,17 +37,20 @@ from physgen.perceive.backends.models import (
 from physgen.problems import collect
 from physgen.refine.denoiser import F32, U8, Grid, PromptSettings
 from physgen.refine.latents import frames_held, latent_frames
-from physgen.registry import Options, Setup, hub_folder, read_options
+from physgen.registry import Options, Setup, read_options
+from physgen.weights import hub_folder
 
 REFINE = Flag("--refine", "NAME:PATH")
 LIBRARIES = ("diffusers", "transformers")
-"""Whose classes the parts of a pipeline may be."""
+"""Libraries with the permitted classes of a pipeline's parts."""
 FULL = 0.7
-"""Of a GPU's free memory that weights may take before they are moved there in turn only."""
+"""Share of a GPU's free memory above which weights are moved there part by part."""
 
 
 def pipeline_index(weights: str, what: str) -> dict[str, Any]:
-    """Return `model_index.json`: which pipeline weights are of, and of which classes its parts are."""
+    """Read `model_index.json`: the pipeline of weights, and the classes of its
+    parts.
+    """
     index = load_weights(
         lambda path: dict(DiffusionPipeline.load_config(path)), weights, what, REFINE
     )
@@ -63,7 +66,7 @@ def pipeline_index(weights: str, what: str) -> dict[str, Any]:
 
 
 def part_config(weights: str, part: str, what: str) -> dict[str, Any]:
-    """Return `config.json` of a part, `""` for weights that are one."""
+    """Read `config.json` of a part; `""` for weights that are a single part."""
     subfolder = {"subfolder": part} if part else {}
     return load_weights(
         lambda path: dict(AutoencoderKL.load_config(path, **subfolder)),
@@ -76,9 +79,10 @@ def part_config(weights: str, part: str, what: str) -> dict[str, Any]:
 def load_pipeline(
     kind: Any, weights: str, dtype: torch.dtype, what: str, vae: Any, **parts: Any
 ) -> Any:
-    """Return the pipeline, on the processor, its VAE (of the class `vae`) in float32.
+    """Load the pipeline on the processor, with its VAE (of the class `vae`) in float32.
 
-    In a VAE of bfloat16 a grey level is as much as its numbers' last bit, and what is shown are differences.
+    In bfloat16 a grey level is about the resolution of a VAE's numbers, and the result
+    is a difference of two decoded videos.
     """
 
     def load(path: str) -> Any:
@@ -95,7 +99,7 @@ def load_pipeline(
 def check_pipeline_class(
     weights: str, found: str, known: tuple[str, ...], what: str
 ) -> None:
-    """Raises InputError where the pipeline `found` is none of those `known`."""
+    """Raise InputError if the pipeline class `found` is not among the `known` ones."""
     if found not in known:
         raise Message.WRONG_WEIGHTS.error(
             REFINE.name, f'"{weights}"', known=known[0], kind=found, purpose=what
@@ -103,15 +107,15 @@ def check_pipeline_class(
 
 
 def revision(weights: str) -> str:
-    """Return the hub's commit of the weights, `""` for a folder."""
+    """Return the hub's commit of the weights; `""` for a folder."""
     main = hub_folder(weights) / "refs" / "main"
     return main.read_text(encoding="utf-8").strip() if main.is_file() else ""
 
 
 def place_pipeline(pipe: Any, device: str) -> str:
-    """Moves a pipeline to where it runs, and says how: `none`, all of it now.
+    """Move a pipeline to its device; return the way: `none` for all at once.
 
-    `model`, each part when it is needed.
+    `model`: each part is moved when it is needed.
     """
     if device.startswith("cuda") and importlib.util.find_spec("accelerate"):
         free, _ = torch.cuda.mem_get_info(device)
@@ -134,25 +138,25 @@ def _bytes(pipe: Any) -> int:
 
 @dataclass(frozen=True)
 class Schedule:
-    """The steps that run."""
+    """The steps of a run."""
 
     name: str
-    """The scheduler's class."""
+    """Class of the scheduler."""
     times: torch.Tensor
-    """(count,): the level of noise that each step passes to the model."""
-    noised: Callable[
-        [F32, F32, int], F32
-    ]  # latents, noise and step k -> latents as noisy as step k begins
-    stepped: Callable[
-        [F32, F32, int], F32
-    ]  # the model's say, latents and step k -> latents after it
+    """Noise level of each step for the model, (count,)."""
+    noised: Callable[[F32, F32, int], F32]
+    """From latents, noise and k to latents at the noise level of step k's start."""
+    stepped: Callable[[F32, F32, int], F32]
+    """From prediction, latents and k to the latents after step k."""
 
 
 def ddim(scheduler: Any, steps: int, count: int) -> Schedule:
-    """Return the last `count` of `steps` by DDIM (Song et al. 2021), deterministic; `scheduler` is left as it is.
+    """Return the last `count` of `steps` by deterministic DDIM (Song et al. 2021).
 
-    The libraries' own step goes 1000 // `steps` levels on, which is where the next begins only if `steps` divides 1000:
-    else noise would stay. Here every step ends where the next begins, and the last at the picture itself.
+    `scheduler` is not changed. The libraries' own step leads 1000 // `steps` levels on,
+    which is the begin of the next one only if `steps` divides 1000; otherwise noise
+    would remain. Here every step ends at the begin of the next one, and the last at the
+    picture.
     """
     config, alphas = (
         scheduler.config,
@@ -180,7 +184,9 @@ def ddim(scheduler: Any, steps: int, count: int) -> Schedule:
 
 
 def levels(most: int, steps: int, offset: int) -> NDArray[np.int64]:
-    """(steps,) of `most` levels, the noisiest first; diffusers' `leading` where `steps` divides `most`.
+    """Return (steps,) of `most` noise levels, the noisiest first.
+
+    They equal diffusers' `leading` spacing if `steps` divides `most`.
 
     >>> levels(1000, 4, 1).tolist()
     [751, 501, 251, 1]
@@ -190,9 +196,10 @@ def levels(most: int, steps: int, offset: int) -> NDArray[np.int64]:
 
 
 def euler(scheduler: Any, steps: int, count: int, **settings: Any) -> Schedule:
-    """Return the last `count` of `steps` of a straight flow from noise to data, by Euler's method (Lipman et al. 2023).
+    """Return the last `count` of `steps` of a straight flow from noise to data.
 
-    `settings` are further arguments of the scheduler's `set_timesteps`.
+    Euler's method (Lipman et al. 2023). `settings` are further arguments of the
+    scheduler's `set_timesteps`.
     """
     scheduler.set_timesteps(steps, **settings)
     times, sigmas = (
@@ -228,81 +235,89 @@ class Network(Protocol):
     pipe: Any
 
     def schedule(self, steps: int, count: int, shape: torch.Size) -> Schedule:
-        """Return the last `count` of `steps` for windows of latents of this shape, (F', C, h, w)."""
+        """Return the last `count` of `steps` for windows of latents of this shape, (F',
+        C, h, w).
+        """
         ...
 
     def encode_text(self, text: str) -> Any:
-        """What the model understands of a text, as `predict` takes it."""
+        """Encode a text for `predict`."""
         ...
 
     def condition(self, frame: Tensor, latents: int) -> Any:
-        """What a window of so many latent frames gets of its first frame, (3, H, W) in -1..1; None: only words."""
+        """Encode the first frame of a window, (3, H, W) in -1..1; None for models
+        without frames.
+
+        `latents`: number of latent frames of the window.
+        """
         ...
 
     def encode(self, video: Tensor) -> Tensor:
-        """(F, 3, H, W) in -1..1 on the processor -> (F', C, h, w)."""
+        """Encode (F, 3, H, W) in -1..1 on the processor as (F', C, h, w)."""
         ...
 
     def decode(self, latents: Tensor) -> Iterator[Tensor]:
-        """(F', C, h, w) on the processor -> (f, 3, H, W) in -1..1, some frames at a time."""
+        """Decode (F', C, h, w) on the processor to (f, 3, H, W) in -1..1, in parts."""
         ...
 
     def predict(
         self, latents: Tensor, time: Tensor, text: Any, condition: Any
     ) -> Tensor:
-        """What the model says of (F', C, h, w) on the processor at a level of noise."""
+        """Predict for latents (F', C, h, w) on the processor at a noise level."""
         ...
 
 
 @dataclass(frozen=True)
-class Trained:
-    """What the weights were trained on, as their configurations say."""
+class TrainingSettings:
+    """Limits of the training, from the configurations of the weights."""
 
     grid: Grid
     most: int
-    """Frames that the model can see at a time."""
+    """Maximum number of frames in one pass of the model."""
 
 
 @dataclass(frozen=True)
 class Kind:
-    """What a backend's own file knows."""
+    """The description of a backend by its own file."""
 
     name: str
     what: str
-    """In messages."""
+    """Name in messages."""
     guidance: float
-    """How much the model listens to words, as its authors advise."""
-    trained: Callable[[tuple[str, ...]], Trained]
-    """Reads configurations alone. Raises InputError for weights of another model."""
+    """Weight of the texts recommended by the authors."""
+    trained: Callable[[tuple[str, ...]], TrainingSettings]
+    """Reads only configurations. Raises InputError for weights of another model."""
     load: Callable[[tuple[str, ...], str, torch.dtype], Network]
-    """Weights, the device to come and their type -> the network, on the processor still."""
+    """From weights, the future device and the type to the network on the processor."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """One video under way."""
+    """The state of one video."""
 
     schedule: Schedule
     frames: Sequence[U8]
     guidance: float
     text: Any
     negative: Any
-    """What shall not be seen; None: the model is not guided."""
+    """Encoded description of content to avoid; None without guidance."""
     conditions: dict[int, Any] = field(default_factory=dict)
-    """By the first latent frame of a window."""
+    """Conditions by the first latent frame of a window."""
 
 
 class Sampler:
-    """A backend of `refine`; its model is loaded when the first video begins."""
+    """A backend of `refine`, which loads its model for the first video."""
 
     def __init__(self, kind: Kind, setup: Setup) -> None:
-        """Raises InputError for a device, a type, options or weights that cannot be; no weights are loaded yet."""
+        """Check device, type, options and weights. Raises InputError; loads no weights
+        yet.
+        """
         self._kind = kind
         self._options = read_options(setup, kind.name, OPTIONS)
         self._weights = weight_ids("refine", kind.name, setup, REFINE)
         self._device = device_of(setup)
         self._dtype = dtype_of(setup, self._device)
-        # are they here, or to be had
+        # Check that the weights are on the disk or can be downloaded.
         collect(
             partial(load_weights, lambda _: None, weights, kind.what, REFINE)
             for weights in self._weights
@@ -314,7 +329,7 @@ class Sampler:
         self._run: Run | None = None
 
     def _asked(self) -> Grid:
-        """Return the grid with what the options say."""
+        """Return the grid, changed by the options."""
         grid, side, window = (
             self._trained.grid,
             self._options["resolution"],
@@ -336,6 +351,7 @@ class Sampler:
 
     @cached_property
     def _network(self) -> Network:
+        """Load the network and place it on the device."""
         network = self._kind.load(self._weights, self._device, self._dtype)
 
         def place(_: str) -> str:
@@ -347,7 +363,7 @@ class Sampler:
     def begin(
         self, frames: Sequence[U8], prompt: PromptSettings, steps: int, count: int
     ) -> F32:
-        """See `Denoiser`."""
+        """Encode the frames; see `Denoiser`."""
         network = self._network
         with memory_errors():
             vae = network.pipe.vae
@@ -360,24 +376,26 @@ class Sampler:
             )
             text = network.encode_text(prompt.prompt)
             negative = network.encode_text(prompt.negative) if guidance > 1 else None
-            network.pipe.maybe_free_model_hooks()  # what reads text leaves the GPU to what reads frames
+            # Free the GPU of the text encoder before the VAE runs.
+            network.pipe.maybe_free_model_hooks()
             encoded = network.encode(_video(frames))
             window = encoded[: self.grid.window].shape
             schedule = network.schedule(steps, count, window)
             self._run = Run(schedule, frames, guidance, text, negative)
             latents = _array(encoded)
-            network.pipe.maybe_free_model_hooks()  # and that to what denoises
+            # Free the GPU of the VAE before the denoiser runs.
+            network.pipe.maybe_free_model_hooks()
         return latents
 
     def noised(self, latents: F32, noise: F32, k: int) -> F32:
-        """See `Denoiser`."""
+        """Return noisy latents; see `Denoiser`."""
         schedule = self._at().schedule
         return (
             schedule.noised(latents, noise, k) if k < len(schedule.times) else latents
         )
 
     def predict(self, latents: F32, k: int, first: int) -> F32:
-        """See `Denoiser`."""
+        """Predict a step with guidance; see `Denoiser`."""
         run, network = self._at(), self._network
         with memory_errors():
             if first not in run.conditions:
@@ -388,23 +406,22 @@ class Sampler:
             guided_prediction = _array(network.predict(z, time, run.text, condition))
             if run.negative is None:
                 return guided_prediction
-            free = _array(
-                network.predict(z, time, run.negative, condition)
-            )  # in turn: half the memory of both at once
+            # One after the other: both together would take twice the memory.
+            free = _array(network.predict(z, time, run.negative, condition))
         return np.asarray(
             free + np.float32(run.guidance) * (guided_prediction - free), np.float32
         )
 
     def _frame(self, latent: int) -> int:
-        """Return the frame from which a window that begins with this latent frame starts."""
+        """Return the first frame of a window that begins with this latent frame."""
         return frames_held(latent, self.grid) if latent else 0
 
     def stepped(self, prediction: F32, latents: F32, k: int) -> F32:
-        """See `Denoiser`."""
+        """Return the latents after a step; see `Denoiser`."""
         return self._at().schedule.stepped(prediction, latents, k)
 
     def decode(self, latents: F32) -> Iterator[F32]:
-        """See `Denoiser`."""
+        """Decode latents; see `Denoiser`."""
         parts = self._network.decode(torch.from_numpy(latents))
         while True:
             with memory_errors():
@@ -444,22 +461,25 @@ class Sampler:
         free_memory()
 
     def _at(self) -> Run:
+        """Return the present run."""
         assert self._run is not None, "begin comes first"
         return self._run
 
 
 @contextmanager
 def memory_errors() -> Iterator[None]:
-    """Inference; where a device's memory does not suffice, all is given back and MemoryError raised."""
+    """Run inference; if the device's memory does not suffice, free it and raise
+    MemoryError.
+    """
     try:
-        with (
-            torch.no_grad()
-        ):  # not inference_mode: offloading puts other tensors into parameters
+        # inference_mode is impossible, since offloading replaces parameters' tensors.
+        with torch.no_grad():
             yield
     except (RuntimeError, MemoryError) as error:
         if not is_out_of_memory(error):
             raise
-        traceback.clear_frames(error.__traceback__)  # what the step held
+        # The frames of the traceback refer to the tensors of the failed step.
+        traceback.clear_frames(error.__traceback__)
         free_memory()
         raise MemoryError(str(error)) from None
 
@@ -467,12 +487,12 @@ def memory_errors() -> Iterator[None]:
 def _video(frames: Sequence[U8]) -> Tensor:
     """Return the video, (F, 3, H, W) in -1..1."""
     video = torch.empty((len(frames), 3, *frames[0].shape[:2]), dtype=torch.float32)
-    for place, frame in zip(
-        video, frames, strict=True
-    ):  # one by one: the clip is held once
+    # Convert frame by frame, so that the clip is in memory only once.
+    for place, frame in zip(video, frames, strict=True):
         place.copy_(torch.from_numpy(frame).permute(2, 0, 1)).div_(127.5).sub_(1)
     return video
 
 
 def _array(values: Tensor) -> F32:
+    """Convert a tensor to float32 on the processor."""
     return np.asarray(values.to("cpu", torch.float32).numpy(), np.float32)

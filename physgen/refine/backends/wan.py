@@ -25,7 +25,7 @@ from physgen.refine.backends.sampling import (
     Kind,
     Sampler,
     Schedule,
-    Trained,
+    TrainingSettings,
     check_pipeline_class,
     euler,
     load_pipeline,
@@ -38,30 +38,31 @@ from physgen.registry import Setup
 NAME, WHAT = "wan", "Wan"
 KNOWN = ("WanPipeline", "WanImageToVideoPipeline", "WanVideoToVideoPipeline")
 GUIDANCE = 5.0
-"""Weight of the prompt that its authors advise."""
+"""Weight of the prompt recommended by its authors."""
 AREA = 480 * 832
-"""px of its training videos."""
+"""Area of its training videos, px."""
 FRAMES = 81
-"""Of its training videos."""
+"""Length of its training videos, frames."""
 TOKENS = 512
-"""Of a text."""
+"""Length of a text, tokens."""
 
 
 @dataclass(frozen=True)
 class Condition:
-    """A first frame as the network takes it."""
+    """A first frame for the network."""
 
-    channels: Tensor  # (1, 4 + C, F', h, w): which frames are given, and their latents
-    picture: Tensor | None  # what CLIP sees in it, if the weights use CLIP
+    channels: Tensor  # (1, 4 + C, F', h, w): mask of given frames, and their latents
+    picture: Tensor | None  # CLIP's embedding, if the weights use CLIP
 
 
 class Wan:
-    """See `sampling.Network`."""
+    """Wan as a `sampling.Network`."""
 
     def __init__(self, pipe: Any, device: str, dtype: torch.dtype) -> None:
         self.pipe, self._device, self._dtype = pipe, device, dtype
         config = pipe.scheduler.config
-        # the weights' own UniPC remembers earlier steps, and would undo the fusion
+        # UniPC, the scheduler of the weights, uses earlier steps, and would undo the
+        # fusion.
         self._scheduler = FlowMatchEulerDiscreteScheduler(
             num_train_timesteps=config.num_train_timesteps,
             shift=config.get("flow_shift") or config.shift,
@@ -103,7 +104,7 @@ class Wan:
         return embedding
 
     def condition(self, frame: Tensor, latents: int) -> Condition | None:
-        """Return what a window of so many latent frames gets of its first frame."""
+        """Return the condition of a window by its first frame."""
         if not self._takes_frame:
             return None
         stride = self.pipe.vae_scale_factor_temporal
@@ -130,12 +131,12 @@ class Wan:
         return (latents - self._mean) / self._spread
 
     def encode(self, video: Tensor) -> Tensor:
-        """Return the mean, every channel centred and scaled."""
+        """Return the mean latents, with every channel centred and scaled."""
         latents = self._encode(video.to(self._device).transpose(0, 1)[None])
         return latents[0].transpose(0, 1)
 
     def decode(self, latents: Tensor) -> Iterator[Tensor]:
-        """Decode all at once: a frame depends on the latent frames before it."""
+        """Decode all frames at once: each depends on the latent frames before it."""
         z = latents.to(self._device).transpose(0, 1)[None]
         video = self.pipe.vae.decode(z * self._spread + self._mean).sample
         yield from video[0].transpose(0, 1).split(1)
@@ -143,7 +144,7 @@ class Wan:
     def predict(
         self, latents: Tensor, time: Tensor, text: Tensor, condition: Condition | None
     ) -> Tensor:
-        """(F', C, h, w): the network takes (1, C, F', h, w)."""
+        """Predict (F', C, h, w); the network takes (1, C, F', h, w)."""
         z = latents.to(self._device, self._dtype).transpose(0, 1)[None]
         picture = None
         if condition is not None:
@@ -160,7 +161,7 @@ class Wan:
         return flow[0].transpose(0, 1)
 
     def _timesteps(self, network: Any, time: Tensor, shape: torch.Size) -> Tensor:
-        """Return one noise level, or one for each token if the weights ask for it."""
+        """Return one noise level, or one for each token if the weights require it."""
         time = time.to(self._device).expand(1)
         if not self.pipe.config.get("expand_timesteps"):
             return time
@@ -171,7 +172,9 @@ class Wan:
         return time.expand(1, frames * height * width)
 
     def _network(self, time: float) -> Any:
-        """Return the network for a noise level: Wan 2.2 has one for much and one for little."""
+        """Return the network for a noise level: Wan 2.2 has one for high and one for
+        low noise.
+        """
         first_network, second_network = (
             self.pipe.transformer,
             getattr(self.pipe, "transformer_2", None),
@@ -183,8 +186,8 @@ class Wan:
         return first_network if time >= edge else second_network
 
 
-def trained(weights: tuple[str, ...]) -> Trained:
-    """Return what the configurations state."""
+def read_training_settings(weights: tuple[str, ...]) -> TrainingSettings:
+    """Read the settings of the configurations."""
     (weights_name,) = weights
     index = pipeline_index(weights_name, WHAT)
     check_pipeline_class(weights_name, str(index.get("_class_name")), KNOWN, WHAT)
@@ -199,7 +202,7 @@ def trained(weights: tuple[str, ...]) -> Trained:
     side = cell * max(network.get("patch_size", [1, 2, 2])[1:])
     window = 1 + (FRAMES - 1) // stride
     most_frames = 1 + (network.get("rope_max_seq_len", 1024) - 1) * stride
-    return Trained(Grid(cell, side, AREA, window, stride), most_frames)
+    return TrainingSettings(Grid(cell, side, AREA, window, stride), most_frames)
 
 
 def load(weights: tuple[str, ...], device: str, dtype: torch.dtype) -> Wan:
@@ -208,7 +211,7 @@ def load(weights: tuple[str, ...], device: str, dtype: torch.dtype) -> Wan:
     return Wan(pipe, device, dtype)
 
 
-KIND = Kind(NAME, WHAT, GUIDANCE, trained, load)
+KIND = Kind(NAME, WHAT, GUIDANCE, read_training_settings, load)
 
 
 def wan(setup: Setup) -> Sampler:

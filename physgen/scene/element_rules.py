@@ -1,0 +1,343 @@
+"""Rules of collision groups, forces, joints and fields."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import hypot
+from typing import Any
+
+from physgen.messages import Message, one_of
+from physgen.scene.checked_tree import (
+    CheckedTree,
+    check_object_name,
+    check_rising,
+    number_of,
+    points_of,
+    report_time_order,
+)
+from physgen.scene.document import Node, children, items
+from physgen.scene.scene import MAIN_GROUP
+from physgen.scene.schema import advice, find_schema_part
+from physgen.text import KeyPath, listed, number, shown
+
+FORCES = ("impulse", "force", "torque")
+
+KINDS = {
+    "joints": (
+        "pivot",
+        "spring",
+        "weld",
+        "motor",
+        "slider",
+        "rope",
+        "pulley",
+        "gear",
+        "finger",
+    ),
+    "fields": (
+        "wind",
+        "air",
+        "water",
+        "attractor",
+        "magnet",
+        "belt",
+        "turntable",
+    ),
+}
+
+NEEDED = {
+    "spring": "stiffness",
+    "finger": "stiffness",
+    "water": "density",
+    "magnet": "pull",
+    "motor": "speed",
+    "wind": "drag",
+    "attractor": "strength",
+    "belt": "velocity",
+    "turntable": "spin",
+}
+"""Kind of a joint or field -> the key without which it has no effect."""
+
+OWNER = {
+    **dict.fromkeys(("stiffness", "damping"), ("spring", "finger")),
+    "length": ("spring", "rope", "pulley"),
+    **dict.fromkeys(("speed", "limit"), ("motor",)),
+    "limits": ("pivot", "motor"),
+    "friction": ("pivot",),
+    "breaks": tuple(kind for kind in KINDS["joints"] if kind != "finger"),
+    **dict.fromkeys(("drive", "force"), ("slider",)),
+    "drag": ("wind", "air", "water"),
+    "linear": ("air", "water"),
+    "density": ("water",),
+    "pull": ("magnet",),
+    "strength": ("attractor",),
+    "soften": ("attractor", "magnet"),
+    "velocity": ("belt",),
+    "spin": ("turntable",),
+}
+"""Key of a joint or field -> the only kinds that it belongs to."""
+
+MOST_GROUPS = 32
+"""Collision groups: the engine has a bit for each."""
+
+SAME_POINT = 1e-9
+"""px: to what a float of 10^6 px resolves."""
+
+
+def check_groups(
+    tree: CheckedTree,
+) -> None:
+    """Add problems of collision groups that nothing has, and of friction that grows with sliding."""
+    names: dict[str, None] = {MAIN_GROUP: None}
+    listings: list[tuple[Node, KeyPath]] = []
+    for section in ("objects", "boundaries"):
+        for name, node in children(tree.root, section).items():
+            good = tree.valid_keys(node)
+            path: KeyPath = (section, name)
+            if "collision_group" in good:
+                names[str(good["collision_group"].value)] = None
+            for index, group in enumerate(items(good.get("collides_with"))):
+                place: KeyPath = (*path, "collides_with", index)
+                listings.append((group, place))
+            _check_static_friction(tree, good, path)
+            _check_one_way(tree, good, path)
+    _check_group_names(tree, listings, list(names))
+
+
+def _check_group_names(
+    tree: CheckedTree, listings: list[tuple[Node, KeyPath]], names: list[str]
+) -> None:
+    """Add problems of groups that nothing has, and of more groups than the engine knows."""
+    for group, where in listings:
+        if str(group.value) not in names and group not in tree.findings.bad:
+            fix = one_of(str(group.value), names)
+            problem = Message.UNKNOWN_GROUP.problem(
+                group.place, where, shown(group.value), fix=fix
+            )
+            tree.report(problem)
+    if len(names) > MOST_GROUPS:
+        groups = f"{len(names)} collision groups"
+        problem = Message.TOO_MANY_GROUPS.problem(
+            tree.root.place, (), groups, most=MOST_GROUPS
+        )
+        tree.report(problem)
+
+
+def _check_one_way(tree: CheckedTree, good: dict[str, Node], path: KeyPath) -> None:
+    """Add a problem if a way has no direction."""
+    way = good.get("one_way")
+    if way is not None and not any(number_of(one) for one in items(way)):
+        key: KeyPath = (*path, "one_way")
+        tree.report(Message.ONE_WAY_ZERO.problem(way.place, key, "[0, 0]"))
+
+
+def _check_static_friction(
+    tree: CheckedTree, good: dict[str, Node], path: KeyPath
+) -> None:
+    """Add a problem if what slides has more friction than what does not."""
+    node = good.get("static_friction")
+    if node is None:
+        return
+    friction = good.get("friction")
+    default = find_schema_part(f"{path[0]}.*")["properties"]["friction"]["default"]
+    least = default if friction is None else number_of(friction)
+    if number_of(node) < least:
+        problem = Message.STATIC_FRICTION_LOW.problem(
+            node.place,
+            (*path, "static_friction"),
+            shown(node.value),
+            friction=number(least),
+        )
+        tree.report(problem)
+
+
+def check_forces(
+    tree: CheckedTree,
+) -> None:
+    """Add problems of forces: unknown objects, kinds, keys without an effect, and times."""
+    for index, node in enumerate(items(tree.top.get("forces"))):
+        if not isinstance(node.value, dict):
+            continue
+        path: KeyPath = ("forces", index)
+        if "object" in tree.valid_keys(node):
+            check_object_name(tree, node.value["object"], (*path, "object"))
+        kind = _find_kind(tree, node, path, FORCES)
+        if kind == "torque" and "at" in node.value:
+            _report_no_effect(
+                tree,
+                node.value["at"],
+                (*path, "at"),
+                "a torque turns the body as a whole",
+            )
+        if kind == "impulse" and "profile" in node.value:
+            why = "an impulse is given at once"
+            _report_no_effect(tree, node.value["profile"], (*path, "profile"), why)
+        table = children(tree.valid_keys(node).get("profile")).get("table")
+        check_rising(tree, items(table), (*path, "profile", "table"))
+        if kind == "impulse" and "duration" in node.value:
+            why = "an impulse is given at once"
+            _report_no_effect(tree, node.value["duration"], (*path, "duration"), why)
+
+
+def check_joints(tree: CheckedTree, section: str) -> None:
+    """Add problems of the joints, or of the fields, of a scene: `section` is a key of KINDS."""
+    for name, node in children(tree.root, section).items():
+        path: KeyPath = (section, name)
+        bad, objects = tree.findings.bad, items(children(node).get("objects"))
+        for index, item in enumerate(objects):
+            if item not in bad:
+                check_object_name(tree, item, (*path, "objects", index))
+        if not isinstance(node.value, dict):
+            continue
+        _check_kind(tree, node, path, section)
+        _check_magnet(tree, node, path)
+        names = (
+            [item.value for item in objects if item not in bad]
+            if section == "joints"
+            else []
+        )
+        if len(names) == 2 and names[0] == names[1]:
+            place = children(node)["objects"].place
+            itself, where = Message.JOINED_TO_ITSELF, (*path, "objects")
+            tree.report(itself.problem(place, where, shown(names[0])))
+        if section == "joints":
+            _check_joint(tree, node, path, names)
+
+
+def _check_magnet(tree: CheckedTree, node: Node, path: KeyPath) -> None:
+    """Add problems of the names of a magnet."""
+    parts, good = children(node), tree.valid_keys(node)
+    names = items(good.get("magnet"))
+    for index, item in enumerate(names):
+        check_object_name(tree, item, (*path, "magnet", index))
+    if names and "objects" in parts:
+        why = "the magnet names its objects"
+        _report_no_effect(tree, parts["objects"], (*path, "objects"), why)
+    if len({str(item.value) for item in names}) < len(names):
+        place = good["magnet"].place
+        tree.report(Message.NAMED_TWICE.problem(place, (*path, "magnet")))
+    _check_finger(tree, node, path)
+
+
+def _check_finger(tree: CheckedTree, node: Node, path: KeyPath) -> None:
+    """Add problems of the knots of a finger, and of one on two objects."""
+    parts, good = children(node), tree.valid_keys(node)
+    before: Any = None
+    for index, knot in enumerate(items(good.get("finger"))):
+        now: Any = items(knot)[0].value
+        where: KeyPath = (*path, "finger", index, 0)
+        time = items(knot)[0]
+        if now < 0:
+            problem = Message.TIME_NEGATIVE.problem(
+                time.place, where, shown(now), items="knots"
+            )
+            tree.report(problem)
+            break
+        if before is not None and now <= before:
+            report_time_order(tree, time, where, before, "knots")
+            break
+        before = now
+    if "finger" in parts and len(items(parts.get("objects"))) > 1:
+        place = parts["objects"].place
+        tree.report(Message.FINGER_ON_TWO.problem(place, (*path, "objects")))
+
+
+def _check_joint(
+    tree: CheckedTree, node: Node, path: KeyPath, names: list[Any]
+) -> None:
+    """Add problems of a gear of one object, a rail without length, and a drive that is missing."""
+    parts, good = children(node), tree.valid_keys(node)
+    if "gear" in parts and len(names) == 1:
+        place = parts["objects"].place
+        tree.report(Message.GEAR_ON_ONE.problem(place, (*path, "objects")))
+    if "gear" in good and good["gear"].value == 0:
+        place = good["gear"].place
+        tree.report(Message.GEAR_ZERO.problem(place, (*path, "gear"), "0"))
+    _check_joint_ends(tree, good, path)
+    if "force" in parts and "drive" not in parts and "slider" in parts:
+        fix = advice(find_schema_part("joints.*")["properties"]["drive"])
+        key: KeyPath = (*path, "drive")
+        message = Message.FORCE_WITHOUT_DRIVE
+        tree.report(message.problem(node.place, key, fix=fix))
+    _check_rope(tree, good, path)
+
+
+def _check_joint_ends(tree: CheckedTree, good: dict[str, Node], path: KeyPath) -> None:
+    """Add a problem if a rail or a pulley's rope has no length."""
+    has_length = "length" in good and number_of(good["length"]) > 0
+    for kind in ("slider", "pulley", "rope"):
+        if kind == "rope" and has_length:
+            continue
+        ends = points_of(good[kind]) if kind in good else []
+        for one, other in pairwise(ends[:2] if kind == "slider" else ends):
+            if max(abs(a - b) for a, b in zip(one, other, strict=True)) < SAME_POINT:
+                place = good[kind].place
+                tree.report(Message.SAME_ENDS.problem(place, (*path, kind)))
+                break
+
+
+def _check_rope(tree: CheckedTree, good: dict[str, Node], path: KeyPath) -> None:
+    """Add a problem if a rope is shorter than the way between its points."""
+    for kind in ("rope", "pulley"):
+        if kind not in good or "length" not in good:
+            continue
+        least = sum(
+            hypot(one[0] - other[0], one[1] - other[1])
+            for one, other in pairwise(points_of(good[kind]))
+        )
+        if number_of(good["length"]) < least - SAME_POINT * least:
+            length = good["length"]
+            problem = Message.ROPE_SHORT.problem(
+                length.place, (*path, "length"), shown(length.value), least=least
+            )
+            tree.report(problem)
+
+
+def _find_kind(
+    tree: CheckedTree, node: Node, path: KeyPath, kinds: tuple[str, ...]
+) -> str | None:
+    """Return the one kind that a mapping has; a problem where it has none or several."""
+    given = [key for key in kinds if key in children(node)]
+    if len(given) == 1:
+        return given[0]
+    known = find_schema_part(f"{path[0]}.*" if path[0] in KINDS else "forces")
+    known = known.get("items", known)["properties"]
+    if not given and any(key not in known for key in children(node)):
+        return None  # the message about the unknown key lists the kinds
+    content = f"has {listed(given, 'and')}" if given else f"has no {listed(kinds)}"
+    problem = Message.NOT_ONE_KEY.problem(
+        node.place, path, content=content, kinds=listed(kinds, "and")
+    )
+    tree.report(problem)
+    return None
+
+
+def _check_kind(tree: CheckedTree, node: Node, path: KeyPath, section: str) -> None:
+    """A joint or a field has exactly one kind, the key that it needs, and none of other kinds."""
+    kind = _find_kind(tree, node, path, KINDS[section])
+    if kind is None:
+        return
+    parts, needed = children(node), NEEDED.get(kind)
+    if needed and needed not in parts:
+        fix = advice(find_schema_part(f"{section}.*")["properties"][needed])
+        where: KeyPath = (*path, needed)
+        missing = Message.KEY_NEEDED
+        tree.report(missing.problem(node.place, where, kind=_a(kind), fix=fix))
+    for key, owner in OWNER.items():
+        if key in parts and kind not in owner:
+            owners = listed([_a(one) for one in owner])
+            why = f"only {owners} has it, and this is {_a(kind)}"
+            _report_no_effect(tree, parts[key], (*path, key), why)
+
+
+def _report_no_effect(tree: CheckedTree, node: Node, path: KeyPath, why: str) -> None:
+    """Add the problem of a key without an effect."""
+    message = Message.HAS_NO_EFFECT
+    tree.report(message.problem(node.key_place, path, why=why))
+
+
+def _a(word: str) -> str:
+    """Return a word with its article; substances have none."""
+    if word in ("air", "water", "wind"):
+        return word
+    return f"{'an' if word[0] in 'aeiou' else 'a'} {word}"

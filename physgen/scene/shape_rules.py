@@ -1,0 +1,304 @@
+"""Rules of the shapes and paths of objects and boundaries."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import lru_cache
+from itertools import pairwise
+
+from physgen.messages import Message
+from physgen.problems import Limit, RefusedError
+from physgen.scene.checked_tree import (
+    CheckedTree,
+    check_rising,
+    number_of,
+    points_of,
+)
+from physgen.scene.document import Node, children, items
+from physgen.scene.element_rules import SAME_POINT
+from physgen.scene.schema import find_schema_part
+from physgen.text import KeyPath, dotted, listed, nearest, quoted, shown
+
+LEAST_AREA = 0.01
+"""px² of an outline: a box of the schema's least size; the engine drops smaller pieces."""
+
+LONGEST_EXTENT = 20
+"""Longer sides of the photo: a body that is longer covers the whole photo, and its collisions take minutes."""
+
+BLOCK = 16
+"""Lines that are compared with all others at a time: bounds the memory where every line is near every other."""
+
+REMEMBERED = 1000
+"""Outlines whose crossings are known: variants share theirs."""
+
+Corner = tuple[float, float]
+
+
+def check_object(tree: CheckedTree, name: str, node: Node) -> None:
+    """Add problems of the mask, shape and motion of an object."""
+    path: KeyPath = ("objects", name)
+    parts, valid_keys = children(node), tree.valid_keys(node)
+    mask, shape = parts.get("mask"), parts.get("shape")
+    if "mass" in parts and "density" in parts:
+        place = parts["density"].key_place
+        density_path: KeyPath = (*path, "density")
+        tree.report(Message.EXCLUDES.problem(place, density_path, other="mass"))
+    is_bad = shape is not None and "shape" not in valid_keys
+    kinds_of_shape = find_schema_part("objects.*.shape")["properties"]
+    is_misplaced = shape is None and any(key in kinds_of_shape for key in parts)
+    needs_shape = shape is None or isinstance(shape.value, str)
+    if mask is None and needs_shape and not (is_bad or is_misplaced):
+        fix = (
+            "write mask: 1, or shape: {circle: {center: [470.5, 257.0], radius: 30.2}}"
+        )
+        close = nearest(name, (other for other in tree.objects if other != name))
+        if close and shape is None and len(parts) < 3:
+            fix += f"; or did you mean {quoted(close)}?"
+        message = Message.NO_MASK_FOR_SHAPE
+        if shape is None:
+            message = Message.NO_MASK_NOR_SHAPE
+        tree.report(message.problem(node.place, path, fix=fix))
+    kinds = children(valid_keys.get("shape"))
+    _check_solid(tree, valid_keys.get("solid"), kinds, path)
+    for density_path, outline, crossing in outlines_of(valid_keys.get("mask"), kinds):
+        check_outline(tree, outline, (*path, *density_path), crossing)
+    _check_areas(tree, kinds, path)
+    if "motion" not in parts:
+        _check_extents(tree, kinds, path)
+    _check_holes(tree, kinds, path)
+    motion = children(valid_keys.get("motion"))
+    check_rising(tree, items(motion.get("path")), (*path, "motion", "path"))
+    _check_loop(tree, motion, (*path, "motion"))
+
+
+def _check_solid(
+    tree: CheckedTree, node: Node | None, kinds: dict[str, Node], path: KeyPath
+) -> None:
+    """Add the problem of a round solid whose shape is not a circle."""
+    if node is None or not kinds or "circle" in kinds or node.value == "plate":
+        return
+    solid_path: KeyPath = (*path, "solid")
+    kind, message = next(iter(kinds)), Message.SOLID_NEEDS_CIRCLE
+    tree.report(message.problem(node.place, solid_path, shown(node.value), kind=kind))
+
+
+def check_outline(tree: CheckedTree, node: Node, path: KeyPath, crossing: bool) -> None:
+    """Add the problem of an outline that is no simple polygon; `crossing`: whether lines that cross are one."""
+    refusal = outline_fault(points_of(node), crossing)
+    if refusal is not None:
+        tree.report(refusal.problem(node.place, dotted(path)))
+
+
+def _check_areas(tree: CheckedTree, kinds: dict[str, Node], path: KeyPath) -> None:
+    """Add a problem for each outline of a shape that is too small to simulate."""
+    for outline_path, node, crossing in outlines_of(None, kinds):
+        points = points_of(node)
+        area = abs(_signed_area(points))
+        if "holes" in outline_path or area >= LEAST_AREA:
+            continue
+        if outline_fault(points, crossing) is not None:
+            continue
+        problem = Message.OUTLINE_SMALL.problem(
+            node.place, (*path, *outline_path), area=area, least=LEAST_AREA
+        )
+        tree.report(problem)
+
+
+def _check_extents(tree: CheckedTree, kinds: dict[str, Node], path: KeyPath) -> None:
+    """Add a problem if the shape is far larger than the photo."""
+    if tree.ground.size is None:
+        return
+    longest = LONGEST_EXTENT * max(tree.ground.size)
+    for kind, node in kinds.items():
+        extent = _extent(tree, kind, node)
+        if extent <= longest:
+            continue
+        problem = Message.SHAPE_HUGE.problem(
+            node.place,
+            (*path, "shape", kind),
+            extent=extent,
+            longest=longest,
+            times=LONGEST_EXTENT,
+        )
+        tree.report(problem)
+
+
+def _extent(tree: CheckedTree, kind: str, node: Node) -> float:
+    """Return the length of a shape, px; 0 if its numbers are not valid."""
+    parts = children(node)
+    if kind == "circle" and "radius" in parts:
+        return 2.0 * number_of(parts["radius"])
+    if kind == "box" and "size" in parts:
+        return max(number_of(side) for side in items(parts["size"]))
+    sides = []
+    for _, outline, crossing in outlines_of(None, {kind: node}):
+        points = points_of(outline)
+        if outline_fault(points, crossing) is not None:
+            return 0.0  # it has a problem of its own
+        sides += [max(axis) - min(axis) for axis in zip(*points, strict=True)]
+    return max(sides, default=0.0)
+
+
+def _check_holes(tree: CheckedTree, kinds: dict[str, Node], path: KeyPath) -> None:
+    for index, piece in enumerate(items(kinds.get("polygons"))):
+        outer = points_of(children(piece)["outline"])
+        box = [(min(c), max(c)) for c in zip(*outer, strict=True)]
+        for hole, node in enumerate(items(children(piece).get("holes"))):
+            sides = zip(*points_of(node), strict=True)
+            if any(
+                min(side) < low or max(side) > high
+                for (low, high), side in zip(box, sides, strict=True)
+            ):
+                hole_path: KeyPath = (
+                    *path,
+                    "shape",
+                    "polygons",
+                    index,
+                    "holes",
+                    hole,
+                )
+                tree.report(Message.HOLE_OUTSIDE.problem(node.place, hole_path))
+
+
+def _check_loop(tree: CheckedTree, motion: dict[str, Node], path: KeyPath) -> None:
+    """Add a problem if a path that begins again does not end where it began."""
+    knots = items(motion.get("path"))
+    if "loop" not in motion or motion["loop"].value is not True or not knots:
+        return
+    first, last = items(knots[0]), items(knots[-1])
+    if any(number_of(first[k]) != number_of(last[k]) for k in (1, 2)):
+        problem = Message.LOOP_OPEN.problem(
+            knots[-1].place,
+            (*path, "path"),
+            "the path",
+            time=number_of(last[0]),
+            x=number_of(first[1]),
+            y=number_of(first[2]),
+        )
+        tree.report(problem)
+
+
+def check_boundary(tree: CheckedTree, node: Node, path: KeyPath) -> None:
+    """Add problems of the line of a boundary, of which it has exactly one."""
+    parts = children(node)
+    kinds = ("segment", "polyline", "arc", "bezier", "shape", "mask")
+    given_kinds = [key for key in kinds if key in parts]
+    if not given_kinds:
+        tree.report(Message.NO_LINE.problem(node.place, path))
+        return
+    if len(given_kinds) > 1:
+        keys = listed(given_kinds, "and")
+        tree.report(Message.SEVERAL_LINES.problem(node.place, path, keys=keys))
+        return
+    line = tree.valid_keys(node).get(given_kinds[0])
+    if line is None:
+        return
+    if given_kinds == ["arc"]:
+        _check_arc(tree, children(line), path)
+        return
+    if given_kinds == ["bezier"] and len(items(line)) % 3 != 1:
+        key: KeyPath = (*path, "bezier")
+        count = len(items(line))
+        tree.report(Message.CURVE_POINTS.problem(line.place, key, count=count))
+        return
+    if given_kinds == ["shape"]:
+        shapes = children(line)
+        for part, outline, crossing in outlines_of(None, shapes):
+            check_outline(tree, outline, (*path, *part), crossing)
+        _check_areas(tree, shapes, path)
+        return
+    if given_kinds == ["mask"]:
+        for part, outline, crossing in outlines_of(line, {}):
+            check_outline(tree, outline, (*path, *part), crossing)
+        return
+    _check_distinct_points(tree, line, (*path, given_kinds[0]))
+
+
+def _check_distinct_points(tree: CheckedTree, line: Node, path: KeyPath) -> None:
+    """Add the problem of the first point that repeats the one before it."""
+    for index, (before, point) in enumerate(pairwise(points_of(line)), start=1):
+        distance = max(abs(a - b) for a, b in zip(before, point, strict=True))
+        if distance < SAME_POINT:
+            place = items(line)[index].place
+            tree.report(Message.POINT_REPEATED.problem(place, (*path, index)))
+            return
+
+
+def _check_arc(tree: CheckedTree, parts: dict[str, Node], path: KeyPath) -> None:
+    """Add a problem if an arc has no length or goes round more than once."""
+    begin, end = (
+        number_of(parts[key]) if key in parts else default
+        for key, default in (("from", 0.0), ("to", 360.0))
+    )
+    if begin == end or abs(end - begin) > 360:
+        fault = "has no length" if begin == end else "goes round more than once"
+        place = parts[next(iter(parts))].place
+        key: KeyPath = (*path, "arc")
+        problem = Message.ARC_ANGLES.problem(place, key, "the arc", fault=fault)
+        tree.report(problem)
+
+
+def outlines_of(
+    mask: Node | None, kinds: dict[str, Node]
+) -> Iterator[tuple[KeyPath, Node, bool]]:
+    """Yield every outline of an object or a boundary, its path, and whether it may not cross itself."""
+    if "polygon" in children(mask):
+        yield ("mask", "polygon"), children(mask)["polygon"], False
+    if "polygon" in kinds:
+        yield ("shape", "polygon"), kinds["polygon"], True
+    for index, piece in enumerate(items(kinds.get("polygons"))):
+        where: KeyPath = ("shape", "polygons", index)
+        yield (*where, "outline"), children(piece)["outline"], True
+        for hole, node in enumerate(items(children(piece).get("holes"))):
+            yield (*where, "holes", hole), node, True
+
+
+def outline_fault(points: Sequence[Corner], crossing: bool) -> RefusedError | None:
+    """Return why an outline is wrong, None for a good one; `crossing`: its lines may not cross.
+
+    Only lines that properly cross are refused; an outline may touch itself, as contours of masks do.
+    """
+    xs = [x for x, _ in points]
+    ys = [y for _, y in points]
+    area = _signed_area(points)
+    extent = (max(xs) - min(xs)) * (max(ys) - min(ys))
+    flat = abs(area) < 1e-12 * extent
+    if extent > 0 and crossing and (pair := _crossing(tuple(points))) is not None:
+        if pair == (-1, -1):
+            return Limit.CROSSINGS.refusal()
+        return Message.OUTLINE_CROSSES.refusal(first=pair[0], second=pair[1])
+    if extent == 0 or (flat and (crossing or len(points) < 4)):
+        return Message.OUTLINE_FLAT.refusal()
+    return None
+
+
+def _signed_area(points: Sequence[Corner]) -> float:
+    """Return the area of an outline, px², positive if it turns +x towards +y."""
+    x0, y0 = points[0]
+    xs = [x - x0 for x, _ in points]
+    ys = [y - y0 for _, y in points]
+    return sum(xs[i - 1] * ys[i] - xs[i] * ys[i - 1] for i in range(len(points))) / 2
+
+
+@lru_cache(REMEMBERED)
+def _crossing(points: tuple[Corner, ...]) -> tuple[int, int] | None:
+    """Return the first pair of lines that properly cross, by their first corners; (-1, -1) beyond Limit.CROSSINGS."""
+    import numpy as np
+    import shapely
+
+    corners = np.asarray(points, dtype=float)
+    lines = shapely.linestrings(
+        np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
+    )
+    tree = shapely.STRtree(lines)
+    compared = 0
+    for start in range(0, len(lines), BLOCK):
+        first, second = tree.query(lines[start : start + BLOCK])
+        first += start
+        compared += len(first)
+        if compared > Limit.CROSSINGS.most:
+            return (-1, -1)
+        hits = (second > first) & shapely.crosses(lines[first], lines[second])
+        if hits.any():
+            return min(zip(first[hits].tolist(), second[hits].tolist(), strict=True))
+    return None

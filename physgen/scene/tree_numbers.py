@@ -1,0 +1,132 @@
+"""Converts the quantities of a scene's tree to numbers in px, s, g and degrees."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from physgen.scene.document import (
+    Node,
+    children,
+)
+from physgen.scene.schema import (
+    Schema,
+    find_schema_part,
+    inner,
+    load_expanded_schema,
+)
+from physgen.text import KeyPath, quantity
+
+ONE_FOR_TWO = ("gravity", "velocity", "force", "impulse", "wind")
+"""Vectors for which one number with its unit may stand."""
+
+LARGEST_SCALE = 1e6
+"""px/m, as the schema allows."""
+
+LONGEST = 10.0
+"""s of a clip that ends when all rests."""
+
+
+class OpenDuration(float):
+    """The number that stands for `auto`."""
+
+
+def in_numbers(root: Node) -> Node:
+    """Return the tree with numbers in place of texts with units that fit.
+
+    The schema reports the other texts. One number in place of a vector, with or without
+    a unit, points to the right, and gravity down.
+    """
+    return _NumberTree(_scale(root)).convert(root, load_expanded_schema(), (), "")
+
+
+def _scale(root: Node) -> float:
+    """Return the scale of the file, px/m, the default if it has none that is valid."""
+    default = float(find_schema_part("world.pixels_per_meter")["default"])
+    node = children(root, "world").get("pixels_per_meter")
+    if node is None:
+        return default
+    value: object = node.value
+    if isinstance(value, str):
+        value = quantity(value, "px/m", 1.0)
+    if isinstance(value, int | float) and 0 < value <= LARGEST_SCALE:
+        return value
+    return default
+
+
+@dataclass(frozen=True)
+class _NumberTree:
+    """Conversion of the texts with units in a tree."""
+
+    scale: float
+    """px/m."""
+
+    def convert(self, node: Node, part: Schema, path: KeyPath, unit: str) -> Node:
+        """Return the node in numbers; `part` is the schema of the node."""
+        value = node.value
+        if isinstance(value, str):
+            return self._text(node, part, path, unit)
+        if isinstance(value, int | float):
+            is_vector = part.get("type") == "array" and not isinstance(value, bool)
+            return _vector(node, value, path[-1]) if is_vector else node
+        if isinstance(value, dict):
+            changes = self._children(value.items(), part, path, unit)
+            return node.with_value({**value, **changes}) if changes else node
+        if isinstance(value, list) and not _has_names(part):
+            changes = self._children(enumerate(value), part, path, unit)
+            if changes:
+                children = [changes.get(n, child) for n, child in enumerate(value)]
+                return node.with_value(children)
+        return node
+
+    def _text(self, node: Node, part: Schema, path: KeyPath, unit: str) -> Node:
+        """Return the number or vector that a text stands for, else the node itself."""
+        text = str(node.value)
+        if path == ("world", "duration") and text.strip() == "auto":
+            return node.with_value(OpenDuration(LONGEST))
+        number = quantity(text, unit, self.scale) if unit else None
+        if number is None or part.get("type") not in ("number", "array"):
+            return node
+        if part["type"] == "number":
+            return node.with_value(number, text=text)
+        return _vector(node, number, path[-1], text)
+
+    def _children(
+        self,
+        children: Iterable[tuple[Any, Node]],
+        part: Schema,
+        path: KeyPath,
+        unit: str,
+    ) -> dict[Any, Node]:
+        """Return the converted children that differ, by key or index."""
+        changes: dict[Any, Node] = {}
+        for key, child in children:
+            # single numbers need no conversion, apart from those that stand for vectors
+            if key not in ONE_FOR_TWO and not isinstance(
+                child.value, str | list | dict
+            ):
+                continue
+            schema = inner(part, key)
+            if schema is None:
+                continue
+            # the items of a list have the unit of the list
+            inherited_unit = unit if isinstance(key, int) else ""
+            unit_of_child = schema.get("x-unit", inherited_unit)
+            converted = self.convert(child, schema, (*path, key), unit_of_child)
+            if converted is not child:
+                changes[key] = converted
+        return changes
+
+
+def _has_names(part: Schema) -> bool:
+    """Return whether a schema is that of a list of names."""
+    return bool(part.get("items", {}).get("type") == "string")
+
+
+def _vector(node: Node, length: float, key: str | int, text: str | None = None) -> Node:
+    """Return the vector that one number stands for, the node itself if none may."""
+    if key not in ONE_FOR_TWO:
+        return node
+    ends = (0.0, length) if key == "gravity" else (length, 0.0)
+    return node.with_value([node.with_value(end, text=text) for end in ends])

@@ -1,0 +1,224 @@
+"""Comments of a scene file: those of physgen are kept true when values change."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from typing import Any
+
+from physgen.problems import EditError
+from physgen.scene.yaml_edit import (
+    apply_patches,
+    entry,
+    leads,
+    line_begin,
+    line_end,
+    mark_values,
+    newline,
+    parent_of,
+)
+from physgen.text import KeyPath, listed
+
+LONGEST = 116
+"""Columns of a line with a comment behind its value."""
+DEEP = {"objects": 3, "world": 2, "boundaries": 2, "render": 1}
+"""Keys of a path to a value with a comment of perception, by section."""
+
+
+def without_comments(
+    text: str, paths: Sequence[Sequence[str | int]], ours: Collection[str]
+) -> str:
+    """Return the text without the comments that are `ours` behind or above values that a user has set; others stay."""
+    for path in paths:
+        if depth := DEEP.get(str(path[0]), 0):
+            text = _without_comment(text, tuple(path[:depth]), ours)
+    return text
+
+
+def with_comments(
+    text: str, comments: Mapping[str, str], ours: Collection[str], new: Collection[str]
+) -> str:
+    """The text with comments at dotted keys, behind short values and above others, in the place of those that are
+    `ours`; where none is, at keys that are `new` alone."""
+    for key, comment in comments.items():
+        try:
+            parent, index = parent_of(text, tuple(key.split(".")))
+        except EditError:
+            continue
+        begin, words = entry(text, parent, index), " ".join(comment.split())
+        there = set(dict(_comments(text, begin)).values())
+        if (
+            parent.is_flow
+            or not leads(text, begin)
+            or words in there
+            or not (key in new or any(_is_ours(one, ours) for one in there))
+        ):
+            continue
+        text = without_comments(text, [key.split(".")], ours)
+        parent, index = parent_of(text, tuple(key.split(".")))
+        begin = entry(text, parent, index)
+        first, stop = line_begin(text, begin), line_end(text, begin)
+        short = stop - first + len(words) <= LONGEST and "#" not in text[first:stop]
+        child = parent.children[index]
+        if short and (child.end <= stop or not (child.is_flow or child.kind is str)):
+            text = apply_patches(text, (stop, stop, f"  # {words}"))
+        else:
+            text = apply_patches(
+                text, (first, first, f"{text[first:begin]}# {words}{newline(text)}")
+            )
+    return text
+
+
+_COUNTS = re.compile(
+    r"\d+ x .+?(, (?:where you pointed|from the masks given|found by [^,]+"
+    r"|as the scene had them(?:, and where you pointed)?)"
+    r", counted from left to right(?:; \d+ specks of under \d+ px left out)?)"
+)
+"""What perception says of all objects: 2 x ball, 1 x block, found by ..."""
+
+_SUPPORTED = re.compile(r"under \d+ objects?")
+"""What perception says of a boundary."""
+
+_HIDING = "in front: it hides parts of "
+"""What perception says of a layer, before the names of objects."""
+
+_HIDDEN = re.compile(_HIDING + r"([\w-]+(?:, [\w-]+)*(?: and [\w-]+)?)")
+
+
+def with_true_comments(
+    text: str, old: Mapping[str, Any], renamed: Mapping[str, str]
+) -> str:
+    """Update or remove comments of perception on objects that came, went or changed.
+
+    `old` is the data before the change; `renamed` are new names of objects by the old.
+    """
+    labels, labels_before = _labels(mark_values(text).data()), _labels(old)
+    if labels == labels_before:
+        return text
+    counts = _label_counts(labels)
+    if counts != _label_counts(labels_before):
+        text = _with_comment(
+            text, ("objects",), lambda words: _count_objects(words, counts)
+        )
+    if len(labels) != len(labels_before):
+        for name in old.get("boundaries") or {}:
+            text = _with_comment(text, ("boundaries", str(name)), _without_support)
+    if _HIDING not in text:
+        return text
+    for name in labels:
+        text = _with_comment(
+            text,
+            ("objects", name, "layer"),
+            lambda words: _hidden_names(words, labels, renamed),
+        )
+    return text
+
+
+def _is_ours(words: str, ours: Collection[str]) -> bool:
+    """Return whether perception wrote a comment, or an edit brought it up to date."""
+    is_updated = _HIDDEN.fullmatch(words) or _COUNTS.fullmatch(words)
+    return words in ours or is_updated is not None
+
+
+def _labels(data: Mapping[str, Any]) -> dict[str, str]:
+    """Return the labels of objects by name."""
+    labels: dict[str, str] = {}
+    objects = data.get("objects")
+    for name, item in objects.items() if isinstance(objects, dict) else ():
+        label = item.get("label") if isinstance(item, dict) else None
+        labels[name] = str(label or "object")
+    return labels
+
+
+def _label_counts(labels: Mapping[str, str]) -> str:
+    """Return the number of objects of each label: 2 x ball, 1 x block."""
+    counts = Counter(labels.values())
+    ordered_counts = sorted(counts.items(), key=lambda item: (-item[1], item[0]))
+    return ", ".join(f"{number} x {label}" for label, number in ordered_counts)
+
+
+def _count_objects(words: str, counts: str) -> str:
+    """Return perception's comment on all objects with other counts."""
+    match = _COUNTS.fullmatch(words)
+    if match is None:
+        return words
+    return counts + match[1] if counts else ""
+
+
+def _without_support(words: str) -> str:
+    """Return a comment on a boundary; none if it counts the objects on it."""
+    return "" if _SUPPORTED.fullmatch(words) else words
+
+
+def _hidden_names(
+    words: str, names: Collection[str], renamed: Mapping[str, str]
+) -> str:
+    """Return a comment on a layer with the names that hidden objects have now."""
+    match = _HIDDEN.fullmatch(words)
+    if match is None:
+        return words
+    before = re.split(", | and ", match[1])
+    new_names = [renamed.get(name, name) for name in before]
+    hidden_names = [name for name in new_names if name in names]
+    return _HIDING + listed(hidden_names, "and") if hidden_names else ""
+
+
+def _with_comment(text: str, path: KeyPath, change: Callable[[str], str]) -> str:
+    """Change the words of the comments behind and above a key; "" removes a comment."""
+    try:
+        parent, index = parent_of(text, path)
+    except EditError:
+        return text
+    begin = entry(text, parent, index)
+    if parent.is_flow or not leads(text, begin):
+        return text
+    for line, words in _comments(text, begin):
+        new = change(words)
+        if new != words:
+            text = _with_words(text, line, new)
+    return text
+
+
+def _with_words(text: str, number: int, words: str) -> str:
+    """Give the comment in a line other words, or remove it."""
+    lines = text.split("\n")
+    line = lines[number]
+    end = "\r" if line.endswith("\r") else ""
+    is_whole = line.lstrip().startswith("#")
+    if is_whole and not words:
+        del lines[number]
+        return "\n".join(lines)
+    before = line[: line.index("#")] if is_whole else line.rpartition(" #")[0] + " "
+    lines[number] = (before + f"# {words}" if words else before.rstrip()) + end
+    return "\n".join(lines)
+
+
+def _comments(text: str, place: int) -> Iterator[tuple[int, str]]:
+    """Yield the index and words of the comment that ends the line of a place, and of the lines of comments above it."""
+    lines, line_number = text.split("\n"), text.count("\n", 0, place)
+    _, mark, words = lines[line_number].rpartition(" #")
+    if mark:
+        yield line_number, " ".join(words.split())
+    while line_number and lines[line_number - 1].lstrip().startswith("#"):
+        line_number -= 1
+        yield line_number, " ".join(lines[line_number].lstrip(" #").split())
+
+
+def _without_comment(text: str, path: KeyPath, ours: Collection[str]) -> str:
+    try:
+        parent, index = parent_of(text, path)
+    except EditError:
+        return text
+    begin = entry(text, parent, index)
+    if parent.is_flow or not leads(text, begin):
+        return text
+    lines = text.split("\n")
+    for line, words in _comments(text, begin):
+        if _is_ours(words, ours) and lines[line].lstrip().startswith("#"):
+            del lines[line]
+        elif _is_ours(words, ours):
+            lines[line] = lines[line].rpartition(" #")[0].rstrip() + "\r" * lines[
+                line
+            ].endswith("\r")
+    return "\n".join(lines)
