@@ -181,7 +181,7 @@ def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedS
     held object is released and pushed alone.
     """
     from physgen.pipeline.refusals import find_refusals
-    from physgen.pipeline.releases import is_oblique
+    from physgen.pipeline.releases import is_better, is_oblique, is_weak
     from physgen.pipeline.verdicts import stillness_doubts, with_doubts
 
     refusals = find_refusals(perceived)
@@ -192,11 +192,11 @@ def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedS
     # Try the objects that nothing speaks against; someone beside an object bars one
     # side.
     push = _chosen_push(perceived, movable_names, refusals.barred)
-    if not only and _is_weak(perceived, push):
+    if not only and is_weak(perceived, push):
         # A push of an object on a guessed floor is still better than no motion, or than
         # a motion out of the picture.
         release = _release(perceived, refusals)
-        if release is not None and _is_better(release[1], push):
+        if release is not None and is_better(release[1], push):
             doubts = []
             # At an angle, the ground is visible around the object.
             if not is_oblique(perceived):
@@ -246,39 +246,13 @@ def _chosen_push(
     return default_push(scene, shapes, confidence, invisible_walls, facing, barred)
 
 
-def _is_weak(perceived: PerceivedScene, push: Push | None) -> bool:
-    """Return whether a released object may tell more than a push."""
-    from physgen.pipeline.push_trials import TRIAL
-    from physgen.pipeline.releases import is_oblique
-
-    if push is None or not push.outcome.is_inside:
-        return True
-    return is_oblique(perceived) and push.outcome.travel < TRIAL.travel
-
-
-def _is_better(push: Push, other: Push | None) -> bool:
-    """Return whether a push has a better grade than another one, if there is one.
-
-    Of two with one grade, the one that moves something farther is better, up to a limit.
-    """
-    from physgen.pipeline.push_trials import TRIAL
-
-    if other is None:
-        return True
-    ranks = [
-        (one.outcome.grade, min(one.outcome.travel, TRIAL.travel))
-        for one in (push, other)
-    ]
-    return ranks[0] > ranks[1]
-
-
 def _release(
     perceived: PerceivedScene, refusals: Refusals
 ) -> tuple[PerceivedScene, Push] | None:
     """Release one held object and return its scene and push; None if no object
     moves.
     """
-    from physgen.pipeline.releases import RELEASE, releases
+    from physgen.pipeline.releases import RELEASE, is_better, releases
 
     best: tuple[PerceivedScene, Push] | None = None
     for name, released_scene in releases(perceived, refusals.objects):
@@ -287,7 +261,7 @@ def _release(
         push = _chosen_push(resting_scene, [name], refusals.barred, RELEASE.certainty)
         if push is None:
             continue
-        if best is None or _is_better(push, best[1]):
+        if best is None or is_better(push, best[1]):
             best = resting_scene, push
         if push.outcome.is_calm:
             break

@@ -40,10 +40,10 @@ from physgen.pipeline.push_trials import TRIAL
 from physgen.pipeline.trial_scenes import open_trial
 from physgen.problems import InputError
 from physgen.scene.scene import Scene, View
-from physgen.text import listed
 
 if TYPE_CHECKING:
     from physgen.perceive.roles import PerceivedScene
+    from physgen.pipeline.pushes import Push
 
 
 @dataclass(frozen=True)
@@ -109,6 +109,27 @@ def is_oblique(photo_scene: PerceivedScene) -> bool:
     """Return whether the ground is visible around objects, at an angle."""
     tilt = float(photo_scene.document["world"].get("tilt", 0))
     return tilt >= RELEASE.oblique
+
+
+def is_weak(perceived: PerceivedScene, push: Push | None) -> bool:
+    """Return whether a released object may tell more than a push."""
+    if push is None or not push.outcome.is_inside:
+        return True
+    return is_oblique(perceived) and push.outcome.travel < TRIAL.travel
+
+
+def is_better(push: Push, other: Push | None) -> bool:
+    """Return whether a push has a better grade than another one, if there is one.
+
+    Of two with one grade, the one that moves something farther is better, up to a limit.
+    """
+    if other is None:
+        return True
+    ranks = [
+        (one.outcome.grade, min(one.outcome.travel, TRIAL.travel))
+        for one in (push, other)
+    ]
+    return ranks[0] > ranks[1]
 
 
 def _low(photo_scene: PerceivedScene, name: str) -> float:
@@ -223,38 +244,41 @@ def _passing(
 ) -> PerceivedScene:
     """Return the scene in which one object passes before and behind all others.
 
-    Only what stands about as far from the camera is in its way.
+    Only objects at about the same distance from the camera are in its way.
     """
-    own = _GroundPlace.of(outlines[name])
     tilt = radians(float(photo_scene.document["world"]["tilt"]))
-    places = {
-        other: _GroundPlace.of(outline)
-        for other, outline in outlines.items()
-        if other != name
-    }
-    objects = dict(photo_scene.document["objects"])
-    near = [key for key, place in places.items() if own.meets(place, tilt)]
-    behind = [key for key, place in places.items() if place.low <= own.low]
-    layer = max([0, *(objects[key].get("layer", 0) + 1 for key in behind)])
-    for other, place in places.items():
-        if other in near:
-            objects[other] = objects[other] | {"collision_group": NEAR}
-        if place.low > own.low:
-            front = max(objects[other].get("layer", 0), layer + 1)
-            objects[other] = objects[other] | {"layer": front}
-    meets = [MOVING, NEAR] if near else [MOVING]
-    moving = {"collision_group": MOVING, "collides_with": meets, "layer": layer}
-    objects[name] = objects[name] | moving
+    places = {key: _GroundPlace.of(outline) for key, outline in outlines.items()}
+    own_place = places.pop(name)
+    near = [key for key, place in places.items() if own_place.meets(place, tilt)]
+    objects = _in_depth_order(photo_scene.document["objects"], name, own_place, places)
+    for other in near:
+        objects[other] = objects[other] | {"collision_group": NEAR}
+    groups = [MOVING, NEAR] if near else [MOVING]
+    objects[name] |= {"collision_group": MOVING, "collides_with": groups}
     walls = dict(photo_scene.document["boundaries"])
     walls[FLOOR] = walls[FLOOR] | {"collision_group": MOVING}
     comments = dict(photo_scene.comments)
-    why = "it passes all that stands nearer or farther"
-    comments[f"objects.{name}.collision_group"] = why
-    comments[f"objects.{name}.layer"] = f"nearer than {listed(behind, 'and')}"
-    if not behind:
-        del comments[f"objects.{name}.layer"]
+    comment = "it passes all objects that are nearer or farther"
+    comments[f"objects.{name}.collision_group"] = comment
     document = photo_scene.document | {"objects": objects, "boundaries": walls}
     return replace(photo_scene, document=document, comments=comments)
+
+
+def _in_depth_order(
+    entries: Mapping[str, Any],
+    name: str,
+    own_place: _GroundPlace,
+    places: Mapping[str, _GroundPlace],
+) -> dict[str, Any]:
+    """Return the entries of objects, with farther ones in lower layers than `name`."""
+    objects = dict(entries)
+    farther = [key for key, place in places.items() if place.low <= own_place.low]
+    layer = max([0, *(objects[key].get("layer", 0) + 1 for key in farther)])
+    objects[name] = objects[name] | {"layer": layer}
+    for other in places.keys() - set(farther):
+        nearer_layer = max(objects[other].get("layer", 0), layer + 1)
+        objects[other] = objects[other] | {"layer": nearer_layer}
+    return objects
 
 
 @dataclass(frozen=True)
