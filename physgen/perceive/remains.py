@@ -253,7 +253,7 @@ def _background_differences(rgb: Rgb, free: Mask) -> F32:
         weights, *_ = np.linalg.lstsq(terms[ground], colours[ground], rcond=None)
         differences = np.abs(colours - terms @ weights).max(axis=2)
         limit = 2 * REMAINS.even
-    return differences.astype(np.float32)
+    return np.asarray(differences, np.float32)
 
 
 def _least_difference(differences: F32, own: Mask) -> float:

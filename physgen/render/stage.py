@@ -279,7 +279,8 @@ def _moved_px(sprite: Sprite, stand: SpritePose) -> float:
     """Return how far a sprite is from its start, px, with half its turn."""
     side = max(min(sprite.coverage.shape), 1)
     way = hypot(stand.pose.x - stand.start.x, stand.pose.y - stand.start.y)
-    return way + abs(stand.pose.angle - stand.start.angle) * side / 2
+    turn = abs(float(stand.pose.angle - stand.start.angle))
+    return float(way + turn * side / 2)
 
 
 def draw_halo(
