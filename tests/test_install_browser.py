@@ -176,6 +176,7 @@ def test_installing_needs_root_or_sudo(
         install_browser.install_browser()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("processes", "words", "count"), [("0", "another", 1), ("2", "test", 2)]
 )
@@ -190,12 +191,14 @@ def test_the_last_line_counts_missed_tests(
     assert "failed" not in result.stdout
 
 
+@pytest.mark.slow
 def test_no_browser_test_missed_prints_nothing(tmp_path: Path) -> None:
     result = run_pytest(tmp_path, BROWSER_TESTS, "-k", "without", preexec=None)
     assert result.returncode == 0
     assert result.stdout.splitlines()[-1].startswith("1 passed")
 
 
+@pytest.mark.slow
 def test_a_background_job_interrupts_its_children(tmp_path: Path) -> None:
     def ignore_interrupts() -> None:
         signal.signal(signal.SIGINT, signal.SIG_IGN)

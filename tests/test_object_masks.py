@@ -174,6 +174,7 @@ def photo(ids: U8, tmp_path: Path) -> Path:
     return tmp_path / "photo.png"
 
 
+@pytest.mark.slow
 def test_white_mask_with_alpha_gives_its_objects(
     ids: U8, photo: Path, tmp_path: Path
 ) -> None:
@@ -201,6 +202,7 @@ def test_masks_of_another_size_get_one_message(
     assert [path.name for path in tmp_path.iterdir() if "s." in path.name] == []
 
 
+@pytest.mark.slow
 def test_message_about_size_names_the_original_photo(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

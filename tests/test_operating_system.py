@@ -155,6 +155,7 @@ def test_a_table_without_locks_is_this_process_alone(
     assert list(tmp_path.iterdir()) == [path]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("streams", [(0,), (1,), (2,), (0, 1, 2)])
 def test_closed_streams_lose_no_result(
     bundled: Path, tmp_path: Path, streams: tuple[int, ...]
@@ -174,6 +175,7 @@ def test_closed_streams_lose_no_result(
     assert all((tmp_path / name / "video.mp4").stat().st_size for name in names)
 
 
+@pytest.mark.slow
 def test_one_module_alone_calls_posix() -> None:
     names = {f"{module}.{name}" for module in HIDDEN_NAMES for name in HIDDEN_NAMES[module]}  # fmt: skip
     names |= {"os.getppid", "os.kill", "signal.SIGTERM"}

@@ -264,6 +264,7 @@ def test_precedence_of_png_is_kept(numbers: F64, tmp_path: Path) -> None:
     assert far(save(adobe, *low, cicp(77, 13)), adobe_levels) <= 2
 
 
+@pytest.mark.slow
 def test_converted_photo_becomes_a_scene(tmp_path: Path) -> None:
     y, x = np.mgrid[0:60, 0:80]
     inside = np.hypot(x - 40, y - 30) < 16

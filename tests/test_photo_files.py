@@ -308,6 +308,7 @@ def test_large_jpeg_xl_is_refused_before_decoding(tmp_path: Path) -> None:
         read_photo(path)
 
 
+@pytest.mark.slow
 def test_phone_photo_becomes_a_scene(tmp_path: Path) -> None:
     y, x = np.mgrid[0:60, 0:80]
     inside = np.hypot(x - 40, y - 30) < 16

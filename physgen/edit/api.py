@@ -32,7 +32,7 @@ MAX_OPS = 1000
 MAX_SAMPLE = 10**8
 MAX_EVENT = 2**53 - 1
 KEPT_EVENTS = 1000
-"""Number of events that are stored for pages that poll."""
+"""Number of stored events, for the next poll of each page."""
 
 Data = dict[str, Any]
 
@@ -84,7 +84,7 @@ class Services:
 
 
 def services_of(request: Request) -> Services:
-    """Return the services of the application that handles a request."""
+    """Return the services of the application of a request."""
     services: Services = request.app.state.services
     return services
 
@@ -251,7 +251,7 @@ def undo(served: Served, body: EditRequest) -> Response:
 
 @api.post("/api/redo")
 def redo(served: Served, body: EditRequest) -> Response:
-    """Restore the state after the edit that was undone."""
+    """Restore the state after the last undone edit."""
     return JSONResponse(served.session.step(body, 1))
 
 
@@ -311,7 +311,7 @@ def command(
     format: Words = "mp4",
     refine: Literal["true", "false"] = "true",
 ) -> Response:
-    """Return the command line that renders the same clips."""
+    """Return the command line to render the same clips."""
     line = served.rendering.command(variant or None, format, refine == "true")
     return JSONResponse({"command": line})
 

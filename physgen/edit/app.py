@@ -77,10 +77,12 @@ def application(services: Services) -> FastAPI:
 
 
 def page(served: Served, once: str | None = None) -> Response:
-    """Return the page, which contains no data of the scene.
+    """Return the page, without data of the scene.
 
     A one-time key is exchanged for the token by a redirection.
     """
+    # A one-time key opens the page once: exchange it for the token, so that the key in
+    # the history of the browser is worthless.
     if once is not None and once in served.once:
         served.once.discard(once)
         return RedirectResponse(f"/?token={served.token}", 303)
@@ -105,6 +107,7 @@ def static(name: str) -> Response:
     data = None
     with suppress(FileNotFoundError):
         if name == "player.js":
+            # The player of reports and the editor share these scripts.
             scripts = [
                 resource("templates", "player", f"{script}.js").read_bytes()
                 for script in PLAYER
@@ -306,7 +309,7 @@ class Guard:
 
 
 async def _body(scope: Scope, receive: Receive) -> Receive:
-    """Read the whole body and return a `receive` that replays it.
+    """Read the whole body and return a `receive` to replay it.
 
     Raises EditError if the body is too large or is not JSON.
     """
@@ -409,7 +412,7 @@ class Editor:
         self.server = uvicorn.Server(config)
 
     def once(self) -> str:
-        """Create an address that opens the page one time.
+        """Create an address to open the page one time.
 
         The list of processes shows the browser's address to all users of the machine,
         hence the address of `once` must not contain the token.
@@ -436,7 +439,9 @@ class Editor:
 
 
 def _listening(host: str, port: int | None) -> socket.socket:
-    """Open a listening TCP socket. Raises InputError, which names the option to change."""
+    """Open a listening TCP socket. Raises InputError, which names the option to
+    change.
+    """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     # If the protocol is named, asyncio sets TCP_NODELAY; otherwise small answers wait
     # for 40 ms.

@@ -133,9 +133,9 @@ def correct(
         bodies = live.state(new_text).compiled.world.bodies
         if correction.gone:
             title += "".join(
-                f" ({one.mass:,.4g} g)"
-                for one in bodies
-                if one.name in correction.masks
+                f" ({body.mass:,.4g} g)"
+                for body in bodies
+                if body.name in correction.masks
             )
     except BaseException as error:
         # The folder is new and no text names it yet.
@@ -184,14 +184,14 @@ def _finish(work: Correction, out: Path) -> None:
     """Write the maps, and add the operations on the text that follow from the new
     masks.
     """
-    painted = _paint(work)
+    painting = _paint(work)
     work.ops.append({"set": ["assets"], "value": out.name})
-    objects = _photo_objects(work, painted)
+    objects = _photo_objects(work, painting)
     entries: dict[str, Data] = {}
     for name, new_object in objects.items():
-        entry = _entry(work, name, new_object, painted.labels)
+        entry = _entry(work, name, new_object, painting.labels)
         _set_provenance(work, name, entry)
-        entry["mask"] = painted.stored[name]
+        entry["mask"] = painting.stored[name]
         entries[name] = {**entry, "shape": document.shape_entry(new_object.outline)}
         work.ops += (
             [{"add": ["objects", name], "value": entry}]
@@ -200,12 +200,12 @@ def _finish(work: Correction, out: Path) -> None:
         )
     # The paint of a correction would be hidden by an outline in the file: such objects
     # get a mask in masks.png, too.
-    for name in painted.stored.keys() - objects.keys():
+    for name in painting.stored.keys() - objects.keys():
         work.ops.append(
-            {"set": ["objects", name, "mask"], "value": painted.stored[name]}
+            {"set": ["objects", name, "mask"], "value": painting.stored[name]}
         )
-    _write_maps(work, out, painted, list(objects.values()))
-    _write_record(out, entries, painted.after)
+    _write_maps(work, out, painting, list(objects.values()))
+    _write_record(out, entries, painting.after)
 
 
 def _write_record(folder: Path, entries: Mapping[str, Data], labels: U16) -> None:
@@ -292,12 +292,12 @@ def _paint(work: Correction) -> Painted:
             ],
         )
     ] = 0
-    stored: dict[str, int] = {}
+    stored_ids: dict[str, int] = {}
     for name in repainted_names:
         identity = mask_ids[name] if name in mask_ids else next(free_ids, None)
         if identity is None:
             raise Message.NO_ID_LEFT.impossible()
-        masks_png[after == ids[name]] = stored[name] = identity
+        masks_png[after == ids[name]] = stored_ids[name] = identity
     # Boundaries in masks.png are part of the background, not of the union of objects.
     scenery = work.sight.compiled.scenery
     changed_pixels = np.isin(labels, cleared_ids) | np.isin(
@@ -306,7 +306,7 @@ def _paint(work: Correction) -> Painted:
     union_before = (labels > 0) | ((before > 0) & ~scenery)
     union = (after > 0) | ((masks_png > 0) & ~scenery)
     return Painted(
-        after, ids, stored, before, masks_png, changed_pixels, union, union_before
+        after, ids, stored_ids, before, masks_png, changed_pixels, union, union_before
     )
 
 
@@ -366,6 +366,7 @@ def _set_provenance(work: Correction, name: str, made: Data) -> None:
         for key, value in (made.pop("from", None) or {}).items()
         if key != "mask"
     }
+    # The old prompt found the old mask.
     made.pop("prompt", None)
     if name in work.found:
         confidence, prompt = work.found[name]
@@ -463,6 +464,7 @@ def _window(mask: Mask) -> Window:
     rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
     if not len(rows):
         return slice(0, mask.shape[0]), slice(0, mask.shape[1])
+    # The surroundings grow with the object, since its shadow and reflections do.
     margin = max(
         AROUND, int(rows[-1] - rows[0]) // 2, int(columns[-1] - columns[0]) // 2
     )
@@ -492,18 +494,18 @@ def _patch(
 
     `values`: 0..1, or -1..1 if `signed`; `where` (h, w): the pixels to change.
     """
-    stored = read_channels(path)
-    if stored.ndim == 3:
-        stored = stored[:, :, :3] if values.ndim == 3 else stored[:, :, 0]
-    stored = stored.copy()
-    largest_value = np.iinfo(stored.dtype).max
+    old_values = read_channels(path)
+    if old_values.ndim == 3:
+        old_values = old_values[:, :, :3] if values.ndim == 3 else old_values[:, :, 0]
+    old_values = old_values.copy()
+    largest_value = np.iinfo(old_values.dtype).max
     middle = (largest_value + 1) // 2 if signed else 0
     encoded_values = np.clip(
         np.rint(values * (middle - 1 if signed else largest_value)) + middle,
         0,
         largest_value,
-    ).astype(stored.dtype)
+    ).astype(old_values.dtype)
     # A file without changes stays a link to the previous one.
-    if (encoded_values[where] != stored[part][where]).any():
-        stored[part][where] = encoded_values[where]
-        _write_map(path, stored)
+    if (encoded_values[where] != old_values[part][where]).any():
+        old_values[part][where] = encoded_values[where]
+        _write_map(path, old_values)

@@ -105,6 +105,7 @@ def doubtful_data(scene: Scene, percepts: Percepts | None) -> list[Data]:
         rings = []
         for ring in region.rings:
             points = ring.astype(np.float32)[:, None]
+            # The page needs outlines at the accuracy of its display only.
             simple = cv2.approxPolyDP(points, RING_TOLERANCE, True)
             rings.append(simple[:, 0].tolist())
         text = doubt_text(region.name, region.confidence)
@@ -172,7 +173,7 @@ def todo(scene: Scene | None, problems: Sequence[Data]) -> list[Data]:
 
 
 def doubtful_rows(scene: Scene, doubtful: Sequence[Data]) -> list[Data]:
-    """Return a row of `todo` for each region that may be an object."""
+    """Return a row of `todo` for each possible object."""
     rows = []
     for region in doubtful:
         path = f"doubtful.{region['name']}"
@@ -253,22 +254,22 @@ def _of_one(
             "line": _line(scene, value) or _line(scene, entry_path),
         }
         other_sources = {
-            key: one
-            for key, one in sources.items()
+            key: one_source
+            for key, one_source in sources.items()
             if key not in {key for _, key, _ in guesses}
         }
-        recorded = name is not None and f"{entry_path}.from" not in scene.places
+        is_recorded = name is not None and f"{entry_path}.from" not in scene.places
         ops: list[Data] = [{"unset": [*path, "from"]}]
         # The record of perception also names the source: an empty `from` in the file
         # overrides the record.
-        if other_sources or recorded:
+        if other_sources or is_recorded:
             ops = [{"set": [*path, "from"], "value": other_sources}]
         yield (
             least_confidence,
             _row(
                 "doubt",
                 position,
-                "; ".join(what for *_, what in guesses),
+                "; ".join(statement for *_, statement in guesses),
                 "correct as it is",
                 ops,
             ),
@@ -340,7 +341,7 @@ class MotionStream:
         return bool(self.problems) or self._running.done >= self.total
 
     def trajectory(self) -> Trajectory:
-        """Return the motion; samples that are not simulated yet are zeros."""
+        """Return the motion; samples without simulation so far are zeros."""
         return self._running.trajectory()
 
     def part(self, start: int, deadline: float) -> Data:
@@ -411,7 +412,7 @@ class MotionStream:
             self.problems = error.problems
 
     def _begin(self, found: Data) -> None:
-        """Add the data of the first part: everything that is constant in time."""
+        """Add the data of the first part: everything constant in time."""
         scene, world = self.scene, self.world
         for k, body in enumerate(world.bodies):
             found["bodies"][k] |= figure(scene, k, body)

@@ -223,7 +223,7 @@ def _brush(work: Correction, op: BrushOp) -> str:
 
 
 def _new(work: Correction, mask: Mask) -> str:
-    """Create a new object and return its name, which follows from its label."""
+    """Create a new object and return its name, derived from its label."""
     check_size(mask, "the new object")
     id_, size = len(work.scene.objects) + 1, work.scene.size
     labels = np.where(mask, np.uint16(id_), work.labels)
@@ -338,7 +338,7 @@ def check_size(mask: Mask, what: str) -> None:
         raise Message.MASK_TOO_SMALL.impossible(part=what, least=SMALLEST_OBJECT)
 
 
-# Pixels of what the user draws or points at
+# Pixels at the strokes and points of the user
 
 
 class PromptSegmenter:

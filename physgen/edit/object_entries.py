@@ -92,17 +92,17 @@ def begin(live: Live, text: str) -> Correction:
     """
     try:
         sight = live.state(text)
-        written = live.document(text)
+        file_document = live.document(text)
     except InputError as error:
         raise Message.SCENE_HAS_ERROR.impossible(problem=error.problems[0]) from error
     percepts = sight.percepts
     if percepts is None:
         raise Message.NO_PHOTO_TO_MASK.impossible()
-    scene, own_entries = sight.scene, written.get("objects") or {}
+    scene, own_entries = sight.scene, file_document.get("objects") or {}
     names = [item.name for item in scene.objects if item.name in own_entries]
     # Only objects of this file can be corrected, not those of a file that it extends.
     own_document = {
-        **written,
+        **file_document,
         "objects": {name: dict(own_entries[name] or {}) for name in names},
     }
     own_document = with_sources(own_document, scene)
@@ -128,7 +128,7 @@ def new_entry(
     of the scene, px/m, if it follows from the label.
     """
     scene_scale = scale or work.scene.world.pixels_per_meter
-    # A scale that was only assumed is no evidence about the size of an object.
+    # An assumed scale is no evidence about the size of an object.
     known_scale = None if is_assumed(scene_scale, max(work.scene.size)) else scene_scale
     materials = registry.make("physics")(work.maps.rgb, [one], known_scale)
     source = "" if label is None else registry.find("label").name
@@ -162,7 +162,7 @@ def changed_entry(
     sets the mask.
     """
     old_entry = work.was(source)
-    perceived = table_keys(old_entry)
+    old_keys = table_keys(old_entry)
     scale = None
     if label is not None:
         # The scale may follow from the size of a labelled object: read it from the
@@ -172,13 +172,13 @@ def changed_entry(
         ).text
         scale = work.live.state(named_text).scene.world.pixels_per_meter
     result = rewritten(
-        old_entry, new_entry(work, labels, one, name, None, scale), perceived
+        old_entry, new_entry(work, labels, one, name, None, scale), old_keys
     )
     if label is not None:
         result["label"] = label
         if "from" in result:
             result["from"] = {
-                key: who for key, who in result["from"].items() if key != "label"
+                key: author for key, author in result["from"].items() if key != "label"
             }
     if isinstance(result.get("shape"), Mapping):
         result["shape"] = document.shape_entry(one.outline)
@@ -187,13 +187,15 @@ def changed_entry(
         if result.get("solid", "plate") != "plate":
             result["solid"] = "plate"
         result.pop("roll", None)
-        if "rolling" in perceived:
+        if "rolling" in old_keys:
             result.pop("rolling", None)
             result["from"] = {
-                key: who for key, who in result["from"].items() if key != "rolling"
+                key: author
+                for key, author in result["from"].items()
+                if key != "rolling"
             }
     path = result.get("motion")
-    # A path contains positions of the centre, which moves with the outline.
+    # A path contains positions of the centre; the centre moves with the outline.
     if isinstance(path, Mapping) and path.get("path"):
         old_centre, new_centre = (
             mass_properties(outline).center

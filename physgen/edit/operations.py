@@ -1,7 +1,8 @@
-"""Operations of the page (set, unset, add, remove, rename) applied to the text of a scene.
+"""Operations of the page (set, unset, add, remove, rename) on the text of a scene.
 
-Each operation is made on plain data: the scene as the page shows it, with what the file extends and with the variant
-that is edited. `Target.write` then changes the text, such that it means that data and all other lines stay as they are.
+Each operation is applied to plain data: the scene of the page, with `extends` and with
+the edited variant. `Target.write` then changes the text such that it means this data,
+and all other lines stay as they are.
 """
 
 from __future__ import annotations
@@ -38,10 +39,12 @@ from physgen.text import KeyPath, dotted
 Data = dict[str, Any]
 
 EXACT_DIGITS = 15
-"""Digits from which on a number is an arithmetic result, and is rounded to 6."""
+"""Number of digits above which a number is an arithmetic result, and is rounded
+to 6.
+"""
 
 ABSENT = object()
-"""No value, as opposed to null."""
+"""Stands for no value, as opposed to null."""
 _NOWHERE = Source("", File())
 
 
@@ -49,7 +52,7 @@ _NOWHERE = Source("", File())
 
 
 def whole(value: object) -> object:
-    """An integral number as an integer: JSON does not tell 1.0 from 1."""
+    """Convert an integral number to an integer, since JSON does not tell 1.0 from 1."""
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
@@ -91,7 +94,7 @@ class RemoveOp(Body):
 
 
 class MergeOp(Body):
-    """An object is replaced by another; only corrections of masks make it."""
+    """Replacement of an object by another one, only by corrections of masks."""
 
     merge: Path
     to: str
@@ -103,7 +106,7 @@ _PARSER: TypeAdapter[Op | MergeOp] = TypeAdapter(Op | MergeOp)
 
 @dataclass(frozen=True)
 class Edited:
-    """A text after operations, and their names."""
+    """A text after operations, and the title of the edit."""
 
     text: str
     what: str
@@ -112,24 +115,28 @@ class Edited:
 def edited(
     text: str, ops: Sequence[Op | Mapping[str, Any]], variant: str | None = None
 ) -> Edited:
-    """All operations, in order, in the file or in a variant. Raises EditError for the first that is impossible."""
-    made: list[str] = []
+    """Apply all operations in order, to the file or to a variant.
+
+    Raises EditError for the first impossible operation.
+    """
+    titles: list[str] = []
     for op in ops:
         try:
-            parsed = _PARSER.validate_python(op)
+            parsed_op = _PARSER.validate_python(op)
         except ValidationError:
             raise Message.UNKNOWN_OPERATION.impossible() from None
         target = Target(text, variant)
         try:
-            made.append(_make(target, parsed))
+            titles.append(_make(target, parsed_op))
         except ValueError as error:  # of the writer: a key that is too long
             raise Message.UNUSABLE_VALUE.impossible(reason=str(error)) from None
+        # The next operation applies to the result of this one.
         text = target.text
-    return Edited(text, ", ".join(dict.fromkeys(made))[:200])
+    return Edited(text, ", ".join(dict.fromkeys(titles))[:200])
 
 
 def _make(target: Target, op: Op | MergeOp) -> str:
-    """Make one operation; returns its name."""
+    """Apply one operation and return its title."""
     match op:
         case RemoveOp():
             return _remove(target, tuple(op.remove))
@@ -151,14 +158,18 @@ def _make(target: Target, op: Op | MergeOp) -> str:
         return f"unset {_name(path)}"
     value, data = short(value), deepcopy(target.data)
     if kind == "add":
-        seen = reach(data, path)
+        present_value = reach(data, path)
         is_list = (schema_at(path) or {}).get("type") == "array"
-        if isinstance(seen, list) or (is_list and seen in (ABSENT, None)):
-            value = [*(seen if isinstance(seen, list) else []), value]
-        elif seen is not ABSENT:
+        if isinstance(present_value, list) or (
+            is_list and present_value in (ABSENT, None)
+        ):
+            value = [*(present_value if isinstance(present_value, list) else []), value]
+        elif present_value is not ABSENT:
             raise Message.EXISTS_ALREADY.impossible(path=dotted(path))
     assign(data, path, value)
     holder = reach(data, path[:-1])
+    # Keys that exclude each other, such as mass and density: the new one replaces the
+    # others.
     for rival in rivals(kind_of(path[:-1])).get(str(path[-1]), ()):
         holder.pop(rival, None)
     target.write(data, path)
@@ -166,12 +177,14 @@ def _make(target: Target, op: Op | MergeOp) -> str:
 
 
 def _name(path: KeyPath) -> str:
-    """A path as the history shows it: without the section for a key of an object."""
+    """Return a path as in the history: without the section for a key of an object."""
     return dotted(path[1:] if len(path) > 2 and path[0] == "objects" else path)
 
 
 def short(value: Any) -> Any:
-    """A value as it is written: integers as such, and no digits that only come from arithmetic.
+    """Round a value to the digits that a person would write.
+
+    Integers are written as such, and digits from arithmetic are dropped.
 
     >>> short([412.5000000000001, -30.0, 0.25, 12345678.9])
     [412.5, -30, 0.25, 12345678.9]
@@ -183,6 +196,7 @@ def short(value: Any) -> Any:
     if isinstance(value, float):
         if not math.isfinite(value):
             raise Message.SENT_NOT_FINITE.impossible()
+        # A number with that many digits comes from arithmetic.
         if (
             sum(map(str.isdigit, repr(value).partition("e")[0].strip("-0.")))
             >= EXACT_DIGITS
@@ -200,22 +214,22 @@ def short(value: Any) -> Any:
 
 
 def reach(data: Any, path: KeyPath) -> Any:
-    """The value at a path of plain data; ABSENT where there is none."""
+    """Return the value at a path of plain data; ABSENT without one."""
     for key in path:
-        held = isinstance(data, dict) or (
+        is_present = isinstance(data, dict) or (
             isinstance(data, list) and isinstance(key, int) and key >= 0
         )
         try:
-            data = data[key] if held else None
+            data = data[key] if is_present else None
         except (KeyError, IndexError):
-            held = False
-        if not held:
+            is_present = False
+        if not is_present:
             return ABSENT
     return data
 
 
 def assign(data: Data, path: KeyPath, value: Any) -> None:
-    """Set the value at a path, and make the mappings that lead to it. Raises EditError."""
+    """Set the value at a path, and create the mappings to it. Raises EditError."""
     holder: Any = data
     for depth, key in enumerate(path):
         if isinstance(holder, dict) and isinstance(key, str):
@@ -226,8 +240,8 @@ def assign(data: Data, path: KeyPath, value: Any) -> None:
             or not isinstance(key, int)
             or key > len(holder)
         ):
-            where = dotted(path[:depth]) or "the file"
-            raise Message.PART_MISSING.impossible(key=key, owner=where)
+            owner = dotted(path[:depth]) or "the file"
+            raise Message.PART_MISSING.impossible(key=key, owner=owner)
         elif key == len(holder):
             if depth + 1 < len(path):
                 raise Message.ITEM_MISSING.impossible(path=dotted(path[: depth + 1]))
@@ -239,7 +253,7 @@ def assign(data: Data, path: KeyPath, value: Any) -> None:
 
 
 def take(data: Data, path: KeyPath) -> None:
-    """Remove what is at a path, if anything is."""
+    """Remove the value at a path, if there is one."""
     holder = reach(data, path[:-1])
     if isinstance(holder, dict):
         holder.pop(path[-1], None)
@@ -251,11 +265,14 @@ def take(data: Data, path: KeyPath) -> None:
         del holder[path[-1]]
 
 
-# Where an edit is written
+# The place of an edit in the file
 
 
 class Target:
-    """A file, or a variant of it. Raises EditError where the text cannot be read, or extends another file."""
+    """A file, or a variant of it.
+
+    Raises EditError if the text cannot be read, or extends another file.
+    """
 
     def __init__(self, text: str, variant: str | None) -> None:
         self.text, self.variant = text, variant
@@ -263,7 +280,7 @@ class Target:
         if self._whole.get("extends") is not None:
             raise Message.FILE_EXTENDS.impossible()
         self.data = self._whole
-        """The scene as the page shows it, without defaults."""
+        """The scene of the page, without defaults."""
         if variant is not None:
             self._edits = reach(self._whole, ("variants", variant))
             if not isinstance(self._edits, dict):
@@ -276,9 +293,10 @@ class Target:
         at: KeyPath | None = None,
         renamed: Mapping[str, str] | None = None,
     ) -> None:
-        """Change the text such that the scene is `data`; a variant sets what changes at a path `at` as a whole.
+        """Change the text such that the scene is `data`.
 
-        `renamed` are new names of objects by the old. Raises EditError.
+        A variant sets the changed value at a path `at` as a whole. `renamed` are new
+        names of objects by the old ones. Raises EditError.
         """
         if self.variant is None:
             text = yaml_edit.write(self.text, data)
@@ -294,44 +312,48 @@ class Target:
                 path: value for path, value in changes.items() if path[: len(at)] != at
             }
             changes[at] = reach(data, at)
-        made: Data = {}
+        new_edits: Data = {}
         for path, value in sorted(
             changes.items(), key=lambda change: change[1] is ABSENT
         ):
             if parse_key(dotted(path)) != path:
                 raise Message.VARIANT_SECTION_FIXED.impossible(path=dotted(path)[:80])
-            made[dotted(path)] = None if value is ABSENT else value
-        others = {
+            new_edits[dotted(path)] = None if value is ABSENT else value
+        other_edits = {
             key: value
             for key, value in self._edits.items()
             if not _is_below(key, changes)
         }
-        in_place = {
+        edits_in_place = {
             key: value
             for key, value in self._edits.items()
-            if key in made or key in others
+            if key in new_edits or key in other_edits
         }
-        for edits in (
-            in_place | made,
-            others | made,
-        ):  # a later key may override one that stays in its place
-            now = _with_edits(self._whole, edits)
+        # Keep the order of keys if possible; otherwise append the new ones, since a
+        # later
+        # key overrides an earlier one.
+        for edits in (edits_in_place | new_edits, other_edits | new_edits):
+            resulting_scene = _with_edits(self._whole, edits)
             if all(
-                are_equal(now.get(key), data.get(key))
-                for key in {*now, *data} - set(SEALED)
+                are_equal(resulting_scene.get(key), data.get(key))
+                for key in {*resulting_scene, *data} - set(SEALED)
             ):
                 self._write_edits(edits)
                 return
         raise Message.VARIANT_NOT_WRITABLE.impossible(variant=self.variant)
 
     def unset(self, path: KeyPath) -> None:
-        """Remove a value: in a variant what the variant changes there, or else the value itself. Raises EditError."""
+        """Remove a value: from a variant its edits there, or else the value itself.
+
+        Raises EditError.
+        """
         if self.variant is not None and not isinstance(path[-1], int):
             edits = {
                 key: value
                 for key, value in self._edits.items()
                 if not _is_below(key, [path])
             }
+            # Without an edit at the path, the variant has the value of the file.
             if edits != self._edits:
                 self._write_edits(edits)
                 return
@@ -340,43 +362,49 @@ class Target:
         self.write(data, path if isinstance(path[-1], str) else path[:-1])
 
     def _write_edits(self, edits: Data) -> None:
-        whole = deepcopy(self._whole)
-        whole["variants"][self.variant] = edits
-        self.text = yaml_edit.write(self.text, whole)
+        """Write the edits of the variant into the text."""
+        document = deepcopy(self._whole)
+        document["variants"][self.variant] = edits
+        self.text = yaml_edit.write(self.text, document)
 
 
 def _is_below(key: str, paths: Iterable[KeyPath]) -> bool:
-    """Whether a variant's key is one of these paths, or below one."""
-    own = parse_key(key) or ()
-    return any(own[: len(path)] == path for path in paths)
+    """Check whether a variant's key is one of these paths, or below one."""
+    key_path = parse_key(key) or ()
+    return any(key_path[: len(path)] == path for path in paths)
 
 
 def _changes(old: Any, new: Any, path: KeyPath) -> Iterator[tuple[KeyPath, Any]]:
-    """Paths at which plain data differs, with the new values; ABSENT for what goes."""
+    """Yield the paths of differences between plain data, with new values; ABSENT if
+    removed.
+    """
     if isinstance(old, dict) and isinstance(new, dict):
         for key in {**old, **new}:
             yield from _changes(
                 old.get(key, ABSENT), new.get(key, ABSENT), (*path, key)
             )
     elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
-        for at, (one, other) in enumerate(zip(old, new, strict=True)):
-            yield from _changes(one, other, (*path, at))
+        for index, (old_item, new_item) in enumerate(zip(old, new, strict=True)):
+            yield from _changes(old_item, new_item, (*path, index))
     elif not are_equal(old, new):
         yield path, new
 
 
 def _with_edits(whole: Data, edits: Mapping[str, Any]) -> Data:
-    """The scene with the edits of a variant; wrong ones, which are reported as problems, are left out."""
+    """Return the scene with the edits of a variant.
+
+    Wrong edits are left out, and reported as problems.
+    """
     root = _node(whole)
     for key, value in edits.items():
         with suppress(InputError):
             root = apply(root, Edit(key, _node(value), ()))
-    made: Data = to_plain_data(root)
-    return made
+    data: Data = to_plain_data(root)
+    return data
 
 
 def _node(data: Any) -> Node:
-    """Plain data as the tree of a file that is nowhere."""
+    """Convert plain data to the tree of a file without a place."""
     value = data
     if isinstance(data, dict):
         value = {key: _node(child) for key, child in data.items()}
@@ -389,16 +417,18 @@ def _node(data: Any) -> Node:
 
 
 def _remove(target: Target, path: KeyPath) -> str:
-    """Remove an entry and what refers to it; returns the name of the edit. Raises EditError."""
+    """Remove an entry and all references to it; return the title. Raises EditError."""
     if reach(target.data, path) is ABSENT:
         raise Message.EDITOR_NOT_THERE.impossible(path=dotted(path))
     names = [str(path[-1])] if path[0] in NAMED else [dotted(path)]
     if len(path) == 2 and path[0] == "objects":
-        data, gone = replaced(target.data, str(path[1]), None)
-        names += gone
+        data, removed_parts = replaced(target.data, str(path[1]), None)
+        names += removed_parts
     else:
         data = deepcopy(target.data)
         take(data, path)
+        # Forces have numbers instead of names, so that edits of later forces would now
+        # refer to others: remove all of them.
         if len(path) == 2 and path[0] == "forces":
             names += _change_edits(data, lambda key: None if _is_of_force(key) else key)
         elif len(path) == 2 and path[0] in NAMED:
@@ -408,7 +438,7 @@ def _remove(target: Target, path: KeyPath) -> str:
 
 
 def _rename(target: Target, path: KeyPath, to: str) -> str:
-    """Rename an entry and what refers to it; returns the name of the edit. Raises EditError."""
+    """Rename an entry and all references to it; return the title. Raises EditError."""
     if target.variant is not None:
         raise Message.VARIANT_CANNOT_RENAME.impossible()
     if len(path) != 2 or path[0] not in NAMED or reach(target.data, path) is ABSENT:
@@ -417,11 +447,13 @@ def _rename(target: Target, path: KeyPath, to: str) -> str:
     if not re.fullmatch(rule["pattern"].strip("^$"), to):
         raise Message.NEW_NAME_WRONG.impossible(form=rule["x-pattern"])
     section, old = str(path[0]), str(path[1])
-    renamed = {old: to} if section == "objects" else {}
+    new_names = {old: to} if section == "objects" else {}
     if to != old:
         if reach(target.data, (section, to)) is not ABSENT:
             raise Message.NAME_TAKEN.impossible(name=to)
         if section == "objects":
+            # Forces, joints and fields refer to objects; only edits of variants refer
+            # to others.
             data, _ = replaced(target.data, old, to)
         else:
             data = deepcopy(target.data)
@@ -431,70 +463,85 @@ def _rename(target: Target, path: KeyPath, to: str) -> str:
             _change_edits(
                 data, lambda key: (section, to, *key[2:]) if key[:2] == path else key
             )
-        target.write(data, renamed=renamed)
+        target.write(data, renamed=new_names)
     return f"rename {old} to {to}"
 
 
 def replaced(data: Data, name: str, to: str | None) -> tuple[Data, list[str]]:
-    """A scene in which an object has another name, is merged into another object, or (None) is gone.
+    """Rename an object, merge it into another one, or (None) remove it.
 
-    Also returns, in words, what went with it: forces on an object that is gone, joints of two that became one.
+    Returns the new data, and in words all parts that were removed with it: forces on a
+    removed object, and joints of two objects that became one.
     """
-    data, gone = deepcopy(data), list[str]()
-    merged = to in data["objects"]
-    if to is None or merged:
+    data, removed_parts = deepcopy(data), list[str]()
+    is_merged = to in data["objects"]
+    if to is None or is_merged:
         del data["objects"][name]
     else:
         data["objects"] = {
             to if key == name else key: value for key, value in data["objects"].items()
         }
     joints = list(data.get("joints") or {})
-    forces = _refer(data, name, to, gone)
+    forces = _refer(data, name, to, removed_parts)
     if forces:
-        gone.insert(0, "its force" if forces == 1 else f"its {forces} forces")
-    lost = {("joints", joint) for joint in joints if joint not in data["joints"]}
+        removed_parts.insert(0, "its force" if forces == 1 else f"its {forces} forces")
+    # Edits of variants that refer to a removed part are removed with it.
+    removed_joints = {
+        ("joints", joint) for joint in joints if joint not in data["joints"]
+    }
 
     def change(key: KeyPath) -> KeyPath | None:
         if key[:2] == ("objects", name):
-            return None if to is None or merged else ("objects", to, *key[2:])
-        return None if key[:2] in lost or (forces and _is_of_force(key)) else key
+            return None if to is None or is_merged else ("objects", to, *key[2:])
+        return (
+            None if key[:2] in removed_joints or (forces and _is_of_force(key)) else key
+        )
 
-    return data, gone + _change_edits(data, change)
+    return data, removed_parts + _change_edits(data, change)
 
 
 def _refer(part: Data, name: str, to: str | None, gone: list[str]) -> int:
-    """Replace an object's name wherever a scene refers to it, in place; returns the number of forces that go."""
-    forces, dropped = part.get("forces"), 0
+    """Replace an object's name in all references, in place; return the number of lost
+    forces.
+    """
+    # A force acts on one object alone: without its object it has no meaning and is
+    # removed.
+    forces, lost_count = part.get("forces"), 0
     if isinstance(forces, list):
-        own = [
+        own_forces = [
             force
             for force in forces
             if isinstance(force, dict) and force.get("object") == name
         ]
-        for force in own:
+        for force in own_forces:
             force["object"] = to
-        dropped = len(own) if to is None else 0
+        lost_count = len(own_forces) if to is None else 0
         part["forces"] = [
-            force for force in forces if to is not None or force not in own
+            force for force in forces if to is not None or force not in own_forces
         ]
+    # Joints and fields list several objects. Without the object, a field goes on for
+    # the others; a joint of one object, or a magnet without a partner, is removed.
     for section in ("joints", "fields"):
         for key, entry in _entries(part, section):
             list_key = "magnet" if "magnet" in entry else "objects"
             names = entry.get(list_key)
             if not isinstance(names, list) or name not in names:
                 continue
-            rest = list(
+            remaining_names = list(
                 dict.fromkeys(
-                    to if one == name else one for one in names if one != name or to
+                    to if other == name else other
+                    for other in names
+                    if other != name or to
                 )
             )
-            is_pair = section == "joints" and len(rest) < len(names)
-            is_alone = list_key == "magnet" and len(rest) < 2
-            if not rest or is_pair or is_alone:
+            is_pair = section == "joints" and len(remaining_names) < len(names)
+            is_single_magnet = list_key == "magnet" and len(remaining_names) < 2
+            if not remaining_names or is_pair or is_single_magnet:
                 del part[section][key]
                 gone.append(f"{section[:-1]} {key}")
             else:
-                entry[list_key] = rest
+                entry[list_key] = remaining_names
+    # A camera that follows the object stays where it is, if the object is removed.
     camera = reach(part, ("render", "camera"))
     for view in camera if isinstance(camera, list) else [camera]:
         if isinstance(view, dict) and view.get("follow") == name:
@@ -502,35 +549,39 @@ def _refer(part: Data, name: str, to: str | None, gone: list[str]) -> int:
             if to is None:
                 del view["follow"]
                 gone.append("the camera that follows it")
-    return dropped
+    return lost_count
 
 
 def _change_edits(data: Data, change: Callable[[KeyPath], KeyPath | None]) -> list[str]:
-    """Give the keys of all variants other paths, or (None) remove them; returns those, in words."""
-    gone = []
+    """Change the paths of all variants' keys, or (None) remove them; return those in
+    words.
+    """
+    removed_parts = []
     for variant, edits in _entries(data, "variants"):
-        made: Data = {}
+        new_edits: Data = {}
         for key, value in edits.items():
             path = parse_key(key) or ()
-            new = change(path)
-            if new is None:
-                gone.append(f"{key} of {variant}")
+            new_path = change(path)
+            if new_path is None:
+                removed_parts.append(f"{key} of {variant}")
             else:
-                made[key if new == path else dotted(new)] = value
-        data["variants"][variant] = made
-    return gone
+                new_edits[key if new_path == path else dotted(new_path)] = value
+        data["variants"][variant] = new_edits
+    return removed_parts
 
 
 def _is_of_force(key: KeyPath) -> bool:
-    """Whether a variant's key counts the forces, of which one goes."""
+    """Check whether a variant's key has the index of a force, which a removal would
+    change.
+    """
     return len(key) > 1 and key[0] == "forces"
 
 
 def _entries(data: Data, section: str) -> list[tuple[str, Data]]:
-    """The entries of a section that are mappings."""
-    found = data.get(section)
+    """Return the mappings among the entries of a section."""
+    section_data = data.get(section)
     return (
-        [(k, v) for k, v in found.items() if isinstance(v, dict)]
-        if isinstance(found, dict)
+        [(k, v) for k, v in section_data.items() if isinstance(v, dict)]
+        if isinstance(section_data, dict)
         else []
     )

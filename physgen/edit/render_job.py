@@ -74,7 +74,7 @@ class RenderJob:
     def command(
         self, variant: str | None = None, format: str = "mp4", refine: bool = True
     ) -> str:
-        """Return the command line that renders the same clip, quoted for a shell."""
+        """Return the command line to render the same clip, quoted for a shell."""
         return shlex.join(["physgen", *self._arguments(variant, format, refine)])
 
     def file(self, name: str) -> Path | None:
@@ -110,8 +110,11 @@ class RenderJob:
         variant_names = [None] if variants is None else list(dict.fromkeys(variants))
         if not variant_names:
             raise Message.NO_VARIANT_CHOSEN.impossible()
-        if not set(format.split(",")) <= {one.value for one in Format}:
+        if not set(format.split(",")) <= {
+            video_format.value for video_format in Format
+        }:
             raise Message.UNKNOWN_VIDEO_FORMAT.impossible()
+        # Build all commands before the lock: an invalid setting must not disturb a run.
         commands = [
             self._arguments(variant, format, refine) for variant in variant_names
         ]
@@ -132,6 +135,8 @@ class RenderJob:
                     shlex.join(["physgen", *command]) for command in commands
                 ),
             }
+            # The runs take minutes: a thread waits for them, so that the request
+            # returns at once.
             self._thread = Thread(
                 target=self._run, args=(commands, variant_names), daemon=True
             )

@@ -104,7 +104,7 @@ class History:
         )
 
     def push(self, state: State) -> None:
-        """Add a state after the present one, and remove the states that were undone.
+        """Add a state after the present one, and remove the undone states.
 
         A state with the tag of the present state replaces it, so that both are one
         step.
@@ -179,7 +179,7 @@ class Session:
         self._bom, self._crlf = data.startswith(codecs.BOM_UTF8), "\r\n" in text
         self.draft = Draft(path)
         try:
-            unsaved = self.draft.load()
+            draft = self.draft.load()
         except InputError:
             self.draft.release()
             raise
@@ -188,11 +188,11 @@ class Session:
         states = [State(text)]
         self._folders: list[str] = []
         # The first state is the file, the second the draft: undo restores the file.
-        if unsaved is not None and unsaved.text != unsaved.saved:
-            self.saved, self._folders = unsaved.saved, unsaved.folders
+        if draft is not None and draft.text != draft.saved:
+            self.saved, self._folders = draft.saved, draft.folders
             states = [
-                State(unsaved.saved if is_removed else text),
-                State(unsaved.text, "the edits of last time"),
+                State(draft.saved if is_removed else text),
+                State(draft.text, "the edits of last time"),
             ]
         self.history = History(states)
         self._look_outside()
@@ -232,7 +232,7 @@ class Session:
             self.draft.close(keep=not self.is_saved)
             return None if self.is_saved else self.draft.folder
 
-    # What the page shows
+    # The contents of the page
 
     def state(self, variant: str | None = None) -> Data:
         """Return the data of the page for the present state, in a variant or in the
@@ -435,18 +435,18 @@ class Session:
     def _save(self, resolve: str | None) -> None:
         """Write the present text, after a comparison with the text on the disk."""
         try:
-            theirs = self._theirs()
+            disk_text = self._theirs()
         except EditError:
             if resolve != "mine":
                 raise
             # The file is not text and cannot be a state of the history: copy it to
             # NAME~ before it is overwritten.
             back_up(self.real)
-            theirs = None
+            disk_text = None
         if resolve == "theirs":
-            self._take(theirs)
+            self._take(disk_text)
         else:
-            if theirs is not None and theirs != self.saved:
+            if disk_text is not None and disk_text != self.saved:
                 if resolve is None:
                     self.outside = "changed"
                     message = "another program changed the file"
@@ -457,10 +457,12 @@ class Session:
                         {"conflict": True},
                     )
                 # Their text becomes the state before mine: one undo restores it.
-                mine = self.now
-                self._add(State(theirs, BY_OTHERS))
+                own_state = self.now
+                self._add(State(disk_text, BY_OTHERS))
                 self._add(
-                    replace(mine, what="keep mine over another program's", tag=None)
+                    replace(
+                        own_state, what="keep mine over another program's", tag=None
+                    )
                 )
             data = (codecs.BOM_UTF8 if self._bom else b"") + self.now.text.encode()
             write_atomic(self.real, data, durable=True)
@@ -514,19 +516,20 @@ class Session:
         Returns `taken`, `clash`, `gone`, or None for no change.
         """
         try:
-            theirs = self._theirs()
+            disk_text = self._theirs()
         except EditError:
             self.outside = "changed"
             return "clash"
         before = self.outside
-        if theirs is None:
+        if disk_text is None:
             self.outside = "gone"
             return "gone" if before != "gone" else None
-        if theirs == self.saved:
+        # Another program may restore the saved text, which ends a clash.
+        if disk_text == self.saved:
             self.outside = None
             return "taken" if before is not None else None
         if self._nothing_made and before is None:
-            self._take(theirs)
+            self._take(disk_text)
             return "taken"
         self.outside = "changed"
         return "clash"

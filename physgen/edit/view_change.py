@@ -33,9 +33,9 @@ from physgen.text import counted
 
 Data = dict[str, Any]
 WATCHED = 2.0
-"""Time for which objects must stay at rest, s, as in perception."""
+"""Smallest time of objects at rest, s, as in perception."""
 SAMPLES = 81
-"""Number of times at which positions are compared: 40 a second."""
+"""Number of comparisons of positions: 40 a second."""
 PUSHED = 4.0
 """Time after which pushed objects must be in the picture, s; most clips are over by
 then.
@@ -161,6 +161,7 @@ def _wall_ops(scene: Scene, guess: BoundaryGuess) -> list[Data]:
     ops: list[Data] = [
         {"remove": ["boundaries", name]} for name in walls if name not in user_walls
     ]
+    # A perceived wall must not take the name of a wall of the user.
     used_names = set(user_walls)
     for wall in guess.walls:
         name = free_name(wall.name, used_names)
@@ -245,7 +246,7 @@ def _leaving(
 
 
 def _falling(state: LiveScene) -> list[str]:
-    """Return the objects that do not stay at rest by themselves, in order of motion."""
+    """Return the objects without a stable rest, in order of motion."""
     objects = tuple(
         replace(item, velocity=(0.0, 0.0), spin=0.0) for item in state.scene.objects
     )

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 STRONG = 0.7
 """Quantile of gradients above which they vote: most of a picture is not an edge."""
 WEAKEST = 4.0
-"""Gradient, 8-bit codes per px, below which it is noise."""
+"""Smallest gradient beyond noise, 8-bit codes per px."""
 SPREAD = 0.12
 """Standard deviation of votes, radii, for a circle seen slightly from the side."""
 

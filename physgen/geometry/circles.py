@@ -81,15 +81,19 @@ def robust_circle(points: Array) -> Array:
     weight: Array = np.ones(len(points))
     middle = points.mean(axis=0)
     circle = np.array([*middle, 1.0])
+    # Coordinates about the mean keep the normal equations well conditioned.
     local = points - middle
     squares = (local * local).sum(axis=1)
     for _ in range(12):
+        # Kasa's equation 2 x cx + 2 y cy + c = x² + y² is linear in the unknowns.
         design = np.column_stack([2 * local, np.ones(len(local))]) * weight[:, None]
         solution, *_ = np.linalg.lstsq(design, squares * weight, rcond=None)
         x, y, c = solution
         radius = sqrt(max(c + x * x + y * y, 1e-6))
         circle = np.array([x + middle[0], y + middle[1], radius])
         error = np.hypot(local[:, 0] - x, local[:, 1] - y) - radius
+        # Robust standard deviation of the errors from their median, at least a quarter
+        # pixel.
         scale = max(1.4826 * float(np.median(np.abs(error))), 0.25)
         share = 1 - (error / (4.7 * scale)) ** 2
         weight = np.sqrt(np.clip(share, 0, None)) + 1e-6
@@ -164,7 +168,7 @@ size.
 """
 
 _SLACK = 1e-9
-"""Distance that circles keep for rounding, px."""
+"""Distance between circles, for rounding, px."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,6 +261,8 @@ class _Problem:
         for i, rough in enumerate(self.rough):
             self._add_border(system, i, rough, centers[i], float(radii[i]))
         contact_weight = np.array([stiffness])
+        # Contacts act in both directions for discs that touch, and only against overlap
+        # for others.
         for (i, j), touches in zip(self.pairs.tolist(), self.touching, strict=True):
             offset = centers[j] - centers[i]
             length = max(float(np.hypot(*offset)), 1e-9)
@@ -365,6 +371,8 @@ def _groups(
     for i, j in contacts:
         root[find(j)] = find(i)
     group = np.arange(len(radii))
+    # Real balls of a set have one size; connected discs near their median share a
+    # radius.
     tops = [find(i) for i in range(len(radii))]
     for top in set(tops):
         members = [i for i, own_top in enumerate(tops) if own_top == top]

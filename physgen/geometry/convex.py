@@ -34,9 +34,9 @@ class PieceTuning:
     """Limits of convex pieces."""
 
     seam: float = 0.5
-    """Gap between two pieces of one object that is an artefact, px."""
+    """Largest gap between two pieces of one object by an artefact, px."""
     flush: float = 0.02
-    """Depth of corners within the hull of merged pieces that is tolerated, px."""
+    """Largest tolerated depth of corners within the hull of merged pieces, px."""
     many: int = 200
     """Number of pieces of a body above which seams stay: all pairs would be
     compared.
@@ -46,7 +46,7 @@ class PieceTuning:
     flat: float = 1e-9
     """Area of a corner's triangle, px², below which the corner is straight."""
     rounding: float = 1e-9
-    """Area of an overlap, px², below which it is a rounding error."""
+    """Smallest area of an overlap beyond rounding errors, px²."""
     corners: int = 64
     """Number of corners of a quarter of a circle as a polygon."""
 
@@ -108,6 +108,8 @@ def _as_one(a: Array, b: Array) -> Array | None:
     is_left_or_above = (a.min(axis=0) > b.max(axis=0) + PIECES.seam).any()
     if is_left_or_above or (b.min(axis=0) > a.max(axis=0) + PIECES.seam).any():
         return None
+    # Both polygons are one if no corner lies deep inside their hull: each must be on
+    # it.
     points = np.concatenate([a, b])
     hull = _hull(points)
     edges = np.roll(hull, -1, axis=0) - hull
@@ -118,6 +120,7 @@ def _as_one(a: Array, b: Array) -> Array | None:
     gap = shapely.Polygon(a).distance(shapely.Polygon(b))
     if gap > PIECES.seam:
         return None
+    # The seam itself may add the area of a narrow strip, but no more.
     longest = float(np.hypot(*np.minimum(np.ptp(a, axis=0), np.ptp(b, axis=0))))
     added_area = _area(hull) - _area(a) - _area(b)
     return hull if added_area <= (gap + PIECES.flush) * longest else None
@@ -190,6 +193,7 @@ def _orient(points: Array, triangles: NDArray[np.int64]) -> list[list[int]]:
 def _merge(points: Array, faces: list[list[int]]) -> list[list[int]]:
     """Remove inner edges, the longest first, if both faces together are convex."""
     xy = points.tolist()
+    # Each directed edge belongs to one face; an inner edge occurs in both directions.
     edges: dict[tuple[int, int], int] = {}
     for index, face in enumerate(faces):
         for k, corner in enumerate(face):
@@ -214,8 +218,10 @@ def _merge(points: Array, faces: list[list[int]]) -> list[list[int]]:
             continue
         face = _rotate(faces[left], end)  # end ... start
         other = _rotate(faces[right], start)  # start ... end
+        # Faces that share more than the edge would enclose a hole.
         if len(set(face) & set(other)) > 2:
             continue
+        # The union is convex if both ends of the removed edge are.
         meets = is_convex(face[-2], start, other[1])
         if meets and is_convex(other[-2], end, face[1]):
             faces[left] = face + other[1:-1]

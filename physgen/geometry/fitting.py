@@ -167,6 +167,8 @@ def fit_outlines(
         disc = None if i in never_discs else _disc_in_view(owners[view], i)
         if disc is not None:
             rough_shapes[i] = Disc(disc.center + _corner(view), disc.radius)
+    # After the common fit, a disc may no longer match its mask. Make such discs
+    # regions, and fit the rest again, until all discs match.
     while True:
         others = np.where(np.isin(owners, list(rough_shapes)), 0, owners)
         regions = fit_regions(close_gaps(others))
@@ -243,6 +245,7 @@ def _label_boxes(labels: NDArray[np.integer]) -> dict[int, tuple[int, int, int, 
     owner = labels.reshape(-1)[pixels]
     if int(owner.max()) < 2**16:
         owner = owner.astype(np.uint16)  # NumPy sorts 16 bits by radix sort
+    # Sort the pixels by id, and reduce each run of equal ids.
     order = np.argsort(owner, kind="stable")
     pixels, owner = pixels[order], owner[order]
     is_first = np.concatenate([[True], owner[1:] != owner[:-1]])
@@ -279,7 +282,7 @@ def _fit_together(
     rough: dict[int, Disc],
     regions: dict[int, Region],
 ) -> dict[int, Disc]:
-    """Move discs such that they touch their neighbours, discs and regions."""
+    """Move discs until they touch their neighbours, discs and regions."""
     ids = list(rough)
     place = {i: k for k, i in enumerate(ids)}
     pairs = touching_masks(owned, [*ids, *regions])

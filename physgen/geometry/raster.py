@@ -44,6 +44,9 @@ def coverage_box(
     width, height = x1 - x0, y1 - y0
     if window is not None and (width <= 0 or height <= 0):
         return np.zeros((max(height, 0), max(width, 0)), np.float32), (x0, y0)
+    # Each border segment adds its signed area to the row that it crosses, as
+    # differences along the row. Their running sum is the coverage (signed-area
+    # accumulation).
     corner = np.array([x0 - 0.5, y0 - 0.5])
     sums = np.zeros((max(height, 1), max(width, 1) + 1))
     if isinstance(outline, Disc):
@@ -100,6 +103,8 @@ def _within(start: Array, end: Array, width: int, height: int) -> tuple[Array, A
     Rows outside are dropped; parts to the left or right move to the box's side.
     """
     lines = ((0, 0.0), (0, float(width)), (1, 0.0), (1, float(height)))
+    # Split every segment at each side of the box, so that each piece is wholly inside
+    # or outside.
     for axis, line in lines:
         a, b = start[:, axis], end[:, axis]
         crosses = (a < line) != (b < line)
@@ -109,6 +114,8 @@ def _within(start: Array, end: Array, width: int, height: int) -> tuple[Array, A
         middle[:, axis] = line
         start = np.concatenate([start[~crosses], start[crosses], middle])
         end = np.concatenate([end[~crosses], middle, end[crosses]])
+    # A piece above or below the box covers no row. One beside it still closes its rows,
+    # and moves to the side.
     y = (start[:, 1] + end[:, 1]) / 2
     is_inside = (y > 0) & (y < height)
     lower_corner, upper_corner = np.zeros(2), np.array([float(width), float(height)])
@@ -124,6 +131,7 @@ def _cut(start: Array, end: Array, axis: int) -> tuple[Array, Array]:
     first = np.floor(lower) + 1
     count = np.maximum(np.ceil(upper) - first, 0).astype(np.intp)
     pieces = count + 1
+    # List the pieces of all segments: the segment of each, and its rank within it.
     owner = np.repeat(np.arange(len(a)), pieces)
     rank = np.arange(len(owner)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     span = np.where(upper > lower, upper - lower, 1.0)
@@ -136,6 +144,7 @@ def _cut(start: Array, end: Array, axis: int) -> tuple[Array, Array]:
         share = np.where(number == pieces[owner], 1.0, inner)
         return np.where(number == 0, 0.0, share)[:, None]
 
+    # Count every segment from its low end, so that opposite segments have equal cuts.
     is_rising = (b >= a)[owner][:, None]
     bottom = np.where(is_rising, start[owner], end[owner])
     top = np.where(is_rising, end[owner], start[owner])

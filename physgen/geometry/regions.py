@@ -91,6 +91,8 @@ def trace_borders(labels: NDArray[np.integer]) -> BorderMap:
         if closed:
             corners.pop()
         else:
+            # An open border can be walked from both of its ends: store how each end
+            # leaves its junction, to connect the borders to loops.
             number = len(borders)
             leaving[row, column, directions[0]] = Step(number, backwards=False)
             end = (*corners[-1], directions[-1] ^ 2)
@@ -144,7 +146,7 @@ def _open_loops(
 def _next_step(
     end: tuple[int, int, int], leaving: dict[tuple[int, int, int], Step]
 ) -> Step:
-    """Return the step that continues another one, with the label on the right."""
+    """Return the next step after another one, with the label on the right."""
     row, column, direction = end
     for turn in (3, 2, 1):
         step = leaving.get((row, column, (direction + turn) % 4))
@@ -289,11 +291,13 @@ def fit_regions(labels: NDArray[np.int64]) -> dict[int, Region]:
     columns = np.flatnonzero(labels.any(axis=0))
     if not len(rows):
         return {}
+    # To save time for small objects, trace only the box around all labels.
     part = labels[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     offset = np.array([columns[0], rows[0]], dtype=np.float64)
     borders = trace_borders(part)
     areas = np.bincount(part.ravel())
     tiny = {label for label in borders.loops if areas[label] < _TINY}
+    # Junctions first: their places decide the ends of lines, which are simplified next.
     lines = _untangle(borders, _settle_junctions(borders.borders, tiny), tiny)
     closed = [border.closed for border in borders.borders]
     regions = {}
@@ -347,6 +351,7 @@ def _settle_junctions(borders: tuple[Border, ...], tiny: set[int]) -> list[Array
     lines = [border.middles for border in borders]
     junctions: dict[tuple[float, float], list[tuple[int, int]]] = {}
     runs = {}
+    # Collect the open ends that meet at each junction.
     for index, border in enumerate(borders):
         if border.closed:
             continue
@@ -357,6 +362,7 @@ def _settle_junctions(borders: tuple[Border, ...], tiny: set[int]) -> list[Array
     for place, ends in junctions.items():
         labels = {borders[index].left for index, _ in ends}
         labels |= {borders[index].right for index, _ in ends}
+        # Regions of a few pixels have no straight borders to fit.
         if labels & tiny:
             continue
         straight_ends = [(borders[index], runs[index][end]) for index, end in ends]

@@ -207,8 +207,10 @@ def _symmetric_radii(outline: Region, axis: Array) -> tuple[Array, float]:
     for ring in outline.rings:
         rings.append(Ring(place(ring.outer), tuple(map(place, ring.holes))))
     width, height = np.ceil(size * scale).astype(int).tolist()
+    # Rasterize the outline with rows across the axis, so that each row is one slice.
     is_inside = coverage(Region(tuple(rings)), (width, height)) >= 0.5
     columns = np.arange(width)
+    # For each place, find the nearest pixels outside on both sides of its row.
     outside_before = np.maximum.accumulate(np.where(is_inside, -1, columns), axis=1)
     reversed_ends = np.where(is_inside, width, columns)[:, ::-1]
     outside_after = np.minimum.accumulate(reversed_ends, axis=1)[:, ::-1]
@@ -328,6 +330,7 @@ def _mass(
     estimate = f"{float(f'{volume:.3g}'):,g} cm³ of {_stuff(what)}"
     if what.mass is None:
         return mass, _confidence_of_kind(what), estimate
+    # An object of unusual size does not have the mass of an ordinary one.
     size_ratio = 0.0
     if extent.per_mm is not None:
         size_ratio = log(extent.per_mm * 1000 / pixels_per_meter)
@@ -396,12 +399,15 @@ def photo_scale(
             continue
         extent = object_extent(item.outline, object_kind)
         if extent.per_mm and extent.mismatch < LIMITS.max_mismatch:
+            # The uncertainty of a witness: the spread of its kind, and the mismatch of
+            # its shape.
             spread = hypot(object_kind.spread, extent.mismatch / 2)
             witnesses.setdefault(object_kind.noun, []).append((extent.per_mm, spread))
     if not witnesses:
         return None
     middle, spread = _combine(list(witnesses.values()))
     confidence = 0.95 * exp(-((spread / LIMITS.vague) ** 2))
+    # Do not pretend more precision than the spread allows.
     digits = 3 if spread < 0.05 else 2
     value = float(f"{exp(middle) * 1000:.{digits}g}")
     return Scale(value, round(confidence, 2), _reason(witnesses, kinds, spread))

@@ -714,11 +714,14 @@ def _silhouette_on_table(
     if box is None:
         return None
     blocked_share = np.zeros((box[3] - box[1], box[2] - box[0]), np.float32)
+    # Add up the shadows of slices of the object, since higher slices cast wider
+    # penumbrae farther away.
     for level in LEVELS_ON_TABLE:
         blur_width = penumbra_width(setting, thickness * level, rise)
         dx, dy = ax * thickness * level, ay * thickness * level
         shadow = moved_silhouette(silhouette, box, dx, dy, blur_width)
         np.maximum(blocked_share, shadow, out=blocked_share)
+    # Around its foot, an object also hides a part of the sky.
     blur = max(0.4, 0.35 * thickness)
     hidden_share = 0.9 * moved_silhouette(silhouette, box, 0, 0, blur)
     return box, blocked_share, hidden_share
@@ -816,6 +819,7 @@ def shadows_on_sides(
     middle = setting.size[0] / 2
     sides = zip(silhouette.ends, silhouette.walls, (1.0, -1.0), strict=True)
     for end, has_wall, facing in sides:
+        # The camera sees only the side walls that face the middle of the photo.
         is_visible = has_wall and (end - middle) * facing < 0
         faces_light = lx * facing >= LEAST_LIGHT_HEIGHT
         if not (is_visible and faces_light):

@@ -12,7 +12,7 @@ from physgen.arrays import Mask
 from physgen.geometry.polygon import Array, cross, polygon_moments
 
 _PRICE = 3.0
-"""Squared distance, in squared tolerances, that costs as much as another edge."""
+"""Squared distance with the cost of another edge, in squared tolerances."""
 
 _MOST_BREAKS = 600
 """Number of points above which only Douglas and Peucker's points may be breaks."""
@@ -28,10 +28,12 @@ def simplify(points: Array, tolerance: float, closed: bool) -> Array:
         if len(points) <= 2:
             return points.copy()
         return _straighten(points, tolerance, closed=False)
+    # Start a closed line at its farthest point from the mean, a convex corner.
     area = abs(polygon_moments(points).area)
     squares = ((points - points.mean(axis=0)) ** 2).sum(axis=1)
     points = np.roll(points, -int(np.argmax(squares)), axis=0)
     ring = np.concatenate([points, points[:1]])
+    # A line within the tolerance can still lose much of a small ring's area.
     for share in (1.0, 0.5, 0.25):
         line = _distinct(_straighten(ring, share * tolerance, closed=True))
         if len(line) < 3:
@@ -190,6 +192,7 @@ def _corners(
             continue
         run_points = points[runs[k - 1] : runs[k + 1] + 1]
         corners.append(_meet(run_points, corner, lines[k - 1], lines[k], limit))
+    # A closed line has a corner at its seam, too, between the last run and the first.
     if closed:
         seam = [points[0]]
         if not {0, runs[-1]} & pinned:
@@ -254,6 +257,8 @@ def _deviation(
         is_backwards = (end - start) @ (run[-1] - run[0]) <= 0
         line = _edge_with_neighbours(corners, k, is_closed_line)
         nearby_points = _points_around(points, runs, k, is_closed_line)
+        # Check both directions: points of the run near the edge, and the edge near the
+        # points.
         probes = np.concatenate([start + (end - start) * share, corners[k + 1]])
         if (
             is_backwards
@@ -299,6 +304,7 @@ def crossings(rings: list[Array]) -> NDArray[np.intp]:
     edge = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings]) - start
     owner = np.repeat(np.arange(len(rings)), [len(ring) for ring in rings])
     segments = shapely.linestrings(np.stack([start, start + edge], axis=1))
+    # The tree finds candidate pairs by their boxes, each pair in both orders: keep one.
     i, j = shapely.STRtree(segments).query(segments)
     i, j = i[i < j], j[i < j]
 
@@ -308,6 +314,7 @@ def crossings(rings: list[Array]) -> NDArray[np.intp]:
         to_end = cross(edge[a], start[b] + 1.0 * edge[b] - start[a])
         return to_start, to_end
 
+    # Two edges cross if the ends of each lie on opposite sides of the other.
     crosses = _opposite(*sides(i, j)) & _opposite(*sides(j, i))
     pairs = np.sort(owner[np.stack([i[crosses], j[crosses]], axis=1)], axis=1)
     return np.unique(pairs, axis=0).astype(np.intp).reshape(-1, 2)

@@ -37,9 +37,7 @@ FREE_SECTIONS = ("refine",)
 
 @dataclass
 class Carried:
-    """A scene with values of an old one, and the dotted keys that were kept and
-    dropped.
-    """
+    """A scene with values of an old one, and the kept and dropped dotted keys."""
 
     perceived: PerceivedScene
     kept: list[str] = field(default_factory=list)
@@ -91,6 +89,7 @@ def _carry_object(name: str, was: Entry, wrote: Entry, carried: Carried) -> None
         key: origin for key, origin in current["from"].items() if key not in values
     }
     objects[name] = {**current, **values, "from": sources}
+    # Density and mass exclude each other.
     if "density" in values:
         objects[name].pop("mass", None)
     wrote_now = {key: current[key] for key in values if key in current}

@@ -67,14 +67,14 @@ GENERIC = ("object", "thing")
 USUAL = ("friction", "elasticity")
 """Numbers that the file omits at their defaults, the values of an unknown material."""
 PERHAPS = 0.2
-"""Least confidence of a region that gets an entry."""
+"""Least confidence of a region with an entry."""
 LIKELY = 0.1
 """Least probability of an alternative label in a comment."""
 TABLE = {"friction": 0.2}
 """The table's entry in new scenes seen from above."""
 SCHEMA = "scene-1.schema.json"
-"""Copied into the assets, so that editors complete and check the scene offline and at
-any path.
+"""A copy in the assets lets editors complete and check the scene offline and at any
+path.
 """
 BARE = {"mask", "from", "confidence"}
 """Keys of an object that the user took from `doubtful:` or gave by its mask alone; a
@@ -211,7 +211,9 @@ def label_confidences(
 
 
 def unknown_label(label: str) -> Problem | None:
-    """Return a warning about a label that is missing in the material table, or None."""
+    """Return a warning about a label without an entry in the material table, or
+    None.
+    """
     label_kind = kind(label)
     if label_kind.noun or label_kind.material.name != "unknown" or label in GENERIC:
         return None
@@ -262,6 +264,7 @@ def object_entries(
         name, its = called[item.id], matter[item.id]
         path = f"objects.{name}"
         sources = {"mask": _mask_source(found, item.id)}
+        # Only labels of perception have a source and alternatives.
         if labels.sources[item.id]:
             guess = labels.names[item.id]
             sources["label"] = provenance(
@@ -297,6 +300,7 @@ def object_entries(
             boundaries.view is View.SIDE or its.solid is Solid.SPHERE
         )
         vehicle = None if is_static else vehicles.get(item.id)
+        # Wheels roll even if the object is not a circle.
         if vehicle is not None:
             entry["rolling"] = max(its.rolling, kind("wheel").material.rolling)
         elif rolls and not (item.cut or is_static):
@@ -315,6 +319,7 @@ def object_entries(
             )
             entry["motion"] = "static"
             comments[f"{path}.motion"] = f"{reason}, so it is held; dynamic lets it go"
+        # An object at rest on a slope proves a friction of at least the slope.
         if its.friction < grip:
             sources["friction"] = provenance("lies on a slope", 0.5)
             comments[f"{path}.friction"] = (
@@ -331,6 +336,7 @@ def object_entries(
             comments[f"{path}.facing"] = (
                 "a guess: the cabin is behind the middle; left or right"
             )
+        # Layers are written only if the order of drawing differs from the default.
         if item.id in layer_of:
             orders = [order for order in kept if order.front == item.id]
             entry["layer"] = layer_of[item.id]
@@ -698,6 +704,7 @@ def write_scene(
     target = output or stdout or Path(f"{name}.yaml")
     folder = target.parent
     inside = photo is not None and photo.resolve().is_relative_to(folder.resolve())
+    # A copy of the pixels does not contain the photo's metadata, such as the place.
     copy = "" if inside else _free_of_maps(f"{name}.png")
     heads = ("physgen", "image", "assets", "maps")
     body = {key: value for key, value in perceived.document.items() if key not in heads}
@@ -751,6 +758,7 @@ def write_scene(
         ):
             # Delete only files with unchanged content: users may have painted in a map.
             (assets / file).unlink()
+    # The maps come first, because the record lists their ranges.
     ranges = write_assets(perceived.percepts, assets, keep)
     if copy:
         write_png(assets / copy, perceived.percepts.rgb, keep)
@@ -761,6 +769,7 @@ def write_scene(
     write_with_backup(assets / SCHEMA, resource("schemas", SCHEMA).read_bytes(), keep)
     per_meter = stated_scale(perceived.document)
     slow = slow_motion(max(perceived.percepts.labels.shape), per_meter)
+    # The record tells a later refresh which values are perception's.
     record: dict[str, Any] = {
         "physgen": __version__,
         "steps": list(perceived.record),
@@ -797,10 +806,12 @@ def write_scene(
     if description is not None:
         record["summary"] = list(description.summary)
     asset_files = sorted(file for file in assets.iterdir() if file.name in file_names)
+    # Checksums tell unchanged files from files edited by the user.
     record["files"] = {file.name: crc32(file.read_bytes()) for file in asset_files}
     write_atomic(
         assets / RECORD, json.dumps(record, ensure_ascii=False).encode() + b"\n"
     )
+    # The scene file comes last, so that an interrupted run leaves the old scene intact.
     text = written(assets)
     note_files(assets, {*file_names, RECORD, copy} - {""})
     if output is None:
@@ -932,7 +943,7 @@ def short_entries(
 
 
 def _free_of_maps(name: str) -> str:
-    """Return a name for the photo among the assets that differs from all maps."""
+    """Return a name for the photo, different from all maps of the assets."""
     map_names = {*MAPS, Path(OVERVIEW).stem}
     return f"photo-{name}" if Path(name).stem.lower() in map_names else name
 

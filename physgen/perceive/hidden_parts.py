@@ -46,17 +46,17 @@ class HiddenConstants:
     fits: float = 0.8
     # Largest distance of a border from its ellipse, as a share of the size.
     smooth: float = 0.03
-    # Largest share of a circle that shows the background.
+    # Largest share of background in a circle.
     open: float = 0.08
-    # Least hidden area that is completed, as a share of the object's area.
+    # Least completed hidden area, as a share of the object's area.
     least: float = 0.02
     # The same as a share of a ball's disc: a bite is visible on a round outline.
     least_of_ball: float = 0.004
     # Largest hidden area as a multiple of the visible area; more would be a guess.
     most: float = 1.5
-    # Least share of a bay that objects in front fill.
+    # Least share of a bay filled by objects in front.
     bay: float = 0.8
-    # Least share of a ball's radius that remains between touching neighbours.
+    # Least remaining share of a ball's radius between touching neighbours.
     smallest: float = 0.6
     # Displacement by neighbours from which a ball returns to its border, in radii.
     moved: float = 0.06
@@ -86,6 +86,7 @@ def continue_outlines(
         circle = full_outline
         if not isinstance(full_outline, Disc):
             circle = _border_circle(labels, item, fronts[item.id])
+        # The engine gets a disc without overlap, the renderer the full outline.
         if isinstance(circle, Disc):
             others = [other for other in result if other.id != item.id]
             disc = _free_disc(circle, others)
@@ -221,7 +222,7 @@ def _circle(border: Array, own: Mask, by: Mask) -> Disc | None:
 
 
 def _hidden_share(disc: Disc, own: Mask, by: Mask) -> float:
-    """Return the share of a disc that objects in front hide."""
+    """Return the share of a disc behind objects in front."""
     rows, columns = np.indices(own.shape)
     distance = np.hypot(columns - disc.center[0], rows - disc.center[1])
     inside = distance <= disc.radius
@@ -254,7 +255,7 @@ def _ellipse(border: Array, own: Mask, by: Mask) -> Mask | None:
 
 
 def _bays(own: Mask, by: Mask) -> Mask:
-    """Return the bays of an object's hull that objects in front fill."""
+    """Return the bays of an object's hull filled by objects in front."""
     hull = np.zeros(own.shape, np.uint8)
     corners = cv2.convexHull(np.argwhere(own)[:, ::-1].astype(np.int32))
     cv2.fillConvexPoly(hull, corners, 1)

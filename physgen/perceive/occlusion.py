@@ -45,7 +45,7 @@ class _Limits:
     coarse: float = 0.8
     # Least share of the visible border within that distance.
     fits: float = 0.95
-    # Largest share of a circle that shows the background instead of the object.
+    # Largest share of background in a circle in place of the object.
     open: float = 0.04
     # Least share of a bay or hole that another object fills.
     filled: float = 0.8

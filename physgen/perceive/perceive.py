@@ -103,16 +103,16 @@ ROLES = (
     "categories", "segment", "label", "physics", "depth", "boundary", "normals", "intrinsic", "light", "matte",
     "shadow", "inpaint",
 )  # fmt: skip
-"""The roles in the order in which they run."""
+"""The roles in their order of execution."""
 KEPT = ("inpaint", "normals", "label")
-"""Roles that are called again or share a model with the next role, so that they are
-released later.
+"""Roles with a late release, because they are called again or share a model with the
+next role.
 """
 
 
 @dataclass(frozen=True)
 class KnownFacts:
-    """Facts that are known before perception; None is estimated."""
+    """Facts known before perception; None is estimated."""
 
     view: BoundaryGuess | None = None
     pixels_per_meter: float | None = None
@@ -149,6 +149,8 @@ def perceive(
     if found is None:
         found, scenery = run.detect(asked)
         ids = [int(i) for i in np.unique(found.labels) if i > 0]
+        # Thin parts and rims missed by the segmenter would stay behind when their
+        # object moves.
         extended_labels, doubtful_parts = attach_remains(
             found.labels, find_remains(rgb, found.labels, ids)
         )
@@ -162,16 +164,18 @@ def perceive(
     if found.source != "given":
         new = [item for item in objects if item.id not in found.mask_sources]
         found = replace(found, labels=_rounded(found.labels, new))
+    # Regions deleted by the user are filled like objects.
     filled_labels = (
         found.labels
         if found.gone is None
         else np.where(found.labels > 0, found.labels, found.gone)
     )
-    # The matte and the fill run in a second thread, because no other stage needs them
-    # until the end.
+    # The matte and the fill run in a second thread, beside stages without need for
+    # them.
     with ThreadPoolExecutor(1) as executor:
         is_core = run.core("matte")
         cutting = executor.submit(run.cut_out, filled_labels) if is_core else None
+        # Labels decide about outlines, materials and sizes, so they come first.
         names = run.name(found, objects, renames)
         outlined_objects = outline_as_named(rgb, found.labels, names.objects)
         outlined_objects, wholes = continue_outlines(found.labels, outlined_objects)
@@ -204,6 +208,7 @@ def perceive(
             boundaries,
             light,
         )
+        # Only floors seen from the side mirror the objects on them.
         standing = found.labels if boundaries.view is View.SIDE else None
         run.progress("inpaint", ROLES.index("inpaint"), len(ROLES))
         # Objects cut off by the border do not move: they are scenery for the others.
@@ -214,6 +219,7 @@ def perceive(
             run.fill, surroundings, shadows, standing, scenery_mask
         )
         labels, doubtful, reasons = document.with_doubtful(found.labels, found.doubtful)
+        # Names in an existing scene stay, except for objects with a new label.
         kept_names = {
             i: n
             for i, n in names.before.items()
@@ -250,6 +256,8 @@ def perceive(
             "light": _light(light, shadows),
         }
         slow = slow_motion(side, per_meter)
+        # Clips of small objects at true scale would last a fraction of a second: slow
+        # them down.
         scene["render"] = ({"slow": slow} if slow > 1 else {}) | {
             "motion_blur": document.MOTION_BLUR,
             "grain": "match",
@@ -292,12 +300,14 @@ def perceive(
             depth=depth, normals=normals, albedo=intrinsics.albedo, shading=intrinsics.shading,
         )  # fmt: skip
         reason = document.provenance(boundaries.reason, boundaries.confidence)
+        # The caller completes the scene while the fill runs.
         scene_draft = meanwhile(
             PerceivedScene(
                 percepts, scene, comments, warnings, (), suits, reason, wholes=wholes
             )
         )
         backgrounds = filling.result()
+        # Mirror images are removed last, from the filled background.
         clean_background = backgrounds.clean
         if boundaries.view is View.SIDE:
             standing_ids = [t.id for t in objects if t.id not in boundaries.held]

@@ -63,7 +63,7 @@ class RefreshStart:
     """
 
     found: Detections
-    # Objects whose pixels come from a prompt, old or new.
+    # Objects with pixels from a prompt, old or new.
     prompted: frozenset[str]
     # Objects that a new prompt absorbed.
     gone: tuple[str, ...]
@@ -71,7 +71,7 @@ class RefreshStart:
 
 @dataclass(frozen=True)
 class PromptFrames:
-    """The photos in whose pixels prompts are given."""
+    """The photos of the prompts' pixels."""
 
     # Photo of new boxes and points.
     new: PromptFrame
@@ -127,9 +127,9 @@ def start_refresh(
     """Keep objects without a prompt, segment objects with a prompt again, and add new
     ones.
 
-    New boxes and points replace the objects that they cover. `old` is the scene's data
-    with its sources. `labels` (H, W): id k + 1 is the k-th of `objects`. Ids of masks
-    stay. Raises InputError as `from_prompts`.
+    New boxes and points replace the covered objects. `old` is the scene's data with its
+    sources. `labels` (H, W): id k + 1 is the k-th of `objects`. Ids of masks stay.
+    Raises InputError as `from_prompts`.
     """
     ids = _mask_ids(objects)
     by_box = [k for k, item in enumerate(objects) if isinstance(item.prompt, BoxPrompt)]
@@ -140,6 +140,7 @@ def start_refresh(
     ]
     frames = frames or PromptFrames(PromptFrame.of(rgb), PromptFrame.of(rgb))
     new = from_prompts(rgb, boxes, points, segment, frames.new)
+    # Stored prompts select whole objects, whatever the choice for the new prompts.
     whole_segmenter = replace(segment, is_smallest_meant=False)
     new_detections = from_prompts(
         rgb, *prompts_of(objects), whole_segmenter, frames.old
@@ -150,6 +151,7 @@ def start_refresh(
     owner = {i: k for k, i in enumerate(ids)}
     confidence: dict[int, float] = {}
     prompts: dict[int, Mapping[str, Any]] = {}
+    # Masks without a prompt stay; masks with a prompt are drawn over them.
     for k, i in enumerate(ids):
         if objects[k].prompt is None:
             result[labels == k + 1] = i
@@ -192,6 +194,7 @@ def start_refresh(
         i: old["objects"].get(item.name, {}).get("from", {})
         for i, item in items.items()
     }
+    # Masks with a new prompt have no old source.
     masks = {
         i: origins.get("mask", "") for i, origins in sources.items() if i not in prompts
     }
@@ -302,7 +305,7 @@ def _nearest_wall(wall: Entry, others: Iterable[Entry]) -> Entry:
 def true_comments(
     comments: Entry, merged: Entry, seen: Entry, world: Entry
 ) -> dict[str, str]:
-    """Return the comments that are still true for the `merged` scene.
+    """Return the still true comments for the `merged` scene.
 
     A comment is true if its value equals the value in `seen`, the new scene. Comments
     on whole sections stay; the comment on the view requires a recorded reason in
@@ -347,6 +350,7 @@ def merge_documents(
     and `record` belongs to `old`.
     """
     objects: dict[str, Any] = {}
+    # Start from the user's entries and replace the values of perception.
     for name, old_entry in old["objects"].items():
         if name not in start.gone:
             new_entry = new["objects"].get(name)
@@ -398,6 +402,7 @@ def merge_documents(
     for key in ("table", "tilt"):
         if has_new_view and key in new_world and key not in world:
             world[key] = new_world[key]
+    # Boundaries are merged by position, since their names may change.
     walls = merge_boundaries(old.get("boundaries", {}), new["boundaries"], record)
     result = {**old, "objects": objects} | ({"world": world} if world else {})
     return result | ({"boundaries": walls} if walls or "boundaries" in old else {})

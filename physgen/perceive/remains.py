@@ -87,7 +87,7 @@ class Remain:
     """A narrow part beside an object."""
 
     owner: int
-    """Id of the object at which it starts."""
+    """Id of the object at its start."""
     mask: Mask
     """(H, W)."""
     is_sure: bool

@@ -85,7 +85,7 @@ class Segments:
     confidence: NDArray[np.float64]
     """(N,): probability that id k + 1 is a complete movable object."""
     doubtful: Sequence[Doubt] = ()
-    """Regions that are probably not objects, the most confident first."""
+    """Regions with an improbable object, the most confident first."""
     names: Mapping[int, Name] = field(default_factory=dict)
     """Labels from the segmenter, by id."""
     scenery: Scenery | None = None
@@ -320,7 +320,7 @@ class Detections:
     named_by: str = "given"
     """Source of `names`, for `from`."""
     gone: Labels | None = None
-    """(H, W) > 0: regions removed by the user, which are filled, too."""
+    """(H, W) > 0: regions removed by the user and filled as well."""
 
 
 @dataclass(frozen=True)
@@ -376,6 +376,6 @@ class PerceivedScene:
     others.
     """
     full_size: tuple[int, int] | None = None
-    """Width and height, px, of a photo that was reduced; None otherwise."""
+    """Width and height, px, of a photo before its reduction; None otherwise."""
     description: Description | None = None
     """A description for people, stored with the assets."""

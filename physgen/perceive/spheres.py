@@ -61,9 +61,9 @@ class SphereFit:
     """The shading of a sphere, fitted to a disc of a photo."""
 
     residual: float
-    """Standard deviation of log light that is not explained."""
+    """Unexplained standard deviation of log light."""
     shading: float
-    """Standard deviation of log light that is explained."""
+    """Explained standard deviation of log light."""
     rim: float
     """Log ratio of the light at the rim and in the middle."""
 

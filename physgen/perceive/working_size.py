@@ -50,6 +50,7 @@ def reduce_known(picture: F32, hole: Mask) -> tuple[F32, Mask] | None:
         return None
     weights = (~hole).astype(np.float32)
     share = cv2.resize(weights, size, interpolation=cv2.INTER_AREA)
+    # Average only known pixels: divide the sum by the known share.
     sums = cv2.resize(picture * weights[..., None], size, interpolation=cv2.INTER_AREA)
     sums = sums.reshape(*share.shape, -1)
     means = sums / np.maximum(share, 1e-6)[..., None]

@@ -55,7 +55,7 @@ DAMAGED = (
     OSError, ValueError, LookupError, TypeError, AttributeError, EOFError,
     RecursionError, zipfile.BadZipFile, zlib.error,
 )  # fmt: skip
-"""Errors of a damaged entry, which is computed again."""
+"""Errors of a damaged entry; it is computed again."""
 
 
 class AssetCache:
@@ -161,6 +161,7 @@ def make_cache(percepts: Percepts, text: str, target: Path | None) -> None:
         return
     cache = AssetCache(assets)
     cache.create()
+    # A full disk must not spoil the scene: the cache can be computed again.
     with suppress(OSError):
         files = [photo, *sorted(assets.glob("*.png"))]
         pictures = stored_pictures(percepts)[0] | {PHOTO: percepts.rgb}
@@ -170,7 +171,7 @@ def make_cache(percepts: Percepts, text: str, target: Path | None) -> None:
 def encode_value(value: Any, arrays: list[Array]) -> Any:
     """Return a value as JSON data; its arrays are appended to `arrays`.
 
-    Raises TypeError for a class that is not in `CLASSES`.
+    Raises TypeError for a class outside `CLASSES`.
     """
     if value is None or type(value) in (bool, int, float, str):
         return value

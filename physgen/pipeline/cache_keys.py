@@ -60,7 +60,7 @@ def motion_key(world: World) -> str:
 
 @cache
 def code_version(rooms: Sequence[str]) -> dict[str, str]:
-    """Return the versions of all code that computes results.
+    """Return the versions of all code with influence on results.
 
     These are physgen's sources in its folder and in the packages `rooms`, Python, the
     libraries, and the machine. Computed once per process. Raises ValueError for an

@@ -111,7 +111,7 @@ class RenderOptions:
 
 
 def command_alone(path: str | Path, options: RenderOptions) -> list[str]:
-    """Return the command that renders exactly this clip."""
+    """Return the command to render exactly this clip."""
     formats = ",".join(video_format.value for video_format in options.formats)
     has_refine_flag = any(flag.startswith("--refine=") for flag in options.models)
     # The flag for the refinement model overrides an edit of the same key.
@@ -262,7 +262,7 @@ def balance_advice(world: World) -> str:
 TABLE = "fan.csv"
 """Name of the table of all draws in a clip's folder."""
 UNMOVED = 1.0
-"""Displacement, px, of a point of an object that is too small to be visible."""
+"""Largest invisible displacement of a point of an object, px."""
 HARDLY = 0.005
 """The same for a pushed object, as a share of the photo's longer side."""
 DEPARTED = 0.2

@@ -164,6 +164,7 @@ def _first_to_go(world: World, is_free: NDArray[np.bool_]) -> NDArray[np.bool_]:
     times = np.linspace(0, REST_SECONDS, REST_SAMPLES)
     rate = min(world.steps_per_second, REST_RATE)
     running = Running(replace(world, steps_per_second=rate), times)
+    # Simulate in blocks, to stop soon after the first motion.
     for stop in range(REST_BLOCK, REST_SAMPLES + 1, REST_BLOCK):
         running.on(float(times[stop - 1]))
         positions = running.trajectory().poses[:stop, :, :2]
@@ -175,7 +176,7 @@ def _first_to_go(world: World, is_free: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedScene:
-    """Return the scene with the push of a short story that stays in the picture.
+    """Return the scene with the push of a short story inside the picture.
 
     Only objects of `only`, if any are named, are pushed. If no push moves an object, a
     held object is released and pushed alone.

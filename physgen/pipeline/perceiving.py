@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from physgen.scene.scene import Scene
 
 Keep = Callable[[Path], None]
-"""Callback with the new name of every file that was renamed to make room."""
+"""Callback with the new name of every file renamed to make room."""
 
 
 @dataclass(frozen=True)
@@ -453,6 +453,8 @@ def _perceive_anew(opened: OpenedScene, run: _Refresh) -> str:
     new_photo = _perceive_photo(image, run.options, run.crew, run.progress, run.warn)
     old_document = opened.document()
     _report_lost_objects(old_document, new_photo.perceived, path, run.warn)
+    # Values with a meaning in any photo stay; those in pixels of the old photo are
+    # dropped.
     transfer = carry_over(old_document, opened.ground.record, new_photo.perceived)
     description = _description(transfer.perceived)
     for key in transfer.dropped:
@@ -590,12 +592,12 @@ def _refresh(opened: OpenedScene, text: str, run: _Refresh) -> str:
         document |= {"doubtful": doubtful} if "doubtful" in old_document else {}
         # Whether the clean background exists depends on the light of this scene, not
         # on that of the new perception.
-        clean = None if maps.clean is None else perceived.percepts.clean
+        clean_photo = None if maps.clean is None else perceived.percepts.clean
         depth = (
             maps.depth if perceived.percepts.depth is None else perceived.percepts.depth
         )
         final_maps = replace(
-            perceived.percepts, labels=new_labels_map, clean=clean, depth=depth
+            perceived.percepts, labels=new_labels_map, clean=clean_photo, depth=depth
         )
         perceived = replace(perceived, percepts=final_maps)
     perceived = replace(perceived, document=document, comments=reasons)

@@ -1,10 +1,9 @@
 """Choice of the push that perception writes: trial simulations and their score.
 
-A push should tell a short story that stays in the picture: something moves visibly, as
-objects of its kind do, and everything that moves is still in the picture and at rest at
-the end. Lengths are shares of the photo's longer side, and times are in units of the
-time in which a body falls over half of that side, so that small and large scenes are
-judged alike.
+A push should start a short story that stays in the picture: an object moves visibly,
+like others of its kind, and at the end all moving objects are in the picture and at
+rest. Lengths are shares of the photo's longer side, and the unit of time is that of a
+fall over half of this side, so that small and large scenes are judged alike.
 """
 
 from __future__ import annotations
@@ -41,139 +40,151 @@ class TrialLimits:
     """Limits of trial simulations and weights of their scores."""
 
     confidence: float = 0.33
-    """Least confidence of an object that is pushed; below, its mask is to be checked."""
+    """Minimum confidence of a pushed object; below it, its mask needs a check."""
     pairs: int = 6
-    """Objects with a direction that are tried."""
+    """Number of objects with a direction to try."""
     more: int = 16
-    """The same while no push makes a story, as in a heap whose objects block another."""
+    """The same while no push makes a story, as in a heap of objects that block each
+    other.
+    """
     most: int = 28
-    """Trials; twice as many while no push makes a story."""
+    """Number of trials; twice as many while no push makes a story."""
     poor: float = 0.4
-    """Score up to which a push is no story, whatever its grade."""
+    """Score below which a push is no story, whatever its grade."""
     work: float = 2500.0
     """Work of all trials together, in steps of the engine: about half a second."""
     more_work: float = 7500.0
     """The same while no calm push moves an object by `travel`."""
     one: float = 1500.0
-    """Work of one trial, after which it ends: objects that are jammed take long."""
+    """Work after which a single trial ends: jammed objects take long."""
     longest: float = 6.0
-    """s of a trial; a scale that is wrong by powers of ten would take minutes."""
+    """Maximum duration of a trial, s: a scale wrong by powers of ten would take
+    minutes.
+    """
     units: float = 20.0
-    """Units of time of a trial: 4.5 s in a photo that shows 0.5 m."""
+    """Duration of a trial, units of time: 4.5 s in a photo of 0.5 m."""
     samples: int = 16
-    """Samples in a unit of time."""
+    """Samples per unit of time."""
     rate: float = 120.0
-    """Steps in a second of a trial; the chosen push is tried again at the scene's own."""
+    """Steps per second of a trial; the chosen push is tried again at the scene's own
+    rate.
+    """
     gentlest: float = 0.12
-    """Of the ordinary speed: 0.15 m/s in a photo that shows 0.5 m."""
+    """Gentlest push, relative to the ordinary speed: 0.15 m/s in a photo of 0.5 m."""
     hardest: float = 1.5
-    """Of the ordinary speed."""
+    """Hardest push, relative to the ordinary speed."""
     steps: tuple[float, float] = (1.25, 2.5)
-    """Factors of the speed from one trial to the next: at least, and at most."""
+    """Minimum and maximum factor of the speed from one trial to the next."""
     doubling: float = 2.0
-    """The factor after one by which what rolls is seen to move: it goes far, and long."""
+    """The factor after a visible story in the top view: rolling objects move far and
+    long.
+    """
     slides: float = 0.8
-    """Share of the speed at which friction lets an object slide visibly; the first."""
+    """First speed, relative to that at which friction permits a visible slide."""
     halvings: int = 3
-    """Speeds between one at which all stays and one at which something leaves."""
+    """Number of speeds between one without and one with objects that leave the
+    picture.
+    """
     verified: int = 3
-    """Pushes that are simulated again at the scene's own rate, at most."""
+    """Maximum number of second simulations at the scene's own rate."""
     tips: tuple[float, float] = (1.25, 2.0)
-    """Of the speed that tips a thin object, which need not slide: from, to."""
+    """Range of speeds for a thin object, relative to its tipping speed."""
     thin: float = 3.0
-    """Height over width from which an object is tipped as by a finger."""
+    """Height over width above which an object is tipped as by a finger."""
     tall: float = 1.4
-    """Height over width from which an object that falls over tells more."""
+    """Height over width above which a fall of an object is worth more."""
     fallen: float = 50.0
-    """Degrees of a turn from which an object has fallen over."""
+    """Rotation above which an object has fallen over, degrees."""
     travel: float = 0.05
-    """Least motion that tells a story."""
+    """Minimum displacement of a story."""
     least: float = 0.03
-    """Least motion that is visible: in a heap, nothing goes farther."""
+    """Minimum visible displacement: in a heap, no object moves farther."""
     far: float = 0.15
-    """Motion that counts in full: a hand's breadth in a photo that shows 0.5 m."""
+    """Displacement of the full score: a hand's breadth in a photo of 0.5 m."""
     slide: float = 0.08
-    """The same of an object that slides: what it uncovers is filled, and may show."""
+    """The same for a sliding object, which uncovers filled background."""
     beside: float = 0.005
-    """Share of an object beyond the border that is still counted as in the picture."""
+    """Margin beyond the border that still counts as inside the picture."""
     unrest: float = 0.004
-    """Motion in the last unit of time that is still rest."""
+    """Displacement in the last unit of time that still counts as rest."""
     visible: float = 0.0015
-    """Distance from its last place at which something still moves: 2 px of 1280."""
+    """Distance from the last place above which an object still moves: 2 px of 1280."""
     falls: float = 0.5
-    """Weight of each object that falls over, in objects that move far."""
+    """Score of each fallen object, relative to an object with a long path."""
     worth: float = 1.1
-    """Gain from which a harder push or another object is preferred."""
+    """Gain of the score above which a harder push or another object is preferred."""
     enough: float = 0.85
-    """Of the best score, from which a gentler push is taken."""
+    """Share of the best score above which a gentler push is preferred."""
     wrong_way: float = 0.3
-    """Weight of a vehicle that drives backwards."""
+    """Factor of the score for a vehicle driving backwards."""
     rebound: float = 0.25
-    """Weight of an object that returns: something stands in its way."""
+    """Factor for the return of an object from an obstacle."""
     border: float = 0.02
     """Gap to the picture's border below which an object ends crowded."""
     crowded: float = 0.8
-    """Weight of a push after which an object ends at the border, but did not start so."""
+    """Factor for a push after which an object ends crowded, without such a start."""
     overhang: float = 0.2
-    """Weight of a push after which something stands half beyond a seen edge."""
+    """Factor for a push after which an object stands half beyond a visible edge."""
     tumble: float = 35.0
-    """Degrees of a turn from which a low object tumbles, where its kind slides."""
+    """Rotation above which a low object tumbles instead of sliding, degrees."""
     tumbling: float = 0.3
-    """Weight of a push by which a low object tumbles."""
+    """Factor for a push by which a low object tumbles."""
     rise: float = 0.25
-    """Of an object's height, by which it climbs something in its way or is thrown up."""
+    """Smallest climb over an obstacle or throw upwards, by an object's height."""
     edge: float = 0.02
-    """Share of the longer side between an edge and what stands on it."""
+    """Tolerance of the position on an edge."""
     thrown: float = 0.25
-    """Share of its momentum that an invisible wall takes from an object that rebounds."""
+    """Share of an object's momentum that an invisible wall takes in a rebound."""
     wild: float = 2.5
-    """Times the speeds of the push and of a fall over the photo; faster is an explosion."""
+    """Ratio to the speeds of the push and of a fall over the photo above which the
+    simulation explodes.
+    """
 
 
 TRIAL = TrialLimits()
 
 
 class Grade(IntEnum):
-    """How far the outcome of a push is suitable, the best last."""
+    """The suitability of a push's outcome, the best last."""
 
     NOTHING = 0
-    """Nothing moves visibly, or all explodes."""
+    """No object moves visibly, or all explode."""
     LEAVES = 1
-    """Something leaves the picture, or rebounds from a wall that it does not show."""
+    """An object leaves the picture, or rebounds from an invisible wall."""
     RESTLESS = 2
-    """Something still moves at the end of the trial, or climbs what is in its way."""
+    """An object still moves at the end of the trial, or climbs an obstacle."""
     SHORT = 3
-    """All stays and rests, but moves for less than a second of video."""
+    """All objects stay and rest, after motion of less than a second of video."""
     STORY = 4
-    """Something moves for a second of video, and all stays and rests."""
+    """An object moves for a second of video, and all stay and rest."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """The motion that a push causes, from a simulation without pictures."""
+    """The motion by a push, from a simulation without pictures."""
 
     grade: Grade
     score: float
-    """Objects that move far, with bonuses and penalties."""
+    """Number of objects that move far, with bonuses and penalties."""
     travel: float
-    """Longest displacement of a point, as a share of the photo's longer side."""
+    """Largest displacement of a point, as a share of the photo's longer side."""
     seconds: float
-    """s of simulated time in which something moves."""
+    """Simulated time with motion, s."""
     moved: tuple[str, ...]
-    """Names of the objects that move visibly."""
+    """Names of the visibly moving objects."""
     left: tuple[str, ...]
-    """Names of the objects that leave the picture."""
+    """Names of the objects outside the picture at the end."""
     work: float = 0.0
     """Work of the trial, in steps of the engine."""
 
     @property
     def is_inside(self) -> bool:
-        """Return whether something moves and nothing leaves the picture."""
+        """Check whether an object moves and none leaves the picture."""
         return self.grade > Grade.LEAVES
 
     @property
     def is_calm(self) -> bool:
-        """Return whether something moves, and all stays and rests."""
+        """Check whether an object moves, and all stay and rest."""
         return self.grade >= Grade.SHORT
 
 
@@ -188,40 +199,42 @@ class Candidate:
     direction: Direction
     """Unit vector, image axes."""
     speed: float
-    """px/s."""
+    """Speed, px/s."""
     outcome: Outcome
 
     @property
     def velocity(self) -> tuple[float, float]:
-        """px/s, whole numbers."""
+        """Return the velocity, px/s, in whole numbers."""
         x, y = self.direction
         return (round(self.speed * x), round(self.speed * y))
 
 
 @dataclass(frozen=True)
 class TrialScene:
-    """What all trials of a scene share."""
+    """The common data of all trials of a scene."""
 
     scene: Scene
     world: World
     unseen: frozenset[str]
-    """Walls that the photo does not show."""
+    """Walls outside the photo."""
     barred: Mapping[str, str] = field(default_factory=dict)
-    """Sides, `left` or `right`, to which objects are not pushed, by name."""
+    """Sides, `left` or `right`, to which an object is not pushed, by the
+    object's name.
+    """
 
     @property
     def side(self) -> int:
-        """px: the photo's longer side."""
+        """Return the photo's longer side, px."""
         return max(self.scene.size)
 
     @property
     def ordinary(self) -> float:
-        """px/s: the speed of a push that crosses the photo."""
+        """Return the speed of a push across the photo, px/s."""
         return push_speed(self.side, self.scene.world.pixels_per_meter)
 
     @property
     def unit(self) -> float:
-        """s: time in which a body falls over half of the longer side."""
+        """Return the time of a fall over half of the longer side, s."""
         gravity = PLAYBACK.gravity * self.scene.world.pixels_per_meter
         return sqrt(self.side / gravity)
 
@@ -232,7 +245,7 @@ def compile_trials(
     unseen: Collection[str] = (),
     barred: Mapping[str, str] = MappingProxyType({}),
 ) -> TrialScene:
-    """Compile the world that all trials of a scene share. Raises InputError."""
+    """Compile the common world of all trials of a scene. Raises InputError."""
     from physgen.compile.compile import compile_shapes
 
     world = compile_shapes(scene, shapes).world
@@ -244,33 +257,37 @@ def choose_push(
     confidence: Mapping[str, float],
     facing: Mapping[str, str],
 ) -> Candidate | None:
-    """Return the push that tells most and stays in the picture; None if none moves.
+    """Return the best push that stays in the picture; None if no push moves an object.
 
-    `confidence` are confidences of objects by name; `facing` are the sides, `left` or
-    `right`, to which vehicles drive. If every push leaves the picture, the gentlest
-    one is returned.
+    `confidence` are confidences of objects by name; `facing` are the driving
+    directions, `left` or `right`, of vehicles. If all pushes leave the picture, the
+    gentlest one is returned.
     """
-    tried = list(_candidates(trials, confidence, facing))
-    tried = [one for one in tried if one.outcome.grade > Grade.NOTHING]
-    if not tried:
+    # Search at a coarse step first, and verify only the best pushes at the scene's own
+    # rate: a coarse step may miss an impact.
+    candidates = list(_candidates(trials, confidence, facing))
+    candidates = [trial for trial in candidates if trial.outcome.grade > Grade.NOTHING]
+    if not candidates:
         return None
-    tried = [_weighted(one, confidence) for one in tried]
-    ordered = sorted(tried, key=_preference, reverse=True)
-    verified: list[Candidate] = []
-    for candidate in ordered[: TRIAL.verified]:
-        if sum(one.outcome.work for one in verified) > TRIAL.work:
+    candidates = [_weighted(trial, confidence) for trial in candidates]
+    sorted_candidates = sorted(candidates, key=_preference, reverse=True)
+    verified_candidates: list[Candidate] = []
+    for candidate in sorted_candidates[: TRIAL.verified]:
+        if sum(trial.outcome.work for trial in verified_candidates) > TRIAL.work:
             break
-        again = _try(trials, candidate, facing, trials.world)
-        again = _weighted(again, confidence)
-        verified.append(again)
-        if again.outcome.grade >= candidate.outcome.grade:
+        verified_candidate = _try(trials, candidate, facing, trials.world)
+        verified_candidate = _weighted(verified_candidate, confidence)
+        verified_candidates.append(verified_candidate)
+        if verified_candidate.outcome.grade >= candidate.outcome.grade:
             break
-    moving = [one for one in verified if one.outcome.grade > Grade.NOTHING]
-    return max(moving, key=_preference, default=ordered[0])
+    moving_candidates = [
+        trial for trial in verified_candidates if trial.outcome.grade > Grade.NOTHING
+    ]
+    return max(moving_candidates, key=_preference, default=sorted_candidates[0])
 
 
 def _weighted(candidate: Candidate, confidence: Mapping[str, float]) -> Candidate:
-    """Return a candidate whose score counts as far as its object is sure."""
+    """Multiply a candidate's score by the confidence of its object."""
     outcome = candidate.outcome
     score = outcome.score * confidence.get(candidate.item.name, 1.0)
     return replace(candidate, outcome=replace(outcome, score=score))
@@ -279,58 +296,61 @@ def _weighted(candidate: Candidate, confidence: Mapping[str, float]) -> Candidat
 def choose_speed(
     trials: TrialScene, item: Object, direction: Direction, facing: Mapping[str, str]
 ) -> float | None:
-    """Return the speed, px/s, of the best push of this object.
+    """Return the speed of the best push of this object, px/s.
 
-    The rules are those of `choose_push`. None if no push moves anything visibly.
+    The rules are those of `choose_push`. None if no push moves an object visibly.
     """
     world = replace(trials.world, steps_per_second=TRIAL.rate)
-    tried = list(_search(trials, item, direction, facing, world))
-    moving = [one for one in tried if one.outcome.grade > Grade.NOTHING]
-    best = max(moving, key=_preference, default=None)
+    candidates = list(_search(trials, item, direction, facing, world))
+    moving_candidates = [
+        candidate for candidate in candidates if candidate.outcome.grade > Grade.NOTHING
+    ]
+    best = max(moving_candidates, key=_preference, default=None)
     return None if best is None else best.speed
 
 
 def _preference(candidate: Candidate) -> tuple[float, ...]:
-    """Return the key by which pushes are ordered, the best last.
+    """Return the sort key of pushes, the best last.
 
-    Of pushes by which something leaves the picture, the gentlest is the best.
+    If objects leave the picture, the gentlest push is the best.
     """
     outcome = candidate.outcome
-    gentle = -candidate.speed
+    gentleness = -candidate.speed
     if outcome.grade is Grade.LEAVES:
-        return (outcome.grade, gentle, outcome.score)
+        return (outcome.grade, gentleness, outcome.score)
     level = int(log(max(outcome.score, 1e-3), 1 / TRIAL.enough))
-    return (outcome.grade, level, gentle)
+    return (outcome.grade, level, gentleness)
 
 
 def _candidates(
     trials: TrialScene, confidence: Mapping[str, float], facing: Mapping[str, str]
 ) -> Iterator[Candidate]:
-    """Yield pushes and their outcomes in coarse steps, as far as the work allows."""
+    """Yield pushes and their outcomes in coarse steps, within the limit of work."""
     world = replace(trials.world, steps_per_second=TRIAL.rate)
-    ranked = rank_pushes(trials, confidence)[: TRIAL.more]
+    sorted_pushes = rank_pushes(trials, confidence)[: TRIAL.more]
     highest = _highest_score(trials)
-    work, count, has_story, is_visible = 0.0, 0, False, False
-    for order, pair in enumerate(ranked):
+    work_sum, count, has_story, is_visible = 0.0, 0, False, False
+    for order, pair in enumerate(sorted_pushes):
         if has_story and order >= TRIAL.pairs:
             return
+        # Every limit grows while no push has led to a visible motion or a story.
         for candidate in _search(trials, *pair, facing, world):
             yield candidate
             outcome = candidate.outcome
-            work += outcome.work
+            work_sum += outcome.work
             count += 1
             has_story |= outcome.is_calm and outcome.score > TRIAL.poor
             score = outcome.score * confidence.get(candidate.item.name, 1.0)
             is_best = outcome.grade is Grade.STORY and score >= TRIAL.enough * highest
-            most = TRIAL.most if has_story else 2 * TRIAL.most
+            most_trials = TRIAL.most if has_story else 2 * TRIAL.most
             is_visible |= outcome.is_calm and outcome.travel >= TRIAL.travel
             most_work = TRIAL.work if is_visible else TRIAL.more_work
-            if is_best or work > most_work or count >= most:
+            if is_best or work_sum > most_work or count >= most_trials:
                 return
 
 
 def _highest_score(trials: TrialScene) -> float:
-    """Return the score of a push after which all move far, and what is tall falls."""
+    """Return the score if all objects move far, and all tall objects fall."""
     total = 0.0
     for body in trials.world.bodies:
         if body.motion is Motion.DYNAMIC:
@@ -347,8 +367,8 @@ def _search(
 ) -> Iterator[Candidate]:
     """Yield pushes of an object in a direction, from gentle to hard.
 
-    The search ends when a harder push does not tell more, or, between one by which all
-    stays in the picture and one by which something leaves, after a few halvings.
+    The search ends when a harder push is no better. Between a push without and one with
+    objects that leave the picture, it ends after a few halvings.
     """
 
     def tried(speed: float) -> Candidate:
@@ -357,37 +377,41 @@ def _search(
 
     speeds = _speed_limits(trials, item)
     speed, hardest = speeds
-    calm, leaving = 0.0, inf
-    best, halvings = 0.0, 0
+    calm_speed, leaving_speed = 0.0, inf
+    best_score, halvings = 0.0, 0
     previous = NO_MOTION
     while speed <= hardest and halvings <= TRIAL.halvings:
         candidate = tried(speed)
         outcome = candidate.outcome
-        if calm and _is_too_hard(outcome, previous):
-            yield tried(sqrt(calm * speed))
+        if calm_speed and _is_too_hard(outcome, previous):
+            yield tried(sqrt(calm_speed * speed))
         yield candidate
-        if outcome.grade is Grade.STORY and outcome.score <= TRIAL.worth * best:
-            if calm and outcome.travel > TRIAL.slide:
-                yield tried(sqrt(calm * speed))
+        if outcome.grade is Grade.STORY and outcome.score <= TRIAL.worth * best_score:
+            if calm_speed and outcome.travel > TRIAL.slide:
+                yield tried(sqrt(calm_speed * speed))
             return
         if outcome.grade is Grade.LEAVES:
-            leaving = speed
+            leaving_speed = speed
         else:
-            calm = speed
+            calm_speed = speed
             previous = outcome
         if outcome.grade is not Grade.LEAVES:
-            best = max(best, outcome.score)
-        if leaving < inf:
+            best_score = max(best_score, outcome.score)
+        # The speed that just keeps all objects in the picture is between two known
+        # speeds: take their geometric mean.
+        if leaving_speed < inf:
             halvings += 1
-            speed = sqrt(calm * leaving) if calm else leaving / 2
+            speed = (
+                sqrt(calm_speed * leaving_speed) if calm_speed else leaving_speed / 2
+            )
         else:
-            speed = calm * _next_step(trials, outcome)
+            speed = calm_speed * _next_step(trials, outcome)
 
 
 def _is_too_hard(outcome: Outcome, gentler: Outcome) -> bool:
-    """Return whether a push between two may tell more than the harder one.
+    """Check whether a push between two may be better than the harder one.
 
-    What goes too far uncovers much, and what rocks for long may be pushed less.
+    Objects that move too far uncover much background; rocking objects may need less.
     """
     if outcome.grade is Grade.STORY:
         return gentler.grade is not Grade.STORY and outcome.travel > TRIAL.far
@@ -396,11 +420,13 @@ def _is_too_hard(outcome: Outcome, gentler: Outcome) -> bool:
 
 
 def _next_step(trials: TrialScene, outcome: Outcome) -> float:
-    """Return the factor to the next speed: motion grows with the speed squared."""
+    """Return the factor to the next speed: displacement grows with the speed
+    squared.
+    """
     if trials.scene.world.view is View.TOP and outcome.grade is Grade.STORY:
         return TRIAL.doubling
-    lacking = sqrt(1.6 * TRIAL.slide / max(outcome.travel, 1e-6))
-    return min(max(lacking, TRIAL.steps[0]), TRIAL.steps[1])
+    wanted_factor = sqrt(1.6 * TRIAL.slide / max(outcome.travel, 1e-6))
+    return min(max(wanted_factor, TRIAL.steps[0]), TRIAL.steps[1])
 
 
 def _try(
@@ -423,27 +449,34 @@ def _speed_limits(trials: TrialScene, item: Object) -> tuple[float, float]:
     ordinary = trials.ordinary
     gentlest, hardest = TRIAL.gentlest * ordinary, TRIAL.hardest * ordinary
     body = next(body for body in trials.world.bodies if body.name == item.name)
-    tips = _tipping_speed(body, hypot(*trials.world.gravity))
+    tipping_speed = _tipping_speed(body, hypot(*trials.world.gravity))
     width, height = _extent(body)
-    if tips is None:
+    if tipping_speed is None:
         return gentlest, hardest
+    # A flat object slides before it tips; a tall one tips first.
     if height < TRIAL.thin * width:
-        first = min(tips, TRIAL.slides * _sliding_speed(trials, item.name))
-        return min(max(gentlest, first), hardest), hardest
-    return TRIAL.tips[0] * tips, max(TRIAL.tips[1] * tips, gentlest)
+        first_speed = min(
+            tipping_speed, TRIAL.slides * _sliding_speed(trials, item.name)
+        )
+        return min(max(gentlest, first_speed), hardest), hardest
+    return TRIAL.tips[0] * tipping_speed, max(TRIAL.tips[1] * tipping_speed, gentlest)
 
 
 def _sliding_speed(trials: TrialScene, name: str) -> float:
-    """Return the speed, px/s, from which an object slides visibly on what is smoothest."""
+    """Return the speed of a visible slide on the smoothest surface, px/s."""
     surfaces = dict(trials.world.surfaces)
-    own = surfaces.pop(name).friction
-    least = min((one.friction for one in surfaces.values()), default=0.0)
+    own_friction = surfaces.pop(name).friction
+    lowest_friction = min(
+        (surface.friction for surface in surfaces.values()), default=0.0
+    )
     gravity = hypot(*trials.world.gravity)
-    return sqrt(2 * own * least * gravity * TRIAL.travel * trials.side)
+    return sqrt(
+        2 * own_friction * lowest_friction * gravity * TRIAL.travel * trials.side
+    )
 
 
 def _is_tall(body: Body) -> bool:
-    """Return whether a body may fall over."""
+    """Check whether a body may fall over."""
     width, height = _extent(body)
     return body.radius is None and height >= TRIAL.tall * width
 
@@ -456,16 +489,17 @@ def _extent(body: Body) -> tuple[float, float]:
 
 
 def _tipping_speed(body: Body, gravity: float) -> float | None:
-    """Return the speed, px/s, that tips a body over its lower corner.
+    """Return the tipping speed of a body over its lower corner, px/s.
 
-    Its foot is stopped: angular momentum about the corner and then energy are
-    conserved. None for what rolls, and seen from above.
+    Its foot is stopped: angular momentum about the corner is conserved, and then
+    energy. None for rolling bodies and in the top view.
     """
     if body.radius is not None or not gravity:
         return None
     corners = np.concatenate(body.rings)
     x0, x1 = float(corners[:, 0].min()), float(corners[:, 0].max())
-    height = float(corners[:, 1].max())  # of the centre of mass above its foot
+    # Height of the centre of mass above the foot.
+    height = float(corners[:, 1].max())
     rise = hypot((x1 - x0) / 2, height) - height
     inertia = body.moment / body.mass + (rise + height) ** 2
     return sqrt(2 * gravity * rise * inertia) / height
@@ -479,7 +513,7 @@ def simulate_push(
     velocities: Mapping[str, tuple[float, float]],
     world: World | None = None,
 ) -> Outcome:
-    """Simulate pushes until all rests or something leaves the picture.
+    """Simulate pushes until all objects rest or one leaves the picture.
 
     `velocities` are those of objects by name, px/s. `world` is that of `trials` unless
     another one, at rest, is given.
@@ -492,92 +526,100 @@ def simulate_push(
         farthest = float(travel.max(initial=0.0))
         return replace(NO_MOTION, travel=farthest, work=work)
     names = [body.name for body in world.bodies]
-    moved = tuple(names[k] for k in np.flatnonzero(travel >= TRIAL.least))
-    gone = tuple(names[k] for k in np.flatnonzero(has_left))
+    moving_names = tuple(names[k] for k in np.flatnonzero(travel >= TRIAL.least))
+    leaving_names = tuple(names[k] for k in np.flatnonzero(has_left))
     seconds = _moving_time(world, motion, TRIAL.unrest * trials.side)
     is_resting = seconds <= float(motion.times[-1]) - trials.unit
-    slow = playback_of(trials, seconds)
-    shown = _moving_time(world, motion, TRIAL.visible * trials.side)
-    film = min(shown * slow / PLAYBACK.least_motion, 1.0)
-    film = min(film, float(travel.max()) / TRIAL.travel)
-    fallen = _fallen(world, motion)
-    score = float(np.minimum(travel / _full_travel(world, fallen), 1.0).sum())
-    score += TRIAL.falls * len(fallen)
+    slow_factor = playback_of(trials, seconds)
+    # The share of a second of video that is filled by visible motion.
+    visible_time = _moving_time(world, motion, TRIAL.visible * trials.side)
+    film_share = min(visible_time * slow_factor / PLAYBACK.least_motion, 1.0)
+    film_share = min(film_share, float(travel.max()) / TRIAL.travel)
+    fallen_names = _fallen(world, motion)
+    score = float(np.minimum(travel / _full_travel(world, fallen_names), 1.0).sum())
+    score += TRIAL.falls * len(fallen_names)
+    # Penalties for implausible motion.
     if any(_returns(motion, *push) for push in velocities.items()):
         score *= TRIAL.rebound
     is_thrown = any(_is_thrown(trials, motion, *push) for push in velocities.items())
     if _overhangs(trials, world, motion):
         score *= TRIAL.overhang
-        film = min(film, TRIAL.overhang)
+        film_share = min(film_share, TRIAL.overhang)
     if _crowds_border(trials, world, motion):
         score *= TRIAL.crowded
-    climbs = _climbs(trials, world, motion)
-    if climbs or any(_tumbles(world, motion, name) for name in velocities):
+    is_climbing = _climbs(trials, world, motion)
+    if is_climbing or any(_tumbles(world, motion, name) for name in velocities):
         score *= TRIAL.tumbling
-        film = min(film, TRIAL.tumbling)
+        film_share = min(film_share, TRIAL.tumbling)
     grade = Grade.STORY
-    if gone or is_thrown:
+    if leaving_names or is_thrown:
         grade = Grade.LEAVES
-    elif climbs or not is_resting:
+    elif is_climbing or not is_resting:
         grade = Grade.RESTLESS
-    elif film < 1:
+    elif film_share < 1:
         grade = Grade.SHORT
-        score *= film
-    return Outcome(grade, score, float(travel.max()), seconds, moved, gone, work)
+        score *= film_share
+    return Outcome(
+        grade, score, float(travel.max()), seconds, moving_names, leaving_names, work
+    )
 
 
 def playback_of(trials: TrialScene, seconds: float) -> int:
-    """Return the slow motion of a clip in which something moves for these s."""
-    usual = slow_motion(trials.side, trials.scene.world.pixels_per_meter)
-    return story_slow_motion(usual, seconds)
+    """Return the slow motion of a clip with a motion of these seconds."""
+    default_slow = slow_motion(trials.side, trials.scene.world.pixels_per_meter)
+    return story_slow_motion(default_slow, seconds)
 
 
 def _pushed_world(
     trials: TrialScene, velocities: Mapping[str, tuple[float, float]], world: World
 ) -> World:
-    """Return a world with some of its objects in motion."""
+    """Return a world with the velocities of some objects."""
     from physgen.compile.compile import set_velocity
 
     bodies = list(world.bodies)
     for index, item in enumerate(trials.scene.objects):
         if item.name in velocities:
-            pushed = replace(item, velocity=velocities[item.name])
+            moving_item = replace(item, velocity=velocities[item.name])
             view = trials.scene.world.view
-            bodies[index] = set_velocity(bodies[index], pushed, view)
+            bodies[index] = set_velocity(bodies[index], moving_item, view)
     return replace(world, bodies=tuple(bodies))
 
 
 def _run(
     trials: TrialScene, world: World
 ) -> tuple[Trajectory, NDArray[np.bool_], float]:
-    """Simulate until all rests or something leaves.
+    """Simulate until all objects rest or one leaves the picture.
 
-    Return the motion, which bodies leave (N,), and the work.
+    Returns the motion, the mask (N,) of bodies that leave, and the work.
     """
     from physgen.simulate.engine import Running
 
-    end = min(TRIAL.units * trials.unit, TRIAL.longest)
+    duration = min(TRIAL.units * trials.unit, TRIAL.longest)
     step = trials.unit / TRIAL.samples
-    count = max(int(end / step), 2)
-    running = Running(world, np.linspace(0.0, end, count + 1))
+    count = max(int(duration / step), 2)
+    running = Running(world, np.linspace(0.0, duration, count + 1))
     limit = TRIAL.one * max(world.steps_per_second / TRIAL.rate, 1.0)
-    still = TRIAL.unrest * trials.side / 4
+    rest_distance = TRIAL.unrest * trials.side / 4
     frame = _Frame.of(trials, world)
     has_left = np.zeros(len(world.bodies), bool)
-    done = 0
-    while done < len(running.times):
-        stop = min(done + TRIAL.samples, len(running.times))
-        running.on(float(running.times[stop - 1]))
+    sample_count = 0
+    # Check after each unit of time whether the motion has ended, which saves most of
+    # the time of short motions.
+    while sample_count < len(running.times):
+        next_count = min(sample_count + TRIAL.samples, len(running.times))
+        running.on(float(running.times[next_count - 1]))
         motion = running.trajectory()
-        poses = motion.poses[done:stop]
+        poses = motion.poses[sample_count:next_count]
         has_left = frame.leaving(poses)
-        is_still = done > 0 and _sweep(world, poses).max(initial=0.0) < still
-        done = stop
+        is_still = (
+            sample_count > 0 and _sweep(world, poses).max(initial=0.0) < rest_distance
+        )
+        sample_count = next_count
         if has_left.any() or is_still or running.work > limit:
             break
-    known = motion.poses[:done]
+    poses_so_far = motion.poses[:sample_count]
     return (
-        replace(motion, times=motion.times[:done], poses=known),
+        replace(motion, times=motion.times[:sample_count], poses=poses_so_far),
         has_left,
         running.work,
     )
@@ -585,38 +627,49 @@ def _run(
 
 @dataclass(frozen=True)
 class _Frame:
-    """The picture's border, widened by what reaches out of it at the start."""
+    """The picture's border, widened by the parts of objects outside at the start."""
 
     points: Sequence[Array]
     """Corners of the bodies in their own frames, (P, 2) px."""
     low: Array
-    """(N, 2) px."""
+    """Lower limits of each body, (N, 2) px."""
     high: Array
-    """(N, 2) px."""
+    """Upper limits of each body, (N, 2) px."""
     is_watched: NDArray[np.bool_]
-    """(N,): bodies that can move."""
+    """Mask (N,) of movable bodies."""
 
     @staticmethod
     def of(trials: TrialScene, world: World) -> _Frame:
+        """Return the border for a world at its start."""
         points = [_corners(body) for body in world.bodies]
         centers = [body.center for body in world.bodies]
-        low = np.array(
-            [p.min(axis=0) + c for p, c in zip(points, centers, strict=True)]
+        lower_corners = np.array(
+            [
+                corners.min(axis=0) + center
+                for corners, center in zip(points, centers, strict=True)
+            ]
         )
-        high = np.array(
-            [p.max(axis=0) + c for p, c in zip(points, centers, strict=True)]
+        upper_corners = np.array(
+            [
+                corners.max(axis=0) + center
+                for corners, center in zip(points, centers, strict=True)
+            ]
         )
+        # An object that begins beyond the border may stay there, so that the border is
+        # wider.
         slack = TRIAL.beside * trials.side
         movable = [body.motion is Motion.DYNAMIC for body in world.bodies]
         return _Frame(
             points,
-            np.minimum(low.reshape(-1, 2), -0.5 - slack),
-            np.maximum(high.reshape(-1, 2), np.array(world.size) - 0.5 + slack),
+            np.minimum(lower_corners.reshape(-1, 2), -0.5 - slack),
+            np.maximum(
+                upper_corners.reshape(-1, 2), np.array(world.size) - 0.5 + slack
+            ),
             np.array(movable, bool),
         )
 
     def leaving(self, poses: Array) -> NDArray[np.bool_]:
-        """Return which bodies are outside in one of the poses (S, N, 3)."""
+        """Return the mask of bodies that are outside in one of the poses (S, N, 3)."""
         result = np.zeros(len(self.points), bool)
         for k in np.flatnonzero(self.is_watched).tolist():
             places = _placed(self.points[k], poses[:, k])
@@ -641,9 +694,9 @@ def _placed(points: Array, poses: Array) -> Array:
 
 
 def _shift(body: Body, poses: Array) -> Array:
-    """Return how far the outline is from its first pose, at each pose (S,), px.
+    """Return the distance of the outline from its first pose, (S,) px.
 
-    A disc that turns in place does not move; a polygon's farthest corner counts.
+    A disc that turns in place does not move; for a polygon the farthest corner counts.
     """
     if body.radius is not None:
         return np.asarray(np.hypot(*(poses[:, :2] - poses[0, :2]).T))
@@ -658,22 +711,22 @@ def _travel(world: World, motion: Trajectory) -> Array:
 
 def _sweep(world: World, poses: Array) -> Array:
     """Return the farthest displacement of each body from its first pose, (N,) px."""
-    far = [_shift(body, poses[:, k]).max() for k, body in enumerate(world.bodies)]
-    return np.array(far, np.float64)
+    distances = [_shift(body, poses[:, k]).max() for k, body in enumerate(world.bodies)]
+    return np.array(distances, np.float64)
 
 
 def _moving_time(world: World, motion: Trajectory, least: float) -> float:
-    """Return the s after which no body is `least` px from its last pose."""
-    last = 0
+    """Return the time after which no body is `least` px from its last pose, s."""
+    last_sample = 0
     for k, body in enumerate(world.bodies):
-        away = _shift(body, motion.poses[::-1, k])[::-1]
-        moving = np.flatnonzero(away > least)
-        last = max(last, int(moving.max(initial=0)))
-    return float(motion.times[last])
+        distances = _shift(body, motion.poses[::-1, k])[::-1]
+        moving_samples = np.flatnonzero(distances > least)
+        last_sample = max(last_sample, int(moving_samples.max(initial=0)))
+    return float(motion.times[last_sample])
 
 
 def _fallen(world: World, motion: Trajectory) -> list[str]:
-    """Return the names of tall objects that have fallen over at the end."""
+    """Return the names of fallen tall objects."""
     names = []
     for k, body in enumerate(world.bodies):
         turn = abs(float(motion.poses[-1, k, 2] - motion.poses[0, k, 2]))
@@ -683,7 +736,7 @@ def _fallen(world: World, motion: Trajectory) -> list[str]:
 
 
 def _tumbles(world: World, motion: Trajectory, name: str) -> bool:
-    """Return whether a low object turns over: bowls, cars and bags slide instead."""
+    """Check whether a low object turns over: bowls, cars and bags slide instead."""
     index = motion.names.index(name)
     body = world.bodies[index]
     if body.radius is not None or _is_tall(body):
@@ -693,54 +746,57 @@ def _tumbles(world: World, motion: Trajectory, name: str) -> bool:
 
 
 def _full_travel(world: World, fallen: Collection[str]) -> Array:
-    """Return the motion (N,) of each body that counts in full."""
+    """Return the displacement (N,) of the full score for each body, as a share."""
     is_free = [body.radius is not None or body.name in fallen for body in world.bodies]
     return np.where(np.array(is_free, bool), TRIAL.far, TRIAL.slide)
 
 
 def _climbs(trials: TrialScene, world: World, motion: Trajectory) -> bool:
-    """Return whether a body that moves rises by much: objects stay on what bears them."""
+    """Check whether a moving body rises by much: objects stay on their supports."""
     if trials.scene.world.view is not View.SIDE:
         return False
     for k, body in enumerate(world.bodies):
-        lows = _placed(_corners(body), motion.poses[:, k])[..., 1].max(axis=1)
+        lowest_rows = _placed(_corners(body), motion.poses[:, k])[..., 1].max(axis=1)
         _, height = _extent(body)
-        if lows[0] - lows.min() > TRIAL.rise * height:
+        if lowest_rows[0] - lowest_rows.min() > TRIAL.rise * height:
             return True
     return False
 
 
 def _overhangs(trials: TrialScene, world: World, motion: Trajectory) -> bool:
-    """Return whether a body that moved ends beyond the end of what it stands on."""
-    near = TRIAL.edge * trials.side
+    """Check whether a moved body ends beyond the end of its support."""
+    tolerance = TRIAL.edge * trials.side
     ends = [chain[k] for wall in world.walls for chain in wall.chains for k in (0, -1)]
     for k, body in enumerate(world.bodies):
-        if np.hypot(*(motion.poses[-1, k, :2] - motion.poses[0, k, :2])) < near:
+        if np.hypot(*(motion.poses[-1, k, :2] - motion.poses[0, k, :2])) < tolerance:
             continue
         places = _placed(_corners(body), motion.poses[-1:, k])[0]
-        low, left, right = places[:, 1].max(), places[:, 0].min(), places[:, 0].max()
+        foot, left, right = places[:, 1].max(), places[:, 0].min(), places[:, 0].max()
+        # An end of a wall below the body, away from both of its sides, is an edge under
+        # it.
         for x, y in ends:
-            if abs(y - low) < near and left + near < x < right - near:
+            if abs(y - foot) < tolerance and left + tolerance < x < right - tolerance:
                 return True
     return False
 
 
 def _crowds_border(trials: TrialScene, world: World, motion: Trajectory) -> bool:
-    """Return whether a body ends closer to the border than it began, and at it."""
-    least = TRIAL.border * trials.side
+    """Check whether a body ends at the border, and closer to it than at the start."""
+    smallest_gap = TRIAL.border * trials.side
     size = np.array(world.size, np.float64)
     for k, body in enumerate(world.bodies):
         if body.motion is not Motion.DYNAMIC:
             continue
         places = _placed(_corners(body), motion.poses[[0, -1], k])
         gaps = np.minimum(places, size - places).min(axis=(1, 2))
-        if gaps[1] < min(least, gaps[0] - 1):
+        # A body that begins at the border may stay there.
+        if gaps[1] < min(smallest_gap, gaps[0] - 1):
             return True
     return False
 
 
 def _explodes(trials: TrialScene, motion: Trajectory, speed: float) -> bool:
-    """Return whether something is faster than a push and a fall over the photo."""
+    """Check whether a body is faster than a push and a fall over the photo explain."""
     if len(motion.times) < 2:
         return False
     steps = np.diff(motion.poses[..., :2], axis=0)
@@ -751,36 +807,41 @@ def _explodes(trials: TrialScene, motion: Trajectory, speed: float) -> bool:
 
 
 def _returns(motion: Trajectory, name: str, velocity: Sequence[float]) -> bool:
-    """Return whether an object goes back farther than it went."""
+    """Check whether an object goes back farther than it went forward."""
     index = motion.names.index(name)
-    way = motion.poses[:, index, :2] - motion.poses[0, index, :2]
-    along = way @ np.array(velocity, np.float64)
-    return bool(-along.min() > along.max())
+    displacements = motion.poses[:, index, :2] - motion.poses[0, index, :2]
+    distances = displacements @ np.array(velocity, np.float64)
+    return bool(-distances.min() > distances.max())
 
 
 def _is_thrown(
     trials: TrialScene, motion: Trajectory, name: str, velocity: Sequence[float]
 ) -> bool:
-    """Return whether an object rebounds from a wall that the photo does not show."""
+    """Check whether an object rebounds from an invisible wall."""
     if not any(velocity):
         return False
     index = motion.names.index(name)
-    way = np.array(velocity, np.float64)
-    taken = _stopped_mass(motion, index, way, trials.unseen)
-    return taken > TRIAL.thrown * trials.world.bodies[index].mass
+    direction = np.array(velocity, np.float64)
+    stopped_mass = _stopped_mass(motion, index, direction, trials.unseen)
+    return stopped_mass > TRIAL.thrown * trials.world.bodies[index].mass
 
 
 def _stopped_mass(
     motion: Trajectory, index: int, velocity: Array, unseen: Collection[str]
 ) -> float:
-    """Return the mass, g, whose momentum `unseen` walls take; friction takes none."""
+    """Return the mass, g, with the momentum that `unseen` walls take; friction takes
+    none.
+    """
     _, first, second = motion.contacts.impulse_rows.T
     is_wall = np.isin(motion.contacts.surfaces, list(unseen))
-    is_wall[: len(motion.names)] = False  # objects
-    hits = motion.contacts.impulses[(first == index) & is_wall[second]]
-    back = -hits @ velocity
-    aside = np.abs(cross(velocity, hits))
-    return float((back * (back > aside)).sum() / (velocity @ velocity))
+    # An object may have the name of a wall.
+    is_wall[: len(motion.names)] = False
+    impulses = motion.contacts.impulses[(first == index) & is_wall[second]]
+    backward_parts = -impulses @ velocity
+    side_parts = np.abs(cross(velocity, impulses))
+    return float(
+        (backward_parts * (backward_parts > side_parts)).sum() / (velocity @ velocity)
+    )
 
 
 # Rank of pushes before they are simulated
@@ -788,20 +849,22 @@ def _stopped_mass(
 
 @dataclass(frozen=True)
 class RankWeights:
-    """Weights of what lies ahead of an object; lengths are shares of the longer side."""
+    """Weights for the surroundings of an object; lengths are shares of the
+    longer side.
+    """
 
     room: float = 0.3
-    """Free way ahead that counts in full."""
+    """Free distance ahead with full weight."""
     beyond: float = 0.1
-    """Weight of the room behind the last object ahead, where that one may fall."""
+    """Weight of the room behind the last object ahead, for its fall."""
     ahead: float = 1.5
-    """Weight of objects ahead, against that of a free way: something is struck."""
+    """Weight of objects ahead, relative to a free path: they will be struck."""
     loaded: float = 0.5
-    """Weight of an object that carries others, seen from the side: it is jammed."""
+    """Weight of an object jammed under others in the side view."""
     beside: float = 0.1
-    """Of an object's width across the way, from which it lies ahead."""
+    """Smallest share of an object's width in the path to be ahead."""
     touch: float = 2.0
-    """px between objects on each other."""
+    """Gap between objects on each other, px."""
 
 
 RANK = RankWeights()
@@ -810,35 +873,40 @@ RANK = RankWeights()
 def rank_pushes(
     trials: TrialScene, confidence: Mapping[str, float]
 ) -> list[tuple[Object, Direction]]:
-    """Return objects and directions to push them, the most promising first."""
+    """Return objects with directions of pushes, the most promising first."""
     scene, bodies = trials.scene, trials.world.bodies
     corners = [np.concatenate(body.rings) + body.center for body in bodies]
-    ranked: list[tuple[float, int, Object, Direction]] = []
+    scored_pushes: list[tuple[float, int, Object, Direction]] = []
     for k, item in enumerate(scene.objects):
-        sure = confidence.get(item.name, 1.0)
-        if item.motion is not Motion.DYNAMIC or sure < TRIAL.confidence:
+        object_confidence = confidence.get(item.name, 1.0)
+        if item.motion is not Motion.DYNAMIC or object_confidence < TRIAL.confidence:
             continue
         if is_living(item.label):
             continue
-        weight = sure * (RANK.loaded if _is_loaded(scene, corners, k) else 1.0)
-        barred = SIDES.get(trials.barred.get(item.name, ""), 0.0)
+        # Prefer objects without others on top, which would fall with them.
+        weight = object_confidence * (
+            RANK.loaded if _is_loaded(scene, corners, k) else 1.0
+        )
+        barred_side = SIDES.get(trials.barred.get(item.name, ""), 0.0)
         for direction in _directions(scene, bodies, k):
-            if barred * direction[0] > 0:
+            if barred_side * direction[0] > 0:
                 continue
             score = weight * _room_score(trials, corners, k, direction)
-            ranked.append((score, -len(ranked), item, direction))
-    ranked.sort(key=lambda one: one[:2], reverse=True)
-    return [(item, direction) for _, _, item, direction in ranked]
+            scored_pushes.append((score, -len(scored_pushes), item, direction))
+    scored_pushes.sort(key=lambda one: one[:2], reverse=True)
+    return [(item, direction) for _, _, item, direction in scored_pushes]
 
 
 def _is_loaded(scene: Scene, corners: Sequence[Array], k: int) -> bool:
-    """Return whether something lies on an object that is seen from the side."""
+    """Check whether another object lies on an object in the side view."""
     if scene.world.view is not View.SIDE:
         return False
     left, top = corners[k].min(axis=0)
     right = corners[k][:, 0].max()
     for n, points in enumerate(corners):
         (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)
+        # Boxes around outlines meet only roughly: allow a tenth of the upper object's
+        # height.
         is_near = abs(y1 - top) < RANK.touch + 0.1 * (y1 - y0)
         if n != k and is_near and x0 < right and x1 > left:
             return True
@@ -846,16 +914,18 @@ def _is_loaded(scene: Scene, corners: Sequence[Array], k: int) -> bool:
 
 
 def _directions(scene: Scene, bodies: Sequence[Body], k: int) -> list[Direction]:
-    """Return the unit directions in which an object may be pushed.
+    """Return the unit directions of possible pushes of an object.
 
-    Seen from the side they are level; from above they point to the nearest object, to
-    the middle of all, and to the middle of the photo.
+    In the side view they are level; in the top view they point to the nearest object,
+    to the centre of all objects, and to the centre of the photo.
     """
     if scene.world.view is View.SIDE:
         return [(1.0, 0.0), (-1.0, 0.0)]
     center = bodies[k].center
     others = [body.center for n, body in enumerate(bodies) if n != k]
     middle = (np.array(scene.size) - 1) / 2
+    # From above, push towards the nearest object, the middle of all others and the
+    # middle of the photo.
     goals = [middle]
     if others:
         distances = [float(np.hypot(*(other - center))) for other in others]
@@ -871,20 +941,31 @@ def _directions(scene: Scene, bodies: Sequence[Body], k: int) -> list[Direction]
 def _room_score(
     trials: TrialScene, corners: Sequence[Array], k: int, direction: Direction
 ) -> float:
-    """Return a score of the free way and the objects ahead of an object."""
+    """Return a score of the free path and the objects ahead of an object."""
+    # In axes along and across the push, the picture's end and other objects are
+    # intervals.
     frame = np.array([direction, (-direction[1], direction[0])])
-    turned = [points @ frame.T for points in corners]
-    low = np.array([points.min(axis=0) for points in turned])
-    high = np.array([points.max(axis=0) for points in turned])
-    shared = np.minimum(high, high[k]) - np.maximum(low, low[k])
-    is_beside = shared[:, 1] > RANK.beside * (high - low)[:, 1]
-    is_ahead = is_beside & (low[:, 0] > high[k, 0] - RANK.touch)
-    ahead = [n for n in np.flatnonzero(is_ahead).tolist() if n != k]
-    end = max(np.array([[0, 0], trials.scene.size]) @ frame[0])
-    room = RANK.room * trials.side
+    turned_corners = [points @ frame.T for points in corners]
+    lower_corners = np.array([points.min(axis=0) for points in turned_corners])
+    upper_corners = np.array([points.max(axis=0) for points in turned_corners])
+    overlaps = np.minimum(upper_corners, upper_corners[k]) - np.maximum(
+        lower_corners, lower_corners[k]
+    )
+    is_in_path = overlaps[:, 1] > RANK.beside * (upper_corners - lower_corners)[:, 1]
+    is_ahead = is_in_path & (lower_corners[:, 0] > upper_corners[k, 0] - RANK.touch)
+    objects_ahead = [n for n in np.flatnonzero(is_ahead).tolist() if n != k]
+    picture_end = max(np.array([[0, 0], trials.scene.size]) @ frame[0])
+    full_room = RANK.room * trials.side
     center = trials.world.bodies[k].center
-    gaps = [end - center @ frame[0], *(low[n, 0] - high[k, 0] for n in ahead)]
-    free = float(np.clip(min(gaps) / room, 0, 1))
-    last = max(high[n, 0] for n in (k, *ahead))
-    beyond = float(np.clip((end - last) / room, 0, 1))
-    return free + RANK.beyond * beyond + RANK.ahead * (1 - 0.5 ** len(ahead))
+    gaps = [
+        picture_end - center @ frame[0],
+        *(lower_corners[n, 0] - upper_corners[k, 0] for n in objects_ahead),
+    ]
+    free_share = float(np.clip(min(gaps) / full_room, 0, 1))
+    last_edge = max(upper_corners[n, 0] for n in (k, *objects_ahead))
+    room_beyond = float(np.clip((picture_end - last_edge) / full_room, 0, 1))
+    return (
+        free_share
+        + RANK.beyond * room_beyond
+        + RANK.ahead * (1 - 0.5 ** len(objects_ahead))
+    )

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 WRITTEN = 0.01
-"""Relative tolerance of a speed that is written with three digits."""
+"""Relative tolerance of a speed with three digits."""
 WORDS = {"right": (1, 0), "left": (-1, 0), "up": (0, -1), "down": (0, 1)}
 """Directions in image axes; two of them are joined by a hyphen: up-right."""
 _WORD = "(right|left|up|down)(?:wards?)?"
@@ -74,7 +74,7 @@ def default_push(
     facing: Mapping[str, str] | None = None,
     barred: Mapping[str, str] | None = None,
 ) -> Push | None:
-    """Return the push of a short story that stays in the picture.
+    """Return the push of a short story inside the picture.
 
     None if no push moves an object. In the side view a push goes left or right, in the
     top view towards other objects. `confidence` are confidences of objects by name.
@@ -166,6 +166,7 @@ def perceived_pushes(scene: Scene) -> Iterator[str]:
             if isinstance(recorded_velocity, list)
             else []
         )
+        # The file may hold the recorded velocity or the one for the new scale.
         possible_velocities = [
             [factor * part for part in speed] for factor in (1, speed_factor)
         ]
@@ -205,6 +206,7 @@ def _object_and_velocity(
 ) -> tuple[Object, tuple[float, float]]:
     """Return the object of NAME=DIRECTION[@SPEED] and its velocity, px/s."""
     name, _, rest = text.partition("=")
+    # Users confuse the order of direction and name: tell them.
     if _is_way(name) and any(item.name == rest.strip() for item in scene.objects):
         raise Message.DIRECTION_FIRST.error(
             "--push", quoted(text), name=rest.strip(), direction=name.strip()
@@ -228,6 +230,7 @@ def _gentle_speed(
 
     None if no push in this direction moves an object.
     """
+    # Choose the speed for this push alone, in a scene at rest.
     others = [replace(other, velocity=(0.0, 0.0)) for other in scene.objects]
     released_objects = [
         replace(other, motion=Motion.DYNAMIC) if other.name == item.name else other
@@ -343,7 +346,7 @@ def _is_way(text: str) -> bool:
 
 
 def _way_names() -> list[str]:
-    """Return all directions that are words."""
+    """Return all words for directions."""
     diagonals = [f"{y}-{x}" for y in ("up", "down") for x in ("right", "left")]
     return [*WORDS, *diagonals]
 
@@ -362,6 +365,7 @@ def _lifted(scene: Scene, compiled: CompiledScene, item: Object) -> list[float]:
         for n, box in enumerate(boxes)
         if n != k and box[0] < right and box[2] > left
     ]
+    # An object above limits the height, if it spans the same columns.
     free_height = top - max([0.0, *(y for y in lower_edges if y <= top + 1)])
     x, y = compiled.world.bodies[k].center
     angle = item.place[2] if item.place else 0.0

@@ -42,7 +42,7 @@ PerceiveObjects = Callable[
 ID_MAPS = ("masks", "shadows")
 """Maps of ids: they are resized without interpolation."""
 MASKED = ("objects", "boundaries", "doubtful")
-"""Sections with entries that may have an id in masks.png."""
+"""Sections of entries with possible ids in masks.png."""
 POINT_RADIUS = 4
 """Half the side, px, of the square for an object with a point, until it is
 segmented.
@@ -78,6 +78,7 @@ def with_fitting_assets(
         yield opened, text
         return
     check_own_assets(text, path)
+    # Write into a temporary folder beside the file, since its paths are relative.
     folder = partial(path.with_name(f"{path.name}.assets"))
     folder.mkdir()
     try:
@@ -135,6 +136,7 @@ def _write_resized(text: str, ground: Ground, folder: Path) -> str:
     _write_record(folder, record)
     old_document = mark_values(text).data()
     new_document = scale_scene(old_document, factor)
+    # Lengths in px have changed with the photo, lengths in metres have not.
     world = {**new_document.get("world", {})}
     world.setdefault("pixels_per_meter", stated_scale(old_document) * factor)
     return write(text, {**new_document, "world": world, "assets": folder.name})
@@ -150,8 +152,8 @@ def _write_resized_map(source: Path, target: Path, size: tuple[int, int]) -> Non
     picture = read_channels(source)
     # Averages over areas avoid aliasing in a smaller map.
     is_smaller = size[0] < picture.shape[1]
-    smooth = cv2.INTER_AREA if is_smaller else cv2.INTER_LINEAR
-    method = cv2.INTER_NEAREST_EXACT if source.stem in ID_MAPS else smooth
+    smooth_method = cv2.INTER_AREA if is_smaller else cv2.INTER_LINEAR
+    method = cv2.INTER_NEAREST_EXACT if source.stem in ID_MAPS else smooth_method
     resized: Any = cv2.resize(picture, size, interpolation=method)
     write_png(target, resized)
 
@@ -182,7 +184,7 @@ def _write_record(folder: Path, record: dict[str, Any]) -> None:
     (folder / RECORD).write_text(text, encoding="utf-8")
 
 
-# ---- assets that are missing
+# ---- missing assets
 
 
 def _write_missing(
@@ -201,12 +203,12 @@ def _write_missing(
 
     assert ground.image is not None
     data = mark_values(text).data()
-    perceived, ids = _perceive_prompted(data, ground, perceive_objects)
+    photo_scene, ids = _perceive_prompted(data, ground, perceive_objects)
     scene = folder / "scene.yaml"
-    write_scene(perceived, ground.image, "photo", scene)
+    write_scene(photo_scene, ground.image, "photo", scene)
     assets = folder / str(mark_values(scene.read_text("utf-8")).data()["assets"])
     # Without prompts for all objects, names and labels tell which new object is which.
-    ids = ids or _matched_ids(data, perceived.document, str(path))
+    ids = ids or _matched_ids(data, photo_scene.document, str(path))
     labels = _relabelled(read_labels(assets / "masks.png"), ids)
     _paint_prompts(labels, data)
     write_png(assets / "masks.png", labels)
@@ -243,6 +245,7 @@ def _perceive_prompted(
     """
     assert ground.image is not None
     prompts = _prompts(data)
+    # Without a prompt for each object, perceive all objects and match them by name.
     if len(prompts) < len(data["objects"]):
         return perceive_objects(ground.image, (), ()), {}
     boxes = [tuple(prompt["box"]) for prompt in prompts.values() if "box" in prompt]
@@ -270,10 +273,12 @@ def _matched_ids(
     for (section, name), id_ in _ids(data).items():
         entry = data[section][name]
         has_same_label = id_ in labels and labels[id_] == entry.get("label")
+        # The same id with the same name or label is the same object.
         if new_ids.get((section, name)) == id_ or has_same_label:
             ids[id_] = id_
         elif (section, name) in new_ids:
             ids[new_ids[section, name]] = id_
+        # A doubtful object may vanish, and a prompt finds its object by itself.
         elif section != "doubtful" and "prompt" not in entry:
             missing_keys.append(f"{section}.{name}")
     if missing_keys:

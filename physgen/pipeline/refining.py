@@ -57,6 +57,7 @@ class MostChanged:
         mean_difference = float(
             np.abs(np.subtract(refined, guidance, dtype=np.int16)).mean()
         )
+        # The largest difference so far makes the best example for the report.
         if mean_difference > self._largest:
             self._largest, self.index, self.refined = (
                 mean_difference,
@@ -200,7 +201,7 @@ def refine_footage(
             clip(refined_frames), len(sample_order), "video", "refine", "decode"
         )[0]
     except InputError as error:
-        # Remove the files of the failed refinement, which are not complete.
+        # Remove the incomplete files of the failed refinement.
         for video_format in files.formats:
             path = files.folder / video_format.file_name("video")
             shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)

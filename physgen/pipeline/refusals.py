@@ -46,7 +46,7 @@ class RefusalLimits:
     person: float = 0.5
     """Smallest score of a person: hands score as high, toys less than 0.4."""
     same: float = 0.6
-    """IoU of two boxes above which they show the same object."""
+    """Smallest IoU of two boxes around the same object."""
     touch: float = 0.01
     """Gap below which a person touches an object."""
     reach: float = 0.1

@@ -39,7 +39,7 @@ from physgen.perceive.support.ground_contact import (
 from physgen.pipeline.push_trials import TRIAL
 from physgen.pipeline.trial_scenes import open_trial
 from physgen.problems import InputError
-from physgen.scene.scene import Scene, View
+from physgen.scene.scene import View
 
 if TYPE_CHECKING:
     from physgen.perceive.roles import PerceivedScene
@@ -59,13 +59,13 @@ class ReleaseLimits:
     most: int = 3
     """Number of objects to try: each takes the time of a search."""
     rag: float = 0.04
-    """Share of an object's height within which its lower border is made level."""
+    """Height of an object's levelled lower border, by the object's height."""
     part: float = 0.35
     """Share of an object's area up to which an unsure object beside it is a part."""
     unsure: float = 0.7
     """Confidence below which an object can be such a part."""
     touch: float = 0.1
-    """Least share of a part's border that touches its object."""
+    """Smallest share of a part's border at its object."""
     friction: float = 0.6
     """Friction of the floor, equal to that of perceived floors."""
     floor_confidence: float = 0.3
@@ -150,6 +150,7 @@ def _ranked(photo_scene: PerceivedScene, refused: Collection[str]) -> list[str]:
         is_unsure = confidence < RELEASE.confidence
         if name in refused or is_cut or is_unsure or is_living(item["label"]):
             continue
+        # The square root of the area is a length: size counts, but less than by area.
         weights[name] = confidence * sqrt(float(areas[item["mask"]]))
     return sorted(weights, key=lambda name: weights[name], reverse=True)
 
@@ -157,7 +158,7 @@ def _ranked(photo_scene: PerceivedScene, refused: Collection[str]) -> list[str]:
 def _with_parts(photo_scene: PerceivedScene, name: str) -> PerceivedScene:
     """Merge small unsure objects into the object that they touch.
 
-    A wheel that was detected as an object of its own would block its car.
+    A wheel detected as an object of its own would block its car.
     """
     objects = dict(photo_scene.document["objects"])
     parts = _parts(photo_scene, name)
@@ -200,6 +201,7 @@ def _parts(photo_scene: PerceivedScene, name: str) -> list[str]:
         if other == name or mask_confidence(item) >= RELEASE.unsure:
             continue
         part_mask = labels == item["mask"]
+        # A part of an object touches it along much of its border.
         inner_pixels = (
             cv2.erode(part_mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
         )
@@ -225,18 +227,16 @@ def _released(photo_scene: PerceivedScene, name: str) -> PerceivedScene:
     photo_scene = _with_others_held(photo_scene, name, outline)
     floor = _guessed_floor(photo_scene.percepts.labels.shape[1], ground)
     walls = photo_scene.document["boundaries"]
-    kept = {key: wall for key, wall in walls.items() if key == "bottom"}
-    document = photo_scene.document | {"boundaries": kept | {FLOOR: floor}}
-    why = f"a guess: through the lowest point of {name}"
-    comments = {**photo_scene.comments, f"boundaries.{FLOOR}": why}
+    # Other walls of the scene could block the guessed floor.
+    other_walls = {key: wall for key, wall in walls.items() if key == "bottom"}
+    document = photo_scene.document | {"boundaries": other_walls | {FLOOR: floor}}
+    comment = f"a guess: through the lowest point of {name}"
+    comments = {**photo_scene.comments, f"boundaries.{FLOOR}": comment}
     released = replace(photo_scene, document=document, comments=comments)
     if is_oblique(photo_scene):
-        return _passing(released, name, dict(zip(_names(scene), outlines, strict=True)))
+        names = [item.name for item in scene.objects]
+        return _passing(released, name, dict(zip(names, outlines, strict=True)))
     return released
-
-
-def _names(scene: Scene) -> list[str]:
-    return [item.name for item in scene.objects]
 
 
 def _passing(
@@ -319,6 +319,7 @@ def _with_others_held(
     comments = dict(photo_scene.comments)
     for other, item in photo_scene.document["objects"].items():
         item = {key: value for key, value in item.items() if key != "motion"}
+        # Releasing one object among loose ones would topple the scene: hold the others.
         if other == name:
             item["velocity"] = [0, 0]
             item["shape"] = shape_entry(outline)

@@ -108,7 +108,7 @@ def compile(scene: Scene, maps: Percepts | None) -> CompiledScene:
 
 
 def _check_springs(scene: Scene, world: World) -> None:
-    """Refuse springs that are too stiff for the engine. Raises InputError."""
+    """Refuse springs too stiff for the engine. Raises InputError."""
     from physgen.scene.scene import SPRINGS
 
     if not any(joint.kind in SPRINGS for joint in world.joints):
@@ -354,7 +354,7 @@ def _put_back(
     if not restored_pixels.any():
         return maps, coverage, background
     restored_channels = restored_pixels[..., None]
-    clean = (
+    clean_photo = (
         None
         if maps.clean is None
         else np.where(restored_channels, maps.rgb, maps.clean)
@@ -363,7 +363,7 @@ def _put_back(
         np.where(restored_pixels, np.float32(0), coverage),
         np.where(restored_channels, maps.rgb, background),
     )
-    return replace(maps, clean=clean), coverage, background
+    return replace(maps, clean=clean_photo), coverage, background
 
 
 def filled(
@@ -382,6 +382,8 @@ def filled(
     from physgen import registry
     from physgen.perceive.inpaint.poisson import fill_behind
 
+    # Objects of the photo that the scene leaves out are also removed from the
+    # background.
     union = np.where(labels > 0, labels, np.where(scenery, np.uint16(0), maps.cut_out))
     coverage = maps.coverage
     if coverage is None or not has_same_masks:
@@ -495,7 +497,7 @@ class Maps:
 
 
 class Stages:
-    """The stages above, each of which runs only for new inputs."""
+    """The stages above; each runs only for new inputs."""
 
     def __init__(
         self, keep: Keep = Keep.RESULTS, *, reads_assets_cache: bool = False
@@ -506,7 +508,7 @@ class Stages:
         """
         self._reads_cache = reads_assets_cache
         self._cached: set[Path] = set()
-        """Assets folders to which this process has written a stage."""
+        """Assets folders with a stage written by this process."""
         few = 0 if keep is Keep.NOTHING else 4
         self._editing = keep is Keep.EDITING
         self._opened: Recent[OpenedScene] = Recent(few)
@@ -523,7 +525,7 @@ class Stages:
         variant: str | None,
         allow_outside: bool,
     ) -> Scene:
-        """Load a scene like `load`, from a parsed file that is still current."""
+        """Load a scene like `load`, from a parsed and unchanged file."""
         from physgen.scene.load import OpenedScene
 
         name = str(path)
@@ -826,6 +828,7 @@ class Film:
         """Return the samples for motion blur, and their number per frame."""
         from physgen.render.camera import exposure_times
 
+        # Frames may be read more than once: keep the samples of the last motion.
         if self._fine is None or self._fine[0] is not trajectory:
             moments, parts = exposure_times(
                 trajectory, self.compiled.world, self.scene.render.motion_blur

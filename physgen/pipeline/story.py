@@ -1,4 +1,8 @@
-"""Find the motion that a sentence asks for: pushes are tried until the outcome happens."""
+"""The search for the motion of a sentence: try pushes until its outcome happens.
+
+A sentence names a wish, actors and targets. Every trial sets one actor in motion, runs
+a simulation, and rates from 0 to 1 how much of the wish its motion fulfils.
+"""
 
 from __future__ import annotations
 
@@ -29,34 +33,34 @@ from physgen.text import listed, quoted
 
 @dataclass(frozen=True)
 class StoryLimits:
-    """The search of a motion and what counts as its outcome."""
+    """The search for a motion, and the thresholds of its outcomes."""
 
     speeds: tuple[float, ...] = (0.12, 0.25, 0.45, 0.7, 1.0, 1.5, 2.2, 3.2)
-    """Of the ordinary speed of a push, from gentle to hard."""
+    """Speeds of trials, by the ordinary speed of a push, from gentle to hard."""
     elevations: tuple[float, ...] = (0.0, 20.0, 40.0, 60.0)
-    """degrees above the line to the target, for throws."""
+    """Elevations of throws above the line to the target, degrees."""
     fallen: float = 60.0
-    """degrees of a turn after which something has fallen over."""
+    """Smallest turn of an object that has fallen over, degrees."""
     spun: float = 90.0
-    """degrees of a turn on the spot."""
+    """Smallest turn of an object that spins, degrees."""
     shift: float = 0.05
-    """Of the picture's longer side, that moves visibly."""
+    """Smallest visible shift, by the picture's longer side."""
     drop: float = 0.5
-    """Of its height, by which something ends lower."""
+    """Smallest descent of an object that drops, by its height."""
     rise: float = 0.3
-    """Of its height, by which something is lifted."""
+    """Smallest ascent of an object that rises, by its height."""
     spin: float = 540.0
-    """degrees/s of an ordinary spin."""
+    """Ordinary spin, degrees/s."""
     actors: int = 4
-    """Objects of which each is tried, if a sentence means one of many."""
+    """Largest number of actors to try, if a sentence means one of many."""
     most: int = 120
-    """Simulations."""
+    """Largest number of simulations."""
     rate: float = 60.0
-    """1/s: samples at which the outcome is judged."""
+    """Samples of a motion per second, from which its outcome is rated."""
     leaving: float = 0.1
-    """Merit that is lost if the actor leaves the picture."""
+    """Loss of merit if the actor leaves the picture."""
     partial: float = 0.99
-    """Share of the outcome from which a story is fulfilled."""
+    """Smallest share of its outcome by which a story counts as fulfilled."""
 
 
 LIMITS = StoryLimits()
@@ -72,30 +76,31 @@ class Start:
     spin: float = 0.0
     """degrees/s."""
     lift: float = 0.0
-    """px by which it is raised before."""
+    """Height by which the actor is raised before, px."""
     top_impulse: float = 0.0
-    """g·px/s to the right at its top, as a finger tips it."""
+    """Impulse to the right at its top, as of a finger, g·px/s."""
     is_moved: bool = True
-    """Whether anything is done at all."""
+    """False if nothing is pushed or lifted."""
 
 
 @dataclass(frozen=True)
 class Telling:
-    """The motion that was found."""
+    """The best motion for a sentence."""
 
     edits: dict[str, Any]
     """Values by dotted key."""
     is_fulfilled: bool
     outcome: str
-    """In words."""
+    """Description of the motion in words."""
     tried: int
-    """Simulations."""
+    """Number of simulations."""
 
 
 def tell_story(scene: Scene, compiled: CompiledScene, text: str) -> Telling:
-    """Return the edits whose simulated outcome is what a sentence asks for, or nearest to it.
+    """Return the edits for the motion that a sentence describes, or for the nearest
+    one.
 
-    Raises InputError if the sentence has no verb or object that is known.
+    Raises InputError if no verb or no object of the sentence is known.
     """
     world = compiled.world
     story = read_story(text, scene_names(scene, world))
@@ -103,27 +108,32 @@ def tell_story(scene: Scene, compiled: CompiledScene, text: str) -> Telling:
     if not actors:
         raise Message.STORY_WITHOUT_ACTOR.error("--story", quoted(text))
     quiet = _at_rest(scene, world)
-    best, best_merit, tried = None, -1.0, 0
+    best, best_merit, trial_count = None, -1.0, 0
     for start in _starts(scene, compiled, story, actors):
         motion = _simulated(scene, quiet, start)
         share = fulfilment(quiet, story, start, motion)
-        tried += 1
+        trial_count += 1
+        # Prefer a motion inside the picture: an actor that leaves it looks like an
+        # error.
         merit = share
         if start.is_moved and _leaves(quiet, start.actor, motion):
             merit -= LIMITS.leaving
+        # The trials begin with the gentlest. Of equal outcomes keep the first.
         if merit > best_merit + 1e-6:
             best, best_merit, best_share, best_motion = start, merit, share, motion
-        if merit >= LIMITS.partial or tried >= LIMITS.most:
+        if merit >= LIMITS.partial or trial_count >= LIMITS.most:
             break
     assert best is not None
     is_fulfilled = best_share >= LIMITS.partial
     words = outcome_words(scene, quiet, story, best, best_motion)
     edits = story_edits(scene, compiled, best)
-    return Telling(edits, is_fulfilled, words, tried)
+    return Telling(edits, is_fulfilled, words, trial_count)
 
 
 def scene_names(scene: Scene, world: World) -> list[Named]:
-    """Return the names of all objects and boundaries, in the order of `World.surfaces`."""
+    """Return the names of all objects and boundaries, in the order of
+    `World.surfaces`.
+    """
     candidates = []
     for k, (item, body) in enumerate(zip(scene.objects, world.bodies, strict=True)):
         x, y = body.center.tolist()
@@ -140,8 +150,8 @@ def _at_rest(scene: Scene, world: World) -> World:
     bodies = []
     for item, body in zip(scene.objects, world.bodies, strict=True):
         if body.motion is Motion.DYNAMIC:
-            still = replace(item, velocity=(0.0, 0.0), spin=0.0)
-            body = replace(set_velocity(body, still, scene.world.view), spin=0.0)
+            resting_item = replace(item, velocity=(0.0, 0.0), spin=0.0)
+            body = replace(set_velocity(body, resting_item, scene.world.view), spin=0.0)
         bodies.append(body)
     lasting = tuple(push for push in world.pushes if push.load is not Load.IMPULSE)
     return replace(world, bodies=tuple(bodies), pushes=lasting)
@@ -150,25 +160,29 @@ def _at_rest(scene: Scene, world: World) -> World:
 def _starts(
     scene: Scene, compiled: CompiledScene, story: Story, actors: Sequence[int]
 ) -> Iterator[Start]:
-    """Yield the ways to set an actor in motion, the gentlest first."""
+    """Yield the ways to set an actor in motion, from gentle to hard."""
     world = compiled.world
-    ordered = actors[: LIMITS.actors]
+    tried_actors = actors[: LIMITS.actors]
+    # Without a push first: the outcome may happen by gravity alone.
     if story.is_declared or story.wish in (Wish.HALT, Wish.DROP):
-        yield Start(ordered[0], is_moved=False)
+        yield Start(tried_actors[0], is_moved=False)
     if story.wish is Wish.HALT:
         return
     if story.wish is Wish.DROP and not story.targets and scene.world.view is View.SIDE:
-        for actor in ordered:
+        for actor in tried_actors:
             for share in (1.0, 0.5, 2.0):
                 yield Start(actor, lift=share * _height(world.bodies[actor]))
-    ordinary = push_speed(max(scene.size), scene.world.pixels_per_meter)
+    ordinary_speed = push_speed(max(scene.size), scene.world.pixels_per_meter)
     for factor in _speed_factors(story.strength):
-        for actor in ordered:
-            yield from _starts_at(scene, world, story, actor, factor * ordinary)
+        for actor in tried_actors:
+            yield from _starts_at(scene, world, story, actor, factor * ordinary_speed)
 
 
 def _speed_factors(strength: float) -> list[float]:
-    """Return the speeds in the order in which they are tried, for gentle and hard stories."""
+    """Return the speeds in the order of trials, relative to the ordinary speed.
+
+    A hard story begins with the fourth speed, so that its motion does not look gentle.
+    """
     speeds = [speed * strength for speed in LIMITS.speeds]
     return speeds[3:] + speeds[:3] if strength > 1 else speeds
 
@@ -176,7 +190,7 @@ def _speed_factors(strength: float) -> list[float]:
 def _starts_at(
     scene: Scene, world: World, story: Story, actor: int, speed: float
 ) -> Iterator[Start]:
-    """Yield the starts of one actor at a speed (px/s)."""
+    """Yield the starts of one actor at a speed, px/s."""
     body = world.bodies[actor]
     signs = [story.direction[0]] if story.direction and story.direction[0] else [1, -1]
     if story.wish is Wish.SPIN:
@@ -185,6 +199,8 @@ def _starts_at(
             yield Start(actor, spin=sign * degrees(speed / body.reach))
         return
     is_upright = scene.world.view is View.SIDE and body.radius is None
+    # An upright object turns over by a push at its top; a push through its centre of
+    # mass would slide it.
     if story.wish is Wish.TURN and not story.targets and is_upright:
         for sign in signs:
             yield Start(actor, top_impulse=sign * body.mass * speed / 2)
@@ -196,7 +212,7 @@ def _starts_at(
 
 
 def _signs_to_targets(world: World, story: Story, actor: int) -> list[int]:
-    """Return 1, -1 or both: on which side of an actor its targets are."""
+    """Return the sides of the targets of an actor: 1 right, -1 left."""
     centers = _target_centers(world, story)
     offset = centers[:, 0] - world.bodies[actor].center[0]
     signs = [1 if value > 0 else -1 for value in offset.tolist()]
@@ -206,7 +222,7 @@ def _signs_to_targets(world: World, story: Story, actor: int) -> list[int]:
 def _directions(
     scene: Scene, world: World, story: Story, actor: int
 ) -> Iterator[tuple[float, float]]:
-    """Yield the unit vectors in which an actor is pushed."""
+    """Yield the unit vectors of pushes on an actor."""
     is_side = scene.world.view is View.SIDE
     if story.direction is not None:
         x, y = story.direction
@@ -221,6 +237,8 @@ def _directions(
     if story.targets:
         yield from _towards(world, story, actor, is_side)
         return
+    # Without a target, any direction may work: in side view left and right, from above
+    # eight.
     count = 2 if is_side else 8
     for k in range(count):
         angle = 2 * np.pi * k / count
@@ -230,13 +248,16 @@ def _directions(
 def _towards(
     world: World, story: Story, actor: int, is_side: bool
 ) -> Iterator[tuple[float, float]]:
-    """Yield the directions to the nearest targets, and above them for throws."""
+    """Yield the directions to the nearest targets, with throws above them in
+    side view.
+    """
     center = world.bodies[actor].center
     offsets = _target_centers(world, story) - center
     order = np.argsort(np.hypot(*offsets.T))
     for offset in offsets[order][: LIMITS.actors]:
         x, y = (offset / max(float(np.hypot(*offset)), 1e-9)).tolist()
         side = 1.0 if x >= 0 else -1.0
+        # Objects on a floor reach each other along it, wherever their centres are.
         if is_side:
             yield side, 0.0
         yield x, y
@@ -245,7 +266,7 @@ def _towards(
 
 
 def _target_centers(world: World, story: Story) -> F64:
-    """Return (K, 2) px: the middle of each target; of a wall its nearest points count as one."""
+    """Return the centres (K, 2) of targets, px; for a wall, the mean of its points."""
     centers = []
     for k in story.targets:
         if k < len(world.bodies):
@@ -270,8 +291,8 @@ def started_world(scene: Scene, world: World, start: Start) -> World:
     if not start.is_moved:
         return world
     item = scene.objects[start.actor]
-    moved = replace(item, velocity=start.velocity, motion=Motion.DYNAMIC)
-    body = set_velocity(world.bodies[start.actor], moved, scene.world.view)
+    started_item = replace(item, velocity=start.velocity, motion=Motion.DYNAMIC)
+    body = set_velocity(world.bodies[start.actor], started_item, scene.world.view)
     shift = np.array([0.0, -start.lift])
     body = replace(
         body,
@@ -288,23 +309,27 @@ def started_world(scene: Scene, world: World, start: Start) -> World:
 
 
 def _tipping_push(body: Body, start: Start) -> Push:
+    """Return the push that tips a body over, at its top."""
     vector = np.array([start.top_impulse, 0.0])
     return Push(start.actor, Load.IMPULSE, vector, 0.0, _top(body), 0.0, 0.0)
 
 
 def _top(body: Body) -> F64:
-    """Return the highest point of a body above its centre of mass, (2,) px in its frame."""
+    """Return a point (2,) at the top of a body, above its centre of mass, px in its
+    frame.
+    """
     points = np.concatenate(body.rings)
     return np.array([0.0, float(points[:, 1].min()) * 0.95])
 
 
 def _height(body: Body) -> float:
+    """Return the height of a body's outline, px."""
     points = np.concatenate(body.rings)
     return float(np.ptp(points[:, 1]))
 
 
 def fulfilment(world: World, story: Story, start: Start, motion: Trajectory) -> float:
-    """Return 0 to 1: how far the outcome of a motion is what a story wants."""
+    """Return the share from 0 to 1 of a story's wish that a motion fulfils."""
     shares = []
     subjects = story.targets or (start.actor,)
     if story.wish is Wish.TOUCH:
@@ -318,16 +343,17 @@ def fulfilment(world: World, story: Story, start: Start, motion: Trajectory) -> 
     else:
         bodies = [k for k in subjects if k < len(world.bodies)]
         shares = [_change(world, story.wish, k, motion) for k in bodies]
+        # A target that moves by itself is no effect of the actor.
         if story.targets and story.wish is not Wish.DROP:
             shares = [_caused(motion, start.actor, share) for share in shares]
     if not shares:
         return 0.0
-    whole = min(shares) if story.is_all else max(shares)
-    return _rested(story, start, motion, whole)
+    total_share = min(shares) if story.is_all else max(shares)
+    return _rested(story, start, motion, total_share)
 
 
 def _rested(story: Story, start: Start, motion: Trajectory, share: float) -> float:
-    """Return a share that is reduced if the actor had to rest and does not."""
+    """Return half a share if the actor should rest at the end and does not."""
     if not story.must_rest:
         return share
     is_resting = bool(resting_mask(motion)[-1, start.actor])
@@ -335,7 +361,10 @@ def _rested(story: Story, start: Start, motion: Trajectory, share: float) -> flo
 
 
 def _touches(motion: Trajectory, actor: int, target: int) -> float:
-    """Return 1 if two surfaces touch anew; less by the distance that remains."""
+    """Return 1 if an actor touches a target anew, otherwise a share below 1.
+
+    The share is the reduction of the distance between both, by their first distance.
+    """
     pair = {actor, target}
     is_new = new_touches(motion)
     pairs = motion.contacts.touch_pairs
@@ -344,7 +373,7 @@ def _touches(motion: Trajectory, actor: int, target: int) -> float:
     if target >= motion.poses.shape[1]:
         return 0.0
     if any(set(row) == pair for row in pairs.tolist()):
-        # they lie side by side: the push must reach the other one
+        # Both touch from the beginning, so that the push must move the target.
         shift = motion.poses[:, target, :2] - motion.poses[0, target, :2]
         reach = LIMITS.shift * float(np.abs(motion.poses[0, :, :2]).max())
         return min(float(np.hypot(*shift.T).max()) / reach, 1.0)
@@ -354,14 +383,19 @@ def _touches(motion: Trajectory, actor: int, target: int) -> float:
 
 
 def _caused(motion: Trajectory, actor: int, share: float) -> float:
-    """Return a share that counts only if the actor has touched something anew."""
+    """Return a share in full only if the actor has touched something anew, else half of
+    it.
+    """
     pairs = motion.contacts.touch_pairs[new_touches(motion)]
     has_hit = any(actor in row for row in pairs.tolist())
     return share if has_hit else 0.5 * share
 
 
 def _shifted(world: World, story: Story, actor: int, motion: Trajectory) -> float:
-    """Return how far an actor moves as asked; 1 from a visible shift."""
+    """Return the displacement of an actor as a share of a visible shift, from 0 to 1.
+
+    With a direction in the story, it is the displacement along that direction.
+    """
     offsets = motion.poses[:, actor, :2] - motion.poses[0, actor, :2]
     if story.direction is None:
         distance = float(np.hypot(*offsets.T).max())
@@ -373,7 +407,9 @@ def _shifted(world: World, story: Story, actor: int, motion: Trajectory) -> floa
 
 
 def _change(world: World, wish: Wish, k: int, motion: Trajectory) -> float:
-    """Return how far a body turns, falls or rises as asked; 1 when it is fulfilled."""
+    """Return the turn, descent or ascent of a body as a share of the wish, from
+    0 to 1.
+    """
     poses = motion.poses[:, k]
     height = _height(world.bodies[k])
     if wish is Wish.TURN:
@@ -388,7 +424,7 @@ def _change(world: World, wish: Wish, k: int, motion: Trajectory) -> float:
 
 
 def _leaves(world: World, actor: int, motion: Trajectory) -> bool:
-    """Return whether an actor ends outside the picture."""
+    """Check whether an actor ends outside the picture."""
     x, y = motion.poses[-1, actor, :2].tolist()
     width, height = world.size
     return not (0 <= x < width and 0 <= y < height)
@@ -397,25 +433,28 @@ def _leaves(world: World, actor: int, motion: Trajectory) -> bool:
 def outcome_words(
     scene: Scene, world: World, story: Story, start: Start, motion: Trajectory
 ) -> str:
-    """Return what happens in a motion, in words."""
+    """Return a description of a motion's outcome in words."""
     names = [item.name for item in scene.objects]
     actor = names[start.actor]
     sentences = []
     pairs = motion.contacts.touch_pairs[new_touches(motion)].tolist()
-    hit = sorted(
+    touched_surfaces = sorted(
         {k for row in pairs if start.actor in row for k in row} - {start.actor}
     )
+    # Contacts count walls after bodies, in the order of `World.surfaces`.
     surfaces = [name for name, _ in world.surfaces]
-    if hit:
-        sentences.append(f"{actor} touches {listed([surfaces[k] for k in hit], 'and')}")
-    turned = []
+    if touched_surfaces:
+        sentences.append(
+            f"{actor} touches {listed([surfaces[k] for k in touched_surfaces], 'and')}"
+        )
+    turn_sentences = []
     for k, name in enumerate(names):
         angle = degrees(
             float(np.abs(motion.poses[:, k, 2] - motion.poses[0, k, 2]).max())
         )
         if angle >= LIMITS.fallen and world.bodies[k].radius is None:
-            turned.append(f"{name} turns by {angle:.0f} degrees")
-    sentences += turned
+            turn_sentences.append(f"{name} turns by {angle:.0f} degrees")
+    sentences += turn_sentences
     offset = motion.poses[-1, start.actor, :2] - motion.poses[0, start.actor, :2]
     share = hypot(*offset.tolist()) / max(world.size)
     sentences.append(
@@ -425,13 +464,16 @@ def outcome_words(
 
 
 def story_edits(scene: Scene, compiled: CompiledScene, start: Start) -> dict[str, Any]:
-    """Return the edits of a start, by dotted key, with the scene's own pushes removed."""
+    """Return the edits of a start, by dotted key, with the scene's own pushes
+    removed.
+    """
     edits: dict[str, Any] = {}
     for item in scene.objects:
         if item.motion is Motion.DYNAMIC and any(item.velocity):
             edits[f"objects.{item.name}.velocity"] = [0, 0]
         if item.motion is Motion.DYNAMIC and item.spin:
             edits[f"objects.{item.name}.spin"] = 0
+    # Impulses belong to the motion that the story replaces; lasting forces stay.
     forces = [force for force in scene.document["forces"] if "impulse" not in force]
     if len(forces) < len(scene.document["forces"]):
         edits["forces"] = forces
@@ -459,7 +501,7 @@ def story_edits(scene: Scene, compiled: CompiledScene, start: Start) -> dict[str
 
 
 def _lifted_place(item: Object, body: Body, lift: float) -> list[float]:
-    """Return the `place` of an object that is raised by `lift` px."""
+    """Return the `place` of an object after it is raised by `lift` px."""
     x, y = body.center.tolist()
     angle = item.place[2] if item.place else 0.0
     place = [round(x, 2), round(y - lift, 2)]

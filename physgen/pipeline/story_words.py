@@ -199,8 +199,8 @@ def read_story(text: str, candidates: Sequence[Named]) -> Story:
     unknown_noun = _unknown_noun(words, mentions)
     if unknown_noun:
         object_names = listed([one.name for one in candidates if one.is_object])
-        found = f"{unknown_noun}, in {quoted(text)},"
-        raise Message.STORY_NOUN_UNKNOWN.error("--story", found, names=object_names)
+        subject = f"{unknown_noun}, in {quoted(text)},"
+        raise Message.STORY_NOUN_UNKNOWN.error("--story", subject, names=object_names)
     if not any(set(mention.members) & objects for mention in mentions):
         names = listed(
             [candidate.name for candidate in candidates if candidate.is_object]
@@ -210,7 +210,7 @@ def read_story(text: str, candidates: Sequence[Named]) -> Story:
 
 
 def _unknown_noun(words: Sequence[str], mentions: Sequence[Mention]) -> str:
-    """Find the first noun after an article that names no object; empty without one."""
+    """Find the first unknown noun after an article; empty without one."""
     known_words = {*WAYS, *OTHERS, *ALL, *PLACES, *SURROUNDINGS}
     for k in range(1, len(words)):
         is_named = _is_within(k, mentions) or singular(words[k]) in known_words
@@ -250,7 +250,7 @@ def find_mentions(words: Sequence[str], candidates: Sequence[Named]) -> list[Men
 def _mention_at(
     words: Sequence[str], start: int, candidates: Sequence[Named]
 ) -> Mention | None:
-    """Find the longest noun phrase that begins at a word."""
+    """Find the longest noun phrase from a word on."""
     for end in range(min(start + 6, len(words)), start, -1):
         phrase = [word for word in words[start:end] if word not in ARTICLES]
         if not phrase or words[start] in ARTICLES or words[end - 1] in ARTICLES:

@@ -25,7 +25,7 @@ class OutcomeLimits:
     """Limits of a doubtful outcome of a push; areas are shares of the photo."""
 
     brief: float = 0.5
-    """Duration of visible motion in the video, s, below which it is a jerk."""
+    """Smallest duration of visible motion in the video, s; below it is a jerk."""
     filled: float = 0.25
     """Area of filled background behind moving objects, on any ground."""
     busy_filled: float = 0.06
@@ -66,6 +66,7 @@ def outcome_doubts(
         doubts.append(Note.LEAVES_PICTURE.text(names=leaving_names))
     if outcome.grade is Grade.RESTLESS:
         doubts.append(Note.RESTLESS.text())
+    # Viewers see the slow motion: judge the duration of the clip, not of the motion.
     slow_motion = round(perceived.document.get("render", {}).get("slow", 1))
     seconds = outcome.seconds * slow_motion
     if outcome.grade is Grade.SHORT and seconds < OUTCOME.brief:
@@ -157,7 +158,7 @@ def with_toys_named(photo_scene: PerceivedScene) -> PerceivedScene:
 
 
 def living_doubts(perceived: PerceivedScene) -> list[str]:
-    """Return a reason with the names of people and animals, which are never pushed."""
+    """Return a reason with the names of people and animals; none is ever pushed."""
     objects = perceived.document["objects"].items()
     labels = {name: item.get("label", "") for name, item in objects}
     living_labels = {name: label for name, label in labels.items() if is_living(label)}
@@ -168,6 +169,7 @@ def living_doubts(perceived: PerceivedScene) -> list[str]:
     if kinds == {"animal"}:
         kind_words = "an animal"
     names = listed(list(living_labels), "and")
+    # A detected animal may be a toy, to be released by the user.
     for label in living_labels.values():
         if kind(label).noun == "animal":
             noun, note = label.split()[-1], Note.LIVING_OR_TOY
@@ -182,6 +184,7 @@ def stillness_doubts(photo_scene: PerceivedScene, names: Collection[str]) -> lis
         for name in photo_scene.document["objects"]
         if "cut off" in photo_scene.comments.get(f"objects.{name}.motion", "")
     ]
+    # Objects at the border of the photo are not pushed, since their shapes are unknown.
     if names and set(names) <= set(border_names):
         verb = "is" if len(names) == 1 else "are"
         cut_names = listed(sorted(names), "and")

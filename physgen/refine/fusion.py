@@ -1,25 +1,27 @@
-"""Algorithm 1 of the paper: refined frames from a guidance video and the coverage of its objects.
+"""Algorithm 1 of the paper: refined frames from a guidance video and its objects.
 
 | paper (section 3.4 and supplement) | here | meaning |
 |---|---|---|
 | z~0 | `guidance` | latents of the relit video |
-| m | `mask` | 1 where the objects are, 0 elsewhere; here coverage in between |
-| T (line 1: nint(T s)) | `steps_run(steps, strength)` | denoising steps that run: 25 of 50 at s = 0.5 |
+| m | `mask` | coverage of the objects: 0 outside, 1 inside, here also in between |
+| T (line 1: nint(T s)) | `steps_run(steps, strength)` | number of denoising steps: 25 of 50 at s = 0.5 |
 | t = T .. 1 | `k = 0 .. count - 1`, k = T - t | steps run so far |
 | z_T, z~_T ~ q(z_T given z~0) (line 2) | `noised(guidance, 0)` | the guidance at the first step's noise |
 | p(z_t-1 given z_t) (lines 6, 12) | `denoised(z, k)` | one step of the model |
 | z~_t-1 ~ q(z_t-1 given z~0) (line 5) | `noised(guidance, k + 1)` | the guidance, as noisy as the step leaves z |
 | w = (T - t) / T (line 7) | `rising(k, count)` | share of the model's own in the objects: 0, 1/T .. (T - 1)/T |
-| delta (line 4) | `stop` | the last steps, which run free |
+| delta (line 4) | `stop` | number of the last steps, without guidance |
 
-Line 4 is printed `t <= T - delta` with t counting down, which would leave the *first* delta steps free. Text and public
-code leave the *last* delta steps free, and so do we: objects are laid down in much noise, and the model then
-settles borders and light. Lines 2 and 5 draw fresh noise in every step. Blends of independent noises have less noise
-than the model expects (half its variance at w = 1/2), and objects lose texture; `noised` is therefore to add the same
-noise every time. docs/models.md has the figures.
+Line 4 is printed as `t <= T - delta`. Since t counts down, this would leave the *first*
+delta steps free. The paper's text and public code leave the *last* delta steps free, and
+so does this module: the guidance places the objects at high noise, and the model then
+adapts their borders and light. Lines 2 and 5 draw new noise in every step. A blend of
+independent noises has less noise than the model expects (half its variance at w = 1/2),
+and objects lose texture. `noised` must therefore add the same noise every time;
+docs/models.md has the figures.
 
-A frame is the guidance plus what the model changed of it, D(z) - D(z~0): the decoder loses fine texture even where the
-model changes nothing.
+A frame is the guidance plus the change by the model, D(z) - D(z~0), because the decoder
+loses fine texture even without such a change.
 """
 
 from __future__ import annotations
@@ -70,7 +72,7 @@ def steps_run(steps: int, strength: float) -> int:
 
 
 def steps_fused(count: int, stop: int) -> int:
-    """Return the number of steps that are fused with the guidance (line 4).
+    """Return the number of steps with guidance (line 4).
 
     >>> steps_fused(25, 5)
     20
@@ -115,8 +117,8 @@ def fuse_latents(
 
     `mask` 0..1 broadcasts against latents. `noised(z0, k)` is z0 at the noise level at
     the start of step k, and z0 itself at k = count; `denoised(z, k)` is step k. `held`
-    0..1, which broadcasts too, is the share of the guidance that stays in every step,
-    also in free ones: 1 on the first frame, which is the photo; see `each_step`.
+    0..1 is the share of the guidance in every step, also in free ones. It broadcasts,
+    too, and is 1 on the first frame, the photo; see `each_step`.
     """
     z = noised(guidance, 0)
     fusing = steps_fused(count, stop)
@@ -171,9 +173,11 @@ def restore_detail(
     guidance everywhere.
     """
     before = guidance.astype(np.float32) / np.float32(255)
+    # Autoencoders lose detail. The loss in the guidance is known: add it to the result.
     after = refined + np.float32(detail) * (before - guided)
     after = before + np.float32(1 - held) * (after - before)
     refined_rgb: U8 = np.rint(np.clip(after, 0, 1) * 255).astype(np.uint8)
+    # Where objects are locked, blend the guidance over the result in linear light.
     share = np.float32(lock) * coverage
     if not share.any():
         return refined_rgb
@@ -188,7 +192,7 @@ def restore_detail(
 
 
 def _bounding_slices(values: F32) -> tuple[slice, slice]:
-    """Return the box of all pixels that are not 0."""
+    """Return the box of all pixels above 0."""
     rows, columns = (
         np.flatnonzero(values.any(axis=1)),
         np.flatnonzero(values.any(axis=0)),
@@ -305,7 +309,7 @@ class Refinement:
             )
         parts = zip(model.decode(z), model.decode(z0), strict=True)
         pairs = (pair for part in parts for pair in zip(*part, strict=True))
-        # Leave out the frames that were added to complete the last latent frame.
+        # Leave out the additional frames at the end of the last latent frame.
         for index, (refined_frame, guidance_frame) in enumerate(
             islice(pairs, self._count)
         ):
@@ -320,7 +324,7 @@ class Refinement:
             )
 
     def _too_large(self) -> Problem:
-        """Return the problem of a video that is too large for the device."""
+        """Return the problem of a video too large for the device."""
         width, height = self._fit.padded
         size_text = f"{self._count} frames of {width} x {height} px"
         return Message.REFINING_TOO_LARGE.problem(Place("refine"), "", size_text)

@@ -36,6 +36,8 @@ def atlas_groups(sizes: Sequence[tuple[int, int]]) -> list[list[int]]:
     """Group pictures by size, (columns, rows), for one atlas each."""
     by_size: dict[int, list[int]] = {}
     for k, size in enumerate(sizes):
+        # Pictures of one class have similar sizes, so that their cells waste little
+        # room.
         size_class = ceil(log(max(*size, 1)) / log(ALIKE))
         by_size.setdefault(size_class, []).append(k)
     groups = []
@@ -100,8 +102,8 @@ class Strip:
 
 def warp_picture(picture: F32, x: F32, y: F32) -> F32:
     """Return (h, w[, 4]) of a picture (H, W[, 4]) at px `x`, `y` (h, w)."""
-    warped = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
-    return np.asarray(warped, np.float32)
+    result = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+    return np.asarray(result, np.float32)
 
 
 def equal_area(
@@ -175,6 +177,7 @@ class BallSprites:
                 group = groups.setdefault(id(atlas), (atlas, []))
                 group[1].append((k, place, placement))
         pictures: dict[int, tuple[F32, F32]] = {}
+        # One warp per atlas draws all of its balls, in less time than a warp per ball.
         for atlas, members in groups.values():
             places = [place for _, place, _ in members]
             ball_placements = [placement for _, _, placement in members]
@@ -236,6 +239,7 @@ class _Atlas:
         centre, radius = 2 * (self.center[k] - self.corner[k]), 2 * ball.radius
         near_side, far_side = self.skin[:height], self.skin[height:]
         skin = near_side[place][..., :3].copy()
+        # A painted ball has its pattern on the far side, another ball a continuation.
         if ball.is_continued:
             sides = continue_skin(np.ascontiguousarray(skin), centre, radius)
         else:

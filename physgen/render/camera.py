@@ -46,7 +46,7 @@ Size = tuple[int, int]
 LOBES = 3
 """Lobes of the kernel on each side."""
 NOTHING = 1e-6
-"""Displacement, px, that is invisible."""
+"""Largest invisible displacement, px."""
 
 
 def resample_picture(rgb: U8, matrix: Array, size: Size) -> U8:
@@ -72,7 +72,7 @@ def resample_picture(rgb: U8, matrix: Array, size: Size) -> U8:
     planes = []
     for codes in cv2.split(rgb):
         plane = Image.fromarray(cv2.LUT(codes, light))
-        resampled = plane.resize(size, Image.Resampling.LANCZOS, box=box)
+        plane_part = plane.resize(size, Image.Resampling.LANCZOS, box=box)
         lower_limits = (
             cv2.erode(codes, kernel, anchor=(0, 0)).take(columns, 1).take(rows, 0)
         )
@@ -80,7 +80,7 @@ def resample_picture(rgb: U8, matrix: Array, size: Size) -> U8:
             cv2.dilate(codes, kernel, anchor=(0, 0)).take(columns, 1).take(rows, 0)
         )
         # The limits can be taken in sRGB, which has the same order as linear light.
-        resampled_codes = encode_u8(np.asarray(resampled))
+        resampled_codes = encode_u8(np.asarray(plane_part))
         planes.append(cv2.min(cv2.max(resampled_codes, lower_limits), upper_limits))
     return np.asarray(cv2.merge(planes), np.uint8)
 
@@ -302,6 +302,7 @@ def shot_of(scene: Scene, trajectory: Trajectory) -> Shot:
         aims.append(Aim(sight.time, sight.zoom, way))
     times = trajectory.times
     order = play_order(scene.render.play, len(times))
+    # Seconds of video per second of motion: a hand trembles in the time of the video.
     pace = 1.0
     if len(times) > 1 and times[-1] > times[0]:
         pace = (len(times) - 1) / float(times[-1] - times[0]) / scene.render.fps
@@ -342,6 +343,7 @@ def filmed(
             rgb = last[2].rgb
         else:
             rgb = resample_picture(frame.rgb, matrix, through.video)
+        # Ids, covers and layers are resampled only if someone reads them.
         view = frame, matrix, through.video
         load_ids, load_covers = partial(_named, *view), partial(_covering, *view)
         load_layers = None
@@ -400,6 +402,7 @@ def _layers_seen(layering: Callable[[], Layers], matrix: Array, size: Size) -> L
     layers = layering()
     whole_picture = np.s_[0 : size[1], 0 : size[0]]
     sprites = []
+    # A layer covers only its box before the camera; afterwards it may lie anywhere.
     for sprite in layers.sprites:
         canvas = np.zeros((*layers.plate.shape[:2], 4), np.float32)
         canvas[sprite.box] = np.dstack([sprite.light, sprite.coverage])
@@ -408,8 +411,8 @@ def _layers_seen(layering: Callable[[], Layers], matrix: Array, size: Size) -> L
             SpriteLayer(sprite.body, whole_picture, visible[..., :3], visible[..., 3])
         )
     plate = resample_light(layers.plate, matrix, size)
-    shaded = resample_light(layers.shaded, matrix, size)
-    return Layers(plate, shaded, sprites, layers.order)
+    background = resample_light(layers.shaded, matrix, size)
+    return Layers(plate, background, sprites, layers.order)
 
 
 def canvas_scale(scene: Scene) -> float:
@@ -493,6 +496,7 @@ def exposure_times(
         reaches.append(np.hypot(*np.concatenate(body.rings).T).max())
     vx, vy, spin = np.moveaxis(trajectory.velocities, -1, 0)
     speed = np.hypot(vx, vy) + np.abs(spin) * np.array(reaches)
+    # The fastest point of any body decides the number of samples of an exposure.
     farthest = float(speed.max()) * exposure
     count = np.ceil(farthest / STEP / FEWEST) * FEWEST
     parts = int(np.clip(count, FEWEST, MOST))
@@ -501,7 +505,7 @@ def exposure_times(
 
 
 def ways_seen(trajectory: Trajectory, through: Shot, parts: int) -> Array:
-    """Return poses (T, N, 3) as seen by a camera that moves within an exposure.
+    """Return poses (T, N, 3) as seen by a moving camera within an exposure.
 
     Each group of `parts` samples is moved into the camera's view of its last sample.
     """
@@ -542,18 +546,19 @@ def _mean_layers(frames: Sequence[Frame]) -> Layers:
     """Return the mean of the layers of an exposure."""
     parts = [frame.layering() for frame in frames if frame.layering is not None]
     last = parts[-1]
-    plate, shaded = np.zeros_like(last.plate), np.zeros_like(last.plate)
+    plate, background = np.zeros_like(last.plate), np.zeros_like(last.plate)
     means = {}
     for body in last.order:
         means[body] = np.zeros((*plate.shape[:2], 4), np.float32)
+    # Light and coverage are averages over the exposure, since both are linear.
     share = np.float32(1 / len(parts))
     for layers in parts:
         plate += layers.plate * share
-        shaded += layers.shaded * share
+        background += layers.shaded * share
         for body, picture in layers.pictures().items():
             means[body] += picture * share
     whole_picture = np.s_[0 : plate.shape[0], 0 : plate.shape[1]]
     sprites = []
     for body, mean in means.items():
         sprites.append(SpriteLayer(body, whole_picture, mean[..., :3], mean[..., 3]))
-    return Layers(plate, shaded, sprites, last.order)
+    return Layers(plate, background, sprites, last.order)

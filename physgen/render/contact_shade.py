@@ -30,7 +30,7 @@ class ContactShadeTuning:
     before another.
     """
     least: float = 0.01
-    """Share of the darkening below which it is invisible."""
+    """Largest invisible share of the darkening."""
     faint: float = 0.1
     """Share of the darkening above which objects touch in the photo."""
 
@@ -68,6 +68,7 @@ class ContactShade:
             return factors
         for pair in combinations(sorted(parts), 2):
             first, second = parts[pair[0]], parts[pair[1]]
+            # The photo already shows the shade of pairs in contact there.
             if not _is_near(first[0], second[0]) or self._touches_in_photo(pair):
                 continue
             for k, shade in zip(pair, _shades(first, second), strict=True):
@@ -83,9 +84,9 @@ class ContactShade:
         """Check whether two sprites touch in the photo, which then shows the darkening
         already.
         """
-        stored = self._photo_contacts.get(pair)
-        if stored is not None:
-            return stored
+        result = self._photo_contacts.get(pair)
+        if result is not None:
+            return result
         first, second = (_part_at_rest(self._sprites[k]) for k in pair)
         is_contact = False
         if _is_near(first[0], second[0]):

@@ -36,7 +36,7 @@ class ImpactTuning:
     after: int = 3
     """Number of later spans in which a lasting push must continue."""
     steps: int = 4
-    """Minimum number of engine steps in a span, in which pushes are summed."""
+    """Minimum number of engine steps in a span of summed pushes."""
 
 
 IMPACT = ImpactTuning()
@@ -189,7 +189,7 @@ def _impact(
     largest = members[np.argmax(pushes.impulse_sizes[members])]
     sample, first, second = contacts.impulse_rows[largest].tolist()
     points, gap = contact_points_between(world, motion.poses[sample], first, second)
-    # Surfaces that have already parted again were in contact at the sample before.
+    # Surfaces with a gap by now were in contact at the sample before.
     previous_sample = max(sample - 1, 0)
     points_before, gap_before = contact_points_between(
         world, motion.poses[previous_sample], first, second
@@ -213,6 +213,7 @@ def _stir(
     It includes the speed of the rim by rotation.
     """
     bodies, samples = len(world.bodies), len(motion.times)
+    # Compare the samples just before and just after the span of the contact.
     samples_before = np.searchsorted(motion.times, starts + 1e-9) - 1
     samples_before = np.maximum(samples_before, 0)
     samples_after = np.searchsorted(motion.times, starts + span - 1e-9)
@@ -248,6 +249,7 @@ def contact_points_between(
     if other_circle is not None:
         return _below_circle(*other_circle, _edges(world, poses, first))
     edges, other_edges = _edges(world, poses, first), _edges(world, poses, second)
+    # The nearest points of two polygons include at least one corner.
     candidates = [
         _nearest(edges[:, 0], other_edges),
         _nearest(edges[:, 1], other_edges),
@@ -295,8 +297,8 @@ def _edges(world: World, poses: Array, surface: int) -> Array:
         turn = rotation(float(angle))
         chains = []
         for ring in world.bodies[surface].rings:
-            closed = np.concatenate([ring, ring[:1]])
-            chains.append(closed @ turn.T + (x, y))
+            closed_ring = np.concatenate([ring, ring[:1]])
+            chains.append(closed_ring @ turn.T + (x, y))
     edges = [np.stack([chain[:-1], chain[1:]], axis=1) for chain in chains]
     return np.concatenate(edges)
 

@@ -26,7 +26,7 @@ BITS = 4
 tremble.
 """
 FARTHEST = 1e6
-"""Distance, px, beyond which marks are not drawn."""
+"""Largest distance of marks from the picture, px; others are not drawn."""
 CASING: Colour = (18, 20, 26)
 OPAQUE = 0.78
 """Opacity of the casing."""
@@ -35,7 +35,7 @@ OPAQUE = 0.78
 class Layer:
     """Ink of one colour, and its casing, on a canvas of `size` (W, H) px.
 
-    Marks of one layer that cross each other merge.
+    Crossing marks of one layer merge.
     """
 
     def __init__(self, size: tuple[int, int], casing: float) -> None:
@@ -100,6 +100,7 @@ class Layer:
 
         Pixels without ink stay as they are.
         """
+        # Only the box with ink is resampled; most layers are nearly empty.
         x, y, width, height = cv2.boundingRect(self._dark)
         if not width:
             return
@@ -112,6 +113,7 @@ class Layer:
         is_marked = (casing_coverage > 0) | (ink > 0)
         part = rgb[y0:y1, x0:x1]
         light = decode(part[is_marked])
+        # A dark casing below the ink keeps lines visible on any background.
         casing_share = casing_coverage[is_marked][:, None] * np.float32(casing / 255)
         light += casing_share * (_light(CASING) - light)
         ink_share = ink[is_marked][:, None] * np.float32(1 / 255)
@@ -191,6 +193,7 @@ def arrow(tail: Array, tip: Array, width: float) -> Array:
     vector = tip - tail
     length = float(np.hypot(*vector))
     normal = np.array([-vector[1], vector[0]]) / length
+    # The head shrinks with a short arrow, so that some shaft remains.
     point = head(tip, vector, min(HEAD * width, 0.62 * length))
     root = (point[0] + point[2]) / 2
     neck = root + 0.1 * (tip - root)  # barbs point back a little
@@ -230,11 +233,13 @@ def dashes(ring: Array, length: float, gap: float) -> Iterator[Array]:
         [[0.0], np.hypot(*np.diff(closed_ring, axis=0).T).cumsum()]
     )
     total = float(arc_lengths[-1])
+    # Adjust the period, so that a whole number of dashes fits the outline.
     count = max(1, round(total / (length + gap)))
     step = total / count
     for number in range(count):
         begin = number * step
         end = begin + step * length / (length + gap)
+        # A dash bends at the corners of the outline.
         corners_within = arc_lengths[(arc_lengths > begin) & (arc_lengths < end)]
         stops = np.concatenate([[begin], corners_within, [end]])
         columns = [

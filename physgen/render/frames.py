@@ -1,7 +1,8 @@
-"""Stage and trajectory to frames, one at a time; blending and warping in linear light.
+"""Composition of frames, one at a time, from a stage and a trajectory.
 
-Only tiles that objects or their shadows touch are composed and encoded again, over a cached background in the light of
-the objects that have not moved.
+Sprites are blended and warped in linear light. Only the tiles of 32 px that objects or
+their shadows touch are composed and encoded again. The other tiles come from a stored
+background in the light of the objects that have not moved.
 """
 
 from __future__ import annotations
@@ -55,20 +56,21 @@ from physgen.simulate.trajectory import Trajectory
 
 
 def encode_picture(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """Return the nearest sRGB code of linear light (h, w, 3).
+    """Return the sRGB codes (h, w, 3) of linear light (h, w, 3), rounded to the
+    nearest.
 
-    The same bytes as `encode_u8`, in less time.
+    The bytes are those of the slower `encode_u8`.
     """
     index = np.clip(linear, 0, 1)
     index *= np.float32(65535)
     index += np.float32(0.5)
-    look_up, table = _table()
-    return np.asarray(look_up(index.astype(np.uint16), table), np.uint8)
+    take_codes, table = _table()
+    return np.asarray(take_codes(index.astype(np.uint16), table), np.uint8)
 
 
 @cache
 def _table() -> tuple[Callable[..., object], NDArray[np.uint8]]:
-    """Return the function that looks codes up, and (65536,) codes of 16-bit light."""
+    """Return a function to look codes up, and the codes (65536,) of 16-bit light."""
     table = encode_u8(np.arange(65536, dtype=np.float32) / np.float32(65535))
     try:
         cv2.LUT(np.zeros((1, 1, 3), np.uint16), table)
@@ -78,11 +80,13 @@ def _table() -> tuple[Callable[..., object], NDArray[np.uint8]]:
 
 
 TILE = 32
-"""px a side of the tiles in which touched pixels are counted."""
+"""px: side of the square tiles by which touched pixels are counted."""
 
 
 def touched_tiles(boxes: Sequence[Slices], size: tuple[int, int]) -> list[int]:
-    """Return the tiles that the boxes touch: a number for each row of tiles, with a bit for each tile."""
+    """Return the tiles that boxes touch, as one number per row of tiles, one bit per
+    tile.
+    """
     tiles = [0] * (-(-size[1] // TILE))
     for rows, columns in boxes:
         if rows.stop <= rows.start or columns.stop <= columns.start:
@@ -95,9 +99,11 @@ def touched_tiles(boxes: Sequence[Slices], size: tuple[int, int]) -> list[int]:
 
 
 def boxes_of_tiles(tiles: Sequence[int], size: tuple[int, int]) -> list[Slices]:
-    """Return boxes that cover `tiles`, as `touched_tiles` returns them, without overlap."""
+    """Return disjoint boxes that cover `tiles`, as `touched_tiles` returns them."""
     boxes: list[Slices] = []
     first_rows: dict[tuple[int, int], int] = {}
+    # A box grows down while the next row has the same run of tiles. An empty row at the
+    # end closes the last boxes.
     for row, bits in enumerate([*tiles, 0]):
         runs = _runs_of_bits(bits)
         for first, last in [run for run in first_rows if run not in runs]:
@@ -110,29 +116,32 @@ def boxes_of_tiles(tiles: Sequence[int], size: tuple[int, int]) -> list[Slices]:
 
 
 def _runs_of_bits(bits: int) -> list[tuple[int, int]]:
-    """Return the first and one past the last bit of each run of set bits."""
+    """Return the index of the first bit of each run of set bits, and that after its
+    last.
+    """
     runs = []
     while bits:
         first = (bits & -bits).bit_length() - 1
-        # The lowest bit that is not set ends the run.
-        shifted = bits >> first
-        length = (~shifted & (shifted + 1)).bit_length() - 1
+        # The lowest zero bit ends the run.
+        remaining_bits = bits >> first
+        length = (~remaining_bits & (remaining_bits + 1)).bit_length() - 1
         runs.append((first, first + length))
         bits &= ~(((1 << length) - 1) << first)
     return runs
 
 
 class BackgroundCache:
-    """The background without the shadows of objects that have moved, kept from frame to frame.
+    """The background without the shadows of moved objects, kept from frame to frame.
 
-    It does not depend on the frames before: the same moved objects leave the same background to the last bit.
+    It depends on the moved objects alone, to the last bit, and not on the frames
+    before.
     """
 
     def __init__(self, stage: Stage) -> None:
         self._lit = stage.lit
         self._moved: set[int] = set()
         self.dark: F32 | None = None
-        """(H, W): -log of the remaining light."""
+        """Darkness (H, W) of its shadows: -log of the remaining share of light."""
         if stage.lit is None:
             light = decode(stage.background)
         else:
@@ -144,33 +153,37 @@ class BackgroundCache:
         """(H, W, 3) sRGB."""
 
     def update(self, stands: Sequence[SpritePose]) -> list[Slices]:
-        """Update the background for objects at new poses; return the boxes of all changes."""
-        lit, darkness = self._lit, self.dark
-        if lit is None or darkness is None:
+        """Update the background for objects at new poses; return the boxes of the
+        changes.
+        """
+        background, darkness = self._lit, self.dark
+        if background is None or darkness is None:
             return []
         shadows = {}
         for stand in stands:
-            shadow = lit.casts[stand.k].whole
+            shadow = background.casts[stand.k].whole
             if stand.start != stand.pose and shadow is not None:
                 shadows[stand.k] = shadow
-        moved = set(shadows)
-        if moved == self._moved:
+        moved_objects = set(shadows)
+        if moved_objects == self._moved:
             return []
-        changed = self._shadow_boxes(moved ^ self._moved)
-        self._moved = moved
-        for box in changed:
-            darkness[box] = lit.total[box]
-        # In order, so that rounding is the same in every frame.
-        for k in sorted(moved):
-            for box in changed:
+        boxes = self._shadow_boxes(moved_objects ^ self._moved)
+        self._moved = moved_objects
+        for box in boxes:
+            darkness[box] = background.total[box]
+        # Subtract in the order of objects, so that rounding is the same in every frame.
+        for k in sorted(moved_objects):
+            for box in boxes:
                 _take(darkness, box, *shadows[k])
-        for box in changed:
-            self.light[box] = shaded_background(lit.plate[box], darkness[box], lit.tint)
+        for box in boxes:
+            self.light[box] = shaded_background(
+                background.plate[box], darkness[box], background.tint
+            )
             self.codes[box] = encode_picture(self.light[box])
-        return changed
+        return boxes
 
     def _shadow_boxes(self, objects: set[int]) -> list[Slices]:
-        """Return boxes of tiles that the shadows of some objects touch."""
+        """Return boxes of the tiles that the shadows of `objects` touch."""
         assert self._lit is not None
         boxes = []
         for k in objects:
@@ -185,7 +198,7 @@ class BackgroundCache:
 def _take(
     darkness: F32, box: Slices, shadow_box: tuple[int, int, int, int], shadow: F32
 ) -> None:
-    """Subtract the part of a shadow that lies in the box from `darkness` (H, W)."""
+    """Subtract the part of a shadow inside a box from `darkness` (H, W)."""
     left, top, right, bottom = shadow_box
     x0, y0 = max(box[1].start, left), max(box[0].start, top)
     x1, y1 = min(box[1].stop, right), min(box[0].stop, bottom)
@@ -195,9 +208,9 @@ def _take(
 
 @contextmanager
 def single_threaded() -> Iterator[None]:
-    """Run OpenCV on this thread alone, for a while.
+    """Limit OpenCV to one thread, for a while.
 
-    A third less CPU time, and the encoder has the other core.
+    This takes a third less CPU time, and leaves the other core to the encoder.
     """
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
@@ -209,7 +222,7 @@ def single_threaded() -> Iterator[None]:
 
 @dataclass
 class Picture:
-    """What a frame shows of one sprite."""
+    """The appearance of one sprite in a frame."""
 
     stand: SpritePose
     where: Placement
@@ -218,7 +231,7 @@ class Picture:
     coverage: F32
     """(h, w)."""
     rest: tuple[Slices, F32] | None
-    """A box and (h, w, 3) what the photo shows there beyond light and background.
+    """A box and the rest (h, w, 3) of the photo there beyond light and background.
 
     As bright as the background is.
     """
@@ -228,16 +241,16 @@ class Picture:
 
 @dataclass(frozen=True)
 class ExposureTuning:
-    """How finely an exposure is divided."""
+    """The fineness of an exposure."""
 
     sharp: float = 0.5
-    """px of motion that no exposure shows."""
+    """px: largest motion that an exposure leaves sharp."""
     step: float = 2.0
-    """px that any point of an object moves between two of its pictures."""
+    """px: largest motion of a point between two pictures of an object."""
     shadow: float = 8.0
-    """px that its shadow moves, which is softer."""
+    """px: the same for the softer shadow."""
     shadows: int = 4
-    """Of an object in an exposure, at most."""
+    """Largest number of shadows of an object in an exposure."""
 
 
 EXPOSURE = ExposureTuning()
@@ -250,12 +263,13 @@ def render_frames(
     parts: int = 1,
     ways: NDArray[np.float64] | None = None,
 ) -> Iterator[Frame]:
-    """Yield frames of the trajectory's samples in their `order`, all one after the other unless given.
+    """Yield a frame per exposure of the trajectory's samples, in `order` if given.
 
-    Each is an exposure of `parts` samples, with the time and the ids of the last, as which it is composed; what moved
-    is smeared along its way there (of `ways` (T, N, 3) where a camera moves, too), which is the mean of light wherever
-    one object at most moves. Each object's own box is warped, and only touched tiles are encoded again. What a frame
-    shows does not depend on those before it; the photo's own poses are those of sample 0.
+    An exposure consists of `parts` samples and has the time and the ids of the last.
+    Moving objects are smeared along `ways` (T, N, 3), px, px, rad, which differ from
+    the trajectory if the camera moves; the result is the mean of light where at most
+    one object moves. Frames are independent of each other. The poses in the photo are
+    those of sample 0.
     """
     samples = range(len(trajectory.times)) if order is None else order
     ways = trajectory.poses if ways is None else ways
@@ -283,7 +297,9 @@ def render_frames(
 
 
 class _LayerList:
-    """The layers of one frame as they are drawn, over a copy of the shaded background."""
+    """The layers of one frame in the order of drawing, over a copy of the
+    background.
+    """
 
     def __init__(self, stage: Stage, left: BackgroundCache, canvas: F32) -> None:
         self._plate = left.light if stage.lit is None else stage.lit.plate
@@ -296,7 +312,7 @@ class _LayerList:
         self._sprites.append(SpriteLayer(body, box, light, coverage))
 
     def taken_apart(self) -> Layers:
-        """Return the layers, the sprites in the order in which they were drawn."""
+        """Return the layers, with the sprites in the order of drawing."""
         return Layers(self._plate, self._shaded, self._sprites, self._order)
 
 
@@ -310,7 +326,10 @@ def _covers(stage: Stage, pictures: Sequence[Picture]) -> list[tuple[int, Slices
 
 
 class _Painter:
-    """Paints frame after frame on one canvas; only touched tiles are painted again."""
+    """A painter of one frame after the other on one canvas.
+
+    It paints only touched tiles again.
+    """
 
     def __init__(self, stage: Stage) -> None:
         self._stage = stage
@@ -331,27 +350,29 @@ class _Painter:
         pictures: Sequence[Picture],
         trails: Mapping[int, Trail],
     ) -> U8:
-        """Return a frame (H, W, 3) sRGB."""
-        changed = self._background.update(stands)
+        """Return a frame (H, W, 3) in sRGB codes."""
+        # The background first, then shadows on it, then halos, and the objects on top.
+        background_boxes = self._background.update(stands)
         shaded_tiles = self._shadows.throw(
-            self._canvas, stands, pictures, trails, changed
+            self._canvas, stands, pictures, trails, background_boxes
         )
         self._darken_contacts(pictures)
         _add_sides(self._stage, pictures)
-        self._restore(changed, shaded_tiles)
+        self._restore(background_boxes, shaded_tiles)
         if self._stage.keeps_layers:
             self.layers = _LayerList(self._stage, self._background, self._canvas)
-        touched = boxes_of_tiles(shaded_tiles, self.size)
-        touched += self._paint_surroundings(stands, pictures)
-        touched += self._paint_objects(stands, pictures, trails)
-        self._painted_tiles = touched_tiles(touched, self.size)
+        boxes = boxes_of_tiles(shaded_tiles, self.size)
+        boxes += self._paint_surroundings(stands, pictures)
+        boxes += self._paint_objects(stands, pictures, trails)
+        self._painted_tiles = touched_tiles(boxes, self.size)
+        # Encode only touched tiles; the codes of the background serve for all others.
         rgb = self._background.codes.copy()
         for box in boxes_of_tiles(self._painted_tiles, self.size):
             rgb[box] = encode_picture(self._canvas[box])
         return rgb
 
     def _darken_contacts(self, pictures: Sequence[Picture]) -> None:
-        """Darken the pictures where objects have come to touch each other."""
+        """Darken the pictures where objects have begun to touch each other."""
         parts = {}
         for picture in pictures:
             parts[picture.stand.k] = picture.where.box, picture.coverage
@@ -362,21 +383,20 @@ class _Painter:
                 picture.light = multiply_light(picture.light, factor)
 
     def _restore(self, changed: Sequence[Slices], shaded_tiles: Sequence[int]) -> None:
-        """Restore the background in tiles of the last frame that shadows have not shaded again."""
+        """Restore the background in the last frame's tiles that have no shadow now."""
         changed_tiles = touched_tiles(changed, self.size)
         stale_tiles = []
         tiles = zip(self._painted_tiles, changed_tiles, shaded_tiles, strict=True)
-        for painted, moved, shaded in tiles:
-            stale_tiles.append((painted | moved) & ~shaded)
+        for old_bits, changed_bits, shaded_bits in tiles:
+            stale_tiles.append((old_bits | changed_bits) & ~shaded_bits)
         for box in boxes_of_tiles(stale_tiles, self.size):
             self._canvas[box] = self._background.light[box]
 
     def _paint_surroundings(
         self, stands: Sequence[SpritePose], pictures: Sequence[Picture]
     ) -> list[Slices]:
-        """Paint reflections and halos of objects below the objects.
-
-        Return the boxes that changed.
+        """Paint reflections and halos of objects below the objects; return the changed
+        boxes.
         """
         boxes = []
         shares = halos_left(self._stage.sprites, stands)
@@ -399,7 +419,7 @@ class _Painter:
         pictures: Sequence[Picture],
         trails: Mapping[int, Trail],
     ) -> list[Slices]:
-        """Paint objects, the farthest first; return the boxes that changed."""
+        """Paint the objects from back to front; return the changed boxes."""
         boxes = []
         by_sprite = {picture.stand.k: picture for picture in pictures}
         for stand in stands:
@@ -410,9 +430,9 @@ class _Painter:
                 if self.layers is not None:
                     body = self._stage.sprites[stand.k].body
                     self.layers.add(body, box, light, coverage)
-                under = self._canvas[box]
-                cv2.multiply(under, three_channels(1 - coverage), dst=under)
-                cv2.add(under, light, dst=under)
+                canvas_part = self._canvas[box]
+                cv2.multiply(canvas_part, three_channels(1 - coverage), dst=canvas_part)
+                cv2.add(canvas_part, light, dst=canvas_part)
                 boxes.append(box)
             if picture is not None and picture.rest is not None:
                 self._shadows.add_border(self._canvas, *picture.rest)
@@ -422,7 +442,9 @@ class _Painter:
     def _layer(
         self, stand: SpritePose, picture: Picture | None, trail: Trail | None
     ) -> tuple[Slices, F32, F32] | None:
-        """Return a box, light and coverage of an object; None if it is out of the picture."""
+        """Return the box, light and coverage of an object; None if it is outside the
+        canvas.
+        """
         if trail is not None:
             return _smeared(self._stage, self.balls, stand, picture, trail)
         if picture is None:
@@ -431,7 +453,7 @@ class _Painter:
 
 
 class _Shadows:
-    """Shadows on the background and on objects, from frame to frame."""
+    """The shadows on the background and on objects, from frame to frame."""
 
     def __init__(self, stage: Stage, background: BackgroundCache) -> None:
         self._stage, self._lit, self._background = stage, stage.lit, background
@@ -447,23 +469,32 @@ class _Shadows:
         trails: Mapping[int, Trail],
         changed: list[Slices],
     ) -> list[int]:
-        """Shade the background and the `pictures`.
+        """Shade the background and the pictures; return the tiles that were composed
+        again.
 
-        Return the tiles of `canvas` (H, W, 3) that were made anew.
+        `canvas`: (H, W, 3) linear.
         """
-        lit, darkness, behind = self._lit, self._dark, self._background.dark
+        background, darkness, base_darkness = (
+            self._lit,
+            self._dark,
+            self._background.dark,
+        )
         size = (canvas.shape[1], canvas.shape[0])
-        if lit is None or darkness is None or behind is None:
+        if background is None or darkness is None or base_darkness is None:
             return touched_tiles([], size)
+        # Reset the darkness only where the last frame had shadows or the background
+        # changed.
         for box in self._shaded + changed:
-            darkness[box] = behind[box]
+            darkness[box] = base_darkness[box]
         figures = _figures(self._stage, pictures)
-        boxes = self._add_shadows(darkness, lit, stands, figures, trails)
+        boxes = self._add_shadows(darkness, background, stands, figures, trails)
         shaded_tiles = touched_tiles(boxes, size)
         self._shaded = boxes_of_tiles(shaded_tiles, size)
         for box in self._shaded:
-            darkness[box] = lit.limited(darkness[box], box)
-            canvas[box] = shaded_background(lit.plate[box], darkness[box], lit.tint)
+            darkness[box] = background.limited(darkness[box], box)
+            canvas[box] = shaded_background(
+                background.plate[box], darkness[box], background.tint
+            )
         self._veil(pictures, figures)
         return shaded_tiles
 
@@ -475,7 +506,7 @@ class _Shadows:
         figures: Mapping[int, Silhouette],
         trails: Mapping[int, Trail],
     ) -> list[Slices]:
-        """Add the shadows of objects that have moved to `darkness` (H, W); return their boxes."""
+        """Add the shadows of moved objects to `darkness` (H, W); return their boxes."""
         boxes: list[Slices] = []
         exposures = []
         for stand in stands:
@@ -483,6 +514,7 @@ class _Shadows:
                 continue
             exposure = _along(trails.get(stand.k, ()), stand)
             exposures += exposure
+            # Shadows that only slide are drawn together at the end, from an atlas.
             if lit.casts[stand.k].sliding is not None:
                 continue
             for moment, weight in exposure:
@@ -505,7 +537,7 @@ class _Shadows:
                 picture.light = picture.light * three_channels(factor)
 
     def add_border(self, canvas: F32, box: Slices, rest: F32) -> None:
-        """Add what the photo shows beside an object, (h, w, 3), in the light of the background as it is now."""
+        """Add the photo's light beside an object, (h, w, 3), in the present light."""
         if self._dark is not None and self._lit is not None:
             rest = relit_border(rest, self._lit, self._dark, box)
         canvas[box] += rest
@@ -514,7 +546,7 @@ class _Shadows:
 def _moved_figure(
     figure: Silhouette, stand: SpritePose, moment: SpritePose
 ) -> Silhouette:
-    """Return a silhouette at another moment of an exposure, moved by whole pixels."""
+    """Return a silhouette at another moment of an exposure, shifted by whole pixels."""
     x, y = moment.pose.x - stand.pose.x, moment.pose.y - stand.pose.y
     (left, top), (cx, cy) = figure.corner, figure.center
     corner = (left + round(x), top + round(y))
@@ -522,21 +554,22 @@ def _moved_figure(
 
 
 Trail = tuple[tuple[float, float, float], ...]
-"""px, px, rad: from an object's pose at the end of an exposure to those within it, the last of which it is."""
+"""Poses within an exposure, relative to its last: px, px, rad."""
 
 
 def _trails(stage: Stage, poses: NDArray[np.float64]) -> Mapping[int, Trail]:
-    """Return the way of each sprite in an exposure, of `poses` (parts, N, 3), in steps too small to be seen.
+    """Return the trail of each sprite in an exposure, in steps too small to see.
 
-    Sprites that hardly move have none.
+    `poses` (parts, N, 3): px, px, rad. Sprites that hardly move have no trail.
     """
     sprites = stage.sprites
     bodies = [sprite.body for sprite in sprites]
     ways = (poses - poses[-1])[:, bodies].swapaxes(0, 1)
     is_ball = [sprite.ball is not None for sprite in sprites]
-    ways[is_ball, :, 2] = 0  # its picture never turns
+    ways[is_ball, :, 2] = 0  # The picture of a ball never turns as a whole.
     reach = np.array([max(sprite.coverage.shape) / 2 for sprite in sprites])[:, None]
     x, y, turn = np.moveaxis(np.diff(ways, axis=1), 2, 0)
+    # A point at the border of the sprite moves farthest: add the path of its rotation.
     lengths = (np.hypot(x, y) + reach * np.abs(turn)).sum(axis=1)
     trails: dict[int, Trail] = {}
     for k in np.flatnonzero(lengths > EXPOSURE.sharp).tolist():
@@ -549,17 +582,21 @@ def _trails(stage: Stage, poses: NDArray[np.float64]) -> Mapping[int, Trail]:
 
 @cache
 def _evenly(length: int, count: int) -> NDArray[np.int64]:
-    """Return (count,) indices of a sequence, from the first to the last."""
+    """Return `count` indices, evenly spaced from the first to the last of a
+    sequence.
+    """
     return np.rint(np.linspace(0, length - 1, count)).astype(np.int64)
 
 
 def _along(trail: Trail, stand: SpritePose) -> list[tuple[SpritePose, float]]:
-    """Return poses along an exposure, as many as a shadow needs, and their weights, whose sum is 1."""
+    """Return the poses of an object's shadows in an exposure, with weights of sum 1."""
     if not trail:
         return [(stand, 1.0)]
     length = sum(hypot(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(trail))
     count = max(ceil(length / EXPOSURE.shadow), 1)
     count = min(count, EXPOSURE.shadows, len(trail))
+    # Split the trail into parts of nearly equal length, and put a shadow at the mean of
+    # each.
     poses, end = [], 0
     for k in range(count):
         start = end
@@ -579,14 +616,15 @@ def _smeared(
     picture: Picture | None,
     trail: Trail,
 ) -> tuple[Slices, F32, F32] | None:
-    """Return a box of the canvas, light (h, w, 3) and coverage (h, w): means over the trail.
+    """Return the means over a trail: a box of the canvas, light (h, w, 3), coverage (h,
+    w).
 
-    None if they are empty.
+    Return None if the box is empty.
     """
-    unclipped = _unclipped(stage, balls, stand, picture, trail)
-    if unclipped is None:
+    whole_picture = _unclipped(stage, balls, stand, picture, trail)
+    if whole_picture is None:
         return None
-    corner, light, coverage = unclipped
+    corner, light, coverage = whole_picture
     face = stage.sprites[stand.k].face
     center = np.array([stand.pose.x, stand.pose.y + face], np.float64)
     middle = np.asarray(center - corner, np.float64)
@@ -597,6 +635,7 @@ def _smeared(
     rows, columns = box
     size = (columns.stop - columns.start, rows.stop - rows.start)
     moves[:, :, 2] += corner - (columns.start, rows.start)
+    # Warp light and coverage together, as one image of four channels.
     sharp = np.empty((*coverage.shape, 4), np.float32)
     cv2.mixChannels([light, coverage], [sharp], [0, 0, 1, 1, 2, 2, 3, 3])
     total = np.zeros((size[1], size[0], 4), np.float32)
@@ -609,7 +648,10 @@ def _smeared(
 
 
 def _trail_moves(trail: Trail, middle: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the matrices (n, 2, 3) that move a picture along a trail, about its `middle` (2,)."""
+    """Return the matrices (n, 2, 3) that move a picture along a trail.
+
+    The picture turns about `middle` (2,), px.
+    """
     shifts = np.array(trail)[:, :2]
     turns = np.array([rotation(angle) for _, _, angle in trail])
     shifts = middle + shifts - turns @ middle
@@ -622,15 +664,15 @@ def _swept_box(
     corner: NDArray[np.int64],
     size: tuple[int, ...],
 ) -> Slices | None:
-    """Return the box of a canvas of `size` (W, H) that a moving picture sweeps.
-
-    None if it is empty.
+    """Return the box of a canvas of `size` (W, H) that a moving picture sweeps; None if
+    empty.
     """
     right, bottom = shape[1] - 1, shape[0] - 1
     corners = np.array(
         [[0, 0, 1], [right, 0, 1], [0, bottom, 1], [right, bottom, 1]], np.float64
     )
     places = corners @ moves.transpose(0, 2, 1) + corner
+    # The corners of all positions bound the sweep, clipped to the canvas.
     low = np.maximum(np.floor(places.min(axis=(0, 1))).astype(int), 0)
     high = np.ceil(places.max(axis=(0, 1))).astype(int) + 1
     high = np.minimum(high, size)
@@ -646,9 +688,10 @@ def _unclipped(
     picture: Picture | None,
     trail: Trail,
 ) -> tuple[NDArray[np.int64], F32, F32] | None:
-    """Return left and top, px, light (h, w, 3) and coverage (h, w) of an object that the trail brings into the canvas.
+    """Return an object's picture beyond the canvas, as far as the trail moves it
+    inside.
 
-    None if it brings nothing.
+    It is left and top, px, light (h, w, 3) and coverage (h, w); None if it is empty.
     """
     height, width = stage.background.shape[:2]
     if picture is not None:
@@ -668,7 +711,7 @@ def _unclipped(
     light, coverage = ball or draw_sprite(sprite, placement, stage.supersample)
     top, left = placement.box[0].start - margin, placement.box[1].start - margin
     if picture is not None and picture.factor is not None:
-        # The shade at the border goes on beyond it.
+        # Continue the shade at the border of the canvas beyond it.
         shift_x, shift_y = columns.start - left, rows.start - top
         move = np.array([[1.0, 0, shift_x], [0, 1, shift_y]])
         size = (coverage.shape[1], coverage.shape[0])
@@ -680,14 +723,14 @@ def _unclipped(
 
 
 def _trail_reach(trail: Trail, shape: tuple[int, ...]) -> int:
-    """Return px by which any point of a picture of this shape moves along a trail, at most."""
+    """Return the largest displacement of any point of a picture along a trail, px."""
     diagonal = hypot(*shape)
     reaches = [hypot(x, y) + min(abs(turn), 2.0) * diagonal for x, y, turn in trail]
     return ceil(max(reaches))
 
 
 def _named(covers: Sequence[tuple[int, Slices, F32]], size: tuple[int, int]) -> U16:
-    """Return (H, W) ids of objects, the farthest first, that cover boxes so far."""
+    """Return the ids (H, W) of the nearest objects, given covers from back to front."""
     ids = np.zeros(size[::-1], np.uint16)
     for id_, box, coverage in covers:
         np.copyto(ids[box], np.uint16(id_), where=coverage >= 0.5)
@@ -695,14 +738,14 @@ def _named(covers: Sequence[tuple[int, Slices, F32]], size: tuple[int, int]) -> 
 
 
 def _covering(covers: Sequence[tuple[int, Slices, F32]]) -> list[Cover]:
-    """Return each object by itself: nothing in it that ids would not show if nothing were in front."""
+    """Return the whole mask of each object, as if nothing were in front of it."""
     return [Cover(id_ - 1, box, coverage >= 0.5) for id_, box, coverage in covers]
 
 
 def _pictures(
     stage: Stage, balls: BallSprites, stands: Sequence[SpritePose]
 ) -> Iterator[Picture]:
-    """Yield the pictures of visible sprites at their poses, the farthest first."""
+    """Yield the pictures of visible sprites at their poses, from back to front."""
     visible = [(stand, stand.where) for stand in stands if stand.where is not None]
     placements = [(stand.k, placement) for stand, placement in visible]
     drawn_balls = balls.drawn(placements, stage.supersample)
@@ -718,17 +761,17 @@ def _pictures(
 
 
 def _add_sides(stage: Stage, pictures: Sequence[Picture]) -> None:
-    """Add the sides of blocks that turned, where no front of another object is: fronts are in one plane."""
-    turned = []
+    """Add the sides of turned blocks, except behind fronts, which lie in one plane."""
+    turned_blocks = []
     for picture in pictures:
         sides = stage.sprites[picture.stand.k].sides
         if sides is not None and sides.share(picture.where.turn) > 0:
-            turned.append((picture, sides))
-    if not turned:
+            turned_blocks.append((picture, sides))
+    if not turned_blocks:
         return
-    # Coverages before any side is added.
+    # Keep the coverages from before any side is added: sides lie behind all fronts.
     fronts = [(picture, picture.where.box, picture.coverage) for picture in pictures]
-    for picture, sides in turned:
+    for picture, sides in turned_blocks:
         others = [(box, front) for other, box, front in fronts if other is not picture]
         _add_block_sides(picture, sides, others)
 
@@ -736,35 +779,41 @@ def _add_sides(stage: Stage, pictures: Sequence[Picture]) -> None:
 def _add_block_sides(
     picture: Picture, sides: Sides, others: Sequence[tuple[Slices, F32]]
 ) -> None:
-    """Add the sides of a block to its picture; `others` are boxes and coverages of other fronts."""
+    """Add the sides of a block to its picture.
+
+    `others`: boxes and coverages of the other fronts.
+    """
     coverage = picture.coverage
     side, shade = sides.drawn(coverage, picture.where.turn)
-    # The light of border pixels is a guess: they belong to the sides.
-    mixed = np.minimum(2 * side, coverage)
-    kept = np.asarray(1 - mixed / np.maximum(coverage, 1e-3), np.float32)
-    light = cv2.multiply(picture.light, three_channels(kept))
-    side, coverage = side + mixed, coverage - mixed
+    # The light of border pixels mixes front and side and is uncertain: give them to the
+    # side.
+    border_share = np.minimum(2 * side, coverage)
+    front_share = np.asarray(1 - border_share / np.maximum(coverage, 1e-3), np.float32)
+    light = cv2.multiply(picture.light, three_channels(front_share))
+    side, coverage = side + border_share, coverage - border_share
     side_light = np.broadcast_to(shade, side.shape).copy()
     blur = 2 * round(sides.depth) + 1
     for box, front in others:
         overlap = _overlap(picture.where.box, box)
         if overlap is None:
             continue
-        own_part, other_part = overlap
-        hidden = front[other_part]
-        side[own_part] *= 1 - hidden
+        block_part, other_part = overlap
+        front_coverage = front[other_part]
+        side[block_part] *= 1 - front_coverage
         if sides.light is not None:
-            # A front close by keeps light away.
-            darkness = np.float32(CUT.side_hidden) * cv2.blur(hidden, (blur, blur))
-            side_light[own_part] *= 1 - darkness
+            # A front close by keeps light from the side.
+            darkness = np.float32(CUT.side_hidden) * cv2.blur(
+                front_coverage, (blur, blur)
+            )
+            side_light[block_part] *= 1 - darkness
     side_light *= side
-    coloured = cv2.merge([side_light * part for part in sides.colour])
-    picture.light = np.asarray(cv2.add(light, coloured), np.float32)
+    side_colours = cv2.merge([side_light * part for part in sides.colour])
+    picture.light = np.asarray(cv2.add(light, side_colours), np.float32)
     picture.coverage = coverage + side
 
 
 def _overlap(box: Slices, other: Slices) -> tuple[Slices, Slices] | None:
-    """Return the common pixels of two boxes, relative to each of them; None if there are none."""
+    """Return the common pixels of two boxes, relative to each box; None without any."""
     (rows, columns), (other_rows, other_columns) = box, other
     top, bottom = max(rows.start, other_rows.start), min(rows.stop, other_rows.stop)
     left = max(columns.start, other_columns.start)
@@ -780,9 +829,11 @@ def _overlap(box: Slices, other: Slices) -> tuple[Slices, Slices] | None:
 
 
 def _mirrored(stage: Stage, picture: Picture, shares: F32) -> tuple[Slices, F32] | None:
-    """Return a box of the canvas and (h, w, 3) the floor's reflection of an object that has moved; None if it has none.
+    """Return the floor's reflection of a moved object: a box and light (h, w, 3), or
+    None.
 
-    As far as the photo's own reflection has gone, which is part of what is left, `shares` (N + 1,), around the object.
+    It is as strong as the photo's own reflection is gone: `shares` (N + 1,) are the
+    parts of it that remain.
     """
     mirror, k, (rows, columns) = stage.mirror, picture.stand.k, picture.where.box
     if mirror is None or picture.where.own is not None:
@@ -791,27 +842,30 @@ def _mirrored(stage: Stage, picture: Picture, shares: F32) -> tuple[Slices, F32]
     if floor is None:
         return None
     foot, left, right = floor
-    # The rows of the object that the floor mirrors within the photo.
+    # Take only the rows of the object whose reflection lies within the photo.
     lowest_visible = 2 * foot + 2 - len(stage.background)
     first = max(rows.start, foot + 1 - len(mirror.share), lowest_visible)
     last = min(rows.stop, foot + 1)
     if first >= last:
         return None
-    gone = 1 - shares[stage.sprites[k].body + 1]
-    share = mirror.share[foot + 1 - last : foot + 1 - first] * gone
-    flipped = picture.light[first - rows.start : last - rows.start][::-1]
-    light = flipped * share[:, None, None]
+    removed_share = 1 - shares[stage.sprites[k].body + 1]
+    share = mirror.share[foot + 1 - last : foot + 1 - first] * removed_share
+    mirrored_light = picture.light[first - rows.start : last - rows.start][::-1]
+    light = mirrored_light * share[:, None, None]
     places = np.arange(columns.start, columns.stop)
     light *= ((places >= left) & (places <= right))[:, None]
-    rough = cv2.GaussianBlur(
+    # A rough floor blurs its reflection.
+    blurred_light = cv2.GaussianBlur(
         light, (0, 0), mirror.rough, borderType=cv2.BORDER_REPLICATE
     )
     box = np.s_[2 * foot + 2 - last : 2 * foot + 2 - first, columns]
-    return box, np.asarray(rough, np.float32)
+    return box, np.asarray(blurred_light, np.float32)
 
 
 def _figures(stage: Stage, pictures: Sequence[Picture]) -> Mapping[int, Silhouette]:
-    """Return the silhouettes of visible sprites, which do not depend on how finely an object is drawn."""
+    """Return the silhouettes of visible sprites, which do not depend on how finely an
+    object is drawn.
+    """
     figures = {}
     for picture in pictures:
         stand, coverage = picture.stand, picture.coverage

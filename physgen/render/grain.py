@@ -42,9 +42,9 @@ class GrainTuning:
     clipped: tuple[int, int] = (4, 251)
     """Grey levels beyond which a block may be clipped."""
     least: float = 0.4
-    """Deviation, grey levels, below which it may be that of rounding, 0.29."""
+    """Smallest deviation, grey levels, beyond that of rounding, 0.29."""
     most: float = 6.0
-    """Deviation, grey levels, above which it is texture."""
+    """Largest deviation of grain, grey levels; a larger one is texture."""
     kept: float = 6.0
     """Differences in standard deviations, summed over the channels, that denoising
     preserves.
@@ -92,12 +92,14 @@ def measure_grain(rgb: U8) -> Grain | None:
     blocks, details = _blocks(picture), _blocks(detail)
     means = blocks.mean(axis=(1, 2))
     darkest, brightest = GRAIN.clipped
+    # Clipped pixels hide the noise.
     is_open = (means.min(axis=1) > darkest) & (means.max(axis=1) < brightest)
     blocks, details, means = blocks[is_open], details[is_open], means[is_open]
     squares = (details**2).mean(axis=(1, 2))
     texture = squares.sum(axis=1)
     is_flat = np.zeros(len(blocks), np.bool_)
     curve = []
+    # Noise depends on brightness: measure it separately in groups of like brightness.
     for group in _brightness_groups(means.mean(axis=1)):
         flattest = group[texture[group] <= np.quantile(texture[group], GRAIN.flat)]
         is_flat[flattest] = True
@@ -177,25 +179,30 @@ def remove_map_noise(maps: Percepts, grain: Grain) -> Percepts:
         if picture is None:
             pictures.append(None)
             continue
+        # Pixels of the background equal to the photo must stay equal to it.
         is_photo = (picture == maps.rgb).all(axis=2, keepdims=True)
         pictures.append(np.where(is_photo, photo, remove_noise(picture, grain)))
-    background, clean = pictures
-    return replace(maps, rgb=photo, background=background, clean=clean)
+    background, clean_photo = pictures
+    return replace(maps, rgb=photo, background=background, clean=clean_photo)
 
 
 def remove_noise(rgb: U8, grain: Grain) -> U8:
-    """Return a picture (H, W, 3) sRGB without noise, by a filter that preserves edges.
+    """Return a picture (H, W, 3) sRGB without noise, by an edge-preserving filter.
 
     Levels are first rescaled such that the noise is 1 everywhere.
     """
     floor = np.maximum(grain.deviation, GRAIN.least)
+    # Scale the levels such that noise has the deviation 1 at every brightness, so that
+    # one filter fits all of them. The scale is the sum of the steps between levels.
     scales = np.cumsum(1 / floor, axis=0).astype(np.float32)
     planes = [scales[rgb[..., k], k] for k in range(3)]
     scaled_levels = np.asarray(cv2.merge(planes), np.float32)
-    filtered = cv2.bilateralFilter(scaled_levels, GRAIN.reach, GRAIN.kept, GRAIN.spread)
+    filtered_levels = cv2.bilateralFilter(
+        scaled_levels, GRAIN.reach, GRAIN.kept, GRAIN.spread
+    )
     all_levels = np.arange(256)
     result = np.empty_like(rgb)
-    for k, plane in enumerate(cv2.split(filtered)):
+    for k, plane in enumerate(cv2.split(filtered_levels)):
         levels = np.interp(np.asarray(plane), scales[:, k], all_levels)
         result[..., k] = np.rint(levels)
     return result
@@ -215,6 +222,7 @@ class GrainField:
         white_noise = random.standard_normal((side, side, 3), np.float32)
         factor = _root(grain.channels).astype(np.float32)
         field = white_noise @ factor.T
+        # Correlate neighbours by a small kernel, as demosaicing does in a camera.
         weight = _neighbour_weight(grain.neighbours)
         kernel = np.array([weight, 1, weight]) / sqrt(1 + 2 * weight**2)
         correlated_noise = cv2.sepFilter2D(field, cv2.CV_32F, kernel, kernel)

@@ -15,7 +15,7 @@ from physgen.scene.scene import FieldKind, JointKind
 PIN = 4.0
 """Radius of a pin's ring, px of the photo."""
 BROKEN = 2.0
-"""Distance of the ends of a joint, px, above which it is broken."""
+"""Largest distance of the ends of an unbroken joint, px."""
 COILS = 8
 """Number of coils of a spring."""
 COIL = 0.06
@@ -49,6 +49,7 @@ def joint_lines(world: World, poses: Array, time: float) -> Iterator[Array]:
                     yield poses[[joint.first, joint.second], :2]
             case JointKind.FINGER:
                 yield from _finger(joint, first, time)
+            # A pin with a gap is broken.
             case _:
                 if distance <= BROKEN:
                     yield circle(first, PIN)

@@ -119,6 +119,7 @@ def _boxes_meet(
     upper_corners = lower_corners + [figure.coverage.shape[::-1] for figure in figures]
     may_meet = np.ones(path.shape, bool)
     for axis, component in enumerate(setting.light.direction[:2]):
+        # A shadow moves away from the light along its path: sweep the box to its end.
         shift = -component * path
         shadow_low = lower_corners[:, axis][None] + np.minimum(shift, 0) - spread
         shadow_high = upper_corners[:, axis][None] + np.maximum(shift, 0) + spread
@@ -198,7 +199,7 @@ def occlusion_of(
     """
     if not others and (onto.radius is None or onto.floor is None):
         return None
-    # The area is used instead of the box, which is mostly empty for a leaning object.
+    # The area is used, because the box of a leaning object is mostly empty.
     step = max(1, int(np.sqrt(onto.area)) // OCCLUSION.cells)
     all_balls = all(figure.radius is not None for figure in (onto, *others))
     surface = _surface(onto, step, np.float64 if all_balls else np.float32, setting)
@@ -230,6 +231,7 @@ def _surface(
     rows = onto.corner[1] + step * (np.arange(-(-height // step)) + 0.5) - 0.5
     x, y = (np.asarray(part, kind) for part in np.meshgrid(columns, rows))
     lx, ly, lz = (np.float32(part) for part in setting.light.direction)
+    # A face is flat and parallel to the photo, a ball has its own normal at each point.
     if onto.radius is None:
         viewer_distance = np.full(x.shape, face(onto, setting.top), np.float32)
         light_cosine = np.full(x.shape, max(lz, 0), np.float32)
@@ -255,25 +257,26 @@ def _remaining_light(
     step: int,
     setting: ShadowSetting,
 ) -> F32:
-    """Return the share of light (h, w) that remains behind all others together."""
+    """Return the remaining share of light (h, w) behind all others together."""
     coordinates = (surface.x, surface.y, surface.toward)
-    x, y, toward = (part.astype(np.float32) for part in coordinates)
+    x, y, depths = (part.astype(np.float32) for part in coordinates)
     balls = [other for other in others if other.radius is not None]
-    behind_balls = iter(_behind_balls(balls, (x, y, toward), setting) if balls else ())
+    behind_balls = iter(_behind_balls(balls, (x, y, depths), setting) if balls else ())
     remaining = np.ones(x.shape, np.float32)
     for other in others:
         if other.radius is None:
-            blocked = _behind_slab(other, x, y, toward, step, setting)
+            blocked_share = _behind_slab(other, x, y, depths, step, setting)
         else:
-            blocked = next(behind_balls)
-        remaining *= 1 - np.float32(MOST_BLOCKED) * surface.direct * blocked
+            blocked_share = next(behind_balls)
+        # Several blockers multiply: each takes a share of the light behind the others.
+        remaining *= 1 - np.float32(MOST_BLOCKED) * surface.direct * blocked_share
     return remaining
 
 
 def _visible_darkness(remaining: F32, facing_viewer: NDArray[Any] | None) -> F32:
     """Return -log of the remaining light; slanted parts of a ball have none.
 
-    They are mixed with what is behind, and the neighbours' light fills them.
+    They are mixed with the background, and the neighbours' light fills them.
     """
     darkness = -np.log(np.maximum(remaining, 1 - MOST_BLOCKED))
     if facing_viewer is not None:
@@ -342,7 +345,7 @@ def _behind_slab(
 
 
 SUNK = 3.0
-"""Depth of an object's pixels below its floor, px, that is tolerated."""
+"""Largest tolerated depth of an object's pixels below its floor, px."""
 NARROW = 0.5
 """Width of a floor, in thicknesses of an object, below which it shows no shadow of the
 object, such as the top of a log.
@@ -465,6 +468,7 @@ def occlusion_factors(
         return {}
     visible_figures = [figures[stand.k] for stand in stands]
     blockers = occluders(visible_figures, setting)
+    # A veil changes only if the object, or one that may shade it, has moved.
     changed_indices = []
     for k, stand in enumerate(stands):
         has_old_veil = stage.veils[stand.k] is not None
@@ -486,6 +490,8 @@ def occlusion_factors(
         new_veil = new_veils.get(k)
         if new_veil is None and old_veil is None:
             continue
+        # Veils are -log of the remaining light. Their difference is the exponent of the
+        # factor.
         difference = np.zeros(shape, np.float32) if old_veil is None else old_veil
         if new_veil is not None:
             difference = difference - np.float32(shares[k]) * new_veil
@@ -508,7 +514,7 @@ def _old_veil(
         return None
     size = (shape[1], shape[0])
     border = cv2.BORDER_REPLICATE
-    warped = cv2.warpAffine(
+    result = cv2.warpAffine(
         veil, placement.matrix, size, flags=WARP_FLAGS, borderMode=border
     )
-    return np.asarray(warped, np.float32)
+    return np.asarray(result, np.float32)

@@ -119,7 +119,7 @@ class OverlayStyle:
     """Share of the clip in which a trail fades to its least."""
     faint: float = 0.4
     still: float = 2.0
-    """Length of arrows and trails below which they are not drawn, px."""
+    """Smallest length of arrows and trails, px; shorter ones are not drawn."""
 
 
 STYLE = OverlayStyle()
@@ -142,11 +142,13 @@ def write_key(rgb: U8, sheet: Sheet, entries: list[Entry]) -> None:
     )
     if (size > STYLE.largest * np.array(sheet.size)).any():
         return  # on a small picture the key would hide the motion
+    # To save time, draw only on the part of the picture under the key.
     part = rgb[: ceil(corner[1] + size[1]) + 1, : ceil(corner[0] + size[0]) + 1]
     canvas = part.shape[1], part.shape[0]
     plate = Layer(canvas, 0.0)
     plate.area(corner + size * [[0, 0], [1, 0], [1, 1], [0, 1]], STYLE.opaque)
     plate.onto(part, CASING)
+    # Samples have their own colours, each on a layer; all words share the last layer.
     words = Layer(canvas, 0.0)
     for k, entry in enumerate(entries):
         y = float(corner[1]) + STYLE.pad * letter + (k + 0.5) * row
@@ -225,6 +227,7 @@ def annotate_frames(
     for frame in frames:
         rgb = frame.rgb.copy()
         times, size = clip.seen.times, (rgb.shape[1], rgb.shape[0])
+        # Frames may come in any order: find each frame's sample by its time.
         sample = int(np.abs(times - frame.time).argmin()) if len(times) else 0
         pen, matrix = max(size) / max(world.size), np.asarray(lens(frame), np.float64)
         sheet = Sheet(size, pen, matrix, frame.time, sample)
@@ -244,6 +247,7 @@ def filmed(
     motion = trajectory
     needs_samples = {Overlay.TRAILS, Overlay.CONTACTS} & set(kinds)
     if world.bodies and len(trajectory.times) > 1 and needs_samples:
+        # More samples make trails smooth, and separate impacts in time.
         sample_limit = STYLE.most // len(world.bodies)
         motion = trajectory.sampled(sample_times(trajectory, STYLE.finer, sample_limit))
     frame = world.duration / max(len(world.times), 1)
@@ -353,6 +357,7 @@ def _push(clip: OverlayClip, sheet: Sheet, layer: Layer, push: Push) -> None:
         reach = clip.world.bodies[push.body].reach
         radius = min(1.25 * reach, 0.2 * max(clip.world.size))
         sweep = clip.scales.torque * push.torque
+        # An arc shorter than its own line would be only a dot.
         if abs(sweep) * radius * sheet.zoom >= STYLE.still:
             path = sheet.at(arc(center, radius, sweep))
             curved_arrow(layer, path, sheet.pen)
@@ -401,6 +406,7 @@ def _contacts(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
     poses = _poses(clip, sheet)
     for first, second in contacts.touch_pairs[is_touching].tolist():
         points, gap = contact_points_between(clip.world, poses, first, second)
+        # The contact list covers whole steps; check that the surfaces touch right now.
         if gap < STYLE.still:
             for point in sheet.at(points):
                 layer.area(circle(point, 1.5 * sheet.pen))

@@ -95,6 +95,8 @@ def scales(
         velocity = nearest_round(
             usual_length / float(np.percentile(speeds, SCALE.usual))
         )
+        # Usual speeds decide the scale, unless the fastest arrow would leave the
+        # picture.
         limit = SCALE.longest * side / float(speeds.max())
         velocity = min(velocity, largest_round(limit))
     largest_loads = _largest_loads(world, kinds)
@@ -118,6 +120,7 @@ def _largest_loads(world: World, kinds: Collection[Overlay]) -> dict[Load, float
     if Overlay.FORCES in kinds:
         for push in world.pushes:
             is_dynamic = world.bodies[push.body].motion is Motion.DYNAMIC
+            # Pushes without effect in the clip must not shrink the other arrows.
             if not is_dynamic or push.start > world.duration:
                 continue
             size = float(np.hypot(*push.vector))
@@ -138,6 +141,8 @@ def key_entries(world: World, scale: Scales, kinds: Collection[Overlay]) -> list
     Each has the largest round number in SI units with a sample that is not too long.
     """
     length_limit = SCALE.sample * max(world.size)
+    # Scales hold per px, g and s. Convert them to metres, newtons and seconds for the
+    # key.
     meter = world.pixels_per_meter
     newton = 1000 * meter  # g·px/s²
     has_force = any(push.load is Load.FORCE for push in world.pushes)

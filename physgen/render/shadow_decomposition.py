@@ -72,7 +72,7 @@ class ShadowTuning:
     deepest: float = 3.5
     """Darkness (-log of light) of the deepest shadow."""
     near: float = 0.5
-    """Distance around an object, in its sizes, in which darkness may be its own."""
+    """Largest distance of an object's own darkness, in its sizes."""
     claimed: tuple[float, float] = (0.02, 0.1)
     """Sum of objects' claims from which the plate begins to be the clean picture, and
     at which it is.
@@ -225,9 +225,9 @@ class LitBackground:
         if share == 1:
             return shadows
         rest = np.float32(1 - share)
-        predicted = predicted_shadow(now, self.setting, cast.step)
-        if predicted is not None:
-            box, picture = predicted
+        prediction = predicted_shadow(now, self.setting, cast.step)
+        if prediction is not None:
+            box, picture = prediction
             shadows.append((box, picture if share == 0 else rest * picture))
         own = self._carried_shadow(cast, now, float(rest) * strength, shift)
         if own is not None:
@@ -240,10 +240,10 @@ class LitBackground:
         """Return the predicted shadow, which appears as the object leaves the photo's
         shadow.
         """
-        predicted = predicted_shadow(now, self.setting, cast.step)
-        if predicted is None:
+        prediction = predicted_shadow(now, self.setting, cast.step)
+        if prediction is None:
             return []
-        box, picture = predicted
+        box, picture = prediction
         return [(box, picture * _departure(now, start, pose))]
 
     def _slid(
@@ -318,13 +318,14 @@ class LitBackground:
         if start.floor is None or now.floor is None:
             distance = np.hypot(dx, dy)
             return strength * _bell(distance / (SHADOW.lift * size)), (0.0, 0.0)
+        # A shadow on the floor stays valid while its object keeps its height over it.
         lift = (start.floor - start.center[1]) - (now.floor - now.center[1])
         strength *= _bell(lift / (SHADOW.lift * size))
         return strength, (dx, now.floor - start.floor)
 
 
 LEAST_STRENGTH = 0.02
-"""Share of the photo's own shadow below which it is invisible and left out."""
+"""Largest invisible share of the photo's own shadow, left out."""
 
 
 def _bell(distance: float) -> float:
@@ -394,6 +395,7 @@ def _coarse_silhouette(silhouette: Silhouette, step: int) -> Silhouette:
         return (place + 0.5) / step - 0.5
 
     (x, y), (height, width) = silhouette.corner, silhouette.coverage.shape
+    # Pad the silhouette to whole cells, so that all silhouettes share one coarse grid.
     left, top = x % step, y % step
     padded_cover = cv2.copyMakeBorder(
         silhouette.coverage,
@@ -450,8 +452,8 @@ def shifted_picture(
         return None, picture
     matrix = np.array([[1.0, 0, x - left], [0, 1, y - top]])
     box_size = (right - left, bottom - top)
-    shifted = cv2.warpAffine(picture, matrix, box_size, borderMode=cv2.BORDER_CONSTANT)
-    return (left, top, right, bottom), np.asarray(shifted, np.float32)
+    result = cv2.warpAffine(picture, matrix, box_size, borderMode=cv2.BORDER_CONSTANT)
+    return (left, top, right, bottom), np.asarray(result, np.float32)
 
 
 def decompose_shadows(
@@ -487,20 +489,22 @@ def decompose_shadows(
     setting, firsts, total = _matched_shadows(
         all_figures, steps, setting, darkness, is_open
     )
-    unexplained = _unexplained(darkness, total, is_open)
+    residual = _unexplained(darkness, total, is_open)
     # Assign the unexplained darkness to the objects with the largest claims.
     claims = _claims(all_figures, firsts, setting.size)
-    claimed, owner = _claimed(claims, darkness.shape)
+    claimed_area, owner = _claimed(claims, darkness.shape)
     all_casts = []
     for k, start in enumerate(all_figures):
-        own = _owned(unexplained, claims[k], claimed)
+        own_shadow = _owned(residual, claims[k], claimed_area)
         is_round = k < len(starts) and rounds[k]
-        all_casts.append(_cast(start, steps[k], firsts[k], own, is_round, setting))
+        all_casts.append(
+            _cast(start, steps[k], firsts[k], own_shadow, is_round, setting)
+        )
     casts, ghost_casts = all_casts[: len(starts)], all_casts[len(starts) :]
     total = _sum_of_shadows(casts, darkness.shape)
     ghost_shadows = _sum_of_shadows(ghost_casts, darkness.shape)
     tint = _tint(light, clean_light, darkness, is_open)
-    share = _clean_share(claimed, is_open)
+    share = _clean_share(claimed_area, is_open)
     plate = _plate(light, clean_light, (total + ghost_shadows), tint, share)
     result = LitBackground(setting, plate, tint, total, _leaning(casts), owner)
     return result, ghost_shadows if gone else None
@@ -562,6 +566,7 @@ def _matched_shadows(
     is_compared = is_open & (total > least_darkness)
     if np.count_nonzero(is_compared) <= least_count:
         return setting, firsts, total
+    # Compare shares of light taken away: expm1 converts darkness to them.
     ratios = np.expm1(-darkness[is_compared]) / np.expm1(-total[is_compared])
     median_ratio, upper_ratio = np.quantile(ratios, (0.5, quantile))
     depth_ratio = float(max(min(upper_ratio, 1.0), median_ratio, least_ratio))
@@ -709,6 +714,7 @@ def unbounded_shadow(
     silhouette: Silhouette, setting: ShadowSetting, step: int
 ) -> tuple[PixelBox, F32]:
     """Return an object's whole shadow on a table, also beyond the photo's border."""
+    # Move the object into a setting so large that its whole shadow lies inside.
     reach = 10 * max(silhouette.coverage.shape) + 64
     margin = step * ceil(reach / step)
     (x, y), (cx, cy) = silhouette.corner, silhouette.center
@@ -736,6 +742,8 @@ def _trimmed(box: PixelBox, picture: F32) -> tuple[PixelBox, F32]:
     y0, y1 = int(rows[0]), int(rows[-1]) + 1
     x0, x1 = int(columns[0]), int(columns[-1]) + 1
     part = picture[y0:y1, x0:x1]
+    # Reduce all values by the visible limit, so that the picture ends at 0 without a
+    # step.
     size = np.maximum(np.abs(part) - np.float32(SHADOW.faint), 0)
     part_box = (box[0] + x0, box[1] + y0, box[0] + x1, box[1] + y1)
     return part_box, np.asarray(np.sign(part) * size, np.float32)

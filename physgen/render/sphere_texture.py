@@ -26,7 +26,7 @@ class TextureConstants:
     """Constants of the continuation, tuned on apples, oranges and dates by eye."""
 
     dark: float = 0.03
-    """Linear light below which colours are unreliable in logarithms."""
+    """Smallest linear light with reliable colours in logarithms."""
     smooth: float = 0.18
     """Standard deviation of the base, radii."""
     rim: float = 0.85
@@ -50,11 +50,11 @@ class TextureConstants:
     unusual: float = 4.0
     """Ratio to the median detail above which it is a stem or a mark, and not copied."""
     highlight: float = 0.35
-    """Height of a peak in log light below which it may be paint."""
+    """Smallest height of a highlight in log light; a lower peak may be paint."""
     whiter: float = 0.6
     """Maximum share of a peak in the strongest channel."""
     grown: int = 2
-    """Margin around a highlight that belongs to it, px."""
+    """Margin of a highlight, px."""
     seed: int = 7
 
 
@@ -64,13 +64,14 @@ TEXTURE = TextureConstants()
 def part_highlights(skin: F32, inside: Mask, radius: float) -> F32:
     """Remove peaks from a skin `(h, w, 3)` that are brighter and whiter than the skin.
 
-    These are reflections of lamps and windows, which do not turn with the sphere.
+    These are fixed reflections of lamps and windows.
     """
     level = np.log(np.maximum(skin, 0) + np.float32(TEXTURE.dark))
     base = _blurred(level, inside, TEXTURE.smooth * radius)
     excess = level - base
     dimmest = skin.argmin(axis=2)[..., None]
     brightest = skin.argmax(axis=2)[..., None]
+    # A mirrored lamp adds white light and raises the darkest channel most.
     rise = np.take_along_axis(excess, dimmest, axis=2)[..., 0]
     coloured_rise = np.take_along_axis(excess, brightest, axis=2)[..., 0]
     usual_rise = float(np.median(np.abs(rise[inside]))) if inside.any() else 0.0
@@ -78,6 +79,7 @@ def part_highlights(skin: F32, inside: Mask, radius: float) -> F32:
     peaks = inside & (rise > threshold) & (coloured_rise < TEXTURE.whiter * rise)
     size = 2 * TEXTURE.grown + 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    # Include the blurred border of a highlight, and fill it with smooth surroundings.
     hole = (cv2.dilate(peaks.astype(np.uint8), kernel) > 0) & inside
     if not hole.any():
         return skin
@@ -102,6 +104,8 @@ def continue_skin(skin: F32, center: Sequence[float], radius: float) -> list[F32
     u = (columns - center[0]) / radius
     v = (rows - center[1]) / radius
     z = np.clip(1 - u * u - v * v, -1, 1)
+    # Lambert's azimuthal equal-area projection keeps pixels of equal size up to the
+    # rim.
     factor = np.sqrt(1 + z)
     sides = []
     for side in (1.0, -1.0):
@@ -138,6 +142,7 @@ class _Source:
         usual_size = (
             float(np.median(detail_size[is_visible])) if is_visible.any() else 0.0
         )
+        # Marks much stronger than the usual grain are no texture to repeat on the back.
         is_unusual = is_visible & (detail_size > TEXTURE.unusual * usual_size + 1e-6)
         reach = max(1.0, 0.03 * radius)
         spread = cv2.GaussianBlur(is_unusual.astype(np.float32), (0, 0), reach)
@@ -148,6 +153,7 @@ class _Source:
         ring = center + TEXTURE.rim * radius * np.stack(
             [np.cos(angles), np.sin(angles)], axis=1
         )
+        # The base at the rim, as a few waves along the angle, continues to the back.
         samples = _sampled(base, ring[None])[0]
         waves = np.fft.rfft(samples, axis=0)[: TEXTURE.modes] / len(angles)
         waves[1:] *= 2
@@ -158,6 +164,8 @@ class _Source:
         """Return log light of points `(h, w, 3)` of the unit sphere."""
         distance = np.hypot(points[..., 0], points[..., 1])
         is_near_side = points[..., 2] > 0
+        # Near the rim the photo blends into the continuation, since its pixels are
+        # compressed.
         blend_radius = (TEXTURE.visible + TEXTURE.sure) / 2
         share = (
             np.clip((blend_radius - distance) / (blend_radius - TEXTURE.sure), 0, 1)

@@ -1,8 +1,9 @@
-"""Photo, label map and background to one sprite per object, with relief shading.
+"""From photo, label map and background to one sprite per object, with relief shading.
 
-At t = 0 the sprites laid over the background give the photo exactly: what soft borders leave unexplained is kept beside
-the object that is on top there, and fades as the object leaves its place. Relief shading follows Lambert's law (section
-3.3 of the paper); the photo's light times the ratio of two shadings is albedo times the new one.
+At t = 0 the sprites over the background equal the photo exactly: the unexplained rest
+of soft borders is stored with the topmost object, and fades as the object leaves its
+place. Relief shading follows Lambert's law (section 3.3 of the paper): the photo's
+light times the ratio of two shadings is albedo times the new shading.
 """
 
 from __future__ import annotations
@@ -27,7 +28,9 @@ from physgen.render.ball import Ball
 from physgen.render.wheel_sprites import WheelSprite
 
 MOST_RELIGHTING = 3.0
-"""Times brighter or darker than in the photo, at most: beyond, normals or light are in error."""
+"""Maximum change of brightness to the photo, as a factor: beyond it, normals or light
+are wrong.
+"""
 
 
 @dataclass(frozen=True)
@@ -35,61 +38,75 @@ class SpriteTuning:
     """Widths and thresholds of cut-out sprites."""
 
     facing: float = 0.02
-    """Of the shading, by which it must change somewhere for the normals to be worth keeping."""
+    """Minimum change of shading by a rotation; below it, no normals are stored."""
     soft: int = 5
-    """px beyond a mask's border that its soft coverage may reach."""
+    """Reach of the soft coverage beyond a mask's border, px."""
     blur: float = 1.2
-    """px: how gently coverage far from all masks is shared."""
+    """Width of the sharing of coverage far from all masks, px."""
     crisp: float = 0.5
-    """px: how gently touching objects share the pixels along their border."""
+    """Width of the sharing between touching objects along their border, px."""
     distant: float = 1e-3
-    """Weight of BLUR's share beside CRISP's."""
+    """Weight of the share by `blur` relative to that by `crisp`."""
     least: float = 1e-4
-    """Of a mask's blur: with BLUR, what is left of it 4.4 px beyond the border."""
+    """Value of a mask's blur below which it is 0: with `blur`, 4.4 px beyond the
+    border.
+    """
     clean: int = 2
-    """px inside the border where the photo shows the object alone, unmixed with what is behind it."""
+    """Distance inside the border, px, at which the photo shows only the object."""
     halo: float = 40 / 512
-    """Of the photo's longer side: how far around an object its blurred rim may reach."""
+    """Reach of the blurred rim around an object, as a share of the photo's
+    longer side.
+    """
     shared: float = 5.0
-    """px: how gently neighbours share what the photo shows between them."""
+    """Width of the sharing of the rest between neighbours, px."""
     unseen: float = 1e-4
-    """Of linear light: less is no difference from the photo."""
+    """Linear light below which a difference from the photo is invisible."""
     gap: int = 10
-    """px from an object up to which what is dark beside it may be another one's doing, too."""
+    """Distance from an object, px, up to which darkness beside it may be another
+    object's.
+    """
     rim: int = 4
-    """px inside an outline, where light changes with the depth: rounded edges."""
+    """Depth of rounded edges inside an outline, px."""
     along: float = 8.0
-    """px: how gently that goes on along the outline."""
+    """Width of smoothing along the outline, px."""
     rough: float = 0.2
-    """Of log light: error that a fill may leave which only shades."""
+    """Error in log light that a fill of shading may leave."""
     faces: float = 0.5
-    """Cosine to the light, from which a gap keeps light from a border that would have it."""
+    """Cosine to the light above which a gap deprives a border of light."""
     seen: float = 0.2
-    """Of an object's mask that must lie apart from others, for their rims to be left out of what is continued."""
+    """Share of an object's mask that must be apart from others, so that pixels near
+    others' rims can be left out of continuation.
+    """
     covered: float = 0.2
-    """Share of light that objects in front let through, below which all that a pixel shows is theirs."""
+    """Share of light let through by objects in front below which a pixel is all
+    theirs.
+    """
     beside: float = 0.35
-    """Of an object's size (root of its mask's area): how far what the lens sees of it may lie beside its shape."""
+    """Reach of visible parts beside an object's shape, in roots of its mask's area."""
     face: float = 0.35
-    """Of that: how far above its shape a face of it that is seen on one side only."""
+    """Reach of a face above the shape that is visible only on one side, in the same
+    unit.
+    """
     shaded: float = 0.8
-    """Of the usual light of a row of its top, that the shadows of others leave at most."""
+    """Share of the usual light of a top's row below which it is in another object's
+    shadow.
+    """
     flat: float = 2.0
-    """px by which the top of a shape may rise and be level."""
+    """Variation of height of a level top, px."""
     texture: float = 3.0
-    """px: what is finer is texture, what is coarser is shading."""
+    """Scale, px, between texture and shading."""
     glint: float = 2.0
-    """Times its mean: what texture stands out more is no texture."""
+    """Ratio to the mean texture above which detail is no texture."""
     side_light: float = 0.7
-    """Of a block's top, that any of its sides has: tables and walls give light."""
+    """Minimum light of a block's sides, relative to its top, by tables and walls."""
     side_hidden: float = 0.9
-    """Of a side's light, kept away by fronts of others close to it."""
+    """Share of a side's light that near fronts of others block."""
     leans: float = 0.25
-    """rad from which the top that the photo shows of a block has given way to its sides."""
+    """Rotation, rad, over which a block's sides replace the top of the photo."""
     dark: float = 0.003
-    """Of linear light, below which levels are alike."""
+    """Smallest linear light with reliable differences of levels."""
     sides: int = 12
-    """Of the shape that stands for a sprite where only its reach matters."""
+    """Number of sides of the hull of a sprite."""
 
 
 CUT = SpriteTuning()
@@ -97,24 +114,26 @@ CUT = SpriteTuning()
 
 @dataclass(frozen=True)
 class Relief:
-    """Shading of one object on its sprite's box, by how far it has turned: Lambert's law is linear in the light."""
+    """Shading of one object on its sprite's box by its rotation: Lambert's law is
+    linear.
+    """
 
     along: F32
-    """(h, w): intensity x (n . l) in the picture's plane, over the photo's shading."""
+    """Intensity x (n . l) in the picture's plane over the photo's shading, (h, w)."""
     across: F32
-    """(h, w): the same with the light turned by a quarter from +x to +y."""
+    """The same with the light turned by a quarter from +x to +y, (h, w)."""
     fixed: F32
-    """(h, w): the same along the view, which no turn changes."""
+    """The same along the view, which no rotation changes, (h, w)."""
     even: F32
-    """(h, w): ambient light over the photo's shading."""
+    """Ambient light over the photo's shading, (h, w)."""
 
     def ratio(self, turn: float) -> F32:
-        """Return (h, w) by which light is multiplied if the object has turned by `turn` rad."""
+        """Return the factor (h, w) of light after a rotation by `turn` rad."""
         facing: F32 = np.asarray(
             cv2.addWeighted(self.along, cos(turn), self.across, -sin(turn), 0.0),
             np.float32,
         )
-        # In place: this is a large part of the time of a frame.
+        # In place, as this takes a large part of the time of a frame.
         facing += self.fixed
         np.maximum(facing, 0, out=facing)
         facing += self.even
@@ -130,24 +149,31 @@ def lambert(light: DistantLight, normals: F32) -> F32:
 
 
 TURNS = (0.8, 1.6, 3.1, 4.7)
-"""rad at which a relief is compared with the photo, about a quarter of a turn apart."""
+"""Rotations at which a relief is compared with the photo, rad, about a quarter
+apart.
+"""
 
 
 def relief_of(normals: F32, known: Mask, light: DistantLight) -> Relief | None:
-    """Return the relief of `normals` (h, w, 3), of which those `known` (h, w) are the object's.
+    """Return the relief of `normals` (h, w, 3); those in `known` (h, w) belong to the
+    object.
 
-    None if turning changes nothing.
+    None if rotation changes nothing visible.
     """
     if not known.any() or light.intensity <= 0:
         return None
-    carried = _carried_normals(normals, known)
-    shade = np.maximum(lambert(light, carried), np.float32(0.05))
+    continued_normals = _carried_normals(normals, known)
+    shade = np.maximum(lambert(light, continued_normals), np.float32(0.05))
     x, y, z = (np.float32(light.intensity * part) / shade for part in light.direction)
     relief = Relief(
-        along=np.asarray(carried[..., 0] * x + carried[..., 1] * y, np.float32),
-        # turned by a quarter, (x, y) is (-y, x)
-        across=np.asarray(carried[..., 1] * x - carried[..., 0] * y, np.float32),
-        fixed=np.asarray(carried[..., 2] * z, np.float32),
+        along=np.asarray(
+            continued_normals[..., 0] * x + continued_normals[..., 1] * y, np.float32
+        ),
+        # A quarter turn takes (x, y) to (-y, x).
+        across=np.asarray(
+            continued_normals[..., 1] * x - continued_normals[..., 0] * y, np.float32
+        ),
+        fixed=np.asarray(continued_normals[..., 2] * z, np.float32),
         even=np.asarray(np.float32(light.ambient) / shade, np.float32),
     )
     changes = []
@@ -157,65 +183,76 @@ def relief_of(normals: F32, known: Mask, light: DistantLight) -> Relief | None:
 
 
 def _carried_normals(normals: F32, known: Mask) -> F32:
-    """Return unit normals (h, w, 3), the known ones carried outwards.
+    """Return unit normals (h, w, 3), with the known ones continued outwards.
 
-    They face the viewer far from these.
+    Far outside they face the viewer.
     """
     weight = known.astype(np.float32)
-    carried = np.where(known[..., None], normals, np.float32(0))
+    result = np.where(known[..., None], normals, np.float32(0))
+    # Blur in growing widths: the nearest known normals reach a pixel first.
     for sigma in (1.0, 3.0):
         norm = cv2.GaussianBlur(weight, (0, 0), sigma)
-        spread = cv2.GaussianBlur(carried * weight[..., None], (0, 0), sigma)
-        reached = (weight == 0) & (norm > 1e-3)
-        carried[reached] = spread[reached] / norm[reached][:, None]
-        weight[reached] = 1.0
-    carried[weight == 0] = (0.0, 0.0, 1.0)
-    carried /= np.maximum(np.linalg.norm(carried, axis=2, keepdims=True), 1e-6)
-    return carried
+        spread = cv2.GaussianBlur(result * weight[..., None], (0, 0), sigma)
+        is_reached = (weight == 0) & (norm > 1e-3)
+        result[is_reached] = spread[is_reached] / norm[is_reached][:, None]
+        weight[is_reached] = 1.0
+    result[weight == 0] = (0.0, 0.0, 1.0)
+    result /= np.maximum(np.linalg.norm(result, axis=2, keepdims=True), 1e-6)
+    return result
 
 
 @dataclass(frozen=True)
 class Sides:
-    """What is seen of a block beside its front, from a little above: its upper sides, swept upwards behind it."""
+    """The visible upper sides of a block behind its front, seen from slightly above.
+
+    They are the front swept upwards.
+    """
 
     first: float
-    """Row of its sprite's box at which its front begins, below its top, as it stands in the photo."""
+    """Row of the sprite's box at which the front begins, below the top, in the
+    photo.
+    """
     depth: float
-    """px by which its back appears higher than its front."""
+    """Height of its back above its front, px."""
     colour: F32
-    """(3,) linear light of its top in the photo."""
+    """Linear light of its top in the photo, (3,)."""
     light: DistantLight | None
-    """None: every side has that colour."""
+    """Light on the sides; None: every side has the colour of the top."""
 
     def share(self, turn: float) -> float:
-        """Return 0..1: how far the sides stand for the top that the photo shows, of a block turned by `turn` rad."""
+        """Return the share 0..1 of the sides in place of the photo's top, after `turn`
+        rad.
+        """
         share = min(abs(turn) / CUT.leans, 1.0)
         return share if share * self.depth >= 0.5 else 0.0
 
     def kept(
         self, matrix: NDArray[np.float64], shape: tuple[int, int], turn: float
     ) -> F32:
-        """Return (h, w) of a picture of this `shape`: the share that remains of the top.
+        """Return the remaining share of the top, (h, w) of a picture of this `shape`.
 
         `matrix` (2, 3) leads from the picture to the sprite.
         """
-        along, down, shift = matrix[1].astype(np.float32)
+        matrix_x, matrix_y, shift = matrix[1].astype(np.float32)
         height, width = shape
         x = np.arange(width, dtype=np.float32)
         y = np.arange(height, dtype=np.float32)
-        first = np.float32(self.first + 0.5) - shift - down * y
-        top = np.clip(along * -x + first[:, None], 0, 1)
-        return np.asarray(1 - np.float32(self.share(turn)) * top, np.float32)
+        first = np.float32(self.first + 0.5) - shift - matrix_y * y
+        top_share = np.clip(matrix_x * -x + first[:, None], 0, 1)
+        return np.asarray(1 - np.float32(self.share(turn)) * top_share, np.float32)
 
     def drawn(self, coverage: F32, turn: float) -> tuple[F32, F32]:
-        """Draw the sides of a front with its `coverage` (h, w) that has turned by `turn` rad.
+        """Draw the sides of a front with `coverage` (h, w), after a rotation by `turn`
+        rad.
 
-        Return their coverage (h, w), and (w,) by which `colour` is multiplied in each column.
+        Returns their coverage (h, w), and the factor (w,) of `colour` in each column.
         """
         height = round(self.share(turn) * self.depth) + 1
         column = np.ones((height, 1), np.uint8)
-        dilated = cv2.dilate(coverage, column, anchor=(0, 0))
-        block = np.asarray(dilated, np.float32)
+        # The side is the area that the front sweeps on its way backwards, which is
+        # upwards in the photo.
+        swept_cover = cv2.dilate(coverage, column, anchor=(0, 0))
+        block = np.asarray(swept_cover, np.float32)
         sides = np.asarray(block - coverage, np.float32)
         if self.light is None:
             return sides, np.ones(block.shape[1], np.float32)
@@ -227,7 +264,9 @@ class Sides:
         return sides, np.maximum(shade, CUT.side_light).astype(np.float32)
 
     def _face_light(self, angle: float) -> tuple[float, float, float]:
-        """Return the light on the left and the right upper side of a turned block, and on its top."""
+        """Return the light on the left and the right upper side of a rotated block, and
+        on its top.
+        """
         assert self.light is not None
         left = [-cos(angle), -sin(angle), 0]
         right = [sin(angle), -cos(angle), 0]
@@ -237,7 +276,9 @@ class Sides:
 
 
 def _top_corner(block: F32, is_left: bool) -> int:
-    """Return the first or, past the end, the last column of the uppermost row of a block's coverage."""
+    """Return the first or last + 1 column of the uppermost row of a block's
+    coverage.
+    """
     first_row = np.argmax((block > 0.5).any(axis=1))
     columns = np.flatnonzero(block[first_row] > 0.5)
     if not len(columns):
@@ -246,11 +287,13 @@ def _top_corner(block: F32, is_left: bool) -> int:
 
 
 MARGIN = 2
-"""px of nothing around a sprite, so that interpolation fades to nothing."""
+"""Empty border of a sprite, px, so that interpolation fades to nothing."""
 
 
 TRUST = (0.3, 0.8)
-"""Coverage up to which a pixel's own light is a guess, and from which it is the photo less the background."""
+"""Coverage below which a pixel's own light is a guess, and above which it is the photo
+minus the background.
+"""
 
 
 @dataclass(frozen=True)
@@ -259,37 +302,38 @@ class Sprite:
 
     body: int
     """Index into the world's bodies."""
-    corner: tuple[
-        int, int
-    ]  # photo column and row of the box's first pixel; may be negative
+    corner: tuple[int, int]
+    """Column and row of the box's first pixel in the photo; may be negative."""
     light: F32
-    """(h, w, 3) linear, multiplied by coverage."""
+    """Linear light times coverage, (h, w, 3)."""
     coverage: F32
-    """(h, w) in 0..1."""
+    """Coverage, (h, w) in 0..1."""
     rest: F32 | None = None
-    """(h, w, 3) linear: what the photo shows here beyond light and background, at the border alone; of either sign."""
+    """Linear light of the photo beyond light and background at the border, (h, w, 3),
+    of either sign."""
     halo: tuple[tuple[int, int], F32, NDArray[np.int32]] | None = None
-    """The same around the object, where it covers nothing: a photo column and row, (h, w, 3) linear, and (h, w)
-    1 + the body that is near, too; as it goes, so does the halo. 0: none."""
+    """The same around the object: column and row of the photo, linear light (h, w, 3),
+    and (h, w) 1 + another near body, with which the halo fades, too; 0 without one."""
     ball: Ball | None = None
-    """Of a sphere: its skin, which turns in space; `light` then holds at t = 0 alone."""
+    """A sphere's skin, turning in space; `light` is then valid only at t = 0."""
     relief: Relief | None = None
-    """Of what is no ball: the normals that turn with it, where they are known."""
+    """The shading of an object that is not a ball, if its normals are known."""
     hider: NDArray[np.int32] | None = None
-    """(h, w): 1 + the body that touches the object here in the photo; as it goes, so does `rest`.
-
-    0: none.
-    """
+    """1 + the body beside this pixel in the photo, (h, w), with which `rest` fades; 0
+    without one."""
 
     face: float = 0.0
-    """px by which the front that is seen lies below the plane of motion, however the object turns."""
+    """Distance of the visible front below the plane of motion at any rotation, px."""
     sides: Sides | None = None
     wheels: tuple[WheelSprite, ...] = ()
-    """They turn on it."""
+    """Wheels that turn on it."""
 
     @cached_property
     def hull(self) -> list[tuple[float, float]]:
-        """Return the corners, px of the photo, of a shape with CUT.sides sides around all visible pixels."""
+        """Return the corners, px of the photo, of a polygon around all visible pixels.
+
+        It has `CUT.sides` sides.
+        """
         rows, columns = np.nonzero(self.coverage)
         if not len(rows):
             return []
@@ -298,7 +342,7 @@ class Sprite:
         angle = np.arange(CUT.sides) * (2 * np.pi / CUT.sides)
         normals = np.column_stack([np.cos(angle), np.sin(angle)])
         reach = (points @ normals.T).max(axis=0)
-        # Corners are where neighbouring sides meet.
+        # Corners are the intersections of neighbouring sides.
         pairs = np.stack([normals, np.roll(normals, -1, axis=0)], axis=1)
         reaches = np.stack([reach, np.roll(reach, -1)], axis=1)
         corners = np.linalg.solve(pairs, reaches[..., None])[..., 0]
@@ -307,7 +351,9 @@ class Sprite:
 
     @cached_property
     def hiders(self) -> int:
-        """Return 1 + the last of the body itself and of those in `hider` and `halo`."""
+        """Return 1 + the largest index of the body itself and of those in `hider` and
+        `halo`.
+        """
         numbers = [self.body + 1]
         if self.hider is not None:
             numbers.append(int(self.hider.max()))
@@ -331,31 +377,33 @@ class Sprite:
 
     @cached_property
     def beside(self) -> NDArray[np.int32]:
-        """Return (n,) the numbers in `hider`, 0 if there are none."""
+        """Return the numbers (n,) in `hider`; 0 without any."""
         return np.zeros(1, np.int32) if self.hider is None else np.unique(self.hider)
 
     @cached_property
     def fine(self) -> F32:
-        """Return (2h - 1, 2w - 1, 4): light and coverage at every half pixel, for warps.
+        """Return light and coverage at every half pixel, (2h - 1, 2w - 1, 4), for
+        warps.
 
-        Lanczos halfway between pixels, so that linear interpolation on this grid stays sharp and moves a picture by
-        exactly what was asked; OpenCV's own cubic (a = -0.75) is off by up to 0.05 px.
+        With Lanczos at half pixels, linear interpolation on this grid stays sharp and
+        moves a picture exactly; OpenCV's own cubic (a = -0.75) is wrong by up to 0.05
+        px.
         """
         return double_resolution(np.dstack([self.light, self.coverage]))
 
     @cached_property
     def within(self) -> tuple[int, int, int, int]:
-        """Return x0, y0, x1, y1 px of its own box around all that it covers."""
-        solid = self.coverage > 0
-        rows = np.flatnonzero(solid.any(axis=1))
-        columns = np.flatnonzero(solid.any(axis=0))
+        """Return x0, y0, x1, y1 px of the covered part of its box."""
+        is_covered = self.coverage > 0
+        rows = np.flatnonzero(is_covered.any(axis=1))
+        columns = np.flatnonzero(is_covered.any(axis=0))
         if not len(rows):
             return 0, 0, 1, 1
         return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1
 
     @cached_property
     def fine_coverage(self) -> F32:
-        """Return (2h - 1, 2w - 1): the coverage of `fine` alone."""
+        """Return the coverage of `fine` alone, (2h - 1, 2w - 1)."""
         return double_resolution(self.coverage)
 
 
@@ -371,49 +419,52 @@ def cut_sprites(
 ) -> list[Sprite]:
     """Cut the photo's objects out as sprites in drawing order, the farthest first.
 
-    What others hide of their `shapes`, one a body, is completed. `order` has bodies and their layers in turn: where
-    these differ, the larger is in front, whatever seems hidden. `rgb`, `background` (H, W, 3) sRGB; `labels` (H, W),
-    id k + 1 is body k; `absent` (H, W): objects of the photo that the scene leaves out, which vanish; `coverage`
-    (H, W) of all objects together, absent ones too. None is `anchored`. Borders that narrow gaps keep dark are lit by
-    a light that is `toward`, as they would be without the gap.
+    Hidden parts of their `shapes`, one per body, are completed. `order` has bodies and
+    their layers in turn: an object of a larger layer is in front. `rgb`, `background`
+    (H, W, 3) sRGB; `labels` (H, W): id k + 1 is body k; `absent` (H, W): objects of the
+    photo that the scene leaves out, and that vanish; `coverage` (H, W) of all objects,
+    also of absent ones. The sprites are not `anchored` yet. Borders that are dark in
+    narrow gaps get the light from the direction `toward` that they would have without
+    the gap.
     """
+    # A completed object needs a box that also contains its hidden part.
     boxes = _boxes(labels)
-    hidden: dict[int, _Hidden] = {}
+    hidden_parts: dict[int, _Hidden] = {}
     for k, shape in enumerate(shapes):
         if k + 1 not in boxes:
             continue
         part = _hidden(labels, absent, k, shape, boxes[k + 1])
         if part is not None:
-            hidden[k] = part
+            hidden_parts[k] = part
             boxes[k + 1] = part.box
-    taken = (labels > 0) | absent
+    is_object = (labels > 0) | absent
     cutter = _Cutter(
         photo=decode(rgb),
         behind=decode(background),
         labels=labels,
         absent=absent,
         coverage=coverage,
-        soft_total=_soft(taken, CUT.blur),
-        crisp_total=_soft(taken, CUT.crisp),
-        dim=_dim_gaps(taken),
+        soft_total=_soft(is_object, CUT.blur),
+        crisp_total=_soft(is_object, CUT.crisp),
+        dim=_dim_gaps(is_object),
         shapes=shapes,
         toward=toward,
     )
     sprites = []
-    for k in _hiding_last(order, hidden):
+    for k in _hiding_last(order, hidden_parts):
         if k + 1 in boxes:
-            sprites.append(cutter.cut(k, boxes[k + 1], hidden.get(k)))
+            sprites.append(cutter.cut(k, boxes[k + 1], hidden_parts.get(k)))
     return sprites
 
 
 def _dim_gaps(taken: Mask) -> Mask:
-    """Return gaps between objects that are too narrow for light, and the borders beside them."""
-    solid = taken.astype(np.uint8)
+    """Return gaps between objects too narrow for light, and the borders beside them."""
+    object_pixels = taken.astype(np.uint8)
     square = np.ones((CUT.gap + 1, CUT.gap + 1), np.uint8)
-    closed = cv2.morphologyEx(
-        solid, cv2.MORPH_CLOSE, square, borderType=cv2.BORDER_REPLICATE
+    closed_pixels = cv2.morphologyEx(
+        object_pixels, cv2.MORPH_CLOSE, square, borderType=cv2.BORDER_REPLICATE
     )
-    return dilate(closed > solid, CUT.clean + 1)
+    return dilate(closed_pixels > object_pixels, CUT.clean + 1)
 
 
 @dataclass(frozen=True)
@@ -421,65 +472,74 @@ class _Cutter:
     """Cuts single objects out of a photo; maps are (H, W)."""
 
     photo: F32
-    """(H, W, 3) linear."""
+    """Linear light, (H, W, 3)."""
     behind: F32
-    """(H, W, 3) linear: the background."""
+    """Background, (H, W, 3) linear."""
     labels: U16
     absent: Mask
     coverage: F32
     soft_total: F32
-    """Blur of all masks, by CUT.blur."""
+    """Blur of all masks by `CUT.blur`."""
     crisp_total: F32
-    """Blur of all masks, by CUT.crisp."""
+    """Blur of all masks by `CUT.crisp`."""
     dim: Mask
     """Gaps too narrow for light, and borders beside them."""
     shapes: Sequence[Outline]
     toward: tuple[float, float, float]
 
     def cut(self, k: int, bounds_px: PixelBox, hidden: _Hidden | None) -> Sprite:
-        """Cut out body k, in a box of the photo."""
+        """Cut out body k in a box of the photo."""
         x0, y0, x1, y1 = bounds_px
         box = np.s_[y0:y1, x0:x1]
         labels, photo = self.labels[box], self.photo[box]
         mask = labels == k + 1
         share, alpha = self._coverage(mask, box)
         is_disc = k < len(self.shapes) and isinstance(self.shapes[k], Disc)
-        nothing = np.zeros(alpha.shape, np.bool_)
+        no_pixels = np.zeros(alpha.shape, np.bool_)
         others = np.where(mask, 0, labels).astype(np.int32)
         is_other = (others > 0) | self.absent[box]
-        touching = _nearest(others, nothing, CUT.gap)
-        gain = self._border_gain(mask, touching > 0, box, is_disc)
+        # Store the neighbour of each border pixel: the border's light changes when it
+        # leaves.
+        touching_numbers = _nearest(others, no_pixels, CUT.gap)
+        gain = self._border_gain(mask, touching_numbers > 0, box, is_disc)
         light = _foreground(photo, self.behind[box], mask, alpha, share, gain, is_disc)
         has_neighbour = bool((dilate(is_other, CUT.clean) & mask).any())
+        # A neighbour hides a part or spoils the border; reconstruct the light there.
         if hidden is not None or has_neighbour:
             part = hidden or _Hidden(
-                bounds_px, labels, np.zeros_like(alpha), nothing, is_other
+                bounds_px, labels, np.zeros_like(alpha), no_pixels, is_other
             )
             light, alpha = _completed(
                 photo, mask, light, alpha, self.coverage[box], part, gain, is_disc
             )
+            # A neighbour on top of a block shades the block, which must not keep that
+            # shade when it moves away.
             if k < len(self.shapes) and not is_disc:
                 shape_top = bounds(self.shapes[k])[1] - y0
-                plain, shaded = _unshaded_top(photo, mask, is_other, shape_top)
-                light = np.where(shaded[..., None], plain * alpha[..., None], light)
-                nearest = _nearest(others, nothing, sum(self.labels.shape))
-                touching = np.where(shaded, nearest, touching)
+                unshaded_photo, is_shaded = _unshaded_top(
+                    photo, mask, is_other, shape_top
+                )
+                light = np.where(
+                    is_shaded[..., None], unshaded_photo * alpha[..., None], light
+                )
+                nearest = _nearest(others, no_pixels, sum(self.labels.shape))
+                touching_numbers = np.where(is_shaded, nearest, touching_numbers)
         margin = ((MARGIN, MARGIN), (MARGIN, MARGIN))
         return Sprite(
             body=k,
             corner=(x0 - MARGIN, y0 - MARGIN),
             light=np.pad(light.astype(np.float32), (*margin, (0, 0))),
             coverage=np.pad(alpha, margin),
-            hider=np.pad(touching, margin) if touching.any() else None,
+            hider=np.pad(touching_numbers, margin) if touching_numbers.any() else None,
         )
 
     def _coverage(self, mask: Mask, box: tuple[slice, slice]) -> tuple[F32, F32]:
-        """Return an object's share of the pixels that objects cover, and its coverage."""
-        soft, crisp = _soft(mask, CUT.blur), _soft(mask, CUT.crisp)
-        own = crisp + CUT.distant * soft
-        every = self.crisp_total[box] + CUT.distant * self.soft_total[box]
-        share = np.asarray(own / np.maximum(every, 1e-9), np.float32)
-        alpha = np.where(soft > CUT.least, self.coverage[box] * share, 0.0)
+        """Return an object's share of the covered pixels, and its coverage."""
+        wide_blur, narrow_blur = _soft(mask, CUT.blur), _soft(mask, CUT.crisp)
+        own_weight = narrow_blur + CUT.distant * wide_blur
+        all_weights = self.crisp_total[box] + CUT.distant * self.soft_total[box]
+        share = np.asarray(own_weight / np.maximum(all_weights, 1e-9), np.float32)
+        alpha = np.where(wide_blur > CUT.least, self.coverage[box] * share, 0.0)
         alpha = alpha.astype(np.float32)
         alpha[mask & (alpha > 0.995)] = 1.0
         return share, alpha
@@ -487,70 +547,79 @@ class _Cutter:
     def _border_gain(
         self, mask: Mask, is_touched: Mask, box: tuple[slice, slice], is_disc: bool
     ) -> F32:
-        """Return (h, w) the light that borders in dark gaps would have without the gap, by the cosine to the light."""
-        # Not holes of its own; and its other borders must not be as dark.
+        """Return the light (h, w) of borders without the darkness of gaps.
+
+        It follows from the cosine to the light.
+        """
+        # Holes of the object itself do not count, and its other borders must be
+        # brighter.
         gaps = self.dim[box] & dilate(is_touched, CUT.clean + 1)
         rim = mask & ~gaps & dilate(~mask, CUT.clean)
         photo = self.photo[box]
-        # A ball's light is told from its shade later.
+        # For a ball, light and shade are separated later.
         is_lit = bool(
             not is_disc and rim.any() and photo[rim].mean() > photo[mask].mean() / 2
         )
-        down, right = np.gradient(_soft(mask, CUT.clean))
-        slope = self.toward[0] * right + self.toward[1] * down
-        facing = -slope / np.maximum(np.hypot(right, down), 1e-6)
-        gain = np.where(gaps & is_lit, np.maximum(facing, 0), 0)
+        slope_y, slope_x = np.gradient(_soft(mask, CUT.clean))
+        slope = self.toward[0] * slope_x + self.toward[1] * slope_y
+        light_cosine = -slope / np.maximum(np.hypot(slope_x, slope_y), 1e-6)
+        gain = np.where(gaps & is_lit, np.maximum(light_cosine, 0), 0)
         return gain.astype(np.float32)
 
 
 @dataclass(frozen=True)
 class _Hidden:
-    """A part of an object's shape that others hide in the photo."""
+    """A hidden part of an object's shape in the photo."""
 
     box: PixelBox
-    """X0, y0, x1, y1 px of the photo around mask and shape."""
+    """Box x0, y0, x1, y1 px of the photo around mask and shape."""
     labels: U16
-    """(h, w) of the photo."""
+    """Labels of the photo, (h, w)."""
     shape: F32
-    """(h, w) coverage."""
+    """Coverage, (h, w)."""
     hole: Mask
-    """(h, w): hidden pixels."""
+    """Hidden pixels, (h, w)."""
     by: Mask
-    """(h, w): pixels of what hides it, or any other object."""
+    """Pixels of other objects, (h, w)."""
 
 
 def _unshaded_top(
     photo: F32, mask: Mask, is_other: Mask, shape_top: float
 ) -> tuple[F32, Mask]:
-    """Return (h, w, 3) an object with its top in even light; and (h, w) the shadows of others that stand on it.
+    """Return an object (h, w, 3) with even light on its top, and the mask of shadows
+    there.
 
-    The top is seen on either side of the first row `shape_top` of its shape.
+    The top is on both sides of the first row `shape_top` of its shape.
     """
-    visible = mask & ~dilate(is_other, CUT.clean)
+    is_visible = mask & ~dilate(is_other, CUT.clean)
     x = np.arange(mask.shape[1])
-    plain, dark, top = photo.copy(), np.zeros_like(mask), np.zeros_like(mask)
+    even_photo, is_dark, is_top = photo.copy(), np.zeros_like(mask), np.zeros_like(mask)
     for y in _top_rows(mask, shape_top):
-        if not visible[y].any():
+        if not is_visible[y].any():
             continue
         level = photo[y].mean(axis=1)
-        usual = np.percentile(level[visible[y]], 70)
-        dark[y] = visible[y] & (level < CUT.shaded * usual)
-        lit = visible[y] & ~dark[y]
-        if 3 * np.count_nonzero(lit) > len(x):
-            # The light of the lit pixels goes on evenly along the row.
-            start, slope = np.polynomial.polynomial.polyfit(x[lit], photo[y][lit], 1)
-            plain[y] = np.maximum(np.outer(x, slope) + start, 0)
-            top[y] = True
-    _, pieces = cv2.connectedComponents(dark.astype(np.uint8))
-    # Only dark pieces that touch another object are its shadow.
-    near_other = dilate(is_other, CUT.clean + 2)
-    shadow = np.isin(pieces, pieces[dark & near_other])
-    shaded = top & dilate(shadow | is_other, CUT.clean + 1)
-    return plain, shaded & shadow.any()
+        usual_level = np.percentile(level[is_visible[y]], 70)
+        is_dark[y] = is_visible[y] & (level < CUT.shaded * usual_level)
+        is_bright = is_visible[y] & ~is_dark[y]
+        if 3 * np.count_nonzero(is_bright) > len(x):
+            # Continue the light of the bright pixels linearly along the row.
+            start, slope = np.polynomial.polynomial.polyfit(
+                x[is_bright], photo[y][is_bright], 1
+            )
+            even_photo[y] = np.maximum(np.outer(x, slope) + start, 0)
+            is_top[y] = True
+    _, pieces = cv2.connectedComponents(is_dark.astype(np.uint8))
+    # Only a dark piece beside another object can be its shadow.
+    is_near_other = dilate(is_other, CUT.clean + 2)
+    is_shadow = np.isin(pieces, pieces[is_dark & is_near_other])
+    is_shaded = is_top & dilate(is_shadow | is_other, CUT.clean + 1)
+    return even_photo, is_shaded & is_shadow.any()
 
 
 def _top_rows(mask: Mask, shape_top: float) -> range:
-    """Return the rows of an object's top, as many below the first row of its shape as above."""
+    """Return the rows of an object's top: as many below the first row of its shape as
+    above.
+    """
     first = int(mask.any(axis=1).argmax())
     if shape_top - first <= 0.7:
         return range(0)
@@ -560,9 +629,9 @@ def _top_rows(mask: Mask, shape_top: float) -> range:
 def _hidden(
     labels: U16, absent: Mask, k: int, shape: Outline, box: PixelBox
 ) -> _Hidden | None:
-    """Return the part of body k's shape that other objects hide, whose mask's box is given.
+    """Return the part of body k's shape behind other objects; None without such a part.
 
-    None if they hide nothing.
+    `box`: that of its mask.
     """
     window = (0, 0, labels.shape[1], labels.shape[0])
     shape_cover, (left, top) = coverage_box(shape, window)
@@ -575,8 +644,10 @@ def _hidden(
     mask = part == k + 1
     is_other = ((part > 0) & ~mask) | absent[y0:y1, x0:x1]
     cover = np.pad(shape_cover, ((top - y0, y1 - bottom), (left - x0, x1 - right)))
-    beyond = _beyond_shape(mask, is_other, cover)
-    cover = np.maximum(cover, (is_other & beyond).astype(np.float32))
+    # A mask that reaches beyond the fitted shape may go on beyond it behind its
+    # neighbour.
+    is_continued = _beyond_shape(mask, is_other, cover)
+    cover = np.maximum(cover, (is_other & is_continued).astype(np.float32))
     hole = (cover >= 0.5) & is_other
     if not hole.any():
         return None
@@ -584,28 +655,32 @@ def _hidden(
 
 
 def _beyond_shape(mask: Mask, is_other: Mask, cover: F32) -> Mask:
-    """Return the pixels beside a shape's `cover` (h, w) that a visible rim or face of the object continues to."""
-    # A rim or a face that the lens sees beside the shape goes on behind what stands before its middle.
+    """Return the pixels beside a shape's `cover` (h, w) to which a visible rim or face
+    leads.
+    """
+    # A rim or a face beside the shape that is visible on both sides of an object in
+    # front continues behind this object.
     reach = CUT.beside * np.count_nonzero(mask) ** 0.5
-    outside = (cover < 0.5).astype(np.uint8)
-    is_near = cv2.distanceTransform(outside, cv2.DIST_L2, 3) <= reach
+    is_outside = (cover < 0.5).astype(np.uint8)
+    is_near = cv2.distanceTransform(is_outside, cv2.DIST_L2, 3) <= reach
     to_right, to_left = _beside(mask, is_other)
-    beyond = is_near & to_right & to_left
-    solid = cover >= 0.5
-    tops = solid.argmax(axis=0)[solid.any(axis=0)]
-    if len(tops) and np.ptp(np.percentile(tops, (10, 90))) <= CUT.flat:
-        # Above a level top is a face of it, which is seen on either side.
+    is_continued = is_near & to_right & to_left
+    is_solid = cover >= 0.5
+    top_rows = is_solid.argmax(axis=0)[is_solid.any(axis=0)]
+    if len(top_rows) and np.ptp(np.percentile(top_rows, (10, 90))) <= CUT.flat:
+        # The face above a level top may be visible on one side only.
         column = np.ones((2 * round(CUT.face * reach) + 1, 1), np.uint8)
-        above = cv2.dilate(solid.astype(np.uint8), column) > 0
-        to_right, to_left = _beside(mask & ~solid, is_other)
-        beyond |= above & (to_right | to_left)
-    return np.asarray(beyond, np.bool_)
+        is_above = cv2.dilate(is_solid.astype(np.uint8), column) > 0
+        to_right, to_left = _beside(mask & ~is_solid, is_other)
+        is_continued |= is_above & (to_right | to_left)
+    return np.asarray(is_continued, np.bool_)
 
 
 def _beside(own: Mask, is_other: Mask) -> tuple[Mask, Mask]:
-    """Return (h, w) the pixels to the right, and to the left, of an object's `own` pixels in their row.
+    """Return the pixels (h, w) to the right, and to the left, of `own` pixels in their
+    row.
 
-    Only pixels of others lie between.
+    Only pixels of others are between.
     """
     is_open = ~is_other & ~own
     to_right = _last_column(own) > _last_column(is_open)
@@ -614,16 +689,18 @@ def _beside(own: Mask, is_other: Mask) -> tuple[Mask, Mask]:
 
 
 def _last_column(mask: Mask) -> NDArray[np.int64]:
-    """Return (h, w) 1 + the last column of a mask up to each pixel, 0 if there is none."""
+    """Return 1 + the last column of a mask up to each pixel, (h, w); 0 without one."""
     columns = np.arange(1, mask.shape[1] + 1)
     return np.maximum.accumulate(np.where(mask, columns, 0), axis=1)
 
 
 def _hiding_last(order: Mapping[int, int], hidden: Mapping[int, _Hidden]) -> list[int]:
-    """Return the drawing order, changed within a layer so that an object that hides another is drawn after it.
+    """Return the drawing order, changed within a layer such that hiding objects come
+    last.
 
-    Pixels of what hides nothing leave the `hole`: what is in a farther layer, and of two that hide parts of each other
-    the one that hides less.
+    An object in a farther layer hides nothing; of two that hide parts of each other,
+    the one that hides more is in front. The pixels of the other one are removed from
+    the `hole`.
     """
     areas = {}
     for k, part in hidden.items():
@@ -632,6 +709,8 @@ def _hiding_last(order: Mapping[int, int], hidden: Mapping[int, _Hidden]) -> lis
             if area:
                 areas[k, other] = area
     farther: dict[int, set[int]] = {k: set() for k in order}
+    # The largest overlaps decide first; a contradiction with them, a cycle, is left
+    # out.
     for k, front in sorted(areas, key=areas.__getitem__, reverse=True):
         if front in farther[k] or order[front] < order[k]:
             hidden[k].hole[hidden[k].labels == front + 1] = False
@@ -657,37 +736,49 @@ def _completed(
     gain: F32,
     is_disc: bool,
 ) -> tuple[F32, F32]:
-    """Return light (h, w, 3) and coverage (h, w) with the hidden part, and with a rim that others do not darken.
+    """Return light (h, w, 3) and coverage (h, w) with the hidden part and an undarkened
+    rim.
 
-    The coverage is at most that of all objects, `together` (h, w). Shading goes on smoothly, texture is mirrored.
+    The coverage is at most that of all objects, `together` (h, w). Shading is continued
+    smoothly, texture is mirrored.
     """
-    reliable = mask & ~dilate(part.by, CUT.clean + 1) & (gain < CUT.faces)
-    if np.count_nonzero(reliable) < CUT.seen * np.count_nonzero(mask):
-        reliable = mask
+    is_reliable = mask & ~dilate(part.by, CUT.clean + 1) & (gain < CUT.faces)
+    if np.count_nonzero(is_reliable) < CUT.seen * np.count_nonzero(mask):
+        is_reliable = mask
     level = np.log(photo + np.float32(CUT.dark))
-    smooth = harmonic_fill(level, ~reliable) + _mirrored_texture(level, reliable)
+    filled_level = harmonic_fill(level, ~is_reliable) + _mirrored_texture(
+        level, is_reliable
+    )
     object_mask = mask | (part.shape >= 0.5)
-    if not is_disc:  # a ball's rim is known from its light
-        smooth += _rims(level, smooth, reliable, object_mask)
-    filling = np.maximum(np.exp(smooth) - np.float32(CUT.dark), 0)
+    # The rim of a ball follows from its light.
+    if not is_disc:
+        filled_level += _rims(level, filled_level, is_reliable, object_mask)
+    filling = np.maximum(np.exp(filled_level) - np.float32(CUT.dark), 0)
     zone = dilate(part.hole, CUT.clean + 1)
     edge = np.clip(2 * _soft(object_mask) - 0.5, 0, 1)
-    completed = np.maximum(alpha, np.minimum(edge, together))
-    cover = np.where(zone, completed, alpha).astype(np.float32)
-    is_new = (zone | (mask & dilate(part.by, CUT.clean))) & ~reliable
+    full_cover = np.maximum(alpha, np.minimum(edge, together))
+    cover = np.where(zone, full_cover, alpha).astype(np.float32)
+    is_new = (zone | (mask & dilate(part.by, CUT.clean))) & ~is_reliable
     result = np.where(is_new[..., None], filling * cover[..., None], light)
     return np.asarray(result, np.float32), cover
 
 
 def _mirrored_texture(level: F32, reliable: Mask) -> F32:
-    """Return (h, w, 3) the fine detail of log light, mirrored at the border of the `reliable` pixels (h, w)."""
+    """Return the fine detail of log light (h, w, 3), mirrored at the border of
+    `reliable`.
+    """
     weight = reliable.astype(np.float32)
     norm = np.maximum(cv2.GaussianBlur(weight, (0, 0), CUT.texture), 1e-3)[..., None]
-    even = cv2.GaussianBlur(level * weight[..., None], (0, 0), CUT.texture) / norm
-    fine = np.where(reliable[..., None], level - even, np.float32(0))
-    limit = CUT.glint * np.abs(fine[reliable]).mean(axis=0)
-    fine = np.clip(fine, -limit, limit).astype(np.float32)
+    smooth_level = (
+        cv2.GaussianBlur(level * weight[..., None], (0, 0), CUT.texture) / norm
+    )
+    # The detail is the part without slow changes of light.
+    detail = np.where(reliable[..., None], level - smooth_level, np.float32(0))
+    # Limit highlights: mirrored glints would look like paint.
+    limit = CUT.glint * np.abs(detail[reliable]).mean(axis=0)
+    detail = np.clip(detail, -limit, limit).astype(np.float32)
     unknown = (~reliable).astype(np.uint8)
+    # Find the nearest reliable pixel of each pixel, and mirror the pixel about it.
     _, seeds = cv2.distanceTransformWithLabels(
         unknown, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )
@@ -695,17 +786,18 @@ def _mirrored_texture(level: F32, reliable: Mask) -> F32:
     places[seeds[reliable]] = np.argwhere(reliable)
     pixels = np.moveaxis(np.indices(reliable.shape), 0, -1)
     last = np.array(reliable.shape) - 1
-    mirrored = np.clip(2 * places[seeds] - pixels, 0, last)
-    return np.asarray(fine[mirrored[..., 0], mirrored[..., 1]], np.float32)
+    source_pixels = np.clip(2 * places[seeds] - pixels, 0, last)
+    return np.asarray(detail[source_pixels[..., 0], source_pixels[..., 1]], np.float32)
 
 
 def _rims(level: F32, smooth: F32, reliable: Mask, object_mask: Mask) -> F32:
-    """Return (h, w, 3) the rim that `smooth` lacks, by the `reliable` pixels at the same depth beside.
+    """Return the rim (h, w, 3) that `smooth` lacks, from `reliable` pixels of equal
+    depth.
 
     Rounded edges change the `level` of light with their depth, not along the outline.
     """
-    padded = np.pad(object_mask, 1).astype(np.uint8)
-    depth = np.rint(cv2.distanceTransform(padded, cv2.DIST_L2, 3)[1:-1, 1:-1])
+    padded_mask = np.pad(object_mask, 1).astype(np.uint8)
+    depth = np.rint(cv2.distanceTransform(padded_mask, cv2.DIST_L2, 3)[1:-1, 1:-1])
     inner = harmonic_fill(level, ~(reliable & (depth > CUT.rim)), CUT.rough)
     rims = np.zeros_like(smooth)
     for number in range(1, CUT.rim + 1):
@@ -713,9 +805,9 @@ def _rims(level: F32, smooth: F32, reliable: Mask, object_mask: Mask) -> F32:
         weight = (ring & reliable).astype(np.float32)
         norm = cv2.GaussianBlur(weight, (0, 0), CUT.along)[..., None]
         difference = (level - inner) * weight[..., None]
-        spread = cv2.GaussianBlur(difference, (0, 0), CUT.along)
-        rim = spread / np.maximum(norm, 1e-6)
-        # Half a line of reliable pixels that ends here is enough.
+        blurred_difference = cv2.GaussianBlur(difference, (0, 0), CUT.along)
+        rim = blurred_difference / np.maximum(norm, 1e-6)
+        # Half a line of reliable pixels up to here is enough.
         share = np.clip(5 * CUT.along * norm, 0, 1)
         is_unknown = (ring & ~reliable)[..., None]
         rims += np.where(is_unknown, share * (inner + rim - smooth), 0)
@@ -729,26 +821,33 @@ def anchored(
     absent: Mask,
     owner: NDArray[np.int32] | None = None,
 ) -> list[Sprite]:
-    """Return sprites whose `rest` and `halo` make them, over `behind` (H, W, 3) linear, the photo (H, W, 3) at t = 0.
+    """Return sprites with `rest` and `halo`, such that the frame at t = 0 equals the
+    photo.
 
-    A pixel's rest goes with the object that shows most there; where none covers it, with its `owner`
-    (H, W), 1 + an index, or with the nearest where that is 0.
+    `behind` (H, W, 3) linear is the background. A pixel's rest belongs to the object
+    that shows most there; outside all objects, to its `owner` (H, W), 1 + an index, or
+    for 0 to the nearest object.
     """
     height, width = behind.shape[:2]
     boxes = [_SpriteBox.of(sprite) for sprite in sprites]
+    # Draw all sprites over the background as in the first frame. The difference to the
+    # photo is the rest, which the transmission of the sprites above divides.
     composite, top, last = _compose(sprites, boxes, behind)
-    through = _seen_through(sprites, boxes, top)
-    is_covered = through < CUT.covered
-    top[is_covered], through[is_covered] = last[is_covered], 1
-    rest = (photo - composite) / cv2.merge((through, through, through))
+    transmission = _seen_through(sprites, boxes, top)
+    is_covered = transmission < CUT.covered
+    top[is_covered], transmission[is_covered] = last[is_covered], 1
+    rest = (photo - composite) / cv2.merge((transmission, transmission, transmission))
+    # Light at absent objects belongs to them, and vanishes with them.
     if absent.any():
         rest[_soft(absent) > CUT.least] = 0.0
-    near = _nearest(top, absent, round(CUT.halo * max(height, width)))
+    near_numbers = _nearest(top, absent, round(CUT.halo * max(height, width)))
     if owner is not None:
-        near = np.where(owner > 0, owner, near)
+        near_numbers = np.where(owner > 0, owner, near_numbers)
     largest = np.maximum.reduce(cv2.split(np.abs(rest)))
-    near[(top > 0) | (largest <= CUT.unseen)] = 0
-    all_near = _soft(near > 0, CUT.shared)
+    near_numbers[(top > 0) | (largest <= CUT.unseen)] = 0
+    # Outside the objects, halos of neighbours blend into each other instead of ending
+    # at a sharp line.
+    near_weight = _soft(near_numbers > 0, CUT.shared)
     bodies = np.array([0, *(sprite.body + 1 for sprite in sprites)], np.int32)
     anchored_sprites = []
     pairs = zip(sprites, boxes, strict=True)
@@ -756,7 +855,7 @@ def anchored(
         own_rest = np.zeros_like(sprite.light)
         is_own = (top[box.photo] == number)[..., None]
         own_rest[box.sprite] = np.where(is_own, rest[box.photo], np.float32(0))
-        halo = _halo(number, near, all_near, rest, top, bodies)
+        halo = _halo(number, near_numbers, near_weight, rest, top, bodies)
         anchored_sprites.append(replace(sprite, rest=own_rest, halo=halo))
     return anchored_sprites
 
@@ -768,15 +867,16 @@ class _SpriteBox:
     sprite: tuple[slice, slice]
     """Rows and columns of the sprite."""
     photo: tuple[slice, slice]
-    """The same of the photo."""
+    """Rows and columns of the photo."""
 
     @classmethod
     def of(cls, sprite: Sprite) -> _SpriteBox:
+        """Return the box of a sprite."""
         height, width = sprite.coverage.shape
         x0, y0 = sprite.corner
-        inside = np.s_[MARGIN : height - MARGIN, MARGIN : width - MARGIN]
+        inner_box = np.s_[MARGIN : height - MARGIN, MARGIN : width - MARGIN]
         return cls(
-            inside,
+            inner_box,
             np.s_[
                 y0 + MARGIN : y0 + height - MARGIN, x0 + MARGIN : x0 + width - MARGIN
             ],
@@ -788,7 +888,8 @@ def _compose(
 ) -> tuple[F32, NDArray[np.int32], NDArray[np.int32]]:
     """Draw sprites over the background.
 
-    Return the picture (H, W, 3), and (H, W) 1 + the index of the sprite that shows most, and of the last one.
+    Returns the picture (H, W, 3), and 1 + the index of the most visible and of the last
+    sprite, (H, W).
     """
     composite, shape = behind.copy(), behind.shape[:2]
     top, last = np.zeros(shape, np.int32), np.zeros(shape, np.int32)
@@ -799,6 +900,8 @@ def _compose(
         remaining = (1 - alpha[..., None]) * composite[place]
         composite[place] = sprite.light[box.sprite] + remaining
         largest[place] *= 1 - alpha
+        # The number of a pixel is that of the sprite with the largest visible share
+        # there.
         is_ahead = (alpha > 0) & (alpha >= largest[place])
         top[place][is_ahead] = number
         largest[place][is_ahead] = alpha[is_ahead]
@@ -814,24 +917,25 @@ def _halo(
     top: NDArray[np.int32],
     bodies: NDArray[np.int32],
 ) -> tuple[tuple[int, int], F32, NDArray[np.int32]] | None:
-    """Return the halo of sprite `number`: a sprite's share of the rest that no sprite covers.
+    """Return the halo of sprite `number`: its share of the rest outside all sprites.
 
-    None if it has none.
+    None without one.
     """
-    mine = near == number
-    x, y, width, height = cv2.boundingRect(mine.astype(np.uint8))
+    is_own = near == number
+    x, y, width, height = cv2.boundingRect(is_own.astype(np.uint8))
     if not width:
         return None
     margin = max(ceil(4 * CUT.shared), CUT.gap)
     x0, y0 = max(x - margin, 0), max(y - margin, 0)
     box = np.s_[y0 : y + height + margin, x0 : x + width + margin]
-    own_share = _soft(mine[box], CUT.shared) / np.maximum(all_near[box], 1e-6)
+    # Neighbours share the rest softly: all shares at a pixel add up to 1.
+    own_share = _soft(is_own[box], CUT.shared) / np.maximum(all_near[box], 1e-6)
     share = np.where(near[box] > 0, own_share, 0)
     others = np.where(top[box] == number, 0, top[box])
-    nothing = np.zeros(others.shape, np.bool_)
-    beside = _nearest(others, nothing, CUT.gap)
+    no_pixels = np.zeros(others.shape, np.bool_)
+    near_numbers = _nearest(others, no_pixels, CUT.gap)
     picture = np.asarray(share[..., None] * rest[box], np.float32)
-    return (x0, y0), picture, bodies[beside]
+    return (x0, y0), picture, bodies[near_numbers]
 
 
 def _seen_through(
@@ -839,52 +943,57 @@ def _seen_through(
     boxes: Sequence[_SpriteBox],
     top: NDArray[np.int32],
 ) -> F32:
-    """Return (H, W) the share of sprite number `top` (H, W) that the sprites drawn after it let through."""
-    through = np.ones(top.shape, np.float32)
+    """Return the transmission (H, W) of all sprites in front of sprite number `top` (H,
+    W).
+    """
+    transmission = np.ones(top.shape, np.float32)
     pairs = zip(sprites, boxes, strict=True)
     for number, (sprite, box) in enumerate(pairs, 1):
-        through[box.photo] *= 1 - sprite.coverage[box.sprite]
-        through[box.photo][top[box.photo] == number] = 1
-    return through
+        transmission[box.photo] *= 1 - sprite.coverage[box.sprite]
+        transmission[box.photo][top[box.photo] == number] = 1
+    return transmission
 
 
 def _nearest(top: NDArray[np.int32], absent: Mask, reach: int) -> NDArray[np.int32]:
-    """Return (H, W) the nearest number in `top`.
+    """Return the nearest number in `top`, (H, W).
 
-    0 if the nearest is an `absent` object or farther than `reach` px.
+    0 for an `absent` object, or for a distance above `reach` px.
     """
-    seeds = (top > 0) | absent
-    if not seeds.any():
+    is_seed = (top > 0) | absent
+    if not is_seed.any():
         return np.zeros_like(top)
     distance, places = cv2.distanceTransformWithLabels(
-        (~seeds).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+        (~is_seed).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )
     numbers = np.zeros(int(places.max()) + 1, np.int32)
-    numbers[places[seeds]] = top[seeds]
+    numbers[places[is_seed]] = top[is_seed]
     return np.where(distance <= reach, numbers[places], 0).astype(np.int32)
 
 
 def _soft(mask: Mask, sigma: float = CUT.blur) -> F32:
-    """Blur a mask by `sigma` px: shares of touching masks add up to that of their union."""
-    blurred = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), sigma)
-    return np.asarray(blurred, np.float32)
+    """Blur a mask by `sigma` px: shares of touching masks add up to that of their
+    union.
+    """
+    result = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), sigma)
+    return np.asarray(result, np.float32)
 
 
 def _boxes(labels: U16) -> dict[int, PixelBox]:
-    """Return the box of every id with room for its soft border, in one pass over the map."""
+    """Return the box of every id with a margin for its soft border, in one pass."""
     height, width = labels.shape
     rows, columns = np.nonzero(labels)
     if not len(rows):
         return {}
     ids = labels[rows, columns]
+    # Sort the pixels by id, and reduce each run of equal ids.
     order = np.argsort(ids, kind="stable")
-    present, first = np.unique(ids[order], return_index=True)
+    present_ids, first = np.unique(ids[order], return_index=True)
     rows, columns = rows[order], columns[order]
     left = np.minimum.reduceat(columns, first) - CUT.soft
     top = np.minimum.reduceat(rows, first) - CUT.soft
     right = np.maximum.reduceat(columns, first) + CUT.soft + 1
     bottom = np.maximum.reduceat(rows, first) + CUT.soft + 1
-    table = np.column_stack([present, left, top, right, bottom]).tolist()
+    table = np.column_stack([present_ids, left, top, right, bottom]).tolist()
     boxes = {}
     for id_, x0, y0, x1, y1 in table:
         boxes[id_] = max(x0, 0), max(y0, 0), min(x1, width), min(y1, height)
@@ -900,38 +1009,47 @@ def _foreground(
     gain: F32,
     is_disc: bool,
 ) -> F32:
-    """Return the object's own light times `alpha` (h, w, 3): the photo less what shows through of the background.
+    """Return the object's own light times `alpha` (h, w, 3): the photo minus the
+    background.
 
-    Where little of a pixel is the object's, and what is behind it is not well known, the light that is carried outwards
-    from inside bounds it, less so of a disc, whose rim is darker. It has at least the share `gain` (h, w) of that.
+    In pixels with little of the object and an uncertain background, light from the
+    inside bounds it, less so for a disc, which has a darker rim. The result has at
+    least the share `gain` (h, w) of this light.
     """
-    padded = np.pad(mask, 1).astype(np.uint8)
-    depth = cv2.distanceTransform(padded, cv2.DIST_L2, 3)[1:-1, 1:-1]
-    reliable = (depth > CUT.clean) & (alpha >= 1.0) & (gain == 0)
-    if not reliable.any():
-        reliable = depth >= min(float(depth.max()), CUT.clean)
-    carried = _carried_light(photo, reliable, alpha > 0)
+    padded_mask = np.pad(mask, 1).astype(np.uint8)
+    depth = cv2.distanceTransform(padded_mask, cv2.DIST_L2, 3)[1:-1, 1:-1]
+    # Pixels well inside the mask show the object alone.
+    is_reliable = (depth > CUT.clean) & (alpha >= 1.0) & (gain == 0)
+    if not is_reliable.any():
+        is_reliable = depth >= min(float(depth.max()), CUT.clean)
+    inner_light = _carried_light(photo, is_reliable, alpha > 0)
     opacity = alpha[..., None]
-    own = np.clip(photo - (1 - opacity) * behind, 0, None)
-    least, full = TRUST
-    trust = np.clip(((1 + is_disc) * opacity - least) / (full - least), 0, 1)
+    # Invert the composition photo = object + (1 - alpha) * background.
+    own_light = np.clip(photo - (1 - opacity) * behind, 0, None)
+    lowest_trust, full_trust = TRUST
+    trust = np.clip(
+        ((1 + is_disc) * opacity - lowest_trust) / (full_trust - lowest_trust), 0, 1
+    )
     trust = trust * np.clip(10 * share - 9, 0, 1)[..., None]
-    mixed = trust * own + (1 - trust) * opacity * carried
-    light = np.where(opacity > 0, mixed, 0)
-    least_light = gain[..., None] * opacity * carried
+    mixed_light = trust * own_light + (1 - trust) * opacity * inner_light
+    light = np.where(opacity > 0, mixed_light, 0)
+    least_light = gain[..., None] * opacity * inner_light
     return np.asarray(np.maximum(light, least_light), np.float32)
 
 
 def _carried_light(photo: F32, reliable: Mask, needed: Mask) -> F32:
-    """Return the photo (h, w, 3) with the light of `reliable` pixels carried to all `needed` ones."""
-    carried: F32 = photo.copy()
-    weight, known = reliable.astype(np.float32), reliable.copy()
+    """Return the photo (h, w, 3) with the light of `reliable` pixels continued to
+    `needed` ones.
+    """
+    light: F32 = photo.copy()
+    weight, is_known = reliable.astype(np.float32), reliable.copy()
+    # Blur in growing widths: the nearest reliable light reaches a pixel first.
     for sigma in (1.0, 2.0, 4.0, 8.0):
-        if known[needed].all():
+        if is_known[needed].all():
             break
         norm = cv2.GaussianBlur(weight, (0, 0), sigma)
-        spread = cv2.GaussianBlur(photo * weight[..., None], (0, 0), sigma)
-        reached = ~known & (norm > 1e-3)
-        carried[reached] = spread[reached] / norm[reached][:, None]
-        known |= reached
-    return carried
+        blurred_light = cv2.GaussianBlur(photo * weight[..., None], (0, 0), sigma)
+        is_reached = ~is_known & (norm > 1e-3)
+        light[is_reached] = blurred_light[is_reached] / norm[is_reached][:, None]
+        is_known |= is_reached
+    return light

@@ -26,7 +26,7 @@ LEAVES = 0.1
 photo) fades.
 """
 FAINT = 0.02
-"""Share of a halo below which it is invisible."""
+"""Largest invisible share of a halo."""
 FADE = 3.0
 """Displacement, px, over which the photo's border pixels are replaced by the object's
 clean ones.
@@ -43,7 +43,7 @@ class Placement:
     box: Slices
     """Rows and columns of the canvas."""
     own: Slices | None = None
-    """At rest: rows and columns of the sprite, which has the photo's pixels."""
+    """At rest: rows and columns of the sprite, with the photo's pixels."""
     matrix: F64 | None = None
     """In motion: matrix (2, 3) from a pixel of the box to a pixel of the sprite."""
     turn: float = 0.0
@@ -185,8 +185,8 @@ def draw_sprite(sprite: Sprite, placement: Placement, fine: int = 1) -> tuple[F3
     if fine > 1:
         area = cv2.INTER_AREA
         light = np.asarray(cv2.resize(light, size, interpolation=area), np.float32)
-        reduced = cv2.resize(coverage, size, interpolation=area)
-        coverage = np.asarray(reduced, np.float32)
+        small_coverage = cv2.resize(coverage, size, interpolation=area)
+        coverage = np.asarray(small_coverage, np.float32)
     return light, coverage
 
 
@@ -222,6 +222,7 @@ def draw_border(
     if placement.own is None and is_repainted:
         return None  # its rest contains mixtures of the photo's pixels
     rest = sprite.rest
+    # Fade the border towards each neighbour by itself.
     if own_shares.min() < 1:
         if sprite.hider is None:
             rest = rest * shares[0]
@@ -251,11 +252,13 @@ def borders_left(sprites: Sequence[Sprite], visible: Sequence[SpritePose]) -> F3
             (stand.pose.x - stand.start.x, stand.pose.y - stand.start.y, turn)
         )
     own_moves = np.array(displacements).reshape(-1, 3)
+    # Bodies outside the picture count as infinitely far away.
     all_moves = np.full((count, 3), np.inf)
     all_moves[0] = 0
     all_moves[[sprites[stand.k].body + 1 for stand in visible]] = own_moves
     distance = np.abs(own_moves[:, None] - all_moves)
     radii = [max(sprites[stand.k].coverage.shape) / 2 for stand in visible]
+    # Convert a turn to the displacement of the sprite's outermost point, px.
     distance[..., 2] *= np.array(radii)[:, None]
     shares = np.maximum(1 - distance.max(axis=2) / FADE, 0)
     return np.asarray(shares, np.float32)
@@ -294,10 +297,10 @@ def draw_halo(
     own_share = shares[sprite.body + 1]
     if sprite.halo is None or stand.where is None or own_share < FAINT:
         return None
-    (x, y), picture, beside = sprite.halo
+    (x, y), picture, neighbours = sprite.halo
     height, width = picture.shape[:2]
     box = np.s_[y : y + height, x : x + width]
-    pixel_shares = np.minimum(shares[beside], own_share)
+    pixel_shares = np.minimum(shares[neighbours], own_share)
     if pixel_shares.min() == 1:
         return box, picture
     moved = _moved_px(sprite, stand)
@@ -478,7 +481,7 @@ class Stage:
     its views.
     """
     contact_depth: float = 0.0
-    """Share of light that objects lose at a contact."""
+    """Lost share of objects' light at a contact."""
     keeps_layers: bool = False
     """Whether frames keep their layers."""
 
@@ -517,6 +520,7 @@ def sprite_poses(
         trajectory = replace(trajectory, poses=poses)
     starts: Sequence[Pose] = stage.starts
     if not starts and len(trajectory.poses):
+        # Without stored poses of the photo, the photo shows the first sample.
         starts = [Pose(*pose) for pose in trajectory.poses[0].tolist()]
     turns = _BallTurns(trajectory)
     height, width = stage.background.shape[:2]

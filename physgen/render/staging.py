@@ -1,7 +1,8 @@
-"""Scene, world and photo to a Stage: cut-out sprites, flat shapes, or a matte.
+"""From scene, world and photo to a Stage: cut-out sprites, flat shapes, or a matte.
 
-A matte is a Stage of white objects in the dark. It is drawn like any other, so its light is the objects' coverage with
-soft borders, supersampling, exposure, camera and size as in the frames.
+A matte is a Stage of white objects in the dark. It is drawn like any other stage, so
+its light is the objects' coverage with soft borders, supersampling, exposure, camera
+and size as in the frames.
 """
 
 from __future__ import annotations
@@ -53,7 +54,9 @@ PALETTE = (
     (86, 130, 178), (214, 122, 84), (104, 160, 106), (196, 92, 104), (140, 116, 176),
     (208, 172, 82), (92, 166, 172), (170, 128, 104), (196, 134, 170), (128, 134, 146),
 )  # fmt: skip
-"""sRGB, one an object in turn: apart in hue and close in lightness, so that no object shouts."""
+"""Colours of objects in turn, sRGB: different in hue and close in lightness, so that no
+object stands out.
+"""
 
 
 @dataclass(frozen=True)
@@ -61,51 +64,59 @@ class StagingTuning:
     """Assumed depths of objects, and limits of flat drawings."""
 
     large: int = 4_000_000
-    """px² that the sprite of one object may take in full."""
+    """Area of the sprite of one object above which only its visible part is
+    drawn, px².
+    """
     fine: int = 8
-    """Sub-pixels a side when lines are drawn."""
+    """Sub-pixels per side for lines."""
     flat: float = 0.8
-    """Of its radius: how high a disc reaches above a table, where the scene does not say."""
+    """Height of a disc above a table, radii, if the scene does not state it."""
     deep: float = 0.9
-    """Of the root of its area: how far anything else reaches through the plane of motion."""
+    """Thickness of other objects, in roots of their areas."""
     ghosts: int = 200
-    """Objects that a scene leaves out and whose shadows leave with them, about: the largest."""
+    """Approximate number of the largest left-out objects with removed shadows."""
     seen_top: float = 0.7
-    """px by which an object shows above and below its shape: less are ragged borders."""
+    """Height of an object's picture above and below its shape, px, that is not just a
+    ragged border.
+    """
     back: float = 0.8
-    """Of what a top shows in the photo, that sides show: edges are rounded; by tune."""
+    """Share of a visible top that the sides show, since edges are rounded; by tune."""
     stray: float = 0.03
-    """Share of a ball's pixels that may lie outside its circle."""
+    """Largest share of a ball's pixels outside its circle."""
     lumpy: float = 0.5
-    """Of its radius, by which a fruit may be larger than its circle."""
+    """Extent of a fruit beyond its circle, radii."""
     lumpy_turn: float = 0.2
-    """Share of a turn in which a lump reaches beyond its circle; a thread's is less."""
+    """Share of a turn in which a lump reaches beyond its circle; a thread
+    covers less.
+    """
     around: float = 0.75
-    """Of a disc's ring that must be seen, for light to be told from paint."""
+    """Smallest visible share of a disc's ring to tell light from paint."""
     uneven: float = 0.7
-    """Change once around, of the mean, from which it is paint."""
+    """Change around a ring, relative to its mean, above which it is paint."""
     box: float = 0.9
-    """Of the box around it, that a block fills."""
+    """Share of its bounding box that a block fills."""
     edged: float = 0.3
-    """Of the spread of an edge's light that one direction must explain, to be light."""
+    """Share of the variance of an edge's light that one direction must explain."""
     lit: float = 0.5
-    """Of a face's light, by which that of its edges changes with their direction, at most."""
+    """Maximum change of an edge's light with its direction, relative to the face."""
     sun: float = 0.5
-    """Weight of the scene's light in where edges are lit from: two sides alone do not show that."""
+    """Weight of the scene's light in the direction of edges' light, which two sides
+    alone do not tell.
+    """
     faint: float = 0.05
-    """Of a face's light: less at an edge may be its grain."""
+    """Light of an edge, relative to the face, below which it may be grain."""
     thread: float = 2.0
-    """px: how thick what hangs on a ball is."""
+    """Thickness of a thread on a ball, px."""
     steep: float = 0.25
-    """Rise over run from which a boundary is no floor: shadows of a slope lie elsewhere."""
+    """Slope above which a boundary is not a floor: its shadows are elsewhere."""
     mirrored: int = 60
-    """px below an object's foot in which a floor is asked what it mirrors."""
+    """Rows below an object's foot in which a reflection is measured, px."""
     near_foot: int = 4
-    """px of these that objects' blurred rims and contact shadows may spoil."""
+    """Rows of these that objects' blurred rims and contact shadows may disturb, px."""
     alike: float = 0.7
-    """Correlation of what lies there with objects upside down, from which it mirrors them."""
+    """Correlation with the upside-down object above which a floor mirrors it."""
     joined: float = 9.0
-    """px between the ends of two boundaries that are one floor."""
+    """Gap between two boundaries of one floor, px."""
 
 
 STAGING = StagingTuning()
@@ -114,9 +125,9 @@ STAGING = StagingTuning()
 def enlarged_world(
     world: World, outlines: Sequence[Outline], scale: float
 ) -> tuple[World, list[Outline]]:
-    """Enlarge canvas, walls, bodies and outlines for a canvas with `scale` pixels a photo pixel.
+    """Enlarge canvas, walls, bodies and outlines by `scale`, for drawing.
 
-    For drawing alone: masses, velocities and the like stay as they are.
+    Masses, velocities and other properties stay as they are.
     """
 
     def enlarge(points: Array) -> Array:
@@ -144,44 +155,51 @@ def enlarged_world(
     for wall in world.walls:
         walls.append(replace(wall, chains=tuple(map(enlarge, wall.chains))))
     width, height = world.size
-    enlarged = replace(
+    larger_world = replace(
         world,
         size=(ceil(width * scale - 1e-6), ceil(height * scale - 1e-6)),
         bodies=tuple(map(enlarge_body, world.bodies)),
         walls=tuple(walls),
     )
-    return enlarged, list(map(enlarge_outline, outlines))
+    return larger_world, list(map(enlarge_outline, outlines))
 
 
 SHIFT_BITS = 4
-"""Binary digits behind the point of OpenCV's coordinates."""
+"""Fractional bits of OpenCV's coordinates."""
 FARTHEST = 2**24
-"""Largest coordinate that OpenCV draws to without overflow, 1 / 2**SHIFT_BITS px."""
+"""Largest coordinate of OpenCV without overflow, 1 / 2**SHIFT_BITS px."""
 
 
 def flat_background(world: World, pen: float = 1.0) -> U8:
-    """Draw (H, W, 3) sRGB: paper, with walls as lines on the side away from the objects."""
+    """Draw a background (H, W, 3) sRGB: paper, with walls as lines.
+
+    Lines are on the side of the walls away from the objects.
+    """
     width, height = world.size
+    # Draw small pictures four times as large and reduce them, for smooth lines.
     scale = 4 if width * height <= 4_000_000 else 1
     canvas = np.empty((height * scale, width * scale, 3), np.uint8)
     canvas[:] = PAPER
     line_width = round(2 * scale * pen)
     for wall in world.walls:
         for chain in wall.chains:
+            # OpenCV draws from integers with a fixed number of binary digits.
             points = np.rint((chain + 0.5) * scale * 2**SHIFT_BITS).astype(np.int64)
             corners = np.clip(points, -FARTHEST, FARTHEST).astype(np.int32)
-            kind = cv2.LINE_AA
-            cv2.polylines(canvas, [corners], False, INK, line_width, kind, SHIFT_BITS)
-    small = cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA)
-    return np.asarray(small, np.uint8)
+            line_type = cv2.LINE_AA
+            cv2.polylines(
+                canvas, [corners], False, INK, line_width, line_type, SHIFT_BITS
+            )
+    small_canvas = cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA)
+    return np.asarray(small_canvas, np.uint8)
 
 
 def flat_sprites(
     world: World, outlines: Sequence[Outline], order: Sequence[int], pen: float = 1.0
 ) -> list[Sprite]:
-    """Draw one sprite an object: its colour, a darker rim, and for circles a spoke that shows how it turns.
+    """Draw one sprite per object: its colour with a darker rim, and a spoke in circles.
 
-    Of an object much larger than the canvas, only the part in and around the canvas is drawn.
+    Of an object much larger than the canvas, only the part near the canvas is drawn.
     """
     sprites = []
     width, height = world.size
@@ -193,6 +211,7 @@ def flat_sprites(
         alpha, (left, top) = coverage_box(outlines[k], window if is_large else None)
         if not alpha.size:
             continue
+        # The margin leaves room for interpolation at the border of a sprite.
         alpha = np.pad(alpha, MARGIN)
         corner = (left - MARGIN, top - MARGIN)
         fill = decode(np.array(PALETTE[k % len(PALETTE)], np.uint8))
@@ -205,7 +224,9 @@ def flat_sprites(
 
 
 def _axles(sprite: Sprite, world: World) -> list[tuple[int, tuple[float, float]]]:
-    """Return the number of each wheel of a sprite's body, and its axle in px of it."""
+    """Return the number of each wheel of a sprite's body, and its axle in px of the
+    sprite.
+    """
     before = sum(len(body.wheels) for body in world.bodies[: sprite.body])
     body = world.bodies[sprite.body]
     axles = []
@@ -216,7 +237,7 @@ def _axles(sprite: Sprite, world: World) -> list[tuple[int, tuple[float, float]]
 
 
 def _on_drawn_wheels(sprite: Sprite, world: World, colour: F32) -> Sprite:
-    """Return the sprite with wheels of a colour `(3,)`, also where it is at rest."""
+    """Add wheels of a colour `(3,)` to a sprite, also at rest."""
     body = world.bodies[sprite.body]
     if not body.wheels:
         return sprite
@@ -231,7 +252,7 @@ def _on_drawn_wheels(sprite: Sprite, world: World, colour: F32) -> Sprite:
 
 
 def _on_wheels(sprite: Sprite, world: World) -> Sprite:
-    """Return the sprite with the wheels of its body as the photo shows them."""
+    """Add the wheels of its body to a sprite, cut from the photo."""
     body = world.bodies[sprite.body]
     wheels = []
     pairs = zip(_axles(sprite, world), body.wheels, strict=True)
@@ -246,33 +267,32 @@ def _on_wheels(sprite: Sprite, world: World) -> Sprite:
 def _lines(
     body: Body, corner: tuple[int, int], shape: tuple[int, ...], pen: float
 ) -> F32:
-    """Return (h, w) in 0..1: the share of each pixel that the rim and the spoke cover."""
+    """Return the share (h, w) 0..1 of each pixel under the rim and the spoke."""
     height, width = shape
-    fine = STAGING.fine if height * width < 250_000 else 2
-    canvas = np.zeros((height * fine, width * fine), np.uint8)
-    line_width = max(1, round(1.5 * fine * pen))
+    scale = STAGING.fine if height * width < 250_000 else 2
+    canvas = np.zeros((height * scale, width * scale), np.uint8)
+    line_width = max(1, round(1.5 * scale * pen))
 
     def pixels(points: Array) -> NDArray[np.int32]:
-        return np.rint((points + body.center - corner + 0.5) * fine).astype(np.int32)
+        return np.rint((points + body.center - corner + 0.5) * scale).astype(np.int32)
 
     rings = [pixels(ring) for ring in body.rings]
     cv2.polylines(canvas, rings, True, 255, 2 * line_width)
     if body.radius is not None:
         spoke = pixels(np.array([[0.0, 0.0], [body.radius, 0.0]]))
         cv2.line(canvas, spoke[0].tolist(), spoke[1].tolist(), 255, line_width)
-    small = cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA)
-    return (small / 255.0).astype(np.float32)
+    small_canvas = cv2.resize(canvas, (width, height), interpolation=cv2.INTER_AREA)
+    return (small_canvas / 255.0).astype(np.float32)
 
 
-NO_LIGHT = DistantLight(
-    (0.0, 0.0, 1.0), 0.0, 1.0
-)  # even, from all around: nothing is shaded
+NO_LIGHT = DistantLight((0.0, 0.0, 1.0), 0.0, 1.0)
+"""Even light from all directions, without shading."""
 
 
 def matte_stage(stage: Stage) -> Stage:
-    """Return the same objects, white without any shading, and nothing else: no photo, no boundaries, no shadows.
+    """Return a stage of the same objects in white, without shading and shadows.
 
-    Whatever is no object of the scene, objects of the photo that the scene leaves out among it, is dark.
+    All else is dark, also objects of the photo that the scene leaves out.
     """
     return Stage(
         background=np.zeros_like(stage.background),
@@ -285,7 +305,7 @@ def matte_stage(stage: Stage) -> Stage:
 def _white(sprite: Sprite) -> Sprite:
     """Return a white sprite.
 
-    A ball stays one, of dark skin and white gloss, for its picture does not turn with it.
+    A ball gets dark skin and white gloss, because its picture does not turn with it.
     """
     ball = sprite.ball
     if ball is not None:
@@ -299,7 +319,7 @@ def _white(sprite: Sprite) -> Sprite:
             trust=1.0,
             fade=None,
         )
-    sides = sprite.sides and replace(
+    white_sides = sprite.sides and replace(
         sprite.sides, colour=np.ones(3, np.float32), light=None
     )
     return replace(
@@ -309,15 +329,14 @@ def _white(sprite: Sprite) -> Sprite:
         halo=None,
         ball=ball,
         relief=None,
-        sides=sides,
+        sides=white_sides,
         wheels=(),
     )
 
 
 def matte_coverage(frame: Frame) -> F32:
-    """Return the coverage (H, W).
-
-    0..1 of all objects together: the linear light of a matte's frame.
+    """Return the coverage of all objects together, (H, W) 0..1, from a matte's
+    frame.
     """
     return decode(frame.rgb[..., 0])
 
@@ -331,16 +350,17 @@ def lit_stage(
     coverage: F32,
     absent: Mask,
 ) -> Stage:
-    """Build the stage of a photo: sprites that light and shadows change as they move.
+    """Create the stage of a photo, with sprites that react to light and shadows.
 
-    `background` (H, W, 3) sRGB with the objects' shadows; `coverage` (H, W) of all objects, `absent` ones too.
+    `background` (H, W, 3) sRGB with the objects' shadows; `coverage` (H, W) of all
+    objects, also of `absent` ones.
     """
     photo = decode(maps.rgb)
     sprites = [_on_wheels(sprite, world) for sprite in sprites]
     if scene.light is None:
         return Stage(background, anchored(sprites, photo, decode(background), absent))
     setting = _shadow_setting(scene, world)
-    grounds = _shadow_floors(world, maps, setting)
+    shadow_floors = _shadow_floors(world, maps, setting)
     parts = _split_balls(scene, world, sprites)
     sprites = [sprite for sprite, _ in parts]
     actors = []
@@ -351,7 +371,9 @@ def lit_stage(
     for sprite, actor in zip(sprites, actors, strict=True):
         center = world.bodies[sprite.body].center
         picture, corner = sprite.coverage, sprite.corner
-        starts.append(silhouette(grounds, picture, corner, center, actor, setting.tilt))
+        starts.append(
+            silhouette(shadow_floors, picture, corner, center, actor, setting.tilt)
+        )
     veils: list[F32 | None] = [None] * len(sprites)
     if scene.render.shadows and maps.clean is not None:
         # A clean picture exists, so shadows of this light are visible in the photo.
@@ -369,15 +391,15 @@ def lit_stage(
         world.bodies[sprite.body].radius is not None and not is_loose
         for sprite, is_loose in parts
     ]
-    ghosts = _ghosts(maps.labels, absent, coverage, grounds, setting)
+    ghosts = _ghosts(maps.labels, absent, coverage, shadow_floors, setting)
     difference = cv2.absdiff(maps.rgb, background)
     is_equal = cv2.inRange(difference, (0, 0, 0), (0, 0, 0)) > 0
-    changed = ~is_equal & (coverage == 0)
+    is_changed = ~is_equal & (coverage == 0)
     lit, ghost_shadows = decompose_shadows(
-        background, maps.clean, coverage, starts, rounds, setting, ghosts, changed
+        background, maps.clean, coverage, starts, rounds, setting, ghosts, is_changed
     )
     if ghost_shadows is not None:
-        # The photo as it would be without the objects that the scene leaves out.
+        # Remove the shadows of left-out objects from the photo, too.
         shadows = np.where(coverage < 0.5, ghost_shadows, 0)
         photo = photo * np.exp(shadows)[..., None].astype(np.float32)
     behind = lit.behind()
@@ -389,7 +411,7 @@ def lit_stage(
         anchored(sprites, photo, behind, absent, lit.owner),
         lit,
         actors,
-        grounds,
+        shadow_floors,
         None if maps.clean is None else veils,
         mirror=mirror,
         contact_depth=contact_depth(scene),
@@ -397,6 +419,7 @@ def lit_stage(
 
 
 def _shadow_setting(scene: Scene, world: World) -> ShadowSetting:
+    """Return the surroundings for shadows: light, floor and wall."""
     light = scene.light
     assert light is not None
     backdrop = scene.world.backdrop
@@ -411,7 +434,7 @@ def _shadow_setting(scene: Scene, world: World) -> ShadowSetting:
 
 
 def _shadow_floors(world: World, maps: Percepts, setting: ShadowSetting) -> list[Array]:
-    """Return the floors, as `floors`, on which the photo's shadows fall."""
+    """Return the floors, as `floors`, under the photo's shadows."""
     if setting.top:
         return []
     grounds = floors(world)
@@ -424,7 +447,7 @@ def _shadow_floors(world: World, maps: Percepts, setting: ShadowSetting) -> list
 def _split_balls(
     scene: Scene, world: World, sprites: Sequence[Sprite]
 ) -> list[tuple[Sprite, bool]]:
-    """Return all sprites as `_parted`; lumps seen from the side stay whole."""
+    """Separate balls from threads as `_parted`; lumps in the side view stay whole."""
     parts = []
     for sprite in sprites:
         lumpiness = 0.0
@@ -444,29 +467,31 @@ def _visible_veils(
     starts: Sequence[Silhouette],
     setting: ShadowSetting,
 ) -> tuple[list[ShadowBody], list[F32 | None]]:
-    """Predict the veils that objects throw on each other in the photo, as strong as the photo shows them.
+    """Predict the veils that objects cast on each other, as strong as in the photo.
 
-    Return the actors with that strength, and -log of the light (h, w) that each veil leaves on its sprite.
+    Returns the actors with this strength, and the veil (h, w) of each sprite, -log of
+    light.
     """
     neighbours = occluders(starts, setting)
-    every = {k: neighbours.get(k, []) for k in range(len(starts))}
-    predicted = occlusions(starts, every, setting)
+    all_neighbours = {k: neighbours.get(k, []) for k in range(len(starts))}
+    predictions = occlusions(starts, all_neighbours, setting)
     shares = {}
-    for k, prediction in predicted.items():
+    for k, prediction in predictions.items():
         shares[k] = seen_share(
             sprites[k], actors[k], starts[k], prediction, setting.light
         )
+    # An object without a veil at the start gets the median strength for later ones.
     typical = float(np.median([*shares.values()])) if shares else 1.0
-    visible: list[F32 | None] = []
+    visible_veils: list[F32 | None] = []
     veiled_actors = []
     for k, actor in enumerate(actors):
         share = shares.get(k, typical)
         veiled_actors.append(replace(actor, veiled=share))
         veil: F32 | None = None
-        if k in predicted and share != 0:
-            veil = np.asarray(share * predicted[k], np.float32)
-        visible.append(veil)
-    return veiled_actors, visible
+        if k in predictions and share != 0:
+            veil = np.asarray(share * predictions[k], np.float32)
+        visible_veils.append(veil)
+    return veiled_actors, visible_veils
 
 
 def _relit_sprites(
@@ -477,28 +502,33 @@ def _relit_sprites(
     veils: Sequence[F32 | None],
     maps: Percepts,
 ) -> list[Sprite]:
-    """Return the sprites with the skins or reliefs that light changes as they turn."""
+    """Return the sprites with skins or reliefs, so that their light changes as they
+    turn.
+    """
     light = _shadow_setting(scene, world).light
     is_top = world.view is View.TOP
-    relit = []
+    new_sprites = []
     for sprite, actor, veil in zip(sprites, actors, veils, strict=True):
         if actor.radius is not None:
             body = world.bodies[sprite.body]
             is_painted = is_billiard_ball(scene.objects[sprite.body].label)
             sprite = _skinned(sprite, body, light, world.view, veil, is_painted)
-        relit.append(sprite)
-    relit = _in_one_light(relit)
+        new_sprites.append(sprite)
+    # Skins first, one by one; then balls of a set share their light.
+    new_sprites = _in_one_light(new_sprites)
     if maps.normals is not None:
-        relit = [_relieved(sprite, maps.normals, light) for sprite in relit]
+        new_sprites = [_relieved(sprite, maps.normals, light) for sprite in new_sprites]
     elif is_top:
-        relit = [_turned_disc(sprite, world.bodies[sprite.body]) for sprite in relit]
+        new_sprites = [
+            _turned_disc(sprite, world.bodies[sprite.body]) for sprite in new_sprites
+        ]
     if not is_top:
-        relit = [_edged(sprite, light) for sprite in relit]
-    return relit
+        new_sprites = [_edged(sprite, light) for sprite in new_sprites]
+    return new_sprites
 
 
 def _in_one_light(sprites: Sequence[Sprite]) -> list[Sprite]:
-    """Return the sprites with balls as `in_one_light`."""
+    """Return the sprites with their balls as in `in_one_light`."""
     balls = in_one_light([s.ball for s in sprites if s.ball is not None])
     remaining = iter(balls)
     result = []
@@ -516,12 +546,13 @@ def floor_mirror(
     coverage: F32,
     tilt: float,
 ) -> Mirror | None:
-    """Measure how much a floor mirrors of the objects that stand on it.
+    """Measure the reflections of objects on their floor.
 
-    `reflections` (H, W, 3): linear light that the photo shows beyond the background; None if it is not like the
-    objects upside down.
+    `reflections` (H, W, 3): linear light of the photo beyond the background. None
+    unless they resemble the objects upside down.
     """
-    # sums over pixels of object x reflection, object², reflection², by row below the foot
+    # Sums over pixels of object x reflection, object², reflection², by row below the
+    # foot, give the regression and the correlation of each row.
     sums = np.zeros((3, STAGING.mirrored))
     feet: list[tuple[int, float, float] | None] = []
     for sprite, start in zip(sprites, starts, strict=True):
@@ -532,9 +563,9 @@ def floor_mirror(
     share = sums[0] / np.maximum(sums[1], 1e-6)
     correlation = sums[0] / np.sqrt(sums[1] * sums[2] + 1e-12)
     count = len(share)
-    unlike = np.flatnonzero(correlation[STAGING.near_foot :] < STAGING.alike)
-    if len(unlike):
-        count = STAGING.near_foot + int(unlike[0])
+    unlike_rows = np.flatnonzero(correlation[STAGING.near_foot :] < STAGING.alike)
+    if len(unlike_rows):
+        count = STAGING.near_foot + int(unlike_rows[0])
     if count < 3 * STAGING.near_foot:
         return None
     fade = np.minimum(np.arange(count, 0, -1) / (2 * STAGING.near_foot), 1)
@@ -542,7 +573,9 @@ def floor_mirror(
 
 
 def _standing_foot(sprite: Sprite, start: Silhouette, tilt: float) -> int | None:
-    """Return the last row of a sprite that stands on a floor, in the photo; None for others."""
+    """Return the last row of a sprite that stands on a floor, in the photo;
+    else None.
+    """
     rows = np.flatnonzero((sprite.coverage > 0.5).any(axis=1))
     contact = floor_contact(start, tilt)
     if contact is None or not len(rows) or contact.low >= 1:
@@ -553,16 +586,27 @@ def _standing_foot(sprite: Sprite, start: Silhouette, tilt: float) -> int | None
 def _add_reflection(
     sums: Array, sprite: Sprite, foot: int, reflections: F32, coverage: F32
 ) -> None:
-    """Add the products of a sprite upside down and the photo below its foot, by row."""
-    left, below, last_row = sprite.corner[0] + MARGIN, foot + 1, foot - sprite.corner[1]
-    flipped = sprite.light[last_row::-1, MARGIN:-MARGIN][: STAGING.mirrored]
-    height, width = flipped.shape[:2]
-    place = np.s_[below : below + height, left : left + width]
+    """Add the products of the upside-down sprite and the photo below its foot,
+    by row.
+    """
+    left, first_row, last_row = (
+        sprite.corner[0] + MARGIN,
+        foot + 1,
+        foot - sprite.corner[1],
+    )
+    flipped_sprite = sprite.light[last_row::-1, MARGIN:-MARGIN][: STAGING.mirrored]
+    height, width = flipped_sprite.shape[:2]
+    place = np.s_[first_row : first_row + height, left : left + width]
+    # Compare only pixels of the bare floor, not of other objects.
     is_floor = (coverage[place] == 0)[..., None]
     reflection = reflections[place] * is_floor
     count = len(reflection)
-    flipped = flipped[:count] * is_floor
-    products = flipped * reflection, flipped * flipped, reflection * reflection
+    flipped_sprite = flipped_sprite[:count] * is_floor
+    products = (
+        flipped_sprite * reflection,
+        flipped_sprite * flipped_sprite,
+        reflection * reflection,
+    )
     for total, product in zip(sums, products, strict=True):
         total[:count] += product.sum(axis=(1, 2))
 
@@ -574,16 +618,17 @@ def _ghosts(
     grounds: Sequence[Array],
     setting: ShadowSetting,
 ) -> list[Silhouette]:
-    """Return the silhouettes of the photo's objects that the scene leaves out, the largest of them."""
+    """Return the silhouettes of the largest objects that the scene leaves out."""
     every_row, every_column = np.nonzero(absent)
     absent_ids = labels[absent]
+    # Group the pixels of each object by one sort, instead of a search per object.
     order = np.argsort(absent_ids, kind="stable")
     ids, counts = np.unique(absent_ids, return_counts=True)
-    least = np.sort(counts)[-STAGING.ghosts :].min(initial=0)
+    smallest_count = np.sort(counts)[-STAGING.ghosts :].min(initial=0)
     groups = np.split(order, np.cumsum(counts)[:-1])
     ghosts = []
     for id_, pixels in zip(ids.tolist(), groups, strict=False):
-        if len(pixels) < least:
+        if len(pixels) < smallest_count:
             continue
         rows, columns = every_row[pixels], every_column[pixels]
         x0, y0 = int(columns.min()), int(rows.min())
@@ -605,37 +650,41 @@ def _ghosts(
 
 
 def _ghost_thickness(area: int, is_top: bool) -> float:
+    """Return the assumed thickness of a left-out object, px."""
     return STAGING.deep * float(np.sqrt(area)) * (0.6 if is_top else 1.0)
 
 
 def floors(world: World) -> list[Array]:
-    """Return (8,) px for each segment of a wall that is level enough for shadows.
+    """Return (8,) px for each nearly level segment of a wall.
 
-    The segment's two ends, the columns between which the floor goes on level, and 1 or 0: whether an upright wall
-    stands at either end.
+    The values are both ends of the segment, the columns of both ends of its level
+    floor, and 1 or 0 for an upright wall at either end.
     """
     segments = []
     for wall in world.walls:
         for chain in wall.chains:
             segments += [np.concatenate(pair) for pair in pairwise(chain)]
-    level, upright = [], []
+    level_segments, upright_segments = [], []
     for segment in segments:
-        across, down = np.abs(segment[2:] - segment[:2])
-        if across > 1 and down < STAGING.steep * across:
-            level.append(segment)
-        if across < STAGING.steep * down:
-            upright.append(segment)
+        run, rise = np.abs(segment[2:] - segment[:2])
+        if run > 1 and rise < STAGING.steep * run:
+            level_segments.append(segment)
+        if run < STAGING.steep * rise:
+            upright_segments.append(segment)
+    # Adjoining level segments form one floor, which ends at a wall or at an edge.
     grounds = []
-    for segment in level:
-        left, right = _level_span(segment, level)
+    for segment in level_segments:
+        left, right = _level_span(segment, level_segments)
         top = min(segment[1::2])
-        walls = [_has_wall_at(x, top, upright) for x in (left, right)]
+        walls = [_has_wall_at(x, top, upright_segments) for x in (left, right)]
         grounds.append(np.array([*segment, left, right, *walls]))
     return grounds
 
 
 def _level_span(segment: Array, level: Sequence[Array]) -> tuple[float, float]:
-    """Return the columns between which a segment goes on, with others that are as high and close to its ends."""
+    """Return the columns of both ends of a floor: of a segment and its level
+    continuations.
+    """
     spans = []
     for other in level:
         gaps = np.abs(np.subtract.outer(other[1::2], segment[1::2]))
@@ -643,7 +692,7 @@ def _level_span(segment: Array, level: Sequence[Array]) -> tuple[float, float]:
             spans.append((min(other[::2]), max(other[::2])))
     spans.sort()
     left, right = sorted(segment[::2])
-    # From left to right and back again, so that the span grows on both sides.
+    # Forwards and backwards, so that the span grows on both sides.
     for start, end in (*spans, *reversed(spans)):
         if start <= right + STAGING.joined and end >= left - STAGING.joined:
             left, right = min(left, start), max(right, end)
@@ -651,7 +700,7 @@ def _level_span(segment: Array, level: Sequence[Array]) -> tuple[float, float]:
 
 
 def _has_wall_at(x: float, floor: float, upright: Sequence[Array]) -> bool:
-    """Return whether an upright segment stands at the column `x` of a floor at this row."""
+    """Check whether an upright segment stands at column `x` of a floor in this row."""
     for segment in upright:
         top, foot = sorted((segment[:2], segment[2:]), key=lambda end: end[1])
         is_near = abs(foot[0] - x) < STAGING.joined
@@ -661,28 +710,36 @@ def _has_wall_at(x: float, floor: float, upright: Sequence[Array]) -> bool:
 
 
 def passed(ground: Array, labels: U16, shadows: U16) -> bool:
-    """Return whether the photo's shadows pass by a floor: those of objects on it lie below it, on a wall behind.
+    """Check whether the photo's shadows pass by a floor.
 
-    A floor that reaches back to the wall would have caught them; this one is a line that perception laid under objects
-    in the air, or a thin ledge. `ground` (4,) px; `labels` and `shadows` (H, W) by id.
+    Shadows of objects on it are then below it, on a wall behind. A floor that leads
+    back to the wall would have received them; such a floor is a line that perception
+    laid under floating objects, or a thin ledge. `ground` (4,) px; `labels` and
+    `shadows` (H, W) by id.
     """
-    below, standing = 0, 0
+    count_below, count_standing = 0, 0
     for id_ in np.unique(shadows[shadows > 0]):
         rows, columns = np.nonzero(labels == id_)
         if not len(rows):
             continue
         bottom = float(rows.max())
+        # Only objects that stand on a floor tell whether shadows fall on it or pass
+        # below.
         floor = ground_below([ground], float(columns.mean()), bottom - SUNK)
         if floor is None or floor[0] - bottom >= 2 * SUNK:
             continue
-        standing += 1
+        count_standing += 1
         shadow_row = np.median(np.nonzero(shadows == id_)[0])
-        below += bool(shadow_row > floor[0] + SUNK)
-    return 2 * below > standing
+        count_below += bool(shadow_row > floor[0] + SUNK)
+    return 2 * count_below > count_standing
 
 
 def thickness(body: Body, top: bool) -> float:
-    """Return px that a body reaches above the table, or through the plane of motion: about its width, unless known."""
+    """Return the thickness of a body above the table, or across the plane of motion,
+    px.
+
+    It is about the width, unless the scene states it.
+    """
     if body.radius is not None:
         if body.solid is Solid.SPHERE or not top:
             return 2 * body.radius
@@ -690,7 +747,7 @@ def thickness(body: Body, top: bool) -> float:
     points = np.concatenate(body.pieces)
     width, height = np.ptp(points, axis=0).tolist()
     depth = STAGING.deep * np.sqrt(width * height) * (0.6 if top else 1.0)
-    # An upright object that is not a box was turned on a wheel or a lathe.
+    # An upright object other than a box is probably a solid of revolution.
     box_width, box_height = cv2.minAreaRect(points.astype(np.float32))[1]
     area = sum(cv2.contourArea(piece.astype(np.float32)) for piece in body.pieces)
     is_box = area > STAGING.box * box_width * box_height
@@ -706,15 +763,17 @@ def seen_share(
     veil: F32,
     light: DistantLight,
 ) -> float:
-    """Return the share 0..1 of a predicted veil (h, w) that the photo shows: light between objects fills some of it.
+    """Return the visible share 0..1 of a predicted veil (h, w) in the photo.
 
-    By least squares on the logarithm of its light, beside Lambert's shading of a ball and an even change over any face.
+    Light between objects reduces a veil. Least squares on the logarithm of the light,
+    beside Lambert's shading of a ball and a linear change over the face.
     """
-    opaque = sprite.coverage >= 1
-    if np.count_nonzero(opaque) < 80:
+    is_opaque = sprite.coverage >= 1
+    if np.count_nonzero(is_opaque) < 80:
         return 0.0
-    rows, columns = np.nonzero(opaque)
+    rows, columns = np.nonzero(is_opaque)
     mean_light = sprite.light[rows, columns].mean(axis=1)
+    # Light is a product of factors: paint, shading and veils. Its logarithm is a sum.
     level = np.log(mean_light + 0.01).astype(np.float64)
     if actor.radius is not None:
         u = (columns + sprite.corner[0] - start.center[0]) / actor.radius
@@ -723,31 +782,40 @@ def seen_share(
         normal = [part.astype(np.float32) for part in (u, v, z)]
         level -= np.log(sphere_shading(light, *normal))
     x, y = columns - columns.mean(), rows - rows.mean()
+    # The unknowns are a constant, two slopes over the face and the share of the veil.
     terms = np.column_stack([np.ones(len(x)), x, y, -veil[rows, columns]])
     terms[:, 1:3] /= max(sprite.coverage.shape)
     return float(np.clip(_robust_weights(terms, level)[3], 0, 1))
 
 
 VEIL_NOISE = 0.15
-"""Error in log light beyond which a pixel counts less: paint, not shadow."""
+"""Error of log light above which a pixel counts less, as paint."""
 
 
 def _robust_weights(terms: Array, level: Array) -> Array:
-    """Return the weights (4,) of `terms` (n, 4) that explain `level` (n,), by reweighted least squares."""
+    """Return the weights (4,) of `terms` (n, 4) that explain `level` (n,).
+
+    Iteratively reweighted least squares.
+    """
     count = len(level)
+    # A weak ridge decides where terms cannot be told apart.
     stiffness = 1e-3 * count * np.diag([0.0, 1, 1, 0.1])
     trust: Array = np.ones(count)
     weights: Array = np.zeros(4)
     for _ in range(4):
-        weighted = terms * trust[:, None]
-        normal = weighted.T @ terms + stiffness
-        weights = np.asarray(np.linalg.solve(normal, weighted.T @ level), np.float64)
+        weighted_terms = terms * trust[:, None]
+        normal = weighted_terms.T @ terms + stiffness
+        weights = np.asarray(
+            np.linalg.solve(normal, weighted_terms.T @ level), np.float64
+        )
         errors = np.abs(level - terms @ weights)
+        # Huber weights: paint that does not follow the terms counts less.
         trust = 1 / np.maximum(errors / VEIL_NOISE, 1)
     return weights
 
 
 def _actor(sprite: Sprite, body: Body, loose: bool, top: bool) -> ShadowBody:
+    """Return the properties of a sprite's body for shadows."""
     if loose:
         return ShadowBody(None, STAGING.thread)
     ball = body.solid is Solid.SPHERE and sprite.coverage.max(initial=0) >= 1
@@ -756,23 +824,25 @@ def _actor(sprite: Sprite, body: Body, loose: bool, top: bool) -> ShadowBody:
 
 
 def _faced(sprite: Sprite, body: Body, light: DistantLight) -> Sprite:
-    """Return the sprite with its `face`: how far it shows below its shape, if as far above it as well.
+    """Return the sprite with its `face`: the height of its picture below its shape.
 
-    A block whose top is visible also has its `sides`.
+    It counts only if the picture also reaches as far above the shape. A block with a
+    visible top also gets its `sides`.
     """
-    solid = sprite.coverage >= 0.5
-    rows = np.flatnonzero(solid.any(axis=1))
+    is_solid = sprite.coverage >= 0.5
+    rows = np.flatnonzero(is_solid.any(axis=1))
     if body.radius is not None or not len(rows):
         return sprite
     shape = np.concatenate(body.rings)[:, 1] + body.center[1] - sprite.corner[1]
     face = float(min(shape.min() - rows[0], rows[-1] - shape.max())) + 0.5
     if face < STAGING.seen_top:
         return sprite
+    # The top of a block is the band of its picture above the front.
     first = float(rows[0] - 0.5 + 2 * face)
-    is_above = np.arange(len(solid)) < first - 0.5
+    is_above = np.arange(len(is_solid)) < first - 0.5
     top = (sprite.coverage >= 1) & is_above[:, None]
     has_four_corners = len(body.rings) == 1 and len(body.rings[0]) == 4
-    top_rows = solid.argmax(axis=0)[solid.any(axis=0)]
+    top_rows = is_solid.argmax(axis=0)[is_solid.any(axis=0)]
     is_level = np.ptp(np.percentile(top_rows, (25, 75))) <= CUT.flat
     if not (has_four_corners and top.any() and is_level):
         return replace(sprite, face=face)
@@ -782,7 +852,7 @@ def _faced(sprite: Sprite, body: Body, light: DistantLight) -> Sprite:
 
 
 def _is_lump(sprite: Sprite, body: Body) -> bool:
-    """Return whether a rolling object reaches beyond its circle on many sides.
+    """Check whether a rolling object reaches beyond its circle on many sides.
 
     Such fruit turns as a picture: a skin on its circle would leave its outline behind.
     """
@@ -801,9 +871,10 @@ def _is_lump(sprite: Sprite, body: Body) -> bool:
 def _parted(
     sprite: Sprite, body: Body, lumpiness: float = 0.0
 ) -> list[tuple[Sprite, bool]]:
-    """Separate a ball from a thread or a handle that hangs on it, which turns as a picture; and whether it is that.
+    """Separate a ball from a thread or a handle on it, which turns as a picture.
 
-    What reaches at most `lumpiness` radii beyond the circle is the ball's own.
+    The second value of a pair is True for a thread. Parts up to `lumpiness` radii
+    beyond the circle belong to the ball.
     """
     if body.radius is None or body.solid is not Solid.SPHERE:
         return [(sprite, False)]
@@ -816,14 +887,15 @@ def _parted(
         stray_area > STAGING.stray * sprite.coverage.sum()
         and farthest > (1 + lumpiness) * body.radius
     )
-    # The thread lies beneath and reaches a pixel farther in, so that no gap shows between them.
+    # The thread is beneath the ball and reaches a pixel farther inwards, so that no gap
+    # is visible between both.
     rim = 1 if has_thread else 2
-    inside = np.clip(body.radius + rim - distance, 0, 1).astype(np.float32)
-    ball = _masked(sprite, inside)
+    ball_share = np.clip(body.radius + rim - distance, 0, 1).astype(np.float32)
+    ball = _masked(sprite, ball_share)
     if not has_thread:
         return [(ball, False)]
-    outside = np.clip(distance - body.radius + 1, 0, 1).astype(np.float32)
-    return [(_masked(sprite, outside), True), (ball, False)]
+    thread_share = np.clip(distance - body.radius + 1, 0, 1).astype(np.float32)
+    return [(_masked(sprite, thread_share), True), (ball, False)]
 
 
 def _masked(sprite: Sprite, share: F32) -> Sprite:
@@ -842,7 +914,7 @@ def _skinned(
 ) -> Sprite:
     """Return a sphere's sprite with its skin.
 
-    `veil` (h, w) is -log of the light that other objects leave on it.
+    `veil` (h, w): -log of the light that remains behind other objects.
     """
     assert body.radius is not None
     x, y = body.center.tolist()
@@ -884,7 +956,9 @@ def _over_circle(
 
 
 def _relieved(sprite: Sprite, normals: F32, light: DistantLight) -> Sprite:
-    """Return a sprite that is no ball with the photo's `normals` (H, W, 3)."""
+    """Add the relief of the photo's `normals` (H, W, 3) to a sprite that is not
+    a ball.
+    """
     if sprite.ball is not None:
         return sprite
     height, width = normals.shape[:2]
@@ -895,16 +969,16 @@ def _relieved(sprite: Sprite, normals: F32, light: DistantLight) -> Sprite:
     box = np.s_[top - y0 : bottom - y0, left - x0 : right - x0]
     own_normals = np.zeros((h, w, 3), np.float32)
     own_normals[box] = normals[top:bottom, left:right]
-    known = np.zeros((h, w), bool)
-    known[box] = sprite.coverage[box] > 0.7
-    return replace(sprite, relief=relief_of(own_normals, known, light))
+    is_known = np.zeros((h, w), bool)
+    is_known[box] = sprite.coverage[box] > 0.7
+    return replace(sprite, relief=relief_of(own_normals, is_known, light))
 
 
 def _edged(sprite: Sprite, light: DistantLight) -> Sprite:
-    """Return the sprite with rounded edges if the photo shows them lit.
+    """Add rounded edges to a sprite if the photo shows light on them.
 
-    A change of light on rings inside the outline that one direction towards the light explains stays as the object
-    turns; any other change is paint.
+    A change of light on rings inside the outline that one direction of light explains
+    stays as the object turns; any other change is paint.
     """
     solid = (sprite.coverage >= 1).astype(np.uint8)
     if sprite.sides is not None:
@@ -921,25 +995,28 @@ def _edged(sprite: Sprite, light: DistantLight) -> Sprite:
         return sprite
     x, y = normal[..., 0], normal[..., 1]
     gain_x, gain_y = gain[..., 0], gain[..., 1]
-    toward, across = gain_x * x + gain_y * y, gain_x * y - gain_y * x
-    # Where the outline is off by a pixel, the photo shows no such edge: half of it will do, a quarter is none.
-    has_light = np.abs(toward) > STAGING.faint
-    shown = np.divide(edge, toward, out=np.ones_like(edge), where=has_light)
-    strength = np.clip(4 * shown - 1, 0, 1)
-    return replace(sprite, relief=_edge_relief(toward * strength, across * strength))
+    edge_gain, cross_gain = gain_x * x + gain_y * y, gain_x * y - gain_y * x
+    # If the outline is wrong by a pixel, the photo shows no such edge: half of the
+    # expected light counts in full, a quarter not at all.
+    has_light = np.abs(edge_gain) > STAGING.faint
+    visible_share = np.divide(edge, edge_gain, out=np.ones_like(edge), where=has_light)
+    strength = np.clip(4 * visible_share - 1, 0, 1)
+    return replace(
+        sprite, relief=_edge_relief(edge_gain * strength, cross_gain * strength)
+    )
 
 
 def _outward_normals(solid: U8) -> F32:
-    """Return (h, w, 2) unit vectors, right and down, that point out of a shape."""
-    soft = cv2.GaussianBlur(solid.astype(np.float32), (0, 0), CUT.clean)
-    x = -cv2.Sobel(soft, cv2.CV_32F, 1, 0)
-    y = -cv2.Sobel(soft, cv2.CV_32F, 0, 1)
+    """Return the outward unit vectors (h, w, 2) of a shape, right and down."""
+    blurred_shape = cv2.GaussianBlur(solid.astype(np.float32), (0, 0), CUT.clean)
+    x = -cv2.Sobel(blurred_shape, cv2.CV_32F, 1, 0)
+    y = -cv2.Sobel(blurred_shape, cv2.CV_32F, 0, 1)
     length = np.maximum(np.hypot(x, y), 1e-6)[..., None]
     return np.asarray(np.stack([x, y], axis=2) / length, np.float32)
 
 
 def _edge_light(sprite: Sprite, depth: F32) -> F32:
-    """Return (h, w) the light of a sprite relative to that of its face close by, less 1."""
+    """Return the light of a sprite relative to its face nearby, minus 1, (h, w)."""
     brightness = sprite.light.mean(axis=2)
     inner = (depth > CUT.rim).astype(np.float32)
     face_light = cv2.GaussianBlur(brightness * inner, (0, 0), CUT.along)
@@ -951,22 +1028,24 @@ def _edge_light(sprite: Sprite, depth: F32) -> F32:
 def _edge_gain(
     normal: F32, edge: F32, depth: F32, solid: Mask, light: DistantLight
 ) -> F32 | None:
-    """Return (h, w, 2) the light of edges by their normals.
+    """Return the gain of light (h, w, 2) at edges by their normals.
 
-    None if there is no edge, or the whole shape is round.
+    None without an edge, or for a completely round shape.
     """
     gain = np.zeros_like(normal)
     rings = np.maximum(np.ceil(depth), 1)
     toward_light = np.array(light.direction[:2])
     sun = light.direction[:2] / np.maximum(np.hypot(*light.direction[:2]), 1e-6)
     strengths = [0.0] * CUT.rim
+    # Regress the light of each ring on its normals: a slope towards the light is
+    # shading.
     for number in range(1, CUT.rim + 1):
         ring = (rings == number) & solid
         directions = normal[ring] - normal[ring].mean(axis=0)
         change = edge[ring] - edge[ring].mean()
         slope = np.linalg.lstsq(directions, change)[0]
-        explained = ((directions @ slope) ** 2).sum()
-        is_light = explained > STAGING.edged * (change**2).sum()
+        explained_sum = ((directions @ slope) ** 2).sum()
+        is_light = explained_sum > STAGING.edged * (change**2).sum()
         if is_light and slope @ toward_light > 0:
             strength = min(float(np.hypot(*slope)), STAGING.lit)
             direction = slope / np.hypot(*slope) + STAGING.sun * sun
@@ -978,21 +1057,24 @@ def _edge_gain(
 
 
 def _edge_relief(toward: F32, across: F32) -> Relief:
-    """Return the relief of light that changes by `toward`, and by `across` if turned by a quarter."""
+    """Return the relief of light that changes by `toward`, and by `across` a quarter
+    turn on.
+    """
     model = np.maximum(1 + toward, 1 / MOST_RELIGHTING)
-    fixed, even = np.ones_like(toward), np.zeros_like(toward)
+    unit_gain, zeros = np.ones_like(toward), np.zeros_like(toward)
     return Relief(
         along=np.asarray(toward / model, np.float32),
         across=np.asarray(across / model, np.float32),
-        fixed=np.asarray(fixed / model, np.float32),
-        even=np.asarray(even / model, np.float32),
+        fixed=np.asarray(unit_gain / model, np.float32),
+        even=np.asarray(zeros / model, np.float32),
     )
 
 
 def _turned_disc(sprite: Sprite, body: Body) -> Sprite:
-    """Return a disc seen from above with light that stays as it turns.
+    """Return a turning disc in the top view with light from a fixed direction.
 
-    A small change of light once around, on rings that the photo shows all around, is light; more is paint.
+    On completely visible rings, a small change of light around the axis is light; a
+    larger one is paint.
     """
     if body.radius is None or body.solid is Solid.SPHERE:
         return sprite
@@ -1001,26 +1083,30 @@ def _turned_disc(sprite: Sprite, body: Body) -> Sprite:
     y = rows + sprite.corner[1] - body.center[1]
     distance = np.maximum(np.hypot(x, y), 1.0)
     cosine, sine = x / distance, y / distance
+    # Light does not turn with a disc, paint does. Fit the first harmonic of the
+    # brightness on each ring of 1 px: a + b cos(angle) + c sin(angle).
     rings = np.minimum(distance, max(body.radius - 2, 0)).astype(int)
-    known = (sprite.coverage >= 1) & (distance < body.radius)
+    is_known = (sprite.coverage >= 1) & (distance < body.radius)
     brightness = sprite.light.mean(axis=2)
     sums = []
     for term in (np.ones_like(cosine), 2 * cosine, 2 * sine):
         sums.append(
-            np.bincount(rings[known], (brightness * term)[known], rings.max() + 1)
+            np.bincount(rings[is_known], (brightness * term)[is_known], rings.max() + 1)
         )
-    counts = np.bincount(rings[known], minlength=rings.max() + 1)
+    counts = np.bincount(rings[is_known], minlength=rings.max() + 1)
     counts = np.maximum(counts, 1)
+    # A partly hidden ring has no reliable harmonic.
     circumferences = np.pi * (2 * np.arange(len(counts)) + 1)
     is_visible = counts > STAGING.around * circumferences
     is_even = np.hypot(*sums[1:]) < STAGING.uneven * sums[0]
     is_light = is_visible & is_even
     sums = [sums[0], sums[1] * is_light, sums[2] * is_light]
     means = []
+    # Smooth across rings, since a single ring has few pixels.
     for term in sums:
-        smooth = cv2.GaussianBlur(term / counts, (0, 0), 1.0).ravel()
-        means.append(smooth[rings])
-    even = np.maximum(means[0], CUT.dark)
-    toward = (means[1] * cosine + means[2] * sine) / even
-    across = (means[1] * sine - means[2] * cosine) / even
-    return replace(sprite, relief=_edge_relief(toward, across))
+        smooth_means = cv2.GaussianBlur(term / counts, (0, 0), 1.0).ravel()
+        means.append(smooth_means[rings])
+    mean_light = np.maximum(means[0], CUT.dark)
+    light_part = (means[1] * cosine + means[2] * sine) / mean_light
+    cross_part = (means[1] * sine - means[2] * cosine) / mean_light
+    return replace(sprite, relief=_edge_relief(light_part, cross_part))

@@ -32,7 +32,7 @@ class WheelConstants:
     deepest: float = 0.55
     """Maximum share of the radius that the body covers."""
     joined: int = 3
-    """Length of tyre, px, that ends the body's cover."""
+    """Length of tyre, px, at the end of the body's cover."""
     lower: float = 0.1
     """Sine of the angle below the axle from which a wheel is certainly visible."""
     smooth: float = 0.1
@@ -87,7 +87,7 @@ class WheelSprite:
     paint: F32
     """Linear light without shading, (h, w, 3)."""
     shading: F32
-    """Shading (h, w), which does not turn."""
+    """Fixed shading (h, w)."""
     cover: F32
     """Visible share of the wheel, (h, w) 0..1."""
     aspect: float = 1.0
@@ -106,6 +106,8 @@ class WheelSprite:
         to_picture = matrix.copy()
         to_picture[:, 2] += matrix[:, :2] @ (columns.start, rows.start) - self.corner
         axle = np.subtract(self.center, self.corner)
+        # The wheel appears as an ellipse: stretch it to a circle, turn it back and
+        # compress it.
         inverse_rotation = np.array(
             [
                 [cos(turn), self.aspect * sin(turn)],
@@ -114,6 +116,7 @@ class WheelSprite:
         )
         to_paint = inverse_rotation @ to_picture
         to_paint[:, 2] += axle - inverse_rotation @ axle
+        # Paint turns with the wheel; shading and cover do not.
         paint = _warped(self.paint, to_paint, size, cv2.BORDER_REPLICATE)
         shading = _warped(self.shading, to_picture, size, cv2.BORDER_REPLICATE)
         cover = _warped(self.cover, to_picture, size, cv2.BORDER_CONSTANT)
@@ -136,8 +139,8 @@ class WheelSprite:
 def _warped(picture: F32, matrix: Array, size: tuple[int, int], border: int) -> F32:
     """Warp a picture to a box of `size` (w, h)."""
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    warped = cv2.warpAffine(picture, matrix, size, flags=flags, borderMode=border)
-    return np.asarray(warped, np.float32)
+    result = cv2.warpAffine(picture, matrix, size, flags=flags, borderMode=border)
+    return np.asarray(result, np.float32)
 
 
 def wheel_from_photo(
@@ -158,11 +161,14 @@ def wheel_from_photo(
     if x1 - x0 < 3 or y1 - y0 < 3:
         return None
     alpha = coverage[y0:y1, x0:x1]
+    # Divide by the coverage, but not by nearly nothing at the edge of the sprite.
     opaque_light = light[y0:y1, x0:x1] / np.maximum(alpha, 0.05)[..., None]
     colour = np.asarray(opaque_light, np.float32)
     axle = (center[0] - x0, center[1] - y0)
     part = _turning_part(colour, alpha, axle, radius)
     center, radius = (part.x + x0, part.y + y0), part.radius
+    # In polar coordinates, paint that turns with the wheel stays on its ring, which
+    # separates it from the body and the shading.
     rings = _Rings.of(colour, alpha, part)
     rings = rings.without_body().without_shading()
     distances, place = _polar_places(alpha.shape, part, rings.paint.shape)
@@ -203,9 +209,11 @@ def _turning_part(
     is_inner = (distances < 0.9 * radius) & (alpha > 0.5)
     radii = [max(part * radius, 2.0) for part in WHEEL.rims]
     votes = circle_votes(codes, is_inner, radii)
+    # The centre of the turning part lies near the axle.
     votes[:, distances > WHEEL.steered * radius] = 0
     ring, y, x = np.unravel_index(int(votes.argmax()), votes.shape)
     is_sure = votes[ring, y, x] >= WHEEL.edge
+    # Without a clear rim, or with a centred one, the wheel turns as a whole.
     if not is_sure or distances[y, x] <= WHEEL.concentric * radius:
         return _Ellipse(axle[0], axle[1], radius, 1.0)
     first = _Ellipse(float(x), float(y), radii[ring], 1.0)
@@ -216,6 +224,8 @@ def _turning_part(
 def _best_rim(codes: F32, first: _Ellipse, reach: float) -> _Ellipse:
     """Return the ellipse near a circle with the most contrast at its edge."""
     blurred_codes = cv2.GaussianBlur(codes, (0, 0), 1.0)
+    # The rim is an edge of brightness: search the ellipse whose normal gradient is
+    # largest on average.
     gx = cv2.Sobel(blurred_codes, cv2.CV_32F, 1, 0)
     gy = cv2.Sobel(blurred_codes, cv2.CV_32F, 0, 1)
     steps = np.arange(-ceil(reach), ceil(reach) + 1)
@@ -229,6 +239,7 @@ def _best_rim(codes: F32, first: _Ellipse, reach: float) -> _Ellipse:
             y = first.y + shift_y[..., None] + height * np.sin(turn)
             columns = np.clip(np.rint(x).astype(int), 0, codes.shape[1] - 1)
             rows = np.clip(np.rint(y).astype(int), 0, codes.shape[0] - 1)
+            # Sum with signs, so that random edges cancel each other along the rim.
             radial_gradients = gx[rows, columns] * np.cos(turn) + gy[
                 rows, columns
             ] * np.sin(turn)
@@ -291,7 +302,7 @@ class _Rings:
         return _Rings(np.asarray(paint, np.float32), cover > 0.9, no_body, ones)
 
     def without_body(self) -> _Rings:
-        """Return the wheel without the body that covers its upper part."""
+        """Return the wheel without the body over its upper part."""
         count, steps = self.known.shape
         level = np.sqrt(np.maximum(self.paint, 0))
         sine = np.sin(2 * pi * np.arange(steps) / steps)
@@ -338,6 +349,8 @@ class _Rings:
         turn = 2 * pi * np.arange(steps) / steps
         brightness = self.paint.mean(axis=2) + WHEEL.dark
         mean = brightness.mean(axis=1, keepdims=True)
+        # Light from one side changes once around the axle: take the first harmonic of
+        # each ring.
         cosine_part = 2 * (brightness * np.cos(turn)).mean(axis=1, keepdims=True) / mean
         sine_part = 2 * (brightness * np.sin(turn)).mean(axis=1, keepdims=True) / mean
         sigma = max(0.15 * len(brightness), 1.0)

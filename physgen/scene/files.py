@@ -207,7 +207,7 @@ def _base(
 def name_relative(name: str, written: str) -> str:
     """What a path `written` in a file is called that is called `name`.
 
-    >>> beside("pool/scene.yaml", "../base/scene.yaml")
+    >>> name_relative("pool/scene.yaml", "../base/scene.yaml")
     'base/scene.yaml'
     """
     return os.path.normpath(os.path.join(os.path.dirname(name), written))

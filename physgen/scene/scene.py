@@ -71,7 +71,7 @@ def room(photo: Size, video: Size, zoom: float) -> tuple[Point, Point]:
 def confine_center(center: Point, photo: Size, video: Size, zoom: float) -> Point:
     """Return the nearest centre to `center` from which the view does not leave the photo.
 
-    >>> held((0.0, 50.0), (200, 100), (100, 100), 1.0)
+    >>> confine_center((0.0, 50.0), (200, 100), (100, 100), 1.0)
     (49.5, 49.5)
     """
     low, high = room(photo, video, zoom)

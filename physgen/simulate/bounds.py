@@ -151,12 +151,14 @@ def _rail(
     other, x0, y0, *_ = end(joint, 1, spots)
     ux, uy = joint.guide[0].tolist()
     arm2 = (0.0, 0.0)
+    # A rail on a moving body turns with it.
     if other is not None:
         pose, ux, uy = spots.find(other, joint.guide[0])
         arm2 = x - pose[0], y - pose[1]
     length = hypot(ux, uy)
     ux, uy = ux / length, uy / length
     along_row, across_row = [0.0] * size, [0.0] * size
+    # Both rows measure the relative speed: one along the rail, one across it.
     for row, (wx, wy) in ((along_row, (ux, uy)), (across_row, (-uy, ux))):
         _add(row, place, body, (wx, wy), (arm[0], arm[1]))
         _add(row, place, other, (-wx, -wy), arm2)
@@ -376,7 +378,7 @@ class BoundedMotion(NamedTuple):
     work: float
     """Work of motors, g·px²/s²."""
     lost: float
-    """Energy taken by friction and by bounds that are met, g·px²/s²."""
+    """Energy taken by friction and by reached bounds, g·px²/s²."""
     early: float = 0.0
     """Part of `lost` that is already missing in the mean of the velocities before and
     after.
@@ -428,7 +430,7 @@ class BoundedGroup:
         early_loss = 0.0
         if within is not None:
             closing = (J @ within)[count:]
-            # Like a contact, a bound that is met does its work at the mean of the
+            # Like a contact, a reached bound does its work at the mean of the
             # velocities before and after the step.
             bound_works = impulse[count:] * (closing + (J @ after)[count:]) / 2
             is_movable = inverse_masses > 0
@@ -449,7 +451,7 @@ class BoundedGroup:
         return BoundedMotion(after, work, loss, early_loss)
 
     def _catches(self, holds: Flags, is_jerk: Flags) -> Flags:
-        """Return the mask of the bounds (B,) that are met in a step.
+        """Return the mask (B,) of the bounds reached in a step.
 
         `is_jerk`: an end that passes the point of a pulley meets its bound again.
         """

@@ -1,6 +1,6 @@
 """Breaking joints: their forces follow from the momentum balance of the bodies.
 
-The part of a body's momentum that contacts and lasting forces do not explain comes from
+The part of a body's momentum beyond contacts and lasting forces comes from
 its joints.
 """
 
@@ -28,7 +28,7 @@ the impulse of a blow becomes a force only over a time.
 
 
 class Breakages:
-    """The joints of a world that may still break."""
+    """The unbroken joints of a world with a limit of force."""
 
     def __init__(self, world: World) -> None:
         self._whole = [joint for joint in world.joints if isfinite(joint.breaks)]

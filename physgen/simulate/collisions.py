@@ -159,7 +159,7 @@ def simultaneous_impulses(
 
 
 def _gain(matrix: Array, before: Array, impulse: Array) -> float:
-    """Return the kinetic energy that impulses add, g·px²/s²; 0 within rounding
+    """Return the kinetic energy added by impulses, g·px²/s²; 0 within rounding
     errors.
     """
     change = impulse * (before + matrix @ impulse / 2)
@@ -211,6 +211,8 @@ def _swept(
         )
     )
     for passes in range(1, 1 + (TUNING.sweeps if exact < 1e-6 else TUNING.few)):  # noqa: B007 - counts
+        # Each point in turn takes the impulse that would give it its goal, while all
+        # others keep theirs; the passes converge as in any Gauss-Seidel method.
         largest_change = largest_impulse = 0.0
         for (
             normal_row,
@@ -225,6 +227,7 @@ def _swept(
             new_impulse = (
                 impulse[normal_row] + (goal - speed[normal_row]) * inverse_normal
             )
+            # A contact pushes and never pulls. `not >` also catches NaN.
             if not new_impulse > 0.0:
                 new_impulse = 0.0
             impulse_step = new_impulse - impulse[normal_row]
@@ -236,6 +239,8 @@ def _swept(
                     largest_change = abs(impulse_step)
             if new_impulse > largest_impulse:
                 largest_impulse = new_impulse
+            # Coulomb's law: friction stops the slip, within mu times the normal
+            # impulse.
             if mu > 0:
                 friction_limit, new_impulse = (
                     mu * new_impulse,
@@ -252,6 +257,8 @@ def _swept(
                         speed[k] += impulse_step * value
                     if impulse_step > largest_change or -impulse_step > largest_change:
                         largest_change = abs(impulse_step)
+        # The change of a pass relative to the largest impulse estimates the relative
+        # error.
         if largest_change <= exact * largest_impulse:
             break
     return np.array(impulse), passes
@@ -268,6 +275,7 @@ def _swept_dense(
     others.
     """
     speed, impulse = before.copy(), [0.0] * len(before)
+    # One product with a whole column is faster than a loop over many entries.
     columns = np.ascontiguousarray(matrix.T)
     inverse_diagonal = [1.0 / max(d, 1e-300) for d in np.diag(matrix).tolist()]
     goals = [
@@ -472,7 +480,7 @@ class ImpactSolver:
         return self._v[body]
 
     def _velocity_allowed(self) -> Array:
-        """Return the velocities (N, 3) that joints permit in the middle of the step.
+        """Return the permitted velocities (N, 3) of joints in the middle of the step.
 
         The rest, by which a chord differs from a tangent, takes no part in impacts: it
         would create energy.
@@ -498,6 +506,8 @@ class ImpactSolver:
             point = self._point(k)
             for body in (point.a, point.b):
                 largest_times[body] = max(largest_times.get(body, -1.0), times[k])
+        # Times count back from the end of the step, so that the first impact of a body
+        # has the largest time. Points within the slack close together.
         slack = TUNING.together * self._h
         leading_points = []
         for k in closing:
@@ -519,6 +529,8 @@ class ImpactSolver:
             for body in (point.a, point.b):
                 if body not in self._when and self._free(body):
                     self._when[body] = times[k]
+                    # Velocities are those at the middle of the step. Gravity changes
+                    # them until the impact.
                     time_from_middle = self._h / 2 - times[k]
                     leap = (
                         float(self._drift[body, 0]) * time_from_middle,
@@ -533,6 +545,8 @@ class ImpactSolver:
         """Group the points that share movable bodies or groups of joints."""
         if len(struck) == 1:
             return [struck]
+        # Union-find: points on the same movable body, or on one group of joints,
+        # interact.
         root = {k: k for k in struck}
         point_of_owner: dict[int, int] = {}
         for k in struck:
@@ -628,7 +642,7 @@ class ImpactSolver:
             energy_change = (
                 jn * (vn + leaving_speed) / 2 + jt * (vt + sliding_speed) / 2
             )
-            # A bumper adds energy, which counts as work.
+            # The energy of a bumper counts as work.
             if point.elasticity > 1 and energy_change > 0:
                 self._work += energy_change
             else:
@@ -642,6 +656,7 @@ class ImpactSolver:
         """Add the changes of velocity by an impulse on two free bodies, times
         `part`.
         """
+        # Rotate the impulse from normal and tangent to the axes of the image.
         fx, fy = (jn * p.nx - jt * p.ny) * part, (jn * p.ny + jt * p.nx) * part
         for body, m, turn, sign in (
             (p.a, p.ma, p.ea * (p.na * jn + p.ta * jt) * part, -1.0),
@@ -774,6 +789,8 @@ class ImpactSolver:
         ]
         if not held_rows:
             return None
+        # Add the changes of this step's impacts to the velocities, and move on for a
+        # step.
         velocity = self._velocity.copy()
         for k, body in enumerate(bodies):
             velocity[body] = self._speeds(body)

@@ -18,7 +18,7 @@ Index = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 LEAP = 2.0
-"""Displacement of a contact in a step, px, beyond which it is another contact."""
+"""Largest displacement of one contact in a step, px."""
 TURN = 0.02
 """Change of a normal in a step beyond which the contact has not just rolled on."""
 WORDS, NUMBERS = 3, 14
@@ -100,6 +100,8 @@ class Order:
         fastest_speed = 0.0
         for pair, contact in zip(self.listed[rows].tolist(), contacts, strict=True):
             for k in range(pair[2]):
+                # The velocity of a body's point is v + spin * (-dy, dx); take its
+                # normal component.
                 px, py = contact[4 + 5 * k], contact[5 + 5 * k]
                 closing = 0.0
                 for owner, sign in ((pair[0], 1.0), (pair[1], -1.0)):
@@ -242,7 +244,7 @@ class Points:
     on_first: Array  # (P, 2) px
     on_second: Array
     depth: Array
-    closing: Array  # (P,) px/s at which they close, by velocities before contacts
+    closing: Array  # (P,) px/s: closing speeds by velocities before contacts
 
     def sorted(self) -> Points:
         """Sort the points by objects, pairs of shapes and place; objects and pairs are
@@ -298,7 +300,7 @@ class ContactProperties:
     friction: list[float]  # factors; a pair's coefficient is their product
     elasticity: list[float]
     radius: list[float]  # px; NaN except for circles
-    conveyor: list[float]  # px/s of a surface that runs around the body
+    conveyor: list[float]  # px/s of a surface running around the body
 
 
 @dataclass(slots=True)
@@ -357,6 +359,8 @@ def contact_points(
     """
     a, b, count = np.frombuffer(words, np.int64).reshape(-1, WORDS).T
     flat_numbers, row = np.frombuffer(numbers), np.repeat(np.arange(len(a)), count)
+    # A contact has one or two points, which the engine stores in one record. The second
+    # point of a record is the row that repeats the contact before it.
     columns = NUMBERS * row + _ON_FIRST[0]
     columns[1:][row[1:] == row[:-1]] += _ON_FIRST[2] - _ON_FIRST[0]
     first, second, normal = (
@@ -369,6 +373,7 @@ def contact_points(
     )
     x1, y1 = _at(velocity, first, points_on_first, pose)
     x2, y2 = _at(velocity, second, points_on_second, pose)
+    # Closing speed: relative velocity of both surfaces along the normal, px/s.
     closing = (x1 - x2) * normal[:, 0] + (y1 - y2) * normal[:, 1]
     return Points(
         row,

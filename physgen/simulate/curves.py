@@ -34,7 +34,7 @@ class CurvedWalls:
     """
 
     def __init__(self, world: World, moving: Index, held: list[int]) -> None:
-        """Collect the walls; bodies that joints hold are left out."""
+        """Collect the walls; bodies on joints are left out."""
         count = len(world.bodies)
         self._walls = {
             count + k for k, wall in enumerate(world.walls) if wall.is_smooth

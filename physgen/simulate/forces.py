@@ -27,7 +27,7 @@ from physgen.simulate.moving_tables import MovingTable
 
 
 def spring_joints(world: World) -> list[Joint]:
-    """Return the joints of a world that are springs."""
+    """Return the springs among the joints of a world."""
     return [joint for joint in world.joints if joint.kind in SPRINGS]
 
 
@@ -116,7 +116,7 @@ class LoadSum:
     """Loads on the N bodies, each (N, 3): g·px/s², g·px/s², g·px²/s²."""
 
     hold: Array  # loads with a potential: springs, attractors
-    drive: Array  # loads that do work: pushes, wind
+    drive: Array  # loads with work: pushes, wind
     spend: Array  # loads that dissipate energy: dampers
 
 
@@ -177,7 +177,7 @@ class ForceFields:
         self.busy |= bool(self._pools or self._magnets)
 
     def release(self, joint: Joint, pose: Array, time: float) -> float:
-        """Remove a spring from a time on, s; return the energy that it has then."""
+        """Remove a spring from a time on, s; return its energy at that time."""
         if joint not in self._springs:
             return 0.0
         self._springs = [spring for spring in self._springs if spring is not joint]
@@ -343,7 +343,7 @@ class ForceFields:
         pull = finger.stiffness * (np.array([x, y]) - pose[body, :2] - arm)
         compliance = self._lightness[body] + self._ease[body] * float(arm @ arm)
         rate = max(finger.damping * compliance * h, 1e-300)
-        # The closed form of a damper that acts alone: it never overshoots.
+        # The closed form of a damper alone: it never overshoots.
         brake = finger.damping * float(-np.expm1(-rate) / rate)
         force = time_share * (pull - brake * speed)
         total.drive[body, :2] += force
@@ -446,7 +446,7 @@ class ForceFields:
 
 
 class Pool:
-    """Water, and the bodies that it may lift."""
+    """Water, and the bodies with buoyancy in it."""
 
     def __init__(self, field: Field, bodies: Sequence[Body]) -> None:
         self.field = field
@@ -463,6 +463,8 @@ class Pool:
         for body, pieces in self._shapes.items():
             x, y, angle = pose[body].tolist()
             reach = self._reach[body]
+            # Most bodies are not in the water: the circle around a body tells so at
+            # once.
             if (
                 x + reach < left
                 or x - reach > right
@@ -474,6 +476,8 @@ class Pool:
             total_area, moment_sum = 0.0, np.zeros(2)
             for piece in pieces:
                 corners = piece @ rotation_matrix.T + (x, y)
+                # Clip the convex piece at the four sides of the water, one after the
+                # other.
                 for axis, bound, sign in (
                     (0, left, 1.0),
                     (0, right, -1.0),
@@ -546,9 +550,12 @@ def _integral(profile: Profile, time: float) -> float:
             rate = 2 * pi * first
             return float((1 - np.cos(rate * time)) / rate)
         case ProfileKind.PULSE:
+            # A pulse is on for the first seconds of each period, and off for the
+            # others.
             rounds, rest = divmod(time, first + second)
             return rounds * first + min(rest, first)
         case _:
+            # Factors between knots are linear, and constant after the last.
             times, factors = np.array(profile.numbers).T
             knot_times = np.clip(times, 0.0, time)
             values = np.interp(knot_times, times, factors)

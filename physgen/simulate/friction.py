@@ -65,8 +65,11 @@ class Resistance:
         """Return the brakes of contacts (K, 3): one for each pair of bodies."""
         levers, rows = dict[Pair, float](), dict[Pair, list[int]]()
         partners = listed.tolist()
+        # Sort the contacts, so that the brakes of equal contacts are equal in any
+        # order.
         for k in np.lexsort(listed.T[2::-1]).tolist():
             a, b, _ = partners[k]
+            # The first body of a pair has rolling resistance.
             if (self._lever[a] == 0, a) > (self._lever[b] == 0, b):
                 a, b = b, a
             if self._lever[a] > 0:
@@ -141,14 +144,11 @@ class Table:
         Each of the `steps` takes h seconds; the last comes first. Nothing else acts:
         `velocity` contains the effects of all other forces.
         """
-        linear_velocity, rolls = (
-            velocity[:, 0] + 1j * velocity[:, 1],
-            roll[:, 0] + 1j * roll[:, 1],
-        )
-        motion, changes_by_step = (
-            np.array([linear_velocity, velocity[:, 2], rolls]),
-            np.zeros((steps, 3, len(linear_velocity)), complex),
-        )
+        # Complex numbers x + iy turn directions by a product.
+        linear_velocity = velocity[:, 0] + 1j * velocity[:, 1]
+        rolls = roll[:, 0] + 1j * roll[:, 1]
+        motion = np.array([linear_velocity, velocity[:, 2], rolls])
+        changes_by_step = np.zeros((steps, 3, len(linear_velocity)), complex)
         is_moving = np.asarray(motion.any(axis=0))
         is_moving[
             self._roll_on(linear_velocity, velocity[:, 2], rolls, h, changes_by_step)
@@ -161,18 +161,14 @@ class Table:
             moving_rows = np.flatnonzero(is_moving[listed])
             # For few bodies, plain numbers are faster than arrays.
             if len(moving_rows) > 8:
-                bodies, values = (
-                    listed[moving_rows],
-                    [linear_velocity[moving_rows] for linear_velocity in of],
-                )
+                bodies = listed[moving_rows]
+                values = [column[moving_rows] for column in of]
                 changes_by_step[:, :, bodies] = _path(
                     several, values, motion[:, bodies], h, steps
                 )
                 continue
             for k in moving_rows.tolist():
-                plain_values: list[float] = [
-                    linear_velocity[k].item() for linear_velocity in of
-                ]
+                plain_values: list[float] = [column[k].item() for column in of]
                 changes_by_step[:, :, listed[k]] = one(
                     plain_values, motion[:, listed[k]].tolist(), h, steps
                 )
@@ -201,6 +197,7 @@ class Table:
         k = np.flatnonzero(
             ~is_sliding & (grip > 0) & (slows * h * len(out) < abs(roll))
         )
+        # Rolling resistance takes an equal change from speed and roll in every step.
         share_per_step = slows[k] * h / abs(roll[k])
         out[:, 0, self._balls[k]], out[:, 2, self._balls[k]] = (
             -share_per_step * v[k],
@@ -267,18 +264,24 @@ def _slide_one(
     for k in range(steps):
         speed, spin_size, sign = abs(v), abs(spin_now), -1.0 if spin_now > 0 else 1.0
         change, spin_change = 0j, 0.0
+        # The midpoint method: the forces at the middle of the step determine the whole
+        # step.
         for span in (h / 2, h):
             stopping_speed, position = (
                 grip * span,
                 atan2(abs(v + change), patch * abs(spin_now + spin_change))
                 * nodes_per_radian,
             )
+            # Interpolate the shares of force and torque linearly between tabulated
+            # angles.
             node = int(position) if position < last_node else last_node
             fraction = position - node
             force_share = forces[node] + fraction * (forces[node + 1] - forces[node])
             torque_share = torques[node] + fraction * (
                 torques[node + 1] - torques[node]
             )
+            # A disc that friction can stop within the step stops, and does not turn
+            # back.
             if (
                 speed + patch * spin_size <= stopping_speed
                 and spin_size * moment <= stopping_speed * mass * patch
@@ -351,9 +354,12 @@ def _roll_one(
     )
     lever_to_slip, complex_lever = 1j * r, 1j * lever
     for k in range(steps):
+        # The slip is the velocity of the sphere's lowest point on the table.
         slip = v - lever_to_slip * roll
         slip_speed = abs(slip)
         sticking_change = slip_speed * gives
+        # Sliding friction changes the velocity by at most grip * h, and never past
+        # rolling.
         brake = min(grip * h, sticking_change)
         change = -brake / (slip_speed or 1e-300) * slip
         roll_change = complex_lever * change
@@ -361,6 +367,7 @@ def _roll_one(
             roll + roll_change,
             brake >= sticking_change * (1 - 1e-12),
         )
+        # Rolling resistance may stop the roll, but not turn it back.
         rolling_loss = min(
             (lost_rolling if is_rolling else lost_sliding)
             * h
@@ -405,6 +412,7 @@ def _shares(ring: bool) -> tuple[Array, Array, Array]:
                 (np.cos(angles_on_rim) * vy - np.sin(angles_on_rim) * vx) / point_speed
             ).mean(axis=1),
         )
+    # The formulas differ for a centre of rotation inside the disc (slow) and outside.
     ratio = np.tan(nodes[1:-1])
     is_slow = ratio <= 1
     m = np.where(is_slow, ratio, 1 / ratio) ** 2

@@ -1,4 +1,4 @@
-"""Contacts at internal edges: their normals point into a surface that continues.
+"""Contacts at internal edges: their normals point into the continued surface.
 
 An object that slides from one block or segment to the next first touches the side of
 the next one, which the engine takes for a wall (Box2D's ghost collisions). Such a side
@@ -163,11 +163,11 @@ def edges_of(outline: ShapeOutline, frame: Frame = WORLD) -> list[Edge]:
 STILL = 1e-4
 """Distance, px, within which a contact at an internal edge stays one."""
 NEIGHBOURS = 2.0
-"""Distance around a shape, px, within which surfaces may continue it."""
+"""Largest distance of surfaces from a shape that they continue, px."""
 
 
 class Cover:
-    """The points of a contact that edges of third shapes cover."""
+    """The points of a contact covered by edges of third shapes."""
 
     __slots__ = (
         "_contact", "_exceptions", "_frame", "_shape", "_sides", "_slope", "_surface",
@@ -197,7 +197,7 @@ class Cover:
             self._slope = TOLERANCE.slope
         self.is_covered = [False] * len(contact.points)
         self.edges: list[Edge] = []
-        """Edges over a point, which they cover."""
+        """Edges over a covered point."""
         self.room = inf
         """Smallest cosine between the normal and an edge of the continued surface."""
 
@@ -223,6 +223,8 @@ class Cover:
                 spot = _spot_over(edge, contact, point)
                 if spot is None or self._passes_through(edge.owner):
                     continue
+                # A normal that points hardly along the edge soon no longer does: its
+                # pair may move less before the next test.
                 self.room = min(self.room, cosine)
                 spot = self._frame.locate(place.place(spot))
                 is_covered[k] = _is_outside(self._sides, self._surface.corners, spot)
@@ -314,10 +316,14 @@ class InternalEdges:
         if place is not WORLD:
             local_contact = place.locate_contact(local_contact)
         (nx, ny), points, _ = local_contact
+        # An edge covers only contacts whose normal points along it, into the next
+        # surface.
         smallest_cosine = (
             TOLERANCE.slope if shape.corners else TOLERANCE.slope_of_circles
         )
         sides, corners = self._edges[pair[1]], surface.corners
+        # For each point there must be an edge over which the next surface does not
+        # rise.
         for point in points:
             for edge in edges:
                 if abs(nx * edge[2] + ny * edge[3]) <= smallest_cosine:
@@ -422,6 +428,7 @@ class InternalEdges:
         """Return the edges near a static shape, of other static shapes, in the world's
         frame.
         """
+        # Static shapes never move: find their neighbours once.
         if shape not in self._static_edges:
             outline = self._outlines[shape]
             frame = frames.of(outline.owner)

@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 
 def find(root: dict[int, int], k: int) -> int:
-    """Return the root of the tree that contains `k`, and shorten its branch on
+    """Return the root of the tree of `k`, and shorten its branch on
     the way.
     """
     while root[k] != k:
@@ -283,7 +283,7 @@ class Assemblies:
                 and not is_driven
                 and is_jolt(inverse_masses, velocities_before, change, self._jolt * h)
             ):
-                # Near a pose in which joints contradict each other, closing a gap
+                # Near a pose of contradictory joints, closing a gap
                 # within
                 # a step would take a speed that the motion never had. The gap is closed
                 # by a displacement without velocity instead.
@@ -337,6 +337,7 @@ class Assemblies:
         for joint in joints:
             joint_rows, gaps = _rows(joint, place, spots, size)
             rows += joint_rows
+            # Each gap should be closed at the end of the step.
             speeds += [-gap / h if strength is not None else 0.0 for gap in gaps]
             bounds += bounds_of(joint, place, spots, size, h, strength)
             if strength is not None and joint.kind is JointKind.MOTOR:
@@ -400,6 +401,7 @@ class Assemblies:
             )
             for number in self._bounded:
                 joints, members, _ = self._held[number]
+                # Groups without any of these bodies do not matter.
                 if not first_column.keys() & set(members):
                     continue
                 for joint in joints:
@@ -429,11 +431,15 @@ class Assemblies:
                 )
                 pulls = [bound.row for bound in bounds] if joint.kind in GUIDES else []
                 rows += [*joint_rows, *pulls]
+                # Only the first rows of a joint count, its forces; later ones are
+                # torques.
                 count = min(len(joint_rows), 1 if joint.kind in GUIDES else 2)
                 owners += [joint.name] * count + [""] * (len(joint_rows) - count)
                 owners += [joint.name] * len(pulls)
             if not rows:
                 continue
+            # Weighted least squares finds the joint impulses that explain those on the
+            # bodies. After impacts the angular impulses are unknown, and get no weight.
             weights = np.sqrt(np.array(inverse_masses))
             if is_linear:
                 weights[2::3] = 0.0
@@ -467,6 +473,8 @@ class Assemblies:
         ]
         if not rows:
             return free_response  # the groups have only ropes, which are inequalities
+        # Project the free response on the motions that the joints permit: R - R Jᵀ (J R
+        # Jᵀ)⁻¹ J R, with a pseudoinverse for redundant joints.
         jacobian = np.array(rows)
         joint_response = jacobian @ free_response
         return np.asarray(
@@ -511,6 +519,9 @@ def _few_changes(
 
     Cholesky's method in plain numbers; empty for nearly redundant joints.
     """
+    # Solve J M⁻¹ Jᵀ y = wanted - J v, with rows J and inverse masses `light`. The
+    # matrix is symmetric: build its Cholesky factor row by row, with forward
+    # substitution.
     triangle: list[list[float]] = []
     y: list[float] = []
     for row, goal in zip(rows, wanted, strict=True):
@@ -525,6 +536,7 @@ def _few_changes(
             )
         diagonal = sum(map(mul, weighted_row, row))
         remainder = diagonal - sum(map(mul, triangle_row, triangle_row))
+        # A row dependent on those before it leaves no remainder.
         if remainder <= 1e-9 * diagonal:
             return []
         y.append(
@@ -532,11 +544,13 @@ def _few_changes(
             / sqrt(remainder)
         )
         triangle.append([*triangle_row, sqrt(remainder)])
+    # Backward substitution.
     for k in reversed(range(len(y))):
         known_part = 0.0
         for i in range(k + 1, len(y)):
             known_part += triangle[i][k] * y[i]
         y[k] = (y[k] - known_part) / triangle[k][k]
+    # The impulses y change the velocities by M⁻¹ Jᵀ y.
     columns = zip(light, zip(*rows, strict=True), strict=True)
     return [m * sum(map(mul, y, column)) if m else 0.0 for m, column in columns]
 
@@ -605,6 +619,7 @@ def _rows(
             continue
         if body not in place:
             continue
+        # The velocity of a point at (x, y) from the centre is v + spin * (-y, x).
         k, ((px, py, angle), x, y) = place[body], spots.find(body, at)
         gaps[0] += sign * (px + x)
         gaps[1] += sign * (py + y)

@@ -35,6 +35,8 @@ class MovingTable:
                     velocities[carried_bodies, :2] = part.velocity
                 continue
             offsets = places[bodies] - part.vector
+            # A turntable carries bodies within its radius; their speed is spin x
+            # distance.
             is_carried = (offsets**2).sum(axis=1) <= part.extent[0] ** 2
             carried_bodies, (x, y) = bodies[is_carried], offsets[is_carried].T
             spin = np.full(len(x), part.spin)

@@ -92,11 +92,15 @@ class ContactLog:
         A run at the end of the block stays open, and continues in the next block.
         """
         step_count = len(times)
+        # Sort by pair, step and time, and keep the earliest contact of a pair in each
+        # step.
         order = np.lexsort((when, step, key))
         key, step, when = key[order], step[order], when[order]
         is_first = np.ones(len(key), bool)
         is_first[1:] = (key[1:] != key[:-1]) | (step[1:] != step[:-1])
         key, step, when = key[is_first], step[is_first], when[is_first]
+        # A touch begins where a pair changes, or where a step without contact lies
+        # between.
         is_start = np.ones(len(key), bool)
         is_start[1:] = (key[1:] != key[:-1]) | (step[1:] != step[:-1] + 1)
         begins = np.flatnonzero(is_start)
@@ -117,6 +121,7 @@ class ContactLog:
                 open_touches[pair] = begin_time
             else:
                 self._touches.append((pair, begin_time, float(times[last_step + 1])))
+        # Touches of the block before that did not continue ended with it.
         for pair in self._open.keys() - continued_pairs:
             self._touches.append((pair, self._open[pair], float(times[0])))
         self._open = open_touches
@@ -129,6 +134,7 @@ class ContactLog:
         """
         merged_touches: list[tuple[int, float, float]] = []
         for pair, begin, end in touches:
+            # Contacts at rest flicker: a short gap does not end a touch.
             if (
                 merged_touches
                 and merged_touches[-1][0] == pair
@@ -155,6 +161,7 @@ class ContactLog:
         pairs = np.array(
             [divmod(pair, surface_count) for pair, _, _ in touches], np.int32
         ).reshape(-1, 2)
+        # Sum the impulses again over all blocks, since a sample may span two of them.
         codes, impulses_by_block = zip(
             (np.zeros(0, np.int64), np.zeros((0, 2))), *self._sums, strict=True
         )
@@ -223,7 +230,7 @@ class Recorder:
     """Record of a run: samples, contacts and the energy balance."""
 
     world: World
-    moving: Index  # (M,): bodies that states list
+    moving: Index  # (M,): bodies in the order of states
     loads: ForceFields
     scripts: ScriptedMotion
     times: Array  # (T,) s to sample at
@@ -706,7 +713,7 @@ class Recorder:
         losses = -error * (before + after)[:, :, 2] / 2
         inertia = np.stack([self._mass, self._mass, self._moment], axis=1)
         weights = self._mass * float(np.hypot(*self.world.gravity))
-        # A fall by a pixel is the smallest energy that counts.
+        # The smallest energy for the balance is a fall by a pixel.
         energy = (inertia * np.maximum(before**2, after**2)).sum(axis=2) / 2 + weights
         is_unbraked = np.array([[step.braked is NOT_BRAKED] for step in steps])
         is_counted = is_unbraked & self._unheld
@@ -724,6 +731,8 @@ class Recorder:
         body_count = pose.shape[1]
         torque, leeway = np.zeros(pose.shape[:2]), np.zeros(pose.shape[:2])
         points = (touch.on_first + touch.on_second) / 2
+        # The engine reports one impulse for both points of a contact. It may act
+        # anywhere between them, so that its torque has a range.
         offsets = np.where(
             (touch.count == 2)[:, None], points[:, 1] - points[:, 0], 0.0
         )

@@ -101,7 +101,7 @@ class Space:
         space = pymunk.Space()
         space.gravity = tuple(world.gravity.tolist())
         space.collision_slop = SLOP
-        # With a longer persistence, the batch reader lists contacts that have parted.
+        # With a longer persistence, the batch reader also lists former contacts.
         space.collision_persistence = 1
         self._space, self._gravity = space, world.gravity
         bodies = [_add_body(space, body) for body in world.bodies]
@@ -158,7 +158,7 @@ class Space:
         self._smooth = frozenset(
             len(bodies) + k for k, wall in enumerate(world.walls) if wall.is_smooth
         )
-        """Smooth curves, which have no internal edges."""
+        """Smooth curves, without internal edges."""
         self._sweeps = int(space.iterations)
         self._orders: dict[bytes, Order] = {}
         """Orders by pymunk's list of contacts: a run has few different lists."""
@@ -198,6 +198,8 @@ class Space:
         """
         passages = [body.passage for body in world.bodies]
         passages += [wall.passage for wall in world.walls]
+        # Keep the default filter, which lets all collide, unless some object ignores
+        # others.
         has_groups = any(
             passage.group != 1 or passage.collides_with != EVERY_GROUP
             for passage in passages
@@ -213,6 +215,8 @@ class Space:
         for owner in owners:
             for shape in parts[owner].shapes:
                 shape.collision_type = SPECIAL
+        # A callback runs for every contact of these shapes, so that only they get the
+        # type.
         special = SpecialSurfaces(world, {body.id: k for k, body in enumerate(parts)})
         self._space.on_collision(
             SPECIAL,
@@ -309,6 +313,7 @@ class Space:
                 candidates.append((arbiter, key))
         self._partners = partners
         is_changed = False
+        # Compute the frames of all bodies only if a candidate exists.
         for arbiter, key in candidates:
             frames = frames or self._frames()
             room = self._room(frames, key)
@@ -319,7 +324,7 @@ class Space:
         return is_changed
 
     def review_internal_edges(self) -> None:
-        """Activate the contacts that are no longer at an internal edge."""
+        """Activate the contacts no longer at an internal edge."""
         frames = self._frames()
         ended_pairs: list[Pair] = []
         for key, (room, old_distances) in self.hidden.items():
@@ -327,6 +332,8 @@ class Space:
             displacement = abs(new_distances[0] - old_distances[0]) + abs(
                 new_distances[1] - old_distances[1]
             )
+            # Within its room, a pair cannot have left the internal edge: skip the full
+            # test.
             if (
                 displacement
                 + abs(new_distances[2] - old_distances[2])
@@ -469,10 +476,12 @@ class Space:
             for key in pairs:
                 if key not in self._brakes:
                     other = self._anchor if key[1] < 0 else self._bodies[key[1]]
+                    # A motor of speed 0 with a limited torque is a brake.
                     motor = pymunk.SimpleMotor(self._bodies[key[0]], other, 0.0)
                     self._space.add(motor)
                     self._brakes[key] = motor, motor._constraint
             self._motors = [self._brakes[key][1] for key in pairs]
+            # Unused motors stay in the space, without torque.
             for motor in old_motors:
                 lib.cpConstraintSetMaxForce(motor, 0.0)
         for motor, torque in zip(self._motors, torques, strict=True):
@@ -501,6 +510,7 @@ def _batched(
 def _shape_outline(shape: pymunk.Shape, owner: int) -> ShapeOutline:
     """Convert a shape to plain numbers; corners are clockwise in the image."""
     match shape:
+        # Chipmunk may store corners in either direction.
         case pymunk.Poly():
             corners = [(float(x), float(y)) for x, y in shape.get_vertices()]
             sides = zip(corners, (*corners[1:], corners[0]), strict=True)
@@ -536,6 +546,7 @@ def _pairs_apart(world: World) -> frozenset[tuple[int, int]]:
         if first_passage.group == 1 and first_passage.collides_with == EVERY_GROUP:
             continue
         for second, second_passage in enumerate(passages):
+            # Both objects must permit the collision.
             is_collision = (
                 first_passage.group & second_passage.collides_with
                 and second_passage.group & first_passage.collides_with
@@ -559,6 +570,7 @@ def _add_body(space: pymunk.Space, model: Body) -> pymunk.Body:
         shapes: list[pymunk.Shape] = [pymunk.Circle(body, model.radius)]
     else:
         shapes = [pymunk.Poly(body, piece.tolist()) for piece in model.pieces]
+    # A disc with its mass off its middle is a circle with an offset.
     if model.disc is not None:
         offset, radius = model.disc
         shapes = [pymunk.Circle(body, radius, (float(offset[0]), float(offset[1])))]
@@ -571,7 +583,7 @@ def _add_body(space: pymunk.Space, model: Body) -> pymunk.Body:
 def _add_wall(
     space: pymunk.Space, wall: Wall, smooth: dict[tuple[float, ...], list[float]]
 ) -> pymunk.Body:
-    """Add a wall as a body of its own, so that contacts identify the wall."""
+    """Add a wall as a body of its own, to identify the wall in contacts."""
     body = pymunk.Body(body_type=pymunk.Body.STATIC)
     space.add(body)
     solid_shapes: list[pymunk.Shape] = [
@@ -657,6 +669,8 @@ def _add_guide(
     elif joint.kind is JointKind.GEAR:
         parts = [pymunk.GearJoint(first, second, 0.0, joint.ratio)]
     elif joint.second is not None:
+        # This constraint has no force: joints.py computes the rope, and Chipmunk only
+        # needs to know that its bodies do not collide.
         parts = [pymunk.SlideJoint(first, second, (0, 0), (0, 0), 0, joint.length)]
         parts[0].max_force = 0.0
     for part in parts:
@@ -672,7 +686,7 @@ def _add_joints(
     bodies: list[pymunk.Body],
     world: pymunk.Body,
 ) -> dict[str, list[pymunk.Constraint]]:
-    """Add pins and welds, so that contacts are solved together with them.
+    """Add pins and welds, to solve contacts together with them.
 
     They only constrain velocities: joints.py solves positions and motors exactly after
     each step, and springs are loads. The place of a weld is arbitrary; between the two
@@ -699,6 +713,7 @@ def _add_joints(
                 else second_centre
             )
             first, second = middle - first_centre, middle - second_centre
+        # A weld is a pin together with a gear for the relative angle.
         parts: list[pymunk.Constraint] = [
             pymunk.PivotJoint(a, b, first.tolist(), second.tolist())
         ]

@@ -41,9 +41,9 @@ class StepTuning:
     deep: float = 0.02
     """Overlap, px, above which more sweeps are made."""
     rest: float = 3.0
-    """Speed below which contacts do not bounce, in units of gravity x step."""
+    """Smallest closing speed of a bounce, in units of gravity x step."""
     still: float = 0.01
-    """Speed below which contacts do not bounce without gravity, px/s."""
+    """Smallest closing speed of a bounce without gravity, px/s."""
     busy: float = 6.0
     """Impacts per step above which faster and faster contacts stop to bounce.
 
@@ -70,6 +70,8 @@ class StepDivider:
         self._turns = np.array(
             [0.0 if body.radius is not None else body.reach for body in bodies], float
         )
+        # A fast body needs parts only near other shapes. Store the boxes of all shapes
+        # that never move.
         boxes = [
             (*np.minimum(a, b), *np.maximum(a, b))
             for wall in world.walls
@@ -83,7 +85,7 @@ class StepDivider:
         ]
         self._still = np.array(boxes, np.float64).reshape(-1, 4)
         self._jolt = np.zeros(len(bodies))
-        """Speeds that pushes may add in a step, (M,) px/s."""
+        """Largest changes of speed by pushes in a step, (M,) px/s."""
         row = {int(body): k for k, body in enumerate(moving.tolist())}
         for push in world.pushes:
             if push.load is Load.FORCE and push.body in row:
@@ -175,9 +177,9 @@ class Governor:
 
     @property
     def after_impacts(self) -> int:
-        """Return the sweeps of a step that is repeated after impacts.
+        """Return the sweeps of a repeated step after impacts.
 
-        The solver starts from impulses that are wrong by then.
+        The solver starts from the wrong impulses of the first trial.
         """
         return min(self._most, max(self.sweeps, TUNING.many))
 
@@ -214,6 +216,7 @@ class Governor:
             self.sweeps,
             TUNING.many if overlap > TUNING.deep or self._jointed else TUNING.fewest,
         )
+        # Grow fast and shrink slowly, against oscillations of the sweeps.
         if residual > limit:
             sweeps += sweeps // 2
         elif residual < limit / 10:

@@ -53,7 +53,7 @@ class SpecialSurfaces:
         self._normals: dict[Any, float] = {}
         """Mean of the recent normal impulses of two touching shapes, g·px/s."""
         self.passing: dict[Key, int] = {}
-        """Owners that pass through each other now, with the number of their shapes."""
+        """Owners now passing through each other, with the number of their shapes."""
 
     @staticmethod
     def owners_of(world: World) -> list[int]:
@@ -111,6 +111,8 @@ class SpecialSurfaces:
             return
         shapes = arbiter.shapes
         self._slips[shapes] = self._slip(arbiter, belt)
+        # A new contact slides if its slip is fast; a known one keeps the state that
+        # `note` recorded.
         if shapes not in self._slides:
             self._slides[shapes] = self._slips[shapes] >= self._slow
         if not self._slides[shapes]:

@@ -96,7 +96,7 @@ class Effort:
 
 
 def _unknown(times: Array) -> Trajectory:
-    """Refuse to sample a motion that was read from a file."""
+    """Refuse to sample a motion from a file."""
     raise ValueError(
         "a motion that was read from a file is known at its own times only"
     )
@@ -268,6 +268,7 @@ def is_trajectory(path: Path) -> bool:
 def read_trajectory(path: Path | io.BytesIO) -> Trajectory:
     """Read a file of `Trajectory.save` without unpickling."""
     with np.load(path, allow_pickle=False) as file:
+        # The names of arrays begin with their part, as `as_arrays` wrote them.
         parts = {
             part: {
                 name.removeprefix(f"{part}_"): file[name]

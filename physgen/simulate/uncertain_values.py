@@ -37,7 +37,7 @@ POWERS = {
 has a factor of 2, a friction of 1.4.
 """
 MIN_CONFIDENCE = 0.05
-"""Confidence below which distributions do not widen any more."""
+"""Smallest confidence; distributions do not widen below it."""
 MAX_VALUES = {"mass": 1e15, "density": inf, "friction": 10.0, "rolling": 10.0}
 """Upper limits of the schema."""
 CERTAIN_ELASTICITY = 1e-9
@@ -130,7 +130,7 @@ def uncertain_values(
 ) -> tuple[UncertainValue, ...]:
     """List all uncertain values of objects, then of boundaries.
 
-    Values of `variant`, which was applied to the scene, are certain.
+    Values of the applied `variant` are certain.
     """
     provenance = Provenance(scene, variant)
     of_objects = [

@@ -122,7 +122,7 @@ def simulate_ensemble(
     variant: str | None = None,
     progress: Progress = silent,
 ) -> Ensemble:
-    """Simulate `count` draws; `variant` is the one that was applied to the scene.
+    """Simulate `count` draws of a scene with the edits of `variant`.
 
     Failed draws are in `failures`. Raises InputError if the scene itself cannot be
     simulated.
@@ -135,7 +135,7 @@ def simulate_ensemble(
     stored_samples = (
         np.linspace(0, samples - 1, min(KEPT_SAMPLES, samples)).round().astype(np.intp)
     )
-    # A scene that fails with its own values raises an error here.
+    # A scene with invalid values of its own raises an error here.
     own_run = simulate(world, times)
     own_outcome, own_poses = outcome(world, own_run), own_run.poses[stored_samples]
     poses = np.full((count, *own_poses.shape), np.nan)
@@ -283,7 +283,7 @@ def wilson(count: int, total: int) -> tuple[float, float]:
 
 
 def radius(places: Array) -> float:
-    """Return the radius, px, around the median that contains 9 of 10 places
+    """Return the radius, px, around the median with 9 of 10 places
     `(N, 2)`.
     """
     offsets = places - np.median(places, axis=0)
@@ -312,7 +312,7 @@ class Verdict:
 
     name: str
     counts: Mapping[Fate, int]  # numbers of simulated draws
-    event: Fate  # the largest fate that occurs
+    event: Fate  # the largest fate in any draw
     interval: tuple[float, float]
     """Confidence interval of the event's share, 0..1."""
     radius: float

@@ -75,6 +75,7 @@ def _wheel_body(vehicle: Body, wheel: Wheel) -> Body:
     """Return a disc with the rolling speed of its vehicle at t = 0."""
     mass = WHEEL_MASS * vehicle.mass
     x, y = wheel.axle
+    # The axle moves with the vehicle, and the wheel rolls without slip on the ground.
     speed = vehicle.velocity + vehicle.spin * np.array([-y, x])
     turns = 2 * np.pi * np.arange(CIRCLE_CORNERS) / CIRCLE_CORNERS
     ring = wheel.radius * np.stack([np.cos(turns), np.sin(turns)], axis=1)

@@ -75,6 +75,7 @@ trees = st.recursive(
 )
 
 
+@pytest.mark.slow
 @given(st.lists(trees, min_size=1, max_size=5))
 def test_what_a_yaml_writer_writes_between_commas_is_read_back(
     meant: list[Any],

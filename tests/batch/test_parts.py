@@ -22,6 +22,7 @@ def made(out: Path) -> dict[str, bytes]:
     }
 
 
+@pytest.mark.slow
 def test_parts_made_at_the_same_time_are_the_sweep_of_one_machine(
     lesson: Path, tmp_path: Path, capsys
 ) -> None:

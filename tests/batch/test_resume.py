@@ -91,6 +91,7 @@ def test_another_question_is_answered_anew(
     assert render(lesson, *flags) == {"lesson": "unchanged"}
 
 
+@pytest.mark.slow
 def test_what_the_clip_was_made_of_counts_by_its_bytes(
     pictured: Path, render: Render
 ) -> None:

@@ -116,6 +116,7 @@ def test_a_light_does_not_simulate_and_a_force_does_not_cut_out(
     assert ran == {"percepts": 1, "stage": 2, "simulate": 5}
 
 
+@pytest.mark.slow
 def test_files_that_are_written_are_read_again(
     pictured: Path, ran: Counter[str]
 ) -> None:

@@ -118,6 +118,7 @@ def test_scenes_are_kept_and_can_be_rendered(tmp_path: Path, capsys) -> None:
     assert len(list((out / "39-falling-over" / "frames").iterdir())) == 3
 
 
+@pytest.mark.slow
 def test_results_do_not_depend_on_jobs() -> None:
     rows = choose(ROWS, [1, 3, 13])
     one, two = (evaluate(rows, 2, (240, 960), workers=workers) for workers in (1, 2))

@@ -70,6 +70,7 @@ def test_a_puck_goes_where_and_as_far_as_it_is_pushed(tmp_path: Path) -> None:
     assert max(found.deviations) == pytest.approx(0, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_what_stands_in_the_way_counts_in_its_direction_alone(tmp_path: Path) -> None:
     swept = sweep(pipeline.load(table(tmp_path)), "puck", 4, [80, 260], quiet)
     met = [one.push.angle for one in swept.outcomes if one.has_contact]
@@ -118,6 +119,7 @@ def test_a_motion_that_answers_wrongly_is_told_to_be_wrong(tmp_path: Path) -> No
     assert less.spearman == -1
 
 
+@pytest.mark.slow
 def test_an_object_that_cannot_move_gives_words_and_no_nan(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

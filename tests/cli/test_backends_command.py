@@ -41,6 +41,7 @@ def test_sample_shows_two_objects() -> None:
         assert bounds(one.outline) == pytest.approx(drawn, abs=0.6)  # px
 
 
+@pytest.mark.slow
 def test_offline_backends_are_ready(capsys) -> None:
     code, rows = checks(capsys, *FAST)
     assert code == 0

@@ -45,6 +45,7 @@ def test_clip_equals_perceive_and_render(ball_photos, tmp_path: Path, capsys) ->
         assert (one / name).read_bytes() == (two / name).read_bytes()
 
 
+@pytest.mark.slow
 def test_clip_prints_json_only(ball_photos, tmp_path: Path, capsys) -> None:
     masks = ("--masks", str(tmp_path / "masks.png"))
     command = ["clip", ball_photos[0], "-o", str(tmp_path / "a.mp4"), *masks]
@@ -70,6 +71,7 @@ def test_clip_checks_flags_before_it_perceives(ball_photos, tmp_path, capsys) ->
         assert not out.exists()
 
 
+@pytest.mark.slow
 def test_clip_renders_the_other_photos(ball_photos, tmp_path: Path, capsys) -> None:
     out, broken = tmp_path / "out", tmp_path / "broken.png"
     broken.write_bytes(b"no picture")

@@ -111,6 +111,7 @@ def test_formats_that_fail_keep_the_others(
     assert (folder / "video.gif").exists()
 
 
+@pytest.mark.slow
 def test_video_is_written_if_another_format_fails(lesson: Path, tmp_path: Path) -> None:
     wide = lesson.read_text().replace("fps: 24", "fps: 24, size: [17000, 16]")
     lesson.write_text(wide)
@@ -341,6 +342,7 @@ def test_perceive_writes_a_valid_scene_that_renders_and_keeps_an_edited_one(
     assert f"the previous {scene} is kept as scene.yaml~\n" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_large_photo_is_made_smaller_with_its_masks(
     photo: tuple[Path, Path], tmp_path: Path, capsys
 ) -> None:
@@ -387,6 +389,7 @@ def test_a_large_photo_is_made_smaller_with_its_masks(
     assert main(["perceive", str(tmp_path / "big-photo.png"), *again]) == 0
 
 
+@pytest.mark.slow
 def test_perceive_on_stdout_puts_assets_beside(
     photo: tuple[Path, Path], monkeypatch, capsys
 ) -> None:
@@ -489,6 +492,7 @@ def test_backends_and_schema_print(capsys) -> None:
     assert '"$schema"' in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_command_imports_only_what_it_uses() -> None:
     def modules(code: str) -> set[str]:
         code = f"import sys\n{code}\nprint('\\n'.join(sys.modules), file=sys.stderr)"
@@ -512,6 +516,7 @@ def test_a_command_imports_only_what_it_uses() -> None:
     assert not modules(load) & {"PIL", "jsonschema", "cv2"}, "without a photo"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])
 def test_a_stopped_batch_ends_and_leaves_nothing(
     sign: signal.Signals, lesson: Path, tmp_path: Path

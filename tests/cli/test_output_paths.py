@@ -258,6 +258,7 @@ def everything(blocks: Path, lesson: Path) -> dict[str, str]:
     return {name: str(path) for name, path in paths.items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("out", ["{home}/lesson.yaml", "/proc/new"])
 def test_unwritable_output_is_refused_before_the_work(
     everything: dict[str, str],

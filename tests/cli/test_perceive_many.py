@@ -149,6 +149,7 @@ def test_a_photo_that_is_not_there_stops_all_before_any_work(
     assert not (tmp_path / "all").exists()
 
 
+@pytest.mark.slow
 def test_what_would_change_nothing_is_said(photos, tmp_path: Path, capsys):
     flags = ["--find", "ball, cup", "--backend", "categories=everyday"]
     assert told(photos[0], "-o", str(tmp_path / "s.yaml"), *flags) == 0

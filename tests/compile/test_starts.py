@@ -27,6 +27,7 @@ def compiled(folder: Path, rod: dict, pin: list[float]):
     return scene, pipeline.compile(scene, None)
 
 
+@pytest.mark.slow
 def test_pinned_rod_turns_about_pin_at_its_spin(tmp_path):
     random = np.random.default_rng(4)
     for _ in range(SAMPLES):

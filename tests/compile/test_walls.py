@@ -124,6 +124,7 @@ boundaries:
 # In the picture
 
 
+@pytest.mark.slow
 def test_scenery_stays_in_the_picture(tmp_path: Path) -> None:
     """Even where the maps were made when it still was an object, and lack it behind the ball."""
     labels = np.zeros((HEIGHT, WIDTH), int)

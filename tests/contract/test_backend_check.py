@@ -69,6 +69,7 @@ def test_missing_weights_are_no_failure(capsys, tmp_path: Path, weights: Path) -
     assert row["missing"] == [f"lacks {weights}"]
 
 
+@pytest.mark.slow
 def test_check_runs_a_refiner_on_a_clip(tiny) -> None:
     choice = Choice("animatediff", str(tiny["refine", "animatediff"]))
     plan = Plan(device="cpu", options=tiny.options)

@@ -191,6 +191,7 @@ class Watched:
         return self._network.condition(frame, latents)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("variant", "window", "latents"),
     [
@@ -288,6 +289,7 @@ def test_memory_that_does_not_suffice_is_reported(
     assert refined(model, size=size).shape[0] == 7  # and nothing is broken
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ROWS)
 def test_a_closed_model_is_gone_and_comes_back(name: str, tiny: Any):
     model = registry.make("refine", name, tiny.setup("refine", name))
@@ -300,6 +302,7 @@ def test_a_closed_model_is_gone_and_comes_back(name: str, tiny: Any):
     assert np.abs(first.astype(int) - refined(model, count=2)).max() <= 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", ["animatediff", "wan-framed"])
 def test_parts_that_come_and_go_do_the_same(
     variant: str, video: Video, monkeypatch: pytest.MonkeyPatch

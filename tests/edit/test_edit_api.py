@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from served import Served, unpacked
@@ -235,6 +236,7 @@ def test_every_page_hears_of_edits(serving: Serve) -> None:
     assert events.since(events.run, 1)["events"][-1]["version"] == 2999
 
 
+@pytest.mark.slow
 def test_a_render_saves_and_its_result_is_had_by_its_address(
     serving: Serve, copied, tmp_path: Path
 ) -> None:

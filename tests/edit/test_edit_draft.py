@@ -165,6 +165,7 @@ def test_a_draft_outlives_its_file(scene) -> None:
 # A real server, killed
 
 
+@pytest.mark.slow
 def test_killed_in_the_middle_of_edits_it_has_every_one_that_was_answered(
     killable: Callable[..., Killable],
 ) -> None:

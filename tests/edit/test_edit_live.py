@@ -53,6 +53,7 @@ def parts(live: Live, look: Look) -> tuple[np.ndarray, list[int]]:
     return every, frames
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "ops", "variant"),
     [

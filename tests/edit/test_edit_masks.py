@@ -127,6 +127,7 @@ def bytes_of(folder: Path) -> dict[str, bytes]:
     }
 
 
+@pytest.mark.slow
 def test_a_box_mends_a_mask_and_all_that_follows_from_it(desk: Desk) -> None:
     """Mask, shape, mass, coverage, what is behind, normals: of the disc, and of nothing else."""
     disc, block = by_place(desk)
@@ -201,6 +202,7 @@ def test_a_stroke_without_end_is_refused_and_one_over_what_is_painted_costs_noth
         stroke([[-35.0, -35.0]] * 200, 60.0, (64, 64))
 
 
+@pytest.mark.slow
 def test_a_point_finds_what_was_not_found(desk: Desk) -> None:
     """The block is forgotten; a point on it makes an object of it again, with a name, a mass and a mask of its own."""
     _, block = by_place(desk)
@@ -221,6 +223,7 @@ def test_a_point_finds_what_was_not_found(desk: Desk) -> None:
     assert desk.live.look(desk.text).motion is not None
 
 
+@pytest.mark.slow
 def test_brush_and_eraser_paint_exactly_what_they_touch(desk: Desk) -> None:
     """Pixels whose centre is within the radius of the line, by the distance to each of its points."""
     disc, block = by_place(desk)
@@ -241,6 +244,7 @@ def test_brush_and_eraser_paint_exactly_what_they_touch(desk: Desk) -> None:
     assert desk.map("masks")[exact].max() == 0
 
 
+@pytest.mark.slow
 def test_a_mask_that_is_painted_over_another_takes_its_pixels(desk: Desk) -> None:
     disc, block = by_place(desk)
     desk.do(kind="brush", object=disc, strokes=[[150, 100]], radius=10)
@@ -427,6 +431,7 @@ def test_masks_in_the_file_become_pixels_where_they_are_painted(tmp_path: Path) 
     assert yaml.safe_load(desk.text)["assets"] == "scene-2.assets"
 
 
+@pytest.mark.slow
 def test_a_scripted_way_moves_along_with_the_centre(desk: Desk) -> None:
     disc, _ = by_place(desk)
     x, y = desk.live.look(desk.text).derived["objects"][disc]["centre"]  # type: ignore[index]
@@ -521,6 +526,7 @@ def test_a_scene_without_a_photo_has_nothing_to_mask(
         desk.do(kind="box", box=[1, 1, 50, 50], object=None)
 
 
+@pytest.mark.slow
 def test_what_perception_wrote_stays_so_after_masks_and_labels_are_corrected(
     desk: Desk,
 ) -> None:

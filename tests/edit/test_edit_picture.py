@@ -7,6 +7,7 @@ from io import BytesIO
 from pathlib import Path
 
 import numpy as np
+import pytest
 import yaml
 from browser import lay, picture
 from PIL import Image
@@ -60,6 +61,7 @@ def test_background_shadows_and_objects_are_the_photo_again(copied: Copy) -> Non
     assert sorted(seen["names"]) == sorted(look.scene["objects"])  # type: ignore[index]
 
 
+@pytest.mark.slow
 def test_shadows_go_with_the_motion_that_throws_them(copied: Copy) -> None:
     """The shadow of a ball lies where its sample says; of one that was put elsewhere, there."""
     path = copied("billiards")

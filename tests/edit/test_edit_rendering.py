@@ -36,6 +36,7 @@ def short(path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_it_tells_how_far_it_is_and_what_it_made(copied: Copy, tmp_path: Path) -> None:
     path = short(copied("wall-ball"))
     job = RenderJob(path, tmp_path / "out put")
@@ -56,6 +57,7 @@ def test_it_tells_how_far_it_is_and_what_it_made(copied: Copy, tmp_path: Path) -
     assert job.command("beach-ball") in status["command"]
 
 
+@pytest.mark.slow
 def test_stopped_it_leaves_nothing_half_made(copied: Copy, tmp_path: Path) -> None:
     """In the middle of drawing: the folder holds no partial file, and the next run begins from there."""
     path = copied("kitchen")

@@ -59,6 +59,7 @@ def displacements(session: Session) -> np.ndarray:
     return np.hypot(*np.moveaxis(poses - poses[:1], -1, 0)).max(axis=0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_objects_stay_in_changed_view(tmp_path: Path, seed: int) -> None:
     scene = photographed(tmp_path, seed, "top")

@@ -75,6 +75,7 @@ def test_commands_edit_the_file(
     assert 'did you mean "start"?' in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gap", [10, 90])
 def test_a_merge_of_objects_far_apart_says_how_far(
     gap: int, tmp_path: Path, capsys
@@ -111,6 +112,7 @@ def test_a_merge_of_objects_far_apart_says_how_far(
     assert re.search(r"\n    mask: \d+\n", text), "no comment on the mask that was"
 
 
+@pytest.mark.slow
 def test_brush_removes_comment_of_mask_alone(tmp_path: Path) -> None:
     labels = np.zeros((100, 200), np.uint8)
     labels[40:80, 20:50], labels[40:80, 100:130] = 1, 2

@@ -97,6 +97,7 @@ def methods(root: Path, *names: str) -> list[str]:
     return [str(root / name) for name in names]
 
 
+@pytest.mark.slow
 def test_what_differs_is_farther(
     clips: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -139,6 +140,7 @@ def test_a_flows_colours_are_those_of_the_wheel() -> None:
     assert not np.array_equal(shown, picture_flow(moved, 8.0))  # speed is seen
 
 
+@pytest.mark.slow
 def test_formats_do_not_matter(
     clips: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -118,6 +118,7 @@ def test_tables_and_pictures(
     assert "average precision at IoU" in page
 
 
+@pytest.mark.slow
 def test_photos_that_stand_alone_are_told_of(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -28,6 +28,7 @@ LEVELS = 100 * 0.05 / 255
 """% of the range of grey levels."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SCENES)
 def test_clip(
     name: str,

@@ -310,6 +310,7 @@ def peer(name: str):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.peer_scenes
 @pytest.mark.parametrize(
     ("name", "view"),

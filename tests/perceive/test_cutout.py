@@ -88,6 +88,7 @@ def test_a_mask_moves_with_the_photo(shelf: tuple) -> None:
     )
 
 
+@pytest.mark.slow
 def test_every_object_of_a_shelf_from_its_box_and_from_a_point(shelf: tuple) -> None:
     rgb, labels = shelf
     by_box, by_point = [], []
@@ -121,6 +122,7 @@ def test_nothing_is_seen_in_an_empty_picture() -> None:
         assert mask_at_point(rgb, (50, 50), 60).confidence < RULE.weak
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(8, 11), (40, 300)])
 def test_small_and_narrow_photos(size: tuple[int, int]) -> None:
     rgb = np.random.default_rng(1).integers(0, 256, (*size, 3)).astype(np.uint8)

@@ -146,6 +146,7 @@ def test_no_gravity_is_a_table_from_above(tmp_path: Path):
     assert "elasticity 0: nothing bounces" in found.comments["boundaries"]
 
 
+@pytest.mark.slow
 def test_only_three_files_are_needed(tmp_path: Path):
     path = folder(tmp_path / "two")
     for name in ("inpaint.png", "normal.npy", "shading.npy", "depth.npy"):
@@ -200,6 +201,7 @@ def test_spoilt_files_are_refused(tmp_path: Path):
         import_physgen(path)
 
 
+@pytest.mark.slow
 @pytest.mark.peer_scenes
 @pytest.mark.parametrize(
     ("name", "objects", "view"),

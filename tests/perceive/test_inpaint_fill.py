@@ -105,6 +105,7 @@ def test_fill_learns_nothing_from_an_object_s_blurred_rim():
     assert np.abs(filled[hole | rim].astype(int) - 120).max() <= 2
 
 
+@pytest.mark.slow
 def test_fill_continues_a_disc_s_border():
     """As an arc, or as its chord, 4 px inside at most."""
     y, x = np.mgrid[:240, :240].astype(np.float32)
@@ -321,6 +322,7 @@ def test_copies_keep_to_the_depth_they_are_at():
     assert 0.8 < cloth / true < 1.2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axes", [(90, 90), (110, 60)])
 def test_a_painted_ring_stays_a_ring(axes: tuple[int, int]):
     y, x = np.mgrid[:240, :320]

@@ -113,6 +113,7 @@ def test_a_crop_shows_the_object_in_the_middle_and_dims_the_rest() -> None:
     np.testing.assert_allclose(elsewhere[60:164, 60:164], shown[60:164, 60:164], atol=1)
 
 
+@pytest.mark.slow
 def test_what_is_sure_is_written_with_the_alternatives(photo, tmp_path: Path) -> None:
     rgb, labels = photo
     found = perceive(rgb, from_masks(labels))
@@ -127,6 +128,7 @@ def test_what_is_sure_is_written_with_the_alternatives(photo, tmp_path: Path) ->
         assert naming.heads().sure - 0.01 <= where.sure < 1
 
 
+@pytest.mark.slow
 def test_what_is_not_sure_is_named_by_shape(photo) -> None:
     """A ball of one colour without a seam is a ball; the network's names stand beside it."""
     rgb, labels = photo

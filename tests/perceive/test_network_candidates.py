@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+import pytest
 from pytest import approx
 
 from physgen.perceive.segment.candidates import network_proposals
@@ -126,6 +127,7 @@ def test_rough_mask_lies_where_object_is() -> None:
     assert rough_mask_in_box(rgb, (500.0, 5.0, 600.0, 99.0), (120, 160)) is None
 
 
+@pytest.mark.slow
 def test_the_shipped_network_is_small_and_sees_mirrored_what_is_mirrored() -> None:
     from physgen.perceive.segment import network
 

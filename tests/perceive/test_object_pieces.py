@@ -83,6 +83,7 @@ def test_pieces_stay_if_the_network_draws_one_of_them(monkeypatch):
     assert np.array_equal(united.labels, one.labels)
 
 
+@pytest.mark.slow
 def test_stacked_crates_stay_apart() -> None:
     rgb, _ = crates()
     backends = Backends()

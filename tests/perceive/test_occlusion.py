@@ -130,6 +130,7 @@ def of(path: Path) -> dict[int, int]:
     return {one["mask"]: one["layer"] for one in objects if "layer" in one}
 
 
+@pytest.mark.slow
 def test_a_scene_tells_layers_with_who_said_so_and_why(scene: Path) -> None:
     assert of(scene) == {2: 1, 3: 1}
     text = scene.read_text()
@@ -138,6 +139,7 @@ def test_a_scene_tells_layers_with_who_said_so_and_why(scene: Path) -> None:
     assert text.count("it hides parts of") == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("edit", "after"), [
     (lambda wheel, car: wheel.update(layer=-2), {2: -2, 3: 1}),
     (lambda wheel, car: car.update(layer=4), {1: 4, 2: 5, 3: 5}),

@@ -92,6 +92,7 @@ def test_a_sensible_scene_comes_of_odd_masks_and_stands_still(
     assert np.abs(poses[:, :, :2] - poses[:1, :, :2]).max() < STILL
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "size", [(3, 4), (6, 2)], ids=lambda size: f"{size[0]}x{size[1]}"
 )

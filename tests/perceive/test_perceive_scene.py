@@ -188,6 +188,7 @@ def test_the_bundled_billiards_are_seen_from_above(bundled: Path):
     assert found.document["world"]["view"] == "top"
 
 
+@pytest.mark.slow
 def test_told_things_win():
     rgb, labels = desk()
     view = BoundaryGuess(View.TOP, 1.0, "as given", ())
@@ -202,6 +203,7 @@ def test_told_things_win():
     assert (ball["mass"], ball["from"]["label"]) == (57.7, "given 1")
 
 
+@pytest.mark.slow
 def test_objects_are_renamed_by_name_id_and_pattern():
     rgb, labels = desk()
     labels[5, 5] = 9  # a speck is no object
@@ -223,6 +225,7 @@ def test_objects_are_renamed_by_name_id_and_pattern():
     assert "label" not in objects["apple-1"]["from"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("up", "view", "relit"),
     [(-0.6, View.SIDE, True), (0.6, View.SIDE, False), (0.6, View.TOP, True)],
@@ -272,6 +275,7 @@ def test_masks_of_another_size_or_of_nothing():
         perceive(rgb, from_masks(np.zeros_like(labels)))
 
 
+@pytest.mark.slow
 def test_a_point_finds_what_is_of_one_colour():
     rgb, labels = desk()
     assert overlap(segment_point(rgb, (100, 95), None).mask, labels == 300) > 0.85
@@ -303,6 +307,7 @@ def test_slugs_make_valid_names():
         assert len(document.slug(label)) <= 60
 
 
+@pytest.mark.slow
 def test_a_label_renames_its_object_alone(seen: PerceivedScene) -> None:
     rgb, labels = desk()
     plain = list(seen.document["objects"])

@@ -150,6 +150,7 @@ def test_smallest_without_point_is_refused(
     assert "--smallest" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_scene_keeps_box_of_smallest(photo: NDArray[np.uint8], tmp_path: Path) -> None:
     photo[28:44, 28:44] = (200, 60, 40)
     path, scene = tmp_path / "photo.png", tmp_path / "scene.yaml"

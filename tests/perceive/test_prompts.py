@@ -107,6 +107,7 @@ def test_a_box_drawn_by_hand(draw: Callable[[], Photo], by: Sides) -> None:
     assert min(found.values()) >= GOOD, found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("draw", [balls, crates])
 def test_a_point_in_the_middle(draw: Callable[[], Photo]) -> None:
     rgb, labels = draw()
@@ -119,6 +120,7 @@ def test_a_point_in_the_middle(draw: Callable[[], Photo]) -> None:
     assert min(overlaps) >= GOOD, overlaps
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["plain", "noise"])
 def test_a_box_or_point_on_nothing_shows_no_object_or_is_doubtful(kind: str) -> None:
     rgb = np.full((300, 400, 3), 120, np.uint8)
@@ -231,6 +233,7 @@ def test_what_hardly_stands_out_is_not_pushed_and_not_good(
         )
 
 
+@pytest.mark.slow
 def test_points_on_one_object_are_told_apart_or_refused() -> None:
     rgb, _ = crates()
     segment = Segmenter(Backends())
@@ -295,6 +298,7 @@ def test_last_pixel_stays_on_smaller_photo() -> None:
     assert (round(x), round(y)) == (599, 399)
 
 
+@pytest.mark.slow
 def test_prompts_are_answered_in_pixels_of_the_given_photo(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -328,6 +332,7 @@ def test_prompts_are_answered_in_pixels_of_the_given_photo(
     assert point == pytest.approx((95, 205), abs=0.5)
 
 
+@pytest.mark.slow
 def test_wrong_prompt_of_scene_names_its_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

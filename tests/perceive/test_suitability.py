@@ -202,6 +202,7 @@ def test_a_photo_in_which_no_push_moves_anything(tmp_path):
     assert verdicts == [True, False]
 
 
+@pytest.mark.slow
 def test_it_is_recorded(tmp_path):
     one = Found()
     one.rgb[one.found.labels > 0] = (200, 50, 50)

@@ -96,6 +96,7 @@ def rows(camera: Camera, box) -> tuple[float, float, float]:
     return tuple(float(camera.pixel(x, *at)[1]) for at in ((h, deep), (h, 0), (0, 0)))
 
 
+@pytest.mark.slow
 def test_of_many_boxes_edges_that_hardly_run_together_are_enough():
     """Far away: two of the nine would not tell."""
     camera = Camera(2600.0, (0.0, 0.55, -2.8))

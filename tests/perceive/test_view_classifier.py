@@ -94,6 +94,7 @@ def test_cues_decide_if_looks_are_unsure() -> None:
     assert guess_view(*photo, 6, 0, unsure)[0] is View.TOP
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("chances", "view", "tilt"),
     [(SIDE, "side", None), (OBLIQUE, "side", 45), (TOP, "top", None)],
@@ -108,6 +109,7 @@ def test_oblique_photo_gets_a_tilt(
     assert world.get("tilt") == tilt
 
 
+@pytest.mark.slow
 def test_unsuitable_looks_are_a_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
     rgb, labels, _ = plain()
     reasons = {}

@@ -400,6 +400,7 @@ def test_a_still_scene_says_so_and_a_push_prints_what_to_keep(
     assert pipeline.load(row).objects[0].velocity[0] > 0
 
 
+@pytest.mark.slow
 def test_a_tip_names_a_push_that_moves_something(
     row: Path, tmp_path: Path, capsys
 ) -> None:
@@ -670,6 +671,7 @@ def test_trials_of_pushes_have_a_longest_time(
     assert max(ends) <= TRIAL.longest
 
 
+@pytest.mark.slow
 def test_comment_states_the_slow_motion_of_the_scene(tmp_path: Path) -> None:
     rgb = np.full((140, 300, 3), (190, 186, 176), np.uint8)
     labels = np.zeros((140, 300), np.uint8)

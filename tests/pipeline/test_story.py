@@ -105,6 +105,7 @@ def test_most_sentences_come_true() -> None:
     assert len(SENTENCES) - len(missed) >= LEAST_FULFILLED, missed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", [SENTENCES[0], SENTENCES[10]], ids=["turn", "drop"])
 def test_sentence_comes_true(row: dict[str, Any]) -> None:
     assert is_fulfilled(row)

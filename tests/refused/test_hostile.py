@@ -182,6 +182,7 @@ TEXTS: dict[str, tuple[Callable[[], str], str]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TEXTS)
 def test_text(name: str, tmp_path: Path) -> None:
     make, message = TEXTS[name]
@@ -357,6 +358,7 @@ def test_flags(value: str, tmp_path: Path) -> None:
     assert message.startswith("--set objects.ball.mass=")
 
 
+@pytest.mark.slow
 def test_many_corners_are_checked(tmp_path: Path) -> None:
     """A contour of 20,000 corners is no attack; it is read within the same limits."""
     import math
@@ -377,6 +379,7 @@ def _balls(count: int) -> str:
     return HEAD + "objects:\n" + "".join(f"  ball-{n}: {ball}\n" for n in range(count))
 
 
+@pytest.mark.slow
 def test_many_joints_and_fields(tmp_path: Path) -> None:
     """Each name is looked up at once, however many there are."""
     joints = "".join(
@@ -403,6 +406,7 @@ def test_more_collision_groups_than_the_engine_has(tmp_path: Path, here) -> None
     assert "33 collision groups are more than 32; join some of them" in message
 
 
+@pytest.mark.slow
 def test_overlapping_pairs_are_counted_not_listed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -991,6 +991,7 @@ def test_an_edge_that_turns_up_is_lit_from_above(side: int) -> None:
     assert up.mean() > down.mean() + 0.02
 
 
+@pytest.mark.slow
 def test_object_outside_photo_casts_no_shadow(tmp_path: Path) -> None:
     """A ball whose position was written in other units; seen from above, shadows slide."""
     root = Path(__file__).resolve().parents[2]

@@ -168,6 +168,7 @@ boundaries: {floor: {mask: 3}}
         assert not found[:, 80:].any(), "what is left out"
 
 
+@pytest.mark.slow
 def test_sides_of_blocks_that_turned_are_covered() -> None:
     clip = Clip(
         ROOT / "scenes/dominoes/scene.yaml",

@@ -118,6 +118,7 @@ def test_perceive_writes_and_prints_the_overview(perceived) -> None:
     assert "\r" not in said
 
 
+@pytest.mark.slow
 def test_refresh_writes_the_overview_anew(perceived) -> None:
     scene, _ = perceived()
     before = overview_of(scene).read_bytes()

@@ -32,6 +32,7 @@ def number(text: str) -> float:
     return float(text.split(" ")[0].replace("−", "-"))
 
 
+@pytest.mark.slow
 def test_charts_tell_what_nature_does(browser: Any, pages: Path) -> None:
     """Of a ball that falls: v² = vx² + (g t)²; energy goes from potential to kinetic; momentum is m v."""
     t = 0.8

@@ -127,6 +127,7 @@ def test_scenes_of_nothing_and_of_one_frame(tmp_path: Path) -> None:
     assert [len(body["x"]) for body in one["bodies"]] == [1, 1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["billiards", "dominoes"])
 def test_at_rest_its_parts_make_the_photo(bundled: Path, name: str) -> None:
     """Background, shadows and cut-outs were taken apart in linear light and come together in codes: nearly the same."""

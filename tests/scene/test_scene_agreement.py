@@ -173,6 +173,7 @@ def mutated(draw: st.DrawFn) -> Any:
     return document
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(mutated())
 def test_we_agree_with_jsonschema(document: Any) -> None:

@@ -99,6 +99,7 @@ def test_a_byte_order_mark_is_no_text() -> None:
     assert to_plain_data(tree(text)) == {"physgen": 1}
 
 
+@pytest.mark.slow
 def test_the_limits_themselves_are_allowed() -> None:
     assert to_plain_data(
         tree("a: " + "[" * (Limit.DEPTH.most - 1) + "]" * (Limit.DEPTH.most - 1))

@@ -61,6 +61,7 @@ def test_bounded_impulses_meet_one_of_all_choices() -> None:
         np.testing.assert_allclose(impulse, matches[0], atol=1e-8)
 
 
+@pytest.mark.slow
 def test_energy_is_balanced_with_bounds(tmp_path: Path) -> None:
     run = simulate(written.world(tmp_path, MACHINES), np.linspace(0, 1.2, 60))
     energy = run.energy

@@ -104,6 +104,7 @@ def test_heavy_ball_rests_on_two_pinned_planks():
     assert np.hypot(*motion.velocities[-1, -1, :2]) < 0.5
 
 
+@pytest.mark.slow
 def test_ball_falls_on_bridges():
     faults = {seed: bridge_faults(*random_bridge(seed)) for seed in (0, 1, 2, 68)}
     assert {seed: found for seed, found in faults.items() if found} == {}

@@ -91,6 +91,7 @@ joints:
     assert imbalance(motion) < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("joint", "turn"),
     [

@@ -81,6 +81,7 @@ def test_mistakes_in_media_are_named(tmp_path: Path, edit: str, words: str) -> N
         written.world(tmp_path, SCENE.replace("PROFILE", "ramp: 1"), edit)
 
 
+@pytest.mark.slow
 def test_a_scene_at_twice_the_size_moves_alike(tmp_path: Path) -> None:
     """Units of the schema decide how each number grows."""
     plain = yaml.safe_load(SCENE.replace("{PROFILE}", "{ramp: 0.3}"))

@@ -249,6 +249,7 @@ def test_energy_is_accounted_for(name, scene) -> None:
     assert (np.diff(t.energy.dissipated) > -1e-3 * t.energy.kinetic.max()).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["billiards", "dominoes", "kitchen"])
 def test_energy_of_the_bundled_scenes_is_accounted_for(name) -> None:
     scene = pipeline.load(SCENES / name / "scene.yaml")
@@ -347,6 +348,7 @@ def test_impulses_up_to_a_sample_are_the_change_of_momentum(rate) -> None:
     assert np.cumsum(given, axis=0) == approx(change, abs=1.0)
 
 
+@pytest.mark.slow
 def test_where_pieces_of_a_body_lie_in_memory_does_not_matter() -> None:
     """Concave bodies and bent walls: several contacts of one pair, some at one corner."""
     sides = [(-34, -30, 12, 60), (34, -30, 12, 60), (0, -6, 56, 12)]

@@ -24,6 +24,7 @@ def read(scene: str, *edits: str) -> World:
     return pipeline.compile(opened, pipeline.percepts(opened)).world
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "scene",
     [
@@ -104,6 +105,7 @@ def test_squares_that_overflow_are_read_again_without_a_warning() -> None:
     same_at_other_times(world, simulate(world))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("duration", ["auto", "0.4"])
 def test_a_clip_is_simulated_once(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, duration: str
@@ -171,6 +173,7 @@ trajectory = pipeline.simulate(compiled.world)
 """Keeps a trajectory to the end, when the interpreter clears modules that are still referred to."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", ["pendulum/scene.yaml", "physics/24-thin-walls.yaml"])
 def test_a_trajectory_kept_to_the_end_is_silent(scene: str) -> None:
     command = [sys.executable, "-c", KEEPING, str(SCENES / scene)]

@@ -46,6 +46,7 @@ boundaries:
 """
 
 
+@pytest.mark.slow
 def test_a_block_slides_where_friction_is_less_than_the_slope(tmp_path: Path) -> None:
     """Coulomb: it slides where the pair's coefficient is below tan(slope), whatever it weighs."""
     count = 60

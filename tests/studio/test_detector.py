@@ -7,6 +7,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 import torch
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -186,6 +187,7 @@ def test_network_gives_a_score_per_cell() -> None:
     assert torch.equal(torch.cat(outputs[4:], dim=1), bins)
 
 
+@pytest.mark.slow
 def test_exported_file_matches_its_network(tmp_path: Path) -> None:
     path = tmp_path / "detector.onnx"
     torch.manual_seed(0)

@@ -46,6 +46,7 @@ def digest(picture: Picture) -> str:
     return hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest()
 
 
+@pytest.mark.slow
 def test_a_seed_gives_the_same_bytes_in_another_process_and_order(
     told: list[Drawn],
 ) -> None:
@@ -103,6 +104,7 @@ def placed(seed: int) -> list[str]:
     return lister.names
 
 
+@pytest.mark.slow
 def test_every_kind_of_thing_and_distractor_appears() -> None:
     kinds = {name for seed in range(600) for name in placed(seed)}
     assert kinds == set(KINDS)

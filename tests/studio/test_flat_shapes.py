@@ -9,6 +9,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.append(str(ROOT / "studio/segmentation"))
@@ -22,6 +23,7 @@ from flat_shapes import (  # noqa: E402
 )
 
 
+@pytest.mark.slow
 def test_half_of_each_kind_is_held_out() -> None:
     held_out = Counter(
         one.name.rsplit("-", 1)[0] for one in drawings() if one.is_held_out

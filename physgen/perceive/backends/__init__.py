@@ -1,6 +1,6 @@
-"""One file a backend; rows in `physgen.registry` name them.
+"""One file per backend; the only modules of perceive with model libraries.
 
-The only place in perceive for model libraries.
+The registry, `physgen.registry`, names the backends.
 """
 
 from __future__ import annotations

@@ -86,7 +86,7 @@ class _Limits:
     # of depth: largest distance behind the objects' plane of a facing surface in the
     # plane.
     slack: float = 0.02
-    # px: standard deviation of the blur that smooths a border.
+    # px: standard deviation of the blur along a border.
     soft: float = 1.5
     # Distance in front of all objects within which a surface is among them, as a share
     # of the foreground's depth.
@@ -103,12 +103,12 @@ class _Limits:
     bent: float = 0.005
     # px: largest RMS deviation of a contour from its line.
     rough: float = 1.5
-    # Least share of an edge that objects do not hide.
+    # Least visible share of an edge.
     seen: float = 0.4
     # Least length of the mean unit normal of a plane: all normals within about 30
     # degrees.
     flat: float = 0.85
-    # px from an edge at which normals and depth of its solid side are sampled.
+    # px between an edge and the samples of normals and depth on its solid side.
     strip: tuple[int, ...] = (
         2,
         4,

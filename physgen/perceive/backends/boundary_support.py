@@ -77,7 +77,7 @@ MOSTLY = 0.8
 SHADE = 5.0
 """Largest ratio of luminances outside and inside that a shadow can explain."""
 ROUNDING = 1e-3
-"""Slope of a foot below which it is level."""
+"""Largest slope of a level foot."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class _RailLimits:
     bounce: float = 0.75
     # Least contrast along most of a rail, CIE 1976 Lab.
     contrast: float = 3.0
-    # px on both sides of an edge at which colours are compared.
+    # px between an edge and the compared colours on both sides.
     apart: int = 3
     # Largest slope of a rail relative to the photo's side.
     askew: float = 0.04
@@ -117,8 +117,7 @@ class _TopLimits:
     least: float = 0.02
     # Largest height of a top.
     most: float = 0.45
-    # Margin on either side that is ignored because edges are rounded, as a share of the
-    # width.
+    # Ignored margin on either side, because edges are rounded, as a share of the width.
     inner: float = 0.2
     # Largest deviation of the upper rim and the front's sides from straight lines; at
     # least 1 px.

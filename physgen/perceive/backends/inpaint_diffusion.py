@@ -71,7 +71,7 @@ class Diffusion(ModelBackend):
         )
 
     def _arguments(self, pipe: Any) -> dict[str, Any]:
-        """Return the options that this pipeline accepts."""
+        """Return the options of this pipeline."""
         takes = inspect.signature(type(pipe).__call__).parameters
         options = {
             "prompt": self._options["prompt"],

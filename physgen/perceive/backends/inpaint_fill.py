@@ -41,7 +41,7 @@ class _Limits:
 
     # px beside the hole whose colours are mixed with the object's edge.
     mixed: int = 2
-    # px beyond them that are filled as well, to measure the difference from the photo.
+    # px beyond them, filled as well to measure the difference from the photo.
     band: int = 3
     # Largest difference in levels; a larger one is not a difference of light.
     limit: float = 24.0
@@ -51,8 +51,8 @@ class _Limits:
     smooth: float = 3.0
     # px: standard deviation of the blur between grain and colour.
     grain: float = 10.0
-    # px along and beside a level line (a shelf's edge) that are compared at both ends
-    # of the hole.
+    # Compared px along and beside a level line (a shelf's edge) at both ends of the
+    # hole.
     line: tuple[int, int] = (4, 4)
     # Least contrast of a level line, in levels.
     contrast: float = 25.0
@@ -62,13 +62,13 @@ class _Limits:
     differ: float = 0.3
     # Largest change along one end of a line, as a share of its contrast.
     uneven: float = 0.5
-    # px along a line over which it must continue outside the hole.
+    # px: length of a line's continuation outside the hole.
     farther: int = 12
-    # px on each side of a line's middle that are drawn.
+    # px: half the width of a drawn line.
     drawn: int = 2
     # Levels: larger detail beside an arc is an edge of the fill rather than grain.
     arc_grain: float = 8.0
-    # px: standard deviation of the blur that separates grain.
+    # px: standard deviation of the blur for the separation of grain.
     detail: float = 2.0
 
 
@@ -216,7 +216,7 @@ def _copy_detail(
     pixels: I64,
     steps: NDArray[np.float64],
 ) -> F32:
-    """Return the detail (n, 3) of the photo that is missing in the reduced one.
+    """Return the detail (n, 3) lost in the reduced photo.
 
     `pictures` are the photo and the reduced photo. `places` (h, w, 2) is the source of
     each reduced pixel. Detail is taken at the sources of `pixels` (2, n) and is 0 if a

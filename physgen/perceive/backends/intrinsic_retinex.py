@@ -1,14 +1,14 @@
 """Backend intrinsic=retinex: albedo and shading from colour changes and normals.
 
-Where colour changes, paint does (Land & McCann 1971; Funt, Drew & Brockington 1992 for
-colour): such gradients are albedo's, the rest is mostly shading's. Places far apart but
-of one colour have mostly one albedo (Garces et al. 2012), so that differences of light
-within a colour are shading's, and those between colours mostly are not. The normals and
-the light that explains them (`light=shading`) give the shading of objects; a screened
-Poisson equation, solved by cosine transforms, holds all of it together. The light on
-whole surfaces beside each other, which no gradient shows, follows from how they stand:
-tables, what lies behind them, objects. After Barron & Malik 2015 in its priors, not in
-its method.
+A change of colour is a change of paint (Land & McCann 1971; Funt, Drew & Brockington
+1992 for colour): such gradients belong to albedo, the others mostly to shading. Distant
+places of one colour mostly have one albedo (Garces et al. 2012). Therefore differences
+of light within a colour belong to shading, and differences between colours mostly do
+not. The normals and the estimated light (`light=shading`) give the shading of objects.
+A screened Poisson equation, solved by cosine transforms, combines all of this. No
+gradient shows the light on whole surfaces side by side; it follows from their
+orientation: tables, backgrounds, objects. The priors, but not the method, follow Barron
+& Malik 2015.
 """
 
 from __future__ import annotations
@@ -29,39 +29,55 @@ from physgen.photometry import DistantLight, decode, luminance
 class _Priors:
     """Lengths are px of the grid, light and colour are logarithms."""
 
-    side: int = 256  # the longer side of the grid
-    darkest: float = 4e-3  # linear light added before logarithms of luminance
-    greyest: float = 1e-2  # and of ratios of colours
-    calm: float = 1.5  # blur of colours before they are compared, against noise
-    # change of colour a px at which a gradient is albedo's rather than shading's
+    # Longer side of the grid.
+    side: int = 256
+    # Linear light added before logarithms of luminance ...
+    darkest: float = 4e-3
+    # ... and before ratios of colours.
+    greyest: float = 1e-2
+    # Blur of colours before comparison, against noise.
+    calm: float = 1.5
+    # Change of colour per px at which a gradient belongs to albedo rather than shading.
     paint: float = 0.15
-    # share of a gradient without a change of colour that is shading's
+    # Shading's share of a gradient without a change of colour ...
     shade: float = 0.6
-    outline: float = 0.2  # the same at an object's outline, where both change
-    # share of the differences of light within one colour that are shading's
+    # ... and of a gradient at an object's outline, where both change.
+    outline: float = 0.2
+    # Shading's share of the differences of light within one colour ...
     within: float = 0.7
-    between: float = 0.3  # and of those between colours
-    colours: int = 64  # bins a side of the table of colours, over ratios of e^-3 to e^3
-    reach: float = 3.0  # over which those differences are taken together
-    hold: float = 0.03  # 1/px²: weight of differences far apart beside gradients
-    # trust in Lambert's shading, on objects; around them normals are too uncertain
+    # ... and between colours.
+    between: float = 0.3
+    # Bins per side of the table of colours, over ratios of e^-3 to e^3.
+    colours: int = 64
+    # Blur of these differences.
+    reach: float = 3.0
+    # 1/px²: weight of distant differences relative to gradients.
+    hold: float = 0.03
+    # Trust in Lambert's shading on objects; normals of the background are too
+    # uncertain.
     trust: float = 0.6
-    upwards: float = -0.5  # y of the normals of tables
-    # light on a table over that behind it: lamps are above, and it faces them
+    # Largest y of a table's normals.
+    upwards: float = -0.5
+    # Light on a table over the light behind it, because lamps are above and the table
+    # faces them.
     lift: float = 0.55
-    kept: float = 0.55  # share of how much lighter a table looks that is shading's, too
-    stood: float = -0.15  # light on objects over that on the table they stand on
-    flat: float = -0.15  # and over that behind them, without a table
-    # share of how much lighter an object looks that is shading's: neighbours are lit
-    # alike
+    # Shading's share of a table's extra brightness.
+    kept: float = 0.55
+    # Light on objects over the light on their table.
+    stood: float = -0.15
+    # Light on objects over the light behind them, without a table.
+    flat: float = -0.15
+    # Shading's share of an object's extra brightness: neighbours have similar light.
     own: float = 0.15
-    even: float = 0.5  # the least share of ambient light: rooms are bright in the shade
-    brightest: float = 0.9  # albedo of the photo's lightest surfaces
+    # Least share of ambient light: rooms are bright in the shade.
+    even: float = 0.5
+    # Albedo of the photo's lightest surfaces.
+    brightest: float = 0.9
 
 
 PRIORS = _Priors()
 LIKELY = DistantLight((0.0, -0.6, 0.8), 0.5, 0.5)
-"""Where nothing shows the light."""
+"""The assumed light without evidence."""
 
 
 def retinex() -> Intrinsic:
@@ -70,17 +86,18 @@ def retinex() -> Intrinsic:
 
 
 def _retinex(rgb: Rgb, labels: Labels, normals: F32) -> Intrinsics:
+    """Return albedo and shading of a photo at full size."""
     linear = decode(rgb)
     height, width = labels.shape
     scale = min(1.0, PRIORS.side / max(height, width))
-    # cv2.dct wants even sides
+    # cv2.dct requires even sides.
     size = max(2, round(width * scale / 2)) * 2, max(2, round(height * scale / 2)) * 2
     small = np.asarray(
         cv2.resize(linear, size, interpolation=cv2.INTER_AREA), np.float32
     )
     level = _level(small)
-    reduced, ids, normals = reduce_photo_maps(rgb, labels, normals)
-    lambert = _lambert(decode(reduced), ids, normals, size)
+    small_photo, ids, normals = reduce_photo_maps(rgb, labels, normals)
+    lambert = _lambert(decode(small_photo), ids, normals, size)
     ids = np.asarray(
         cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST), np.uint16
     )
@@ -88,11 +105,13 @@ def _retinex(rgb: Rgb, labels: Labels, normals: F32) -> Intrinsics:
     shading = np.exp(
         cv2.resize(log_shading, (width, height), interpolation=cv2.INTER_LINEAR)
     )
-    most = linear.max(axis=2)
+    largest_channel = linear.max(axis=2)
     shading *= np.float32(
-        max(float(np.percentile(most / shading, 99.5)), 1e-6) / PRIORS.brightest
+        max(float(np.percentile(largest_channel / shading, 99.5)), 1e-6)
+        / PRIORS.brightest
     )
-    shading = np.maximum(shading, most)  # no surface reflects more light than it gets
+    # No surface reflects more light than it receives.
+    shading = np.maximum(shading, largest_channel)
     albedo = linear / np.maximum(shading, 1e-6)[..., None]
     return Intrinsics(
         np.clip(albedo, 0, 1).astype(np.float32), shading.astype(np.float32)
@@ -100,85 +119,95 @@ def _retinex(rgb: Rgb, labels: Labels, normals: F32) -> Intrinsics:
 
 
 def _level(linear: F32) -> F32:
+    """Return the logarithm of luminance (h, w)."""
     return np.asarray(
         np.log(luminance(linear) + np.float32(PRIORS.darkest)), np.float32
     )
 
 
 def _lambert(linear: F32, labels: Labels, normals: F32, size: tuple[int, int]) -> F32:
-    """(h, w) on the grid: the logarithm of the shading by normals, weighted by the
-    trust in it.
+    """Return the log shading (h, w) on the grid by normals, weighted by the trust in
+    it.
     """
     ids = [int(i) for i in np.flatnonzero(np.bincount(labels.ravel())) if i]
-    found = (
+    estimate = (
         fit_light(pixel_pairs(linear, labels, dict.fromkeys(ids, False), normals))
         if ids
         else None
     )
-    light = LIKELY if found is None or found.explained < 0.05 else found.light
+    light = LIKELY if estimate is None or estimate.explained < 0.05 else estimate.light
     ambient = max(light.ambient, PRIORS.even)
-    lit = DistantLight(light.direction, 1 - ambient, ambient)
-    coarse = cv2.resize(normals, size, interpolation=cv2.INTER_AREA)
-    own = cv2.resize(
+    light_model = DistantLight(light.direction, 1 - ambient, ambient)
+    small_normals = cv2.resize(normals, size, interpolation=cv2.INTER_AREA)
+    object_share = cv2.resize(
         (labels > 0).astype(np.float32), size, interpolation=cv2.INTER_AREA
     )
-    return np.asarray(PRIORS.trust * own * np.log(lit.shade(coarse)), np.float32)
+    return np.asarray(
+        PRIORS.trust * object_share * np.log(light_model.shade(small_normals)),
+        np.float32,
+    )
 
 
 def _levelled(shading: F32, level: F32, normals: F32, ids: Labels) -> F32:
-    """(h, w) of the grid: the logarithm of `shading`, with the likely light on surfaces
-    beside each other.
+    """Return the log shading (h, w) with the likely light on surfaces side by side.
 
-    Gradients across outlines are of paint and shading both. Within a surface nothing
-    changes.
+    Gradients across outlines mix paint and shading. Inside a surface nothing changes.
     """
     free = ids == 0
     upright = cv2.resize(normals[..., 1], ids.shape[::-1], interpolation=cv2.INTER_AREA)
     table = free & (upright < PRIORS.upwards)
+    # Everything above the table's first rows lies behind it.
     rows = np.flatnonzero(table.mean(axis=1) > 0.3)
-    behind = free.copy()
-    behind[rows[0] if len(rows) else 0 :] = False
+    background = free.copy()
+    background[rows[0] if len(rows) else 0 :] = False
     change = np.zeros_like(shading)
-    stands = bool(behind.any())
+    stands = bool(background.any())
     ground, offset = (table, PRIORS.stood) if stands else (free, PRIORS.flat)
     if not ground.any():
         return shading
-    light, seen = float(shading[ground].mean()), float(level[ground].mean())
+    light, ground_level = float(shading[ground].mean()), float(level[ground].mean())
     if stands:
-        darker = -PRIORS.lift + PRIORS.kept * (float(level[behind].mean()) - seen)
-        change[behind] = min(0.0, darker) - (float(shading[behind].mean()) - light)
+        darker = -PRIORS.lift + PRIORS.kept * (
+            float(level[background].mean()) - ground_level
+        )
+        change[background] = min(0.0, darker) - (
+            float(shading[background].mean()) - light
+        )
     for i in np.flatnonzero(np.bincount(ids.ravel())):
         if i:
-            own = ids == i
-            lighter = offset + PRIORS.own * (float(level[own].mean()) - seen)
-            change[own] = lighter - (float(shading[own].mean()) - light)
+            object_mask = ids == i
+            lighter = offset + PRIORS.own * (
+                float(level[object_mask].mean()) - ground_level
+            )
+            change[object_mask] = lighter - (float(shading[object_mask].mean()) - light)
     return np.asarray(shading + change, np.float32)
 
 
 def _parted(linear: F32, level: F32, lambert: F32, ids: Labels) -> F32:
-    """(h, w): the logarithm of shading, from light (h, w, 3), its `level`, Lambert's
-    shading, and labels.
+    """Return the log shading (h, w) from light (h, w, 3), its `level`, Lambert's
+    shading and labels.
     """
     green = linear[..., 1] + np.float32(PRIORS.greyest)
     colour = np.log((linear[..., ::2] + np.float32(PRIORS.greyest)) / green[..., None])
     colour = np.asarray(cv2.GaussianBlur(colour, (0, 0), PRIORS.calm), np.float32)
     usual = _mean_level_of_colour(level, colour)
-    mixed = np.asarray(
+    target = np.asarray(
         PRIORS.within * (level - usual) + PRIORS.between * usual, np.float32
     )
-    far = cv2.GaussianBlur(mixed, (0, 0), PRIORS.reach)
+    smooth_target = cv2.GaussianBlur(target, (0, 0), PRIORS.reach)
     parts = []
+    # Divide each gradient between shading and paint by the change of colour.
     for axis in (1, 0):
         step = np.diff(level, axis=axis)
         change = np.linalg.norm(np.diff(colour, axis=axis), axis=2)
         shares = PRIORS.shade * np.exp(-((change / PRIORS.paint) ** 2))
         shares[np.diff(ids.astype(np.int32), axis=axis) != 0] = PRIORS.outline
         parts.append(shares * step + (1 - shares) * np.diff(lambert, axis=axis))
-    return _screened_poisson(parts[0], parts[1], far + lambert)
+    return _screened_poisson(parts[0], parts[1], smooth_target + lambert)
 
 
 def _mean_level_of_colour(level: F32, colour: F32) -> F32:
-    """(h, w): the mean level of all pixels of a pixel's colour (h, w, 2)."""
+    """Return the mean level (h, w) of all pixels with a pixel's colour (h, w, 2)."""
     bins_a_side = PRIORS.colours
     place = np.clip((colour + 3) / 6 * (bins_a_side - 1), 0, bins_a_side - 1).astype(
         np.float32
@@ -203,11 +232,11 @@ def _mean_level_of_colour(level: F32, colour: F32) -> F32:
 
 
 def _screened_poisson(across: F32, down: F32, far: F32) -> F32:
-    """(h, w) nearest to `far` whose differences are nearest to `across` (h, w-1) and
-    `down` (h-1, w).
+    """Return the map (h, w) nearest to `far` with differences nearest to `across` and
+    `down`.
 
-    The cosine transform turns the screened Poisson equation with a free border into a
-    division (Bhat et al. 2008).
+    `across` is (h, w-1) and `down` is (h-1, w). The cosine transform turns the screened
+    Poisson equation with a free border into a division (Bhat et al. 2008).
     """
     h, w = far.shape
     right = (PRIORS.hold * far).astype(np.float64)

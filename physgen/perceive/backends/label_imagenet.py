@@ -113,7 +113,7 @@ class Heads:
     own: F32
     # (L + 1,) log odds without features.
     shift: F32
-    # Least mean probability of a label that is written.
+    # Least mean probability of a written label.
     sure: float
     # (80,) label index of each COCO class, L if there is none.
     coco: Any
@@ -168,8 +168,7 @@ class Heads:
             detector_chances[:, label] = np.maximum(
                 detector_chances[:, label], detected[:, k]
             )
-        # Network and detector err independently: the joint probability is 1 - (1 - p)(1
-        # - q).
+        # Network and detector are assumed to err independently: 1 - (1 - p)(1 - q).
         joint = np.asarray(
             1 - (1 - network_chances) * (1 - detector_chances), np.float32
         )
@@ -323,13 +322,9 @@ def crop(rgb: Rgb, mask: Mask) -> F32:
     """
     x, y, w, h = cv2.boundingRect(mask.astype(np.uint8))
     span = max(w, h) * (1 + 2 * CROP.margin)
-    left, top = (
-        max(int(x + w / 2 - span / 2), 0),
-        max(int(y + h / 2 - span / 2), 0),
-    )
+    left, top = max(int(x + w / 2 - span / 2), 0), max(int(y + h / 2 - span / 2), 0)
     part = np.s_[
-        top : int(y + h / 2 + span / 2) + 2,
-        left : int(x + w / 2 + span / 2) + 2,
+        top : int(y + h / 2 + span / 2) + 2, left : int(x + w / 2 + span / 2) + 2
     ]
     inside = mask[part].astype(np.float32)
     scale = CROP.side / span
@@ -344,15 +339,13 @@ def crop(rgb: Rgb, mask: Mask) -> F32:
         max(round(picture.shape[0] * scale), 1),
     )
     small = cv2.resize(
-        picture,
-        size,
-        interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR,
+        picture, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
     )
     centre = (x + w / 2 - left) * scale, (y + h / 2 - top) * scale
+    # Shift the object's centre to the centre of the crop.
     move = np.array(
         [[1, 0, CROP.side / 2 - centre[0]], [0, 1, CROP.side / 2 - centre[1]]]
     )
-    # Shift the object's centre to the centre of the crop.
     square = cv2.warpAffine(
         small, move, (CROP.side, CROP.side), borderValue=(CROP.middle,) * 3
     )

@@ -49,7 +49,7 @@ HUB_ID = re.compile(r"[\w.-]+/[\w.-]+")
 
 @dataclass(frozen=True)
 class Flag:
-    """The command-line flag that names the weights, for messages."""
+    """The command-line flag for the weights, in messages."""
 
     name: str
     form: str
@@ -87,7 +87,7 @@ def weight_ids(
 
 
 def device_of(setup: Setup) -> str:
-    """Return the device of the setup, or for "auto" the fastest device that is present.
+    """Return the device of the setup, or for "auto" the fastest device present.
 
     Raises InputError if the device is unknown or not present.
 
@@ -198,7 +198,7 @@ def run_note(
 
 
 def free_memory() -> None:
-    """Release the memory of models without references to the operating system."""
+    """Release the memory of unreferenced models."""
     gc.collect()
     if torch.cuda.is_available():
         torch.cuda.empty_cache()

@@ -37,7 +37,7 @@ ROUND = {
 DOMED = {
     "stone": 0.6, "puck": 0.4, "wheel": 0.3, "coin": 0.05, "disc": 0.3, "plate": 0.3, "button": 0.3, "token": 0.1,
 }  # fmt: skip
-"""Nouns of discs that are flatter than balls, with their share of a ball's tilt."""
+"""Nouns of discs flatter than balls, with their share of a ball's tilt."""
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,7 @@
 """Open-vocabulary segmentation: Grounding DINO boxes, SAM masks (paper section 3.1).
-
-`segment=grounding-dino+sam:DINO,SAM` names both weights, `:DINO` or `:,SAM` one of
-them, as hub ids or paths. Pictures for SAM are prepared here as its own processor does
-it.
+`segment=grounding-dino+sam:DINO,SAM` names both weights, `:DINO` or `:,SAM` only one of
+them, as hub ids or paths. This module prepares pictures for SAM in the same way as
+SAM's own processor.
 """
 
 from __future__ import annotations
@@ -41,13 +40,14 @@ MEAN, SPREAD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 class GroundedConstants:
     """Constants of boxes and prompts."""
 
-    # prompts decoded together: the decoder copies the photo's features for each
+    # Prompts decoded together: the decoder copies the photo's features for each.
     batch: int = 16
-    # of Grounding DINO's text, at most; the model's own `max_text_len` where that is
-    # less
+    # Longest text of Grounding DINO; the model's own `max_text_len` may be lower.
     tokens: int = 256
-    least_score: float = 0.2  # of a box that is passed on to SAM
-    boxes: int = 100  # of a photo, that are passed on
+    # Least score of a box for SAM.
+    least_score: float = 0.2
+    # Largest number of boxes for SAM per photo.
+    boxes: int = 100
 
 
 GROUNDED = GroundedConstants()
@@ -57,7 +57,7 @@ NAME = "grounding-dino+sam"
 
 
 class Grounded:
-    """A segmenter for given nouns; its models are loaded when first needed."""
+    """A segmenter for given nouns; it loads its models at their first use."""
 
     def __init__(self, setup: Setup) -> None:
         """Raises InputError for an unknown device, number type or weights."""
@@ -68,22 +68,29 @@ class Grounded:
         self._counts: dict[str, Any] = {}
 
     def __call__(self, rgb: Rgb, categories: Sequence[Category] = ()) -> Segments:
-        """Return the objects and static surfaces of `categories`; everyday nouns where
-        none are given.
+        """Return the objects and static surfaces of `categories`, by default everyday
+        nouns.
         """
         kinds = list(categories) or list(everyday()(rgb))
-        found = self._dino(rgb, [kind.noun for kind in kinds])
+        detections = self._dino(rgb, [kind.noun for kind in kinds])
         sam = self._sam
         sam.encode(rgb)
-        masks = sam.boxes([one.box for one in found])
-        cuts = (  # a generator: masks of a large photo are large
-            Cut.of(mask, kinds[one.noun].noun, kinds[one.noun].movable, one.score, fit)
-            for one, (mask, fit) in zip(found, masks, strict=True)
+        masks = sam.boxes([detection.box for detection in detections])
+        # A generator: masks of a large photo take much memory.
+        cuts = (
+            Cut.of(
+                mask,
+                kinds[detection.noun].noun,
+                kinds[detection.noun].movable,
+                detection.score,
+                fit,
+            )
+            for detection, (mask, fit) in zip(detections, masks, strict=True)
         )
         size = rgb.shape[0], rgb.shape[1]
         result = segments(cuts, size, self._threshold)
         sam.forget()
-        self._counts = {"asked": len(kinds), "boxes": len(found)}
+        self._counts = {"asked": len(kinds), "boxes": len(detections)}
         return result
 
     def meant(
@@ -92,8 +99,8 @@ class Grounded:
         boxes: Sequence[tuple[float, float, float, float]],
         points: Sequence[tuple[float, float]],
     ) -> list[PromptedMask]:
-        """SAM's masks for boxes (left, top, width, height px) and for points, in that
-        order.
+        """Return SAM's masks for boxes (left, top, width, height px), then for
+        points.
         """
         sam = self._sam
         sam.encode(rgb)
@@ -106,7 +113,7 @@ class Grounded:
         return masks
 
     def note(self) -> Mapping[str, Any]:
-        """Device, number type, weights and counts, for the record."""
+        """Return the device, number type, weights and counts for the record."""
         return run_note(
             self._device, self._dtype, ",".join(self._weights), self._counts
         )
@@ -135,8 +142,7 @@ grounded = Grounded
 
 
 def read_threshold(setup: Setup, name: str, default: float) -> float:
-    """Return the option `threshold`: the confidence 0..1 from which a mask is an
-    object.
+    """Return the option `threshold`: the least confidence 0..1 of an object's mask.
 
     Raises InputError for other options and values.
     """
@@ -150,9 +156,7 @@ def pixels(
     mean: Sequence[float] = MEAN,
     spread: Sequence[float] = SPREAD,
 ) -> torch.Tensor:
-    """(1, 3, h, w) float32: the photo stretched to `size` (h, w), its colours
-    normalised.
-    """
+    """Return the photo stretched to `size` (h, w), normalised, (1, 3, h, w) float32."""
     small = (
         np.asarray(
             Image.fromarray(rgb).resize(size[::-1], Image.Resampling.BILINEAR),
@@ -165,17 +169,17 @@ def pixels(
 
 
 class Sam:
-    """One encoding of the photo in `dtype`, then a mask for each prompt in float32.
+    """One encoding of the photo in `dtype`, then float32 masks for each prompt.
 
-    Prompts of 16 bits would be off by pixels. The photo keeps its proportions, and the
-    rest of the input is black.
+    Prompts with 16 bits would be wrong by pixels. The photo keeps its proportions, and
+    the rest of the input is black.
     """
 
     what = "SAM"
     """The model's name in messages."""
 
     def __init__(self, weights: str, device: str, dtype: torch.dtype) -> None:
-        """Raises InputError where the weights are missing."""
+        """Raises InputError if the weights are missing."""
         self.model: Any = load_weights(self._load, weights, self.what)
         self.model.eval().to(device)
         self._device, self._dtype = device, dtype
@@ -191,16 +195,19 @@ class Sam:
         )
 
     def encode(self, rgb: Rgb) -> None:
-        """Encode a photo for the prompts that follow."""
+        """Encode a photo for the following prompts."""
         self._photo = height, width = rgb.shape[0], rgb.shape[1]
         self._inner = self._input_size(height, width)
         ready = pad(
             pixels(rgb, self._inner),
             (0, self.side - self._inner[1], 0, self.side - self._inner[0]),
         )
-        half = self._dtype != torch.float32
+        is_16_bit = self._dtype != torch.float32
         kind = self._device.partition(":")[0]
-        with torch.inference_mode(), torch.autocast(kind, self._dtype, enabled=half):
+        with (
+            torch.inference_mode(),
+            torch.autocast(kind, self._dtype, enabled=is_16_bit),
+        ):
             self._features = self._encode(ready.to(self._device))
 
     def _input_size(self, height: int, width: int) -> tuple[int, int]:
@@ -212,7 +219,7 @@ class Sam:
         return self.model.get_image_embeddings(ready).float()
 
     def boxes(self, boxes: Sequence[Box]) -> Iterator[tuple[Mask, float]]:
-        """For each box its mask and the mask's expected IoU, 0..1."""
+        """Yield the mask of each box and its expected IoU, 0..1."""
         corners = np.asarray(boxes, np.float32).reshape(-1, 4) * np.tile(
             self._scale(), 2
         )
@@ -224,20 +231,23 @@ class Sam:
     def points(
         self, points: Sequence[tuple[float, float]]
     ) -> Iterator[tuple[Mask, float]]:
-        """For each point the most likely mask and its expected IoU."""
-        scaled = np.asarray(points, np.float32).reshape(-1, 2) * self._scale()
-        for k in range(0, len(scaled), GROUNDED.batch):
-            some = self._tensor(scaled[k : k + GROUNDED.batch])[:, :, None]
-            ones = torch.ones(some.shape[:3], dtype=torch.int, device=self._device)
-            yield from self._decoded(input_points=some, input_labels=ones)
+        """Yield the most likely mask of each point and its expected IoU."""
+        input_points = np.asarray(points, np.float32).reshape(-1, 2) * self._scale()
+        for k in range(0, len(input_points), GROUNDED.batch):
+            batch = self._tensor(input_points[k : k + GROUNDED.batch])[:, :, None]
+            point_labels = torch.ones(
+                batch.shape[:3], dtype=torch.int, device=self._device
+            )
+            yield from self._decoded(input_points=batch, input_labels=point_labels)
 
     def forget(self) -> None:
         """Free the photo's features."""
         self._features = None
 
     def _decoded(self, **prompts: torch.Tensor) -> list[tuple[Mask, float]]:
-        """Of three masks a prompt (whole, part, part of a part) the one with the best
-        expected IoU.
+        """Return, per prompt, the mask with the best expected IoU.
+
+        The model proposes three: whole, part, and part of a part.
         """
         with torch.inference_mode():
             output = self.model(
@@ -262,10 +272,10 @@ class Sam:
             align_corners=False,
         )
         inner = square[..., : self._inner[0], : self._inner[1]]
-        whole = interpolate(inner, self._photo, mode="bilinear", align_corners=False)[
-            0, 0
-        ]
-        return np.asarray((whole > 0).cpu().numpy(), np.bool_)
+        photo_logits = interpolate(
+            inner, self._photo, mode="bilinear", align_corners=False
+        )[0, 0]
+        return np.asarray((photo_logits > 0).cpu().numpy(), np.bool_)
 
     def _scale(self) -> NDArray[np.float32]:
         return np.divide(self._inner[::-1], self._photo[::-1], dtype=np.float32)
@@ -278,16 +288,19 @@ class Sam:
 class NounBox:
     """A box with its noun."""
 
-    box: Box  # px, within the photo
-    noun: int  # index of the noun
-    score: float  # 0..1
+    # px, within the photo.
+    box: Box
+    # Index of the noun.
+    noun: int
+    # 0..1.
+    score: float
 
 
 class GroundingDino:
     """Boxes for nouns, in float32: the model is small."""
 
     def __init__(self, weights: str, device: str) -> None:
-        """Raises InputError where the weights are missing."""
+        """Raises InputError if the weights are missing."""
         self.tokens, self._images, model = load_weights(
             _load_dino, weights, "Grounding DINO"
         )
@@ -299,31 +312,34 @@ class GroundingDino:
         self.dot = self.tokens.convert_tokens_to_ids(".")
 
     def __call__(self, rgb: Rgb, nouns: Sequence[str]) -> list[NounBox]:
-        """Boxes of any of `nouns` without duplicates, the best score first."""
+        """Return boxes of any of `nouns` without duplicates, the best score first."""
         ready = self._images(images=Image.fromarray(rgb), return_tensors="pt").to(
             self._device
         )
-        found: list[NounBox] = []
-        for some in self.texts(nouns):
-            found += self._boxes(
-                ready, [plain_noun(nouns[k]) for k in some], some, rgb.shape[:2]
+        detections: list[NounBox] = []
+        for indices in self.texts(nouns):
+            detections += self._boxes(
+                ready, [plain_noun(nouns[k]) for k in indices], indices, rgb.shape[:2]
             )
-        boxes = np.array([one.box for one in found], np.float64).reshape(-1, 4)
-        scores = np.array([one.score for one in found], np.float64)
-        return [found[k] for k in distinct_boxes(boxes, scores)[: GROUNDED.boxes]]
+        boxes = np.array(
+            [detection.box for detection in detections], np.float64
+        ).reshape(-1, 4)
+        scores = np.array([detection.score for detection in detections], np.float64)
+        return [detections[k] for k in distinct_boxes(boxes, scores)[: GROUNDED.boxes]]
 
     def texts(self, nouns: Sequence[str]) -> list[list[int]]:
-        """Indices of the nouns of each text, as many as fit; empty and repeated nouns
-        are left out.
+        """Return the indices of the nouns of each text, as many per text as fit.
+
+        Empty and repeated nouns are left out.
         """
         result: list[list[int]] = []
         room = 0
-        used: set[str] = set()
+        earlier_nouns: set[str] = set()
         for k, noun in enumerate(map(plain_noun, nouns)):
             length = len(self.tokens(noun, add_special_tokens=False).input_ids) + 1
-            if not noun or noun in used or length + 2 > self._most:
+            if not noun or noun in earlier_nouns or length + 2 > self._most:
                 continue
-            used.add(noun)
+            earlier_nouns.add(noun)
             if length > room:
                 result.append([])
                 room = self._most - 2
@@ -340,7 +356,7 @@ class GroundingDino:
     ) -> list[NounBox]:
         """Return the boxes of one text.
 
-        A query's noun is that of its strongest token.
+        The noun of a query is the noun of its strongest token.
         """
         text = self.tokens(
             " ".join(f"{noun}." for noun in nouns),
@@ -349,7 +365,7 @@ class GroundingDino:
         )
         with torch.inference_mode():
             output = self.model(**ready, **text.to(self._device))
-        # phrases lie between the dots, after the token that begins the text
+        # Phrases lie between the dots, after the first token of the text.
         dots = [
             k for k, token in enumerate(text.input_ids[0].tolist()) if token == self.dot
         ]
@@ -371,20 +387,20 @@ class GroundingDino:
             [x - width / 2, y - height / 2, x + width / 2, y + height / 2], 1
         )
         corners = np.clip(corners, 0, 1) * [size[1], size[0], size[1], size[0]]
-        found: list[NounBox] = []
+        detections: list[NounBox] = []
         for k in np.flatnonzero(scores.max(1) >= GROUNDED.least_score).tolist():
             x0, y0, x1, y1 = corners[k].tolist()
             if x1 - x0 >= 1 and y1 - y0 >= 1:
-                found.append(
+                detections.append(
                     NounBox(
                         (x0, y0, x1, y1), indices[best[k]], float(scores[k, best[k]])
                     )
                 )
-        return found
+        return detections
 
 
 def plain_noun(noun: str) -> str:
-    """Return a noun in lower case, without the marks that end a phrase.
+    """Return a noun in lower case, without punctuation.
 
     >>> plain_noun(" Mr. Potato-head?")
     'mr potato-head'
@@ -393,6 +409,7 @@ def plain_noun(noun: str) -> str:
 
 
 def _load_dino(weights: str) -> tuple[Any, Any, Any]:
+    """Return the tokenizer, the image processor and the model of Grounding DINO."""
     from transformers import AutoTokenizer, GroundingDinoForObjectDetection
     from transformers.models.grounding_dino.image_processing_pil_grounding_dino import (
         GroundingDinoImageProcessorPil,

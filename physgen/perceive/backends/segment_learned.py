@@ -53,17 +53,17 @@ class LearnedConstants:
     # Least expected fit for that bonus, since edges also bound gaps.
     possible: float = 0.35
     foreground: tuple[float, float] = (0.3, 0.6)
-    """Mean foreground probability that gives none and all of the bonus."""
-    # Penalty for a candidate whose colours continue around it.
+    """Mean foreground probabilities for no bonus and for the full bonus."""
+    # Penalty for a candidate with continued colours around it.
     gap_penalty: float = 0.35
     rarer: float = 3.0
     """Largest ratio of the frequencies of a colour inside and around for a continued
     colour.
     """
     explained: tuple[float, float] = (0.5, 0.8)
-    """Share of continued colours that gives none and all of the penalty."""
+    """Shares of continued colours for no penalty and for the full penalty."""
     own_box: tuple[float, float] = (0.55, 0.7)
-    """Score of a candidate's own box that cancels none and all of the penalty."""
+    """Scores of a candidate's own box for the full penalty and for none."""
     # Least confidence of a doubtful object.
     doubtful: float = 0.1
     # Largest number of doubtful objects.

@@ -91,7 +91,7 @@ class Sam3(ModelBackend):
         return tokens, model.eval().to(self._device)
 
     def _instances(self, rgb: Rgb, nouns: Sequence[str]) -> list[Instance]:
-        """Return all masks that are at least doubtful; the photo is encoded once."""
+        """Return all masks of at least doubtful objects; the photo is encoded once."""
         _, model = self._model
         side = int(model.config.image_size)
         pixel_values = pixels(rgb, (side, side), HALF, HALF).to(self._device)

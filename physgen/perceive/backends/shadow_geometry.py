@@ -66,9 +66,12 @@ from physgen.perceive.shadow.silhouettes import (
 from physgen.photometry import DistantLight, decode, encode_u8, luminance
 from physgen.scene.scene import View
 
-COARSE = 176  # px: longer side of the picture in which the light is searched
-FINER = 3  # times as many px show how soft shadows' edges are
-SURE = 0.5  # correlation of predicted and seen darkness from which shadows are believed
+COARSE = 176
+"""px: longer side of the picture for the search of the light."""
+FINER = 3
+"""Factor of the finer picture for the softness of shadows."""
+SURE = 0.5
+"""Least correlation of predicted and measured darkness for real shadows."""
 
 
 def geometry() -> Shadow:

@@ -197,7 +197,7 @@ class UnusableAnswerError(Exception):
 
 
 class _Role:
-    """A role whose questions go to one model."""
+    """A role with questions to one model."""
 
     role = ""
 
@@ -675,7 +675,7 @@ def _faults(value: Any, query: Query) -> list[str]:
 
 
 def plain_line(text: str, most: int = 300) -> str:
-    r"""Return the printable characters of a text on one line, cut at a word.
+    """Return the printable characters of a text on one line, cut at a word.
 
     >>> plain_line("a  red\\n# ball\\x1b[0m")
     'a red # ball[0m'

@@ -27,12 +27,12 @@ class _Tuning:
     """Extent below and beside the foot, as a share of the photo's longer side; half the
     paper's kernel.
     """
-    # Height above the foot that contains the gaps between wheels, as a share of the
-    # object's height.
+    # Height of the gaps between wheels above the foot, as a share of the object's
+    # height.
     legs: float = 0.3
     # Largest share of the ground's light in a contact shadow.
     dark: float = 0.45
-    # Quantile of the ground's light that its dark grains reach ...
+    # Quantile of the ground's light reached by its dark grains ...
     low: float = 0.1
     # ... and the share of that quantile below which a pixel is shadow.
     below_low: float = 0.8

@@ -34,7 +34,7 @@ class _Tuning:
     patch_radius: int = 3
     # Patches with searched matches; half of them are the nearest to the hole.
     queries: int = 1200
-    # Queries that are compared at once.
+    # Queries per comparison.
     chunk: int = 200
     least_shift: float = 0.07
     """Least offset over the picture's longer side (He and Sun: 1/15): nearer matches
@@ -46,7 +46,7 @@ class _Tuning:
     dominant: int = 40
     # Least share of the hole that an offset can fill.
     least_use: float = 0.1
-    # Parts of the hole's surroundings that are matched separately.
+    # Separately matched parts of the hole's surroundings.
     arcs: int = 8
     # px: width of the matched surroundings.
     ring: int = 3

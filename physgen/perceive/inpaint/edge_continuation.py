@@ -24,11 +24,11 @@ from physgen.perceive.roles import Mask
 
 F64 = NDArray[np.float64]
 
-# px on each side of an edge that are continued with it.
+# px: width of the strip continued on each side of an edge.
 STRIP = 12
-# px on each side of an edge over which colours are averaged.
+# px: width of the averaged colours on each side of an edge.
 SIDE = 7
-# px from the hole at which edges are detected.
+# px: distance of the detected edges from the hole.
 OFFSET = 5
 # px by which the photo is extended, so that edges can enter a hole at its border.
 PAD = 12
@@ -36,7 +36,7 @@ PAD = 12
 ARC_STRIP = 6
 # Levels between both sides: fainter edges may be texture.
 ARC_CONTRAST = 45.0
-# px across the edges of a painted line over which colours are compared.
+# px: distance of the compared colours across the edges of a painted line.
 TWIN = 4
 # Least contrast of a line's other edge, reversed, as a share of the first one's.
 TWIN_CONTRAST = 0.5
@@ -52,16 +52,16 @@ class _Matching:
     contrast: float = 22.0
     # Least coherence of the structure tensor at an edge with a direction.
     coherence: float = 0.75
-    # Least contrast of an unmatched edge that continues.
+    # Least contrast of a continued unmatched edge.
     unmatched_contrast: float = 50.0
-    # Least contrast of an unmatched edge that crosses the hole.
+    # Least contrast of an unmatched edge across the whole hole.
     certain: float = 200.0
     # Largest difference between both ends on the more similar side of an edge.
     similar: float = 25.0
     # Largest doubt that two ends belong to one edge: colours, turns without an arc,
     # long bends.
     max_doubt: float = 0.75
-    # Least bending energy of an edge along the hole's border that is not drawn.
+    # Least bending energy of an omitted edge along the hole's border.
     bulge: float = 0.1
     # Least sine of the angle between two edges of a corner.
     corner_sine: float = 0.5

@@ -40,11 +40,11 @@ class _Costs:
     contrast_most: float = 6.0
     # Cost of an offset as long as the picture.
     far: float = 30.0
-    # Cost of the guide, which is used only if no offset is usable.
+    # Cost of the guide, used only without a usable offset.
     keep: float = 5e5
     # Factor of the squared difference from known neighbours.
     rim: float = 2.0
-    # The same for neighbours that do not touch.
+    # The same for neighbours without contact.
     rim_second: float = 0.35
     # Cost of unknown sources.
     unusable: float = 1e7
@@ -94,7 +94,7 @@ class OffsetLabels:
         return labels
 
     def _sources(self, down: int = 0, right: int = 0) -> tuple[NDArray[np.int64], ...]:
-        """Return rows and columns (h, w, K) that offsets copy to a neighbour, inside
+        """Return rows and columns (h, w, K) copied by offsets to a neighbour, inside
         the photo.
         """
         height, width = self.photo.hole.shape
@@ -261,9 +261,7 @@ def _colour_and_slopes(picture: F32) -> F32:
 
 
 def _known_blur(picture: F32, blocked: Mask, sigma: float) -> F32:
-    """Return a blur of `picture` (h, w[, c]) from pixels that are not `blocked`
-    (h, w).
-    """
+    """Return a blur of `picture` (h, w[, c]) from pixels outside `blocked` (h, w)."""
     weights = (~blocked).astype(np.float32)
     weight = np.maximum(cv2.GaussianBlur(weights, (0, 0), sigma), 1e-3)
     if picture.ndim == 3:

@@ -32,7 +32,7 @@ class OutgrowthConstants:
     reach: float = 0.22
     # Least area of an object over the photo's; parts of smaller objects are too small.
     least: float = 0.01
-    # Number of the largest objects that are searched; more are a heap.
+    # Number of searched objects, the largest ones; more are a heap.
     objects: int = 5
     # Rounds of GrabCut after its first estimate.
     rounds: int = 2
@@ -48,13 +48,13 @@ class OutgrowthConstants:
     part: float = 0.12
     # Largest area of all parts together over the object's.
     every: float = 0.2
-    # Largest area of parts that are added to the object, over the object's.
+    # Largest area of added parts over the object's.
     attached: float = 0.06
     # Reach of a part of the upper half, e.g. a rim, over the object's size.
     thin: float = 0.05
     # Largest extent over the reach: a longer region is similar background.
     longest: float = 0.9
-    # px around a part that are compared with it.
+    # px: width of the compared surroundings of a part.
     ring: int = 4
     # 8-bit levels: largest colour difference of a part's continuation.
     alike: float = 45.0
@@ -64,7 +64,7 @@ class OutgrowthConstants:
     sharp: float = 30.0
     # ... and the least ratio to the ground's gradient; shadows have less.
     clearer: float = 2.0
-    # Least share of the border that is this sharp.
+    # Least share of the border with this sharpness.
     bordered: float = 0.7
     # 8-bit levels: least difference between a part and the ground beside it.
     unlike: float = 18.0
@@ -226,7 +226,7 @@ class _Beside:
     """Largest reach of a part, px."""
 
     def parts(self, like: Mask) -> Mask:
-        """Return the complete pieces of `like` that are parts; none if they are too
+        """Return the complete parts among the pieces of `like`; none if they are too
         many.
         """
         area = np.count_nonzero(self.taken)
@@ -236,6 +236,7 @@ class _Beside:
             piece = names == k
             if np.count_nonzero(piece) < OUTGROWTHS.smallest:
                 continue
+            # Try the piece with its continuation first, then the piece alone.
             for part in (self._whole(piece, like), piece):
                 is_small = np.count_nonzero(part) <= OUTGROWTHS.part * area
                 if is_small and self._is_part(part):

@@ -28,7 +28,7 @@ because of contact shadow.
 The paper dilates by a kernel of 40 px at 512 px (appendix, background inpainting).
 """
 EVEN = 4.0
-"""px: standard deviation of the blur that separates a shift of colour from detail."""
+"""px: standard deviation of the blur for the separation of colour shift and detail."""
 
 
 def inpaint_windows(rgb: Rgb, hole: Mask, paint: Painter, least: int) -> Rgb:
@@ -43,6 +43,7 @@ def inpaint_windows(rgb: Rgb, hole: Mask, paint: Painter, least: int) -> Rgb:
         return rgb.copy()
     wide_hole = widened(hole)
     picture = rgb.astype(np.float32)
+    # A model sees one window per piece, large enough for context.
     for part in windows(wide_hole, least):
         strokes = paint(rgb[part], wide_hole[part])
         picture[part] = strokes + _shift(rgb[part], strokes, wide_hole[part])
@@ -151,6 +152,7 @@ def _shift(photo: Rgb, picture: Rgb, wide: Mask) -> F32:
         cv2.GaussianBlur(differences, (0, 0), EVEN)
         / np.maximum(known_share, 1e-3)[:, :, None]
     )
+    # Inside the hole the shift is unknown: extend it smoothly.
     return harmonic_fill(
         np.where(wide[:, :, None], np.float32(0), smooth_shift), wide, 0.1
     )

@@ -36,7 +36,7 @@ class _Tuning:
 
     # px: patches are 7 px wide.
     radius: int = 3
-    # Largest number of pairs of patches that are all compared.
+    # Largest number of pairs of patches for an exhaustive comparison.
     max_pairs: int = 4_000_000
     # The same in the first search, in which sources are then thinned out evenly.
     max_first_pairs: int = 20_000_000
@@ -66,7 +66,7 @@ class _Tuning:
     # px: a coarsest scale with more pixels is halved again (photos over three times as
     # wide as high).
     wide: int = 30_000
-    # px: standard deviation of the blur that separates grain from colour.
+    # px: standard deviation of the blur between grain and colour.
     grain_blur: float = 2.0
     # px: side of blocks with one source of grain.
     grain_block: int = 16
@@ -105,7 +105,7 @@ class _Fill(NamedTuple):
     field: NDArray[np.int64] | None
     # (H, W) 0..1: similarity of that source.
     alike: F32
-    # One value per patch that overlaps the hole.
+    # One value per patch over the hole.
     cost: F32
 
 
@@ -145,6 +145,7 @@ def patch_match_fill(picture: F32, hole: Mask) -> PatchFill:
         harmonic_fill(last.picture, last.hole & ~last.drawn),
         level_fill(last.picture, last.hole),
     )
+    # The first guess keeps continued edges, the second one continues rows.
     fills = [started(edges, keep=True)]
     if np.abs(edges - rows).max() > TUNING.same:
         fills.append(started(rows, keep=False))

@@ -33,7 +33,7 @@ CONTEXT = 3.0
 LEAST_CONTEXT = 96
 # px: soft border of contact shadow.
 CONTACT_RIM = 2
-# Levels: contrast that edges rarely have.
+# Levels: contrast of very few edges.
 JUMP = 100.0
 # Levels: a larger step at a seam is an edge and is not blended.
 STEP = 60.0
@@ -56,7 +56,7 @@ class _Halo:
     # px inside the border at which the steepest slope may lie, since coverage reaches
     # over the edge.
     within: int = 6
-    # px: widest rim that is measured.
+    # px: widest measured rim.
     widest: int = 12
     margin: int = 3
     """px outside the measured rim: sharpening leaves a line there, and masks have

@@ -36,7 +36,7 @@ class _Tuning:
     least_context: int = 64
     # px: a smaller piece of the hole keeps the guide.
     smallest: int = 40
-    # Standard deviation of the blur that separates fine detail.
+    # Standard deviation of the blur for the separation of fine detail.
     detail: float = 3.0
     # px around the hole with the target contrast.
     ring: int = 14
@@ -52,13 +52,13 @@ class _Tuning:
     most_gain: float = 1.1
     # Squared levels of invisible detail.
     noise: float = 4.0
-    # px around a copy over which its source is refined.
+    # px around a copy for the refinement of its source.
     seam_band: int = 2
     # Largest number of compared pixels of that band.
     beside: int = 400
-    # Positions per side that are compared at once.
+    # Positions per side in one comparison.
     tries: int = 15
-    # px: width of the bands beside the border whose colours are compared ...
+    # px: width of the compared bands beside the border ...
     border: int = 4
     # ... after a blur of this standard deviation.
     border_blur: float = 2.0
@@ -67,7 +67,7 @@ class _Tuning:
     # The same before gradients are joined, because joining spreads the step of a wrong
     # copy over the hole.
     copy_seam_weight: float = 0.5
-    # Levels across the border that are invisible.
+    # Levels: invisible step across the border.
     least_step: float = 1.0
     # Levels: a larger step is an edge of another object.
     most_step: float = 60.0
@@ -89,6 +89,7 @@ def shift_map_fill(picture: F32, hole: Mask, guide: F32) -> F32:
         window = _Window(picture[part], guide[part], piece, hole[part])
         copies, joint_copies = window.fill()
         strong_fill = window.strengthened(joint_copies)
+        # Copies replace the guide only if contrast and seams improve.
         gain = window.contrast_error() - window.contrast_error(strong_fill)
         gain -= TUNING.seam_weight * window.seam_growth(strong_fill)
         gain -= TUNING.copy_seam_weight * window.seam_growth(copies)
@@ -262,6 +263,7 @@ class _Window:
         """
         shifts = np.zeros((*self.hole.shape, 2), np.int64)
         composition = _Composed(self.picture.copy(), ~self.blocked)
+        # Large pieces are placed first; smaller ones adapt to them.
         for number, piece in _pieces_by_size(labels, scale, self.hole):
             offset = None
             if number < len(offsets):

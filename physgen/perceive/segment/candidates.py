@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 class CandidateConstants:
     """Constants of candidates; areas are in px of the network's grid."""
 
-    # Least mean foreground of a basin that may be part of an object.
+    # Least mean foreground of a basin as a possible part of an object.
     on: float = 0.3
     border_share: float = 0.6
     """Share of the boundary map in the relief; the rest is the lack of affinity between
@@ -58,13 +58,13 @@ class CandidateConstants:
     # Width of the logistic function from score to confidence.
     score_width: float = 0.05
     cut_outs: int = 9
-    """Boxes that are cut out in any photo, the best ones: each costs 35 ms."""
+    """Number of the best boxes for cut-outs in any photo: each costs 35 ms."""
     # Score of a movable whole above which more boxes are cut out.
     likely: float = 0.3
-    # Largest number of boxes that are cut out.
+    # Largest number of cut-outs.
     likely_cut_outs: int = 20
     same_group: float = 0.9
-    """Least IoU of a box with the box of a group that replaces it."""
+    """Least IoU of a box with the box of a group in its place."""
 
 
 CANDIDATES = CandidateConstants()
@@ -86,7 +86,7 @@ class Outlined:
 
 @dataclass(frozen=True, eq=False)
 class CutOut:
-    """A candidate that was cut out in a box."""
+    """A candidate from a cut-out in a box."""
 
     # On the network's grid.
     mask: Proposal
@@ -106,7 +106,7 @@ class Candidates:
     outlined: Mapping[int, Outlined] = field(default_factory=dict)
     """Selections by edges, by index."""
     corners: Mapping[int, Array] = field(default_factory=dict)
-    """Boxes (4,) on the photo in which candidates were cut out, by index."""
+    """Boxes (4,) of cut-outs on the photo, by index."""
 
     def on_photo(self, k: int, size: tuple[int, int]) -> Mask:
         """Return the mask of a candidate on a photo of `size` (H, W)."""

@@ -58,7 +58,7 @@ class DetectedBoxes:
 
     @property
     def immovable(self) -> Array:
-        """Return the scores (n,) 0..1 of whole objects that are not moved."""
+        """Return the scores (n,) 0..1 of whole immovable objects."""
         return self.scores[:, 1]
 
     @property

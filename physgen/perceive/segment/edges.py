@@ -83,6 +83,7 @@ def search_edges(rgb: NDArray[np.uint8]) -> EdgeSearch:
     smallest = max(12, smallest)
     colour = smoothed_lab(np.asarray(small_photo, np.uint8))
     gradient = colour_gradient(colour)
+    # In a rough photo, edges rarely bound objects.
     if gradient.noise > SELECTION.noise:
         return EdgeSearch(shape, [], np.zeros(0))
     regions = stable_regions(colour, gradient, smallest, largest)
@@ -112,6 +113,7 @@ def select(
     excludes = exclusions(pool)
     final, gap = score, np.zeros(len(pool))
     selection = best_set((final - SELECTION.threshold) * weight, excludes)
+    # Sets and gaps depend on the selection, and the selection on them.
     for _ in range(2):
         gap = np.maximum(gap, _gaps(pool, area, selection, shape))
         final = score + _sets(score, area, compactness, selection, excludes) - gap

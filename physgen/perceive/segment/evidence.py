@@ -64,7 +64,7 @@ VEHICLES = tuple(range(1, 9))
 WITHIN = 0.85
 # Least ratio of the areas of a whole and its part.
 LARGER = 1.5
-# Least score of a box that is likely a movable whole.
+# Least score of a likely movable whole.
 LIKELY = 0.3
 COLOUR_STEPS = 2**14
 """Number of colours: 16 steps of lightness x 32 x 32 of both hues."""
@@ -76,7 +76,7 @@ APART = 0.1
 MOST_ALIKE = 6.0
 # Largest area of a part over the whole's.
 PART = 0.7
-# Least first fit of a part that counts.
+# Least first fit of a counted part.
 GOOD_PART = 0.35
 # Least common share of the smaller box of two equal parts.
 COMMON = 0.25
@@ -145,6 +145,7 @@ def find_edges(rgb: NDArray[np.uint8], shape: tuple[int, int]) -> F32:
     x_gradient = cv2.Sobel(lab, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8)
     down = cv2.Sobel(lab, cv2.CV_32F, 0, 1, ksize=3, scale=1 / 8)
     strength = np.sqrt((x_gradient**2 + down**2).sum(axis=2))
+    # Half of a photo is below the median: grain and smooth shading.
     noise = max(0.25, float(np.median(strength)))
     strongest = strength.reshape(height, 2, width, 2).max(axis=(1, 3))
     return np.asarray(strongest / (strongest + 3 * noise + 1), np.float32)

@@ -29,7 +29,7 @@ class FocusConstants:
     weakest: float = 1.0
     # px of the network's grid: largest distance of an edge from the rim.
     reach: int = 5
-    # Quantile of the objects' sharpness that is the reference.
+    # Quantile of the objects' sharpness as the reference.
     sharpest: float = 0.9
     # Least area of an object in that quantile over the median area.
     small: float = 0.1

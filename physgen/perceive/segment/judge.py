@@ -94,6 +94,7 @@ def judge_others(
         return np.zeros(0)
     evidence = gather_evidence(rgb, run_network(rgb), judged.boxes)
     candidates = judged.found
+    # Context features compare each mask with all candidates of the photo.
     features = np.vstack([candidates.features, judge_features(others, evidence)])
     fit = shipped_judge().expected_fit([*candidates.proposals, *others], features)
     return fit[len(candidates.proposals) :]

@@ -37,7 +37,7 @@ class LivingConstants:
     """
 
     box: float = 0.25
-    """Least score of an animal's box that is examined.
+    """Least score of an examined box of an animal.
 
     Also the score of a candidate's own box above which the candidate is not a part: on
     60 photos, objects held by people have at least .34.

@@ -43,9 +43,9 @@ class CleanUp:
     least_share: float = 0.0002
     # px: least area of a mask.
     least_area: int = 32
-    # Area of a hole over the mask's below which it is closed.
+    # Largest area of a closed hole over the mask's.
     hole: float = 0.005
-    # Area of a piece over the largest piece's below which it is dropped.
+    # Largest area of a dropped piece over the largest piece's.
     speck: float = 0.02
     # Least area of a piece over the largest piece's for an object of its own.
     part: float = 0.1
@@ -139,6 +139,7 @@ def smoothed(mask: Mask) -> Mask:
     count, pieces, stats, _ = cv2.connectedComponentsWithStats(
         1 - inside, connectivity=4
     )
+    # Small holes are closed, but not the region around the mask.
     small = [
         k
         for k in range(1, count)
@@ -223,6 +224,7 @@ def resolved(cuts: Sequence[Cut]) -> list[Cut]:
     dropped.
     """
     rest = list(cuts)
+    # Drop the most hidden object and start again, since others then become visible.
     while True:
         left = [
             _behind(cut, [other for other in rest if other is not cut]) for cut in rest
@@ -305,7 +307,7 @@ def _scenery(cuts: Sequence[Cut], labels: NDArray[np.uint16]) -> Scenery:
 
 
 def _behind(cut: Cut, others: Sequence[Cut]) -> Mask:
-    """Return the part of a cut's mask that is not behind others."""
+    """Return the part of a cut's mask in front of others."""
     left = cut.mask.copy()
     for other in others:
         own_part, other_part = common(cut, other), common(other, cut)

@@ -44,9 +44,9 @@ class PieceConstants:
     regular: float = 0.9
     # Least share of such pieces in a stack.
     stacked: float = 0.5
-    # Gaps between parts that are closed, over the size of all.
+    # Largest closed gap between parts over the size of all.
     close: float = 0.02
-    # Area of a hole over the object's below which it belongs to the object.
+    # Largest area of a filled hole over the object's.
     hole: float = 0.01
 
 

@@ -45,10 +45,10 @@ class PointConstants:
     """Expected fit of the best candidate above which the judge knows an object
     there.
     """
-    # Largest number of candidates that are cut out again.
+    # Largest number of candidates for a second cut-out.
     tries: int = 6
     same_box: float = 0.9
-    """Least IoU of a box with the box of a candidate that replaces it."""
+    """Least IoU of a box with the box of a candidate in its place."""
     whole: float = 0.9
     """Share of the photo above which a mask is the photo rather than an object."""
     caution: float = 0.8

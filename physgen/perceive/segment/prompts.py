@@ -46,7 +46,7 @@ class PromptRule:
     # Least share of a selected object that the others leave visible.
     visible: float = 0.3
     looks: tuple[float, ...] = (1.4, 0.7, 0.35, 0.175, 0.09)
-    """Sides of the squares around a point in which its object is searched, over the
+    """Sides of the squares around a point for the search of its object, over the
     photo's longer side.
     """
     beyond: float = 0.02
@@ -60,7 +60,7 @@ RULE = PromptRule()
 
 @dataclass(frozen=True)
 class PromptFrame:
-    """The photo in whose pixels prompts are given, and the places in the input."""
+    """The photo of the prompts' pixels, and the places in the input."""
 
     # px.
     width: float
@@ -324,6 +324,7 @@ def from_prompts(
         labels[masks[k].mask] = k + 1
     places: list[tuple[str, Sequence[float]]] = [("box", box) for box in boxes]
     places += [("point", point) for point in points]
+    # A prompt whose object is hidden by the others repeats one of them.
     for k in range(1, len(places) + 1):
         least_area = max(
             RULE.visible * np.count_nonzero(masks[k - 1].mask), SMALLEST_OBJECT

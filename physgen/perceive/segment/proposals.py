@@ -223,7 +223,7 @@ HIGHEST = {"cover": 1.001, "weakest": 1.05, "contrast": 1.01, "likeness": 1.001}
 # Rounding error of the highest possible score.
 ROUNDING = 1e-6
 CROSSING = 0.6
-"""Factor of the score of a proposal that crosses the photo from border to border."""
+"""Factor of the score of a proposal across the photo from border to border."""
 # px from the photo's border within which an outline has no edge.
 BORDER = 2.5
 Terms = dict[str, Array]

@@ -24,7 +24,7 @@ ANGLES = np.arange(72) * 2 * np.pi / 72
 RIM = np.stack([np.cos(ANGLES), np.sin(ANGLES), np.ones(72)], 1)
 """(72, 3): outward motion of the rim at each angle if x, y or the radius grows by 1."""
 LEAST = 0.13
-"""Least share of a rim that votes for a circle."""
+"""Least share of votes from the rim of a circle."""
 
 
 def discs(
@@ -39,6 +39,7 @@ def discs(
         gradient,
         vote(gradient, np.sqrt(smallest / np.pi), np.sqrt(largest / np.pi), 4 * most),
     )
+    # The mean significance of edges along the rim rates a circle.
     support = gradient.support(
         _across_rim(gradient, circles, np.linspace(0.97, 1.03, 5)).max(1)
     ).mean(1)
@@ -164,6 +165,7 @@ def fit(gradient: Gradient, circles: Circles) -> Circles:
             factor[best_step] - 1
         )  # (n, 72) px by which the rim should move
         weight = base_weight = np.minimum(strength, 5) * (strength > 2 * gradient.noise)
+        # Reweighted least squares: distant edges belong to other objects.
         for _ in range(3):
             normal = np.einsum("nt,ti,tj->nij", weight, RIM, RIM) + 1e-3 * np.eye(3)
             move = np.linalg.solve(
@@ -194,7 +196,7 @@ COLOUR_WEIGHT = 0.25
 chosen on photos.
 """
 STALE = 0.05
-"""CIELAB units: growth of a queued difference above which it is queued again."""
+"""CIELAB units: largest tolerated growth of a queued difference."""
 EDGE_CAP = 20.0
 """CIELAB units: limit of edge strength."""
 
@@ -459,6 +461,7 @@ def tree_regions(
 
     Areas are between `smallest` and `largest` px.
     """
+    # In the tree's order each node is an interval of ranks.
     ranks = tree.rank[labels]
     sizes = np.concatenate(
         [[0], np.cumsum(np.bincount(ranks.ravel(), minlength=len(tree.rank)))]

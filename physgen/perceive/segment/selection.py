@@ -170,9 +170,11 @@ def _unite(
         is_part &= shares >= WHOLE.match * areas
         is_rival = shares > SHARED * np.minimum(areas, whole_candidate.area)
         parts = chosen[is_part]
+        # A whole must cover at least two parts and must not collide with other objects.
         if len(parts) < 2 or (is_rival & ~is_part).any():
             continue
         largest = parts[areas[is_part].argmax()]
+        # Several well fitting parts are a pile of objects rather than one whole.
         has_good_part = fit[parts[parts != largest]].max() > WHOLE.clear
         if has_good_part or plain_fits[whole] < plain_fits[parts].max() - WHOLE.worse:
             continue
@@ -232,10 +234,13 @@ def best_set(gain: Values, excludes: Flags) -> Flags:
     best = _fill(np.zeros(len(gain), np.bool_), by_gain, excludes)
     for _ in range(12):
         before = float(gain[best].sum())
+        # Move: add or remove one proposal and refill the freed space.
         for i in by_gain:
             trial, out = best.copy(), best & excludes[i]
             if best[i]:
                 trial[i], out = False, np.arange(len(gain)) == i
+            # Replacing much more gain than the candidate's rarely pays after the
+            # refill.
             elif gain[out].sum() > 1.7 * gain[i]:
                 continue
             else:

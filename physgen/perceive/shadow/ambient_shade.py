@@ -43,7 +43,7 @@ class _Tuning:
     skies: tuple[tuple[float, float], ...] = ((0.0, 5.7), (0.6, 9.6))
     # degrees: angular radius of such a light.
     wide: float = 40.0
-    # Least predicted depth of places that are compared with ...
+    # Least predicted depth of places for the comparison with ...
     deep: float = 0.05
     # ... places below this depth.
     faint: float = 0.02

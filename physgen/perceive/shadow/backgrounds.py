@@ -86,7 +86,7 @@ def fill_backgrounds(
 
 
 def find_scenery(labels: Labels, fixed: Sequence[int]) -> list[int]:
-    """Return the ids of `fixed` objects that are near others in the label map (H, W).
+    """Return the ids of `fixed` objects near others in the label map (H, W).
 
     A distant object, e.g. a cup behind a pot, is not part of the background that others
     hide.
@@ -105,10 +105,11 @@ def fill_before_scenery(
 ) -> Backgrounds:
     """Return both backgrounds if objects of `scenery_mask` (H, W) do not move.
 
-    The scenery is filled last: objects on it or in front of it leave it visible when
-    they move away, but not the background behind it.
+    The scenery is filled last, because an object in front of scenery hides the scenery
+    rather than the background behind it.
     """
     fixed_mask = scenery_mask[..., None]
+    # First fill behind the movable objects, with the scenery as part of the photo ...
     coverage = np.where(scenery_mask, np.float32(0), around.coverage)
     hole = with_rim(around.photo, coverage > 0)
     guess = np.where(hole[..., None], around.guess, around.photo)
@@ -119,6 +120,7 @@ def fill_before_scenery(
         )
     before = Surroundings(around.photo, coverage, hole, guess)
     backgrounds = fill_backgrounds(before, shadows, inpaint)
+    # ... then behind the scenery, in the picture without the movable objects.
     rest = with_rim(around.photo, scenery_mask)
     lit_picture = backgrounds.shaded if backgrounds.clean is None else backgrounds.clean
     fill_result = inpaint(lit_picture, rest)
@@ -145,6 +147,7 @@ def _fill_clean(around: Surroundings, lifted: Rgb, inpaint: Inpaint) -> Backgrou
     """
     before = reduce_photo(around.guess, around.coverage)
     after = reduce_photo(lifted, around.coverage)
+    # The comparison of surfaces needs no detail and runs at reduced size.
     plan = plan_refill(after.background, before.background, before.coverage)
     shape = around.hole.shape
     full_hole = around.hole | _enlarge_mask(plan.hole, shape)
@@ -153,6 +156,7 @@ def _fill_clean(around: Surroundings, lifted: Rgb, inpaint: Inpaint) -> Backgrou
     clean_fill = inpaint(lifted, full_hole)
     small_fill = reduce_photo(clean_fill, around.coverage).background
     old = luminance(decode(before.background))
+    # A fill without shadows must not be brighter than the removed shadow explains.
     rejected_pieces = plan.unlike(_smooth(luminance(decode(small_fill))), old)
     rejected_mask = _enlarge_mask(rejected_pieces, shape) & full_hole
     if rejected_mask.any():
@@ -161,6 +165,7 @@ def _fill_clean(around: Surroundings, lifted: Rgb, inpaint: Inpaint) -> Backgrou
         )
         small_fill = fill_from_surroundings(masked_photo, rejected_mask, inpaint)
         clean_fill = np.where(rejected_mask[..., None], small_fill, clean_fill)
+    # The background with shadows is the same fill in the remaining light.
     shaded_picture, dimmed_mask = around.photo.copy(), around.hole & ~rejected_mask
     light = np.exp(
         enlarge(_measure_darkness(around, lifted, full_hole), shape)[dimmed_mask]

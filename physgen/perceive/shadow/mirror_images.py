@@ -29,7 +29,7 @@ class MirrorLimits:
     shallow: float = 0.15
     """Least height of the ground below an object."""
     beside: float = 0.25
-    """Width of the ground on either side that shows its own colour."""
+    """Width of the visible ground on either side."""
     gap: float = 0.03
     """Height below the foot that contact shadows may spoil."""
     near: float = 0.5
@@ -52,7 +52,7 @@ class MirrorLimits:
     covered: float = 0.05
     """Largest share of the mirror image behind other objects."""
     margin: float = 0.06
-    """Width around the mirror image that is removed as well."""
+    """Removed width around the mirror image."""
     smallest: int = 400
     """px: least area of a mirror image."""
 
@@ -86,6 +86,7 @@ def find_mirror_image(rgb: Rgb, labels: Labels, number: int) -> Mask | None:
     """Return the pixels (H, W) of an object's mirror image below it, or None."""
     mask = labels == number
     left, top, width, height = cv2.boundingRect(mask.view(np.uint8))
+    # Compare the ground below the foot with the object above it, turned upside down.
     windows = _windows((left, top, width, height), labels.shape)
     if windows is None:
         return None
@@ -99,6 +100,7 @@ def find_mirror_image(rgb: Rgb, labels: Labels, number: int) -> Mask | None:
         return None
     image = np.zeros(labels.shape, np.uint8)
     image[lower_window] = mirrored_mask
+    # The blurred border of the mirror image is removed, too.
     full_image = _widened(image, max(1, round(MIRROR.margin * width)))
     return np.asarray(full_image & (labels == 0))
 
@@ -174,8 +176,10 @@ def _ground(below: Rgb, left: int, width: int) -> _Ground | None:
     ]
     if min(int(side.sum()) for side in sides) < 4:
         return None
+    # Each row of the ground has the median colours of both sides ...
     rows = [np.median(below[:, side], axis=1) for side in sides]
     way = np.clip((columns - left) / max(right - left, 1), 0, 1)[None, :, None]
+    # ... interpolated across the object's width.
     colours = rows[0][:, None] * (1 - way) + rows[1][:, None] * way
     deviations = [
         np.abs(below[:, side] - row[:, None])
@@ -206,6 +210,8 @@ def _is_mirrored(
     share = float((image * item).sum() / max((item**2).sum(), 1e-9))
     if not MIRROR.weakest <= share <= MIRROR.strongest:
         return False
+    # A shadow is uniformly darker: without the mean difference it correlates with
+    # nothing.
     structure = _correlation(image - image.mean(axis=0), item - item.mean(axis=0))
     likeness = _correlation(image, item)
     return likeness >= MIRROR.likeness and structure >= MIRROR.structure

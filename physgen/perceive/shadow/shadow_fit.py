@@ -36,7 +36,7 @@ COARSE, FINE = 192, 384
 TILT = 0.1
 # degrees: angular radius of usual lights, lamps and windows.
 SOFT = 8.0
-# Least confidence of a light from shading that is used.
+# Least confidence of a usable light from shading.
 TRUSTED = 0.3
 # Shading of a surface that faces the light and shows its true colour.
 FULL = 1.2
@@ -49,11 +49,11 @@ class _Tuning:
     Sizes are shares of an object's.
     """
 
-    # Widths over which gradients are smoothed.
+    # Widths of the smoothing of gradients.
     widths: tuple[float, ...] = (0.03, 0.08)
     # Least visible share of the predicted gradients.
     least_seen: float = 0.1
-    # Confidence of a light from shading that has full weight.
+    # Confidence of a light from shading with full weight.
     well: float = 0.5
     # degrees: standard deviations of such a light at low and full confidence.
     deviation: tuple[float, float] = (20.0, 7.0)
@@ -72,7 +72,7 @@ class _Tuning:
     )
     # Largest distance from an object to its shadow on a wall.
     farthest: float = 5.0
-    # Least share of all outlines that is free and inside the photo.
+    # Least free share of all outlines inside the photo.
     in_sight: float = 0.5
     # Percentile of the photo's gradients: steeper ones are edges of objects and are
     # clipped to it.

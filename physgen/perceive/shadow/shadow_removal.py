@@ -68,13 +68,13 @@ class _Tuning:
     most: float = 1.7
     # Depth above which a dark patch is another surface, because no shadow is as deep.
     other: float = 2.5
-    # Least predicted share of a dark patch, which is then removed completely.
+    # Least predicted share of a completely removed dark patch.
     own: float = 0.3
     # Largest distance of a shadow from its prediction; half as much vertically.
     astray: float = 0.15
     # px from its border in which the measured depth of a dark patch is used.
     rim: float = 3.0
-    # px over which gradients are smoothed against grain.
+    # px: width of the smoothing of gradients against grain.
     smooth: float = 2.0
     # Least and largest darkening of one channel over the average.
     tint: tuple[float, float] = (
@@ -89,16 +89,16 @@ class _Refill:
 
     # px around objects in which removal is unreliable.
     ring: int = 3
-    # px: half the width of gaps between objects that are too dark to be measured.
+    # px: half the width of gaps between objects too dark for a measurement.
     gap: int = 6
-    # px from an object within which shadows have spoilt the first fill.
+    # px around an object with a first fill spoilt by shadows.
     near: int = 8
     # Share of its light below which a shadow near an object shows no detail.
     deep: float = 0.45
     # Largest ratio of the fill's brightening and the shadow's darkness beside it; above
     # it the fill is another surface.
     brighter: float = 1.5
-    # Share of either that is ignored in the comparison.
+    # Ignored share of either in the comparison.
     outliers: float = 0.1
     # Grey levels: a smaller change is not a shadow.
     visible: int = 3
@@ -112,7 +112,7 @@ class _Reflection:
     improve, and none gets worse.
     """
 
-    # Least share of an object's width that stands on another object instead of a floor.
+    # Least share of an object's width on another object instead of a floor.
     another: float = 0.3
     # Light added before logarithms, so that noise in the dark does not count.
     dark: float = 0.01

@@ -21,7 +21,7 @@ from physgen.maps import F32
 from physgen.perceive.roles import BoundaryGuess, Labels, Mask, Matter, PhotoObject
 from physgen.scene.scene import Solid, View
 
-# Number of the largest objects that are considered.
+# Number of objects, the largest ones.
 MOST = 40
 # px by which an object may reach below its floor.
 SUNK = 3.0
@@ -83,7 +83,8 @@ def object_silhouettes(
         radius = item.outline.radius / scale if isinstance(item.outline, Disc) else None
         ball = radius is not None and matter[item.id].solid is Solid.SPHERE
         width, high = (x1 - x0) / scale, (y1 - y0) / scale
-        # The depth of an object is unknown: assume the mean of its width and height.
+        # The depth of an object is unknown: assume about the mean of its width and
+        # height.
         thickness = 2 * radius if radius is not None else 0.9 * (width * high) ** 0.5
         if boundaries.view is View.TOP and not ball:
             thickness *= 0.4 if radius is not None else 0.6

@@ -50,7 +50,7 @@ class _Tuning:
     """
     # Least share of ground in the surroundings.
     ground: float = 0.6
-    # Quantile of the ground's light that counts as lit.
+    # Quantile of the ground's light, counted as lit.
     quantile: float = 0.7
     # Rounds of the reweighted fit.
     rounds: int = 12
@@ -204,9 +204,7 @@ def _depth(around: _Surroundings) -> Darkness | None:
 
 
 def _shade_mask(around: _Surroundings) -> Mask:
-    """Return the pixels (h, w) that are darker than the plane through the lit
-    ground.
-    """
+    """Return the pixels (h, w) darker than the plane through the lit ground."""
     ground, grey = around.ground_mask, around.grey
     level, spread = _lit_plane(grey, ground)
     limit = max(TUNING.least, TUNING.loud * spread)
@@ -239,7 +237,7 @@ def _is_shade(around: _Surroundings, shade_mask: Mask, joined_mask: Mask) -> boo
 
 
 def _away_from(shade_mask: Mask, ground_mask: Mask) -> Mask:
-    """Return the ground (h, w) that is neither shaded nor next to shade."""
+    """Return the ground (h, w) away from shade."""
     wide_shade = cv2.dilate(shade_mask.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
     lit_mask = ground_mask & ~wide_shade
     return lit_mask if lit_mask.sum() > TUNING.size else ground_mask & ~shade_mask
@@ -302,7 +300,7 @@ def _base(shape: tuple[int, ...]) -> NDArray[np.float64]:
 
 
 def _joined(shade_mask: Mask, own_mask: Mask) -> Mask:
-    """Return the shaded pixels that are connected to the object."""
+    """Return the shaded pixels connected to the object."""
     wide_object = cv2.dilate(own_mask.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
     _, names = cv2.connectedComponents((shade_mask | wide_object).astype(np.uint8))
     component_ids = np.unique(names[own_mask])

@@ -29,8 +29,8 @@ from physgen.geometry.polygon import (
 TILTED = np.radians(1.0)
 """Angle by which the photo may be rotated before an object falls."""
 UNHELD = 0.004
-"""Share of its weight that may stay unbalanced, because outlines have errors of a
-fraction of a pixel.
+"""Tolerated unbalanced share of its weight, because outlines have errors of a fraction
+of a pixel.
 """
 MANY = 32
 """Objects in one pile above which several are held at a time, without a later check."""

@@ -59,7 +59,7 @@ class _FootLimits:
     gap: float = 0.03
     # Least share of a sloped edge that the object lies on.
     touching: float = 0.5
-    # px: largest distance of points from a line that replaces them.
+    # px: largest distance of points from a line in their place.
     invisible: float = 0.06
     # Largest slope of a floor through only two objects.
     two_tilt: float = 0.04
@@ -67,7 +67,7 @@ class _FootLimits:
 
 @dataclass(frozen=True)
 class _LevelLimits:
-    """Limits of feet that are made level, and of their heights; px.
+    """Limits of levelled feet and of their heights; px.
 
     The lowest border of a mask is ragged, and an object on two stray pixels rocks.
     Also, the front edge of an object is nearer to a camera that looks down slightly, so
@@ -82,7 +82,7 @@ class _LevelLimits:
     max_lift: float = 2.0
     # Largest distance of a round object from the common line, as a share of its radius.
     disc: float = 0.145
-    # Largest rise of the foot of a narrow object that counts as level.
+    # Largest rise of a level foot of a narrow object.
     askew: float = 2.5
     # Largest distance of a flat foot below the others' line for a lift to that line.
     nearer: float = 4.0
@@ -328,6 +328,8 @@ def group_feet(feet: Sequence[Foot], tolerance: float) -> list[tuple[Line, list[
             np.array([f.lowest for f in left]),
             np.array([f.slope for f in left]),
         )
+        # The largest group is taken first; its feet are removed, and the search
+        # repeats.
         lines = _largest_groups(points, slopes, tolerance)
         line, group = max(lines, key=lambda found: _quality(found[0], found[1], points))
         groups.append((line, [left[i] for i in group]))
@@ -645,6 +647,7 @@ def straighten_foot(outline: Region, line: Line, band: float = LEVEL.band) -> Re
         distances = (ring.outer - start) @ normal
         low = distances >= -band
         points = ring.outer - np.where(low, distances, 0.0)[:, None] * normal
+        # Inside a straight run, points are redundant.
         inner = low & np.roll(low, 1) & np.roll(low, -1)
         if np.ptp(distances) > band and (~inner).sum() >= 3:
             rings.append(Ring(points[~inner], ring.holes))
@@ -756,6 +759,7 @@ def add_base(foot: Foot, line: Line) -> Region | None:
     left = max(min(middle - reach, float(foot.left[0])), float(foot.hull[0, 0]))
     right = min(max(middle + reach, float(foot.right[0])), float(foot.hull[-1, 0]))
     inner = foot.hull[(foot.hull[:, 0] > left) & (foot.hull[:, 0] < right)]
+    # The base follows the lower outline at its top and the ground at its bottom.
     xs = np.array([left, *inner[:, 0], right])
     ys = np.interp(xs, foot.hull[:, 0], foot.hull[:, 1])
     ground = line.slope * xs + line.height

@@ -38,7 +38,7 @@ class _Limits:
     step: float = 0.5
     # Depth of a chain inside an outline that rounding explains.
     skin: float = 0.05
-    # Shortest piece of a chain that can carry an object.
+    # Shortest supporting piece of a chain.
     shortest: float = 1.5
     # Friction assumed for stability; less than most objects have, so that stable
     # objects are certain.
@@ -120,6 +120,7 @@ def add_supports(
             outlines, found, _friction(objects, found, grip), fixed_indices, known=cache
         )
 
+    # Each round finds the unstable objects and adds one support per object.
     for times in range(LIMITS.rounds if crowd else 4 * len(objects) + 1):
         found, lost = falls(on)
         if not lost:
@@ -150,6 +151,7 @@ def add_supports(
                 tries[k] = 2
                 if chain := _nest(item, others):
                     wall = wall_of("nest", chain, 0.3, "else it falls")
+            # No support fits: hold the object itself.
             if wall is None or (crowd and times == LIMITS.rounds - 1):
                 held_ids.add(item.id)
                 fixed_indices.add(k)
@@ -277,6 +279,7 @@ def free_parts(chain: Chain, others: Sequence[Outline]) -> list[Chain]:
     if not neighbours:
         return [list(chain)]
     runs = np.hypot(*np.diff(points, axis=0).T)
+    # Sample the chain at small steps and at all of its corners.
     lengths = np.concatenate([[0.0], np.cumsum(runs)])
     samples = np.unique(
         np.concatenate([lengths, np.arange(0, lengths[-1], LIMITS.step)])

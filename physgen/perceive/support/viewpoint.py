@@ -242,7 +242,7 @@ class _Doubts:
     expected: float = 0.66
     # Confidence of an object; below it a third of the objects are wrong.
     unsure: float = 0.65
-    # Share of doubtful regions that are larger than the objects.
+    # Share of doubtful regions larger than the objects.
     unclear: float = 0.1
     # Share of immovable wholes.
     fixed: float = 0.1
@@ -261,7 +261,7 @@ class _Doubts:
     unsuitable: float = 0.95
     # Share of objects without a visible support.
     unheld: float = 0.5
-    # Share of one object: the largest object that is searched for.
+    # Share of one object: the largest object of the search.
     filling: float = 0.6
     # px: width of the photo for texture.
     side: int = 256

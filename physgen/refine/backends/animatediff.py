@@ -114,6 +114,8 @@ def read_training_settings(weights: tuple[str, ...]) -> TrainingSettings:
             kind=kind,
             example=find("refine", "animatediff").weights[0].id,
         )
+    # An adapter fits a base of Stable Diffusion 1 alone: SDXL has a second text
+    # encoder.
     base_classes = (
         index.get("unet", ["", ""])[1] == "UNet2DConditionModel"
         and "text_encoder_2" not in index
@@ -127,6 +129,7 @@ def read_training_settings(weights: tuple[str, ...]) -> TrainingSettings:
         part_config(base, "vae", WHAT),
         motion.get("motion_max_seq_length", 32),
     )
+    # The autoencoder halves the picture between its levels, and so does the network.
     cell = 2 ** (len(vae["block_out_channels"]) - 1)
     levels = 2 ** (len(unet["block_out_channels"]) - 1)
     side = unet.get("sample_size") or 64

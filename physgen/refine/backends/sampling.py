@@ -163,6 +163,7 @@ def ddim(scheduler: Any, steps: int, count: int) -> Schedule:
         scheduler.alphas_cumprod.numpy().astype(np.float64),
     )
     times = levels(len(alphas), steps, config.steps_offset)[-count:]
+    # The schedule ends at the picture itself, which is signal without noise.
     a = np.append(alphas[times], 1.0)
     signal, noise_part = (
         np.sqrt(a).astype(np.float32),
@@ -173,11 +174,15 @@ def ddim(scheduler: Any, steps: int, count: int) -> Schedule:
         return np.asarray(signal[k] * latents + noise_part[k] * noise, np.float32)
 
     def stepped(prediction: F32, latents: F32, k: int) -> F32:
-        s, n = signal[k], noise_part[k]
+        s = signal[k]
+        n = noise_part[k]
+        # Recover picture and noise from the prediction, whichever of both it contains.
         if config.prediction_type == "v_prediction":
-            z0, noise = s * latents - n * prediction, s * prediction + n * latents
+            z0 = s * latents - n * prediction
+            noise = s * prediction + n * latents
         else:
-            z0, noise = (latents - n * prediction) / s, prediction
+            z0 = (latents - n * prediction) / s
+            noise = prediction
         return np.asarray(signal[k + 1] * z0 + noise_part[k + 1] * noise, np.float32)
 
     return Schedule(type(scheduler).__name__, torch.from_numpy(times), noised, stepped)
@@ -202,6 +207,7 @@ def euler(scheduler: Any, steps: int, count: int, **settings: Any) -> Schedule:
     scheduler's `set_timesteps`.
     """
     scheduler.set_timesteps(steps, **settings)
+    # The noise levels have one more entry than the steps: the end of the last.
     times, sigmas = (
         scheduler.timesteps[-count:],
         scheduler.sigmas[-count - 1 :].numpy().astype(np.float32),
@@ -224,8 +230,9 @@ OPTIONS: Options = {
 }
 """Each backend's section of physgen.toml.
 
-`resolution`: px, the side of the square whose area the model is shown at most; `window`: frames that it sees at a
-time; both as it was trained if left out.
+`resolution`: side, px, of a square with the largest area of a frame in the model;
+`window`: number of frames in the model at a time. Both are those of its training by
+default.
 """
 
 
@@ -306,7 +313,7 @@ class Run:
 
 
 class Sampler:
-    """A backend of `refine`, which loads its model for the first video."""
+    """A backend of `refine`; it loads its model for the first video."""
 
     def __init__(self, kind: Kind, setup: Setup) -> None:
         """Check device, type, options and weights. Raises InputError; loads no weights

@@ -1,8 +1,8 @@
-"""Backend refine=wan: Wan 2.1 and 2.2 (Wan team 2025), a flow in the latents of a causal VAE.
+"""Backend refine=wan: Wan 2.1 and 2.2 (Wan team 2025), a flow in latents of a VAE.
 
-Weights of text to video, of image to video (they get the first frame of each window), and
-of Wan 2.2 with two experts or with one noise level a token (TI2V). The guidance video is
-the start in each case, and its first frame is held.
+The weights may be for text to video, for image to video (with the first frame of each
+window as a condition), or of Wan 2.2 with two experts or with a noise level per token
+(TI2V). In each case the guidance video is the start, and its first frame is held.
 """
 
 from __future__ import annotations
@@ -84,8 +84,8 @@ class Wan:
     def encode_text(self, text: str) -> Tensor:
         """Return (1, 512, width), zeros behind the text's end.
 
-        The pipeline's own method first mends wrongly decoded letters, for which it needs
-        ftfy; no prompt here is such text.
+        The pipeline's own method also repairs wrongly decoded letters, with the library
+        ftfy; the prompts here do not need it.
         """
         words = " ".join(html.unescape(html.unescape(text)).split())
         tokens = self.pipe.tokenizer(
@@ -110,6 +110,8 @@ class Wan:
         stride = self.pipe.vae_scale_factor_temporal
         count = 1 + (latents - 1) * stride
         video = torch.zeros((1, 3, count, *frame.shape[1:]), device=self._device)
+        # The network expects a video of the first frame and grey, and a mask of known
+        # frames.
         video[0, :, 0] = frame
         encoded = self._encode(video)
         mask = torch.zeros((1, stride, *encoded.shape[2:]), device=self._device)
@@ -191,6 +193,8 @@ def read_training_settings(weights: tuple[str, ...]) -> TrainingSettings:
     (weights_name,) = weights
     index = pipeline_index(weights_name, WHAT)
     check_pipeline_class(weights_name, str(index.get("_class_name")), KNOWN, WHAT)
+    # A pipeline may have two networks, for different levels of noise, or only the
+    # second.
     has_first = index.get("transformer", [None, None])[1]
     part = "transformer" if has_first else "transformer_2"
     vae, network = (

@@ -54,6 +54,7 @@ def seen(url: str) -> np.ndarray:
     ]
 
 
+@pytest.mark.slow
 def test_a_second_run_asks_nothing_and_writes_the_same_bytes(
     vlm_stub: Stub, tmp_path: Path
 ):
