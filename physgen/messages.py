@@ -79,6 +79,8 @@ class Note(Enum):
     PUSH_MOVES_NOTHING = "the push of {names} moves nothing visibly"
     REBOUNDS = "{names} would rebound from a wall that the photo does not show"
     LEAVES_PICTURE = "{names} leaves the picture, also at the gentlest push"
+    GUESSED_FLOOR = "{name} is pushed on a guessed floor: it is unsure what carries it"
+    PART_MAY_STAY = "a part of {names} may stay behind"
     RESTLESS = "something moves for too long, or climbs an obstacle"
     MOTION_BRIEF = "the motion takes only {seconds:.1f} s of video"
     MUCH_FILLED = "{share} of the photo must be filled in behind moving objects"

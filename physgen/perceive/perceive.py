@@ -37,6 +37,8 @@ from physgen.maps import F32, Percepts
 from physgen.materials import kind
 from physgen.messages import Message
 from physgen.perceive import document
+from physgen.perceive.contents import attach_contents
+from physgen.perceive.hanging_parts import attach_hanging_parts
 from physgen.perceive.hidden_parts import continue_outlines
 from physgen.perceive.inpaint.outgrowths import attach_outgrowths
 from physgen.perceive.remains import Remain, attach_remains, find_remains
@@ -57,6 +59,7 @@ from physgen.perceive.roles import (
     Shadows,
     Suitability,
 )
+from physgen.perceive.segment.network import run_network
 from physgen.perceive.segment.plain_ground import shows_ground_beyond
 from physgen.perceive.segment.prompts import Segmenter
 from physgen.perceive.shadow.backgrounds import (
@@ -70,6 +73,7 @@ from physgen.perceive.shadow.backgrounds import (
 from physgen.perceive.shadow.mirror_images import remove_mirror_images
 from physgen.perceive.shadow.shadow_removal import remove_reflections
 from physgen.perceive.spheres import has_round_form, is_shaded_as_sphere
+from physgen.perceive.support.view_classifier import view_chances
 from physgen.perceive.support.viewpoint import judge_suitability
 from physgen.perceive.wheels import find_vehicles
 from physgen.photometry import decode, encode_u8
@@ -150,7 +154,9 @@ def perceive(
         extended_labels, doubtful_parts = attach_remains(
             found.labels, find_remains(rgb, found.labels, ids)
         )
-        found = replace(found, labels=attach_outgrowths(rgb, extended_labels))
+        extended_labels = attach_outgrowths(rgb, extended_labels)
+        found = replace(found, labels=extended_labels)
+        found = _with_loose_parts(rgb, found, view)
     objects, specks = fit_objects(rgb, found)
     if not objects:
         document.relabel_objects(objects, renames, {})
@@ -604,6 +610,21 @@ def fit_objects(rgb: Rgb, found: Detections) -> tuple[list[PhotoObject], int]:
     return objects, len(all_ids) - len(ids)
 
 
+def _with_loose_parts(
+    rgb: Rgb, found: Detections, view: BoundaryGuess | None
+) -> Detections:
+    """Return the detections with parts that move with their objects, as the view tells."""
+    if view is not None:
+        return found
+    chances = view_chances(run_network(rgb).features)
+    if chances.tilt is not None:
+        return attach_contents(found)
+    if chances.is_level:
+        attached = attach_hanging_parts(found.labels, found.confidence)
+        return replace(found, labels=attached)
+    return found
+
+
 def remain_problem(remain: Remain, name: str) -> Problem:
     """Return a warning about a narrow part beside an object that may stay behind."""
     x, y = remain.place
@@ -666,9 +687,9 @@ def _empty_scene(
 
 
 def _rounded(labels: Labels, objects: Sequence[PhotoObject]) -> Labels:
-    """Return the label map with exact discs as masks of round objects.
+    """Return the label map with the masks of round objects extended to their discs.
 
-    A mask is replaced only if it changes little, so that a mug keeps its handle.
+    A mask is extended only if it changes little, so that a mug keeps its handle.
     """
     result = labels.copy()
     for item in objects:
@@ -681,7 +702,7 @@ def _rounded(labels: Labels, objects: Sequence[PhotoObject]) -> Labels:
             if np.count_nonzero(mask & disc) > NEARLY_ROUND * np.count_nonzero(
                 mask | disc
             ):
-                result[mask] = 0
+                # Parts outside the disc stay in the mask, not in the background.
                 result[disc] = item.id
     return result
 

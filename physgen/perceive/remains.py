@@ -45,6 +45,14 @@ class RemainConstants:
     unlike: float = 40.0
     # 8-bit levels per px at the border of a part; shadows have softer borders.
     sharp: float = 12.0
+    # Least sharpness of a part over that of the object's own border.
+    as_sharp: float = 0.6
+    # 8-bit levels per px: least value of that sharpness.
+    softest: float = 4.0
+    # Least difference of a part from the background over that of the object's border.
+    as_unlike: float = 0.7
+    # Fits of the background's colours, each without the outliers of the last one.
+    drops: int = 3
     # Least area of such a part as a share of the object's.
     least_share: float = 0.004
     most_share: float = 0.4
@@ -164,7 +172,7 @@ def _remains_of(rgb: Rgb, labels: Labels, i: int) -> list[Remain]:
     remains = []
     used_mask = np.zeros_like(window_mask)
     # On a plain background a part may also be wide.
-    for part in _unlike_plain(rgb[window], free, distance, area):
+    for part in _unlike_plain(rgb[window], window_mask, free, distance):
         if not (part & near_others).any():
             used_mask |= part
             full = np.zeros(labels.shape, bool)
@@ -188,16 +196,18 @@ def _remains_of(rgb: Rgb, labels: Labels, i: int) -> list[Remain]:
     return remains
 
 
-def _unlike_plain(rgb: Rgb, free: Mask, away: F32, area: int) -> list[Mask]:
-    """Return parts of any width that start at an object in front of one plain colour.
+def _unlike_plain(rgb: Rgb, own: Mask, free: Mask, away: F32) -> list[Mask]:
+    """Return parts of any width that start at an object in front of a plain background.
 
-    Shadows and reflections have soft borders and are excluded.
+    The background may be shaded smoothly. Shadows and reflections have softer borders
+    than the object and are excluded.
     """
-    colour = np.median(rgb[free], axis=0)
-    differences = np.abs(rgb.astype(np.float32) - colour).max(axis=2)
+    differences = _background_differences(rgb, free)
     if float((differences[free] < REMAINS.even).mean()) < REMAINS.plain:
         return []
-    candidates = ((differences > REMAINS.unlike) & free).astype(np.uint8)
+    candidates = ((differences > _least_difference(differences, own)) & free).astype(
+        np.uint8
+    )
     closed_mask = cv2.morphologyEx(
         candidates, cv2.MORPH_CLOSE, np.ones((5, 5), np.uint8)
     )
@@ -205,6 +215,8 @@ def _unlike_plain(rgb: Rgb, free: Mask, away: F32, area: int) -> list[Mask]:
         closed_mask, connectivity=8
     )
     slope = _slope(rgb)
+    area = int(np.count_nonzero(own))
+    least_slope = _border_sharpness(slope, differences, away)
     parts = []
     for k in range(1, count):
         piece = pieces == k
@@ -217,9 +229,60 @@ def _unlike_plain(rgb: Rgb, free: Mask, away: F32, area: int) -> list[Mask]:
             continue
         inner = cv2.erode(piece.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
         border = piece & ~inner & (away > 2 * REMAINS.touches)
-        if border.any() and float(np.median(slope[border])) >= REMAINS.sharp:
+        if border.any() and float(np.median(slope[border])) >= least_slope:
             parts.append(piece & (away > 0))
     return parts
+
+
+def _background_differences(rgb: Rgb, free: Mask) -> F32:
+    """Return `(h, w)` 8-bit levels between a photo and the colour of its background.
+
+    The colour of the background is a polynomial of degree two in the position.
+    """
+    height, width = free.shape
+    x, y = np.meshgrid(np.linspace(-1, 1, width), np.linspace(-1, 1, height))
+    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
+    colours = rgb.astype(np.float64)
+    colour = np.median(rgb[free], axis=0)
+    differences = np.abs(colours - colour).max(axis=2)
+    limit = REMAINS.unlike
+    for _ in range(REMAINS.drops):
+        ground = free & (differences < limit)
+        if np.count_nonzero(ground) < REMAINS.plain * np.count_nonzero(free):
+            break
+        weights, *_ = np.linalg.lstsq(terms[ground], colours[ground], rcond=None)
+        differences = np.abs(colours - terms @ weights).max(axis=2)
+        limit = 2 * REMAINS.even
+    return np.asarray(differences, np.float32)
+
+
+def _least_difference(differences: F32, own: Mask) -> float:
+    """Return the least difference of parts of an object from its background, levels.
+
+    A dark object differs by more than the shadow at its feet.
+    """
+    inner = cv2.erode(own.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    deep = cv2.erode(own.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+    border = differences[inner & ~deep]
+    if not border.size:
+        return REMAINS.unlike
+    return max(REMAINS.unlike, REMAINS.as_unlike * float(np.median(border)))
+
+
+def _border_sharpness(slope: F32, differences: F32, away: F32) -> float:
+    """Return the least slope at the border of a part, 8-bit levels per px.
+
+    Out of focus, the border of a part is as soft as that of its object.
+    """
+    band = (away > 0) & (away <= 2 * REMAINS.touches)
+    unlike = (
+        cv2.dilate((differences > REMAINS.unlike).astype(np.uint8), np.ones((3, 3))) > 0
+    )
+    own = slope[band & unlike]
+    if not own.size:
+        return REMAINS.sharp
+    as_own = REMAINS.as_sharp * float(np.median(own))
+    return float(np.clip(as_own, REMAINS.softest, REMAINS.sharp))
 
 
 def _slope(rgb: Rgb) -> F32:

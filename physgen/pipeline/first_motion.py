@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from physgen.messages import Message
+from physgen.messages import Message, Note
 from physgen.pipeline.trial_scenes import open_trial
 from physgen.problems import InputError, Place, Warn
 from physgen.scene.provenance import meters, source
@@ -213,6 +213,7 @@ def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedS
     held object is released and pushed alone.
     """
     from physgen.pipeline.refusals import find_refusals
+    from physgen.pipeline.releases import is_better, is_oblique, is_weak
     from physgen.pipeline.verdicts import stillness_doubts, with_doubts
 
     refusals = find_refusals(perceived)
@@ -223,15 +224,16 @@ def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedS
     # Try the objects that nothing speaks against; someone beside an object bars one
     # side.
     push = _chosen_push(perceived, movable_names, refusals.barred)
-    is_doubtful = push is None or not push.outcome.is_inside
-    if is_doubtful and not only:
+    if not only and is_weak(perceived, push):
         # A push of an object on a guessed floor is still better than no motion, or than
         # a motion out of the picture.
         release = _release(perceived, refusals)
-        if release is not None and _is_better(release[1], push):
-            name = release[1].name
-            doubt = f"{name} is pushed on a guessed floor: it is unsure what carries it"
-            return _with_push(with_doubts(release[0], [doubt]), release[1])
+        if release is not None and is_better(release[1], push):
+            doubts = []
+            # At an angle, the ground is visible around the object.
+            if not is_oblique(perceived):
+                doubts.append(Note.GUESSED_FLOOR.text(name=release[1].name))
+            return _with_push(with_doubts(release[0], doubts), release[1])
     if push is None:
         reasons = [*refusals.reasons, *stillness_doubts(perceived, movable_names)]
         return with_doubts(perceived, reasons)
@@ -276,18 +278,13 @@ def _chosen_push(
     return default_push(scene, shapes, confidence, invisible_walls, facing, barred)
 
 
-def _is_better(push: Push, other: Push | None) -> bool:
-    """Return whether a push has a better grade than another one, if there is one."""
-    return other is None or push.outcome.grade > other.outcome.grade
-
-
 def _release(
     perceived: PerceivedScene, refusals: Refusals
 ) -> tuple[PerceivedScene, Push] | None:
     """Release one held object and return its scene and push; None if no object
     moves.
     """
-    from physgen.pipeline.releases import RELEASE, releases
+    from physgen.pipeline.releases import RELEASE, is_better, releases
 
     best: tuple[PerceivedScene, Push] | None = None
     for name, released_scene in releases(perceived, refusals.objects):
@@ -296,7 +293,7 @@ def _release(
         push = _chosen_push(resting_scene, [name], refusals.barred, RELEASE.certainty)
         if push is None:
             continue
-        if best is None or _is_better(push, best[1]):
+        if best is None or is_better(push, best[1]):
             best = resting_scene, push
         if push.outcome.is_calm:
             break
@@ -322,7 +319,11 @@ def _with_motion(
     The slow motion is chosen for the duration of the visible motion.
     """
     from physgen.geometry.scale import slow_motion_comment, story_slow_motion
-    from physgen.pipeline.verdicts import outcome_doubts, with_doubts
+    from physgen.pipeline.verdicts import (
+        outcome_doubts,
+        with_doubts,
+        without_parts_at_rest,
+    )
 
     document, comments = perceived.document, dict(perceived.comments)
     objects = dict(document["objects"])
@@ -346,6 +347,7 @@ def _with_motion(
         document["render"] = render
     moving_scene = replace(perceived, document=document, comments=comments)
     moving_scene = _with_ramp(moving_scene, outcome)
+    moving_scene = without_parts_at_rest(moving_scene, outcome)
     return with_doubts(
         moving_scene, outcome_doubts(moving_scene, list(motions), outcome)
     )

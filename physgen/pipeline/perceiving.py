@@ -232,14 +232,15 @@ def _perceive_photo(
     full_size = None if rgb.shape[:2] == (height, width) else (width, height)
 
     def set_in_motion(perceived: PerceivedScene) -> PerceivedScene:
-        for problem in perceived.warnings:
-            warn(problem)
         progress("push", 0, 1)
         perceived = replace(perceived, full_size=full_size)
         story = None
         if options.story is not None:
             story = StoryRequest(options.story, crew.plan, warn)
-        return start_motion(perceived, options.still, options.pushes, story)
+        moved = start_motion(perceived, options.still, options.pushes, story)
+        for problem in moved.warnings:
+            warn(problem)
+        return moved
 
     moving_scene = run(
         rgb,

@@ -278,9 +278,9 @@ def choose_push(
             break
         verified_candidate = _try(trials, candidate, facing, trials.world)
         verified_candidate = _weighted(verified_candidate, confidence)
-        if verified_candidate.outcome.grade >= candidate.outcome.grade:
-            return verified_candidate
         verified_candidates.append(verified_candidate)
+        if verified_candidate.outcome.grade >= candidate.outcome.grade:
+            break
     moving_candidates = [
         trial for trial in verified_candidates if trial.outcome.grade > Grade.NOTHING
     ]

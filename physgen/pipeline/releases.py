@@ -9,10 +9,10 @@ other objects are held.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from math import sqrt
+from math import radians, sin, sqrt
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -43,6 +43,7 @@ from physgen.scene.scene import View
 
 if TYPE_CHECKING:
     from physgen.perceive.roles import PerceivedScene
+    from physgen.pipeline.pushes import Push
 
 
 @dataclass(frozen=True)
@@ -69,10 +70,18 @@ class ReleaseLimits:
     """Friction of the floor, equal to that of perceived floors."""
     floor_confidence: float = 0.3
     """Confidence of the floor, for `from`."""
+    oblique: float = 30.0
+    """Least angle of the camera, degrees, at which objects pass each other."""
+    depth: float = 0.35
+    """Largest distance on the ground between objects that meet, over the sum of their
+    smaller sides.
+    """
 
 
 RELEASE = ReleaseLimits()
 FLOOR = "floor"
+MOVING, NEAR = "moving", "near"
+"""Collision groups of what moves and of what it may meet."""
 
 
 def releases(
@@ -85,6 +94,8 @@ def releases(
     if photo_scene.document["world"]["view"] != View.SIDE.value:
         return
     sorted_names = _ranked(photo_scene, refused)
+    if is_oblique(photo_scene):
+        sorted_names.sort(key=lambda name: -_low(photo_scene, name))
     for name in sorted_names[: RELEASE.most]:
         if name not in photo_scene.document["objects"]:
             continue
@@ -92,6 +103,40 @@ def releases(
         with suppress(InputError):
             merged_scene = _with_parts(photo_scene, name)
             yield name, _released(merged_scene, name)
+
+
+def is_oblique(photo_scene: PerceivedScene) -> bool:
+    """Return whether the ground is visible around objects, at an angle."""
+    tilt = float(photo_scene.document["world"].get("tilt", 0))
+    return tilt >= RELEASE.oblique
+
+
+def is_weak(perceived: PerceivedScene, push: Push | None) -> bool:
+    """Return whether a released object may tell more than a push."""
+    if push is None or not push.outcome.is_inside:
+        return True
+    return is_oblique(perceived) and push.outcome.travel < TRIAL.travel
+
+
+def is_better(push: Push, other: Push | None) -> bool:
+    """Return whether a push has a better grade than another one, if there is one.
+
+    Of two with one grade, the one that moves something farther is better, up to a limit.
+    """
+    if other is None:
+        return True
+    ranks = [
+        (one.outcome.grade, min(one.outcome.travel, TRIAL.travel))
+        for one in (push, other)
+    ]
+    return ranks[0] > ranks[1]
+
+
+def _low(photo_scene: PerceivedScene, name: str) -> float:
+    """Return the lowest row of an object's mask, px."""
+    number = photo_scene.document["objects"][name]["mask"]
+    rows = (photo_scene.percepts.labels == number).any(axis=1)
+    return float(np.flatnonzero(rows).max(initial=0))
 
 
 def _ranked(photo_scene: PerceivedScene, refused: Collection[str]) -> list[str]:
@@ -187,7 +232,73 @@ def _released(photo_scene: PerceivedScene, name: str) -> PerceivedScene:
     document = photo_scene.document | {"boundaries": other_walls | {FLOOR: floor}}
     comment = f"a guess: through the lowest point of {name}"
     comments = {**photo_scene.comments, f"boundaries.{FLOOR}": comment}
+    released = replace(photo_scene, document=document, comments=comments)
+    if is_oblique(photo_scene):
+        names = [item.name for item in scene.objects]
+        return _passing(released, name, dict(zip(names, outlines, strict=True)))
+    return released
+
+
+def _passing(
+    photo_scene: PerceivedScene, name: str, outlines: Mapping[str, Outline]
+) -> PerceivedScene:
+    """Return the scene in which one object passes before and behind all others.
+
+    Only objects at about the same distance from the camera are in its way.
+    """
+    tilt = radians(float(photo_scene.document["world"]["tilt"]))
+    places = {key: _GroundPlace.of(outline) for key, outline in outlines.items()}
+    own_place = places.pop(name)
+    near = [key for key, place in places.items() if own_place.meets(place, tilt)]
+    objects = _in_depth_order(photo_scene.document["objects"], name, own_place, places)
+    for other in near:
+        objects[other] = objects[other] | {"collision_group": NEAR}
+    groups = [MOVING, NEAR] if near else [MOVING]
+    objects[name] |= {"collision_group": MOVING, "collides_with": groups}
+    walls = dict(photo_scene.document["boundaries"])
+    walls[FLOOR] = walls[FLOOR] | {"collision_group": MOVING}
+    comments = dict(photo_scene.comments)
+    comment = "it passes all objects that are nearer or farther"
+    comments[f"objects.{name}.collision_group"] = comment
+    document = photo_scene.document | {"objects": objects, "boundaries": walls}
     return replace(photo_scene, document=document, comments=comments)
+
+
+def _in_depth_order(
+    entries: Mapping[str, Any],
+    name: str,
+    own_place: _GroundPlace,
+    places: Mapping[str, _GroundPlace],
+) -> dict[str, Any]:
+    """Return the entries of objects, with farther ones in lower layers than `name`."""
+    objects = dict(entries)
+    farther = [key for key, place in places.items() if place.low <= own_place.low]
+    layer = max([0, *(objects[key].get("layer", 0) + 1 for key in farther)])
+    objects[name] = objects[name] | {"layer": layer}
+    for other in places.keys() - set(farther):
+        nearer_layer = max(objects[other].get("layer", 0), layer + 1)
+        objects[other] = objects[other] | {"layer": nearer_layer}
+    return objects
+
+
+@dataclass(frozen=True)
+class _GroundPlace:
+    """Where an object stands on ground that the camera sees at an angle, px."""
+
+    low: float
+    """Its lowest row."""
+    size: float
+    """The smaller side of its box."""
+
+    @staticmethod
+    def of(outline: Outline) -> _GroundPlace:
+        x0, y0, x1, y1 = bounds(outline)
+        return _GroundPlace(y1, min(x1 - x0, y1 - y0))
+
+    def meets(self, other: _GroundPlace, tilt: float) -> bool:
+        """Return whether two objects on a line across the photo may touch."""
+        reach = RELEASE.depth * (self.size + other.size) * sin(tilt)
+        return abs(self.low - other.low) < reach
 
 
 def _guessed_floor(width: int, height: float) -> dict[str, Any]:

@@ -29,6 +29,8 @@ def open_trial(photo_scene: PerceivedScene, *more: str) -> OpenedScene:
         "label",
         "facing",
         "wheels",
+        "collision_group",
+        "collides_with",
         *more,
     )
     sections = ("physgen", "world", "boundaries", "render")

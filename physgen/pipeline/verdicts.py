@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from physgen.geometry.scale import PLAYBACK
 from physgen.materials import is_living, kind
-from physgen.messages import Note
+from physgen.messages import Message, Note
 from physgen.perceive.roles import PerceivedScene, Suitability
 from physgen.perceive.support.viewpoint import fine_detail
 from physgen.pipeline.push_trials import Grade, Outcome
 from physgen.pipeline.refusals import WATERCRAFT
+from physgen.problems import Problem
 from physgen.text import listed, percent
 
 
@@ -71,7 +72,30 @@ def outcome_doubts(
     if outcome.grade is Grade.SHORT and seconds < OUTCOME.brief:
         doubts.append(Note.MOTION_BRIEF.text(seconds=seconds))
     doubts += _fill_doubts(perceived, outcome)
+    parts = list(dict.fromkeys(map(_part_owner, perceived.warnings)))
+    owners = [name for name in parts if name in outcome.moved]
+    if owners:
+        doubts.append(Note.PART_MAY_STAY.text(names=listed(owners, "and")))
     return doubts
+
+
+def without_parts_at_rest(
+    photo_scene: PerceivedScene, outcome: Outcome
+) -> PerceivedScene:
+    """Return the scene without warnings of parts beside objects that do not move."""
+    kept = []
+    for problem in photo_scene.warnings:
+        owner = _part_owner(problem)
+        if not owner or owner in outcome.moved:
+            kept.append(problem)
+    return replace(photo_scene, warnings=tuple(kept))
+
+
+def _part_owner(problem: Problem) -> str:
+    """Return the object whose part may stay behind by a warning; empty for others."""
+    if problem.code != Message.REMAINS_BEHIND.code:
+        return ""
+    return problem.path.split(".")[1]
 
 
 def _fill_doubts(perceived: PerceivedScene, outcome: Outcome) -> list[str]:

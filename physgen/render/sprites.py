@@ -362,6 +362,20 @@ class Sprite:
         return max(numbers)
 
     @cached_property
+    def halo_reach(self) -> F32:
+        """Return (h, w) px from the pixels of `halo` to the object."""
+        assert self.halo is not None
+        (x, y), picture, _ = self.halo
+        height, width = picture.shape[:2]
+        rows, columns = np.nonzero(self.coverage > 0)
+        rows, columns = rows + self.corner[1] - y, columns + self.corner[0] - x
+        is_within = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+        is_free = np.ones((height, width), np.uint8)
+        is_free[rows[is_within], columns[is_within]] = 0
+        reach = cv2.distanceTransform(is_free, cv2.DIST_L2, 5)
+        return np.asarray(reach, np.float32)
+
+    @cached_property
     def beside(self) -> NDArray[np.int32]:
         """Return the numbers (n,) in `hider`; 0 without any."""
         return np.zeros(1, np.int32) if self.hider is None else np.unique(self.hider)

@@ -279,12 +279,21 @@ def halos_left(sprites: Sequence[Sprite], stands: Sequence[SpritePose]) -> F32:
     return shares
 
 
+def _moved_px(sprite: Sprite, stand: SpritePose) -> float:
+    """Return how far a sprite is from its start, px, with half its turn."""
+    side = max(min(sprite.coverage.shape), 1)
+    way = hypot(stand.pose.x - stand.start.x, stand.pose.y - stand.start.y)
+    turn = abs(float(stand.pose.angle - stand.start.angle))
+    return float(way + turn * side / 2)
+
+
 def draw_halo(
     sprite: Sprite, stand: SpritePose, shares: F32
 ) -> tuple[Slices, F32] | None:
     """Draw the visible share of `Sprite.halo`: a box and (h, w, 3); None without any.
 
-    `shares`: those of `halos_left`.
+    `shares`: those of `halos_left`. A rim that the mask left out at the outline fades
+    within as many px of motion as it is wide; soft shade farther out fades later.
     """
     own_share = shares[sprite.body + 1]
     if sprite.halo is None or stand.where is None or own_share < FAINT:
@@ -295,6 +304,11 @@ def draw_halo(
     pixel_shares = np.minimum(shares[neighbours], own_share)
     if pixel_shares.min() == 1:
         return box, picture
+    moved = _moved_px(sprite, stand)
+    if moved > 0:
+        width_px = sprite.halo_reach + np.float32(FADE)
+        rims = np.exp(-np.square(np.float32(moved) / width_px))
+        pixel_shares = np.minimum(pixel_shares, rims)
     return box, picture * three_channels(pixel_shares)
 
 

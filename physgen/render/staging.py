@@ -921,12 +921,38 @@ def _skinned(
     alpha = sprite.coverage[..., None]
     own_light = sprite.light / np.maximum(alpha, 1e-3)
     colour = np.where(alpha > 1e-3, own_light, 0).astype(np.float32)
+    colour = _over_circle(colour, sprite, (x, y), body.radius)
     if veil is not None:
         colour *= np.exp(veil)[..., None]
     ball = ball_from_photo(
         colour, sprite.corner, (x, y), body.radius, light, view, is_painted
     )
     return replace(sprite, ball=ball)
+
+
+def _over_circle(
+    colour: F32, sprite: Sprite, center: tuple[float, float], radius: float
+) -> F32:
+    """Return the colour (h, w, 3) of a ball, also where its mask leaves its circle out.
+
+    Lumpy fruit has bays in its circle that would turn as dark spots.
+    """
+    rows, columns = np.indices(sprite.coverage.shape)
+    x, y = columns + sprite.corner[0], rows + sprite.corner[1]
+    is_inside = np.hypot(x - center[0], y - center[1]) < radius
+    is_open = is_inside & (sprite.coverage <= 1e-3)
+    source = sprite.coverage > 0.5
+    if not is_open.any() or not source.any():
+        return colour
+    _, seeds = cv2.distanceTransformWithLabels(
+        (~source).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    places = np.zeros((int(seeds.max()) + 1, 2), np.int64)
+    places[seeds[source]] = np.argwhere(source)
+    nearest = places[seeds[is_open]]
+    filled = colour.copy()
+    filled[is_open] = colour[nearest[:, 0], nearest[:, 1]]
+    return filled
 
 
 def _relieved(sprite: Sprite, normals: F32, light: DistantLight) -> Sprite:

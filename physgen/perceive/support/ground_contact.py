@@ -53,6 +53,12 @@ class _FootLimits:
     short: float = 8.0
     # px by which a mask's straight edge bulges.
     ragged: float = 1.5
+    # Columns in which a sloped edge is compared with the outline.
+    columns: int = 64
+    # Largest gap between outline and edge, over the object's height.
+    gap: float = 0.03
+    # Least share of a sloped edge that the object lies on.
+    touching: float = 0.5
     # px: largest distance of points from a line in their place.
     invisible: float = 0.06
     # Largest slope of a floor through only two objects.
@@ -168,10 +174,9 @@ def find_foot(item: PhotoObject) -> Foot:
     # Otherwise it may stand on a straight part along a slope ...
     first, last = _straight_part(hull, k)
     run, rise = hull[last] - hull[first]
-    if (
-        run >= max(FOOT.short, FOOT.broad * (hull[-1, 0] - hull[0, 0]))
-        and abs(rise) <= FOOT.steepest * run
-    ):
+    is_long = run >= max(FOOT.short, FOOT.broad * (hull[-1, 0] - hull[0, 0]))
+    is_slope = is_long and abs(rise) <= FOOT.steepest * run
+    if is_slope and _lies_along(item.outline, hull[first], hull[last]):
         return Foot(item, hull[first], hull[last], hull)
     # ... or on its lowest corner.
     x, y = hull[int(np.argmax(hull[:, 1]))]
@@ -179,6 +184,26 @@ def find_foot(item: PhotoObject) -> Foot:
     return Foot(
         item, np.array([x - half_width, y]), np.array([x + half_width, y]), hull
     )
+
+
+def _lies_along(outline: Region, start: Array, end: Array) -> bool:
+    """Return whether most of an outline's lower side lies on a line between two points.
+
+    A line through two feet that stand nearer and farther is no slope.
+    """
+    _, top, _, low = bounds(outline)
+    x = np.linspace(start[0], end[0], FOOT.columns + 2)[1:-1]
+    line = np.interp(x, [start[0], end[0]], [start[1], end[1]])
+    lowest = np.full(len(x), -np.inf)
+    for ring in outline.rings:
+        first, second = ring.outer, np.roll(ring.outer, -1, axis=0)
+        for (xa, ya), (xb, yb) in zip(first, second, strict=True):
+            is_over = (x >= min(xa, xb)) & (x <= max(xa, xb))
+            share = (x - xa) / (xb - xa) if xb != xa else np.zeros_like(x)
+            y = ya + share * (yb - ya)
+            lowest = np.where(is_over, np.maximum(lowest, y), lowest)
+    near = line - lowest <= max(2 * FOOT.ragged, FOOT.gap * (low - top))
+    return bool(near.mean() >= FOOT.touching)
 
 
 def _straight_part(hull: Array, k: int) -> tuple[int, int]:
@@ -689,6 +714,8 @@ class _BaseLimits:
     """
     round: float = 0.85
     """Share of its smallest circle above which fruit may roll and gets no base."""
+    whole: float = 0.95
+    """Least share of its area in its largest piece: smaller pieces are stray pixels."""
 
 
 BASE = _BaseLimits()
@@ -721,7 +748,10 @@ def add_base(foot: Foot, line: Line) -> Region | None:
     Returns None if the lower outline is too high above the line or in several pieces.
     """
     outline = foot.item.outline
-    if isinstance(outline, Disc) or len(outline.rings) != 1:
+    if isinstance(outline, Disc):
+        return None
+    outline = _largest_piece(outline)
+    if len(outline.rings) != 1:
         return None
     x0, y0, x1, y1 = bounds(outline)
     middle = float(mass_properties(outline).center[0])
@@ -747,6 +777,15 @@ def add_base(foot: Foot, line: Line) -> Region | None:
     if not union_shape.exterior.is_ccw:
         outer = outer[::-1]
     return Region((Ring(outer, outline.rings[0].holes),))
+
+
+def _largest_piece(outline: Region) -> Region:
+    """Return an outline without stray pieces beside its largest one."""
+    areas = [abs(polygon_moments(ring.outer).area) for ring in outline.rings]
+    largest = max(areas)
+    if len(areas) == 1 or largest < BASE.whole * sum(areas):
+        return outline
+    return Region((outline.rings[areas.index(largest)],))
 
 
 # Rectangles.

@@ -43,6 +43,11 @@ class ViewChances:
     """The photo shows people, animals, landscapes or rooms: no loose object at rest."""
 
     @property
+    def is_level(self) -> bool:
+        """Return whether the photo is rather one from the side than any other."""
+        return self.side >= max(self.oblique, self.top)
+
+    @property
     def tilt(self) -> float | None:
         """Return the tilt of the camera to the ground of an oblique photo, degrees.
 
