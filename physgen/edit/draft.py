@@ -66,7 +66,7 @@ class Draft:
         # The draft contains the scene: in a folder of another user, it could be read or
         # replaced.
         if self.folder.is_symlink() or not is_private(folder_status):
-            raise self._strange("is a draft of another user or machine")
+            raise self._create_draft_error("is a draft of another user or machine")
         self._lock_file = self.folder / "lock"
         self._lock = FileLock(self._lock_file, timeout=0)
         try:
@@ -78,7 +78,7 @@ class Draft:
                 address.read_text("utf-8") if address.is_file() else ""
             ) from None
 
-    def _strange(self, what: str) -> InputError:
+    def _create_draft_error(self, what: str) -> InputError:
         return Message.DRAFT_STRANGE.error(str(self.folder), fault=what)
 
     def load(self) -> Unsaved | None:
@@ -90,7 +90,9 @@ class Draft:
         except FileNotFoundError:
             return None
         except (ValidationError, OSError):
-            raise self._strange("is a draft of another version of physgen") from None
+            raise self._create_draft_error(
+                "is a draft of another version of physgen"
+            ) from None
 
     def store(self, unsaved: Unsaved) -> None:
         """Store a draft; the previous one stays until the new one is complete. Raises

@@ -167,7 +167,12 @@ def todo(scene: Scene | None, problems: Sequence[Data]) -> list[Data]:
         if p["severity"] == "error"
     ]
     if scene is not None:
-        rows += [row for _, row in sorted(_unsure(scene), key=lambda doubt: doubt[0])]
+        rows += [
+            row
+            for _, row in sorted(
+                _list_uncertain_guesses(scene), key=lambda doubt: doubt[0]
+            )
+        ]
     lints = (p for p in problems if p["severity"] != "error")
     rows += [_row("lint", p, p["message"], p["fix"]) for p in lints]
     return rows[:MAX_ROWS]
@@ -197,29 +202,29 @@ def _row(
     return {"kind": kind, **place, "text": text, "fix": fix, "ops": ops}
 
 
-def _unsure(scene: Scene) -> Iterator[tuple[float, Data]]:
+def _list_uncertain_guesses(scene: Scene) -> Iterator[tuple[float, Data]]:
     """Yield the unconfirmed guesses about objects, boundaries and the light, with
     confidence.
     """
     provenance = Provenance(scene, None)
     for item in scene.objects:
-        yield from _of_one(
+        yield from _list_entry_guesses(
             scene, provenance, ("objects", item.name), item.provenance, item.name
         )
     document = scene.document.get("boundaries") or {}
     for wall in scene.boundaries:
         guess = document.get(wall.name, {}).get("from")
         if isinstance(guess, str):
-            yield from _of_one(
+            yield from _list_entry_guesses(
                 scene, provenance, ("boundaries", wall.name), {"": guess}, None
             )
     if scene.light is not None and scene.light.provenance:
-        yield from _of_one(
+        yield from _list_entry_guesses(
             scene, provenance, ("light",), {"": scene.light.provenance}, None
         )
 
 
-def _of_one(
+def _list_entry_guesses(
     scene: Scene,
     provenance: Provenance,
     path: Sequence[str],
@@ -403,8 +408,8 @@ class MotionStream:
             return
         try:
             while not self.done:
-                run.on(run.end, enough=partial(_late, deadline))
-                if run.done >= min(least, self.total) and _late(deadline):
+                run.on(run.end, enough=partial(_check_deadline, deadline))
+                if run.done >= min(least, self.total) and _check_deadline(deadline):
                     break
                 # The deadline has passed without the required samples: simulate 10 ms
                 # at a time.
@@ -424,7 +429,7 @@ class MotionStream:
         }
 
 
-def _late(deadline: float) -> bool:
+def _check_deadline(deadline: float) -> bool:
     """Check whether a deadline has passed."""
     return time.perf_counter() > deadline
 

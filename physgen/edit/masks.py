@@ -135,7 +135,7 @@ def make(work: Correction, op: MaskOp, finder: PromptSegmenter) -> str:
     match op:
         case BoxOp():
             prompt = {"box": [round(v, 2) for v in op.box]}
-            return _prompted(
+            return _apply_prompted_mask(
                 work,
                 op.object,
                 op.kind == "new",
@@ -145,7 +145,7 @@ def make(work: Correction, op: MaskOp, finder: PromptSegmenter) -> str:
         case PointOp():
             x, y = op.point
             prompted_mask = finder.point(work.maps.rgb, work.sight.key, (x, y))
-            return _prompted(
+            return _apply_prompted_mask(
                 work,
                 op.object,
                 False,
@@ -164,7 +164,7 @@ def make(work: Correction, op: MaskOp, finder: PromptSegmenter) -> str:
             return _relabel(work, op)
 
 
-def _prompted(
+def _apply_prompted_mask(
     work: Correction, name: str | None, is_new: bool, found: PromptedMask, prompt: Data
 ) -> str:
     """Use the mask of a box or a point for an existing object, or for a new one."""

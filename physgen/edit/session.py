@@ -212,10 +212,10 @@ class Session:
     @property
     def is_saved(self) -> bool:
         """Check whether the file contains the present state."""
-        return self._nothing_made and self.outside != "gone"
+        return self._check_unchanged and self.outside != "gone"
 
     @property
-    def _nothing_made(self) -> bool:
+    def _check_unchanged(self) -> bool:
         """Check whether the present text equals the saved one."""
         return self.now.text == self.saved
 
@@ -363,7 +363,7 @@ class Session:
             # Store first: if the disk is full, the history stays.
             self._store(self.history.beside(by))
             self.history.step(by)
-            self._changed()
+            self._send_new_version()
         return self.state(request.variant)
 
     def _current(self, request: EditRequest) -> State:
@@ -389,7 +389,7 @@ class Session:
             raise EditError(Why.TOO_LARGE, message, limit.fix, code=limit.code)
         tag = None if request.tag is None else f"{request.variant or ''} {request.tag}"
         self._add(State(text, request.what or what, tag, time.time()))
-        self._changed()
+        self._send_new_version()
 
     def _add(self, state: State) -> None:
         """Store a state and add it to the history. Raises OSError; the state is not
@@ -404,7 +404,7 @@ class Session:
             Unsaved(text=state.text, saved=self.saved, folders=self._folders)
         )
 
-    def _changed(self) -> None:
+    def _send_new_version(self) -> None:
         """Send the new version to all pages."""
         self._send(
             {"type": "version", "version": self.history.version, "saved": self.is_saved}
@@ -435,7 +435,7 @@ class Session:
     def _save(self, resolve: str | None) -> None:
         """Write the present text, after a comparison with the text on the disk."""
         try:
-            disk_text = self._theirs()
+            disk_text = self._read_file_text()
         except EditError:
             if resolve != "mine":
                 raise
@@ -467,7 +467,7 @@ class Session:
             data = (codecs.BOM_UTF8 if self._bom else b"") + self.now.text.encode()
             write_atomic(self.real, data, durable=True)
             self._set_saved(self.now.text)
-        self._changed()
+        self._send_new_version()
 
     def _take(self, theirs: str | None) -> None:
         """Set the text on the disk as the newest state. Raises EditError."""
@@ -516,7 +516,7 @@ class Session:
         Returns `taken`, `clash`, `gone`, or None for no change.
         """
         try:
-            disk_text = self._theirs()
+            disk_text = self._read_file_text()
         except EditError:
             self.outside = "changed"
             return "clash"
@@ -528,13 +528,13 @@ class Session:
         if disk_text == self.saved:
             self.outside = None
             return "taken" if before is not None else None
-        if self._nothing_made and before is None:
+        if self._check_unchanged and before is None:
             self._take(disk_text)
             return "taken"
         self.outside = "changed"
         return "clash"
 
-    def _theirs(self) -> str | None:
+    def _read_file_text(self) -> str | None:
         """Read the text of the file; None if the file was removed.
 
         Raises EditError if the content is not text.

@@ -124,7 +124,7 @@ def drawing_layers(
     kept_orders: list[OcclusionOrder] = []
     for order in sorted(found, key=lambda one: -one.confidence):
         if (
-            order.front in _all_behind(order.behind, before)
+            order.front in _collect_objects_behind(order.behind, before)
             or order.front == order.behind
         ):
             continue
@@ -143,7 +143,7 @@ def drawing_layers(
     }, kept_orders
 
 
-def _all_behind(start: int, before: Mapping[int, set[int]]) -> set[int]:
+def _collect_objects_behind(start: int, before: Mapping[int, set[int]]) -> set[int]:
     """Return all objects behind an object, directly or through others."""
     ids: set[int] = set()
     left = [start]

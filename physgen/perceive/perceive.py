@@ -163,7 +163,7 @@ def perceive(
         return run.signed(meanwhile(_empty_scene(rgb, found, pixels_per_meter)))
     if found.source != "given":
         new = [item for item in objects if item.id not in found.mask_sources]
-        found = replace(found, labels=_rounded(found.labels, new))
+        found = replace(found, labels=_replace_by_discs(found.labels, new))
     # Regions deleted by the user are filled like objects.
     filled_labels = (
         found.labels
@@ -686,7 +686,7 @@ def _empty_scene(
     return PerceivedScene(percepts, scene, comments, suitability=suits)
 
 
-def _rounded(labels: Labels, objects: Sequence[PhotoObject]) -> Labels:
+def _replace_by_discs(labels: Labels, objects: Sequence[PhotoObject]) -> Labels:
     """Return the label map with the masks of round objects extended to their discs.
 
     A mask is extended only if it changes little, so that a mug keeps its handle.

@@ -161,7 +161,7 @@ def _remains_of(rgb: Rgb, labels: Labels, i: int) -> list[Remain]:
     candidates = []
     # Several levels are tried, because no single limit separates parts from all
     # backgrounds.
-    for response in _narrow(rgb[window], window_mask, size):
+    for response in _measure_narrow_contrast(rgb[window], window_mask, size):
         usual = float(np.percentile(response[free], 95))
         limit = max(REMAINS.contrast, REMAINS.clutter * usual)
         for level in REMAINS.levels:
@@ -172,7 +172,7 @@ def _remains_of(rgb: Rgb, labels: Labels, i: int) -> list[Remain]:
     remains = []
     used_mask = np.zeros_like(window_mask)
     # On a plain background a part may also be wide.
-    for part in _unlike_plain(rgb[window], window_mask, free, distance):
+    for part in _find_parts_on_plain(rgb[window], window_mask, free, distance):
         if not (part & near_others).any():
             used_mask |= part
             full = np.zeros(labels.shape, bool)
@@ -196,7 +196,7 @@ def _remains_of(rgb: Rgb, labels: Labels, i: int) -> list[Remain]:
     return remains
 
 
-def _unlike_plain(rgb: Rgb, own: Mask, free: Mask, away: F32) -> list[Mask]:
+def _find_parts_on_plain(rgb: Rgb, own: Mask, free: Mask, away: F32) -> list[Mask]:
     """Return parts of any width that start at an object in front of a plain background.
 
     The background may be shaded smoothly. Shadows and reflections have softer borders
@@ -303,7 +303,7 @@ def _is_rare(rgb: Rgb, part: Mask, around: Mask) -> bool:
     return float((differences < REMAINS.alike).mean()) < REMAINS.rare
 
 
-def _narrow(rgb: Rgb, own: Mask, size: float) -> list[F32]:
+def _measure_narrow_contrast(rgb: Rgb, own: Mask, size: float) -> list[F32]:
     """Return the contrast of narrow structures against both of their sides.
 
     The pictures `(h, w)` are brighter and darker responses of each channel. For

@@ -73,7 +73,7 @@ def start_motion(
     with suppress(InputError):
         perceived = _at_rest(perceived)
         if perceived.document["objects"] and not (still or pushes or story is not None):
-            perceived = _pushed(perceived)
+            perceived = _add_story_push(perceived)
         perceived = with_living_named(perceived)
     perceived = with_toys_named(perceived)
     if pushes:
@@ -206,7 +206,9 @@ def _first_to_go(world: World, is_free: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.zeros_like(is_free)
 
 
-def _pushed(perceived: PerceivedScene, only: Collection[str] = ()) -> PerceivedScene:
+def _add_story_push(
+    perceived: PerceivedScene, only: Collection[str] = ()
+) -> PerceivedScene:
     """Return the scene with the push of a short story inside the picture.
 
     Only objects of `only`, if any are named, are pushed. If no push moves an object, a
@@ -381,7 +383,7 @@ def _pushed_by_user(perceived: PerceivedScene, pushes: Sequence[str]) -> Perceiv
     from physgen.pipeline.push_trials import compile_trials, simulate_push
     from physgen.pipeline.pushes import Push, direction_words, named_pushes
 
-    dynamic_scene = _freed(
+    dynamic_scene = _release_objects(
         perceived, [text.partition("=")[0].strip() for text in pushes]
     )
     # The outcome of the pushes decides about slow motion and doubts, as for an
@@ -419,7 +421,9 @@ def push_anew(
     return _pushed_by_user(replace(perceived, document=document), pushes)
 
 
-def _freed(perceived: PerceivedScene, names: Collection[str]) -> PerceivedScene:
+def _release_objects(
+    perceived: PerceivedScene, names: Collection[str]
+) -> PerceivedScene:
     """Return the scene with the objects of these names released."""
     objects = {}
     for name, item in perceived.document["objects"].items():
@@ -507,7 +511,7 @@ def refresh_motion(
         ):
             # After another view or a stopped push, any object may be pushed, otherwise
             # only those that the refresh released.
-            pushed_scene = _pushed(
+            pushed_scene = _add_story_push(
                 perceived, () if has_new_view or stopped_names else released_names
             )
             document = perceived.document | {

@@ -270,14 +270,14 @@ def choose_push(
     if not candidates:
         return None
     candidates = list(_free_of_load(trials, candidates))
-    candidates = [_weighted(trial, confidence) for trial in candidates]
+    candidates = [_weight_candidate(trial, confidence) for trial in candidates]
     sorted_candidates = sorted(candidates, key=_preference, reverse=True)
     verified_candidates: list[Candidate] = []
     for candidate in sorted_candidates[: TRIAL.verified]:
         if sum(trial.outcome.work for trial in verified_candidates) > TRIAL.work:
             break
         verified_candidate = _try(trials, candidate, facing, trials.world)
-        verified_candidate = _weighted(verified_candidate, confidence)
+        verified_candidate = _weight_candidate(verified_candidate, confidence)
         verified_candidates.append(verified_candidate)
         if verified_candidate.outcome.grade >= candidate.outcome.grade:
             break
@@ -301,7 +301,9 @@ def _free_of_load(
     return free if has_story else candidates
 
 
-def _weighted(candidate: Candidate, confidence: Mapping[str, float]) -> Candidate:
+def _weight_candidate(
+    candidate: Candidate, confidence: Mapping[str, float]
+) -> Candidate:
     """Multiply a candidate's score by the confidence of its object."""
     outcome = candidate.outcome
     score = outcome.score * confidence.get(candidate.item.name, 1.0)
@@ -550,7 +552,7 @@ def simulate_push(
     visible_time = _moving_time(world, motion, TRIAL.visible * trials.side)
     film_share = min(visible_time * slow_factor / PLAYBACK.least_motion, 1.0)
     film_share = min(film_share, float(travel.max()) / TRIAL.travel)
-    fallen_names = _fallen(world, motion)
+    fallen_names = _find_fallen_objects(world, motion)
     score = float(np.minimum(travel / _full_travel(world, fallen_names), 1.0).sum())
     score += TRIAL.falls * len(fallen_names)
     # Penalties for implausible motion.
@@ -740,7 +742,7 @@ def _moving_time(world: World, motion: Trajectory, least: float) -> float:
     return float(motion.times[last_sample])
 
 
-def _fallen(world: World, motion: Trajectory) -> list[str]:
+def _find_fallen_objects(world: World, motion: Trajectory) -> list[str]:
     """Return the names of fallen tall objects."""
     names = []
     for k, body in enumerate(world.bodies):

@@ -209,7 +209,7 @@ def _write_missing(
     assets = folder / str(mark_values(scene.read_text("utf-8")).data()["assets"])
     # Without prompts for all objects, names and labels tell which new object is which.
     ids = ids or _matched_ids(data, photo_scene.document, str(path))
-    labels = _relabelled(read_labels(assets / "masks.png"), ids)
+    labels = _relabel_map(read_labels(assets / "masks.png"), ids)
     _paint_prompts(labels, data)
     write_png(assets / "masks.png", labels)
     # Backups and outlines belong to the ids before relabelling.
@@ -304,7 +304,7 @@ def _paint_prompts(labels: Labels, data: Mapping[str, Any]) -> None:
         labels[rows, columns] = id_
 
 
-def _relabelled(labels: Labels, ids: Mapping[int, int]) -> Labels:
+def _relabel_map(labels: Labels, ids: Mapping[int, int]) -> Labels:
     """Convert a map to the scene's ids; new objects get ids above all of them."""
     new_ids = np.arange(int(labels.max()) + 1)
     largest_id = max([0, *ids.values(), len(new_ids)])

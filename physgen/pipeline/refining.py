@@ -188,7 +188,7 @@ def refine_footage(
             model, refine_settings(scene), scene.video_size, count, files.progress
         )
         most_changed = MostChanged()
-        refined_frames = _measured(
+        refined_frames = _record_frame_changes(
             name, refinement.frames(kept.rgb, kept.coverage), kept, most_changed
         )
         # The model yields each frame once: a clip that plays samples in another order
@@ -233,7 +233,7 @@ def _write_unrefined(
     raise InputError(problems)
 
 
-def _measured(
+def _record_frame_changes(
     name: str, frames: Iterator[U8], kept: Footage, changed: MostChanged
 ) -> Iterator[U8]:
     """Yield the same frames, and add each to `changed`."""

@@ -93,7 +93,7 @@ def releases(
     """
     if photo_scene.document["world"]["view"] != View.SIDE.value:
         return
-    sorted_names = _ranked(photo_scene, refused)
+    sorted_names = _rank_releasable_objects(photo_scene, refused)
     if is_oblique(photo_scene):
         sorted_names.sort(key=lambda name: -_low(photo_scene, name))
     for name in sorted_names[: RELEASE.most]:
@@ -102,7 +102,7 @@ def releases(
         # An object whose outline cannot be made level is skipped.
         with suppress(InputError):
             merged_scene = _with_parts(photo_scene, name)
-            yield name, _released(merged_scene, name)
+            yield name, _release_object(merged_scene, name)
 
 
 def is_oblique(photo_scene: PerceivedScene) -> bool:
@@ -139,7 +139,9 @@ def _low(photo_scene: PerceivedScene, name: str) -> float:
     return float(np.flatnonzero(rows).max(initial=0))
 
 
-def _ranked(photo_scene: PerceivedScene, refused: Collection[str]) -> list[str]:
+def _rank_releasable_objects(
+    photo_scene: PerceivedScene, refused: Collection[str]
+) -> list[str]:
     """Sort the names of releasable objects, the surest large object first."""
     labels = photo_scene.percepts.labels
     areas = np.bincount(labels.ravel())
@@ -215,7 +217,7 @@ def _parts(photo_scene: PerceivedScene, name: str) -> list[str]:
     return parts
 
 
-def _released(photo_scene: PerceivedScene, name: str) -> PerceivedScene:
+def _release_object(photo_scene: PerceivedScene, name: str) -> PerceivedScene:
     """Return the scene with one object free on a floor through its lowest point.
 
     Raises InputError if its level outline is not a valid shape.

@@ -111,7 +111,7 @@ def tell_story(scene: Scene, compiled: CompiledScene, text: str) -> Telling:
     quiet = _at_rest(scene, world)
     best, best_merit, trial_count = None, -1.0, 0
     for start in _starts(scene, compiled, story, actors):
-        motion = _simulated(scene, quiet, start)
+        motion = _simulate_start(scene, quiet, start)
         share = fulfilment(quiet, story, start, motion)
         trial_count += 1
         # Prefer a motion inside the picture: an actor that leaves it looks like an
@@ -236,7 +236,7 @@ def _directions(
         yield 0.0, -1.0
         return
     if story.targets:
-        yield from _towards(world, story, actor, is_side)
+        yield from _generate_directions(world, story, actor, is_side)
         return
     # Without a target, any direction may work: in side view left and right, from above
     # eight.
@@ -246,7 +246,7 @@ def _directions(
         yield float(np.cos(angle)), float(np.sin(angle))
 
 
-def _towards(
+def _generate_directions(
     world: World, story: Story, actor: int, is_side: bool
 ) -> Iterator[tuple[float, float]]:
     """Yield the directions to the nearest targets, with throws above them in
@@ -278,7 +278,7 @@ def _target_centers(world: World, story: Story) -> F64:
     return np.array(centers, np.float64).reshape(-1, 2)
 
 
-def _simulated(scene: Scene, world: World, start: Start) -> Trajectory:
+def _simulate_start(scene: Scene, world: World, start: Start) -> Trajectory:
     """Return the motion after a start, sampled evenly."""
     return sampled_motion(started_world(scene, world, start))
 
@@ -341,8 +341,11 @@ def fulfilment(world: World, story: Story, start: Start, motion: Trajectory) -> 
     if story.wish is Wish.TOUCH:
         shares = [_touches(motion, start.actor, k) for k in subjects]
     elif story.wish is Wish.SHIFT:
-        return _rested(
-            story, start, motion, _shifted(world, story, start.actor, motion)
+        return _reduce_unless_rested(
+            story,
+            start,
+            motion,
+            _measure_actor_shift(world, story, start.actor, motion),
         )
     elif story.wish is Wish.HALT:
         return 1.0
@@ -351,14 +354,19 @@ def fulfilment(world: World, story: Story, start: Start, motion: Trajectory) -> 
         shares = [_change(world, story.wish, k, motion) for k in bodies]
         # A target that moves by itself is no effect of the actor.
         if story.targets and story.wish is not Wish.DROP:
-            shares = [_caused(motion, start.actor, share) for share in shares]
+            shares = [
+                _reduce_without_new_touch(motion, start.actor, share)
+                for share in shares
+            ]
     if not shares:
         return 0.0
     total_share = min(shares) if story.is_all else max(shares)
-    return _rested(story, start, motion, total_share)
+    return _reduce_unless_rested(story, start, motion, total_share)
 
 
-def _rested(story: Story, start: Start, motion: Trajectory, share: float) -> float:
+def _reduce_unless_rested(
+    story: Story, start: Start, motion: Trajectory, share: float
+) -> float:
     """Return half a share if the actor should rest at the end and does not."""
     if not story.must_rest:
         return share
@@ -388,7 +396,7 @@ def _touches(motion: Trajectory, actor: int, target: int) -> float:
     return float(0.9 * (1 - distances.min() / max(distances[0], 1e-9)))
 
 
-def _caused(motion: Trajectory, actor: int, share: float) -> float:
+def _reduce_without_new_touch(motion: Trajectory, actor: int, share: float) -> float:
     """Return a share in full only if the actor has touched something anew, else half of
     it.
     """
@@ -397,7 +405,9 @@ def _caused(motion: Trajectory, actor: int, share: float) -> float:
     return share if has_hit else 0.5 * share
 
 
-def _shifted(world: World, story: Story, actor: int, motion: Trajectory) -> float:
+def _measure_actor_shift(
+    world: World, story: Story, actor: int, motion: Trajectory
+) -> float:
     """Return the displacement of an actor as a share of a visible shift, from 0 to 1.
 
     With a direction in the story, it is the displacement along that direction.

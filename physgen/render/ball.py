@@ -176,19 +176,19 @@ def find_paints(bare: F32, u: F32, v: F32, z: F32, use: Mask) -> Paints | None:
     for _ in range(BALL.rounds):
         errors = np.abs(_from_median(grey - rows @ light_weights, paint_ids))
         pixel_weights = 1 / np.maximum(errors / BALL.odd, 1)
-        light_weights = _solved(rows, grey, paint_ids, pixel_weights)
+        light_weights = _solve_weights(rows, grey, paint_ids, pixel_weights)
         unlit = level - (rows @ light_weights)[:, None]
-        paint_ids = _nearest(unlit, _each(np.median, unlit, paint_ids))
+        paint_ids = _nearest(unlit, _average_each_paint(np.median, unlit, paint_ids))
     # Then fit the light of each channel with these paints: coloured neighbours change
     # the
     # colour of the light.
-    channels = _solved(
+    channels = _solve_weights(
         rows, level - (rows @ light_weights)[:, None], paint_ids, pixel_weights
     )
     channels = light_weights[:, None] + channels
     unlit = np.maximum(np.exp(level - rows @ channels) - BALL.dim, 0)
     order = np.argsort(-np.bincount(paint_ids), kind="stable")
-    colours = _each(np.median, unlit, paint_ids)[order]
+    colours = _average_each_paint(np.median, unlit, paint_ids)[order]
     distances = [np.abs(unlit - colour).max(axis=1) for colour in colours]
     is_unlike = np.min(distances, axis=0) > BALL.undecided * colours.max()
     return Paints(
@@ -200,10 +200,10 @@ def find_paints(bare: F32, u: F32, v: F32, z: F32, use: Mask) -> Paints | None:
 
 def _from_median(values: F64, paint: Ids) -> F64:
     """Subtract the median of its paint from each value (n, ...)."""
-    return np.asarray(values - _each(np.median, values, paint)[paint])
+    return np.asarray(values - _average_each_paint(np.median, values, paint)[paint])
 
 
-def _solved(rows: F64, level: F64, paint: Ids, trust: F64) -> F64:
+def _solve_weights(rows: F64, level: F64, paint: Ids, trust: F64) -> F64:
     """Return weights (8, ...) of `rows` (n, 8) that explain `level` (n, ...) within
     paints.
 
@@ -221,7 +221,7 @@ def _solved(rows: F64, level: F64, paint: Ids, trust: F64) -> F64:
     return np.asarray(np.linalg.solve(normal, weighted_terms @ target))
 
 
-def _each(mean: Callable[..., Any], points: F64, paint: Ids) -> F64:
+def _average_each_paint(mean: Callable[..., Any], points: F64, paint: Ids) -> F64:
     """Return a mean or median of the points of each paint, (K, ...)."""
     numbers = range(paint.max() + 1)
     return np.array([mean(points[paint == k], axis=0) for k in numbers])
@@ -243,7 +243,7 @@ def _split(points: F64) -> Ids:
         middles.append(points[farthest])
     paint = _nearest(points, np.array(middles))
     for _ in range(4):
-        paint = _nearest(points, _each(np.mean, points, paint))
+        paint = _nearest(points, _average_each_paint(np.mean, points, paint))
     return paint
 
 
@@ -585,9 +585,9 @@ def ball_from_photo(
     it continues the texture.
     """
     normals = _Normals(*normals_within(colour.shape, corner, center, radius))
-    inner_light = _carried_inwards(colour, corner, center, radius, normals)
+    inner_light = _carry_light_inwards(colour, corner, center, radius, normals)
     shine = _gloss(inner_light, *normals.parts, radius, light)
-    trust = _shown(
+    trust = _measure_shading_strength(
         inner_light - shine, sphere_shading(light, *normals.parts), normals.inside
     )
     ball = Ball(
@@ -614,7 +614,7 @@ def ball_from_photo(
     return replace(ball, fade=_rim_light(ball, colour, normals, smooth_light))
 
 
-def _carried_inwards(
+def _carry_light_inwards(
     colour: F32,
     corner: tuple[int, int],
     center: tuple[float, float],
@@ -664,7 +664,7 @@ def _with_paints(
         smooth_light = blurred_share(brightness, flat_brightness, is_within, sigma)
         skin = skin / smooth_light[..., None]
     else:
-        skin = _painted(replace(ball, gloss=shine, pattern=pattern)).skin
+        skin = _paint_ball_skin(replace(ball, gloss=shine, pattern=pattern)).skin
     return replace(ball, skin=skin, gloss=shine, pattern=pattern), smooth_light
 
 
@@ -689,7 +689,7 @@ def _without_highlights(ball: Ball, inside: Mask) -> Ball:
     return replace(ball, skin=skin, gloss=gloss, is_continued=True)
 
 
-def _shown(colour: F32, shade: F32, inside: Mask) -> float:
+def _measure_shading_strength(colour: F32, shade: F32, inside: Mask) -> float:
     """Return the slope of a ball's brightness over its predicted shading, in logs,
     0..1.
 
@@ -771,7 +771,7 @@ def in_one_light(balls: Sequence[Ball]) -> list[Ball]:
             trust=trust,
             pattern=pattern,
         )
-        results[id(ball)] = _painted(lit_ball)
+        results[id(ball)] = _paint_ball_skin(lit_ball)
     return [results.get(id(ball), ball) for ball in balls]
 
 
@@ -834,7 +834,7 @@ def _shared_fade(views: _BallViews, model: F32, gloss: F32) -> F32:
     return np.where(is_rim, usual_share.mean(axis=2), np.float32(1))
 
 
-def _painted(ball: Ball) -> Ball:
+def _paint_ball_skin(ball: Ball) -> Ball:
     """Return a ball with the skin of its pattern, and the writing of the photo
     on it.
     """
@@ -951,7 +951,7 @@ def _robust_light(rows: F64, level: F64, paint: Ids) -> F64:
     visibility = 1 - BALL.dim * np.exp(-level).mean(axis=1)
     light_weights, pixel_weights = np.zeros((8, 3)), visibility
     for _ in range(BALL.rounds):
-        light_weights = _solved(rows, level, paint, pixel_weights)
+        light_weights = _solve_weights(rows, level, paint, pixel_weights)
         errors = np.abs(_from_median(level - rows @ light_weights, paint)).max(axis=1)
         pixel_weights = visibility / np.maximum(errors / BALL.odd, 1)
     return light_weights
@@ -962,8 +962,8 @@ def _paint_colours(unlit: F64, paint: Ids) -> F64:
 
     For dark paint, a low quantile, since some of it mirrors more light.
     """
-    low_quantiles = _each(partial(np.quantile, q=0.2), unlit, paint)
-    medians = _each(partial(np.quantile, q=0.5), unlit, paint)
+    low_quantiles = _average_each_paint(partial(np.quantile, q=0.2), unlit, paint)
+    medians = _average_each_paint(partial(np.quantile, q=0.5), unlit, paint)
     return np.where(medians < BALL.dark, low_quantiles, medians)
 
 

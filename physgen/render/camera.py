@@ -345,7 +345,10 @@ def filmed(
             rgb = resample_picture(frame.rgb, matrix, through.video)
         # Ids, covers and layers are resampled only if someone reads them.
         view = frame, matrix, through.video
-        load_ids, load_covers = partial(_named, *view), partial(_covering, *view)
+        load_ids, load_covers = (
+            partial(_sample_visible_ids, *view),
+            partial(_covering, *view),
+        )
         load_layers = None
         if frame.layering is not None:
             load_layers = partial(_layers_seen, frame.layering, matrix, through.video)
@@ -369,13 +372,13 @@ def _is_same(frame: Frame, matrix: Array, last: tuple[Frame, Array, Frame]) -> b
     return is_same_view and np.array_equal(frame.rgb, last_frame.rgb)
 
 
-def _named(frame: Frame, matrix: Array, size: Size) -> NDArray[np.uint16]:
+def _sample_visible_ids(frame: Frame, matrix: Array, size: Size) -> NDArray[np.uint16]:
     """Return the visible ids of a frame, (h, w) of `size` (w, h)."""
     return nearest(frame.ids, matrix, size)
 
 
 def _covering(frame: Frame, matrix: Array, size: Size) -> list[Cover]:
-    """Return the visible covers of a frame, at the same pixels as `_named`."""
+    """Return the visible covers of a frame, at the same pixels as `_sample_visible_ids`."""
     height, width = frame.rgb.shape[:2]
     rows, columns = sources(matrix, (width, height), size)
     covers = []
@@ -451,13 +454,13 @@ def _way(
     largest_offset = (
         ASTRAY * np.array(video) / (2 * magnification(photo, video, sight.zoom))
     )
-    offsets = _steadied(places, STEADY * fps) - places
+    offsets = _smooth_camera_path(places, STEADY * fps) - places
     # A soft limit: offsets change little up to half of the limit, and never exceed it.
     limited_offsets = offsets / (1 + (offsets / largest_offset) ** 4) ** 0.25
     return np.clip(places + limited_offsets, lower_limit, upper_limit)
 
 
-def _steadied(way: Array, width: float) -> Array:
+def _smooth_camera_path(way: Array, width: float) -> Array:
     """Smooth a path (T, 2) by a Gaussian of `width` samples.
 
     Beyond its ends the path is continued by point reflection.

@@ -68,7 +68,7 @@ class Layer:
         corners = list(_fixed(chains[is_near]))
         grey = round(level)
         for mask, casing_width in ((self._dark, 2 * self._casing), (self._ink, 0.0)):
-            thickness = _thick(width + casing_width)
+            thickness = _convert_line_width(width + casing_width)
             line_type = cv2.LINE_AA
             cv2.polylines(mask, corners, closed, grey, thickness, line_type, BITS)
 
@@ -80,7 +80,7 @@ class Layer:
         cv2.fillPoly(self._ink, corners, level, kind, BITS)
         cv2.fillPoly(self._dark, corners, level, kind, BITS)
         if self._casing:
-            thickness = _thick(2 * self._casing)
+            thickness = _convert_line_width(2 * self._casing)
             cv2.polylines(self._dark, corners, True, level, thickness, kind, BITS)
 
     def words(self, text: str, at: tuple[float, float], size: float) -> None:
@@ -161,7 +161,7 @@ def text_width(text: str, size: float) -> float:
     return float(ink.shape[1] / FINE)
 
 
-def _thick(width: float) -> int:
+def _convert_line_width(width: float) -> int:
     """Convert a width from px to sub-pixels, at least 1."""
     return max(1, round(width * FINE))
 

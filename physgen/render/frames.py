@@ -405,7 +405,7 @@ class _Painter:
         boxes = []
         shares = halos_left(self._stage.sprites, stands)
         for picture in pictures:
-            reflection = _mirrored(self._stage, picture, shares)
+            reflection = _draw_floor_reflection(self._stage, picture, shares)
             if reflection is not None:
                 box, light = reflection
                 self._canvas[box] += light
@@ -452,7 +452,7 @@ class _Painter:
         canvas.
         """
         if trail is not None:
-            return _smeared(self._stage, self.balls, stand, picture, trail)
+            return _blur_along_trail(self._stage, self.balls, stand, picture, trail)
         if picture is None:
             return None
         return picture.where.box, picture.light, picture.coverage
@@ -518,7 +518,7 @@ class _Shadows:
         for stand in stands:
             if stand.start == stand.pose:
                 continue
-            exposure = _along(trails.get(stand.k, ()), stand)
+            exposure = _sample_exposure_poses(trails.get(stand.k, ()), stand)
             exposures += exposure
             # Shadows that only slide are drawn together at the end, from an atlas.
             if lit.casts[stand.k].sliding is not None:
@@ -594,7 +594,9 @@ def _evenly(length: int, count: int) -> NDArray[np.int64]:
     return np.rint(np.linspace(0, length - 1, count)).astype(np.int64)
 
 
-def _along(trail: Trail, stand: SpritePose) -> list[tuple[SpritePose, float]]:
+def _sample_exposure_poses(
+    trail: Trail, stand: SpritePose
+) -> list[tuple[SpritePose, float]]:
     """Return the poses of an object's shadows in an exposure, with weights of sum 1."""
     if not trail:
         return [(stand, 1.0)]
@@ -615,7 +617,7 @@ def _along(trail: Trail, stand: SpritePose) -> list[tuple[SpritePose, float]]:
     return poses
 
 
-def _smeared(
+def _blur_along_trail(
     stage: Stage,
     balls: BallSprites,
     stand: SpritePose,
@@ -627,7 +629,7 @@ def _smeared(
 
     Return None if the box is empty.
     """
-    whole_picture = _unclipped(stage, balls, stand, picture, trail)
+    whole_picture = _draw_unclipped(stage, balls, stand, picture, trail)
     if whole_picture is None:
         return None
     corner, light, coverage = whole_picture
@@ -687,7 +689,7 @@ def _swept_box(
     return slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0]))
 
 
-def _unclipped(
+def _draw_unclipped(
     stage: Stage,
     balls: BallSprites,
     stand: SpritePose,
@@ -863,7 +865,9 @@ def _overlap(box: Slices, other: Slices) -> tuple[Slices, Slices] | None:
     )
 
 
-def _mirrored(stage: Stage, picture: Picture, shares: F32) -> tuple[Slices, F32] | None:
+def _draw_floor_reflection(
+    stage: Stage, picture: Picture, shares: F32
+) -> tuple[Slices, F32] | None:
     """Return the floor's reflection of a moved object: a box and light (h, w, 3), or
     None.
 

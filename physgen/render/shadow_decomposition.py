@@ -200,7 +200,7 @@ class LitBackground:
         """
         cast = self.casts[k]
         if cast.sliding is not None:
-            return self._slid(cast, cast.sliding, start, pose)
+            return self._shift_constant_shadow(cast, cast.sliding, start, pose)
         if now is None:
             return []
         if not self.lifted:
@@ -246,7 +246,7 @@ class LitBackground:
         box, picture = prediction
         return [(box, picture * _departure(now, start, pose))]
 
-    def _slid(
+    def _shift_constant_shadow(
         self,
         cast: CastShadow,
         sliding: tuple[tuple[int, int], F32],
@@ -374,7 +374,7 @@ def predicted_shadow(
     if step == 1:
         return shadow_darkness(silhouette, setting)
     coarse_figure = _coarse_silhouette(silhouette, step)
-    shadow = shadow_darkness(coarse_figure, _coarse(setting, step))
+    shadow = shadow_darkness(coarse_figure, _downscale_setting(setting, step))
     if shadow is None:
         return None
     (x0, y0, x1, y1), darkness = shadow
@@ -422,7 +422,7 @@ def _coarse_silhouette(silhouette: Silhouette, step: int) -> Silhouette:
 
 
 @lru_cache(maxsize=64)
-def _coarse(setting: ShadowSetting, step: int) -> ShadowSetting:
+def _downscale_setting(setting: ShadowSetting, step: int) -> ShadowSetting:
     """Return the setting on a grid of `step` px."""
     width, height = setting.size
     size = (-(-width // step), -(-height // step))
@@ -476,7 +476,7 @@ def decompose_shadows(
     """
     light = decode(background)
     if clean is None:
-        return _undivided(light, starts, rounds, setting), None
+        return _keep_old_shadows(light, starts, rounds, setting), None
     clean_light = decode(clean)
     darkness = _log(luminance(clean_light)) - _log(luminance(light))
     np.clip(darkness, -0.5, SHADOW.deepest, out=darkness)
@@ -489,10 +489,10 @@ def decompose_shadows(
     setting, firsts, total = _matched_shadows(
         all_figures, steps, setting, darkness, is_open
     )
-    residual = _unexplained(darkness, total, is_open)
+    residual = _compute_excess_darkness(darkness, total, is_open)
     # Assign the unexplained darkness to the objects with the largest claims.
     claims = _claims(all_figures, firsts, setting.size)
-    claimed_area, owner = _claimed(claims, darkness.shape)
+    claimed_area, owner = _sum_claims(claims, darkness.shape)
     all_casts = []
     for k, start in enumerate(all_figures):
         own_shadow = _owned(residual, claims[k], claimed_area)
@@ -510,7 +510,7 @@ def decompose_shadows(
     return result, ghost_shadows if gone else None
 
 
-def _undivided(
+def _keep_old_shadows(
     lit: F32,
     starts: Sequence[Silhouette],
     rounds: Sequence[bool],
@@ -574,7 +574,7 @@ def _matched_shadows(
     return setting, *_predicted(everybody, steps, setting)
 
 
-def _unexplained(darkness: F32, total: F32, is_open: Mask) -> F32:
+def _compute_excess_darkness(darkness: F32, total: F32, is_open: Mask) -> F32:
     """Return the photo's darkness (H, W) beyond the predicted `total`, continued behind
     objects.
     """
@@ -646,11 +646,11 @@ def _cast(
     """Return an object's shadow at t = 0: the prediction, and the photo's part beyond
     it.
     """
-    own = _trimmed(*own)
+    own = _crop_to_visible(*own)
     is_sliding = setting.top and is_round and first is not None
     geometry = unbounded_shadow(start, setting, step) if is_sliding else first
     parts = [own] if geometry is None else [geometry, own]
-    (x, y, *_), whole_picture = _trimmed(*joined_pictures(parts))
+    (x, y, *_), whole_picture = _crop_to_visible(*joined_pictures(parts))
     box, visible = shifted_picture(whole_picture, (x, y), (0.0, 0.0), setting.size)
     visible_shadow = None if box is None else (box, visible)
     # An object far outside the photo has no visible shadow.
@@ -732,7 +732,7 @@ def unbounded_shadow(
     return (x0 - margin, y0 - margin, x1 - margin, y1 - margin), darkness
 
 
-def _trimmed(box: PixelBox, picture: F32) -> tuple[PixelBox, F32]:
+def _crop_to_visible(box: PixelBox, picture: F32) -> tuple[PixelBox, F32]:
     """Crop a picture to its visible part, with a smooth fade at its border."""
     is_visible = np.abs(picture) > SHADOW.faint
     rows = np.flatnonzero(is_visible.any(axis=1))
@@ -826,7 +826,7 @@ def _claim_box(
     )
 
 
-def _claimed(
+def _sum_claims(
     claims: Sequence[tuple[PixelBox, F32]], shape: tuple[int, ...]
 ) -> tuple[F32, NDArray[np.int32]]:
     """Return the sum of claims (H, W), and 1 + the index of the largest; 0 for small

@@ -444,8 +444,8 @@ def cut_sprites(
         labels=labels,
         absent=absent,
         coverage=coverage,
-        soft_total=_soft(is_object, CUT.blur),
-        crisp_total=_soft(is_object, CUT.crisp),
+        soft_total=_blur_mask(is_object, CUT.blur),
+        crisp_total=_blur_mask(is_object, CUT.crisp),
         dim=_dim_gaps(is_object),
         shapes=shapes,
         toward=toward,
@@ -509,7 +509,7 @@ class _Cutter:
             part = hidden or _Hidden(
                 bounds_px, labels, np.zeros_like(alpha), no_pixels, is_other
             )
-            light, alpha = _completed(
+            light, alpha = _complete_hidden_part(
                 photo, mask, light, alpha, self.coverage[box], part, gain, is_disc
             )
             # A neighbour on top of a block shades the block, which must not keep that
@@ -535,7 +535,7 @@ class _Cutter:
 
     def _coverage(self, mask: Mask, box: tuple[slice, slice]) -> tuple[F32, F32]:
         """Return an object's share of the covered pixels, and its coverage."""
-        wide_blur, narrow_blur = _soft(mask, CUT.blur), _soft(mask, CUT.crisp)
+        wide_blur, narrow_blur = _blur_mask(mask, CUT.blur), _blur_mask(mask, CUT.crisp)
         own_weight = narrow_blur + CUT.distant * wide_blur
         all_weights = self.crisp_total[box] + CUT.distant * self.soft_total[box]
         share = np.asarray(own_weight / np.maximum(all_weights, 1e-9), np.float32)
@@ -560,7 +560,7 @@ class _Cutter:
         is_lit = bool(
             not is_disc and rim.any() and photo[rim].mean() > photo[mask].mean() / 2
         )
-        slope_y, slope_x = np.gradient(_soft(mask, CUT.clean))
+        slope_y, slope_x = np.gradient(_blur_mask(mask, CUT.clean))
         slope = self.toward[0] * slope_x + self.toward[1] * slope_y
         light_cosine = -slope / np.maximum(np.hypot(slope_x, slope_y), 1e-6)
         gain = np.where(gaps & is_lit, np.maximum(light_cosine, 0), 0)
@@ -663,7 +663,7 @@ def _beyond_shape(mask: Mask, is_other: Mask, cover: F32) -> Mask:
     reach = CUT.beside * np.count_nonzero(mask) ** 0.5
     is_outside = (cover < 0.5).astype(np.uint8)
     is_near = cv2.distanceTransform(is_outside, cv2.DIST_L2, 3) <= reach
-    to_right, to_left = _beside(mask, is_other)
+    to_right, to_left = _find_pixels_beside(mask, is_other)
     is_continued = is_near & to_right & to_left
     is_solid = cover >= 0.5
     top_rows = is_solid.argmax(axis=0)[is_solid.any(axis=0)]
@@ -671,12 +671,12 @@ def _beyond_shape(mask: Mask, is_other: Mask, cover: F32) -> Mask:
         # The face above a level top may be visible on one side only.
         column = np.ones((2 * round(CUT.face * reach) + 1, 1), np.uint8)
         is_above = cv2.dilate(is_solid.astype(np.uint8), column) > 0
-        to_right, to_left = _beside(mask & ~is_solid, is_other)
+        to_right, to_left = _find_pixels_beside(mask & ~is_solid, is_other)
         is_continued |= is_above & (to_right | to_left)
     return np.asarray(is_continued, np.bool_)
 
 
-def _beside(own: Mask, is_other: Mask) -> tuple[Mask, Mask]:
+def _find_pixels_beside(own: Mask, is_other: Mask) -> tuple[Mask, Mask]:
     """Return the pixels (h, w) to the right, and to the left, of `own` pixels in their
     row.
 
@@ -726,7 +726,7 @@ def _hiding_last(order: Mapping[int, int], hidden: Mapping[int, _Hidden]) -> lis
     return drawing_order
 
 
-def _completed(
+def _complete_hidden_part(
     photo: F32,
     mask: Mask,
     light: F32,
@@ -755,7 +755,7 @@ def _completed(
         filled_level += _rims(level, filled_level, is_reliable, object_mask)
     filling = np.maximum(np.exp(filled_level) - np.float32(CUT.dark), 0)
     zone = dilate(part.hole, CUT.clean + 1)
-    edge = np.clip(2 * _soft(object_mask) - 0.5, 0, 1)
+    edge = np.clip(2 * _blur_mask(object_mask) - 0.5, 0, 1)
     full_cover = np.maximum(alpha, np.minimum(edge, together))
     cover = np.where(zone, full_cover, alpha).astype(np.float32)
     is_new = (zone | (mask & dilate(part.by, CUT.clean))) & ~is_reliable
@@ -833,13 +833,13 @@ def anchored(
     # Draw all sprites over the background as in the first frame. The difference to the
     # photo is the rest, which the transmission of the sprites above divides.
     composite, top, last = _compose(sprites, boxes, behind)
-    transmission = _seen_through(sprites, boxes, top)
+    transmission = _compute_visible_share(sprites, boxes, top)
     is_covered = transmission < CUT.covered
     top[is_covered], transmission[is_covered] = last[is_covered], 1
     rest = (photo - composite) / cv2.merge((transmission, transmission, transmission))
     # Light at absent objects belongs to them, and vanishes with them.
     if absent.any():
-        rest[_soft(absent) > CUT.least] = 0.0
+        rest[_blur_mask(absent) > CUT.least] = 0.0
     near_numbers = _nearest(top, absent, round(CUT.halo * max(height, width)))
     if owner is not None:
         near_numbers = np.where(owner > 0, owner, near_numbers)
@@ -847,7 +847,7 @@ def anchored(
     near_numbers[(top > 0) | (largest <= CUT.unseen)] = 0
     # Outside the objects, halos of neighbours blend into each other instead of ending
     # at a sharp line.
-    near_weight = _soft(near_numbers > 0, CUT.shared)
+    near_weight = _blur_mask(near_numbers > 0, CUT.shared)
     bodies = np.array([0, *(sprite.body + 1 for sprite in sprites)], np.int32)
     anchored_sprites = []
     pairs = zip(sprites, boxes, strict=True)
@@ -929,7 +929,7 @@ def _halo(
     x0, y0 = max(x - margin, 0), max(y - margin, 0)
     box = np.s_[y0 : y + height + margin, x0 : x + width + margin]
     # Neighbours share the rest softly: all shares at a pixel add up to 1.
-    own_share = _soft(is_own[box], CUT.shared) / np.maximum(all_near[box], 1e-6)
+    own_share = _blur_mask(is_own[box], CUT.shared) / np.maximum(all_near[box], 1e-6)
     share = np.where(near[box] > 0, own_share, 0)
     others = np.where(top[box] == number, 0, top[box])
     no_pixels = np.zeros(others.shape, np.bool_)
@@ -938,7 +938,7 @@ def _halo(
     return (x0, y0), picture, bodies[near_numbers]
 
 
-def _seen_through(
+def _compute_visible_share(
     sprites: Sequence[Sprite],
     boxes: Sequence[_SpriteBox],
     top: NDArray[np.int32],
@@ -970,7 +970,7 @@ def _nearest(top: NDArray[np.int32], absent: Mask, reach: int) -> NDArray[np.int
     return np.where(distance <= reach, numbers[places], 0).astype(np.int32)
 
 
-def _soft(mask: Mask, sigma: float = CUT.blur) -> F32:
+def _blur_mask(mask: Mask, sigma: float = CUT.blur) -> F32:
     """Blur a mask by `sigma` px: shares of touching masks add up to that of their
     union.
     """

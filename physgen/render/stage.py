@@ -72,7 +72,7 @@ def place_sprite(
     if not sprite.hull:
         return None
     if sprite.ball is not None:
-        return _rolled(sprite, start, pose, size, space)
+        return _place_ball(sprite, start, pose, size, space)
     start = start._replace(y=start.y + sprite.face)
     pose = pose._replace(y=pose.y + sprite.face)
     box = _turned_box(sprite, start, pose, size)
@@ -119,10 +119,10 @@ def _turned_box(
     if sprite.sides is not None:
         upper_margin += sprite.sides.depth
     left, top = min(xs) - SPREAD, min(ys) - upper_margin
-    return _boxed(left, top, max(xs) + SPREAD, max(ys) + SPREAD, size)
+    return _clip_box_to_canvas(left, top, max(xs) + SPREAD, max(ys) + SPREAD, size)
 
 
-def _rolled(
+def _place_ball(
     sprite: Sprite, start: Pose, pose: Pose, size: tuple[int, int], space: F64 | None
 ) -> Placement | None:
     """Place a ball: its picture moves without rotation, and only its skin turns."""
@@ -132,14 +132,14 @@ def _rolled(
     dx, dy = pose.x - start.x, pose.y - start.y
     lx, ly, hx, hy = sprite.within
     x, y = sprite.corner[0] + dx, sprite.corner[1] + dy
-    box = _boxed(x + lx - 1, y + ly - 1, x + hx, y + hy, size)
+    box = _clip_box_to_canvas(x + lx - 1, y + ly - 1, x + hx, y + hy, size)
     if box is None:
         return None
     matrix = np.array([[1.0, 0, box[1].start - x], [0, 1, box[0].start - y]])
     return Placement(box, None, matrix, 0.0, space, (dx, dy))
 
 
-def _boxed(
+def _clip_box_to_canvas(
     left: float, top: float, right: float, bottom: float, size: tuple[int, int]
 ) -> Slices | None:
     """Return the pixels of a canvas of `size` (W, H) between two corners; None without
@@ -167,13 +167,13 @@ def draw_sprite(sprite: Sprite, placement: Placement, fine: int = 1) -> tuple[F3
     fine_size = (size[0] * fine, size[1] * fine)
     matrix = _finer(placement.matrix, fine)
     # `Sprite.fine` has two samples a pixel.
-    warped_sprite = _warped(sprite.fine, 2 * matrix, fine_size)
+    warped_sprite = _warp_picture(sprite.fine, 2 * matrix, fine_size)
     # The conversion keeps the first three channels.
     light = np.asarray(cv2.cvtColor(warped_sprite, cv2.COLOR_BGRA2BGR), np.float32)
     coverage = np.asarray(cv2.extractChannel(warped_sprite, 3), np.float32)
     if sprite.relief is not None and placement.turn != 0.0:
         ratio = sprite.relief.ratio(placement.turn)
-        ratio = _warped(ratio, matrix, fine_size, cv2.BORDER_REPLICATE)
+        ratio = _warp_picture(ratio, matrix, fine_size, cv2.BORDER_REPLICATE)
         light *= three_channels(ratio)
     for wheel, turn in zip(sprite.wheels, placement.wheel_turns, strict=False):
         wheel.draw(light, coverage, matrix, turn)
@@ -197,7 +197,7 @@ def _box_size(box: Slices) -> tuple[int, int]:
     return columns.stop - columns.start, rows.stop - rows.start
 
 
-def _warped(
+def _warp_picture(
     picture: F32, matrix: F64, size: tuple[int, int], border: int = cv2.BORDER_CONSTANT
 ) -> F32:
     """Warp a picture to a box of `size` (w, h); `matrix` (2, 3) leads from box to
@@ -232,7 +232,9 @@ def draw_border(
     if placement.own is not None:
         return placement.box, rest[placement.own]
     assert placement.matrix is not None
-    return placement.box, _warped(rest, placement.matrix, _box_size(placement.box))
+    return placement.box, _warp_picture(
+        rest, placement.matrix, _box_size(placement.box)
+    )
 
 
 def borders_left(sprites: Sequence[Sprite], visible: Sequence[SpritePose]) -> F32:
@@ -317,7 +319,9 @@ def sprite_coverage(sprite: Sprite, placement: Placement) -> F32:
     if placement.own is not None:
         return sprite.coverage[placement.own]
     assert placement.matrix is not None
-    return _warped(sprite.fine_coverage, 2 * placement.matrix, _box_size(placement.box))
+    return _warp_picture(
+        sprite.fine_coverage, 2 * placement.matrix, _box_size(placement.box)
+    )
 
 
 def _finer(matrix: F64, fine: int) -> F64:
@@ -560,7 +564,7 @@ class _BallTurns:
         turn: F64 = self._turns[sample, body]
         # The sprite was cut out at another angle than 0.
         if start.angle:
-            turn = turn @ _about(-start.angle)
+            turn = turn @ _create_rotation_matrix(-start.angle)
         return turn
 
 
@@ -574,7 +578,7 @@ def wheel_turns(
     return tuple(float(turns[wheel.number]) for wheel in sprite.wheels)
 
 
-def _about(angle: float) -> F64:
+def _create_rotation_matrix(angle: float) -> F64:
     """Return a rotation in the picture's plane, (3, 3)."""
     turn = np.eye(3)
     turn[:2, :2] = rotation(angle)

@@ -380,7 +380,7 @@ def lit_stage(
         actors, veils = _visible_veils(sprites, actors, starts, setting)
     if not setting.top:
         sprites = [
-            _faced(sprite, world.bodies[sprite.body], setting.light)
+            _add_front_face(sprite, world.bodies[sprite.body], setting.light)
             for sprite in sprites
         ]
     if scene.render.relight:
@@ -512,12 +512,14 @@ def _relit_sprites(
         if actor.radius is not None:
             body = world.bodies[sprite.body]
             is_painted = is_billiard_ball(scene.objects[sprite.body].label)
-            sprite = _skinned(sprite, body, light, world.view, veil, is_painted)
+            sprite = _add_sphere_skin(sprite, body, light, world.view, veil, is_painted)
         new_sprites.append(sprite)
     # Skins first, one by one; then balls of a set share their light.
     new_sprites = _in_one_light(new_sprites)
     if maps.normals is not None:
-        new_sprites = [_relieved(sprite, maps.normals, light) for sprite in new_sprites]
+        new_sprites = [
+            _add_relief(sprite, maps.normals, light) for sprite in new_sprites
+        ]
     elif is_top:
         new_sprites = [
             _turned_disc(sprite, world.bodies[sprite.body]) for sprite in new_sprites
@@ -823,7 +825,7 @@ def _actor(sprite: Sprite, body: Body, loose: bool, top: bool) -> ShadowBody:
     return ShadowBody(body.radius if ball else None, thickness(body, top))
 
 
-def _faced(sprite: Sprite, body: Body, light: DistantLight) -> Sprite:
+def _add_front_face(sprite: Sprite, body: Body, light: DistantLight) -> Sprite:
     """Return the sprite with its `face`: the height of its picture below its shape.
 
     It counts only if the picture also reaches as far above the shape. A block with a
@@ -891,20 +893,20 @@ def _parted(
     # is visible between both.
     rim = 1 if has_thread else 2
     ball_share = np.clip(body.radius + rim - distance, 0, 1).astype(np.float32)
-    ball = _masked(sprite, ball_share)
+    ball = _mask_sprite(sprite, ball_share)
     if not has_thread:
         return [(ball, False)]
     thread_share = np.clip(distance - body.radius + 1, 0, 1).astype(np.float32)
-    return [(_masked(sprite, thread_share), True), (ball, False)]
+    return [(_mask_sprite(sprite, thread_share), True), (ball, False)]
 
 
-def _masked(sprite: Sprite, share: F32) -> Sprite:
+def _mask_sprite(sprite: Sprite, share: F32) -> Sprite:
     """Return the sprite with a share (h, w) of its light and coverage."""
     light = sprite.light * share[..., None]
     return replace(sprite, light=light, coverage=sprite.coverage * share)
 
 
-def _skinned(
+def _add_sphere_skin(
     sprite: Sprite,
     body: Body,
     light: DistantLight,
@@ -955,7 +957,7 @@ def _over_circle(
     return filled
 
 
-def _relieved(sprite: Sprite, normals: F32, light: DistantLight) -> Sprite:
+def _add_relief(sprite: Sprite, normals: F32, light: DistantLight) -> Sprite:
     """Add the relief of the photo's `normals` (H, W, 3) to a sprite that is not
     a ball.
     """

@@ -319,10 +319,10 @@ class _Rings:
         depth = _median_around(depth, window)
         depths_of_rows = count - np.arange(count)
         is_body = (depths_of_rows[:, None] <= depth) | ~self.known
-        paint = self._filled(is_body)
+        paint = self._fill_hidden_paint(is_body)
         return _Rings(paint, self.known, is_body & self.known, self.shading)
 
-    def _filled(self, hidden: Mask) -> F32:
+    def _fill_hidden_paint(self, hidden: Mask) -> F32:
         """Return the paint, with hidden parts copied from elsewhere on the same
         ring.
         """

@@ -142,11 +142,11 @@ def simultaneous_impulses(
     at which impulses have converged. Newton's rule with friction can create energy
     (Kane and Levinson 1985): the bounce is then reduced until it creates none.
     """
-    full, passes = _swept(matrix, before, elasticity, friction, exact)
+    full, passes = _solve_impulses(matrix, before, elasticity, friction, exact)
     is_bumper = max(elasticity, default=0.0) > 1
     if not any(elasticity) or is_bumper or _gain(matrix, before, full) <= 0:
         return full, passes
-    inelastic, more_passes = _swept(
+    inelastic, more_passes = _solve_impulses(
         matrix, before, [0.0] * len(elasticity), friction, exact
     )
     # Bisect between the inelastic and the full solution.
@@ -167,7 +167,7 @@ def _gain(matrix: Array, before: Array, impulse: Array) -> float:
     return gain if gain > 1e-9 * float(np.abs(change).sum()) else 0.0
 
 
-def _swept(
+def _solve_impulses(
     matrix: Array,
     before: Array,
     elasticity: list[float],
@@ -179,7 +179,7 @@ def _swept(
     No point pulls, each rebounds as wanted, and friction stays within its cone.
     """
     if np.count_nonzero(matrix) > TUNING.dense * len(before):
-        return _swept_dense(matrix, before, elasticity, friction, exact)
+        return _solve_dense_impulses(matrix, before, elasticity, friction, exact)
     speed = before.tolist()
     impulse, inverse_diagonal = (
         [0.0] * len(speed),
@@ -264,14 +264,14 @@ def _swept(
     return np.array(impulse), passes
 
 
-def _swept_dense(
+def _solve_dense_impulses(
     matrix: Array,
     before: Array,
     elasticity: list[float],
     friction: list[float],
     exact: float,
 ) -> tuple[Array, int]:
-    """Solve like `_swept`, to the bit, for points that change the speeds of many
+    """Solve like `_solve_impulses`, to the bit, for points that change the speeds of many
     others.
     """
     speed, impulse = before.copy(), [0.0] * len(before)
@@ -614,7 +614,7 @@ class ImpactSolver:
                     if joint_group is not None
                     else set()
                 )
-            impulses, speeds_before = self._together(
+            impulses, speeds_before = self._apply_joint_impulses(
                 points, speeds_before, sorted(bodies), [times[k] for k in group]
             )
         for k, point, (jn, jt), (vn, vt), (dn, dt) in zip(
@@ -672,7 +672,7 @@ class ImpactSolver:
                 changes[1] += sign * m * fy
                 changes[2] += sign * turn
 
-    def _together(
+    def _apply_joint_impulses(
         self,
         points: list[Point],
         was: list[tuple[float, float]],

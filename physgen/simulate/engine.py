@@ -362,7 +362,7 @@ class Running:
         kicks: list[EnergyEvent] = []
         if self._kicks.due(end):
             state = self._stepper.state().copy() if state is None else state
-            kicks = self._kicked(begin, end, state)
+            kicks = self._give_due_impulses(begin, end, state)
         if self._scripts.busy:
             state = self._stepper.state().copy() if state is None else state
             self._scripts.drive(end, h, state, self._row)
@@ -391,7 +391,9 @@ class Running:
         if self._bytes > self._most:
             self._kept.clear()
 
-    def _kicked(self, begin: float, end: float, state: Array) -> list[EnergyEvent]:
+    def _give_due_impulses(
+        self, begin: float, end: float, state: Array
+    ) -> list[EnergyEvent]:
         """Apply the impulses of a step from `begin` to `end` to the state (M, 6).
 
         Return the energy that each gives and that joints take from it.
@@ -595,7 +597,7 @@ class Stepper:
         self._space.nudges.clear()
         return state
 
-    def _again(
+    def _repeat_step(
         self, h: float, state: Array | None, load: Forces | None
     ) -> tuple[bytes, Order, bytes]:
         """Repeat a step with other contacts; return the same values as `Space.step`."""
@@ -665,7 +667,7 @@ class Stepper:
                     break
                 if self._space.nudges:
                     state = self._nudged(state)
-                states, order, numbers = self._again(h, state, load)
+                states, order, numbers = self._repeat_step(h, state, load)
                 new = self._new_contacts(order, numbers)
             if attempt < ATTEMPTS - 1 and (new is None or new):
                 if state is None:

@@ -184,9 +184,9 @@ class ForceFields:
             return 0.0
         self._springs = [spring for spring in self._springs if spring is not joint]
         self._broken.append((joint, time))
-        return self._stored(joint, pose)
+        return self._compute_spring_energy(joint, pose)
 
-    def _stored(self, spring: Joint, pose: Array) -> float:
+    def _compute_spring_energy(self, spring: Joint, pose: Array) -> float:
         """Return the energy of a spring, g·px²/s²."""
         length = float(np.hypot(*self._ends(spring, pose)[2]))
         return spring.stiffness / 2 * (length - spring.length) ** 2
@@ -370,7 +370,7 @@ class ForceFields:
         # Samples before the breaking still see the spring.
         for spring, end in self._broken:
             if time < end:
-                stored += self._stored(spring, pose)
+                stored += self._compute_spring_energy(spring, pose)
         for spring in self._springs:
             offset = self._ends(spring, pose)[2]
             stored += (
@@ -488,7 +488,7 @@ class Pool:
                     (1, top, 1.0),
                     (1, bottom, -1.0),
                 ):
-                    corners = _clipped(corners, axis, bound, sign)
+                    corners = _clip_outline(corners, axis, bound, sign)
                 if len(corners) < 3:
                     continue
                 moments = polygon_moments(corners)
@@ -501,7 +501,7 @@ class Pool:
                 yield body, total_area, moment_sum / total_area
 
 
-def _clipped(corners: Array, axis: int, bound: float, sign: float) -> Array:
+def _clip_outline(corners: Array, axis: int, bound: float, sign: float) -> Array:
     """Return a convex outline (K, 2) clipped at `bound` on one axis.
 
     The part below the bound (sign 1) or above it (-1) is removed.

@@ -355,12 +355,14 @@ class Recorder:
         energy_flow = self._contacts(
             steps, poses, self._all(velocities_before), self._all(velocities_after)
         )
-        losses, works = self._loaded(steps, mean_velocities, rolls)
-        energy_flow[:, 0] += losses + self._braked(steps, mean_velocities[:, :, 2])
+        losses, works = self._compute_load_work(steps, mean_velocities, rolls)
+        energy_flow[:, 0] += losses + self._compute_rolling_loss(
+            steps, mean_velocities[:, :, 2]
+        )
         energy_flow[:, 1] += (
             works
             + [step.driven for step in steps]
-            + self._lifted(steps, states, velocities_before)
+            + self._compute_lift_work(steps, states, velocities_before)
         )
         end_times = np.array([step.time for step in steps])
         # The velocities of a step are those of the middle between two steps: at its
@@ -404,7 +406,7 @@ class Recorder:
         out[:, self.moving] = moving
         return out
 
-    def _loaded(self, steps: list[Step], mean: Array, rolls: Array) -> Array:
+    def _compute_load_work(self, steps: list[Step], mean: Array, rolls: Array) -> Array:
         """Return loss and work (2, S) of lasting forces.
 
         `mean`: velocities (S, N, 3), `rolls` (S + 1, N, 2).
@@ -439,7 +441,9 @@ class Recorder:
             ).sum(axis=(1, 2))
         return balance
 
-    def _lifted(self, steps: list[Step], states: Array, before: Array) -> Array:
+    def _compute_lift_work(
+        self, steps: list[Step], states: Array, before: Array
+    ) -> Array:
         """Return the work (S,) against gravity when overlapping shapes are pushed
         apart.
 
@@ -462,7 +466,7 @@ class Recorder:
         lifted: Array = -moved @ weight[self.moving]
         return lifted
 
-    def _braked(self, steps: list[Step], spin: Array) -> Array:
+    def _compute_rolling_loss(self, steps: list[Step], spin: Array) -> Array:
         """Return the loss (S,) to rolling resistance; `spin` (S, N)."""
         if all(step.braked is NOT_BRAKED for step in steps):
             return np.zeros(len(steps))
@@ -612,7 +616,7 @@ class Recorder:
             axis=1,
         ).astype(np.float64)
         if (count == 2).any():
-            energy_flow[:, 0] += self._misplaced(
+            energy_flow[:, 0] += self._compute_displaced_loss(
                 steps, touch, step_rows, places, (pose, before, after)
             )
         self._note_accuracy(opening, touch)
@@ -689,7 +693,7 @@ class Recorder:
         self.residual = max(self.residual, -float(smallest_speeds.min()))
         self.overlap = max(self.overlap, float(touch.depth.max()))
 
-    def _misplaced(
+    def _compute_displaced_loss(
         self,
         steps: list[Step],
         touch: Touching,

@@ -138,10 +138,10 @@ class Space:
         """Bodies of the state in its order, (M,)."""
         M = len(self.moving)
         self._states, self._contacts = batch.Buffer(), batch.Buffer()
-        self._read_states = _batched(
+        self._read_states = _prepare_batch_arguments(
             space, "pmSpaceBodyGetIteratorFuncBatched", _STATE, self._states
         )
-        self._read_contacts = _batched(
+        self._read_contacts = _prepare_batch_arguments(
             space, "pmSpaceArbiterIteratorFuncBatched", _CONTACT, self._contacts
         )
         # The batch functions visit the moving bodies in the order of addition, and then
@@ -159,8 +159,12 @@ class Space:
             self._place_buffer.set_float_buf(self._placing)
             self._push_buffer.set_float_buf(self._pushing)
         writer = "pmSpaceBodySetIteratorFuncBatched"
-        self._write_states = _batched(space, writer, _STATE, self._place_buffer)
-        self._write_loads = _batched(space, writer, _LOAD, self._push_buffer)
+        self._write_states = _prepare_batch_arguments(
+            space, writer, _STATE, self._place_buffer
+        )
+        self._write_loads = _prepare_batch_arguments(
+            space, writer, _LOAD, self._push_buffer
+        )
         self._brakes: dict[Pair, tuple[pymunk.SimpleMotor, Any]] = {}
         self._braking: Sequence[Pair] = ()
         self._motors: list[Any] = []
@@ -570,7 +574,7 @@ class Space:
         return [lib.cpConstraintGetImpulse(motor) for motor in self._motors]
 
 
-def _batched(
+def _prepare_batch_arguments(
     space: pymunk.Space, name: str, fields: Flag, buffer: batch.Buffer
 ) -> tuple[Any, Any, Any]:
     """Return the arguments of Chipmunk's batch functions for some fields of bodies or

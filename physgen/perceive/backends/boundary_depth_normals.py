@@ -356,7 +356,7 @@ def side_section(
     The plane of motion is as far as the supports at the objects' feet.
     """
     occlusion = hidden_by_objects(labels)
-    full = _filled_behind(depth, occlusion)
+    full = _interpolate_background(depth, occlusion)
     parts = [depth[labels == item.id] for item in objects]
     ranges = [np.percentile(part, (10, 75)) for part in parts if part.size]
     nearest, farthest = (
@@ -387,7 +387,7 @@ def side_section(
     return Section(full, smooth_solid, ~occlusion, nearest - before)
 
 
-def _filled_behind(depth: F32, away: Mask) -> F32:
+def _interpolate_background(depth: F32, away: Mask) -> F32:
     """Return the depth with `away` (H, W) interpolated in each row."""
     result = depth.copy()
     columns = np.arange(depth.shape[1])

@@ -46,9 +46,9 @@ def normals(setup: Setup) -> roles.Normals:
     """
     path = _path(setup, "normals")
     raw = _raw(path, "normals")
-    values = _checked(raw, path, "normals", "(H, W, 3)")
+    values = _validate_map(raw, path, "normals", "(H, W, 3)")
     if values.ndim != 3 or values.shape[2] != 3:
-        raise _refused(raw, path, "normals", "(H, W, 3)")
+        raise _create_map_error(raw, path, "normals", "(H, W, 3)")
     if not _array(path) and raw.dtype.kind == "u":
         # Pictures store 0 as level 128 of 255, or as 32768 of 65535.
         zero_level = np.iinfo(raw.dtype).max // 2
@@ -87,7 +87,7 @@ def intrinsic(setup: Setup) -> roles.Intrinsic:
     values = _grey(path, "shading")
 
     def run(rgb: Rgb, labels: Labels, normals: NDArray[np.float32]) -> Intrinsics:
-        shading = _raised(_fit(values, rgb, path))
+        shading = _clamp_shading(_fit(values, rgb, path))
         scale = max(float(np.percentile(decode(rgb).max(axis=2) / shading, 99)), 1e-6)
         return parted(rgb, shading * np.float32(scale))
 
@@ -100,13 +100,13 @@ def parted(rgb: Rgb, shading: NDArray[np.float32]) -> Intrinsics:
     If the albedo would exceed 1, the shading is increased instead.
     """
     light = decode(rgb)
-    final = np.maximum(_raised(shading), light.max(axis=2))
+    final = np.maximum(_clamp_shading(shading), light.max(axis=2))
     return Intrinsics(
         np.asarray(light / final[..., None], np.float32), np.asarray(final, np.float32)
     )
 
 
-def _raised(shading: NDArray[np.float32]) -> NDArray[np.float32]:
+def _clamp_shading(shading: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the shading, at least a hundredth of its median, as a safe divisor."""
     floor = max(float(np.percentile(shading, 50)) * 1e-2, 1e-6)
     return np.maximum(shading, np.float32(floor))
@@ -161,20 +161,20 @@ def _raw(path: Path, what: str) -> Map:
     return read[..., [2, 1, 0]] if read.ndim == 3 else read
 
 
-def _refused(raw: Map, path: Path, what: str, shape: str) -> InputError:
+def _create_map_error(raw: Map, path: Path, what: str, shape: str) -> InputError:
     return Message.NOT_A_MAP.error(
         str(path), f"{raw.shape} {raw.dtype}", shape=shape, content=what
     )
 
 
-def _checked(raw: Map, path: Path, what: str, shape: str) -> NDArray[np.float32]:
+def _validate_map(raw: Map, path: Path, what: str, shape: str) -> NDArray[np.float32]:
     """Return finite real numbers as float32, or raise InputError."""
     if not raw.size or raw.dtype.kind not in "iuf":
-        raise _refused(raw, path, what, shape)
+        raise _create_map_error(raw, path, what, shape)
     with np.errstate(over="ignore"):
         values = raw.astype(np.float32)
     if not np.isfinite(values).all():
-        raise _refused(raw, path, what, shape)
+        raise _create_map_error(raw, path, what, shape)
     return values
 
 
@@ -184,14 +184,14 @@ def _grey(path: Path, what: str) -> NDArray[np.float32]:
     Integers of pictures are scaled to 0..1; numbers of arrays stay as they are.
     """
     raw = _raw(path, what)
-    values = np.squeeze(_checked(raw, path, what, "(H, W)"))
+    values = np.squeeze(_validate_map(raw, path, what, "(H, W)"))
     values = (
         values.mean(axis=2, dtype=np.float64).astype(np.float32)
         if values.ndim == 3
         else values
     )
     if values.ndim != 2:
-        raise _refused(raw, path, what, "(H, W)")
+        raise _create_map_error(raw, path, what, "(H, W)")
     is_integer_picture = not _array(path) and raw.dtype.kind in "iu"
     return values / np.float32(np.iinfo(raw.dtype).max if is_integer_picture else 1)
 

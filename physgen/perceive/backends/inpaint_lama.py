@@ -85,7 +85,7 @@ lama = Lama
 """The factory named in the registry."""
 
 
-def _round_up(side: int) -> int:
+def _round_up_side(side: int) -> int:
     """Return the next larger side that the network accepts, px."""
     return max(SMALLEST, side + -side % MULTIPLE)
 
@@ -95,7 +95,7 @@ def _network_inputs(rgb: Rgb, wanted: Mask) -> tuple[torch.Tensor, torch.Tensor]
 
     Both are extended by mirroring to sides that the network accepts.
     """
-    margins = [(0, _round_up(side) - side) for side in wanted.shape]
+    margins = [(0, _round_up_side(side) - side) for side in wanted.shape]
     mirrored = (
         np.pad(rgb, [*margins, (0, 0)], mode="symmetric").astype(np.float32) / 255
     )

@@ -101,7 +101,9 @@ def _retinex(rgb: Rgb, labels: Labels, normals: F32) -> Intrinsics:
     ids = np.asarray(
         cv2.resize(labels, size, interpolation=cv2.INTER_NEAREST), np.uint16
     )
-    log_shading = _levelled(_parted(small, level, lambert, ids), level, normals, ids)
+    log_shading = _align_surface_shading(
+        _separate_shading(small, level, lambert, ids), level, normals, ids
+    )
     shading = np.exp(
         cv2.resize(log_shading, (width, height), interpolation=cv2.INTER_LINEAR)
     )
@@ -148,7 +150,7 @@ def _lambert(linear: F32, labels: Labels, normals: F32, size: tuple[int, int]) -
     )
 
 
-def _levelled(shading: F32, level: F32, normals: F32, ids: Labels) -> F32:
+def _align_surface_shading(shading: F32, level: F32, normals: F32, ids: Labels) -> F32:
     """Return the log shading (h, w) with the likely light on surfaces side by side.
 
     Gradients across outlines mix paint and shading. Inside a surface nothing changes.
@@ -183,7 +185,7 @@ def _levelled(shading: F32, level: F32, normals: F32, ids: Labels) -> F32:
     return np.asarray(shading + change, np.float32)
 
 
-def _parted(linear: F32, level: F32, lambert: F32, ids: Labels) -> F32:
+def _separate_shading(linear: F32, level: F32, lambert: F32, ids: Labels) -> F32:
     """Return the log shading (h, w) from light (h, w, 3), its `level`, Lambert's
     shading and labels.
     """

@@ -127,7 +127,7 @@ class Heads:
         cup. It is 0 for people: objects classified as people were plants, benches or
         ties.
         """
-        imagenet_chances = self._plain(features)
+        imagenet_chances = self._sum_class_probabilities(features)
         chances = _softmax(
             self.trust * np.log(imagenet_chances + 1e-4)
             + features @ self.own.T
@@ -150,7 +150,9 @@ class Heads:
         detector becomes a dinosaur if it looks like a model. `detected` is (N, 80).
         """
         regression_chances, sureness = self.chances(features)
-        network_chances = (regression_chances + self._plain(features)) / 2
+        network_chances = (
+            regression_chances + self._sum_class_probabilities(features)
+        ) / 2
         if PERSON in self.labels:
             network_chances[:, self.labels.index(PERSON)] = 0
         detector_chances = np.zeros_like(network_chances)
@@ -187,7 +189,7 @@ class Heads:
         """Return the probabilities (N, 1000) of ImageNet's classes."""
         return _softmax(features @ self.weights.T + self.bias)
 
-    def _plain(self, features: F32) -> F32:
+    def _sum_class_probabilities(self, features: F32) -> F32:
         """Return ImageNet's own label probabilities (N, L + 1)."""
         chances = np.zeros((len(features), len(self.labels) + 1), np.float32)
         classes = self._classes(features)

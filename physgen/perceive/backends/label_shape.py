@@ -55,12 +55,12 @@ def _name(rgb: Rgb, outline: Outline, cut: bool) -> Name:
                 if long > SHAPE.long * short and not cut
                 else Name("block", 0.4)
             )
-        if not cut and _necked(outline):
+        if not cut and _detect_narrow_neck(outline):
             return Name("bottle", 0.35)
     return Name("object", 0.2)
 
 
-def _necked(outline: Region) -> bool:
+def _detect_narrow_neck(outline: Region) -> bool:
     """Return whether an outline is an upright, symmetric body with a narrow neck."""
     left, right = _profile(outline)
     widths = right - left

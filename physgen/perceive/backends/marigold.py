@@ -115,7 +115,7 @@ class Depth(_Marigold):
         """Return depth (H, W) float32 in 0..1, from the nearest to the farthest
         plane.
         """
-        return _sized(self.predicted(rgb)[0][0, :, :, 0], rgb)
+        return _resize_to_photo(self.predicted(rgb)[0][0, :, :, 0], rgb)
 
 
 class Normals(_Marigold):
@@ -133,7 +133,9 @@ class Normals(_Marigold):
         """Return unit normals (H, W, 3) float32."""
         # The pipeline's axes are +x right, +y up, +z to the viewer; y is flipped below.
         prediction = self.predicted(rgb)[0][0]
-        return facing(_sized(prediction * np.array([1, -1, 1], np.float32), rgb))
+        return facing(
+            _resize_to_photo(prediction * np.array([1, -1, 1], np.float32), rgb)
+        )
 
 
 class Intrinsic(_Marigold):
@@ -169,7 +171,7 @@ class Intrinsic(_Marigold):
         else:
             paint = np.maximum(luminance(maps["albedo"]), np.float32(DARKEST))
             shading = np.asarray(luminance(decode(small)) / paint, np.float32)
-        return parted(rgb, _sized(shading, rgb))
+        return parted(rgb, _resize_to_photo(shading, rgb))
 
 
 depth, normals, intrinsic = Depth, Normals, Intrinsic
@@ -229,7 +231,7 @@ def shrunk(rgb: Rgb, resolution: int) -> Rgb:
     )
 
 
-def _sized(values: F32, rgb: Rgb) -> F32:
+def _resize_to_photo(values: F32, rgb: Rgb) -> F32:
     """Return a map in the photo's size."""
     interpolation = (
         cv2.INTER_AREA if values.shape[1] > rgb.shape[1] else cv2.INTER_LINEAR

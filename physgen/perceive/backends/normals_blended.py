@@ -96,10 +96,10 @@ LIMITS = _Limits()
 
 def blended() -> Normals:
     """Return the backend `blended`."""
-    return _blended
+    return _blend_normals
 
 
-def _blended(
+def _blend_normals(
     rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject], boundaries: BoundaryGuess
 ) -> F32:
     """Return unit normals (H, W, 3): +x right, +y down, +z to the viewer."""
@@ -199,7 +199,7 @@ def _form(
     if _ellipse_likeness(body) > 0.94 and not _is_rectangular(own):
         field, axis = cushion_tilts(own), -1
     else:
-        field, axis = _turned(own, body)
+        field, axis = _compute_revolved_tilts(own, body)
     return field, None if nouns & ROUND else _bulge(
         seen, level, field, _inner(own), axis
     )
@@ -216,7 +216,7 @@ def _nouns(label: str) -> set[str]:
     }
 
 
-def _turned(own: Mask, body: Mask) -> tuple[F32, int]:
+def _compute_revolved_tilts(own: Mask, body: Mask) -> tuple[F32, int]:
     """Return the tilts of a solid of revolution with handles as cushions, and its axis.
 
     The axis is 0 if it is upright and 1 if it is level.

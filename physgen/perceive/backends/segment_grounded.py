@@ -224,7 +224,7 @@ class Sam:
             self._scale(), 2
         )
         for k in range(0, len(corners), GROUNDED.batch):
-            yield from self._decoded(
+            yield from self._decode_masks(
                 input_boxes=self._tensor(corners[k : k + GROUNDED.batch])
             )
 
@@ -238,13 +238,13 @@ class Sam:
             point_labels = torch.ones(
                 batch.shape[:3], dtype=torch.int, device=self._device
             )
-            yield from self._decoded(input_points=batch, input_labels=point_labels)
+            yield from self._decode_masks(input_points=batch, input_labels=point_labels)
 
     def forget(self) -> None:
         """Free the photo's features."""
         self._features = None
 
-    def _decoded(self, **prompts: torch.Tensor) -> list[tuple[Mask, float]]:
+    def _decode_masks(self, **prompts: torch.Tensor) -> list[tuple[Mask, float]]:
         """Return, per prompt, the mask with the best expected IoU.
 
         The model proposes three: whole, part, and part of a part.

@@ -128,7 +128,7 @@ def _find_reduced_shadows(
     )
     # The matched share of direct light makes predicted and measured shadows equally
     # dark.
-    setting = replace(_matched(setting, factor), size=reduced.size)
+    setting = replace(_match_darkness(setting, factor), size=reduced.size)
     silhouettes = at(1.0)
     clean_background = lightened(
         background, *_seen_darkness(background, coverage, silhouettes, setting)
@@ -328,7 +328,7 @@ def _steps(setting: ShadowSetting, step: float) -> Iterator[ShadowSetting]:
         yield with_direct_share(setting, share)
 
 
-def _matched(setting: ShadowSetting, factor: float) -> ShadowSetting:
+def _match_darkness(setting: ShadowSetting, factor: float) -> ShadowSetting:
     """Return a setting whose shadows are as dark as the photo's.
 
     `factor` is the ratio of measured to predicted darkness; it changes the share of

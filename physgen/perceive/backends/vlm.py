@@ -375,7 +375,7 @@ class Categories(_Role):
 
         A repeated noun is movable only if it is movable every time.
         """
-        picture = _png(_resized(rgb, 0, VLM.photo))
+        picture = _png(_resize_picture(rgb, 0, VLM.photo))
         query = Query(
             "the photo", CATEGORIES_QUESTION, (picture,), CATEGORIES_SCHEMA, _nameless
         )
@@ -595,8 +595,8 @@ def median_lab(rgb: Rgb, mask: Mask) -> NDArray[np.float64]:
 
 def _outlined_photo(rgb: Rgb, mask: Mask) -> bytes:
     """Return the photo with one object outlined, as PNG."""
-    picture = _resized(rgb, 0, VLM.photo).copy()
-    _draw_outline(picture, _fitted(mask, picture))
+    picture = _resize_picture(rgb, 0, VLM.photo).copy()
+    _draw_outline(picture, _resize_mask(mask, picture))
     return _png(picture)
 
 
@@ -605,7 +605,7 @@ def _closeup(rgb: Rgb, mask: Mask) -> bytes:
     rows, columns = (np.flatnonzero(mask.any(axis)) for axis in (1, 0))
     if not len(rows):  # the object lies outside the photo
         # The object lies outside the photo.
-        return _png(_resized(rgb, *VLM.closeup))
+        return _png(_resize_picture(rgb, *VLM.closeup))
     (y0, y1), (x0, x1) = ((int(line[0]), int(line[-1]) + 1) for line in (rows, columns))
     margin = max(ceil(VLM.margin * max(y1 - y0, x1 - x0)), 8)
     y0, x0 = max(y0 - margin, 0), max(x0 - margin, 0)
@@ -613,14 +613,14 @@ def _closeup(rgb: Rgb, mask: Mask) -> bytes:
         rgb[y0 : y1 + margin, x0 : x1 + margin],
         mask[y0 : y1 + margin, x0 : x1 + margin],
     )
-    picture = _resized(np.ascontiguousarray(part), *VLM.closeup).copy()
-    fitted_mask = _fitted(inside, picture)
+    picture = _resize_picture(np.ascontiguousarray(part), *VLM.closeup).copy()
+    fitted_mask = _resize_mask(inside, picture)
     picture[~fitted_mask] = (picture[~fitted_mask] * VLM.surroundings).astype(np.uint8)
     _draw_outline(picture, fitted_mask)
     return _png(picture)
 
 
-def _resized(rgb: Rgb, least: int, most: int) -> Rgb:
+def _resize_picture(rgb: Rgb, least: int, most: int) -> Rgb:
     """Return a picture with a longer side from `least` to `most` px."""
     height, width = rgb.shape[:2]
     factor = min(max(1.0, least / max(height, width)), most / max(height, width))
@@ -631,7 +631,7 @@ def _resized(rgb: Rgb, least: int, most: int) -> Rgb:
     return np.asarray(cv2.resize(rgb, size, interpolation=method), np.uint8)
 
 
-def _fitted(mask: Mask, picture: Rgb) -> Mask:
+def _resize_mask(mask: Mask, picture: Rgb) -> Mask:
     """Return a mask in the picture's size."""
     height, width = picture.shape[:2]
     if mask.shape == (height, width):

@@ -220,7 +220,7 @@ def border_ends(known: KnownSurroundings, piece: Mask) -> Iterator[BorderEnd]:
     for turn in (1, -1):
         sx = path[:, 0, None] + turn * ty[:, None] * steps
         sy = path[:, 1, None] - turn * tx[:, None] * steps
-        colours, legal = _sampled(picture, unknown, sx, sy)
+        colours, legal = _sample_known_colours(picture, unknown, sx, sy)
         ok &= legal.sum(1) >= 3
         sides.append(
             (colours * legal[:, :, None]).sum(1) / np.maximum(legal.sum(1), 1)[:, None]
@@ -262,7 +262,9 @@ def border_ends(known: KnownSurroundings, piece: Mask) -> Iterator[BorderEnd]:
             )
 
 
-def _sampled(picture: F32, blocked: Mask, x: F64, y: F64) -> tuple[F32, Mask]:
+def _sample_known_colours(
+    picture: F32, blocked: Mask, x: F64, y: F64
+) -> tuple[F32, Mask]:
     """Return colours at the pixels nearest to x and y, and whether they are known."""
     h, w = blocked.shape
     xi, yi = np.round(x).astype(int), np.round(y).astype(int)
@@ -280,7 +282,7 @@ def border_profile(picture: F32, blocked: Mask, at: F64, towards: F64) -> F64:
     back = np.arange(0, 4)[None, :]
     x = at[0] - towards[0] * back - towards[1] * offsets
     y = at[1] - towards[1] * back + towards[0] * offsets
-    colours, legal = _sampled(picture, blocked, x, y)
+    colours, legal = _sample_known_colours(picture, blocked, x, y)
     weight = legal.sum(1)[:, None]
     mean = (colours * legal[:, :, None]).sum(1) / np.maximum(weight, 1)
     return np.where(weight > 0, mean, np.nan)

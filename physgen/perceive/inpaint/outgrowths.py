@@ -133,8 +133,8 @@ def _parts(photo: Rgb, own: Mask, hole: Mask, *, is_clear: bool = False) -> F32:
     scale = min(1.0, OUTGROWTHS.side / max(height, width))
     size = max(1, round(width * scale)), max(1, round(height * scale))
     small = np.asarray(cv2.resize(photo, size, interpolation=cv2.INTER_AREA), np.uint8)
-    object_mask = _reduced(own, size)
-    other_objects = _reduced(hole & ~own, size)
+    object_mask = _downscale_mask(own, size)
+    other_objects = _downscale_mask(hole & ~own, size)
     reach = OUTGROWTHS.reach * float(np.sqrt(np.count_nonzero(object_mask)))
     distance = np.asarray(
         cv2.distanceTransform((~object_mask).view(np.uint8), cv2.DIST_L2, 5), np.float32
@@ -149,7 +149,7 @@ def _parts(photo: Rgb, own: Mask, hole: Mask, *, is_clear: bool = False) -> F32:
     return np.asarray(cv2.resize(parts.astype(np.float32), (width, height)), np.float32)
 
 
-def _reduced(mask: Mask, size: tuple[int, int]) -> Mask:
+def _downscale_mask(mask: Mask, size: tuple[int, int]) -> Mask:
     small_mask = cv2.resize(mask.view(np.uint8), size, interpolation=cv2.INTER_NEAREST)
     return np.asarray(small_mask > 0)
 

@@ -73,7 +73,8 @@ def windows(hole: Mask, least: int) -> list[tuple[slice, slice]]:
     canvas = np.zeros_like(hole)
     for rows, columns in _rectangles(hole):
         canvas[
-            _around(rows, hole.shape[0], least), _around(columns, hole.shape[1], least)
+            _extend_span(rows, hole.shape[0], least),
+            _extend_span(columns, hole.shape[1], least),
         ] = True
     # Merge touching windows until none touch.
     while True:
@@ -129,7 +130,7 @@ def _rectangles(mask: Mask) -> list[tuple[slice, slice]]:
     return [(slice(y, y + h), slice(x, x + w)) for x, y, w, h, _ in stats[1:].tolist()]
 
 
-def _around(span: slice, side: int, least: int) -> slice:
+def _extend_span(span: slice, side: int, least: int) -> slice:
     """Return a span extended by half its length on both sides, inside the photo's
     `side`.
 

@@ -180,7 +180,7 @@ def _refined(fill: _Fill, search: _Search, keep: bool) -> _Fill:
         guess = np.where(
             (level.hole & ~(level.drawn & keep))[:, :, None], larger, level.picture
         )
-        field = _doubled(field, (h, w))
+        field = _upscale_sources(field, (h, w))
         similarity = np.asarray(
             cv2.resize(similarity, (w, h), interpolation=cv2.INTER_LINEAR), np.float32
         )
@@ -258,7 +258,9 @@ def thin_out(places: Places, most: int) -> Places:
     return places[np.arange(len(places)) * ((5**0.5 - 1) / 2) % 1 < part]
 
 
-def _doubled(field: NDArray[np.int64], size: tuple[int, int]) -> NDArray[np.int64]:
+def _upscale_sources(
+    field: NDArray[np.int64], size: tuple[int, int]
+) -> NDArray[np.int64]:
     """Return sources (H, W, 2) at twice the scale."""
     rows, columns = np.arange(size[0]), np.arange(size[1])
     coarse_sources = field[
@@ -320,7 +322,7 @@ def _square(radius: int) -> NDArray[np.uint8]:
     return np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
 
 
-def _halved(picture: F32, r: int) -> F32:
+def _quantize_and_pad(picture: F32, r: int) -> F32:
     """Return `picture` with a border of r px, as whole numbers from -64 to 64."""
     return np.pad(
         np.round(picture / 2) - 64, ((r, r), (r, r), (0, 0)), mode="edge"
@@ -367,7 +369,7 @@ class _Search:
     @cached_property
     def halved(self) -> F32:
         """Return the picture (H + 2 r, W + 2 r, 3) as whole numbers for comparisons."""
-        return _halved(self.level.picture, self.radius)
+        return _quantize_and_pad(self.level.picture, self.radius)
 
     def _patches(self, padded: F32) -> F32:
         """Return a view (H, W, width, width[, 3]) of all patches."""
@@ -389,7 +391,7 @@ class _Search:
         """Return the centres (H, W, 2) of the most similar known patches, and costs per
         `at`.
         """
-        target = self._patches(_halved(guess, self.radius))[
+        target = self._patches(_quantize_and_pad(guess, self.radius))[
             self.at[:, 0], self.at[:, 1]
         ]
         if field is None or len(self.at) * len(self.source_at) < TUNING.max_pairs:
@@ -397,7 +399,7 @@ class _Search:
         else:
             # Once the source is roughly known, one pixel in four suffices.
             subsample = np.s_[:, ::2, ::2]
-            best, cost = self._propagated(
+            best, cost = self._propagate_sources(
                 target[subsample], self.mask[subsample], field
             )
         return self._field(best), cost
@@ -467,7 +469,7 @@ class _Search:
             cost[part] = gap[np.arange(rows), best[part]] + own_squares
         return places[best], cost
 
-    def _propagated(
+    def _propagate_sources(
         self, target: F32, mask: F32, field: NDArray[np.int64]
     ) -> tuple[Places, F32]:
         """Return the best sources among those of the neighbours, and the costs."""

@@ -180,13 +180,15 @@ def seamless(other: Rgb, photo: Rgb, hole: Mask) -> Rgb:
         (distance > limit).astype(np.float32)[:, :, None] for limit in (0, reach)
     )
     difference = np.abs(
-        _smoothed(gap, free, HALO.smooth) - _smoothed(gap, outer_weights, reach)
+        _blur_known_pixels(gap, free, HALO.smooth)
+        - _blur_known_pixels(gap, outer_weights, reach)
     ).max(axis=2)
     chance = (
-        _smoothed(difference[:, :, None] ** 2, outer_weights, reach)[:, :, 0] ** 0.5
+        _blur_known_pixels(difference[:, :, None] ** 2, outer_weights, reach)[:, :, 0]
+        ** 0.5
     )
     differs = (difference > HALO.levels + HALO.loud * chance) & (distance <= 2 * reach)
-    full_hole = dilate(_joined_to(hole, differs), 1)
+    full_hole = dilate(_find_connected_pixels(hole, differs), 1)
     spread = harmonic_fill(
         np.where(full_hole[:, :, None], np.float32(0), gap), full_hole
     )
@@ -306,7 +308,7 @@ def blend_at_border(filled: F32, photo: Rgb, hole: Mask) -> Rgb:
     )
 
 
-def _smoothed(picture: F32, known: F32, sigma: float) -> F32:
+def _blur_known_pixels(picture: F32, known: F32, sigma: float) -> F32:
     """Return a blur of (H, W, C) from `known` pixels (H, W, 1)."""
     shape = picture.shape
     sums, weights = (
@@ -316,7 +318,7 @@ def _smoothed(picture: F32, known: F32, sigma: float) -> F32:
     return np.asarray(sums / np.maximum(weights, 1e-3), np.float32)
 
 
-def _joined_to(hole: Mask, differs: Mask) -> Mask:
+def _find_connected_pixels(hole: Mask, differs: Mask) -> Mask:
     """Return the hole and all `differs` pixels connected to it (H, W)."""
     _, names = cv2.connectedComponents(
         (hole | differs).astype(np.uint8), connectivity=8

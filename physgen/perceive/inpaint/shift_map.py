@@ -187,7 +187,7 @@ class _Window:
         levels.
         """
         hole, blocked_mask = self.hole[self.near], self.blocked[self.near]
-        inside = _band_means(fill[self.near], hole & ~_eroded(hole, TUNING.border))
+        inside = _band_means(fill[self.near], hole & ~_erode_mask(hole, TUNING.border))
         known_band = dilate(hole, TUNING.border) & ~blocked_mask
         outside = _band_means(self.picture[self.near], known_band)
         line = dilate(hole, 1) & ~blocked_mask
@@ -267,7 +267,7 @@ class _Window:
         for number, piece in _pieces_by_size(labels, scale, self.hole):
             offset = None
             if number < len(offsets):
-                offset = self._refined(piece, offsets[number], scale, composition)
+                offset = self._refine_offset(piece, offsets[number], scale, composition)
             if offset is None:
                 offset = np.zeros(2, np.int64)
             shifts[piece.box][piece.mask] = offset
@@ -276,7 +276,7 @@ class _Window:
             composition.done[piece.box] |= piece.mask
         return shifts
 
-    def _refined(
+    def _refine_offset(
         self, piece: _Piece, offset: I64, scale: int, composed: _Composed
     ) -> I64 | None:
         """Return the full-size offset of a piece that suits its neighbours, or None."""
@@ -398,7 +398,7 @@ def _band_means(picture: F32, band: Mask) -> F32:
     return np.asarray(sums / np.maximum(share, 1e-3), np.float32)
 
 
-def _eroded(mask: Mask, radius: int) -> Mask:
+def _erode_mask(mask: Mask, radius: int) -> Mask:
     """Return the pixels (H, W) of `mask` farther than `radius` px from its border."""
     return ~dilate(~mask, radius)
 

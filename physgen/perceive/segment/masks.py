@@ -227,7 +227,8 @@ def resolved(cuts: Sequence[Cut]) -> list[Cut]:
     # Drop the most hidden object and start again, since others then become visible.
     while True:
         left = [
-            _behind(cut, [other for other in rest if other is not cut]) for cut in rest
+            _remove_occluded_part(cut, [other for other in rest if other is not cut])
+            for cut in rest
         ]
         shares = [
             int(np.count_nonzero(piece)) / cut.area
@@ -306,7 +307,7 @@ def _scenery(cuts: Sequence[Cut], labels: NDArray[np.uint16]) -> Scenery:
     )
 
 
-def _behind(cut: Cut, others: Sequence[Cut]) -> Mask:
+def _remove_occluded_part(cut: Cut, others: Sequence[Cut]) -> Mask:
     """Return the part of a cut's mask in front of others."""
     left = cut.mask.copy()
     for other in others:

@@ -101,7 +101,7 @@ def find_mirror_image(rgb: Rgb, labels: Labels, number: int) -> Mask | None:
     image = np.zeros(labels.shape, np.uint8)
     image[lower_window] = mirrored_mask
     # The blurred border of the mirror image is removed, too.
-    full_image = _widened(image, max(1, round(MIRROR.margin * width)))
+    full_image = _dilate_mask(image, max(1, round(MIRROR.margin * width)))
     return np.asarray(full_image & (labels == 0))
 
 
@@ -138,7 +138,7 @@ def _visible_part(mirrored: Mask, is_hidden: Mask, height: int) -> Mask | None:
     return part if np.count_nonzero(part) >= MIRROR.smallest else None
 
 
-def _widened(image: NDArray[np.uint8], reach: int) -> Mask:
+def _dilate_mask(image: NDArray[np.uint8], reach: int) -> Mask:
     """Return a mask (H, W) dilated by `reach` px in all directions."""
     kernel = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
     return np.asarray(cv2.dilate(image, kernel) > 0)
@@ -148,7 +148,9 @@ def _shows_mirror_image(below: Rgb, turned: Rgb, part: Mask, ground: _Ground) ->
     """Return whether the ground (h, w, 3) shows the inverted object `turned`."""
     height = round(np.count_nonzero(part.any(axis=1)) / MIRROR.near)
     image, item = (
-        _blurred(picture.astype(np.float32) - ground.colours, part, height)[part]
+        _blur_within_part(picture.astype(np.float32) - ground.colours, part, height)[
+            part
+        ]
         for picture in (below, turned)
     )
     return _is_mirrored(image, item, ground.texture)
@@ -189,7 +191,7 @@ def _ground(below: Rgb, left: int, width: int) -> _Ground | None:
     return _Ground(colours.astype(np.float32), texture)
 
 
-def _blurred(differences: F32, part: Mask, height: int) -> NDArray[np.float32]:
+def _blur_within_part(differences: F32, part: Mask, height: int) -> NDArray[np.float32]:
     """Return differences (h, w, 3), blurred inside a part."""
     sigma = max(2.0, MIRROR.blur * height)
     weights = part.astype(np.float32)

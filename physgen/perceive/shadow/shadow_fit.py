@@ -243,7 +243,7 @@ def search_light(
     telling = [candidate.telling for candidate in gradients]
 
     def rated(k: int, setting: ShadowSetting) -> LightFit:
-        return _rated(gradients[k], telling[k], setting, guess)
+        return _rate_setting(gradients[k], telling[k], setting, guess)
 
     starts = [
         (k, rated(k, setting))
@@ -253,7 +253,7 @@ def search_light(
     starts.sort(key=lambda start: -start[1].likeness)
 
     def climbed(k: int, fit: LightFit) -> LightFit:
-        return _climbed(
+        return _choose_better_fit(
             fit, _coarse_steps(fit.setting), lambda setting: rated(k, setting)
         )
 
@@ -268,7 +268,7 @@ def search_light(
     return k, best
 
 
-def _rated(
+def _rate_setting(
     gradients: LightGradients,
     silhouettes: Sequence[Silhouette],
     setting: ShadowSetting,
@@ -280,7 +280,7 @@ def _rated(
     return LightFit(setting, likeness - (_oddness(setting, factor) + penalty), factor)
 
 
-def _climbed(
+def _choose_better_fit(
     fit: LightFit,
     settings: Iterator[ShadowSetting],
     rated: Callable[[ShadowSetting], LightFit],
@@ -322,13 +322,15 @@ def refine_light(
     telling = fine.telling
 
     def rated(where: ShadowSetting) -> LightFit:
-        return _rated(fine, telling, where, guess)
+        return _rate_setting(fine, telling, where, guess)
 
     fit = rated(setting)
     for step, times in ((0.12, 1), (0.06, 2), (0.03, 1)):
         for _ in range(times):
             before = fit
-            fit = _climbed(fit, iter(list(_fine_steps(fit.setting, step))), rated)
+            fit = _choose_better_fit(
+                fit, iter(list(_fine_steps(fit.setting, step))), rated
+            )
             # The same steps would fail again.
             if fit is before:
                 break

@@ -491,7 +491,7 @@ def refill_background(
     shadows and if it suits its surroundings, because the first fill is from a smaller
     hole. Then reflections of objects `standing` on a floor (H, W) are removed.
     """
-    result = _refilled(removed, background, coverage, inpaint)
+    result = _refill_shadow(removed, background, coverage, inpaint)
     return (
         result
         if standing is None
@@ -499,7 +499,9 @@ def refill_background(
     )
 
 
-def _refilled(removed: Rgb, background: Rgb, coverage: F32, inpaint: Inpaint) -> Rgb:
+def _refill_shadow(
+    removed: Rgb, background: Rgb, coverage: F32, inpaint: Inpaint
+) -> Rgb:
     plan = plan_refill(removed, background, coverage)
     old = np.where(plan.dark[..., None], background, removed)
     if not plan.hole.any():

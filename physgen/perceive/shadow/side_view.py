@@ -193,7 +193,7 @@ def _reduced_shadows(photo: _Photo, guess: LightGuess) -> Shadows:
     for fit in (floor_light, None) if floor_light else (None,):
         if fit is None and wall is None:
             break
-        darkness = _predicted(silhouettes, fit, wall, photo.size)
+        darkness = _predict_shadow_darkness(silhouettes, fit, wall, photo.size)
         clean_background = remove_shadows(
             background, coverage, darkness, typical_size(silhouettes)
         )
@@ -285,7 +285,7 @@ def _soft_shade(photo: _Photo, guess: LightGuess) -> Shadows | None:
         return None
     fit = LightFit(shade.setting, 0.0, shade.factor, shade.factor)
     silhouettes = photo.silhouettes(1.0, bottom)
-    model_darkness = _predicted(silhouettes, fit, None, photo.size)
+    model_darkness = _predict_shadow_darkness(silhouettes, fit, None, photo.size)
     # A surface that is not darker at the predicted place lies in no shade.
     agreement = np.where(photo.coverage > 0, 1, np.clip(shade.missing / FAINT, 0, 1))
     prediction = np.asarray(model_darkness * agreement, np.float32)
@@ -310,7 +310,7 @@ def _soft_shade(photo: _Photo, guess: LightGuess) -> Shadows | None:
     )
 
 
-def _predicted(
+def _predict_shadow_darkness(
     silhouettes: Sequence[Silhouette],
     fit: LightFit | None,
     wall: WallShadow | None,
@@ -323,13 +323,13 @@ def _predicted(
             join_silhouettes(silhouettes), fit.setting
         )
     if wall is not None:
-        darkness += np.float32(wall.factor) * _softened(
+        darkness += np.float32(wall.factor) * _blur_wall_shadow(
             wall_coverage(silhouettes, wall, 1.0, size), wall
         )
     return np.minimum(darkness, LIMITS.darkest)
 
 
-def _softened(coverage: F32, wall: WallShadow) -> F32:
+def _blur_wall_shadow(coverage: F32, wall: WallShadow) -> F32:
     return np.asarray(
         cv2.GaussianBlur(coverage, (0, 0), max(wall.soft, 0.5)), np.float32
     )
@@ -348,7 +348,9 @@ def _casts(
                 yield silhouette.id, cast[0], np.float32(fit.factor) * cast[1]
     if wall is not None:
         for silhouette in silhouettes:
-            soft_shadow = _softened(cast_on_wall(silhouette, wall, 1.0, size), wall)
+            soft_shadow = _blur_wall_shadow(
+                cast_on_wall(silhouette, wall, 1.0, size), wall
+            )
             yield (
                 silhouette.id,
                 (0, 0, *size),

@@ -190,7 +190,7 @@ def _depth(around: _Surroundings) -> Darkness | None:
     connected_shade = _joined(shade, around.own_mask)
     if not _is_shade(around, shade, connected_shade):
         return None
-    lit_mask = _away_from(shade, ground)
+    lit_mask = _select_unshaded_ground(shade, ground)
     planes = [_plane(around.smooth[..., c], lit_mask) for c in range(3)]
     depth = np.clip(np.stack(planes, axis=-1) - around.smooth, 0, TUNING.deepest)
     inside = cv2.dilate(connected_shade.astype(np.uint8), np.ones((5, 5), np.uint8))
@@ -210,7 +210,7 @@ def _shade_mask(around: _Surroundings) -> Mask:
     limit = max(TUNING.least, TUNING.loud * spread)
     # The first plane contains some shade; a second one is fitted without it.
     first_mask = ground & (level - grey > limit)
-    level = _plane(grey, _away_from(first_mask, ground))
+    level = _plane(grey, _select_unshaded_ground(first_mask, ground))
     return np.asarray(ground & (level - grey > limit))
 
 
@@ -236,7 +236,7 @@ def _is_shade(around: _Surroundings, shade_mask: Mask, joined_mask: Mask) -> boo
     return bool(near_share >= max(least_share, times * far_share))
 
 
-def _away_from(shade_mask: Mask, ground_mask: Mask) -> Mask:
+def _select_unshaded_ground(shade_mask: Mask, ground_mask: Mask) -> Mask:
     """Return the ground (h, w) away from shade."""
     wide_shade = cv2.dilate(shade_mask.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
     lit_mask = ground_mask & ~wide_shade

@@ -129,7 +129,7 @@ def unstable_objects(
     with the same contacts and the same friction.
     """
     free_ids = [i for i in range(len(outlines)) if i not in fixed]
-    found = [c for c in found if not _from_above(c, fixed)]
+    found = [c for c in found if not _check_fixed_on_top(c, fixed)]
     masses = {i: mass_properties(outlines[i]) for i in free_ids}
     discs = {i: o.radius for i in free_ids if isinstance(o := outlines[i], Disc)}
     known = {} if known is None else known
@@ -148,7 +148,7 @@ def unstable_objects(
             known[key] = (
                 _held(group, forces)
                 if len(group) <= MANY
-                else _held_of_many(group, forces)
+                else _choose_held_of_many(group, forces)
             )
         unstable += known[key]
     return sorted(unstable, key=lambda i: -float(masses[i].center[1]))
@@ -170,7 +170,7 @@ def _held(group: Sequence[int], forces: _Forces) -> list[int]:
     return held_ids
 
 
-def _held_of_many(group: Sequence[int], forces: _Forces) -> list[int]:
+def _choose_held_of_many(group: Sequence[int], forces: _Forces) -> list[int]:
     """Return objects of a large group to hold.
 
     Each round holds all unbalanced objects that do not touch each other.
@@ -196,7 +196,7 @@ def _held_of_many(group: Sequence[int], forces: _Forces) -> list[int]:
     return [i for i in group if i in held_ids or rest[i] > UNHELD]
 
 
-def _from_above(contact: Contact, fixed: Collection[int]) -> bool:
+def _check_fixed_on_top(contact: Contact, fixed: Collection[int]) -> bool:
     """Return whether a fixed object lies on top.
 
     It might jam an object, but has no weight to press it down.

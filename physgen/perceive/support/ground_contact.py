@@ -536,7 +536,7 @@ def split_group(
     chain of humps: a floor is flat, so the masks are wrong or some objects are nearer
     or farther. Objects `free` follow the line, as objects with flat feet do.
     """
-    if abs(line.slope) > STEEP or _askew(line, group):
+    if abs(line.slope) > STEEP or _check_sloped_floor(line, group):
         return [(line, list(group))]
     level, sloped_feet = (
         _near_line(group, slope, free, LEVEL.alike)[1] for slope in (0.0, line.slope)
@@ -552,7 +552,7 @@ def split_group(
     ]
 
 
-def _askew(line: Line, group: Sequence[Foot]) -> bool:
+def _check_sloped_floor(line: Line, group: Sequence[Foot]) -> bool:
     """Return whether a line belongs to a sloped floor."""
     return len(group) > 2 and abs(line.slope) >= LEVEL.sloped
 
@@ -623,7 +623,7 @@ def level_feet(
         if (
             isinstance(outline, Disc)
             or not follows
-            or (_askew(line, group) and not on_slope)
+            or (_check_sloped_floor(line, group) and not on_slope)
         ):
             continue
         rise = abs(float(foot.right[1] - foot.left[1]))
@@ -846,7 +846,9 @@ def fit_rectangle(outline: Outline) -> Region | None:
     ).min(axis=1)
     corners = np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
     sharp = np.hypot(
-        *(corners[:, None] - _dense(aligned_points)[None]).transpose(2, 0, 1)
+        *(corners[:, None] - _resample_ring_border(aligned_points)[None]).transpose(
+            2, 0, 1
+        )
     ).min(axis=1)
     # The border must follow the sides, with corners that are not too round.
     if max(side_distance.max(), sharp.max()) > min(BOX.rounded, 0.12 * min(size)):
@@ -866,7 +868,7 @@ def _sides(own: Array) -> tuple[Array, Array]:
 
     Each side is at the median of the border along it.
     """
-    border, margin = _dense(own), 2 * BOX.ragged
+    border, margin = _resample_ring_border(own), 2 * BOX.ragged
     low, high = (
         np.where(is_side, border, np.nan)
         for is_side in (
@@ -877,7 +879,7 @@ def _sides(own: Array) -> tuple[Array, Array]:
     return np.nanmedian(low, axis=0), np.nanmedian(high, axis=0)
 
 
-def _dense(points: Array) -> Array:
+def _resample_ring_border(points: Array) -> Array:
     """Return the border of a ring with a point about every half px."""
     parts = []
     for a, b in zip(points, np.roll(points, -1, axis=0), strict=True):

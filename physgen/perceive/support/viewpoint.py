@@ -177,7 +177,11 @@ def _background_cues(rgb: Rgb, labels: Labels, normals: F32) -> dict[str, float]
     layer_weight = min(1.0, float(np.sqrt(colour[free].var(0).sum())) / SPREAD)
     cues = {
         "layered": layer_weight
-        * (_explained(colour, free, 1) - _explained(colour, free, 0) - 0.1)
+        * (
+            _measure_explained_variance(colour, free, 1)
+            - _measure_explained_variance(colour, free, 0)
+            - 0.1
+        )
     }
     if min(np.count_nonzero(free[low]), np.count_nonzero(free[high])) >= LEAST:
         upward = -normals[..., 1]
@@ -210,7 +214,7 @@ def _background_cues(rgb: Rgb, labels: Labels, normals: F32) -> dict[str, float]
     return cues
 
 
-def _explained(colour: F32, free: Mask, axis: int) -> float:
+def _measure_explained_variance(colour: F32, free: Mask, axis: int) -> float:
     """Return the share of colour variance that row means (`axis` 1) or column means (0)
     explain.
 

@@ -330,12 +330,12 @@ class Sampler:
             for weights in self._weights
         )
         self._trained = kind.trained(self._weights)
-        self.grid = self._asked()
+        self.grid = self._apply_grid_options()
         self._offload = "none"
         self._tiled = False
         self._run: Run | None = None
 
-    def _asked(self) -> Grid:
+    def _apply_grid_options(self) -> Grid:
         """Return the grid, changed by the options."""
         grid, side, window = (
             self._trained.grid,
