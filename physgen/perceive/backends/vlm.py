@@ -708,7 +708,7 @@ def picture_part(picture: bytes) -> dict[str, Any]:
 def plain_line(text: str, most: int = 300) -> str:
     """Return the printable characters of a text on one line, cut at a word.
 
-    >>> plain_line("a  red\n# ball\x1b[0m")
+    >>> plain_line("a  red\\n# ball\\x1b[0m")
     'a red # ball[0m'
     """
     line = " ".join("".join(c for c in text if c.isprintable() or c.isspace()).split())
