@@ -401,4 +401,4 @@ def test_all_code_that_makes_clips_is_counted() -> None:
     """Each package is one that makes clips, or one that only calls those."""
     home = Path(physgen.__file__).parent
     packages = {path.name for path in home.iterdir() if (path / "__init__.py").exists()}
-    assert packages - set(resume.CODE) == {"batch", "cli", "edit", "evaluate"}
+    assert packages - set(resume.CODE) == {"batch", "cli", "edit", "evaluate", "fit"}

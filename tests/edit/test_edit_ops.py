@@ -437,7 +437,7 @@ def test_an_object_goes_with_all_that_names_it(name, tmp_path) -> None:
     assert (
         re.findall(
             rf"\b{name}\b(?! billiard)",
-            re.sub(r'label: .*|"a red ball, a photograph"', "", new),
+            re.sub(r'(label|title): .*|"a red ball, a photograph"', "", new),
         )
         == []
     )
