@@ -17,7 +17,8 @@ from physgen import pipeline
 from physgen.batch.clips import Manifest, read_manifest
 from physgen.batch.run import describe_failure
 from physgen.messages import Message
-from physgen.pipeline.stages import Film, Keep, Stages
+from physgen.pipeline.film import Film
+from physgen.pipeline.stages import Keep, Stages
 from physgen.problems import InputError, Place, Problem
 from physgen.report.record import RunRecord, file_hash, frame_hash, inputs, versions
 from physgen.simulate.trajectory import Trajectory, read_trajectory

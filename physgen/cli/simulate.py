@@ -155,7 +155,7 @@ def _count_text(problems: Iterable[Problem]) -> str:
 
 def simulate(options: argparse.Namespace) -> int:
     from physgen import pipeline
-    from physgen.pipeline.clip import motion_warnings
+    from physgen.pipeline.clip_warnings import motion_warnings
     from physgen.simulate.trajectory import is_trajectory
 
     kind = _trajectory_kind(options.output)

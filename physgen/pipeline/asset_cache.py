@@ -27,7 +27,8 @@ from physgen.geometry.shadows import ShadowSetting, Silhouette
 from physgen.maps import PHOTO, Percepts, percepts_of, stored_pictures
 from physgen.photometry import DistantLight
 from physgen.pipeline.cache_keys import CODE, code_version, key
-from physgen.render.ball import Ball, Border, Pattern
+from physgen.render.ball import Ball
+from physgen.render.ball_patterns import Border, Pattern
 from physgen.render.shadow_decomposition import CastShadow, LitBackground
 from physgen.render.sprites import Relief, Sides, Sprite
 from physgen.render.stage import Mirror, ShadowBody, Stage

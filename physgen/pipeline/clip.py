@@ -16,25 +16,27 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from physgen.export.video import I16, MAX_RATES, U8, Format
+from physgen.export.video import I16, U8, Format
 from physgen.files import file_stamp
 from physgen.messages import Message
+from physgen.pipeline.clip_warnings import (
+    HARDLY,
+    LITTLE,
+    UNMOVED,
+    accuracy_warnings,
+    departure_warnings,
+    imbalance,
+    reduced_rates,
+)
+from physgen.pipeline.fan_draws import Draws
+from physgen.pipeline.film import Aside, Film
 from physgen.pipeline.refining import (
     Footage,
     Refiners,
     guidance_footage,
     refine_footage,
 )
-from physgen.pipeline.stages import (
-    Aside,
-    Film,
-    Keep,
-    Stages,
-    fan,
-    lint,
-    render,
-    resolved,
-)
+from physgen.pipeline.stages import Keep, Stages, fan, lint, render, resolved
 from physgen.pipeline.writing import VideoFiles
 from physgen.problems import (
     InputError,
@@ -51,11 +53,9 @@ from physgen.report.folders import (
     output_folder,
     read_manifest,
 )
-from physgen.scene.scene import ADD_OBJECT, Load, Motion
-from physgen.text import listed, percent
+from physgen.scene.scene import ADD_OBJECT, Motion
 
 if TYPE_CHECKING:
-    from physgen.compile.world import World
     from physgen.export.formats import LabelFormat
     from physgen.export.labels import Moment, MomentQueue
     from physgen.maps import Percepts
@@ -65,7 +65,6 @@ if TYPE_CHECKING:
     from physgen.report.record import RunRecord
     from physgen.scene.scene import Scene
     from physgen.simulate.trajectory import Trajectory
-    from physgen.simulate.uncertainty import Ensemble, Verdict
 
 
 class Page(Enum):
@@ -241,124 +240,6 @@ class Labels:
         with self.exported(film, trajectory, folder, record) as tap:
             for index, _ in enumerate(tap(film.frames(trajectory))):
                 progress("export", index + 1, count)
-
-
-def balance_advice(world: World) -> str:
-    """Return advice against an error of the energy balance, by the content of the
-    world.
-    """
-    suggestions = ["raise world.steps_per_second"]
-    if sum(body.motion is Motion.DYNAMIC for body in world.bodies) > 1:
-        suggestions.append("look for masses far apart")
-    if world.joints:
-        suggestions.append("look for joints that contradict each other")
-    if any(push.load is not Load.IMPULSE for push in world.pushes) or world.fields:
-        suggestions.append("look for forces that are too strong")
-    if len(suggestions) == 1:
-        suggestions.append("look for a shape that overlaps a boundary at t = 0")
-    return listed(suggestions)
-
-
-TABLE = "fan.csv"
-"""Name of the table of all draws in a clip's folder."""
-UNMOVED = 1.0
-"""Largest invisible displacement of a point of an object, px."""
-HARDLY = 0.005
-"""The same for a pushed object, as a share of the photo's longer side."""
-LITTLE = 0.05
-"""Share of the longer side by which a push should move something."""
-DEPARTED = 0.2
-"""Share of the clip's duration: a picture without motion from then on is seldom
-intended.
-"""
-UNBALANCED = 0.03
-"""Share of the energy flow that may be unaccounted for before the user is warned."""
-
-
-def imbalance(world: World, trajectory: Trajectory) -> float:
-    """Return the error of the energy balance as a share of the energy that flows.
-
-    At rest no energy flows; a body's fall by a pixel is the smallest flow that counts.
-    """
-    mass = sum(body.mass for body in world.bodies)
-    return trajectory.imbalance(mass * float(np.hypot(*world.gravity)))
-
-
-def motion_warnings(
-    scene: Scene, world: World, trajectory: Trajectory
-) -> list[Problem]:
-    """Return every warning about the motion of a clip."""
-    error = imbalance(world, trajectory)
-    return [
-        *departure_warnings(scene, world, trajectory),
-        *accuracy_warnings(scene, world, trajectory, error),
-    ]
-
-
-def accuracy_warnings(
-    scene: Scene, world: World, trajectory: Trajectory, error: float
-) -> list[Problem]:
-    """Return warnings about a large error of the energy balance, and about reduced
-    accuracy.
-    """
-    problems = []
-    if error > UNBALANCED:
-        place = scene.place("world")
-        subject = "the energy balance"
-        problems.append(
-            Message.ENERGY_ERROR.warning(
-                place, "world", subject, error=percent(error), fix=balance_advice(world)
-            )
-        )
-    effort = trajectory.effort
-    if effort.overworked >= 0:
-        names = [name for name, _ in world.surfaces]
-        if effort.overworked_by >= 0:
-            second_name = names[effort.overworked_by]
-            subject = f"impacts of {names[effort.overworked]} and {second_name}"
-            message = Message.IMPACTS_INEXACT
-        else:
-            subject = f"steps of {names[effort.overworked]}"
-            message = Message.STEPS_INEXACT
-        problems.append(message.warning(scene.place("objects"), "", subject))
-    return problems
-
-
-def departure_warnings(
-    scene: Scene, world: World, trajectory: Trajectory
-) -> list[Problem]:
-    """Return a warning if all moving objects have left the picture early in the
-    clip.
-    """
-    reaches = np.array([body.reach for body in world.bodies])
-    time = trajectory.time_of_departure(reaches, world.size, UNMOVED)
-    if time is None or time >= DEPARTED * world.duration:
-        return []
-    return [
-        Message.ALL_LEFT.warning(
-            scene.place("objects"), time=time, duration=world.duration
-        )
-    ]
-
-
-def reduced_rates(scene: Scene, formats: Sequence[Format]) -> list[Problem]:
-    """Return warnings about formats with a lower frame rate in browsers than the
-    scene's.
-    """
-    fps = scene.render.fps
-    problems = []
-    for kind in formats:
-        maximum_rate = MAX_RATES.get(kind, fps)
-        if fps <= maximum_rate:
-            continue
-        rate_text = f"{fps:g} frames/s"
-        place = scene.place("render.fps")
-        problems.append(
-            Message.RATE_REDUCED.warning(
-                place, "render.fps", rate_text, fastest=maximum_rate, format=kind.value
-            )
-        )
-    return problems
 
 
 def render_scene(
@@ -764,50 +645,6 @@ class _Run:
         )
         html = report_page(scene, world, record, first, film_link, text, parts)
         (folder / "report.html").write_text(html, "utf-8", "backslashreplace")
-
-
-@dataclass(frozen=True)
-class Draws:
-    """Simulations with drawn values, and their summary."""
-
-    ensemble: Ensemble
-    verdicts: list[Verdict]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the summary for the manifest."""
-        from physgen.simulate.uncertainty import headline
-
-        ensemble = self.ensemble
-        drawn_values = [
-            {
-                "path": doubt.path,
-                "value": doubt.value,
-                "from": doubt.source.text,
-                "sure": doubt.source.sure,
-                "alike": doubt.alike,
-            }
-            for doubt in ensemble.doubts
-        ]
-        return {
-            "draws": len(ensemble.outcomes),
-            "seed": ensemble.seed,
-            "simulated": len(ensemble.whole),
-            "verdict": headline(ensemble, self.verdicts),
-            "objects": {verdict.name: verdict.as_dict() for verdict in self.verdicts},
-            "drawn": drawn_values,
-            "failures": [str(problem) for problem in ensemble.failures],
-            "table": TABLE,
-        }
-
-    def save(self, folder: Path) -> None:
-        """Write the table of all draws."""
-        (folder / TABLE).write_text(self.ensemble.table(), encoding="utf-8")
-
-    def section(self, world: World, first: U8) -> dict[str, Any]:
-        """Return the section of the report."""
-        from physgen.report.uncertainty import uncertainty_section
-
-        return uncertainty_section(self.ensemble, self.verdicts, world, first)
 
 
 def _kept(folder: Path, what: str) -> Problem:

@@ -11,7 +11,7 @@ from physgen.report.record import RunRecord
 from physgen.simulate.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from physgen.pipeline.stages import Film
+    from physgen.pipeline.film import Film
 
 
 def labelled_clip(

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from physgen.export.video import U8
-from physgen.pipeline.stages import Film
+from physgen.pipeline.film import Film
 from physgen.problems import InputError, Problem
 from physgen.progress import Progress
 from physgen.registry import Choice, Plan

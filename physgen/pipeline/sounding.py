@@ -13,7 +13,7 @@ from physgen.scene.scene import Play
 from physgen.sound.track import SoundTrack, sound_track
 
 if TYPE_CHECKING:
-    from physgen.pipeline.stages import Film
+    from physgen.pipeline.film import Film
     from physgen.report.record import RunRecord
     from physgen.simulate.trajectory import Trajectory
 

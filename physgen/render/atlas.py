@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from physgen.arrays import F32, F64
 from physgen.geometry.raster import double_resolution
-from physgen.render.ball import RIM, Ball, Pattern
+from physgen.render.ball import Ball
+from physgen.render.ball_patterns import RIM, Pattern
 from physgen.render.shadow_decomposition import CastShadow
 from physgen.render.sphere_texture import continue_skin
 from physgen.render.sprites import Sprite

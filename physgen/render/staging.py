@@ -24,7 +24,8 @@ from physgen.geometry.shadows import ShadowSetting, Silhouette, floor_contact
 from physgen.maps import U8, Percepts
 from physgen.materials import is_billiard_ball
 from physgen.photometry import DistantLight, decode
-from physgen.render.ball import ball_from_photo, in_one_light, sphere_shading
+from physgen.render.ball import ball_from_photo, sphere_shading
+from physgen.render.ball_light import in_one_light
 from physgen.render.contact_shade import contact_depth
 from physgen.render.occlusion import (
     SUNK,

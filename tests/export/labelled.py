@@ -14,7 +14,8 @@ import trackeval
 from pycocotools.coco import COCO
 
 from physgen import pipeline
-from physgen.pipeline.stages import Film, Keep, Stages
+from physgen.pipeline.film import Film
+from physgen.pipeline.stages import Keep, Stages
 from physgen.report.record import RunRecord
 
 QUIET = {

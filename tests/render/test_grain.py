@@ -10,7 +10,8 @@ from PIL import Image
 
 from physgen import pipeline
 from physgen.pipeline.clip import RenderOptions
-from physgen.pipeline.stages import Film, Maps, Stages
+from physgen.pipeline.film import Film
+from physgen.pipeline.stages import Maps, Stages
 from physgen.render.camera import HAND, shot_of
 from physgen.render.grain import GRAIN, GrainField, measure_grain, remove_noise
 from physgen.report.record import RunRecord

@@ -23,7 +23,8 @@ from physgen.geometry.shadows import (
 from physgen.photometry import DistantLight, decode, encode_u8
 from physgen.render import staging
 from physgen.render.atlas import BallSprites
-from physgen.render.ball import ball_from_photo, in_one_light
+from physgen.render.ball import ball_from_photo
+from physgen.render.ball_light import in_one_light
 from physgen.render.shadow_decomposition import decompose_shadows, predicted_shadow
 from physgen.render.sprites import Sides, Sprite, cut_sprites, lambert, relief_of
 from physgen.render.stage import Placement, draw_border, draw_sprite, place_sprite

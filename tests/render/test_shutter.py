@@ -7,7 +7,8 @@ import pytest
 
 from physgen import pipeline
 from physgen.photometry import decode
-from physgen.pipeline.stages import Film, Keep, Stages
+from physgen.pipeline.film import Film
+from physgen.pipeline.stages import Keep, Stages
 from physgen.render import camera as camera_module
 from physgen.render.camera import exposure_times, filmed, mean_exposures
 from physgen.render.frames import render_frames

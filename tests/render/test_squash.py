@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from physgen import pipeline
-from physgen.pipeline.stages import Film, Keep, Stages
+from physgen.pipeline.film import Film
+from physgen.pipeline.stages import Keep, Stages
 from physgen.render.camera import exposure_times
 from physgen.render.squash import SQUASH, find_squashes
 from physgen.report.record import RunRecord

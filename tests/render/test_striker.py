@@ -9,7 +9,8 @@ import pytest
 from PIL import Image
 
 from physgen.compile.warnings import lint
-from physgen.pipeline.stages import Film, Stages
+from physgen.pipeline.film import Film
+from physgen.pipeline.stages import Stages
 from physgen.report.record import RunRecord
 
 SCENE = """physgen: 1

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from physgen import pipeline
-from physgen.pipeline.clip import balance_advice
+from physgen.pipeline.clip_warnings import balance_advice
 from physgen.simulate.engine import simulate
 from physgen.simulate.recorder import Recorder
 
