@@ -192,7 +192,9 @@ def robust_cost(residuals: F64) -> float:
     return float(parts.sum())
 
 
-def estimate_starts(scene: Scene, compiled: CompiledScene, tracks: Tracks) -> Starts:
+def estimate_starts(
+    compiled: CompiledScene, tracks: Tracks, kinds: Sequence[Kind]
+) -> Starts:
     """Return velocities at t = 0 from the first frames, and which objects move."""
     bodies = compiled.world.bodies
     velocities = np.zeros((len(bodies), 3))
@@ -223,7 +225,12 @@ def estimate_starts(scene: Scene, compiled: CompiledScene, tracks: Tracks) -> St
         moves.append(is_moving)
         spins.append(bool(np.isfinite(tracks.poses[:, k, 2]).mean() > 0.5))
     is_round = tuple(body.radius is not None for body in bodies)
-    return Starts(velocities, tuple(moves), tuple(spins), is_round)
+    seen = np.isfinite(tracks.poses[early, :, 0]).any(axis=0).tolist()
+    sets = tuple(
+        (Kind.VELOCITY in kinds and one, Kind.SPIN in kinds and one and turns)
+        for one, turns in zip(seen, spins, strict=True)
+    )
+    return Starts(velocities, tuple(moves), tuple(spins), is_round, sets)
 
 
 def fit_scene(
@@ -235,7 +242,7 @@ def fit_scene(
     progress: Progress = silent,
 ) -> Fit:
     """Return the parameters with which a scene moves as its tracks do. Raises InputError."""
-    starts = estimate_starts(scene, compiled, tracks)
+    starts = estimate_starts(compiled, tracks, kinds)
     parameters = free_parameters(scene, tracks, kinds, starts)
     model = Model(scene, compiled, tracks, starts, parameters)
     generator = np.random.default_rng(seed)

@@ -83,6 +83,8 @@ def fitted_text(
             entry["velocity"] = [_number(part) for part in fitted.velocity]
         if item.motion is Motion.DYNAMIC and fitted.spin != item.spin:
             objects.setdefault(item.name, {})["spin"] = _number(fitted.spin)
+    if fit.scene.world.ramp != scene.world.ramp:
+        data.setdefault("world", {})["ramp"] = _number(fit.scene.world.ramp)
     for estimate in fit.estimates:
         if estimate.is_determined:
             _write_estimate(data, estimate, scene, fit)

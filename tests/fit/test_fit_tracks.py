@@ -11,7 +11,8 @@ import pytest
 
 from physgen.cli.main import main
 from physgen.fit.parameters import Kind
-from physgen.fit.solve import Fit, fit_scene
+from physgen.fit.parameters import with_values
+from physgen.fit.solve import Fit, estimate_starts, fit_scene
 from physgen.fit.tracks import Tracks, read_tracks, tracks_csv
 from physgen.pipeline import stages
 from physgen.problems import InputError
@@ -110,6 +111,61 @@ def test_same_seed_gives_the_same_fit() -> None:
     assert isinstance(first, Fit)
     assert isinstance(second, Fit)
     assert first.estimates == second.estimates
+
+
+GLIDE = """\
+physgen: 1
+size: [300, 100]
+world: {view: top, duration: 1, table: {friction: 0}}
+objects:
+  puck: {shape: {circle: {center: [40, 50], radius: 12}}, velocity: [400, 0]}
+"""
+RAMPED = GLIDE.replace("duration: 1", "duration: 1, ramp: 0.1 s")
+SPARE = """\
+  spare:
+    shape: {box: {center: [300, 60], size: [20, 20]}}
+    velocity: [70, 0]
+    spin: 40
+boundaries:"""
+
+
+def test_film_in_motion_leaves_no_ramp(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene, tracks = tmp_path / "glide.yaml", tmp_path / "tracks.csv"
+    scene.write_text(RAMPED)
+    tracks.write_text(tracks_csv(observed(GLIDE, 0.3)))
+    flags = ["--tracks", str(tracks), "--free", "velocity", "--report", "none"]
+    assert main(["fit", str(scene), *flags]) == 0
+    after = OpenedScene(str(tmp_path / "glide-fitted.yaml")).scene()
+    assert after.world.ramp == 0
+    assert after.objects[0].velocity[0] == pytest.approx(400, rel=0.02)
+    assert "remain between film" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("kinds", "velocity", "spin"),
+    [
+        ((Kind.VELOCITY,), 400, 30),
+        ((Kind.SPIN,), 123, 30),
+        ((Kind.FRICTION,), 123, 30),
+    ],
+)
+def test_starts_that_tracks_do_not_tell_are_the_scenes(
+    kinds: tuple[Kind, ...], velocity: float, spin: float
+) -> None:
+    text = SLIDE.replace("boundaries:", SPARE)
+    edits = ("objects.crate.velocity=[123, 0]", "objects.crate.spin=30")
+    tracks = observed(text, 0.3)
+    poses = tracks.poses.copy()
+    # the spare is never seen, and the crate without its angle
+    poses[:, 1] = poses[:, 0, 2] = np.nan
+    scene, compiled = scene_of(text, *edits)
+    starts = estimate_starts(compiled, replace(tracks, poses=poses), kinds)
+    crate, spare = with_values(scene, (), np.empty(0), starts).objects
+    assert (spare.velocity, spare.spin) == ((70, 0), 40)
+    assert crate.velocity[0] == pytest.approx(velocity, rel=0.1)
+    assert crate.spin == spin
 
 
 def test_tracks_survive_writing_and_reading(tmp_path: Path) -> None:
