@@ -24,6 +24,7 @@ from physgen.fit.parameters import (
     with_values,
 )
 from physgen.fit.tracks import Tracks
+from physgen.messages import Message
 from physgen.problems import InputError
 from physgen.progress import Progress, silent
 from physgen.scene.scene import Scene
@@ -244,6 +245,8 @@ def fit_scene(
     """Return the parameters with which a scene moves as its tracks do. Raises InputError."""
     starts = estimate_starts(compiled, tracks, kinds)
     parameters = free_parameters(scene, tracks, kinds, starts)
+    if not parameters:
+        raise _nothing_free(scene, tracks, kinds, starts)
     model = Model(scene, compiled, tracks, starts, parameters)
     generator = np.random.default_rng(seed)
     best = model.prior.copy()
@@ -266,6 +269,20 @@ def fit_scene(
     best = _refine(model, best, total, FIT.last)
     progress("fit", len(FIT.horizons) + 1, len(FIT.horizons) + 2)
     return _with_intervals(model, best)
+
+
+def _nothing_free(
+    scene: Scene, tracks: Tracks, kinds: Sequence[Kind], starts: Starts
+) -> InputError:
+    """Return the refusal of kinds that this scene and clip lack, with those they have."""
+    offered = [
+        kind.value for kind in Kind if free_parameters(scene, tracks, [kind], starts)
+    ]
+    fix = "give a scene and a clip with dynamic objects"
+    if offered:
+        fix = f"choose from {', '.join(offered)}"
+    names = ",".join(kind.value for kind in kinds)
+    return Message.FIT_NOTHING_FREE.error("--free", names, fix=fix)
 
 
 def _is_good(model: Model, numbers: F64, count: int) -> bool:
@@ -387,9 +404,9 @@ def _with_intervals(model: Model, best: F64) -> Fit:
         low, high = (parameter.value(float(end)) for end in ends)
         value = parameter.value(float(best[k]))
         estimates.append(Estimate(parameter, value, low, high, bool(is_determined[k])))
-    kept = np.where(is_determined, best, model.prior)
+    kept = [one.parameter for one in estimates if one.is_determined]
     return Fit(
-        scene=model.edited(kept),
+        scene=with_values(model.scene, kept, best[is_determined], model.starts),
         estimates=tuple(estimates),
         flat=flat_directions(model.parameters, covariance, model.spread),
         poses=poses,

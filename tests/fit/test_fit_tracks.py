@@ -42,6 +42,13 @@ objects:
   ball: {shape: {circle: {center: [100, 40], radius: 12}}, mass: 50, elasticity: 0.7}
 boundaries: {floor: {segment: [[-500, 350.5], [1500, 350.5]], elasticity: 0.7}}
 """
+GLIDE = """\
+physgen: 1
+size: [300, 100]
+world: {view: top, duration: 1, table: {friction: 0}}
+objects:
+  puck: {shape: {circle: {center: [40, 50], radius: 12}}, velocity: [400, 0]}
+"""
 
 
 def scene_of(text: str, *edits: str) -> tuple[object, object]:
@@ -113,13 +120,25 @@ def test_same_seed_gives_the_same_fit() -> None:
     assert first.estimates == second.estimates
 
 
-GLIDE = """\
-physgen: 1
-size: [300, 100]
-world: {view: top, duration: 1, table: {friction: 0}}
-objects:
-  puck: {shape: {circle: {center: [40, 50], radius: 12}}, velocity: [400, 0]}
-"""
+@pytest.mark.parametrize(
+    ("text", "kinds", "offered"),
+    [
+        (SLIDE, (Kind.TABLE,), "velocity, spin, friction, elasticity, direction"),
+        (SLIDE, (Kind.MASS, Kind.ROLLING), "velocity, spin, friction"),
+        (GLIDE, (Kind.DIRECTION,), "rolling, table"),
+        (GLIDE.replace("puck: {", "puck: {motion: static, "), (Kind.MASS,), "table"),
+    ],
+)
+def test_kinds_that_the_scene_lacks_are_refused(
+    text: str, kinds: tuple[Kind, ...], offered: str
+) -> None:
+    with pytest.raises(InputError) as error:
+        fit_scene(*scene_of(text), observed(text, 0.3), kinds)
+    (problem,) = error.value.problems
+    assert problem.fix.startswith("choose from ")
+    assert offered in problem.fix
+
+
 RAMPED = GLIDE.replace("duration: 1", "duration: 1, ramp: 0.1 s")
 SPARE = """\
   spare:
@@ -187,6 +206,12 @@ def test_tracks_survive_writing_and_reading(tmp_path: Path) -> None:
         (["time,object,x,y", "0,ball,1,two"], ':2:1: y: "two" is not a number'),
         (["time,object,x,y", "-1,ball,1,2"], ':2:1: time: "-1" is not a number'),
         (["time,object,x,y", "0,ball,1,2"], "1 times are too few"),
+        (["time,object,x,y", "500,ball,1,2"], ':2:1: time: "500" is not within the'),
+        (
+            ["time,object,x,y", "1,ball,1,2", "1.0,ball,1,3"],
+            ':3:1: "ball" is twice at 1 s; write one line',
+        ),
+        (["time,object,x,y", f"0,{'b' * 200_000},1,2"], "cannot be read as CSV: field"),
     ],
 )
 def test_wrong_tracks_are_refused(lines: list[str], text: str, tmp_path: Path) -> None:
