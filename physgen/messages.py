@@ -1531,7 +1531,7 @@ class Message(Enum):
     )
     TRACKS_FEW = ("are too few for a fit", "give {least} times or more")
     FIT_UNKNOWN_KIND = ("cannot be fitted", "{fix}")
-    FIT_NOTHING_FREE = ("tells none of the values to fit", "{fix}")
+    FIT_NOTHING_FREE = ("cannot be told by this scene and clip", "{fix}")
     FIT_NOT_SCENE_NAME = (
         "is not a name for the fitted scene",
         "end it in .yaml, e.g. -o {example}",
