@@ -440,16 +440,42 @@ def follow_film(
         poses.append(follower.follow(frame))
     names = tuple(body.name for body in world.bodies)
     observed = np.array(poses)
-    return Tracks(times[: len(poses)], names, observed, _losses(names, observed, times))
-
-
-def _losses(
-    names: Sequence[str], poses: F64, times: F64
-) -> tuple[tuple[str, float], ...]:
-    """Return the objects that are not seen in the last frame, with the last time that they were."""
     losses = []
-    for k, name in enumerate(names):
-        seen = np.flatnonzero(np.isfinite(poses[:, k, 0]))
-        if len(seen) and seen[-1] < len(poses) - 1:
-            losses.append((name, float(times[seen[-1]])))
-    return tuple(losses)
+    for k, template in enumerate(templates):
+        last = _last_seen(observed, template.body)
+        is_lost = last < len(observed) - 1
+        if is_lost and not _goes_out_of_sight(templates, k, observed, first):
+            losses.append((template.body, float(times[last])))
+    named = tuple((names[body], time) for body, time in sorted(losses))
+    return Tracks(times[: len(poses)], names, observed, named)
+
+
+def _last_seen(poses: F64, body: int) -> int:
+    """Return the last frame in which an object is seen; it is in the first one."""
+    return int(np.flatnonzero(np.isfinite(poses[:, body, 0]))[-1])
+
+
+def _goes_out_of_sight(
+    templates: Sequence[Template], k: int, poses: F64, frame: U8
+) -> bool:
+    """Return whether an object's last motion leads out of the picture or behind others."""
+    template = templates[k]
+    last = _last_seen(poses, template.body)
+    before = _last_seen(poses[:last], template.body) if last else last
+    gap = max(last - before, 1)
+    place = np.nan_to_num(poses[last, template.body])
+    step = (place - np.nan_to_num(poses[before, template.body])) / gap
+    step[2] = 0.0
+    area = float((template.paint[..., 3] > 0.5).sum())
+    height, width = frame.shape[:2]
+    window = Window((0, 0), (width, height))
+    for later in range(last + 1, min(last + 1 + TRACK.missing, len(poses))):
+        place = place + step
+        is_visible = template.drawn(place, window)[..., 3] > 0.5
+        for other in templates[k + 1 :]:
+            there = poses[_last_seen(poses[: later + 1], other.body), other.body]
+            cover = other.drawn(np.nan_to_num(there), window)[..., 3]
+            is_visible &= cover <= TRACK.cover
+        if is_visible.sum() < TRACK.visible * area:
+            return True
+    return False

@@ -239,7 +239,9 @@ def with_values(
 def _with_start(item: Object, start: F64, sets: tuple[bool, bool]) -> Object:
     x, y, spin = start.tolist()
     velocity = (x, y) if sets[0] else item.velocity
-    return replace(item, velocity=velocity, spin=degrees(spin) if sets[1] else item.spin)
+    return replace(
+        item, velocity=velocity, spin=degrees(spin) if sets[1] else item.spin
+    )
 
 
 def _velocity(item: Object, parameter: Parameter, value: float) -> Object:

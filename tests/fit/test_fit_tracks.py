@@ -12,8 +12,7 @@ import pytest
 from physgen.arrays import F64
 from physgen.cli.main import main
 from physgen.fit import solve
-from physgen.fit.parameters import Kind
-from physgen.fit.parameters import with_values
+from physgen.fit.parameters import Kind, with_values
 from physgen.fit.solve import Fit, estimate_starts, fit_scene
 from physgen.fit.tracks import Tracks, read_tracks, tracks_csv
 from physgen.pipeline import stages
