@@ -461,21 +461,31 @@ def _goes_out_of_sight(
     """Return whether an object's last motion leads out of the picture or behind others."""
     template = templates[k]
     last = _last_seen(poses, template.body)
-    before = _last_seen(poses[:last], template.body) if last else last
-    gap = max(last - before, 1)
-    place = np.nan_to_num(poses[last, template.body])
-    step = (place - np.nan_to_num(poses[before, template.body])) / gap
-    step[2] = 0.0
+    pose = np.nan_to_num(poses[last, template.body])
+    step = _last_step(poses[: last + 1], template.body)
     area = float((template.paint[..., 3] > 0.5).sum())
-    height, width = frame.shape[:2]
-    window = Window((0, 0), (width, height))
+    window = Window((0, 0), (frame.shape[1], frame.shape[0]))
     for later in range(last + 1, min(last + 1 + TRACK.missing, len(poses))):
-        place = place + step
-        is_visible = template.drawn(place, window)[..., 3] > 0.5
-        for other in templates[k + 1 :]:
-            there = poses[_last_seen(poses[: later + 1], other.body), other.body]
-            cover = other.drawn(np.nan_to_num(there), window)[..., 3]
-            is_visible &= cover <= TRACK.cover
+        pose = pose + step
+        is_visible = template.drawn(pose, window)[..., 3] > 0.5
+        for nearer in templates[k + 1 :]:
+            is_visible &= ~_covered(nearer, poses[: later + 1], window)
         if is_visible.sum() < TRACK.visible * area:
             return True
     return False
+
+
+def _last_step(poses: F64, body: int) -> F64:
+    """Return the motion (x, y, 0) px per frame of an object that the last frame shows."""
+    last = len(poses) - 1
+    before = _last_seen(poses[:last], body) if last else last
+    step = (poses[last, body] - poses[before, body]) / max(last - before, 1)
+    return np.array([step[0], step[1], 0.0])
+
+
+def _covered(
+    template: Template, poses: F64, window: Window
+) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+    """Return where an object covers a window, as it was last seen."""
+    pose = np.nan_to_num(poses[_last_seen(poses, template.body), template.body])
+    return np.asarray(template.drawn(pose, window)[..., 3] > TRACK.cover)

@@ -115,23 +115,28 @@ def fit_files(
     else:
         names = [body.name for body in compiled.world.bodies]
         tracks = read_tracks(options.tracks, names)
-    origin_path = options.clip or options.tracks or options.scene
-    place = Place(str(origin_path))
-    for name, time in tracks.losses:
-        lost = Message.FIT_LOST
-        warn(lost.warning(place, "", f'"{name}"', time=f"{time:.2f}"))
+    origin = options.clip or options.tracks or options.scene
+    place = Place(str(origin))
+    _warn_of_losses(tracks, place, warn)
     _check_motion(tracks, place)
     fit = fit_scene(scene, compiled, tracks, options.kinds, options.seed, progress)
     rest = float(np.sqrt(np.nanmean(fit.residuals**2)))
     if rest > POOR * track_noise(tracks):
         poor = Message.FIT_POOR
         warn(poor.warning(place, "", f"{rest:.2g} px", seed=options.seed + 1))
-    _save(options, scene, fit, origin_path.name)
+    _save(options, scene, fit, origin.name)
     report = None
     if options.has_report:
         progress("report", 0, 1)
         report = _write_report(options, scene, compiled, film, tracks, fit)
     return FitResult(scene, fit, tracks, options.output, report)
+
+
+def _warn_of_losses(tracks: Tracks, place: Place, warn: Warn) -> None:
+    """Warn of objects that a tracker lost."""
+    for name, time in tracks.losses:
+        lost = Message.FIT_LOST
+        warn(lost.warning(place, "", f'"{name}"', time=f"{time:.2f}"))
 
 
 def _check_output(options: FitOptions) -> None:

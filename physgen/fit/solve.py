@@ -226,12 +226,18 @@ def estimate_starts(
         moves.append(is_moving)
         spins.append(bool(np.isfinite(tracks.poses[:, k, 2]).mean() > 0.5))
     is_round = tuple(body.radius is not None for body in bodies)
-    seen = np.isfinite(tracks.poses[early, :, 0]).any(axis=0).tolist()
-    sets = tuple(
-        (Kind.VELOCITY in kinds and one, Kind.SPIN in kinds and one and turns)
-        for one, turns in zip(seen, spins, strict=True)
-    )
+    sets = _tell_starts(tracks.poses[early], spins, kinds)
     return Starts(velocities, tuple(moves), tuple(spins), is_round, sets)
+
+
+def _tell_starts(
+    poses: F64, spins: Sequence[bool], kinds: Sequence[Kind]
+) -> tuple[tuple[bool, bool], ...]:
+    """Return whether early poses tell velocity and spin of each object, if they are free."""
+    seen = np.isfinite(poses[..., 0]).any(axis=0)
+    velocities = seen & (Kind.VELOCITY in kinds)
+    turns = seen & np.array(spins) & (Kind.SPIN in kinds)
+    return tuple(zip(velocities.tolist(), turns.tolist(), strict=True))
 
 
 def fit_scene(
