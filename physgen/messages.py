@@ -1521,8 +1521,34 @@ class Message(Enum):
     TRACKS_COLUMN_MISSING = ("is not a column", "write the columns {columns}")
     TRACKS_UNKNOWN_OBJECT = ("is not an object of the scene", "{fix}")
     TRACKS_NOT_NUMBER = ("is not a number", "write {unit}")
+    TRACKS_LATE = (
+        "is not within the {longest:g} s that a fit simulates",
+        "write times in seconds, not frames or milliseconds",
+    )
+    TRACKS_TWICE = (
+        "is twice at {time:g} s",
+        "write one line for each time and object",
+    )
     TRACKS_FEW = ("are too few for a fit", "give {least} times or more")
     FIT_UNKNOWN_KIND = ("cannot be fitted", "{fix}")
+    FIT_NOTHING_FREE = ("cannot be told by this scene and clip", "{fix}")
+    FIT_NOT_SCENE_NAME = (
+        "is not a name for the fitted scene",
+        "end it in .yaml, e.g. -o {example}",
+    )
+    FIT_OUTPUT_BLOCKED = (
+        "is a file where a folder is needed",
+        "write another name with -o",
+    )
+    FIT_OUTPUT_APART = (
+        "leaves the files of the scene ({files}) outside its folder",
+        "write it beside the scene, e.g. -o {example}, or use --allow-outside",
+    )
+    FIT_SLOW_TRACKS = ("has no effect on tracks, which have times", "leave it out")
+    FIT_FRAMES_LEFT = (
+        "at the end are left out: {most} are followed",
+        "give a shorter clip",
+    )
     FIT_NEEDS_FILM = ("needs a clip or a table of tracks", "name one of them")
     FIT_FILE_MISSING = ("does not exist", "write the path of an existing file")
     FIT_NEEDS_SCIPY = ("needs scipy", "{install}")

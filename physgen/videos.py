@@ -180,6 +180,8 @@ class Video:
     """
     count: int
     """Of its frames."""
+    durations: tuple[float | None, ...] = ()
+    """s for which each frame is shown; None where the file does not tell."""
 
     def frames(self) -> Iterator[U8]:
         """Return an iterator of (H, W, 3) sRGB, decoded as they are read."""
@@ -204,7 +206,7 @@ def read_video(path: Path) -> Video:
     durations = [s for s in seconds if s]
     if fps is None and durations:
         fps = len(durations) / sum(durations)
-    return Video(path, size, fps, len(seconds))
+    return Video(path, size, fps, len(seconds), tuple(seconds))
 
 
 def video_frames(path: Path) -> Iterator[VideoFrame]:

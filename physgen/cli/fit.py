@@ -23,6 +23,8 @@ def fit(options: argparse.Namespace) -> int:
     output = options.output or options.scene.with_name(
         f"{options.scene.stem}-fitted.yaml"
     )
+    if options.tracks is not None and options.slow != 1.0:
+        raise Message.FIT_SLOW_TRACKS.error("--slow", f"{options.slow:g}")
     bar = Bar()
     request = FitOptions(
         scene=options.scene,

@@ -440,16 +440,52 @@ def follow_film(
         poses.append(follower.follow(frame))
     names = tuple(body.name for body in world.bodies)
     observed = np.array(poses)
-    return Tracks(times[: len(poses)], names, observed, _losses(names, observed, times))
-
-
-def _losses(
-    names: Sequence[str], poses: F64, times: F64
-) -> tuple[tuple[str, float], ...]:
-    """Return the objects that are not seen in the last frame, with the last time that they were."""
     losses = []
-    for k, name in enumerate(names):
-        seen = np.flatnonzero(np.isfinite(poses[:, k, 0]))
-        if len(seen) and seen[-1] < len(poses) - 1:
-            losses.append((name, float(times[seen[-1]])))
-    return tuple(losses)
+    for k, template in enumerate(templates):
+        last = _last_seen(observed, template.body)
+        is_lost = last < len(observed) - 1
+        if is_lost and not _goes_out_of_sight(templates, k, observed, first):
+            losses.append((template.body, float(times[last])))
+    named = tuple((names[body], time) for body, time in sorted(losses))
+    return Tracks(times[: len(poses)], names, observed, named)
+
+
+def _last_seen(poses: F64, body: int) -> int:
+    """Return the last frame in which an object is seen; it is in the first one."""
+    return int(np.flatnonzero(np.isfinite(poses[:, body, 0]))[-1])
+
+
+def _goes_out_of_sight(
+    templates: Sequence[Template], k: int, poses: F64, frame: U8
+) -> bool:
+    """Return whether an object's last motion leads out of the picture or behind others."""
+    template = templates[k]
+    last = _last_seen(poses, template.body)
+    pose = np.nan_to_num(poses[last, template.body])
+    step = _last_step(poses[: last + 1], template.body)
+    area = float((template.paint[..., 3] > 0.5).sum())
+    window = Window((0, 0), (frame.shape[1], frame.shape[0]))
+    for later in range(last + 1, min(last + 1 + TRACK.missing, len(poses))):
+        pose = pose + step
+        is_visible = template.drawn(pose, window)[..., 3] > 0.5
+        for nearer in templates[k + 1 :]:
+            is_visible &= ~_covered(nearer, poses[: later + 1], window)
+        if is_visible.sum() < TRACK.visible * area:
+            return True
+    return False
+
+
+def _last_step(poses: F64, body: int) -> F64:
+    """Return the motion (x, y, 0) px per frame of an object that the last frame shows."""
+    last = len(poses) - 1
+    before = _last_seen(poses[:last], body) if last else last
+    step = (poses[last, body] - poses[before, body]) / max(last - before, 1)
+    return np.array([step[0], step[1], 0.0])
+
+
+def _covered(
+    template: Template, poses: F64, window: Window
+) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+    """Return where an object covers a window, as it was last seen."""
+    pose = np.nan_to_num(poses[_last_seen(poses, template.body), template.body])
+    return np.asarray(template.drawn(pose, window)[..., 3] > TRACK.cover)

@@ -145,6 +145,8 @@ class Starts:
     """Whether each object's angle is observed, and may change at t = 0."""
     is_round: tuple[bool, ...]
     """Whether each object rolls."""
+    sets: tuple[tuple[bool, bool], ...]
+    """Whether velocity and spin of each object come from the tracks; others are the scene's."""
 
 
 def _of_object(
@@ -211,12 +213,17 @@ def _of_world(scene: Scene) -> Iterator[Parameter]:
 def with_values(
     scene: Scene, parameters: Sequence[Parameter], numbers: F64, starts: Starts
 ) -> Scene:
-    """Return the scene with these transformed numbers, and at rest what rests at t = 0."""
+    """Return the scene with these transformed numbers, and at rest what rests at t = 0.
+
+    Velocities of a film are those of its first frame: no ramp leads to them.
+    """
     objects = list(scene.objects)
     for k, item in enumerate(objects):
         if item.motion is Motion.DYNAMIC:
-            objects[k] = _with_start(item, starts.velocities[k])
+            objects[k] = _with_start(item, starts.velocities[k], starts.sets[k])
     world = scene.world
+    if any(any(pair) for pair in starts.sets):
+        world = replace(world, ramp=0.0)
     for parameter, number in zip(parameters, numbers.tolist(), strict=True):
         value = parameter.value(number)
         if parameter.index >= 0:
@@ -229,9 +236,12 @@ def with_values(
     return replace(scene, objects=tuple(objects), world=world)
 
 
-def _with_start(item: Object, velocity: F64) -> Object:
-    x, y, spin = velocity.tolist()
-    return replace(item, velocity=(x, y), spin=degrees(spin))
+def _with_start(item: Object, start: F64, sets: tuple[bool, bool]) -> Object:
+    x, y, spin = start.tolist()
+    velocity = (x, y) if sets[0] else item.velocity
+    return replace(
+        item, velocity=velocity, spin=degrees(spin) if sets[1] else item.spin
+    )
 
 
 def _velocity(item: Object, parameter: Parameter, value: float) -> Object:

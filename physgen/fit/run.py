@@ -18,12 +18,13 @@ from physgen.fit.page import FitPage, film_pairs, write_page
 from physgen.fit.parameters import DEFAULT_KINDS, Kind
 from physgen.fit.solve import Fit, fit_scene, track_noise
 from physgen.fit.tracks import LEAST_TIMES, Tracks, read_tracks, tracks_csv
-from physgen.fit.writing import fitted_text, interval_text
+from physgen.fit.writing import fitted_text, interval_text, paths_outside
 from physgen.messages import Message, one_of
 from physgen.pipeline import stages
 from physgen.problems import InputError, Place, Warn
 from physgen.progress import Progress, silent
 from physgen.render.stage import Stage
+from physgen.scene.files import SUFFIXES
 from physgen.scene.load import OpenedScene
 from physgen.scene.saving import save_scene
 from physgen.scene.scene import Scene
@@ -31,6 +32,8 @@ from physgen.videos import Video, read_video
 
 MOST_FRAMES = 600
 """Frames of a clip that are followed."""
+EVEN = 0.0015
+"""s by which the frames of an even film differ, since files round them."""
 POOR = 2.0
 """Residuals, of the noise of tracks, from which a fit may be in a wrong valley."""
 SAME = 0.5
@@ -96,33 +99,32 @@ def fit_files(
     """Fit a scene file, and write the fitted scene and its report. Raises InputError."""
     if find_spec("scipy") is None:
         raise Message.FIT_NEEDS_SCIPY.error("fit", install=install("fit"))
+    _check_output(options)
     opened = OpenedScene(options.scene, options.allow_outside)
     scene = opened.scene()
+    _check_paths(options)
     maps = stages.percepts(scene)
     compiled, _ = stages.ended(scene, stages.compile(scene, maps))
     film = None
     if options.tracks is None:
         assert options.clip is not None
         film = Film(options.clip, options.slow, scene)
+        film.warn_of_frames(warn)
         stage = stages.stage(scene, compiled, maps)
         tracks = film.tracks(compiled, stage, maps is not None, progress)
     else:
         names = [body.name for body in compiled.world.bodies]
         tracks = read_tracks(options.tracks, names)
-    for name, time in tracks.losses:
-        warn(Message.FIT_LOST.warning(Place(name), time=f"{time:.2f}"))
-    _check_motion(tracks)
+    origin = options.clip or options.tracks or options.scene
+    place = Place(str(origin))
+    _warn_of_losses(tracks, place, warn)
+    _check_motion(tracks, place)
     fit = fit_scene(scene, compiled, tracks, options.kinds, options.seed, progress)
     rest = float(np.sqrt(np.nanmean(fit.residuals**2)))
     if rest > POOR * track_noise(tracks):
-        poor, place = Message.FIT_POOR, Place(options.scene.name)
+        poor = Message.FIT_POOR
         warn(poor.warning(place, "", f"{rest:.2g} px", seed=options.seed + 1))
-    source = options.scene
-    origin = (options.clip or options.tracks or source).name
-    text = source.read_text(encoding="utf-8")
-    new_text = fitted_text(text, source, options.output, scene, fit, origin)
-    options.output.parent.mkdir(parents=True, exist_ok=True)
-    save_scene(options.output, new_text.encode())
+    _save(options, scene, fit, origin.name)
     report = None
     if options.has_report:
         progress("report", 0, 1)
@@ -130,11 +132,53 @@ def fit_files(
     return FitResult(scene, fit, tracks, options.output, report)
 
 
-def _check_motion(tracks: Tracks) -> None:
+def _warn_of_losses(tracks: Tracks, place: Place, warn: Warn) -> None:
+    """Warn of objects that a tracker lost."""
+    for name, time in tracks.losses:
+        lost = Message.FIT_LOST
+        warn(lost.warning(place, "", f'"{name}"', time=f"{time:.2f}"))
+
+
+def _check_output(options: FitOptions) -> None:
+    """Refuse an output that cannot be written. Raises InputError."""
+    output = options.output
+    example = options.scene.with_name(f"{options.scene.stem}-fitted.yaml")
+    if output.suffix.lower() not in SUFFIXES or output.is_dir():
+        wrong = Message.FIT_NOT_SCENE_NAME
+        raise wrong.error("-o", f'"{output}"', example=example)
+    report = [output.with_suffix("")] if options.has_report else []
+    for folder in (*report, *output.parents):
+        if folder.exists() and not folder.is_dir():
+            raise Message.FIT_OUTPUT_BLOCKED.error("-o", f'"{folder}"')
+
+
+def _check_paths(options: FitOptions) -> None:
+    """Refuse an output that could not read the scene's files. Raises InputError."""
+    source, output = options.scene, options.output
+    if options.allow_outside or source.parent.resolve() == output.parent.resolve():
+        return
+    paths = paths_outside(source.read_text(encoding="utf-8"), source, output)
+    if paths:
+        example, names = source.with_name(output.name), ", ".join(paths)
+        apart = Message.FIT_OUTPUT_APART
+        raise apart.error("-o", f'"{output}"', files=names, example=example)
+
+
+def _save(options: FitOptions, scene: Scene, fit: Fit, origin: str) -> None:
+    """Write the fitted scene, if it can be opened. Raises InputError."""
+    source, output = options.scene, options.output
+    text = source.read_text(encoding="utf-8")
+    new_text = fitted_text(text, source, output, scene, fit, origin)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    OpenedScene(output, options.allow_outside, new_text).scene()
+    save_scene(output, new_text.encode())
+
+
+def _check_motion(tracks: Tracks, place: Place) -> None:
     """Refuse tracks that are too short. Raises InputError."""
     if len(tracks.times) < LEAST_TIMES:
         found = f"{len(tracks.times)} frames"
-        raise Message.TRACKS_FEW.error("fit", found, least=LEAST_TIMES)
+        raise Message.TRACKS_FEW.error_at(place, "", found, least=LEAST_TIMES)
 
 
 class Film:
@@ -155,7 +199,14 @@ class Film:
         self.fps = self.video.fps
         self.size = (width, height)
         count = min(self.video.count, MOST_FRAMES)
-        self.times: F64 = np.arange(count) / (self.fps * slow)
+        self.times: F64 = _frame_times(self.video.durations, self.fps)[:count] / slow
+
+    def warn_of_frames(self, warn: Warn) -> None:
+        """Warn of frames beyond those that are followed."""
+        left = self.video.count - len(self.times)
+        if left:
+            place, found = Place(str(self.video.path)), f"{left} frames"
+            warn(Message.FIT_FRAMES_LEFT.warning(place, "", found, most=MOST_FRAMES))
 
     def frames(self) -> Iterator[U8]:
         """Yield the frames, (H, W, 3) sRGB of the photo's size."""
@@ -173,6 +224,14 @@ class Film:
         world = compiled.world
         frames = self.frames()
         return follow_film(frames, self.times, stage, world, has_photo, progress)
+
+
+def _frame_times(durations: Sequence[float | None], fps: float) -> F64:
+    """Return when each frame begins to be shown, s."""
+    shown = np.array([1 / fps if one is None else one for one in durations])
+    if np.ptp(shown) < EVEN:
+        return np.arange(len(shown)) / fps
+    return np.concatenate([[0.0], np.cumsum(shown[:-1])])
 
 
 def _write_report(

@@ -24,6 +24,7 @@ from physgen.fit.parameters import (
     with_values,
 )
 from physgen.fit.tracks import Tracks
+from physgen.messages import Message
 from physgen.problems import InputError
 from physgen.progress import Progress, silent
 from physgen.scene.scene import Scene
@@ -192,7 +193,9 @@ def robust_cost(residuals: F64) -> float:
     return float(parts.sum())
 
 
-def estimate_starts(scene: Scene, compiled: CompiledScene, tracks: Tracks) -> Starts:
+def estimate_starts(
+    compiled: CompiledScene, tracks: Tracks, kinds: Sequence[Kind]
+) -> Starts:
     """Return velocities at t = 0 from the first frames, and which objects move."""
     bodies = compiled.world.bodies
     velocities = np.zeros((len(bodies), 3))
@@ -223,7 +226,18 @@ def estimate_starts(scene: Scene, compiled: CompiledScene, tracks: Tracks) -> St
         moves.append(is_moving)
         spins.append(bool(np.isfinite(tracks.poses[:, k, 2]).mean() > 0.5))
     is_round = tuple(body.radius is not None for body in bodies)
-    return Starts(velocities, tuple(moves), tuple(spins), is_round)
+    sets = _tell_starts(tracks.poses[early], spins, kinds)
+    return Starts(velocities, tuple(moves), tuple(spins), is_round, sets)
+
+
+def _tell_starts(
+    poses: F64, spins: Sequence[bool], kinds: Sequence[Kind]
+) -> tuple[tuple[bool, bool], ...]:
+    """Return whether early poses tell velocity and spin of each object, if they are free."""
+    seen = np.isfinite(poses[..., 0]).any(axis=0)
+    velocities = seen & (Kind.VELOCITY in kinds)
+    turns = seen & np.array(spins) & (Kind.SPIN in kinds)
+    return tuple(zip(velocities.tolist(), turns.tolist(), strict=True))
 
 
 def fit_scene(
@@ -235,8 +249,10 @@ def fit_scene(
     progress: Progress = silent,
 ) -> Fit:
     """Return the parameters with which a scene moves as its tracks do. Raises InputError."""
-    starts = estimate_starts(scene, compiled, tracks)
+    starts = estimate_starts(compiled, tracks, kinds)
     parameters = free_parameters(scene, tracks, kinds, starts)
+    if not parameters:
+        raise _nothing_free(scene, tracks, kinds, starts)
     model = Model(scene, compiled, tracks, starts, parameters)
     generator = np.random.default_rng(seed)
     best = model.prior.copy()
@@ -259,6 +275,20 @@ def fit_scene(
     best = _refine(model, best, total, FIT.last)
     progress("fit", len(FIT.horizons) + 1, len(FIT.horizons) + 2)
     return _with_intervals(model, best)
+
+
+def _nothing_free(
+    scene: Scene, tracks: Tracks, kinds: Sequence[Kind], starts: Starts
+) -> InputError:
+    """Return the refusal of kinds that this scene and clip lack, with those they have."""
+    offered = [
+        kind.value for kind in Kind if free_parameters(scene, tracks, [kind], starts)
+    ]
+    fix = "give a scene and a clip with dynamic objects"
+    if offered:
+        fix = f"choose from {', '.join(offered)}"
+    names = ",".join(kind.value for kind in kinds)
+    return Message.FIT_NOTHING_FREE.error("--free", names, fix=fix)
 
 
 def _is_good(model: Model, numbers: F64, count: int) -> bool:
@@ -380,9 +410,9 @@ def _with_intervals(model: Model, best: F64) -> Fit:
         low, high = (parameter.value(float(end)) for end in ends)
         value = parameter.value(float(best[k]))
         estimates.append(Estimate(parameter, value, low, high, bool(is_determined[k])))
-    kept = np.where(is_determined, best, model.prior)
+    kept = [one.parameter for one in estimates if one.is_determined]
     return Fit(
-        scene=model.edited(kept),
+        scene=with_values(model.scene, kept, best[is_determined], model.starts),
         estimates=tuple(estimates),
         flat=flat_directions(model.parameters, covariance, model.spread),
         poses=poses,

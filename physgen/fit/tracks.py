@@ -17,6 +17,8 @@ from physgen.problems import InputError, Place, Problem
 COLUMNS = ("time", "object", "x", "y", "angle")
 """Of a table of tracks: s, name, px, px, degrees."""
 NEEDED = COLUMNS[:4]
+LONGEST = 120.0
+"""s: last time of tracks, at most. Later ones are frames or milliseconds."""
 LEAST_TIMES = 5
 """Times without which no motion is fitted."""
 
@@ -53,8 +55,21 @@ def read_tracks(path: Path, names: Sequence[str]) -> Tracks:
         text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError:
         raise Message.TRACKS_NOT_TEXT.error(str(path)) from None
-    lines = text.splitlines()
-    reader = csv.DictReader(lines)
+    try:
+        rows = _read_rows(path, text, names)
+    except csv.Error as error:
+        raise Message.CSV_UNREADABLE.error(str(path), reason=error) from None
+    tracks = _assemble(rows, tuple(names))
+    if len(tracks.times) < LEAST_TIMES:
+        raise Message.TRACKS_FEW.error(
+            str(path), f"{len(tracks.times)} times", least=LEAST_TIMES
+        )
+    return tracks
+
+
+def _read_rows(path: Path, text: str, names: Sequence[str]) -> list[_Row]:
+    """Return the rows of a table. Raises InputError, and csv.Error."""
+    reader = csv.DictReader(text.splitlines())
     heading = [one.strip() for one in reader.fieldnames or ()]
     reader.fieldnames = heading
     missing = [column for column in NEEDED if column not in heading]
@@ -67,20 +82,22 @@ def read_tracks(path: Path, names: Sequence[str]) -> Tracks:
         )
     rows: list[_Row] = []
     problems: list[Problem] = []
+    seen: set[tuple[float, str]] = set()
     for row in reader:
         place = Place(str(path), reader.line_num, 1)
         faults = list(_row_problems(place, row, names))
         problems += faults
-        if not faults:
-            rows.append(_read_row(row))
+        if faults:
+            continue
+        one = _read_row(row)
+        if (one.time, one.name) in seen:
+            twice = Message.TRACKS_TWICE
+            problems.append(twice.problem(place, "", f'"{one.name}"', time=one.time))
+        seen.add((one.time, one.name))
+        rows.append(one)
     if problems:
         raise InputError(problems)
-    tracks = _assemble(rows, tuple(names))
-    if len(tracks.times) < LEAST_TIMES:
-        raise Message.TRACKS_FEW.error(
-            str(path), f"{len(tracks.times)} times", least=LEAST_TIMES
-        )
-    return tracks
+    return rows
 
 
 def _row_problems(
@@ -100,6 +117,9 @@ def _row_problems(
             unit = {"time": "seconds from 0", "angle": "degrees"}.get(column, "px")
             wrong = Message.TRACKS_NOT_NUMBER
             yield wrong.problem(place, column, f'"{text}"', unit=unit)
+        elif column == "time" and value > LONGEST:
+            late = Message.TRACKS_LATE
+            yield late.problem(place, column, f'"{text}"', longest=LONGEST)
 
 
 def _number(text: str) -> float:

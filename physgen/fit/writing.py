@@ -83,6 +83,8 @@ def fitted_text(
             entry["velocity"] = [_number(part) for part in fitted.velocity]
         if item.motion is Motion.DYNAMIC and fitted.spin != item.spin:
             objects.setdefault(item.name, {})["spin"] = _number(fitted.spin)
+    if fit.scene.world.ramp != scene.world.ramp:
+        data.setdefault("world", {})["ramp"] = _number(fit.scene.world.ramp)
     for estimate in fit.estimates:
         if estimate.is_determined:
             _write_estimate(data, estimate, scene, fit)
@@ -97,9 +99,27 @@ def fitted_text(
     return heading + write(text, data)
 
 
+def paths_outside(text: str, source: Path, output: Path) -> list[str]:
+    """Return the paths of a scene that lead too far out of the folder of `output`.
+
+    A scene may extend a file that lies in the folder above its own.
+    """
+    data: dict[str, Any] = mark_values(text).data()
+    home = output.parent.resolve()
+    roots = {"image": home, "assets": home, "extends": home.parent}
+    paths = {key: data[key] for key in PATHS if isinstance(data.get(key), str)}
+    return [
+        path
+        for key, path in paths.items()
+        if not (source.parent / path).resolve().is_relative_to(roots[key])
+    ]
+
+
 def _move_paths(data: dict[str, Any], source: Path, output: Path) -> None:
     """Let paths of a scene in one folder hold in another one."""
-    folder, target = source.resolve().parent, output.resolve().parent
+    folder, target = source.parent.resolve(), output.parent.resolve()
+    if folder == target:
+        return
     for key in PATHS:
         if isinstance(data.get(key), str):
             path = os.path.relpath(folder / data[key], target)
@@ -131,8 +151,9 @@ def _write_estimate(
         sources[key] = f"{sources[key]}, {text}" if has_other else text
         return
     sources[key] = text
-    if parameter.kind is Kind.FRICTION:
-        entry.pop("static_friction", None)
+    if parameter.kind is Kind.FRICTION and item.static_friction is not None:
+        # also where a base or a * has another value
+        entry["static_friction"] = _number(estimate.value)
     if parameter.kind is not Kind.SPIN:
         entry[key] = _number(shown_value(estimate, scene, estimate.value))
 

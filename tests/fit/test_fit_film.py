@@ -8,12 +8,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from physgen.arrays import F64, U8
 from physgen.cli.main import main
+from physgen.fit import run
 from physgen.fit.film import follow_film
 from physgen.fit.tracks import Tracks
 from physgen.pipeline import stages
+from physgen.problems import Problem
 from physgen.scene.load import OpenedScene
 from physgen.simulate.engine import simulate
 
@@ -99,6 +102,33 @@ def test_vanished_object_is_reported_as_lost(crossing: Filmed) -> None:
     frames = [*crossing.frames[:6], *[crossing.stage.background] * 3]
     losses = dict(crossing.tracks(frames).losses)
     assert losses["puck"] == pytest.approx(5 / 30)
+
+
+def test_objects_that_leave_or_hide_are_not_lost(crossing: Filmed) -> None:
+    # behind the post in the last frame
+    tracks = crossing.tracks(crossing.frames[:15])
+    assert not np.isfinite(tracks.poses[-1, tracks.names.index("puck"), 0])
+    assert tracks.losses == ()
+    post = CROSSING.index("  post:")
+    edits = CROSSING[:post].replace("[150, 0]", "[600, 0]")
+    tracks = Filmed(edits, np.arange(14) / 30).tracks()
+    assert not np.isfinite(tracks.poses[-1, 0, 0])
+    assert tracks.losses == ()
+
+
+def test_uneven_frames_have_their_own_times(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "clip.gif"
+    frames = [Image.new("L", (240, 120), 50 * k) for k in range(5)]
+    shown = [100, 100, 400, 100, 100]
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=shown)
+    monkeypatch.setattr(run, "MOST_FRAMES", 4)
+    film = run.Film(path, 2.0, OpenedScene("slide.yaml", text=SLIDE).scene())
+    assert film.times == pytest.approx([0, 0.05, 0.1, 0.3])
+    warnings: list[Problem] = []
+    film.warn_of_frames(warnings.append)
+    assert "warning: 1 frames at the end are left out: 4" in str(warnings[0])
 
 
 def test_jump_of_an_object_is_found(crossing: Filmed) -> None:

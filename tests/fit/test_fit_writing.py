@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from math import exp, log
+from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
+from physgen.cli.main import main
 from physgen.fit.parameters import Kind, Parameter, Scale, odds
-from physgen.fit.solve import Estimate, flat_directions
-from physgen.fit.writing import confidence
+from physgen.fit.solve import Estimate, Fit, flat_directions
+from physgen.fit.writing import confidence, fitted_text
+from physgen.scene.load import OpenedScene
 from physgen.simulate.uncertain_values import spread
 
 
@@ -53,6 +57,69 @@ def test_flat_directions_name_single_values_and_combinations() -> None:
         "a.rolling",
         "b.friction against a.friction: only their combination",
     }
+
+
+def test_static_friction_of_a_base_follows_the_fitted_friction(tmp_path: Path) -> None:
+    shape = "shape: {circle: {center: [20, 20], radius: 5}}"
+    base, path = tmp_path / "base.yaml", tmp_path / "scene.yaml"
+    base.write_text(
+        "physgen: 1\nsize: [40, 40]\nobjects:\n"
+        f"  a: {{{shape}, friction: 0.2, static_friction: 0.3}}\n"
+    )
+    path.write_text("extends: base.yaml\n")
+    scene = OpenedScene(path).scene()
+    one = parameter("objects.a.friction", Kind.FRICTION, Scale.LOGARITHM)
+    estimate = Estimate(one, 0.5, 0.4, 0.6, True)
+    empty = np.zeros((1, 1, 3))
+    fit = Fit(scene, (estimate,), (), empty, empty, 0.5, 1)
+    text = fitted_text(path.read_text(), path, path, scene, fit, "clip.mp4")
+    (item,) = OpenedScene(path, text=text).scene().objects
+    assert (item.friction, item.static_friction) == (0.5, 0.5)
+
+
+def write_files(folder: Path) -> tuple[Path, Path]:
+    """Write a scene with a photo, and tracks of its object."""
+    Image.new("RGB", (40, 40)).save(folder / "photo.png")
+    scene, tracks = folder / "scene.yaml", folder / "tracks.csv"
+    scene.write_text(
+        "physgen: 1\nimage: photo.png\nobjects:\n"
+        "  a: {shape: {circle: {center: [20, 20], radius: 5}}}\n"
+    )
+    lines = [f"{k / 10},a,20,20" for k in range(6)]
+    tracks.write_text("\n".join(["time,object,x,y", *lines]))
+    return scene, tracks
+
+
+@pytest.mark.parametrize(
+    ("output", "text"),
+    [
+        ("fitted", "is not a name for the fitted scene; end it in .yaml"),
+        ("fitted.mp4", "is not a name for the fitted scene; end it in .yaml"),
+        ("folder.yaml", "is not a name for the fitted scene; end it in .yaml"),
+        ("taken.yaml", 'taken" is a file where a folder is needed'),
+        ("taken/fitted.yaml", 'taken" is a file where a folder is needed'),
+        ("out/fitted.yaml", "leaves the files of the scene (photo.png) outside"),
+    ],
+)
+def test_unusable_outputs_are_refused_before_the_fit(
+    output: str, text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene, tracks = write_files(tmp_path)
+    (tmp_path / "folder.yaml").mkdir()
+    (tmp_path / "taken").write_text("")
+    before = sorted(tmp_path.rglob("*"))
+    flags = ["--tracks", str(tracks), "-o", str(tmp_path / output)]
+    assert main(["fit", str(scene), *flags]) == 2
+    assert text in capsys.readouterr().err
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_slow_is_refused_with_tracks(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene, tracks = write_files(tmp_path)
+    assert main(["fit", str(scene), "--tracks", str(tracks), "--slow", "4"]) == 2
+    assert "--slow: 4 has no effect on tracks" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("value", [0.02, 0.5, 0.97])
