@@ -148,16 +148,22 @@ def _push_by_velocity(
 
 
 def _area(shape: Mapping[str, Any]) -> float:
-    """Return px² of a shape's entry."""
+    """Return px² of a shape's entry, without its holes."""
     if "box" in shape:
         wide, high = shape["box"]["size"]
         return float(wide * high)
     if "polygon" in shape:
-        return float(cv2.contourArea(np.array(shape["polygon"], np.float32)))
+        return _ring_area(shape["polygon"])
     total = 0.0
     for piece in shape["polygons"]:
-        total += float(cv2.contourArea(np.array(piece["outline"], np.float32)))
+        total += _ring_area(piece["outline"])
+        total -= sum(map(_ring_area, piece.get("holes", ())))
     return total
+
+
+def _ring_area(ring: Sequence[Sequence[float]]) -> float:
+    """Return px² within a closed line."""
+    return float(cv2.contourArea(np.array(ring, np.float32)))
 
 
 def _with_cushions(

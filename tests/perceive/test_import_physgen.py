@@ -280,3 +280,14 @@ edge_list: [[[0, 82], [95, 82]]]
 obj_info:
   1: {label: block, density: 1.0, friction: 0.5, elasticity: 0.3, primitive: polygon}
 """
+
+
+def test_pushed_ring_has_its_whole_velocity(tmp_path: Path) -> None:
+    path = folder(tmp_path / "tower", TOWER)
+    mask = np.zeros((96, 96), np.uint8)
+    cv2.circle(mask, (46, 60), 20, 1, -1)
+    cv2.circle(mask, (46, 60), 14, 0, -1)
+    cv2.imwrite(str(path / "mask.png"), mask)
+    (entry,) = as_shot(import_physgen(path)).document["objects"].values()
+    assert any("holes" in piece for piece in entry["shape"]["polygons"])
+    assert entry["velocity"] == pytest.approx([30, 0], rel=0.001)
