@@ -89,7 +89,7 @@ def test_ramped_objects_are_guided(tmp_path: Path) -> None:
 
 def test_engines_without_ramps_refuse_them() -> None:
     def demanded(ramp: float) -> frozenset[Demand]:
-        body = ball("a", 0, 0, velocity=np.array([300.0, 0.0]), ramp=ramp)
+        body = ball("a", 0, 0, v=(300.0, 0.0), ramp=ramp)
         return demands(world(body))
 
     assert Demand.NUMBERS in demanded(0.1)
