@@ -168,11 +168,11 @@ def _form(shape: Mapping[str, Any]) -> MassProperties:
     if "box" in shape:
         turn = rotation(radians(shape["box"].get("angle", 0.0)))
         corners = CORNERS * shape["box"]["size"] / 2 @ turn.T
-        rings = (Ring(corners + shape["box"]["center"]),)
+        rings = [Ring(corners + shape["box"]["center"])]
     else:
         pieces = shape.get("polygons") or [{"outline": shape["polygon"]}]
-        rings = tuple(map(_ring, pieces))
-    return mass_properties(Region(rings))
+        rings = [_ring(piece) for piece in pieces]
+    return mass_properties(Region(tuple(rings)))
 
 
 def _ring(piece: Mapping[str, Any]) -> Ring:
