@@ -1573,6 +1573,7 @@ class Message(Enum):
         "pushes are tried instead; another model may do better",
     )
     STORY_SERVER_FAILED = ("; pushes are tried instead", "{fix}")
+    STORY_SERVER_FAILED_LATER = ("; the nearest of its proposals is kept", "{fix}")
     STORY_WITHOUT_ACTOR = (
         "moves nothing: what moves must be an object",
         "name an object that is not fixed before the verb",

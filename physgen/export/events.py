@@ -20,6 +20,7 @@ from physgen.geometry.polygon import Array, rotation
 from physgen.render.camera import Shot
 from physgen.render.contacts import Impact, find_impacts
 from physgen.scene.scene import Load, Motion, Play, Point
+from physgen.simulate.ramps import is_ramped
 from physgen.simulate.trajectory import (
     REST_SPEED,
     REST_TURN,
@@ -292,6 +293,8 @@ def _moves_at_start(body: Body, velocity: Array) -> bool:
     """Return whether a body moves at t = 0 by the scene; an impulse at t = 0 does not count."""
     if body.motion is Motion.SCRIPTED:
         return bool(np.abs(velocity).max() > 0)
+    if is_ramped(body):
+        return False
     is_fast = np.hypot(*body.velocity) >= REST_SPEED
     is_spinning = abs(body.spin) >= radians(REST_TURN)
     return bool(is_fast or is_spinning or body.roll.any())

@@ -18,6 +18,7 @@ from physgen.compile.world import (
 )
 from physgen.export.labels import Clip, Scale, Writer, write_json
 from physgen.scene.scene import Boundary, FieldKind, JointKind, Load, Object, Scene
+from physgen.simulate.ramps import is_ramped
 
 UNITS = {
     "size, place, radius, length": "px",
@@ -37,6 +38,8 @@ UNITS = {
     "damping": "g/s",
     "friction, elasticity": "of one surface; `pairs` has the values for two",
 }
+RAMP_UNIT = {"ramp": "s in which the velocity is reached, from rest"}
+"""Of objects that a push brings to their velocity by and by."""
 SOURCE_KEYS = (
     "mass",
     "density",
@@ -90,7 +93,7 @@ def physics(clip: Clip) -> dict[str, Any]:
     return {
         "version": 1,
         "clip": clip.name,
-        "units": UNITS,
+        "units": UNITS | (RAMP_UNIT if any(map(is_ramped, world.bodies)) else {}),
         "scale": scale.as_dict(),
         "view": world.view.value,
         "size": list(world.size),
@@ -145,6 +148,7 @@ def _object(
         "velocity": list(item.velocity),
         "velocity_m_s": [scale.meters(value) for value in item.velocity],
         "spin": item.spin,
+        **({"ramp": body.ramp} if is_ramped(body) else {}),
         **_select_stated(item, CONTACT_KEYS, (None,)),
         "from": _sources(scene, f"objects.{item.name}", SOURCE_KEYS, item.provenance),
     }

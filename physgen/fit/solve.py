@@ -235,9 +235,11 @@ def _tell_starts(
 ) -> tuple[tuple[bool, bool], ...]:
     """Return whether early poses tell velocity and spin of each object, if they are free."""
     seen = np.isfinite(poses[..., 0]).any(axis=0)
-    velocities = seen & (Kind.VELOCITY in kinds)
-    turns = seen & np.array(spins) & (Kind.SPIN in kinds)
-    return tuple(zip(velocities.tolist(), turns.tolist(), strict=True))
+    has_velocity, has_spin = Kind.VELOCITY in kinds, Kind.SPIN in kinds
+    return tuple(
+        (is_seen and has_velocity, is_seen and turns and has_spin)
+        for is_seen, turns in zip(seen.tolist(), spins, strict=True)
+    )
 
 
 def fit_scene(

@@ -61,6 +61,8 @@ Vector = tuple[float, float]
 NEEDED = ("original.png", "mask.png", "sim.yaml")
 STEP = 1 / 60
 """s: time step of that code's simulation."""
+POLYGON_ORIGIN = (0, 0)
+"""px: place of a polygon's body in that code, at which `init_acc` acts."""
 LEAST_SPREAD = 0.06
 """Least spread of normals that determine a light; the flat fronts of blocks do not."""
 
@@ -256,7 +258,10 @@ def _document(
             impulse = [float(f"{mass * v:.6g}") for v in body.push]
             # `init_acc` is added to the velocity at t = 0, so that it becomes an
             # impulse.
-            forces.append({"object": names[item.id], "impulse": impulse})
+            force: dict[str, Any] = {"object": names[item.id], "impulse": impulse}
+            if not isinstance(item.outline, Disc):
+                force["at"] = list(POLYGON_ORIGIN)
+            forces.append(force)
     surface = {"friction": sim.ground_friction, "elasticity": sim.ground_elasticity}
     walls = {
         f"wall-{k}": {"segment": [list(a), list(b)], **surface}
@@ -285,7 +290,8 @@ def _comments(sim: Sim, folder: Path) -> dict[str, str]:
         )
     if any(body.push for body in sim.bodies.values()):
         comments["forces"] = (
-            "init_acc, which was added to the velocity at t = 0, times mass"
+            "init_acc, added to the velocity at t = 0, times mass; it acts at the"
+            " origin of a body, of polygons the picture's corner, which turns them"
         )
     if not (folder / "inpaint.png").is_file():
         comments["assets"] = "inpaint.png was missing; the background was filled here"

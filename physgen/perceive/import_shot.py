@@ -4,13 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import copysign, sqrt
+from math import copysign, degrees, radians, sqrt
 from typing import Any
 
 import cv2
 import numpy as np
 
-from physgen.geometry.polygon import Array
+from physgen.geometry.polygon import (
+    Array,
+    MassProperties,
+    Region,
+    Ring,
+    mass_properties,
+    rotation,
+)
 from physgen.geometry.scale import scale_entry
 from physgen.perceive.document import HOLD, MOTION_BLUR, short
 from physgen.perceive.roles import PerceivedScene
@@ -35,10 +42,11 @@ class ShotTuning:
     rolling: float = 0.01
     """Rolling resistance of balls."""
     ramp: str = "0.1 s"
-    """Three frames of a push."""
+    """Three frames of a push that does not turn an object."""
 
 
 SHOT = ShotTuning()
+CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], np.float64)
 RENDER = {
     "fps": 30,
     "motion_blur": MOTION_BLUR,
@@ -60,6 +68,9 @@ def as_shot(imported: PerceivedScene) -> PerceivedScene:
         objects[name] = _natural_form(entry, floors)
     _push_by_velocity(document["forces"], objects)
     world, boundaries = _natural_world(document, comments, (width, height))
+    if any(entry.get("spin") for entry in objects.values()):
+        # Held against the floor while it turns, an object would be flung away.
+        del world["ramp"]
     comments.pop("forces", None)
     comments["objects"] = "--faithful keeps the discs and outlines of the paper's code"
     document |= {
@@ -141,23 +152,33 @@ def _push_by_velocity(
         entry = objects[force["object"]]
         mass = entry.get("mass")
         if mass is None:
-            mass = entry["density"] * _area(entry["shape"])
+            form = _form(entry["shape"])
+            mass = entry["density"] * form.area
+            x, y = np.array(force["at"], np.float64) - form.center
+            right, down = force["impulse"]
+            spin = (x * down - y * right) / (entry["density"] * form.second)
+            entry["spin"] = float(f"{degrees(spin):.4g}")
         before = entry.get("velocity", [0.0, 0.0])
         pairs = zip(before, force["impulse"], strict=True)
         entry["velocity"] = [float(f"{v + part / mass:.4g}") for v, part in pairs]
 
 
-def _area(shape: Mapping[str, Any]) -> float:
-    """Return px² of a shape's entry."""
+def _form(shape: Mapping[str, Any]) -> MassProperties:
+    """Return area, centre and second moment of a shape's entry of polygons or a box."""
     if "box" in shape:
-        wide, high = shape["box"]["size"]
-        return float(wide * high)
-    if "polygon" in shape:
-        return float(cv2.contourArea(np.array(shape["polygon"], np.float32)))
-    total = 0.0
-    for piece in shape["polygons"]:
-        total += float(cv2.contourArea(np.array(piece["outline"], np.float32)))
-    return total
+        turn = rotation(radians(shape["box"].get("angle", 0.0)))
+        corners = CORNERS * shape["box"]["size"] / 2 @ turn.T
+        rings = [Ring(corners + shape["box"]["center"])]
+    else:
+        pieces = shape.get("polygons") or [{"outline": shape["polygon"]}]
+        rings = [_ring(piece) for piece in pieces]
+    return mass_properties(Region(tuple(rings)))
+
+
+def _ring(piece: Mapping[str, Any]) -> Ring:
+    """Return a piece of `polygons`."""
+    holes = [np.array(hole, np.float64) for hole in piece.get("holes", ())]
+    return Ring(np.array(piece["outline"], np.float64), tuple(holes))
 
 
 def _with_cushions(

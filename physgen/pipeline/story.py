@@ -348,7 +348,7 @@ def fulfilment(world: World, story: Story, start: Start, motion: Trajectory) -> 
             _measure_actor_shift(world, story, start.actor, motion),
         )
     elif story.wish is Wish.HALT:
-        return 1.0
+        return _halt_share(world, start.actor, motion)
     else:
         bodies = [k for k in subjects if k < len(world.bodies)]
         shares = [_change(world, story.wish, k, motion) for k in bodies]
@@ -362,6 +362,15 @@ def fulfilment(world: World, story: Story, start: Start, motion: Trajectory) -> 
         return 0.0
     total_share = min(shares) if story.is_all else max(shares)
     return _reduce_unless_rested(story, start, motion, total_share)
+
+
+def _halt_share(world: World, actor: int, motion: Trajectory) -> float:
+    """Return 1 if an actor rests at the end, otherwise at most half, less by its way."""
+    if resting_mask(motion)[-1, actor]:
+        return 1.0
+    offsets = motion.poses[:, actor, :2] - motion.poses[0, actor, :2]
+    distance = float(np.hypot(*offsets.T).max())
+    return 0.5 / (1.0 + distance / (LIMITS.shift * max(world.size)))
 
 
 def _reduce_unless_rested(

@@ -24,8 +24,11 @@ FASTEST = 40.0
 """m/s: a proposed speed at most."""
 MOST_EDITS = 12
 """Edits of one proposal."""
-NAME = r"^[A-Za-z][A-Za-z0-9_-]*$"
-"""Names of objects in a scene file."""
+NAME = r"^[A-Za-z][A-Za-z0-9_-]*$(?!\n)"
+"""Names of objects in a scene file; `$` alone, in Python, would also match before a
+line break."""
+LONGEST_NAME = 64
+"""Characters of such a name."""
 
 
 def object_schema(properties: Schema, required: Sequence[str]) -> dict[str, Any]:
@@ -47,6 +50,9 @@ def pair_schema(low: float, high: float) -> dict[str, Any]:
     """Return the schema of two numbers, right and down, each from `low` to `high`."""
     item = number_schema(low, high)
     return {"type": "array", "items": item, "minItems": 2, "maxItems": 2}
+
+
+_NEW_NAME: Schema = {"type": "string", "pattern": NAME, "maxLength": LONGEST_NAME}
 
 
 def action_schemas(scene: Scene, may_change_objects: bool) -> dict[str, dict[str, Any]]:
@@ -81,7 +87,7 @@ def action_schemas(scene: Scene, may_change_objects: bool) -> dict[str, dict[str
         )
     schemas = {}
     for action, (values, required) in properties.items():
-        target = {"type": "string", "pattern": NAME} if action == "add" else names
+        target = _NEW_NAME if action == "add" else names
         keys = {"action": {"const": action}, "object": target, **values}
         schemas[action] = object_schema(keys, ["action", "object", *required])
     return schemas

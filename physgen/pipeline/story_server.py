@@ -123,17 +123,11 @@ def tell(subject: StoryScene, text: str, plan: Plan, warn: Warn) -> Telling:
     server = _configured_server(plan, warn)
     if server is not None:
         try:
-            telling = ask_server(server, subject, text)
-            if telling is not None:
-                return telling
-            warn(Message.STORY_ANSWERS_UNUSABLE.warning(Place(STORY), "", quoted(text)))
-        except InputError as error:
-            for problem in error.problems:
-                reason = f"{problem.found} {problem.expected}".strip()
-                failed = Message.STORY_SERVER_FAILED
-                warn(failed.warning(Place(STORY), "", reason, fix=problem.fix))
+            telling = ask_server(server, subject, text, warn)
         finally:
             server.close()
+        if telling is not None:
+            return telling
     return tell_story(subject.scene, subject.compiled, text)
 
 
@@ -189,16 +183,23 @@ class _Talk:
             self.best, self.best_share = telling, share
 
 
-def ask_server(server: StoryServer, subject: StoryScene, text: str) -> Telling | None:
+def ask_server(
+    server: StoryServer, subject: StoryScene, text: str, warn: Warn
+) -> Telling | None:
     """Return the outcome of the first right proposal, or the nearest of TRIES.
 
-    None if no answer can be used. Raises InputError if the server fails.
+    If the server fails, it is the nearest so far. None if no answer can be used. `warn`
+    receives the reason. Raises InputError if the scene cannot be drawn.
     """
     talk = _open_talk(subject, text)
     query = _vlm().Query("the scene", "", (), talk.rules.outline, talk.rules.faults)
     # a judge answers once more, about its last proposal
     for attempt in range(TRIES + talk.is_judge):
-        reply = server.reply(query, talk.turns)
+        try:
+            reply = server.reply(query, talk.turns)
+        except InputError as error:
+            _warn_of_failure(error, talk.best is not None, warn)
+            return talk.best
         talk.say(_vlm().plain_line(reply, LONGEST_REPLY) or "(nothing)", is_reply=True)
         try:
             answer = _vlm().parse_answer(reply, query)
@@ -209,7 +210,19 @@ def ask_server(server: StoryServer, subject: StoryScene, text: str) -> Telling |
             break
         if _take_proposal(talk, answer["edits"]):
             break
+    if talk.best is None:
+        warn(Message.STORY_ANSWERS_UNUSABLE.warning(Place(STORY), "", quoted(text)))
     return talk.best
+
+
+def _warn_of_failure(error: InputError, has_best: bool, warn: Warn) -> None:
+    """Tell why the server failed, and what is done instead."""
+    failed = Message.STORY_SERVER_FAILED
+    if has_best:
+        failed = Message.STORY_SERVER_FAILED_LATER
+    for problem in error.problems:
+        reason = f"{problem.found} {problem.expected}".strip()
+        warn(failed.warning(Place(STORY), "", reason, fix=problem.fix))
 
 
 def _open_talk(subject: StoryScene, text: str) -> _Talk:
@@ -266,28 +279,43 @@ def _simulate(talk: _Talk, edits: list[Any]) -> _Trial:
         compiled = talk.drawing.compile(scene, talk.drawing.maps(scene))
         return _Trial(values, scene, compiled, sampled_motion(compiled.world))
     except InputError as error:
-        reasons = [f"{one.path} {one.found} {one.expected}" for one in error.problems]
-        raise UnsuitableEditError("; ".join(reasons)) from None
+        raise UnsuitableEditError(_reasons(error)) from None
+
+
+def _reasons(error: InputError) -> str:
+    """Return what is wrong with a proposal, in one line."""
+    reasons = [f"{one.path} {one.found} {one.expected}" for one in error.problems]
+    return "; ".join(reasons)
+
+
+def _proposal_frames(talk: _Talk, trial: _Trial) -> tuple[bytes, ...]:
+    """Return pictures of a proposal's motion. Raises UnsuitableEditError."""
+    try:
+        return _frames(talk, trial.scene, trial.compiled, trial.motion)
+    except InputError as error:
+        raise UnsuitableEditError(_reasons(error)) from None
 
 
 def _take_proposal(talk: _Talk, edits: list[Any]) -> bool:
     """Simulate a proposal and answer it; return whether it is right."""
+    share, verdict = UNJUDGED, JUDGE
+    frames: tuple[bytes, ...] = ()
     try:
         trial = _simulate(talk, edits)
+        if not talk.is_judge:
+            share = _share(talk.text, trial)
+            verdict = MEASURED.format(share=share)
+        is_right = share >= LIMITS.partial
+        if not is_right:
+            frames = _proposal_frames(talk, trial)
     except UnsuitableEditError as error:
         talk.say(AGAIN.format(fault=error))
         return False
     talk.tried += 1
     outcome = motion_words(trial.compiled.world, trial.motion)
-    share, verdict = UNJUDGED, JUDGE
-    if not talk.is_judge:
-        share = _share(talk.text, trial)
-        verdict = MEASURED.format(share=share)
-    is_right = share >= LIMITS.partial
     talk.last = Telling(trial.values, is_right, outcome, talk.tried)
     talk.keep(talk.last, share)
     if not is_right:
-        frames = _frames(talk, trial.scene, trial.compiled, trial.motion)
         values = {"count": len(frames), "outcome": outcome, "verdict": verdict}
         talk.say(OUTCOME.format(**values), frames)
     return is_right

@@ -172,7 +172,7 @@ def with_strikers(
     shot: Shot,
     hold: int,
 ) -> StruckScene | None:
-    """Return the scene with a striker for each object that is pushed; None if none is.
+    """Return the scene with a striker for each object that is pushed; None if none is, or in a single frame.
 
     `exposed` are the samples of the exposures, and how many a frame has; `hold` frames come before them.
     """
@@ -181,8 +181,8 @@ def with_strikers(
     ways = []
     for k, body in enumerate(world.bodies):
         if body.motion is Motion.DYNAMIC and body.velocity.any():
-            ways.append(_way(stage, world, k, form, fine.poses[0, k]))
-    if not ways or stage.scale != 1.0:
+            ways.append(_way(stage, world, k, form, fine.poses[parts - 1, k]))
+    if not ways or stage.scale != 1.0 or len(fine.times) < 2 * parts:
         return None
     longer = _with_hold(fine, parts, hold)
     tracks = [_track(way, world.bodies[way.body], longer, parts, hold) for way in ways]
@@ -247,11 +247,14 @@ def _exit(place: F64, axis: F64, size: tuple[int, int]) -> float:
 
 
 def _with_hold(fine: Trajectory, parts: int, hold: int) -> Trajectory:
-    """Return the samples with those of the hold before them."""
+    """Return the samples with those of the hold before them, which show t = 0.
+
+    That is the last sample of the first frame: earlier ones may be moved back by its blur.
+    """
     count = parts * hold
 
     def longer(values: F64) -> F64:
-        first = np.repeat(values[:1], count, axis=0)
+        first = np.repeat(values[parts - 1 : parts], count, axis=0)
         return np.concatenate([first, values]) if len(values) else values
 
     return replace(

@@ -13,6 +13,7 @@ from storied import BALL, G, clip, clip_of, happened
 from physgen.batch.outcomes import outcomes
 from physgen.export.events import ClipTimes, Event, EventKind, Events, events
 from physgen.export.labels import Clip
+from physgen.export.physics import physics
 
 E = sqrt(0.64 * 1)  # of the ball and the floor
 FRAME = 1 / 60
@@ -154,3 +155,17 @@ def test_frames_change_no_event(dominoes: Clip, frames: int) -> None:
     assert _plain(told) == _plain(dominoes)
     for event, same in zip(events(told), events(dominoes), strict=True):
         assert _numbers(event) == pytest.approx(_numbers(same), abs=1e-6, rel=1e-6)
+
+
+def test_push_that_takes_a_while_begins_at_rest(tmp_path: Path) -> None:
+    ball = BALL.replace("mass", "velocity: [300, 0], mass")
+    ramped = clip(tmp_path, ball, "world.ramp=0.1", "world.gravity=[0, 0]")
+    assert not happened(ramped, EventKind.MOVING)
+    (start,) = happened(ramped, EventKind.MOVE)
+    assert 0 <= start.time < 0.01
+    abrupt = clip(tmp_path, ball, "world.gravity=[0, 0]")
+    assert [event.time for event in happened(abrupt, EventKind.MOVING)] == [0]
+    told, before = physics(ramped), physics(abrupt)
+    assert told["objects"][0].pop("ramp") == 0.1
+    assert "ramp" in told["units"]
+    assert "ramp" not in before["units"] | before["objects"][0]

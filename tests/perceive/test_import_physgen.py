@@ -106,6 +106,8 @@ def test_a_change_of_velocity_becomes_an_impulse(scene):
     assert (force.object, force.load) == ("toy-1", Load.IMPULSE)
     mass = 2.5 * np.pi * 14.0**2
     assert force.vector == (pytest.approx(-50 * mass, rel=0.03), 0)
+    # There, a polygon's body has its place in the picture's corner.
+    assert force.at == (0, 0)
 
 
 def test_maps_are_in_our_axes(tmp_path: Path):
@@ -248,8 +250,12 @@ def test_import_is_a_shot_unless_faithful(tmp_path: Path, faithful: bool) -> Non
     assert (scene.render.fps, scene.render.frames) == (30, None)
     assert {ball.value for ball in balls if ball} == {"sphere"}
     assert scene.world.until_rest
-    assert scene.world.ramp == 0.1
     assert not scene.forces
+    toy = next(item for item in scene.objects if item.label == "toy")
+    # A disc of radius r pushed at the picture's corner: v y / (r² / 2).
+    spin = np.degrees(-50 * 60 / (14**2 / 2))
+    assert toy.spin == pytest.approx(spin, rel=0.05)
+    assert scene.world.ramp == 0
 
 
 def test_shot_has_boxes_and_long_floors(tmp_path: Path) -> None:
@@ -280,3 +286,14 @@ edge_list: [[[0, 82], [95, 82]]]
 obj_info:
   1: {label: block, density: 1.0, friction: 0.5, elasticity: 0.3, primitive: polygon}
 """
+
+
+def test_pushed_ring_has_its_whole_velocity(tmp_path: Path) -> None:
+    path = folder(tmp_path / "tower", TOWER)
+    mask = np.zeros((96, 96), np.uint8)
+    cv2.circle(mask, (46, 60), 20, 1, -1)
+    cv2.circle(mask, (46, 60), 14, 0, -1)
+    cv2.imwrite(str(path / "mask.png"), mask)
+    (entry,) = as_shot(import_physgen(path)).document["objects"].values()
+    assert any("holes" in piece for piece in entry["shape"]["polygons"])
+    assert entry["velocity"] == pytest.approx([30, 0], rel=0.001)

@@ -11,6 +11,8 @@ import pytest
 from vlm_stub import Stub, first, hang, pictures, saying, status
 
 from physgen.cli.main import main
+from physgen.messages import Message
+from physgen.pipeline import story_server
 
 SCENE = """\
 physgen: 1
@@ -187,3 +189,58 @@ def test_best_of_judged_outcomes_is_reported(
     assert len(stub.requests) == 4
     assert "the nearest outcome" in capsys.readouterr().err
     assert "objects.ball.velocity=[90.0, 0.0]" in manifest["overrides"]
+
+
+def test_sliding_object_does_not_rest(
+    stub: Stub, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stub.act = first(saying(RIGHT), saying(proposal()))
+    manifest = render(tmp_path, "the ball stops")
+    errors = capsys.readouterr().err
+    assert "the story happens" in errors
+    assert "(2 tried)" in errors
+    assert not any("velocity=[600" in text for text in manifest["overrides"])
+
+
+def test_late_failure_keeps_the_best_proposal(
+    stub: Stub, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stub.act = first(saying(NEARER), status(401, "no such key"))
+    manifest = render(tmp_path)
+    errors = capsys.readouterr().err
+    assert errors.count("the nearest of its proposals is kept") == 1
+    assert "pushes are tried" not in errors
+    assert "objects.ball.velocity=[90.0, 0.0]" in manifest["overrides"]
+
+
+def test_proposal_that_cannot_be_drawn_is_no_failure_of_the_server(
+    stub: Stub,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    draw = story_server._frames
+    trials: list[Any] = []
+
+    def draw_first(*trial: Any) -> tuple[bytes, ...]:
+        trials.append(trial)
+        if len(trials) == 2:
+            raise Message.NO_SUCH_PATH.error("photo.png")
+        return draw(*trial)
+
+    monkeypatch.setattr(story_server, "_frames", draw_first)
+    stub.act = first(saying(WRONG), saying(RIGHT))
+    render(tmp_path)
+    errors = capsys.readouterr().err
+    assert "instead" not in errors
+    assert "(1 tried)" in errors
+    assert "no such file" in text_of(stub.requests[1], 2)
+
+
+def test_name_ends_before_a_line_break(stub: Stub, tmp_path: Path) -> None:
+    names = ["apple\n", "a" * 65, "apple"]
+    replies = [proposal(APPLE | {"object": name}) for name in names]
+    stub.act = first(*map(saying, replies))
+    render(tmp_path)
+    assert "does not match" in text_of(stub.requests[1], 2)
+    assert "is too long" in text_of(stub.requests[2], 4)

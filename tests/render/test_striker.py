@@ -101,3 +101,26 @@ def test_idle_striker_is_a_warning(scene_file: Path, override: str) -> None:
     film = _film(scene_file, "render.enter=cue", override)
     texts = [str(problem) for problem in lint(film.scene, film.compiled)]
     assert sum("render.enter" in text and "no effect" in text for text in texts) == 1
+
+
+def test_single_frame_has_no_striker(scene_file: Path) -> None:
+    film = _film(scene_file, "render.enter=finger", "render.frames=1")
+    film.deliver()
+    struck = _frames(film)
+    plain = _film(scene_file, "render.frames=1")
+    plain.deliver()
+    assert (struck == _frames(plain)).all()
+
+
+def test_hold_shows_the_photo_though_the_first_frame_is_blurred(
+    scene_file: Path,
+) -> None:
+    overrides = ("world.ramp=0", "render.first_blur=true", "render.motion_blur=0.5")
+    film = _film(scene_file, "render.enter=finger", *overrides)
+    film.deliver()
+    with Image.open(scene_file.with_name("photo.png")) as photo:
+        rgb = np.asarray(photo).astype(int)
+    frames = _frames(film)
+    assert np.abs(frames[0] - rgb).max() <= 2
+    # The block's right side, which the finger does not reach.
+    assert np.abs(frames[HOLD] - rgb)[60:110, 125:].max() > 30

@@ -6,8 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from physics.engines.stepping import Demand, demands
+from worlds import ball, world
 
 from physgen import pipeline
+from physgen.evaluate.plausibility.tracks import from_scene
 from physgen.simulate.engine import simulate
 from physgen.simulate.trajectory import Trajectory
 
@@ -74,3 +77,20 @@ def test_heavy_neighbours_stop_the_hand(tmp_path: Path) -> None:
     other = "  b: {shape: {circle: {center: [141, 180], radius: 20}}, mass: 1.0e9}"
     motion = _motion(tmp_path, "side", BALL, more=other)
     assert abs(motion.velocities[END, 0, 0]) < 30
+
+
+def test_ramped_objects_are_guided(tmp_path: Path) -> None:
+    path = tmp_path / "scene.yaml"
+    for ramp, guided in (("0.1 s", {0}), ("0", set())):
+        text = SCENE.format(view="side", shape=BOX, ramp=ramp, more="")
+        path.write_text(text)
+        assert from_scene(path).guided_bodies == guided
+
+
+def test_engines_without_ramps_refuse_them() -> None:
+    def demanded(ramp: float) -> frozenset[Demand]:
+        body = ball("a", 0, 0, v=(300.0, 0.0), ramp=ramp)
+        return demands(world(body))
+
+    assert Demand.NUMBERS in demanded(0.1)
+    assert Demand.NUMBERS not in demanded(0.0)

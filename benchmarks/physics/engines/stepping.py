@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from physgen.compile.world import Body, Joint, Passage, Push, Wall, World
 from physgen.scene.scene import JointKind, Load, Motion, Solid
+from physgen.simulate.ramps import is_ramped
 from physgen.simulate.trajectory import Contacts, Effort, Energy, Trajectory
 
 Array = NDArray[np.float64]
@@ -32,7 +33,7 @@ class Demand(Enum):
     LINES = "rails, ropes, pulleys and pins with limits or friction"
     MACHINES = "gears, fingers and joints that break"
     SURFACES = "belts, static friction, one-way surfaces and collision groups"
-    NUMBERS = "own damping or gravity, rocking, and forces with a profile"
+    NUMBERS = "own damping or gravity, rocking, ramps, and forces with a profile"
     CURVES = "smooth curves, solid scenery and discs with a centre of mass elsewhere"
     TABLE_JOINTS = "a joint on a ball that rolls over a table"
 
@@ -106,8 +107,9 @@ def has_special_surface(part: Body | Wall) -> bool:
 
 
 def has_own_numbers(body: Body) -> bool:
-    """Whether a body is damped, rocks, or falls in its own way."""
-    return bool(body.damping or body.rocking or body.gravity_scale != 1)
+    """Whether a body is damped, rocks, falls in its own way, or reaches its velocity by a ramp."""
+    has_own_motion = body.damping or body.rocking or body.gravity_scale != 1
+    return bool(has_own_motion or is_ramped(body))
 
 
 def lies_on_table(world: World) -> bool:
