@@ -238,7 +238,7 @@ def _tell_starts(
     has_velocity, has_spin = Kind.VELOCITY in kinds, Kind.SPIN in kinds
     return tuple(
         (is_seen and has_velocity, is_seen and turns and has_spin)
-        for is_seen, turns in zip(seen.tolist(), spins, strict=True)
+        for is_seen, turns in zip(map(bool, seen), spins, strict=True)
     )
 
 
