@@ -234,11 +234,11 @@ def _tell_starts(
     poses: F64, spins: Sequence[bool], kinds: Sequence[Kind]
 ) -> tuple[tuple[bool, bool], ...]:
     """Return whether early poses tell velocity and spin of each object, if they are free."""
-    seen = np.isfinite(poses[..., 0]).any(axis=0)
+    seen = [bool(np.isfinite(poses[:, k, 0]).any()) for k in range(poses.shape[1])]
     has_velocity, has_spin = Kind.VELOCITY in kinds, Kind.SPIN in kinds
     return tuple(
         (is_seen and has_velocity, is_seen and turns and has_spin)
-        for is_seen, turns in zip(map(bool, seen), spins, strict=True)
+        for is_seen, turns in zip(seen, spins, strict=True)
     )
 
 
