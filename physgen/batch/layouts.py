@@ -1,6 +1,6 @@
 """Layouts of a data set: folders with a table, and WebDataset shards.
 
-A layout writes one sample after the other; a row in LAYOUTS makes it a choice of
+A layout writes one sample after the other. A row in LAYOUTS makes it a choice of
 `physgen dataset --layout`.
 """
 
@@ -20,40 +20,42 @@ from physgen.messages import Message
 ROWS, ABOUT = "metadata.jsonl", "clip.json"
 VIDEO = "video.mp4"
 SHARD_CLIPS = 1000
-"""Clips of a shard by default: 0.1 to 1 GB, as WebDataset advises."""
+"""Default number of clips in a shard: 0.1 to 1 GB, as WebDataset advises."""
 
 Members = Mapping[str, Path]
 """Files of a clip by their names in the data set."""
 About = Mapping[str, Any]
-"""The metadata of a clip, as JSON."""
+"""Metadata of a clip, as JSON."""
 
 
 Copier = Callable[[Path, Members, About], Path | None]
-"""Copies the files of a clip into the data set at a path; returns the folder that it wrote."""
+"""A function that copies the files of a clip into the data set at a path and returns
+the new folder.
+"""
 
 
 class Layout(Protocol):
-    """Writes samples into a data set."""
+    """A writer of samples into a data set."""
 
     copier: Copier
     """Runs on any machine, before `add`."""
     reads_clips: bool
-    """Whether `add` reads the files of clips."""
+    """True if `add` reads the files of clips."""
 
     def add(self, members: Members, about: About) -> None:
         """Write the next sample into its split."""
         ...
 
     patterns: Sequence[str]
-    """Of the files of a split that loaders read, relative to its folder."""
+    """Patterns of the files for loaders, relative to the folder of a split."""
 
     def files(self) -> Sequence[Path]:
-        """Return the files that readers open, in order."""
+        """Return the files to open with a reader, in order."""
         ...
 
 
 class Folders:
-    """A folder a clip, and a table a split: what Hugging Face's `videofolder` loads."""
+    """One folder per clip and one table per split, for Hugging Face's `videofolder`."""
 
     patterns: Sequence[str] = (ROWS, f"*/{VIDEO}")
     reads_clips = False
@@ -64,7 +66,7 @@ class Folders:
         self._rows: dict[str, BinaryIO] = {}
 
     def add(self, members: Members, about: About) -> None:
-        """Write the clip's row; its folder is there."""
+        """Write the clip's row. `copier` has written its folder."""
         split = about["split"]
         if split not in self._rows:
             (self._root / split).mkdir(exist_ok=True)
@@ -79,13 +81,15 @@ class Folders:
 
 
 class Shards:
-    """WebDataset shards, by its own writer; the same clips give the same bytes."""
+    """WebDataset shards, written by WebDataset itself. The same clips give the same
+    bytes.
+    """
 
     patterns: Sequence[str] = ("*.tar",)
     reads_clips = True
 
     def __init__(self, root: Path, stack: ExitStack, shard_clips: int) -> None:
-        """Raises InputError if webdataset is not installed."""
+        """Check that webdataset is installed. Raise InputError."""
         if find_spec("webdataset") is None:
             message, command = Message.WEBDATASET_MISSING, install("labels")
             raise message.error("--layout", '"webdataset"', install=command)
@@ -100,6 +104,8 @@ class Shards:
             self._writers[split] = self._stack.enter_context(self._open(split))
         sample: dict[str, Any] = {"__key__": about["key"], "json": json_line(about)}
         for name, file in members.items():
+            # WebDataset takes the name up to the first dot as the key, and the rest as
+            # the extension.
             extension = name.replace("/", ".").replace(VIDEO, "mp4")
             sample[extension] = file.read_bytes()
         self._writers[split].write(sample)
@@ -109,8 +115,9 @@ class Shards:
 
         folder = self._root / split
         folder.mkdir()
+        # The writer formats its pattern with `%`.
         escaped_folder = str(folder).replace("%", "%%")
-        # a fixed time and no owner: equal clips give equal bytes
+        # Without the time and the owner, equal clips give equal bytes.
         return ShardWriter(
             f"{escaped_folder}/shard-%06d.tar",
             maxcount=self._shard_clips,
@@ -130,13 +137,14 @@ LAYOUTS: Mapping[str, Callable[[Path, ExitStack, int], Layout]] = {
     "folder": Folders,
     "webdataset": Shards,
 }
-"""The first is the default."""
+"""Layouts by name; the first is the default."""
 
 
 def card(splits: Sequence[str], patterns: Sequence[str]) -> str:
-    """Return `README.md`, which names the files of each split to `datasets.load_dataset`.
+    """Return the text of `README.md`, with the files of each split for
+    `datasets.load_dataset`.
 
-    Without it, the loader takes the label files of most kinds for the data.
+    Without this file, the loader takes label files for the data.
     """
     lines = ["---", "configs:", "- config_name: default", "  data_files:"]
     for split in splits:
@@ -157,9 +165,9 @@ def write_folder(root: Path, members: Members, about: About) -> Path:
 
 
 def leave_files(root: Path, members: Members, about: About) -> None:
-    """Copy nothing: shards are written by `add`."""
+    """Copy nothing: `Shards.add` reads the clip itself."""
 
 
 def json_line(data: Mapping[str, Any]) -> bytes:
-    """Return a line of JSON."""
+    """Return a line of JSON, UTF-8."""
     return (json.dumps(data, ensure_ascii=False, allow_nan=False) + "\n").encode()

@@ -1,4 +1,4 @@
-"""Flags, jobs and progress of the commands that make clips."""
+"""Flags, jobs and progress of the commands for clips."""
 
 from __future__ import annotations
 
@@ -55,21 +55,22 @@ if TYPE_CHECKING:
 
 
 PREVIEW_FRAMES = 24
-"""Frames of a preview, at most."""
+"""Maximum number of frames in a preview."""
 DEFAULT_FORMATS = ("mp4",)
-"""Of a video without --format."""
+"""Formats of a video without --format."""
 INDEX = "index.html"
 GALLERY_CLIPS = 20_000
-"""Clips of one gallery, at most: the page of more is slow to open."""
+"""Maximum number of clips in one gallery; a larger page opens slowly."""
 
 
 def jobs_of(options: argparse.Namespace) -> Iterator[Job]:
-    """Yield the jobs of `render`: scenes times variants. Raises InputError."""
+    """Yield the jobs of `render`: scenes times variants. Raise InputError."""
     clips = [
         (path, variant)
         for path in options.scenes
         for variant in variants_of(path, options)
     ]
+    # Collect the problems of all scenes, so that the user sees them at once.
     calls: list[Callable[[], Any]] = [partial(job_maker, options)]
     calls += [partial(_motion_edits, *clip, options) for clip in clips]
     make, *push_edits = collect(calls)
@@ -81,7 +82,9 @@ def jobs_of(options: argparse.Namespace) -> Iterator[Job]:
 def _motion_edits(
     path: str, variant: str | None, options: argparse.Namespace
 ) -> tuple[str, ...]:
-    """Edits by --push, --drop, --kick and --story; how to keep them is printed. Raises InputError."""
+    """Return the edits of --push, --drop, --kick and --story, and print how to keep
+    them. Raise InputError.
+    """
     if not (options.push or options.drop or options.kick) and options.story is None:
         return ()
     from physgen import pipeline
@@ -124,7 +127,7 @@ def _story_edits(
     variant: str | None,
     options: argparse.Namespace,
 ) -> dict[str, Any]:
-    """Return the edits of --story and print the outcome. Raises InputError."""
+    """Return the edits of --story and print the outcome. Raise InputError."""
     from physgen.pipeline import stages, story_server
     from physgen.scene.write import edit_texts
 
@@ -149,7 +152,9 @@ def _story_edits(
 def preview_edits(
     path: str, variant: str | None, options: argparse.Namespace, further: Sequence[str]
 ) -> tuple[str, ...]:
-    """Return the edits that make a clip with these `further` edits fast to draw: few frames, of the photo's size."""
+    """Return edits for a fast preview with these `further` edits: few frames, of the
+    photo's size.
+    """
     from physgen import pipeline
 
     try:
@@ -161,8 +166,11 @@ def preview_edits(
             if has_fixed_end
             else pipeline.compile(scene, pipeline.percepts(scene)).world
         )
-    except InputError:  # reported when it is rendered
+    except InputError:
+        # The render reports this error.
         return ()
+    # The frame rate falls with the number of frames, so that the preview has the clip's
+    # duration.
     film, length = scene.render, world.duration * scene.render.slow
     count = film.frames or max(1, round(film.fps * length))
     frame_count = min(count, PREVIEW_FRAMES)
@@ -173,9 +181,8 @@ def preview_edits(
     edits += [] if has_fixed_end else [f"world.duration={world.duration}"]
     edits += ["render.motion_blur=0", "render.supersample=1"]
     edits += ["render.hold=0", "render.grain=none"]
-    stated_edits = [
-        edit.partition("=")[0] for edit in (*options.set, *further)
-    ]  # the user's own edits stay
+    # The user's own edits of the size stay.
+    stated_edits = [edit.partition("=")[0] for edit in (*options.set, *further)]
     if not {"render.size", "render.scale"} & set(stated_edits):
         edits += [
             f"render.{key}="
@@ -186,7 +193,7 @@ def preview_edits(
 
 
 def _open_scene(path: str, allow_outside: bool) -> OpenedScene:
-    """Read a file once for many clips, until it is written."""
+    """Read a file once for many clips. Read it again after a change."""
     scene_file = _read(path, allow_outside, os.getcwd())
     if not scene_file.stale():
         return scene_file
@@ -202,7 +209,9 @@ def _read(path: str, allow_outside: bool, folder: str) -> OpenedScene:
 
 
 def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
-    """Return a function of scene, variant, further overrides and name that makes a job. Raises InputError."""
+    """Return a function of scene, variant, further overrides and name that makes a job.
+    Raise InputError.
+    """
     from physgen import pipeline
     from physgen.batch.run import Job
     from physgen.export.video import Format
@@ -247,7 +256,7 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
 
 
 def _refining(options: argparse.Namespace) -> tuple[Refiner, tuple[str, ...]]:
-    """Return the backend that refines, and what the flags set in every scene."""
+    """Return the refining backend, and the edits of all scenes from flags."""
     from physgen import registry
     from physgen.batch.run import Refiner
 
@@ -265,32 +274,38 @@ def _refining(options: argparse.Namespace) -> tuple[Refiner, tuple[str, ...]]:
 
 
 def variants_of(path: str, options: argparse.Namespace) -> list[str | None]:
-    """None for the file itself; with `all`, it and every variant."""
+    """Return the variants to render, None for the file itself. `all` means the file and
+    every variant.
+    """
     if options.variant != "all":
         return [options.variant]
     try:
         return [None, *_open_scene(path, options.allow_outside).variants]
-    except InputError:  # reported when it is rendered
+    except InputError:
+        # The render reports this error.
         return [None]
 
 
 def problems_of_variants(path: str, allow_outside: bool) -> Sequence[Problem]:
-    """Return the errors of all variants of a file, none if the file itself cannot be read."""
+    """Return the errors of all variants of a file, or nothing if the file itself is
+    unreadable.
+    """
     try:
         return _open_scene(path, allow_outside).variant_problems
-    except InputError:  # reported when the file is loaded
+    except InputError:
+        # Loading the file reports this error.
         return ()
 
 
 def other_variants(path: str, options: argparse.Namespace) -> list[Problem]:
-    """Return warnings of the file's variants that fail, if the file itself is used."""
+    """Return warnings about faulty variants of the file, if the file itself is used."""
     if options.variant:
         return []
     return as_warnings(problems_of_variants(path, options.allow_outside))
 
 
 def check_names(jobs: list[Job]) -> None:
-    """Raise InputError for clips that would overwrite each other."""
+    """Raise InputError if clips would overwrite each other."""
     from physgen import pipeline
 
     scenes_by_folder: dict[str, str] = {}
@@ -307,12 +322,12 @@ def check_names(jobs: list[Job]) -> None:
 
 
 class Tally:
-    """How many clips ended how, and which warnings were printed."""
+    """Numbers of clips by state, and the printed warnings."""
 
     def __init__(self) -> None:
         self.counts: Counts[str] = Counts()
         self.newest = 0.0
-        """s since 1970: when the newest clip was made."""
+        """Time of the newest clip, s since 1970."""
         self.disk_full = False
         self._warnings: set[str] = set()
 
@@ -320,13 +335,14 @@ class Tally:
         """Count one clip."""
         self.counts[done.state.name.lower()] += 1
         if done.folder is not None:
-            with suppress(OSError):  # another run may be replacing the clip
+            # Another run may be replacing the clip.
+            with suppress(OSError):
                 self.newest = max(
                     self.newest, (done.folder / "manifest.json").stat().st_mtime
                 )
 
     def new_warnings(self, done: JobResult) -> Iterator[str]:
-        """Yield the problems of a clip that were not printed for another clip of the scene."""
+        """Yield the problems of a clip, without those of earlier clips."""
         for problem in done.problems:
             text = str(problem)
             if text not in self._warnings:
@@ -351,9 +367,11 @@ def make_all(
     finish: Callable[[], Sequence[str]] = lambda: (),
     gallery: bool = True,
 ) -> int:
-    """Makes `count` jobs, prints each, writes the gallery and a summary; returns the exit code.
+    """Make `count` jobs, print each, and write the gallery and a summary. Return the
+    exit code.
 
-    `on_done` is called after each job; `finish` is called at the end, and returns the files to print.
+    `on_done` is called after each job. `finish` is called at the end and returns the
+    files to print.
     """
     from physgen.batch.run import record_failure, report_failure, run
     from physgen.report.folders import clean_up_after_error
@@ -364,6 +382,7 @@ def make_all(
         print_error("this part has no clip: there are fewer clips than parts")
     store = getattr(options, "ship", None)
     gallery = gallery and (count > 1 or index.exists()) and store is None
+    # The process of a clip makes its pictures while the frames are in memory.
     if gallery and count <= GALLERY_CLIPS:
         jobs = (replace(job, pictures=True) for job in jobs)
     tally, bar = Tally(), Bar()
@@ -375,9 +394,11 @@ def make_all(
     ):
         for result in results:
             bar.clear()
-            if not result.can_write:  # no further clip can be written, either
+            if not result.can_write:
+                # No further clip can be written to this folder.
                 raise OutputError(result.problems)
-            if result.disk_full:  # every further clip would fail the same way
+            if result.disk_full:
+                # Every further clip would fail in the same way.
                 tally.disk_full = True
                 break
             tally.add(result)
@@ -390,9 +411,8 @@ def make_all(
     bar.clear()
     bar.prefix = ""
     files = finish()
-    older = (
-        not index.exists() or index.stat().st_mtime < tally.newest
-    )  # an interrupted run wrote none
+    # An interrupted run leaves an old gallery.
+    older = not index.exists() or index.stat().st_mtime < tally.newest
     is_new = tally.counts["made"] or tally.counts["failed"] or older
     if gallery and not tally.disk_full and is_new:
         from physgen.report.gallery import write_gallery
@@ -409,14 +429,16 @@ def make_all(
 
 
 def _announce(bar: Bar, number: int, count: int) -> None:
-    """Show which of several clips is made."""
+    """Show the number of the current clip, if there are several."""
     if 1 < count >= number:
         bar.prefix = f"clip {number:,} of {count:,}: "
         bar.write(bar.prefix)
 
 
 def _print_done(done: JobResult, as_json: bool, store: str | None) -> None:
-    """A line on stdout: the folder, in its store if there is one, or all about the clip as JSON."""
+    """Print the folder of a clip, in its store if there is one, or the clip's data as a
+    line of JSON.
+    """
     folder = None if done.folder is None else str(done.folder)
     if store is not None and folder is not None:
         folder = f"{store.rstrip('/')}/{folder}"
@@ -440,7 +462,7 @@ def _print_done(done: JobResult, as_json: bool, store: str | None) -> None:
 
 
 def _video_entry(done: JobResult) -> dict[str, str]:
-    """Return the file that `-o` names for the video, if there is one."""
+    """Return the entry of the video file of `-o`, if there is one."""
     return {"video": str(done.job.video)} if done.job.video and done.folder else {}
 
 
@@ -451,7 +473,7 @@ def _sum_up(
     files: Sequence[str],
     options: argparse.Namespace,
 ) -> int:
-    """Prints the last line; returns the exit code."""
+    """Print the last line. Return the exit code."""
     made, unchanged, failed = (
         tally.counts[name] for name in ("made", "unchanged", "failed")
     )
@@ -493,7 +515,7 @@ def part(text: str) -> slice:
 
 
 def add_clips(parser: Parser) -> None:
-    """Adds the flags of commands that render clips."""
+    """Add the flags of commands that render clips."""
     parser.option("--jobs", "N", count, "scenes rendered at a time; default: 1", 1)
     help_text = "make the K-th of N parts of the clips, one on each machine; see docs/batches.md"
     parser.option("--part", "K/N", part, help_text)
@@ -529,7 +551,7 @@ def add_clips(parser: Parser) -> None:
 
 
 def add_overlays(parser: Parser) -> None:
-    """Adds the flags that edit a scene, and the one that lets it read other folders."""
+    """Add the flags for edits of a scene, and the flag for files outside its folder."""
     help_text = "edit a key: objects.ball-1.mass=200; * stands for every object, KEY= takes it away"
     parser.option("--set", "KEY=VALUE", str, help_text, [], action="append")
     parser.option("--variant", "NAME", str, "apply a named variant of the file, or all")

@@ -1,4 +1,4 @@
-"""Flags of the commands that may run on a cluster, and the choice between it and this machine."""
+"""Flags of clusters, and the choice between a cluster and this machine."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def add_ship(parser: Parser) -> None:
 
 
 def check_cluster(options: argparse.Namespace) -> None:
-    """Refuse flags that contradict each other. Raises InputError."""
+    """Raise InputError if flags contradict each other."""
     ship = getattr(options, "ship", None)
     jobs = getattr(options, "jobs", 1)
     if ship == "":
@@ -68,7 +68,9 @@ def run_all(
     count: int,
     lost: Callable[[Item, Exception], Result],
 ) -> Generator[Result, None, None]:
-    """Yield `work(item)` for each of `count` items, in order, by the cluster or by processes of this machine."""
+    """Yield `work(item)` for each of `count` items in order, by the cluster or by
+    processes of this machine.
+    """
     if getattr(options, "cluster", None) is None:
         from physgen.batch.workers import run_parallel
 
@@ -83,7 +85,9 @@ def run_all(
 
 
 def stored_clips(options: argparse.Namespace) -> list[Path]:
-    """Return the folders of all clips below those of the command, in its store. Raises InputError."""
+    """Return the folders of all clips below the command's folders in its store. Raise
+    InputError.
+    """
     shipping = _shipping(options)
     folders: list[Path] = shipping.stored_clips(
         shipping.Store(options.ship), options.folders
@@ -92,7 +96,7 @@ def stored_clips(options: argparse.Namespace) -> list[Path]:
 
 
 def gather_stored(options: argparse.Namespace, how: Gathering) -> DatasetSummary:
-    """Make a data set of clips in a store, in the store. Raises InputError."""
+    """Make a data set of the clips of a store, inside the store. Raise InputError."""
     shipping = _shipping(options)
     store = shipping.Store(options.ship)
     summary: DatasetSummary = shipping.gather_stored(
@@ -102,7 +106,7 @@ def gather_stored(options: argparse.Namespace, how: Gathering) -> DatasetSummary
 
 
 def _shipping(options: argparse.Namespace) -> Any:
-    """Return the module that reads and writes stores. Raises InputError."""
+    """Return the module for stores. Raise InputError."""
     with _dask_needed(options):
         from physgen.batch import shipping
     return shipping
@@ -110,7 +114,7 @@ def _shipping(options: argparse.Namespace) -> Any:
 
 @contextmanager
 def _dask_needed(options: argparse.Namespace) -> Iterator[None]:
-    """Report that the block could not import Dask."""
+    """Raise InputError if the import of Dask in the block fails."""
     try:
         yield
     except ImportError:

@@ -1,4 +1,4 @@
-"""`dataset`: rendered clips to a training data set."""
+"""Run `dataset`: turn rendered clips into a training data set."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from physgen.batch.dataset import DatasetSummary, Sample
 
 INTERVAL = 10_000
-"""Clips between two lines of progress."""
+"""Number of clips between two lines of progress."""
 MAX_WARNINGS = 20
-"""Unusable clips that are printed one by one."""
+"""Maximum number of warnings about unusable clips."""
 
 
 def dataset(options: argparse.Namespace) -> int:
@@ -76,7 +76,7 @@ def dataset(options: argparse.Namespace) -> int:
 
 
 def _warn_of_empty_splits(done: DatasetSummary, output: Path) -> None:
-    """Print a warning if a split has no clip."""
+    """Print a warning if a split has no clips."""
     empty = [name for name, count in done.counts.items() if not count]
     if not empty:
         return
@@ -88,7 +88,7 @@ def _warn_of_empty_splits(done: DatasetSummary, output: Path) -> None:
 
 
 def _print_summary(done: DatasetSummary, options: argparse.Namespace) -> None:
-    """Print the files that readers open, in their store if there is one."""
+    """Print the files for readers, in their store if there is one."""
     store = "" if options.ship is None else options.ship.rstrip("/") + "/"
     files = [f"{store}{path}" for path in done.files]
     if options.json:

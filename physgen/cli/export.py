@@ -1,4 +1,4 @@
-"""`export`: scenes to ground truth, without a video or a page."""
+"""Run `export`: write the ground truth of scenes, without a video or a page."""
 
 from __future__ import annotations
 

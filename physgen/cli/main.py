@@ -43,18 +43,23 @@ from physgen.problems import InputError
 from physgen.signals import install_handler
 
 BATCHES = ("render", "clip", "sweep", "export", "verify")
-"""Commands that make many results, which a program may read."""
+"""Commands with many results, which a program may read."""
 URL = re.compile(r"(s3|gs|gcs|az|abfs|https?|ftp|sftp|hdfs|file|memory)://")
-"""Scenes and results are files: anything else would become a folder called `s3:`."""
+"""Addresses of stores. Scenes and results are files, and such a name would become a
+folder called `s3:`.
+"""
 UNREAD = 141
-"""Exit code when the reader of the output has ended (128 + SIGPIPE): the results are incomplete."""
+"""Exit code after the end of the output's reader (128 + SIGPIPE): the results are
+incomplete.
+"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run `physgen`; return the exit code."""
+    """Run `physgen`. Return the exit code."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # the name of a file need not be text
+        if isinstance(stream, io.TextIOWrapper):
+            # File names may contain bytes without a character.
             stream.reconfigure(errors="backslashreplace")
     parser = build_parser()
     for before, text in zip(["", *words], words, strict=False):
@@ -66,7 +71,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             )
     options = parser.parse_args(words)
     options.command_line = ["physgen", *words]
-    with suppress(ValueError):  # not the main thread, which alone gets signals
+    # Only the main thread can set signal handlers.
+    with suppress(ValueError):
         handle_termination(_interrupt)
     install_handler()
     try:
@@ -106,7 +112,7 @@ def _interrupt(number: int, frame: object) -> None:
 
 
 def build_parser() -> Parser:
-    """Return every command with its flags and an example."""
+    """Return the parser with every command, its flags and an example."""
     parser = Parser(
         prog="physgen",
         description="One photo becomes an editable scene file; the scene file becomes a physically simulated video.",

@@ -1,4 +1,6 @@
-"""`show`, `check` and `simulate`: scenes to tables, problems and trajectories."""
+"""Run `show`, `check` and `simulate`: print tables, problems and trajectories of
+scenes.
+"""
 
 from __future__ import annotations
 
@@ -127,7 +129,7 @@ def check(options: argparse.Namespace) -> int:
 
 
 def _problems_of_file(path: str, options: argparse.Namespace) -> Iterator[Problem]:
-    """Yield errors and warnings of a file, and errors of all its variants."""
+    """Yield the errors and warnings of a file, and the errors of all its variants."""
     from physgen import pipeline
 
     for variant in variants_of(path, options):
@@ -143,7 +145,7 @@ def _problems_of_file(path: str, options: argparse.Namespace) -> Iterator[Proble
 
 
 def _count_text(problems: Iterable[Problem]) -> str:
-    """Return the counts of each kind as text."""
+    """Return the counts of problems by severity as text."""
     kinds = [problem.severity for problem in problems]
     parts = [
         f"{count} {kind.value}{'s' * (count != 1)}"
@@ -192,7 +194,9 @@ def simulate(options: argparse.Namespace) -> int:
 
 
 def _trajectory_kind(output: Path | None) -> str:
-    """Return `npz`, `csv` or `json` by the file's ending; refused before anything is computed or overwritten."""
+    """Return `npz`, `csv` or `json` by the file's suffix. Raise InputError before
+    anything is computed or overwritten.
+    """
     if output is None:
         return ""
     if output.suffix not in (".npz", ".csv", ".json") or output.is_dir():

@@ -1,4 +1,4 @@
-"""`sweep`: one scene with varying values to many clips and a table of outcomes."""
+"""Run `sweep`: render one scene with many values, and write a table of outcomes."""
 
 from __future__ import annotations
 
@@ -39,9 +39,11 @@ if TYPE_CHECKING:
 
 TABLE = "sweep.csv"
 TIMELESS = {"objects", "forces", "joints", "light"}
-"""Parts of a scene that change neither its number of frames nor a fixed duration."""
+"""Parts of a scene without influence on the number of frames or a fixed duration."""
 MOST_TRACKED = 32
-"""Objects with seven columns of outcomes each, at most, unless they are named."""
+"""Maximum number of objects with outcomes by default, because each has seven
+columns.
+"""
 
 
 def sweep(options: argparse.Namespace) -> int:
@@ -67,7 +69,7 @@ def sweep(options: argparse.Namespace) -> int:
 
 
 def _list_clips(plan: Sweep, options: argparse.Namespace) -> int:
-    """Print all clips with their values; nothing is made."""
+    """Print all clips with their values, and make none."""
     import csv
 
     rows = csv.writer(sys.stdout, lineterminator="\n")
@@ -102,7 +104,8 @@ def _make_sweep(
     if (out / TABLE).is_dir():
         raise Message.TABLE_IS_FOLDER.error("-o", f'"{out}"')
     out.mkdir(parents=True, exist_ok=True)
-    running: deque[Point] = deque()  # jobs end in the order in which they begin
+    # Jobs end in the order of their start, so that a queue matches results and points.
+    running: deque[Point] = deque()
     numbers = range(len(plan))[options.part or slice(None)]
     previews = Previews(plan, options)
 
@@ -119,7 +122,8 @@ def _make_sweep(
                 preview,
             )
 
-    if options.part:  # the table is written by the run that finds all clips
+    if options.part:
+        # A run with all clips writes the table, not a run of one part.
         return make_all(jobs(), len(numbers), options, gallery=False)
     with Table(out / TABLE, table) as rows:
 
@@ -142,7 +146,7 @@ def _make_sweep(
 
 
 class Previews:
-    """The edits that make previews of the points of a sweep."""
+    """Edits for previews of a sweep's points."""
 
     def __init__(self, plan: Sweep, options: argparse.Namespace) -> None:
         self._options = options
@@ -151,7 +155,9 @@ class Previews:
         self._shared: dict[str | None, tuple[str, ...]] = {}
 
     def edits(self, point: Point) -> tuple[str, ...]:
-        """Return the edits of a point; points of a variant share them if frames and duration are the same."""
+        """Return the edits of a point. Points of a variant share them if frames and
+        duration are equal.
+        """
         if point.variant in self._shared:
             return self._shared[point.variant]
         edits = preview_edits(

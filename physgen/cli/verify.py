@@ -1,4 +1,4 @@
-"""`verify`: renders clips again and compares them."""
+"""Run `verify`: render clips again and compare."""
 
 from __future__ import annotations
 
