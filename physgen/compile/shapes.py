@@ -1,7 +1,8 @@
 """Masks and written shapes of a scene: label map, fitted outlines, walls.
 
-Depends on no mass, coefficient, velocity or force: scenes that differ in these alone share one result. Fitted outlines
-are moved onto the boundary that they stand on: the two are often a pixel apart, and a pile would settle at t = 0.
+Shapes do not depend on masses, coefficients, velocities or forces, so that scenes with
+other values share one result. Fitted outlines are moved onto their boundary: the two
+are often a pixel apart, and a pile would settle at t = 0.
 """
 
 from __future__ import annotations
@@ -43,9 +44,11 @@ PixelMask = NDArray[np.bool_]
 def object_labels(
     scene: Scene, labels: U16 | None, written: list[Outline | None]
 ) -> U16:
-    """Return (H, W) ids by object: from masks.png, an outline or, with none of these, the written shape.
+    """Return the ids by object, (H, W): from masks.png, from an outline or, without
+    both, from the written shape.
 
-    `written` holds the outline of every explicit shape, None where it is fitted. Nearer layers win shared pixels.
+    `written` holds the outline of every explicit shape, None for a fitted one. Nearer
+    layers win shared pixels.
     """
     width, height = scene.size
     out = np.zeros((height, width), np.uint16)
@@ -78,7 +81,9 @@ def object_labels(
 def mask_pixels(
     mask: Mask | None, size: tuple[int, int], labels: U16 | None
 ) -> NDArray[np.bool_] | None:
-    """Return (H, W): what a mask covers; None where there is none, or an id without a map to be found in."""
+    """Return the pixels of a mask, (H, W); None without a mask, or for an id without a
+    label map.
+    """
     match mask:
         case MaskId(id=identity):
             return None if labels is None else np.asarray(labels == identity)
@@ -89,8 +94,11 @@ def mask_pixels(
 
 
 def fill_polygon(points: Points, size: tuple[int, int]) -> NDArray[np.bool_]:
-    """Return (H, W): pixels whose centre lies inside, by the even-odd rule."""
+    """Return the pixels with their centre inside a polygon, (H, W), by the even-odd
+    rule.
+    """
     canvas = np.zeros((size[1], size[0]), np.uint8)
+    # OpenCV takes fixed-point coordinates: 4 bits are 1/16 px.
     corners = np.rint(np.asarray(points) * 16).astype(np.int32)
     cv2.fillPoly(canvas, [corners], 1, lineType=cv2.LINE_8, shift=4)
     return canvas > 0
@@ -99,7 +107,9 @@ def fill_polygon(points: Points, size: tuple[int, int]) -> NDArray[np.bool_]:
 def _mask_problem(
     scene: Scene, path: str, item: Object | Boundary, mask: PixelMask | None
 ) -> Problem:
-    """Return the problem of a mask without a pixel; None for an id in a scene without a photo."""
+    """Return the problem of an empty mask; `mask` is None for an id in a scene without
+    a photo.
+    """
     mask_text = str(item.mask.id) if isinstance(item.mask, MaskId) else "it"
     message = Message.ID_WITHOUT_PHOTO if mask is None else Message.MASK_OF_NO_PIXEL
     return message.problem(scene.place(path), path, mask_text)
@@ -112,24 +122,27 @@ def _report_hidden_mask(scene: Scene, item: Object) -> Problem:
 
 @dataclass(frozen=True)
 class FittedOutlines:
-    """What the masks of objects and boundaries became, fitted together so that neighbours touch."""
+    """Outlines of the masks of objects and boundaries, fitted together so that
+    neighbours touch.
+    """
 
-    objects: dict[
-        int, Outline
-    ]  # by id in the objects' label map, those alone whose shape is fitted
-    walls: dict[
-        int, Region
-    ]  # by index in `Scene.boundaries`, those alone that are masks
-    scenery: PixelMask  # (H, W): pixels that show a boundary and no object
+    # By id in the objects' label map, only objects with a fitted shape.
+    objects: dict[int, Outline]
+    # By index in `Scene.boundaries`, only boundaries with a mask.
+    walls: dict[int, Region]
+    # Pixels (H, W) of a boundary without an object in front of it.
+    scenery: PixelMask
 
 
 def fit_masks(
     scene: Scene, labels: U16 | None, of_objects: U16, fitted: list[int]
 ) -> FittedOutlines:
-    """Return the outlines of the objects `fitted` and of every boundary that is a mask. Raises InputError.
+    """Return the outlines of the objects `fitted` and of every boundary with a mask.
+    Raise InputError.
 
-    A boundary shares its lines with what its mask touches. One whose mask lies across another's is fitted alone, as if
-    nothing stood before it: a hole in the shape of the object in front would be a trap around it.
+    A boundary shares its lines with the masks at its border. A boundary across another
+    mask is fitted alone, without a hole for the object in front of it: such a hole
+    would trap the object.
     """
     joint_labels = of_objects.astype(np.int32)
     shared_ids: dict[int, int] = {}
@@ -168,7 +181,9 @@ def fit_masks(
 
 
 def circle_corners(radius: float) -> Array:
-    """Return corners (K, 2) px for drawing, close enough that no chord is off by a twentieth of a pixel."""
+    """Return the corners (K, 2) px of a circle for drawing. The chords deviate by less
+    than 0.05 px.
+    """
     count = np.ceil(np.pi / np.arccos(max(0.0, 1 - 0.05 / max(radius, 0.1))))
     angle = np.arange(int(np.clip(count, 12, 360))) * (2 * np.pi)
     angle /= len(angle)
@@ -183,7 +198,9 @@ def outline_rings(outline: Outline) -> list[Array]:
 
 
 def solid_of(item: Boundary) -> tuple[tuple[Array, ...], tuple[Array, float] | None]:
-    """Return the convex pieces, and the centre and radius, of a boundary that is a solid shape."""
+    """Return the convex pieces, and centre and radius, of a boundary with a solid
+    shape.
+    """
     outline = None if item.shape is None else shape_outline(item.shape)
     if isinstance(outline, Disc):
         return (), (np.asarray(outline.center, np.float64), outline.radius)
@@ -191,7 +208,7 @@ def solid_of(item: Boundary) -> tuple[tuple[Array, ...], tuple[Array, float] | N
 
 
 def walls_of(scene: Scene, regions: dict[int, Region]) -> tuple[Wall, ...]:
-    """Return the boundaries as chains; `regions` are those of masks, by index."""
+    """Return the boundaries as chains. `regions` are the fitted masks, by index."""
     passing = passages(scene)
 
     def chains(k: int, item: Boundary) -> tuple[Array, ...]:
@@ -199,6 +216,7 @@ def walls_of(scene: Scene, regions: dict[int, Region]) -> tuple[Wall, ...]:
             outline = shape_outline(item.shape)
             assert outline is not None
             rings = outline_rings(outline)
+            # Repeat the first point, so that the chain is closed.
             return tuple(np.concatenate([ring, ring[:1]]) for ring in rings)
         if k not in regions:
             return (np.array(item.points, np.float64),)
@@ -221,18 +239,19 @@ def walls_of(scene: Scene, regions: dict[int, Region]) -> tuple[Wall, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Shapes:
-    """Of a scene's N objects, and of those of its boundaries that are masks."""
+    """Shapes of the N objects of a scene, and of its boundaries with masks."""
 
     written: tuple[Outline | None, ...]
-    """Outlines as the file or the assets have them; None where one is fitted."""
-    labels: U16  # (H, W): id k + 1 is the k-th object; 0 = background
+    """Outlines from the file or the assets; None for a fitted outline."""
+    # (H, W): id k + 1 is object k; 0 = background.
+    labels: U16
     fits: FittedOutlines
     wholes: tuple[Outline | None, ...] = ()
-    """With the parts that other objects hide, as the assets have them; None if none is known."""
+    """Outlines with hidden parts, from the assets; None if unknown."""
 
     @property
     def drawn(self) -> tuple[Outline, ...]:
-        """Return the outlines with their hidden parts, photo frame, for drawing."""
+        """Return the outlines with their hidden parts for drawing, photo frame."""
         wholes = self.wholes or (None,) * len(self.written)
         return tuple(
             outline if whole_outline is None else whole_outline
@@ -241,7 +260,7 @@ class Shapes:
 
     @property
     def outlines(self) -> tuple[Outline, ...]:
-        """Written or fitted, photo frame."""
+        """Return the written or fitted outlines, photo frame."""
         return tuple(
             self.fits.objects[k + 1] if it is None else it
             for k, it in enumerate(self.written)
@@ -249,7 +268,9 @@ class Shapes:
 
 
 def shapes_of(scene: Scene, labels: U16 | None) -> Shapes:
-    """Return the shapes; `labels` (H, W) is the photo's label map, None without one. Raise InputError."""
+    """Return the shapes. `labels` (H, W) is the photo's label map, None without one.
+    Raise InputError.
+    """
     written_outlines = [_written_outline(item, labels) for item in scene.objects]
     of_objects = object_labels(scene, labels, written_outlines)
     fits = fit_masks(
@@ -265,14 +286,17 @@ def shapes_of(scene: Scene, labels: U16 | None) -> Shapes:
 
 
 def mask_crc(labels: U16, id_: int) -> int:
-    """Return the CRC-32 of the pixels of an id, by which a stored outline knows its mask."""
+    """Return the CRC-32 of an id's pixels. A stored outline is valid for the mask with
+    the same CRC.
+    """
     return crc32(np.packbits(labels == id_).tobytes())
 
 
 def _written_outline(item: Object, labels: U16 | None) -> Outline | None:
-    """Return the outline of an explicit shape, or the one stored for its mask.
+    """Return the outline of an explicit shape, or the outline stored for the mask.
 
-    None if the outline must be fitted: no shape is given, or the mask was edited.
+    Return None if the outline must be fitted: no shape is given, or the mask was
+    edited.
     """
     shape: Shape | None = item.shape
     if isinstance(shape, Auto):
@@ -281,7 +305,7 @@ def _written_outline(item: Object, labels: U16 | None) -> Outline | None:
 
 
 def _stored_whole_outline(item: Object, labels: U16 | None) -> Outline | None:
-    """Return the whole outline that was stored for an object's mask if it is unchanged."""
+    """Return the stored whole outline of an object if its mask is unchanged."""
     shape = item.shape
     if not isinstance(shape, Auto) or shape.whole is None:
         return None
@@ -291,7 +315,7 @@ def _stored_whole_outline(item: Object, labels: U16 | None) -> Outline | None:
 
 
 def _stored_shape(shape: Auto, mask: Mask | None, labels: U16 | None) -> Shape | None:
-    """Return the shape that was stored for a mask if the mask is unchanged."""
+    """Return the stored shape of a mask if the mask is unchanged."""
     if not isinstance(mask, MaskId) or labels is None or shape.stored is None:
         return None
     is_unchanged = mask_crc(labels, mask.id) == shape.crc
@@ -299,15 +323,19 @@ def _stored_shape(shape: Auto, mask: Mask | None, labels: U16 | None) -> Shape |
 
 
 BAND = 2.0
-"""px between a mask's lowest points and the line that it stands on."""
+"""Maximum distance between the lowest points of a mask and its boundary, px."""
 LEVEL = 0.7
-"""Cosine of the angle between gravity and the normal of a line up to which objects stand on it."""
+"""Minimum cosine of the angle between a boundary's upward normal and the direction
+against gravity.
+"""
 
 
 def snapped_to_boundaries(
     scene: Scene, outlines: tuple[Outline, ...], fitted: list[bool]
 ) -> tuple[Outline, ...]:
-    """Return the outlines, those that were fitted brought onto the lines within reach of their lowest points."""
+    """Return the outlines; move fitted ones onto boundaries within reach of their
+    lowest points.
+    """
     lines = carrying_lines(scene) if any(fitted) else []
     if not lines:
         return outlines
@@ -318,7 +346,9 @@ def snapped_to_boundaries(
 
 
 def carrying_lines(scene: Scene) -> list[Line]:
-    """Return the boundaries' segments that carry objects; none seen from above."""
+    """Return the segments of boundaries that can carry objects, or none in a view from
+    above.
+    """
     gravity = np.array(scene.world.gravity, np.float64)
     strength = float(np.hypot(*gravity))
     if scene.world.view is View.TOP or strength == 0:
@@ -332,14 +362,16 @@ def carrying_lines(scene: Scene) -> list[Line]:
 
 
 class Line:
-    """A segment that carries: its start, the unit vector along it, its length, and its normal upwards."""
+    """A carrying segment: its start, the unit vector along it, its length, and its
+    upward normal.
+    """
 
     def __init__(self, start: Array, along: Array, length: float, up: Array) -> None:
         self.start, self.along, self.length, self.up = start, along, length, up
 
     @staticmethod
     def of(a: Array, b: Array, down: Array) -> Line | None:
-        """Return the line from `a` to `b` px; None if it is too steep to carry."""
+        """Return the line from `a` to `b` px, or None if it is too steep to carry."""
         length = float(np.hypot(*(b - a)))
         if length == 0:
             return None
@@ -349,7 +381,9 @@ class Line:
         return Line(a, direction, length, normal) if -(normal @ down) >= LEVEL else None
 
     def near(self, points: Array) -> tuple[NDArray[np.bool_], Array]:
-        """Which points lie along the segment, and the heights of all over its line."""
+        """Return which points lie along the segment, and the heights of all points over
+        its line, px.
+        """
         offsets = points - self.start
         distances = offsets @ self.along
         return (distances >= -BAND) & (
@@ -358,7 +392,7 @@ class Line:
 
 
 def stand_on_lines(outline: Outline, lines: list[Line]) -> Outline:
-    """Return the outline brought onto the lines within reach of its lowest points."""
+    """Return the outline on the lines within reach of its lowest points."""
     for line in lines:
         if isinstance(outline, Disc):
             is_along, height = line.near(outline.center[None])
@@ -369,6 +403,7 @@ def stand_on_lines(outline: Outline, lines: list[Line]) -> Outline:
         points = np.concatenate([ring.outer for ring in outline.rings])
         is_along, height = line.near(points)
         depths = height[is_along]
+        # An object beside a ledge, with its centre below, does not stand on it.
         is_above = (mass_properties(outline).center - line.start) @ line.up > BAND
         if is_above and len(depths) and -BAND <= depths.min() <= BAND:
             outline = Region(
@@ -381,7 +416,7 @@ def stand_on_lines(outline: Outline, lines: list[Line]) -> Outline:
 
 
 def _flatten(points: Array, line: Line) -> Array:
-    """Return the points within the band brought onto the line."""
+    """Return the points; move those within the band onto the line."""
     is_along, height = line.near(points)
     is_touching = is_along & (np.abs(height) <= BAND)
     new_points = points.copy()

@@ -1,4 +1,6 @@
-"""Warnings about a compiled scene: values that are allowed and probably not intended."""
+"""Warnings about a compiled scene: values that are allowed but probably not
+intended.
+"""
 
 from __future__ import annotations
 
@@ -48,61 +50,79 @@ Mask = NDArray[np.bool_]
 class WarningLimits:
     """Thresholds of warnings."""
 
-    away: float = 0.5  # px by which a view may be moved without anyone seeing it
-    reach: int = 5  # px beyond a mask's border that its soft coverage may reach
-    pairs: int = (
-        200  # overlapping pairs that are named, about; further ones are counted
-    )
-    overlap: float = (
-        0.25  # px of overlap at t = 0 that the engine resolves without anyone seeing it
-    )
+    # Invisible shift of a camera view, px.
+    away: float = 0.5
+    # Reach of soft coverage beyond a mask's border, px.
+    reach: int = 5
+    # Approximate number of named overlapping pairs; further ones are counted.
+    pairs: int = 200
+    # Overlap at t = 0 that the engine resolves invisibly, px.
+    overlap: float = 0.25
     near: float = 42 / 512
-    """Of the photo's longer side: around what is covered `background.png` need not be the photo; rims and contact
-    shadows are filled there."""
+    """Distance from covered pixels in which `background.png` may differ from the photo,
+    in longer sides of the photo: rims and contact shadows are filled there.
+    """
     over: int = 5
-    """px a side of the squares over which differences are averaged: what compression leaves of a photo is gone then."""
-    levels: int = (
-        8  # grey levels of such a mean from which on a pixel is not the photo's
-    )
-    least: int = (
-        64  # such pixels in one piece from which on a map counts as different: 8 x 8 px
-    )
+    """Side of the squares for mean differences, px. Artefacts of compression vanish in
+    the mean.
+    """
+    # Minimum mean difference of an edited pixel, grey levels.
+    levels: int = 8
+    # Minimum number of connected edited pixels: 8 x 8 px.
+    least: int = 64
     missed: float = 0.03
-    """Part of a mask that its shape may miss, or by which it may reach beyond what the photo shows of any object."""
+    """Maximum share of a mask outside its shape, or of a shape beyond every visible
+    object.
+    """
     seen: float = 0.08
-    """Of a mask's size (root of its area): how far it may reach beyond the hull of its shape.
+    """Maximum reach of a mask beyond the hull of its shape, in square roots of its
+    area.
 
-    The photo also shows a top, an inside or a rim nearer the lens."""
-    thin: int = 5  # px: threads and wires narrower than this need no shape
-    frames: int = 1800  # a minute of video at 30 a second: more is seldom meant
-    excluded: float = (
-        0.01  # part of a velocity at t = 0 that joints may change unnoticed
-    )
+    The photo also shows a top, an inside or a near rim.
+    """
+    # Maximum width of threads and wires without a shape, px.
+    thin: int = 5
+    # One minute of video at 30 frames a second: longer clips are seldom intended.
+    frames: int = 1800
+    # Invisible change of a start velocity by joints, as a share.
+    excluded: float = 0.01
     weak: float = 0.1
-    """Of the Earth's gravity: the Moon's is 0.17 of it; a weaker one is m/s² without the unit."""
+    """Minimum strength of gravity, in strengths on Earth. The Moon has 0.17; a weaker
+    value is m/s² without the unit.
+    """
     fall: float = 0.2
-    """px by which gravity moves an object within a step, from which on stacks sink by 0.4 px and more."""
+    """Maximum fall within one step, px. Beyond it, stacks sink by 0.4 px or more."""
     most_steps: float = 1e5
-    """1/s: steps that a scene may ask for."""
-    visible: float = 0.5  # px from the centre: a smaller object fills no pixel
-    draws: float = (
-        0.03  # s for a frame of 512 x 512 px and its files, about, on two cores of 2020
-    )
+    """Maximum number of steps to suggest, 1/s."""
+    # Minimum distance of the farthest point from the centre, px: a smaller object fills
+    # no pixel.
+    visible: float = 0.5
+    # Approximate time for a frame of 512 x 512 px and its files on two cores of 2020,
+    # s.
+    draws: float = 0.03
     support: float = 4.0
-    """px below an object in which its support must lie; outlines and floors of photos are off by as much."""
+    """Maximum gap between an object and its support, px. Outlines and floors of photos
+    deviate by as much.
+    """
 
 
 LIMITS = WarningLimits()
 PARTS = (1.0, 0.75, 0.5, 0.25, 0.125)
-"""Of the way down to its support, at which an object is tried; 0.5 px is less than any object's height."""
-TOUCH = 1e-6  # px of overlap that rounding makes of none
-SAMPLES = 32  # places along a boundary within an object at which its depth is taken
+"""Shares of the way down to the support for trial positions; the smallest, 0.5 px, is
+less than any object's height.
+"""
+# Overlap from rounding, px.
+TOUCH = 1e-6
+# Number of points along a boundary within an object for its depth.
+SAMPLES = 32
 
 
 def lint(
     scene: Scene, compiled: CompiledScene, maps: Percepts | None = None
 ) -> list[Problem]:
-    """Return every warning, sorted by place; those of the photo's maps where `maps` are given."""
+    """Return all warnings, sorted by place. With `maps`, also return those of the
+    photo's maps.
+    """
     rules = (
         _overlaps,
         _unsupported_objects,
@@ -126,12 +146,12 @@ def lint(
 def warning(
     scene: Scene, path: str, found: str, message: Message, **values: object
 ) -> Problem:
-    """Return a warning at the place where `path` was written."""
+    """Return a warning at the place of `path` in the file."""
     return message.warning(scene.place(path), path, found, **values)
 
 
 def _idle_striker(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
-    """Yield a warning of what comes into the picture and has nothing to push."""
+    """Yield a warning about a striking hand or finger that has nothing to push."""
     enter = scene.render.enter
     if enter is Striker.NONE:
         return
@@ -149,7 +169,9 @@ def _idle_striker(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
 
 
 def _without_effect(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
-    """Yield warnings of keys that a reader would expect to change the clip, and that do not."""
+    """Yield warnings about keys that a reader expects to change the clip, but that do
+    not.
+    """
     motion = {item.name: item.motion for item in scene.objects}
     if scene.world.table_friction > 0 and scene.world.view is not View.TOP:
         friction = f"{scene.world.table_friction:g}"
@@ -171,7 +193,7 @@ def _without_effect(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
 
 
 def _belts_without_table(scene: Scene) -> Iterator[Problem]:
-    """Yield warnings of belts and turntables that carry nothing."""
+    """Yield warnings about belts and turntables without a load."""
     is_from_above = scene.world.view is View.TOP
     if is_from_above and scene.world.table_friction > 0:
         return
@@ -184,7 +206,7 @@ def _belts_without_table(scene: Scene) -> Iterator[Problem]:
 def _object_keys_without_effect(
     scene: Scene, item: Object, body: Body
 ) -> Iterator[Problem]:
-    """Yield warnings of keys of one object that have no effect on its motion."""
+    """Yield warnings about keys of one object without effect on its motion."""
     path = f"objects.{item.name}"
     is_dynamic = item.motion is Motion.DYNAMIC
     is_from_above = scene.world.view is View.TOP
@@ -225,7 +247,7 @@ def _object_keys_without_effect(
 def _forces_without_effect(
     scene: Scene, compiled: CompiledScene, motion: Mapping[str, Motion]
 ) -> Iterator[Problem]:
-    """Yield warnings of forces on objects that cannot move, and of forces after the end."""
+    """Yield warnings about forces on fixed objects, and about forces after the end."""
     end = compiled.world.duration
     for k, force in enumerate(scene.forces):
         if motion[force.object] is not Motion.DYNAMIC:
@@ -246,7 +268,7 @@ def _forces_without_effect(
 def _gears_without_pins(
     scene: Scene, motion: Mapping[str, Motion]
 ) -> Iterator[Problem]:
-    """Yield warnings of gears of dynamic objects that nothing holds in place."""
+    """Yield warnings about gears of dynamic objects without a pin."""
     pinned_names = set[str]()
     for joint in scene.joints:
         if joint.kind in (JointKind.PIVOT, JointKind.MOTOR, JointKind.WELD):
@@ -268,7 +290,9 @@ def _gears_without_pins(
 
 
 def _excluded_starts(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
-    """Yield warnings of velocities at t = 0 that joints exclude, with those that they allow."""
+    """Yield warnings about velocities at t = 0 that joints exclude, with the allowed
+    velocities.
+    """
     world = compiled.world
     if not world.joints:
         return
@@ -277,6 +301,7 @@ def _excluded_starts(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]
         if body.motion is not Motion.DYNAMIC or not (any(item.velocity) or item.spin):
             continue
         change = allowed_velocities[k] - (*body.velocity, body.spin)
+        # A spin counts as the speed of the farthest point, so that both have one unit.
         speed = float(np.hypot(*body.velocity)) + abs(body.spin) * body.reach
         change_size = float(np.hypot(*change[:2])) + abs(change[2]) * body.reach
         if change_size <= LIMITS.excluded * speed:
@@ -292,7 +317,7 @@ def _excluded_starts(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]
 
 
 def _weak_gravity(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
-    """Yield warnings of gravity without a unit that is too weak to be meant in px/s²."""
+    """Yield warnings about gravity without a unit, if it is too weak for px/s²."""
     world = scene.world
     strength = float(np.hypot(*world.gravity)) / world.pixels_per_meter
     is_stated = "world.gravity" in scene.places and not world.gravity_in_units
@@ -312,12 +337,13 @@ def _weak_gravity(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
 
 
 def _coarse_steps(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
-    """Steps in which gravity moves objects so far that stacks sink or fall."""
+    """Yield warnings about steps with such a long fall that stacks sink or collapse."""
     world = compiled.world
     strength = float(np.hypot(*world.gravity))
     fall = strength / world.steps_per_second**2
     if fall <= LIMITS.fall:
         return
+    # Suggest a round number of steps.
     steps = 100 * ceil(sqrt(strength / LIMITS.fall) / 100)
     message = Message.STEPS_COARSE
     if steps > LIMITS.most_steps:
@@ -327,7 +353,7 @@ def _coarse_steps(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
 
 
 def _invisible(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
-    """Yield warnings of objects smaller than a pixel, as sizes in meters are."""
+    """Yield warnings about objects smaller than a pixel, a sign of sizes in metres."""
     for item, body in zip(scene.objects, compiled.world.bodies, strict=True):
         if body.reach >= LIMITS.visible:
             continue
@@ -337,7 +363,7 @@ def _invisible(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
 
 
 def _outdated_values(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
-    """Yield warnings of numbers that follow a label or a scale, where the file still has those for another."""
+    """Yield warnings about numbers that belong to an earlier label or scale."""
     record, scale = scene.record, scene.world.pixels_per_meter
     stated = "world.pixels_per_meter" in scene.places
     if stated and record.scale is not None and not equal(record.scale, scale):
@@ -365,7 +391,7 @@ def _outdated_values(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]
 
 
 def _long(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
-    """Yield the warning of a clip of many frames, which takes long."""
+    """Yield a warning about a slow clip with many frames."""
     frames, (width, height) = len(compiled.world.times), scene.video_size
     if frames > LIMITS.frames:
         minutes = frames * LIMITS.draws * max(width * height / 512**2, 1) / 60
@@ -381,7 +407,9 @@ def _long(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
 
 
 def _views(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
-    """Yield warnings of views of the camera that would leave the photo, or that are reached when the clip is over."""
+    """Yield warnings about camera views beyond the photo's border, or after the end of
+    the clip.
+    """
     for index, sight in enumerate(scene.render.camera):
         path = "render.camera"
         if f"{path}[{index}]" in scene.places:
@@ -408,9 +436,11 @@ def _views(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
 
 
 def maps_cover_masks(maps: Percepts, labels: U16, scenery: Mask) -> bool:
-    """Return whether what was stored of coverage and background was made for masks like the scene's.
+    """Return whether the stored coverage and background belong to masks like the
+    scene's.
 
-    `labels` (H, W) are the scene's objects, 0 = none; `scenery` (H, W) are pixels that show a boundary.
+    `labels` (H, W) are the scene's objects, 0 = none; `scenery` (H, W) are boundary
+    pixels.
     """
     if ((labels > 0) & (maps.cut_out == 0)).any():
         return False
@@ -423,9 +453,11 @@ def maps_cover_masks(maps: Percepts, labels: U16, scenery: Mask) -> bool:
 def photo_differs(
     scene: Scene, compiled: CompiledScene, maps: Percepts | None
 ) -> Iterator[Problem]:
-    """Yield the warning of a photo edited after its maps were made: the clip shows `background.png`.
+    """Yield a warning about a photo with edits after its maps were made: the clip shows
+    `background.png`.
 
-    Where `clean.png` is more like the photo than like the background, the background was painted on purpose.
+    No warning comes for pixels that differ less from `clean.png` than from the
+    background: there, somebody painted the background on purpose.
     """
     if (
         maps is None
@@ -434,14 +466,14 @@ def photo_differs(
         or scene.image is None
     ):
         return
-    if not maps_cover_masks(
-        maps, compiled.labels, compiled.scenery
-    ):  # it is made anew, of the photo
+    # The pipeline then makes a new background from the photo.
+    if not maps_cover_masks(maps, compiled.labels, compiled.scenery):
         return
     background_mask = ~_grow(
         (maps.coverage > 0) | (maps.cut_out > 0) | (compiled.labels > 0),
         round(LIMITS.near * max(scene.size)),
     )
+    # Equal maps are the common case, and quick to test.
     if (
         cv2.norm(
             maps.rgb, maps.background, cv2.NORM_INF, background_mask.astype(np.uint8)
@@ -459,7 +491,8 @@ def photo_differs(
             clean_difference
         ).sum(axis=2)
     _, ids, stats, _ = cv2.connectedComponentsWithStats(differs.astype(np.uint8))
-    large = stats[:, cv2.CC_STAT_AREA] >= LIMITS.least  # compression leaves specks
+    # Compression leaves specks.
+    large = stats[:, cv2.CC_STAT_AREA] >= LIMITS.least
     large[0] = False
     rows, columns = np.nonzero(large[ids])
     if len(rows):
@@ -472,7 +505,9 @@ def photo_differs(
 
 
 def _doubtful(scene: Scene, maps: Percepts | None) -> Iterator[Problem]:
-    """Yield warnings of doubtful ids that no region has, or an object."""
+    """Yield warnings about ids of doubtful regions without pixels, or with an
+    object.
+    """
     owners, named_ids = (
         {
             name: entry["mask"]
@@ -497,14 +532,18 @@ def _doubtful(scene: Scene, maps: Percepts | None) -> Iterator[Problem]:
 
 
 def _mean_difference(one: U8, other: U8, within: Mask) -> NDArray[np.int16]:
-    """Return (H, W, 3) grey levels from the other picture to the one, means over squares of what is `within`."""
+    """Return the difference of two pictures, (H, W, 3) grey levels, as means over
+    squares of the pixels `within`.
+    """
     difference = cv2.subtract(one, other, dtype=cv2.CV_16S)
     difference[~within] = 0
     return np.asarray(cv2.blur(difference, (LIMITS.over, LIMITS.over)), np.int16)
 
 
 def _grow(mask: Mask, by: int) -> Mask:
-    """Return (H, W): the mask and all within `by` px of it, along rows, columns and diagonals."""
+    """Return the mask with all pixels within `by` px along rows, columns and diagonals,
+    (H, W).
+    """
     return np.asarray(
         cv2.dilate(mask.astype(np.uint8), np.ones((2 * by + 1, 2 * by + 1), np.uint8))
         > 0
@@ -512,7 +551,7 @@ def _grow(mask: Mask, by: int) -> Mask:
 
 
 def _missed_masks(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
-    """Yield warnings of written shapes that differ from the object's mask."""
+    """Yield warnings about written shapes that differ from the object's mask."""
     shapes = zip(scene.objects, compiled.shapes.written, strict=True)
     for k, (item, outline) in enumerate(shapes):
         mask = compiled.labels == k + 1
@@ -535,9 +574,11 @@ def _missed_masks(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
 def _shape_differences(
     item: Object, outline: Outline, mask: Mask, compiled: CompiledScene
 ) -> tuple[Mask, Mask]:
-    """Return the part of a mask outside of its shape, and the part of the shape where the photo shows something else.
+    """Return the part of a mask outside its shape, and the part of the shape over other
+    things in the photo.
 
-    `mask` is (H, W) bool; the results are cut to the surroundings of mask and shape.
+    `mask` is (H, W) bool. The results are cropped to the surroundings of mask and
+    shape.
     """
     reach = LIMITS.seen * np.count_nonzero(mask) ** 0.5
     hull = outline_shape(outline).convex_hull.buffer(reach)
@@ -546,7 +587,7 @@ def _shape_differences(
     cover, (x0, y0) = coverage_box(outline, (0, 0, width, height))
     x1, y1 = x0 + cover.shape[1], y0 + cover.shape[0]
     x, y, w, h = cv2.boundingRect(mask.astype(np.uint8))
-    # a spike without area is a part of the coverage's box and not of the hull
+    # A spike without area belongs to the coverage's box but not to the hull.
     extent = np.concatenate([corners, [[x0, y0], [x1, y1], [x, y], [x + w, y + h]]])
     left, top = np.maximum(extent.min(axis=0) - LIMITS.thin, 0).tolist()
     right, bottom = (extent.max(axis=0) + LIMITS.thin).tolist()
@@ -558,13 +599,15 @@ def _shape_differences(
     occupied = compiled.labels[window] > 0
     occupied |= compiled.scenery[window] | _fill_holes(mask)
     if isinstance(item.shape, Auto):
-        # perception lays a flat base under what the photo shows from above
+        # Perception adds a flat base below objects seen from above.
         occupied |= np.logical_or.accumulate(mask, axis=0)
     return mask & (inside_hull == 0), (cover >= 0.5) & ~occupied[box]
 
 
 def _opened_area(mask: Mask) -> float:
-    """Return the area of a mask without thin parts, px²; 0 for a shape beyond the picture."""
+    """Return the area of a mask without thin parts, px²; 0 for a shape outside the
+    picture.
+    """
     if not mask.size:
         return 0.0
     kernel = np.ones((LIMITS.thin, LIMITS.thin), np.uint8)
@@ -573,7 +616,8 @@ def _opened_area(mask: Mask) -> float:
 
 
 def _fill_holes(mask: Mask) -> Mask:
-    """Return (H, W): the mask with its holes, such as the one of a handle."""
+    """Return the mask without holes, such as the hole of a handle, (H, W)."""
+    # A border of background connects all outside regions for one flood fill.
     outside = np.pad((~mask).astype(np.uint8), 1, constant_values=1)
     cv2.floodFill(outside, None, (0, 0), 2)
     return np.asarray(outside[1:-1, 1:-1] != 2)
@@ -582,7 +626,7 @@ def _fill_holes(mask: Mask) -> Mask:
 def _overlaps(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
     shapes = [outline_shape(outline) for outline in compiled.outlines]
     tree = shapely.STRtree(shapes)
-    # a wheel may lie before the car that it is joined to
+    # A wheel may lie in front of its car.
     joined_pairs = {
         frozenset(joint.objects) for joint in scene.joints if not joint.collide
     }
@@ -590,6 +634,7 @@ def _overlaps(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
     for i, item in enumerate(scene.objects):
         path = f"objects.{item.name}.shape"
         neighbours = tree.query(shapes[i])
+        # Earlier objects only, so that each pair is named once.
         neighbours = np.sort(neighbours[neighbours < i])
         if named_count >= LIMITS.pairs:
             left_out += len(neighbours)
@@ -628,7 +673,9 @@ def _overlaps(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
 
 
 def depth_across(shape: shapely.Geometry, wall: shapely.LineString) -> float:
-    """How far a shape reaches across a wall, px: the greatest distance of the wall within it from its border."""
+    """Return the depth of a shape across a wall, px: the greatest distance from the
+    wall's part inside the shape to its border.
+    """
     inside = shape.intersection(wall)
     if inside.length == 0:
         return 0.0
@@ -638,13 +685,14 @@ def depth_across(shape: shapely.Geometry, wall: shapely.LineString) -> float:
     return float(shapely.distance(points, shape.boundary).max())
 
 
-# Support
+# ---- support
 
 
 def supports(scene: Scene, compiled: CompiledScene) -> list[list[str]]:
-    """Return the names of what each object meets on its way down; all empty without gravity in the photo's plane.
+    """Return the names of the objects and boundaries in each object's way down; all
+    empty without gravity in the photo's plane.
 
-    What only touches an object's side is no support.
+    A contact at an object's side only is not a support.
     """
     gravity = compiled.world.gravity
     if scene.world.view is View.TOP or not gravity.any():
@@ -661,6 +709,7 @@ def supports(scene: Scene, compiled: CompiledScene) -> list[list[str]]:
 
     def met(i: int) -> list[str]:
         lowered_shapes = (translate(shapes[i], *(down * part)) for part in PARTS)
+        # The shrunken region leaves out neighbours with a common side.
         way = shapely.union_all(list(lowered_shapes)).buffer(-TOUCH)
         hits = sorted(int(k) for k in others.query(way, "intersects") if k != i)
         return list(dict.fromkeys(names[k] for k in hits))
@@ -669,7 +718,9 @@ def supports(scene: Scene, compiled: CompiledScene) -> list[list[str]]:
 
 
 def _unsupported_objects(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
-    """Objects of a photo, at rest where they are in it, with nothing under them or under what they are joined to."""
+    """Yield warnings about objects of a photo at rest without a support below them or
+    below their joined partners.
+    """
     if (
         scene.image is None
         or scene.world.view is View.TOP
@@ -690,10 +741,13 @@ def _unsupported_objects(scene: Scene, compiled: CompiledScene) -> Iterator[Prob
 
 
 def _joined_groups(scene: Scene) -> list[set[int]]:
-    """Return the dynamic objects that joints hold together; those that are held to what does not fall are left out."""
+    """Return the groups of dynamic objects with joints between them, without groups
+    that hang on fixed things.
+    """
     index = {item.name: k for k, item in enumerate(scene.objects)}
     root = list(range(len(scene.objects) + 1))
-    world_index = len(scene.objects)  # the world, and all that stands in it
+    # The world and all fixed objects.
+    world_index = len(scene.objects)
 
     def find(k: int) -> int:
         while root[k] != k:
