@@ -56,7 +56,7 @@ NEEDED = {
     "belt": "velocity",
     "turntable": "spin",
 }
-"""Kind of a joint or field -> the key without which it has no effect."""
+"""Kind of a joint or field -> its required key, without which it has no effect."""
 
 OWNER = {
     **dict.fromkeys(("stiffness", "damping"), ("spring", "finger")),
@@ -75,19 +75,19 @@ OWNER = {
     "velocity": ("belt",),
     "spin": ("turntable",),
 }
-"""Key of a joint or field -> the only kinds that it belongs to."""
+"""Key of a joint or field -> the only kinds with this key."""
 
 MOST_GROUPS = 32
-"""Collision groups: the engine has a bit for each."""
+"""Maximum number of collision groups: the engine has a bit for each."""
 
 SAME_POINT = 1e-9
-"""px: to what a float of 10^6 px resolves."""
+"""Maximum distance of equal points, px: the resolution of a float at 10^6 px."""
 
 
 def check_groups(
     tree: CheckedTree,
 ) -> None:
-    """Add problems of collision groups that nothing has, and of friction that grows with sliding."""
+    """Report unknown collision groups, and friction that grows during sliding."""
     names: dict[str, None] = {MAIN_GROUP: None}
     listings: list[tuple[Node, KeyPath]] = []
     for section in ("objects", "boundaries"):
@@ -107,7 +107,7 @@ def check_groups(
 def _check_group_names(
     tree: CheckedTree, listings: list[tuple[Node, KeyPath]], names: list[str]
 ) -> None:
-    """Add problems of groups that nothing has, and of more groups than the engine knows."""
+    """Report unknown groups, and more groups than the engine has bits."""
     for group, where in listings:
         if str(group.value) not in names and group not in tree.findings.bad:
             fix = one_of(str(group.value), names)
@@ -124,7 +124,7 @@ def _check_group_names(
 
 
 def _check_one_way(tree: CheckedTree, good: dict[str, Node], path: KeyPath) -> None:
-    """Add a problem if a way has no direction."""
+    """Report a one-way direction of zero."""
     way = good.get("one_way")
     if way is not None and not any(number_of(one) for one in items(way)):
         key: KeyPath = (*path, "one_way")
@@ -134,7 +134,7 @@ def _check_one_way(tree: CheckedTree, good: dict[str, Node], path: KeyPath) -> N
 def _check_static_friction(
     tree: CheckedTree, good: dict[str, Node], path: KeyPath
 ) -> None:
-    """Add a problem if what slides has more friction than what does not."""
+    """Report a static friction below the sliding friction."""
     node = good.get("static_friction")
     if node is None:
         return
@@ -154,7 +154,9 @@ def _check_static_friction(
 def check_forces(
     tree: CheckedTree,
 ) -> None:
-    """Add problems of forces: unknown objects, kinds, keys without an effect, and times."""
+    """Report faults of forces: unknown objects, kinds, keys without effect,
+    and times.
+    """
     for index, node in enumerate(items(tree.top.get("forces"))):
         if not isinstance(node.value, dict):
             continue
@@ -180,7 +182,7 @@ def check_forces(
 
 
 def check_joints(tree: CheckedTree, section: str) -> None:
-    """Add problems of the joints, or of the fields, of a scene: `section` is a key of KINDS."""
+    """Report faults of the joints or fields of a scene. `section` is a key of KINDS."""
     for name, node in children(tree.root, section).items():
         path: KeyPath = (section, name)
         bad, objects = tree.findings.bad, items(children(node).get("objects"))
@@ -205,7 +207,7 @@ def check_joints(tree: CheckedTree, section: str) -> None:
 
 
 def _check_magnet(tree: CheckedTree, node: Node, path: KeyPath) -> None:
-    """Add problems of the names of a magnet."""
+    """Report faults of a magnet's names."""
     parts, good = children(node), tree.valid_keys(node)
     names = items(good.get("magnet"))
     for index, item in enumerate(names):
@@ -220,7 +222,7 @@ def _check_magnet(tree: CheckedTree, node: Node, path: KeyPath) -> None:
 
 
 def _check_finger(tree: CheckedTree, node: Node, path: KeyPath) -> None:
-    """Add problems of the knots of a finger, and of one on two objects."""
+    """Report faults of a finger's knots, and a finger on two objects."""
     parts, good = children(node), tree.valid_keys(node)
     before: Any = None
     for index, knot in enumerate(items(good.get("finger"))):
@@ -245,7 +247,7 @@ def _check_finger(tree: CheckedTree, node: Node, path: KeyPath) -> None:
 def _check_joint(
     tree: CheckedTree, node: Node, path: KeyPath, names: list[Any]
 ) -> None:
-    """Add problems of a gear of one object, a rail without length, and a drive that is missing."""
+    """Report a gear on one object, a rail without length, and a missing drive."""
     parts, good = children(node), tree.valid_keys(node)
     if "gear" in parts and len(names) == 1:
         place = parts["objects"].place
@@ -263,7 +265,7 @@ def _check_joint(
 
 
 def _check_joint_ends(tree: CheckedTree, good: dict[str, Node], path: KeyPath) -> None:
-    """Add a problem if a rail or a pulley's rope has no length."""
+    """Report a rail or a rope without length."""
     has_length = "length" in good and number_of(good["length"]) > 0
     for kind in ("slider", "pulley", "rope"):
         if kind == "rope" and has_length:
@@ -277,7 +279,7 @@ def _check_joint_ends(tree: CheckedTree, good: dict[str, Node], path: KeyPath) -
 
 
 def _check_rope(tree: CheckedTree, good: dict[str, Node], path: KeyPath) -> None:
-    """Add a problem if a rope is shorter than the way between its points."""
+    """Report a rope shorter than the distance of its points."""
     for kind in ("rope", "pulley"):
         if kind not in good or "length" not in good:
             continue
@@ -296,14 +298,17 @@ def _check_rope(tree: CheckedTree, good: dict[str, Node], path: KeyPath) -> None
 def _find_kind(
     tree: CheckedTree, node: Node, path: KeyPath, kinds: tuple[str, ...]
 ) -> str | None:
-    """Return the one kind that a mapping has; a problem where it has none or several."""
+    """Return the only kind of a mapping. Report a mapping without a kind, or with
+    several.
+    """
     given = [key for key in kinds if key in children(node)]
     if len(given) == 1:
         return given[0]
     known = find_schema_part(f"{path[0]}.*" if path[0] in KINDS else "forces")
     known = known.get("items", known)["properties"]
     if not given and any(key not in known for key in children(node)):
-        return None  # the message about the unknown key lists the kinds
+        # The message about the unknown key lists the kinds.
+        return None
     content = f"has {listed(given, 'and')}" if given else f"has no {listed(kinds)}"
     problem = Message.NOT_ONE_KEY.problem(
         node.place, path, content=content, kinds=listed(kinds, "and")
@@ -313,7 +318,9 @@ def _find_kind(
 
 
 def _check_kind(tree: CheckedTree, node: Node, path: KeyPath, section: str) -> None:
-    """A joint or a field has exactly one kind, the key that it needs, and none of other kinds."""
+    """Report a joint or field unless it has one kind, the required key of the kind, and
+    no keys of other kinds.
+    """
     kind = _find_kind(tree, node, path, KINDS[section])
     if kind is None:
         return
@@ -331,13 +338,13 @@ def _check_kind(tree: CheckedTree, node: Node, path: KeyPath, section: str) -> N
 
 
 def _report_no_effect(tree: CheckedTree, node: Node, path: KeyPath, why: str) -> None:
-    """Add the problem of a key without an effect."""
+    """Report a key without effect."""
     message = Message.HAS_NO_EFFECT
     tree.report(message.problem(node.key_place, path, why=why))
 
 
 def _a(word: str) -> str:
-    """Return a word with its article; substances have none."""
+    """Return a word with its article. Substances have none."""
     if word in ("air", "water", "wind"):
         return word
     return f"{'an' if word[0] in 'aeiou' else 'a'} {word}"

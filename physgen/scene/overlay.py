@@ -1,7 +1,8 @@
-"""Trees -> one tree: what a file inherits (deep merge), and edits by dotted key (variants and `--set`).
+"""Combine trees: inheritance (deep merge), and edits by dotted key (variants and
+`--set`).
 
-The order is extends < file < variant < --set. Trees are never changed: each step shares what it leaves alone,
-so a Node that was checked once needs no second check.
+The order is extends < file < variant < --set. Trees are never changed: each step shares
+unchanged nodes, so that a checked Node needs no second check.
 """
 
 from __future__ import annotations
@@ -18,17 +19,19 @@ from physgen.scene.schema import schema_at
 from physgen.text import KeyPath, counted, dotted, nearest, quoted
 
 SEALED = ("extends", "variants")
-"""Keys that no edit may touch: they are done with before edits apply."""
+"""Keys forbidden in edits: they are resolved before edits apply."""
 
 NAMED = ("objects", "boundaries", "joints", "fields", "variants")
-"""Sections whose keys are names that the file's author chose."""
+"""Sections with names as keys."""
 
 _PART = re.compile(r"([^.\[\]]+)((?:\[(?:\d{1,9}|\*)\])*)(?:\.|$)")
 
 
 @cache
 def rivals(schema_path: KeyPath) -> Mapping[str, frozenset[str]]:
-    """Key -> keys of the same mapping that it rules out: mass and density, kinds of shape, mask and wall."""
+    """Return excluded keys of the same mapping by key: mass and density, kinds of
+    shape, mask and wall.
+    """
     part = schema_at(schema_path)
     if part is None:
         return {}
@@ -39,7 +42,9 @@ def rivals(schema_path: KeyPath) -> Mapping[str, frozenset[str]]:
 
 
 def kind_of(path: KeyPath) -> KeyPath:
-    """Return the path with names of objects, boundaries and the like made one, so that `rivals` is asked for few."""
+    """Return the path with one common name for objects, boundaries and so on, so that
+    the cache of `rivals` stays small.
+    """
     return tuple(
         0 if isinstance(key, int) else "*" if n == 1 and path[0] in NAMED else key
         for n, key in enumerate(path)
@@ -47,9 +52,10 @@ def kind_of(path: KeyPath) -> KeyPath:
 
 
 def merge(base: Node, over: Node, path: KeyPath = ()) -> Node:
-    """Merge `over` into `base`: mappings merge, anything else replaces, null removes an inherited key.
+    """Merge `over` into `base`: mappings merge, other values replace, null removes an
+    inherited key.
 
-    A key of `over` drops the inherited keys that it rules out.
+    A key of `over` drops the inherited keys that it excludes.
     """
     if not isinstance(base.value, dict) or not isinstance(over.value, dict):
         return over
@@ -70,7 +76,8 @@ def merge(base: Node, over: Node, path: KeyPath = ()) -> Node:
 
 
 def parse_key(text: str) -> KeyPath | None:
-    """Return the parts of `objects.*.mass` or `forces[0].impulse[1]`, None for no dotted key.
+    """Return the parts of `objects.*.mass` or `forces[0].impulse[1]`, or None for
+    another text.
 
     >>> parse_key("forces[0].impulse[*]")
     ('forces', 0, 'impulse', '[*]')
@@ -79,6 +86,7 @@ def parse_key(text: str) -> KeyPath | None:
     position = 0
     while position < len(text):
         match = _PART.match(text, position)
+        # A limit on the parts bounds the recursion of edits.
         if not match or len(parts) > 60:
             return None
         parts.append(match[1])
@@ -89,18 +97,18 @@ def parse_key(text: str) -> KeyPath | None:
 
 
 class Edit:
-    """One dotted key and the value that it sets; `key_node` is where messages about the key point."""
+    """One dotted key and its new value."""
 
     def __init__(self, key: str, value: Node, path: KeyPath) -> None:
         self.key, self.value, self.path = key, value, path
 
     @property
     def variant(self) -> str:
-        """Return the name of the variant that the edit belongs to, or nothing."""
+        """Return the name of the edit's variant, or ""."""
         return str(self.path[1]) if self.path else ""
 
     def error(self, refusal: RefusedError) -> InputError:
-        """Return the error of an edit that cannot be made."""
+        """Return the error of an impossible edit."""
         path = self.key if self.variant else ""
         problem = refusal.problem(self.value.key_place, path)
         return InputError([replace(problem, variant=self.variant)])
@@ -115,7 +123,9 @@ def edits_of_variant(variant: Node, name: str) -> list[Edit]:
 
 
 def edit_of_flag(text: str, folder: Source) -> Edit:
-    """Return the edit of `KEY=VALUE` of one `--set`; an empty VALUE is null and removes the key."""
+    """Return the edit of `KEY=VALUE` of one `--set`. An empty VALUE is null and removes
+    the key.
+    """
     source = Source(quoted(f"--set {text}", "", 80), folder.folder)
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
@@ -125,9 +135,10 @@ def edit_of_flag(text: str, folder: Source) -> Edit:
 
 
 def apply(root: Node, edit: Edit) -> Node:
-    """Return the tree with the value at the edit's key set; parents that are missing are made.
+    """Return the tree with the new value at the edit's key. Missing parents are
+    created.
 
-    Raises InputError with one problem when the key is wrong.
+    Raise InputError with one problem for a wrong key.
     """
     path = parse_key(edit.key)
     if path is None:
@@ -143,19 +154,21 @@ def apply(root: Node, edit: Edit) -> Node:
 def _set(
     node: Node | None, path: KeyPath, depth: int, edit: Edit, star: bool, at: KeyPath
 ) -> Node:
-    """Return the node with path[depth:] set to the edit's value. `at` is where we are in the scene."""
+    """Return the node with the edit's value at path[depth:]. `at` is the current path
+    in the scene.
+    """
     if depth == len(path):
         return edit.value
     step = path[depth]
     no_mapping = node is None or isinstance(node.value, list)
     if no_mapping and isinstance(step, str) and step.isdecimal():
-        step = int(step[:9])  # pivot.0 says the same as pivot[0]
+        # `pivot.0` means the same as `pivot[0]`.
+        step = int(step[:9])
         path = (*path[:depth], step, *path[depth + 1 :])
     if isinstance(step, int) or step == "[*]":
         default = (schema_at(kind_of(at)) or {}).get("default")
-        if (
-            node is None and isinstance(default, list) and default
-        ):  # so that velocity.0 alone can be set
+        # The default of a list makes single components possible, as in `velocity.0`.
+        if node is None and isinstance(default, list) and default:
             node = edit.value.with_value(
                 [edit.value.with_value(item) for item in default]
             )
@@ -190,7 +203,7 @@ def _put(
     star: bool,
     at: KeyPath,
 ) -> None:
-    """Sets or removes one key of a mapping that is being made."""
+    """Set or remove one key of a new mapping."""
     last = depth + 1 == len(path)
     if last and edit.value.value is None:
         if key in changed:
@@ -201,10 +214,11 @@ def _put(
             path_text = dotted((*at, key))
             raise edit.error(Message.NOTHING_TO_REMOVE.refusal(path=path_text, fix=fix))
         return
+    # `objects.new.shape` starts a new object.
     may_begin = not last and path[depth + 1] in (
         "shape",
         "mask",
-    )  # objects.new.shape makes one
+    )
     if at == ("objects",) and not last and key not in changed and not may_begin:
         fix = _name_advice(key, list(changed))
         raise edit.error(Message.NO_OBJECT_CALLED.refusal(name=quoted(key), fix=fix))
@@ -215,7 +229,7 @@ def _put(
 
 
 def _name_advice(name: str, known: Sequence[str]) -> str:
-    """Return which object to name in place of an unknown one."""
+    """Return advice on the right name for an unknown object."""
     close = nearest(name, known)
     if close:
         return did_you_mean(close)
@@ -248,7 +262,7 @@ def _set_item(
 
 
 def targets(root: Node, edit: Edit) -> int:
-    """Return the number of places at which an edit sets its value; a place that is made counts as one."""
+    """Return the number of places of an edit. A new place counts as one."""
     nodes: list[Node | None] = [root]
     for step in parse_key(edit.key) or ():
         if step in ("*", "[*]"):
@@ -265,7 +279,7 @@ def targets(root: Node, edit: Edit) -> int:
 
 
 def variants_of(root: Node) -> Iterator[tuple[str, Node]]:
-    """Name and mapping of every variant that is one."""
+    """Yield the name and mapping of every variant."""
     entries = root.value.get("variants") if isinstance(root.value, dict) else None
     if entries is not None and isinstance(entries.value, dict):
         for name, variant in entries.value.items():

@@ -24,7 +24,7 @@ from physgen.text import KeyPath, number, shown
 def check_render(
     tree: CheckedTree,
 ) -> None:
-    """Add problems of `render`: keys that exclude each other, the size, and the cameras."""
+    """Report faults of `render`: exclusive keys, the size, and the cameras."""
     node = tree.top.get("render")
     if node is None:
         return
@@ -61,7 +61,7 @@ def check_render(
 def _check_exclusive(
     tree: CheckedTree, node: Node, path: KeyPath, schema_path: str
 ) -> None:
-    """Report keys that exclude each other."""
+    """Report exclusive keys of one mapping."""
     parts = children(node)
     for group in find_schema_part(schema_path)["x-exclusive"]:
         first, *rest = [key for key in group if key in parts] or [""]
@@ -71,7 +71,7 @@ def _check_exclusive(
 
 
 def _check_video_size(tree: CheckedTree, good: dict[str, Node]) -> None:
-    """Report a video that is larger than a photo may be."""
+    """Report a video with more pixels than a photo may have."""
     scale, size, photo = good.get("scale"), good.get("size"), tree.ground.size
     if photo is None:
         return
@@ -117,7 +117,7 @@ def _check_in_photo(
 def check_refine(
     tree: CheckedTree,
 ) -> None:
-    """Report an unknown backend, and a strength that leaves no step to run."""
+    """Report an unknown backend, and a strength without a step to run."""
     parts = tree.valid_keys(tree.top.get("refine"))
     backend = parts.get("backend")
     if backend is None or backend.value == "none":
@@ -152,7 +152,7 @@ def check_refine(
 def check_light(
     tree: CheckedTree,
 ) -> None:
-    """Add the problem of a light without a direction."""
+    """Report a light without a direction."""
     direction = tree.valid_keys(tree.top.get("light")).get("direction")
     if direction is not None and not any(item.value for item in items(direction)):
         fix = advice(find_schema_part("light.direction"))
@@ -161,7 +161,7 @@ def check_light(
 
 
 def check_map_range(tree: CheckedTree, name: str, node: Node) -> None:
-    """Add the problem of a range of a map whose ends are not in order."""
+    """Report a range of a map with unordered ends."""
     if node in tree.findings.bad:
         return
     low, high = point_of(node)

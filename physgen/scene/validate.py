@@ -1,7 +1,9 @@
-"""Checks a scene document against the JSON Schema; every problem has its line and its fix.
+"""Check a scene document against the JSON Schema. Every problem has its line and its
+fix.
 
-The library `jsonschema` finds what is wrong. Here each of its errors becomes a message in the words of the schema:
-where it is, what was found, and what to write instead. It is not imported for scenes that a quick test accepts.
+The library `jsonschema` finds the faults. This module turns each error into a message
+with place, value and fix, in the words of the schema. The library is not imported for
+scenes accepted by a quick test.
 """
 
 from __future__ import annotations
@@ -50,9 +52,11 @@ if TYPE_CHECKING:
 
 
 MAX_PROBLEMS = 200
-"""Messages of one file; more are not read."""
+"""Maximum number of messages for one file; nobody reads more."""
 MAX_ERRORS = 10 * MAX_PROBLEMS
-"""Errors of one part of the file that are looked at: several can lead to the same message."""
+"""Maximum number of errors of one part of the file: several can lead to the same
+message.
+"""
 
 
 class TooManyError(Exception):
@@ -60,7 +64,7 @@ class TooManyError(Exception):
 
 
 class Findings:
-    """Collects problems, and remembers which parts of the tree are wrong somewhere inside."""
+    """Collects problems and the faulty parts of the tree."""
 
     def __init__(self) -> None:
         self.problems: dict[Problem, None] = {}
@@ -68,12 +72,15 @@ class Findings:
         self.bad: set[Node] = set()
 
     def report(self, problem: Problem) -> None:
-        """Keep a problem; the same one of the same place is kept once. Raises TooManyError after MAX_PROBLEMS."""
+        """Add a problem, without repetitions at one place. Raise TooManyError after
+        MAX_PROBLEMS.
+        """
         place = problem.place
         key = problem.path.rpartition(".")[2]
         text = key, problem.found, problem.expected, problem.fix
+        # One wrong key with a star reaches many objects, but is one mistake.
         if text in self._texts.setdefault(place, set()):
-            return  # of a key with a star: one mistake, in many objects
+            return
         if len(self.problems) >= MAX_PROBLEMS:
             self.problems[Message.TOO_MANY_PROBLEMS.problem(place)] = None
             raise TooManyError
@@ -81,7 +88,9 @@ class Findings:
         self.problems[problem] = None
 
     def value(self, node: Node, path: KeyPath, refusal: RefusedError) -> None:
-        """A problem with a value; one that an overlay wrote into many objects is reported once."""
+        """Report the problem of a value. A value that an overlay wrote into many
+        objects is reported once.
+        """
         if node not in self.bad:
             self.bad.add(node)
             value_text = shown(node.value) if node.text is None else quoted(node.text)
@@ -89,7 +98,7 @@ class Findings:
 
 
 def check_schema(root: Node, findings: Findings) -> None:
-    """Adds every violation of the schema in a tree."""
+    """Report every violation of the schema in a tree."""
     check_part(root, (), "", findings, shallow=True)
     if not isinstance(root.value, dict):
         return
@@ -110,7 +119,9 @@ def check_part(
     findings: Findings,
     shallow: bool = False,
 ) -> None:
-    """Adds the violations in one part of the tree; `shallow`: in the keys of a mapping alone."""
+    """Report the violations in one part of the tree. `shallow` checks only the keys of
+    a mapping.
+    """
     data: Any = (
         dict.fromkeys(node.value)
         if isinstance(node.value, dict) and shallow
@@ -135,7 +146,7 @@ def check_part(
         ):
             continue
         if error.validator == "type" and error_path and isinstance(error_path[-1], int):
-            # numbers in a list of points: one message about the first of them
+            # Numbers in a list of points: one message about the first number is enough.
             is_number = isinstance(error.instance, int | float)
             if is_number and error.validator_value == "array":
                 if error_path[:-1] in shallow_paths:
@@ -145,7 +156,7 @@ def check_part(
 
 
 class _Fault:
-    """One error of jsonschema, with the node and the part of the schema that it belongs to."""
+    """One error of jsonschema, with its node and its part of the schema."""
 
     def __init__(
         self, error: ValidationError, node: Node, path: KeyPath, schema: Schema
@@ -168,7 +179,7 @@ class _Fault:
         )
 
     def report(self, findings: Findings) -> None:
-        """Adds the message, and marks the values that rules between keys cannot rely on."""
+        """Report the message, and mark the values that other rules cannot use."""
         keyword = str(self.error.validator)
         if "propertyNames" in self.error.schema_path:
             self._name(findings)
@@ -179,7 +190,7 @@ class _Fault:
             findings.bad.update(self.chain)
 
     def _type(self, findings: Findings) -> None:
-        """Report a value of another type than those of the schema."""
+        """Report a value with a type outside the schema's."""
         value, kinds = self.node.value, self.kinds
         if "enum" in self.schema:
             return self._choice(findings)
@@ -202,7 +213,7 @@ class _Fault:
         return findings.value(self.node, self.path, refusal)
 
     def _mapping_fix(self) -> str:
-        """Return the fix of a value in place of a mapping."""
+        """Return the fix for a value in place of a mapping."""
         value = self.node.value
         if value is None:
             mapping = advice({**self.schema, "type": "object"})
@@ -211,7 +222,7 @@ class _Fault:
         return spaced_text or advice({**self.schema, "type": "object"})
 
     def _list_fix(self) -> tuple[str, str]:
-        """Return the kind of a list, and the fix of a value in its place."""
+        """Return the kind of a list, and the fix for a value in its place."""
         item_name, count = self._count()
         kind = f"a list of {count}"
         meaning = self._meant_list(item_name)
@@ -220,14 +231,14 @@ class _Fault:
         return kind, f"write {kind}{self._in_unit(item_name)}{self.hint}"
 
     def _text_fix(self) -> str:
-        """Return the fix of a value in place of text."""
+        """Return the fix for a value in place of text."""
         value = self.node.value
         if isinstance(value, int | float):
             return f'write it in quotes: "{shown(value)}"'
         return f"write text{self.hint}"
 
     def _not_a_number(self, findings: Findings) -> None:
-        """Report a value in place of a number, with the number that it stands for."""
+        """Report a value in place of a number, with the intended number."""
         value = self.node.value
         kind = "a whole number" if "integer" in self.kinds else "a number"
         meaning = meant_number(value, self.unit) if isinstance(value, str) else None
@@ -244,7 +255,7 @@ class _Fault:
         return findings.value(self.node, self.path, refusal)
 
     def _meant_list(self, what: str) -> str | None:
-        """Return the list that a text stands for, None if it is none."""
+        """Return the intended list of a text, or None for another text."""
         value = self.node.value
         if not isinstance(value, str):
             return None
@@ -255,7 +266,9 @@ class _Fault:
         return meant_list(value) if what in ("numbers", "whole numbers") else None
 
     def _ways(self) -> list[str]:
-        """Return the words, numbers, keys or lists that a part of several types takes."""
+        """Return the accepted words, numbers, keys or lists of a part with several
+        types.
+        """
         words = self.schema.get("then", {}).get("enum", [])
         ways = [*words]
         if "boolean" in self.kinds:
@@ -269,7 +282,9 @@ class _Fault:
         return {**self.schema, "type": kind}
 
     def _count(self) -> tuple[str, str]:
-        """Return the noun of a list's items, `points`, and with their number, `2 points`."""
+        """Return the noun of a list's items, `points`, and with their number, `2
+        points`.
+        """
         part = inner(self.schema, 0) or {}
         kinds = {
             "number": "numbers",
@@ -291,7 +306,7 @@ class _Fault:
         )
 
     def _units(self) -> str:
-        """Return the units that a text may have here."""
+        """Return the units for texts at this place."""
         auto = ", or auto" if self.path == ("world", "duration") else ""
         return (
             f", or a number with {ALLOWED[self.unit]} behind it{auto}"
@@ -398,7 +413,8 @@ class _Fault:
             kinds = listed(parts)
             refusal = Message.NOT_ONE_KEY.refusal(content=content, kinds=kinds)
         else:
-            return  # the message is that of the unknown key
+            # The message about the unknown key is enough.
+            return
         findings.report(refusal.problem(self.node.place, dotted(self.path)))
 
     def _name(self, findings: Findings) -> None:
@@ -430,11 +446,12 @@ class _Fault:
             findings.bad.update(self.chain)
 
     def _fix_of_key(self, key: str, siblings: dict[str, Node]) -> str:
-        """Return what to write in place of an unknown key."""
+        """Return the replacement for an unknown key."""
         known_keys = list(self.schema["properties"])
         spaced_text = add_space(key)
         if spaced_text is not None:
             return spaced_text
+        # A key below an empty one often has too little indentation.
         parent_key = _empty_above(key, siblings)
         if parent_key is not None and inner(self.schema, parent_key):
             return f"indent it by two spaces more, so that it belongs to {parent_key}"
@@ -459,13 +476,13 @@ class _Fault:
         return f"write {listed(islice(kinds or known_keys, 30))}"
 
     def _nearest_of(self, homes: Iterable[str]) -> list[str]:
-        """Return names of mappings: those below this one if there are any."""
+        """Return names of mappings, preferably of those below this one."""
         prefix = f"{dotted(kind_of(self.path))}.".replace("*", "NAME")
         homes_within = [home for home in homes if home.startswith(prefix)]
         return [home or "the top level of the file" for home in homes_within or homes]
 
     def _missing_kinds(self, siblings: dict[str, Node]) -> list[str]:
-        """Return the kinds of a joint, field or force that has none of them yet."""
+        """Return the possible kinds of a joint, field or force without a kind."""
         if not self.path or self.path[0] not in ("joints", "fields", "forces"):
             return []
         if len(self.path) != 2:
@@ -475,7 +492,7 @@ class _Fault:
 
 
 def _empty_above(key: str, siblings: dict[str, Node]) -> str | None:
-    """Return the key right above one, if it has no value."""
+    """Return the previous key, if it has no value."""
     keys = list(siblings)
     number = keys.index(key)
     if number == 0:
@@ -485,14 +502,15 @@ def _empty_above(key: str, siblings: dict[str, Node]) -> str | None:
 
 
 def misspelt_keys(keys: Iterable[str], known: Iterable[str]) -> set[str | None]:
-    """Return the known keys that unknown ones are probably meant to be."""
+    """Return the known keys that are probably meant by unknown ones."""
     known = list(known)
     return {nearest(key, known) for key in keys if key not in known}
 
 
 SURE = 0.8
-"""Similarity of two words from which on one is taken for a misspelling of the other,
-even if the misspelt word is a key elsewhere: `force` for `forces` is 0.91."""
+"""Minimum similarity of two words to count as a misspelling, even if the word is a key
+elsewhere: `force` for `forces` is 0.91.
+"""
 
 
 _ALIASES: dict[str, dict[str, str]] = {
@@ -521,7 +539,7 @@ _ALIASES: dict[str, dict[str, str]] = {
         "bodies": "objects",
     },
 }
-"""Kind of mapping -> names of other engines -> ours."""
+"""Kind of mapping -> names in other engines -> our names."""
 BOOLEAN_WORDS = {
     "yes": "true",
     "on": "true",
@@ -530,7 +548,7 @@ BOOLEAN_WORDS = {
     "off": "false",
     "n": "false",
 }
-"""Words that stand for true and false, which YAML 1.2 reads as text."""
+"""Words for true and false in YAML 1.1, which YAML 1.2 reads as text."""
 _MESSAGES: dict[str, Callable[[_Fault, Findings], None]] = {
     "type": _Fault._type,
     "const": _Fault._choice,
@@ -547,4 +565,4 @@ _MESSAGES: dict[str, Callable[[_Fault, Findings], None]] = {
     "minProperties": _Fault._several,
     "maxProperties": _Fault._several,
 }
-"""Keyword of the schema -> the message that its violation gets."""
+"""Keyword of the schema -> message about its violation."""

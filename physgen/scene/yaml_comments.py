@@ -1,4 +1,4 @@
-"""Comments of a scene file: those of physgen are kept true when values change."""
+"""Keep physgen's comments in a scene file true after changes of values."""
 
 from __future__ import annotations
 
@@ -21,15 +21,17 @@ from physgen.scene.yaml_edit import (
 from physgen.text import KeyPath, listed
 
 LONGEST = 116
-"""Columns of a line with a comment behind its value."""
+"""Maximum number of columns of a line with a comment after its value."""
 DEEP = {"objects": 3, "world": 2, "boundaries": 2, "render": 1}
-"""Keys of a path to a value with a comment of perception, by section."""
+"""Number of keys in a path to a value with a comment of perception, by section."""
 
 
 def without_comments(
     text: str, paths: Sequence[Sequence[str | int]], ours: Collection[str]
 ) -> str:
-    """Return the text without the comments that are `ours` behind or above values that a user has set; others stay."""
+    """Return the text without the comments in `ours` after or above the values at
+    `paths`, which a user has set. Other comments stay.
+    """
     for path in paths:
         if depth := DEEP.get(str(path[0]), 0):
             text = _without_comment(text, tuple(path[:depth]), ours)
@@ -39,8 +41,10 @@ def without_comments(
 def with_comments(
     text: str, comments: Mapping[str, str], ours: Collection[str], new: Collection[str]
 ) -> str:
-    """The text with comments at dotted keys, behind short values and above others, in the place of those that are
-    `ours`; where none is, at keys that are `new` alone."""
+    """Return the text with comments at dotted keys, after short values and above
+    others. They replace comments in `ours`; without one, only keys in `new` get a
+    comment.
+    """
     for key, comment in comments.items():
         try:
             parent, index = parent_of(text, tuple(key.split(".")))
@@ -75,13 +79,13 @@ _COUNTS = re.compile(
     r"|as the scene had them(?:, and where you pointed)?)"
     r", counted from left to right(?:; \d+ specks of under \d+ px left out)?)"
 )
-"""What perception says of all objects: 2 x ball, 1 x block, found by ..."""
+"""Perception's comment on all objects: 2 x ball, 1 x block, found by ..."""
 
 _SUPPORTED = re.compile(r"under \d+ objects?")
-"""What perception says of a boundary."""
+"""Perception's comment on a boundary."""
 
 _HIDING = "in front: it hides parts of "
-"""What perception says of a layer, before the names of objects."""
+"""Start of perception's comment on a layer, before the names of objects."""
 
 _HIDDEN = re.compile(_HIDING + r"([\w-]+(?:, [\w-]+)*(?: and [\w-]+)?)")
 
@@ -89,9 +93,10 @@ _HIDDEN = re.compile(_HIDING + r"([\w-]+(?:, [\w-]+)*(?: and [\w-]+)?)")
 def with_true_comments(
     text: str, old: Mapping[str, Any], renamed: Mapping[str, str]
 ) -> str:
-    """Update or remove comments of perception on objects that came, went or changed.
+    """Update or remove comments of perception after objects were added, removed or
+    changed.
 
-    `old` is the data before the change; `renamed` are new names of objects by the old.
+    `old` is the data before the change; `renamed` maps old to new names of objects.
     """
     labels, labels_before = _labels(mark_values(text).data()), _labels(old)
     if labels == labels_before:
@@ -116,7 +121,7 @@ def with_true_comments(
 
 
 def _is_ours(words: str, ours: Collection[str]) -> bool:
-    """Return whether perception wrote a comment, or an edit brought it up to date."""
+    """Return whether perception wrote a comment, or an edit updated it."""
     is_updated = _HIDDEN.fullmatch(words) or _COUNTS.fullmatch(words)
     return words in ours or is_updated is not None
 
@@ -139,7 +144,7 @@ def _label_counts(labels: Mapping[str, str]) -> str:
 
 
 def _count_objects(words: str, counts: str) -> str:
-    """Return perception's comment on all objects with other counts."""
+    """Return perception's comment on all objects with new counts."""
     match = _COUNTS.fullmatch(words)
     if match is None:
         return words
@@ -147,14 +152,14 @@ def _count_objects(words: str, counts: str) -> str:
 
 
 def _without_support(words: str) -> str:
-    """Return a comment on a boundary; none if it counts the objects on it."""
+    """Return a comment on a boundary, or "" if it counts the objects on it."""
     return "" if _SUPPORTED.fullmatch(words) else words
 
 
 def _hidden_names(
     words: str, names: Collection[str], renamed: Mapping[str, str]
 ) -> str:
-    """Return a comment on a layer with the names that hidden objects have now."""
+    """Return a comment on a layer with the current names of hidden objects."""
     match = _HIDDEN.fullmatch(words)
     if match is None:
         return words
@@ -165,7 +170,7 @@ def _hidden_names(
 
 
 def _with_comment(text: str, path: KeyPath, change: Callable[[str], str]) -> str:
-    """Change the words of the comments behind and above a key; "" removes a comment."""
+    """Change the words of the comments after and above a key. "" removes a comment."""
     try:
         parent, index = parent_of(text, path)
     except EditError:
@@ -181,7 +186,7 @@ def _with_comment(text: str, path: KeyPath, change: Callable[[str], str]) -> str
 
 
 def _with_words(text: str, number: int, words: str) -> str:
-    """Give the comment in a line other words, or remove it."""
+    """Replace the words of the comment in a line, or remove the comment."""
     lines = text.split("\n")
     line = lines[number]
     end = "\r" if line.endswith("\r") else ""
@@ -195,7 +200,9 @@ def _with_words(text: str, number: int, words: str) -> str:
 
 
 def _comments(text: str, place: int) -> Iterator[tuple[int, str]]:
-    """Yield the index and words of the comment that ends the line of a place, and of the lines of comments above it."""
+    """Yield the index and words of the comment at the end of a place's line, and of the
+    comment lines above it.
+    """
     lines, line_number = text.split("\n"), text.count("\n", 0, place)
     _, mark, words = lines[line_number].rpartition(" #")
     if mark:
