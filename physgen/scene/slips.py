@@ -1,4 +1,4 @@
-"""What a person most likely meant by a text in place of a number or a list.
+"""Guess the number or list that a person meant by a text.
 
 >>> meant_number("1,5", ""), meant_number("170 grams", "g"), meant_number("30%", "")
 ('1.5', '170 g', '0.3')
