@@ -454,7 +454,8 @@ def _body(item: Object, outline: Outline, scene: Scene) -> Body:
         moment = item.moment
     radius = form.radius
     moving = item.motion is Motion.DYNAMIC
-    # The solid of a stored shape belongs to a circle. A repainted mask may not be round.
+    # The solid of a stored shape belongs to a circle. A repainted mask may not be
+    # round.
     has_stored_shape = isinstance(item.shape, Auto) and item.shape.stored is not None
     solid = None if has_stored_shape and radius is None else item.solid
     return Body(

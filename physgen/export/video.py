@@ -39,7 +39,8 @@ X264 = {"crf": "14", "preset": "veryfast", "threads": "1"}
 of threads: one thread serves single clips and batches.
 """
 if platform.machine().lower() in ("x86_64", "amd64"):
-    # The macroblock tree of x264 for AVX-512 reads uninitialised memory: one clip gave two
+    # The macroblock tree of x264 for AVX-512 reads uninitialised memory: one clip gave
+    # two
     # streams. SSE4.2 is as fast, and older processors write the same bytes.
     X264["x264-params"] = "asm=SSE4.2"
 PALETTE_FRAMES = 8

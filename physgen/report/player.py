@@ -161,7 +161,8 @@ def _cut(sprite: Sprite, less: float, scale: float) -> dict[str, Any]:
     covers = np.rint(255 * np.clip(alpha, 0, 1)).astype(np.uint8)
     pixels = np.dstack([encode_u8(np.clip(colours, 0, 1)), covers])
     left, top = sprite.corner[0] + columns.start, sprite.corner[1] + rows.start
-    # The rotation of a ball with one colour is invisible, and its shading does not turn.
+    # The rotation of a ball with one colour is invisible, and its shading does not
+    # turn.
     is_equal = (
         sprite.ball is not None
         and float(np.ptp(sprite.ball.skin, axis=(0, 1)).max()) < 1e-6

@@ -369,7 +369,8 @@ def _syntax(error: yaml.YAMLError, text: str, source: Source) -> Problem:
             Place(source.name, mark.line + 1, mark.column + 1)
             if mark
             else Place(source.name)
-            # PyYAML reports an unclosed quote at the end of the file. The first open quote
+            # PyYAML reports an unclosed quote at the end of the file. The first open
+            # quote
             # is the better place.
         )
         text_ = error.problem or error.context or "wrong YAML"

@@ -230,7 +230,8 @@ def sphere_roots(poisson: float) -> tuple[float, ...]:
     grid = np.arange(ROOT_STEP, ROOT_LIMIT, ROOT_STEP)
     for order in SPHERE_ORDERS:
         values = _lamb_determinant(grid, order, poisson)
-        # Modes do not exist far below the order, and rounding gives changes of sign there.
+        # Modes do not exist far below the order, and rounding gives changes of sign
+        # there.
         is_change = (values[1:] * values[:-1] < 0) & (grid[1:] > order / 2)
         for index in np.flatnonzero(is_change)[:SPHERE_OVERTONES].tolist():
             low, high = float(grid[index]), float(grid[index + 1])
