@@ -390,7 +390,7 @@ def _border_distances(low: Array, high: Array, size: tuple[int, int]) -> Array:
     return np.stack([left, right, top, bottom], axis=1)
 
 
-# ---- the file ----
+# ---- the file
 
 UNITS = {
     "time, until": "s of the motion",
