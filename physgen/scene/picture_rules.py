@@ -16,7 +16,7 @@ from physgen.scene.checked_tree import (
     report_time_order,
 )
 from physgen.scene.document import Node, children, items, read_integers
-from physgen.scene.scene import video_size
+from physgen.scene.framing import video_size
 from physgen.scene.schema import advice, find_schema_part
 from physgen.text import KeyPath, number, shown
 
