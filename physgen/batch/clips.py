@@ -149,7 +149,7 @@ def clip_folders(roots: Sequence[Path]) -> list[Path]:
     )
 
 
-DELIVERED = {"hold", "grain", "squash", "enter", "first_blur"}
+DELIVERY_KEYS = {"hold", "grain", "squash", "enter", "first_blur"}
 """Keys of `video` in a manifest that `render.grain.Delivery` sets."""
 
 
@@ -169,9 +169,9 @@ class Manifest:
     # Hashes of the frames before refinement.
     frames: tuple[str, ...]
     # True if the render asked for refinement by a model.
-    refined: bool
+    has_refinement: bool
     # True if the video has the hold and the grain of the scene.
-    delivered: bool = False
+    has_delivery: bool = False
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -181,7 +181,7 @@ def read_manifest(folder: Path) -> Manifest:
         if not path.is_file():
             raise OSError
         data: Mapping[str, Any] = json.loads(path.read_bytes())
-        is_refined = bool(data.get("refine"))
+        has_refinement = bool(data.get("refine"))
         platform = data["platform"]
         return Manifest(
             source=str(data["source"]),
@@ -192,9 +192,9 @@ def read_manifest(folder: Path) -> Manifest:
             inputs=_texts(data["inputs"]),
             files=_texts(data["files"]),
             samples=tuple(map(str, data["samples"])),
-            frames=tuple(map(str, data["unrefined" if is_refined else "frames"])),
-            refined=is_refined,
-            delivered=bool(DELIVERED & set(data["video"])),
+            frames=tuple(map(str, data["unrefined" if has_refinement else "frames"])),
+            has_refinement=has_refinement,
+            has_delivery=bool(DELIVERY_KEYS & set(data["video"])),
         )
     except (
         OSError,

@@ -103,16 +103,16 @@ class BatchSize:
 
     # Duration of one item.
     seconds: float = BATCH_SECONDS
-    is_measured: bool = False
+    has_duration: bool = False
 
     def add(self, seconds: float, items: int) -> None:
         """Update the duration of an item. Each new batch weighs as much as all earlier
         ones together.
         """
         duration = seconds / items
-        if self.is_measured:
+        if self.has_duration:
             duration = (duration + self.seconds) / 2
-        self.seconds, self.is_measured = duration, True
+        self.seconds, self.has_duration = duration, True
 
     @property
     def items(self) -> int:
@@ -133,7 +133,9 @@ def own_versions() -> Versions:
     return code
 
 
-def run_batch(expected: Versions, folder: str, content: bytes) -> tuple[bytes, float]:
+def run_batch(
+    user_versions: Versions, folder: str, content: bytes
+) -> tuple[bytes, float]:
     """Run a pickled function on pickled items, in the user's `folder`; called on a
     worker.
 
@@ -141,8 +143,8 @@ def run_batch(expected: Versions, folder: str, content: bytes) -> tuple[bytes, f
     other versions or lacks the folder.
     """
     versions_here = own_versions()
-    if versions_here != expected:
-        raise _version_error(expected, versions_here)
+    if versions_here != user_versions:
+        raise _version_error(user_versions, versions_here)
     with _ONE_AT_A_TIME:
         _enter(folder)
         keep_freed_memory()
@@ -164,19 +166,25 @@ def _enter(folder: str) -> None:
         ) from None
 
 
-def _version_error(theirs: Versions, ours: Versions) -> InputError:
+def _version_error(user_versions: Versions, worker_versions: Versions) -> InputError:
     """Return the error for a worker with other versions than the user's machine."""
-    names = [name for name in theirs if ours.get(name) != theirs[name]]
+    names = [
+        name
+        for name in user_versions
+        if worker_versions.get(name) != user_versions[name]
+    ]
     # A hash of the sources explains less than the version of a library.
     if len(names) > 1 and "sources" in names:
         names.remove("sources")
 
-    def text(known: Versions) -> str:
-        return ", ".join(f"{name} {known.get(name, 'none')[:12]}" for name in names)
+    def text(version_map: Versions) -> str:
+        return ", ".join(
+            f"{name} {version_map.get(name, 'none')[:12]}" for name in names
+        )
 
     worker_text = f"a worker on {platform.node()}"
     return Message.WORKER_VERSION.error(
-        FLAG, worker_text, version=text(ours), here=text(theirs)
+        FLAG, worker_text, version=text(worker_versions), here=text(user_versions)
     )
 
 
@@ -184,12 +192,12 @@ def run_on_cluster(
     address: str,
     work: Callable[[Item], Result],
     items: Iterable[Item],
-    lost: Callable[[Item, Exception], Result],
+    lost_result: Callable[[Item, Exception], Result],
     *,
     ship: str | None = None,
     report: Callable[[str], None] = lambda text: None,
 ) -> Generator[Result, None, None]:
-    """Yield `work(item)` for each item in order, or `lost(item, error)` if its workers
+    """Yield `work(item)` for each item in order, or `lost_result(item, error)` if its workers
     died at each attempt.
 
     `ship` is the URL of a store for files, if the workers do not share the user's
@@ -199,7 +207,7 @@ def run_on_cluster(
     """
     if ship is not None:
         yield from run_on_cluster(
-            address, *run_shipped(Store(ship), work, items, lost), report=report
+            address, *run_shipped(Store(ship), work, items, lost_result), report=report
         )
         return
     with _connect(address) as client:
@@ -209,7 +217,7 @@ def run_on_cluster(
             report(f"{address}: has no workers yet; waiting for them")
         run = _ClusterRun(client, address, work, os.getcwd())
         try:
-            yield from run.results(iter(items), lost)
+            yield from run.results(iter(items), lost_result)
         finally:
             run.cancel()
 
@@ -228,14 +236,14 @@ class _ClusterRun:
     """Single items from the tasks of dead workers. Another item may have been the
     cause, so each is tried again alone.
     """
-    done: dict[int, Any] = field(default_factory=dict)
+    finished_results: dict[int, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         # Not `with_results`: it never returns if a worker dies during the transfer.
         self.completed = as_completed(loop=self.client.loop)
 
     def results(
-        self, source: Iterator[Item], lost: Callable[[Item, Exception], Result]
+        self, source: Iterator[Item], lost_result: Callable[[Item, Exception], Result]
     ) -> Iterator[Result]:
         """Yield results in order. Submit at most BATCHES_AHEAD batches per worker
         beyond the oldest unfinished one.
@@ -258,13 +266,13 @@ class _ClusterRun:
             if due == count:
                 return
             for future in self.completed.next_batch(block=True):
-                self._add_results(future, lost)
-            while due in self.done:
-                yield self.done.pop(due)
+                self._add_results(future, lost_result)
+            while due in self.finished_results:
+                yield self.finished_results.pop(due)
                 due += 1
 
     def _add_results(
-        self, future: Future, lost: Callable[[Any, Exception], Any]
+        self, future: Future, lost_result: Callable[[Any, Exception], Any]
     ) -> None:
         """Store the results of a task until their turn. Make suspects of its items if
         its worker died.
@@ -278,8 +286,10 @@ class _ClusterRun:
                 for number, item in enumerate(batch.items, batch.first):
                     self.suspects.append(Batch(number, [item], batch.lonely_tries))
                 return
-            results = [lost(batch.items[0], LostError("its workers died each time"))]
-        self.done.update(enumerate(results, batch.first))
+            results = [
+                lost_result(batch.items[0], LostError("its workers died each time"))
+            ]
+        self.finished_results.update(enumerate(results, batch.first))
 
     def cancel(self) -> None:
         """Cancel all unfinished tasks."""

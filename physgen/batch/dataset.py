@@ -237,7 +237,7 @@ class Sample:
     unusable clip.
     """
 
-    about: Mapping[str, Any]
+    metadata: Mapping[str, Any]
     members: Mapping[str, Path] = field(default_factory=dict)
     # Folder of the copy.
     folder: Path | None = None
@@ -280,7 +280,7 @@ class Gathering:
     shard_clips: int = SHARD_CLIPS
     root: Path | None = None
     """The data set for the copies, if its tables are written elsewhere."""
-    fetched: Callable[[Members], AbstractContextManager[Members]] = nullcontext
+    fetch_members: Callable[[Members], AbstractContextManager[Members]] = nullcontext
     """Brings the files of a clip to this machine while the layout reads them."""
 
     def write(self, folder: Path, clips: Iterator[FoundClip]) -> DatasetSummary:
@@ -303,8 +303,8 @@ class Gathering:
                     reject(sample.problems)
                     continue
                 self._add(writer, sample)
-                summary.counts[sample.about["split"]] += 1
-                summary.photos.add(sample.about["photo"])
+                summary.counts[sample.metadata["split"]] += 1
+                summary.photos.add(sample.metadata["photo"])
                 self.progress(summary.total)
         if summary.total:
             summary.files = writer.files()
@@ -313,10 +313,10 @@ class Gathering:
 
     def _add(self, writer: Layout, sample: Sample) -> None:
         if not writer.reads_clips:
-            writer.add(sample.members, sample.about)
+            writer.add(sample.members, sample.metadata)
             return
-        with self.fetched(sample.members) as members:
-            writer.add(members, sample.about)
+        with self.fetch_members(sample.members) as members:
+            writer.add(members, sample.metadata)
 
     def _write_card(
         self, folder: Path, summary: DatasetSummary, patterns: Sequence[str]
@@ -333,7 +333,7 @@ class Gathering:
         (folder / DATASET_FILE).write_text(text, encoding="utf-8")
 
 
-def gather(roots: Sequence[Path], out: Path, how: Gathering) -> DatasetSummary:
+def gather(roots: Sequence[Path], out: Path, gathering: Gathering) -> DatasetSummary:
     """Make a data set of the clips below `roots` in the new folder `out`. The folder
     appears only when complete.
 
@@ -342,7 +342,7 @@ def gather(roots: Sequence[Path], out: Path, how: Gathering) -> DatasetSummary:
     roots = checked_folders(roots)
     _check_output(out, roots)
     with atomic_folder(out.resolve()) as folder:
-        summary = how.write(folder, find_clips(roots))
+        summary = gathering.write(folder, find_clips(roots))
         check_clips(summary, roots)
     # The temporary folder has its final name now.
     summary.files = [out / path.relative_to(folder) for path in summary.files]

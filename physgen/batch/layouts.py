@@ -17,18 +17,18 @@ from typing import Any, BinaryIO, Protocol
 from physgen.files import install
 from physgen.messages import Message
 
-ROWS, ABOUT = "metadata.jsonl", "clip.json"
+ROWS, METADATA_FILE = "metadata.jsonl", "clip.json"
 VIDEO = "video.mp4"
 SHARD_CLIPS = 1000
 """Default number of clips in a shard: 0.1 to 1 GB, as WebDataset advises."""
 
 Members = Mapping[str, Path]
 """Files of a clip by their names in the data set."""
-About = Mapping[str, Any]
+Metadata = Mapping[str, Any]
 """Metadata of a clip, as JSON."""
 
 
-Copier = Callable[[Path, Members, About], Path | None]
+Copier = Callable[[Path, Members, Metadata], Path | None]
 """A function that copies the files of a clip into the data set at a path and returns
 the new folder.
 """
@@ -42,7 +42,7 @@ class Layout(Protocol):
     reads_clips: bool
     """True if `add` reads the files of clips."""
 
-    def add(self, members: Members, about: About) -> None:
+    def add(self, members: Members, metadata: Metadata) -> None:
         """Write the next sample into its split."""
         ...
 
@@ -65,14 +65,14 @@ class Folders:
         self._root, self._stack = root, stack
         self._rows: dict[str, BinaryIO] = {}
 
-    def add(self, members: Members, about: About) -> None:
+    def add(self, members: Members, metadata: Metadata) -> None:
         """Write the clip's row. `copier` has written its folder."""
-        split = about["split"]
+        split = metadata["split"]
         if split not in self._rows:
             (self._root / split).mkdir(exist_ok=True)
             table = (self._root / split / ROWS).open("wb")
             self._rows[split] = self._stack.enter_context(table)
-        row = {"file_name": f"{about['key']}/{VIDEO}", **about}
+        row = {"file_name": f"{metadata['key']}/{VIDEO}", **metadata}
         self._rows[split].write(json_line(row))
 
     def files(self) -> Sequence[Path]:
@@ -97,12 +97,15 @@ class Shards:
         self._root, self._stack, self._shard_clips = root, stack, shard_clips
         self._writers: dict[str, Any] = {}
 
-    def add(self, members: Members, about: About) -> None:
+    def add(self, members: Members, metadata: Metadata) -> None:
         """Add the clip to the last shard of its split."""
-        split = about["split"]
+        split = metadata["split"]
         if split not in self._writers:
             self._writers[split] = self._stack.enter_context(self._open(split))
-        sample: dict[str, Any] = {"__key__": about["key"], "json": json_line(about)}
+        sample: dict[str, Any] = {
+            "__key__": metadata["key"],
+            "json": json_line(metadata),
+        }
         for name, file in members.items():
             # WebDataset takes the name up to the first dot as the key, and the rest as
             # the extension.
@@ -153,18 +156,18 @@ def card(splits: Sequence[str], patterns: Sequence[str]) -> str:
     return "\n".join([*lines, "---", ""])
 
 
-def write_folder(root: Path, members: Members, about: About) -> Path:
+def write_folder(root: Path, members: Members, metadata: Metadata) -> Path:
     """Write the folder of a clip into the data set at `root`."""
-    home: Path = root / about["split"] / about["key"]
+    home: Path = root / metadata["split"] / metadata["key"]
     for name, file in members.items():
         place = home / name
         place.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(file, place)
-    (home / ABOUT).write_bytes(json_line(about))
+    (home / METADATA_FILE).write_bytes(json_line(metadata))
     return home
 
 
-def leave_files(root: Path, members: Members, about: About) -> None:
+def leave_files(root: Path, members: Members, metadata: Metadata) -> None:
     """Copy nothing: `Shards.add` reads the clip itself."""
 
 

@@ -22,17 +22,21 @@ EACH_OBJECT = ("x", "y", "angle_degrees", *ALL_OBJECTS)
 """Columns of each tracked object, px, px, degrees, and as above."""
 
 
-def columns(tracked: Sequence[str]) -> tuple[str, ...]:
+def columns(tracked_names: Sequence[str]) -> tuple[str, ...]:
     """Return columns of all objects together, then `objects.NAME.` columns of each
     tracked object.
     """
     return (
         *ALL_OBJECTS,
-        *(f"objects.{name}.{column}" for name in tracked for column in EACH_OBJECT),
+        *(
+            f"objects.{name}.{column}"
+            for name in tracked_names
+            for column in EACH_OBJECT
+        ),
     )
 
 
-def outcomes(trajectory: Trajectory, tracked: Sequence[str]) -> dict[str, Cell]:
+def outcomes(trajectory: Trajectory, tracked_names: Sequence[str]) -> dict[str, Cell]:
     """Return the non-empty cells by column name.
 
     x, y and angle_degrees belong to the centre of mass at the last sample; the angle
@@ -58,7 +62,7 @@ def outcomes(trajectory: Trajectory, tracked: Sequence[str]) -> dict[str, Cell]:
         )
         cells["first_touch"] = _earliest(begins)
     for body, name in enumerate(trajectory.names):
-        if name not in tracked:
+        if name not in tracked_names:
             continue
         x, y, angle = trajectory.poses[-1, body].tolist()
         is_touching = (touches == body).any(axis=1)

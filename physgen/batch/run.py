@@ -78,7 +78,7 @@ class Job:
     """The output folder."""
     refiner: Refiner = DEFAULT_REFINER
     # Objects with their own outcomes; None if outcomes are not needed.
-    tracked: tuple[str, ...] | None = None
+    tracked_names: tuple[str, ...] | None = None
     pictures: bool = False
     """True if the process also makes the clip's pictures for the gallery of `out`."""
     video: Path | None = None
@@ -147,11 +147,11 @@ def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> JobResult:
         result = _run(job, progress)
     else:
         result = _run_to_file(job, job.video, progress)
-    if result.folder is None or job.tracked is None:
+    if result.folder is None or job.tracked_names is None:
         return result
     try:
         trajectory = read_trajectory(result.folder / "trajectory.npz")
-        return replace(result, outcomes=outcomes(trajectory, job.tracked))
+        return replace(result, outcomes=outcomes(trajectory, job.tracked_names))
     except (OSError, ValueError, KeyError) as error:
         # Another command replaces the folder.
         return report_failure(job, error, result.problems, result.seconds)
@@ -289,18 +289,18 @@ def describe_failure(error: Exception) -> tuple[str, str]:
     )
 
 
-def record_failure(done: JobResult, out: Path, gallery: bool) -> None:
+def record_failure(result: JobResult, out: Path, gallery: bool) -> None:
     """Write the record of a failure for the gallery of `out`, or remove the record of
     an earlier one after success.
 
     Ignore errors of the record, because the problems were printed.
     """
-    job = done.job
+    job = result.job
     with suppress(InputError, OSError):
-        if done.folder is not None:
+        if result.folder is not None:
             remove_failure(out, job.name)
         # A typo or a pipe would leave a record without a scene.
         elif gallery and Path(job.scene).is_file():
             options = job.options
             clip_inputs = job.scene, options.variant, options.overrides, options.command
-            write_failure(out, job.name, *clip_inputs, done.problems)
+            write_failure(out, job.name, *clip_inputs, result.problems)

@@ -216,14 +216,14 @@ def run_shipped(
     store: Store,
     work: Callable[[Any], Result],
     items: Iterable[Any],
-    lost: Callable[[Any, Exception], Result],
+    lost_result: Callable[[Any, Exception], Result],
 ) -> tuple[Callable[[Shipment], Any], Iterator[Shipment], Callable[..., Result]]:
-    """Return the arguments work, items and `lost` of `run_on_cluster` for items with
+    """Return the arguments work, items and `lost_result` of `run_on_cluster` for items with
     files in a store.
     """
 
     def lost_shipment(shipment: Shipment, error: Exception) -> Result:
-        return lost(shipment.item, error)
+        return lost_result(shipment.item, error)
 
     shipped_work = partial(run_shipment, store.url, uuid4().hex, work)
     return shipped_work, Shipper(store).shipments(items), lost_shipment
@@ -376,7 +376,7 @@ def stored_clips(store: Store, roots: Sequence[Path]) -> list[Path]:
 
 
 def gather_stored(
-    store: Store, roots: Sequence[Path], out: Path, how: Gathering
+    store: Store, roots: Sequence[Path], out: Path, gathering: Gathering
 ) -> DatasetSummary:
     """Make a data set of the clips in or below `roots` at the path `out` of a store,
     complete or not at all.
@@ -388,12 +388,14 @@ def gather_stored(
     target = Path(Shipper(store).name(out))
     if store.holds(target.as_posix()):
         raise Message.IN_STORE_ALREADY.error(str(out), url=store.url)
-    how = replace(how, root=target, fetched=partial(_fetch_members, store))
+    gathering = replace(
+        gathering, root=target, fetch_members=partial(_fetch_members, store)
+    )
     clips = _found_clips(store, roots)
     with tempfile.TemporaryDirectory(prefix="physgen-") as name:
         folder = Path(name)
         try:
-            summary = how.write(folder, iter(clips))
+            summary = gathering.write(folder, iter(clips))
             check_clips(summary, roots)
             files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
             # The settings file comes last, because it marks the data set as complete.

@@ -243,7 +243,7 @@ def _short_scalar(data: Any) -> str:
 
 
 def check_values(
-    sweep: Sweep, opened: OpenedScene, overrides: Sequence[str] = ()
+    sweep: Sweep, scene_file: OpenedScene, overrides: Sequence[str] = ()
 ) -> tuple[str, ...]:
     """Load the scene with a typical value of every key, and return the names of all
     movable objects.
@@ -254,7 +254,7 @@ def check_values(
     typical = sweep.typical()
     variants = sweep.variants[:MAX_CHECKED_VARIANTS]
     scenes = collect(
-        partial(_scene, sweep, opened, overrides, typical, variant)
+        partial(_scene, sweep, scene_file, overrides, typical, variant)
         for variant in variants
     )
     movable = (
@@ -268,7 +268,7 @@ def check_values(
 
 def _scene(
     sweep: Sweep,
-    opened: OpenedScene,
+    scene_file: OpenedScene,
     overrides: Sequence[str],
     values: Sequence[Value],
     variant: str | None,
@@ -282,7 +282,7 @@ def _scene(
         for text, axis in zip(settings, sweep.axes, strict=True)
     }
     try:
-        return opened.scene((*overrides, *settings), variant)
+        return scene_file.scene((*overrides, *settings), variant)
     except InputError as error:
         raise InputError(
             replace(problem, place=places.get(problem.place.file, problem.place))
@@ -309,7 +309,7 @@ def table_columns(sweep: Sweep, outcomes: Sequence[str]) -> tuple[str, ...]:
     )
 
 
-def table_row(sweep: Sweep, point: Point, done: JobResult) -> dict[str, Cell]:
+def table_row(sweep: Sweep, point: Point, result: JobResult) -> dict[str, Cell]:
     """Return cells by column name. Paths are relative to the sweep's folder."""
     cells: dict[str, Cell] = {
         "number": point.number,
@@ -318,26 +318,28 @@ def table_row(sweep: Sweep, point: Point, done: JobResult) -> dict[str, Cell]:
     }
     for axis, value in zip(sweep.axes, point.values, strict=True):
         cells[axis.key] = value.cell
-    if done.folder is None:
+    if result.folder is None:
         errors = (
             str(problem)
-            for problem in done.problems
+            for problem in result.problems
             if problem.severity is Severity.ERROR
         )
         return cells | {"state": "failed", "error": " | ".join(errors)}
     files: dict[str, Cell] = {
         "folder": point.name,
-        "video": f"{point.name}/{done.job.options.formats[0].file}",
+        "video": f"{point.name}/{result.job.options.formats[0].file}",
         "manifest": f"{point.name}/manifest.json",
     }
-    return cells | {"state": "done"} | files | dict(done.outcomes or {})
+    return cells | {"state": "done"} | files | dict(result.outcomes or {})
 
 
-def keep_other_table(table: Path, made: Path, keep: Callable[[Path], None]) -> None:
+def keep_other_table(
+    table: Path, new_table: Path, keep: Callable[[Path], None]
+) -> None:
     """Rename an existing `table` to `NAME~` if its clips or columns differ from the new
     table's.
     """
-    if table.is_file() and _names(table) != _names(made):
+    if table.is_file() and _names(table) != _names(new_table):
         back_up(table, keep)
 
 

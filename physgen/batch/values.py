@@ -116,7 +116,7 @@ def _read_value(text: str) -> Value:
 
 def parse_yaml(text: str) -> Value:
     """Parse YAML. Raise InputError with problems without places."""
-    return Value(text, to_plain_data(read(text, Source("", Path()), counted=False)))
+    return Value(text, to_plain_data(read(text, Source("", Path()), has_lines=False)))
 
 
 def number_value(data: int | float) -> Value:
@@ -223,12 +223,12 @@ def read_distribution(text: str) -> Distribution:
     return distribution
 
 
-def _fault(found: Distribution, parts: int) -> str:
+def _fault(distribution: Distribution, parts: int) -> str:
     """Return the fault of a distribution's numbers, or an empty text. `parts` counts
     the parts between commas.
     """
-    numbers = found.numbers
-    if found.name == "normal":
+    numbers = distribution.numbers
+    if distribution.name == "normal":
         if len(numbers) != 2 or parts != 2 or not all(map(isfinite, numbers)):
             return "does not hold a mean and a standard deviation"
         return "" if numbers[1] > 0 else f"has a standard deviation of {numbers[1]:g}"
@@ -242,6 +242,6 @@ def _fault(found: Distribution, parts: int) -> str:
         return "goes down, or nowhere"
     return (
         NO_LOGARITHM
-        if found.name == "loguniform" and numbers[0] * numbers[1] <= 0
+        if distribution.name == "loguniform" and numbers[0] * numbers[1] <= 0
         else ""
     )

@@ -209,7 +209,7 @@ def _verify(request: VerifyRequest, progress: pipeline.Progress) -> Verdict:
     with scene.located():
         trajectory = stages.simulate(compilation.world, progress)
     film = Film(scene, compilation, maps, RunRecord(scene="", command=[]), stages)
-    if manifest.delivered:
+    if manifest.has_delivery:
         film.deliver()
     hashes = []
     for frame in film.deliver_frames(film.frames(trajectory), trajectory):
@@ -233,7 +233,7 @@ def _verify(request: VerifyRequest, progress: pipeline.Progress) -> Verdict:
         damaged=tuple(f"{name} {damage}" for name, damage in damaged_files.items()),
         motion=motion,
         pictures=pictures,
-        notes=(NOT_REFINED,) if manifest.refined else (),
+        notes=(NOT_REFINED,) if manifest.has_refinement else (),
     )
 
 
@@ -284,29 +284,33 @@ def _stored_motion(path: Path, samples: Sequence[str]) -> Trajectory | None:
 
 
 def _motion_difference(
-    folder: Path, samples: Sequence[str], now: Trajectory
+    folder: Path, samples: Sequence[str], new_motion: Trajectory
 ) -> MotionDifference | None:
     """Return the difference of two motions, or None for equal ones. `samples` are the
     hashes of the old motion.
     """
-    hashes = now.sample_hashes()
+    hashes = new_motion.sample_hashes()
     if hashes == list(samples):
         return None
     counts = len(samples), len(hashes)
     first = _first_difference(samples, hashes)
-    time = float(now.times[min(first, len(now.times) - 1)]) if len(now.times) else 0.0
+    time = (
+        float(new_motion.times[min(first, len(new_motion.times) - 1)])
+        if len(new_motion.times)
+        else 0.0
+    )
     difference = MotionDifference(first, time, counts)
     old_motion = _stored_motion(folder / "trajectory.npz", samples)
     if (
         old_motion is None
-        or old_motion.names != now.names
-        or not np.array_equal(old_motion.times, now.times)
+        or old_motion.names != new_motion.names
+        or not np.array_equal(old_motion.times, new_motion.times)
     ):
         return difference
-    position_changes = old_motion.poses[..., :2] - now.poses[..., :2]
+    position_changes = old_motion.poses[..., :2] - new_motion.poses[..., :2]
     distances = dict(
         zip(
-            now.names,
+            new_motion.names,
             np.hypot(position_changes[..., 0], position_changes[..., 1])
             .max(axis=0)
             .tolist(),
@@ -321,43 +325,51 @@ def _motion_difference(
 
 
 def _frame_difference(
-    then: Sequence[str], now: Sequence[str]
+    old_hashes: Sequence[str], new_hashes: Sequence[str]
 ) -> FrameDifference | None:
     """Return the difference of two lists of frame hashes, or None for equal ones."""
-    if list(then) == list(now):
+    if list(old_hashes) == list(new_hashes):
         return None
-    differ = sum(a != b for a, b in zip(then, now, strict=False))
-    return FrameDifference(_first_difference(then, now), differ, (len(then), len(now)))
+    differ = sum(a != b for a, b in zip(old_hashes, new_hashes, strict=False))
+    return FrameDifference(
+        _first_difference(old_hashes, new_hashes),
+        differ,
+        (len(old_hashes), len(new_hashes)),
+    )
 
 
-def _first_difference(then: Sequence[str], now: Sequence[str]) -> int:
+def _first_difference(old_hashes: Sequence[str], new_hashes: Sequence[str]) -> int:
     """Return the index of the first difference. For lists with a common start, return
     the shorter length.
     """
-    pairs = enumerate(zip(then, now, strict=False))
-    return next((k for k, (a, b) in pairs if a != b), min(len(then), len(now)))
+    pairs = enumerate(zip(old_hashes, new_hashes, strict=False))
+    return next(
+        (k for k, (a, b) in pairs if a != b), min(len(old_hashes), len(new_hashes))
+    )
 
 
-def changed_files(then: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
+def changed_files(
+    old_hashes: Mapping[str, str], new_hashes: Mapping[str, str]
+) -> Iterator[str]:
     """Yield a sentence for each input file with a new hash."""
-    for name in (*then, *(name for name in now if name not in then)):
-        if then.get(name) != now.get(name):
-            if name not in then:
+    for name in (*old_hashes, *(name for name in new_hashes if name not in old_hashes)):
+        if old_hashes.get(name) != new_hashes.get(name):
+            if name not in old_hashes:
                 change = "is read now, was not"
             else:
-                change = "has changed" if name in now else "is not read any more"
+                change = "has changed" if name in new_hashes else "is not read any more"
             yield f"{quoted(name, '', 80)} {change}"
 
 
 def changed_environment(
-    then: Mapping[str, str], now: Mapping[str, str]
+    old_values: Mapping[str, str], new_values: Mapping[str, str]
 ) -> Iterator[str]:
     """Yield a sentence for each changed version or machine property, if both values are
     known.
     """
-    for name, value in then.items():
-        if name in now and now[name] != value:
-            yield f"{name} is {quoted(now[name], '', 200)}, was {quoted(value, '', 200)}"
+    for name, value in old_values.items():
+        if name in new_values and new_values[name] != value:
+            yield f"{name} is {quoted(new_values[name], '', 200)}, was {quoted(value, '', 200)}"
 
 
 def summarize_texts(texts: Sequence[str]) -> str:

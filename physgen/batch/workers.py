@@ -94,9 +94,9 @@ def run_parallel(
     work: Callable[[Item], Result],
     items: Iterable[Item],
     workers: int,
-    lost: Callable[[Item, LostError], Result],
+    lost_result: Callable[[Item, LostError], Result],
 ) -> Generator[Result, None, None]:
-    """Yield `work(item)` for each item in order, or `lost(item, error)` if its process
+    """Yield `work(item)` for each item in order, or `lost_result(item, error)` if its process
     died at each attempt.
 
     A single worker is this process. Several workers are child processes: `work`, items and results are
@@ -144,7 +144,7 @@ def run_parallel(
                     if tries < TRIES:
                         retries.append((number, item, tries))
                     else:
-                        results[number] = lost(item, error)
+                        results[number] = lost_result(item, error)
                 except BaseException:
                     idle.append(child)
                     raise

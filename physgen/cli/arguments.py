@@ -53,7 +53,7 @@ class Parser(argparse.ArgumentParser):
         # Coordinates such as -40,95 are values too, not flags.
         self._negative_number_matcher = re.compile(r"-\.?\d")
         self.commands: dict[str, Parser] = {}
-        self.mixed = False
+        self.is_order_free = False
         """True if flags may come between arguments."""
         self.wrong: list[str] = []
         """Messages about wrong values, printed together at the end."""
@@ -97,14 +97,14 @@ class Parser(argparse.ArgumentParser):
         """Parse arguments in any order. argparse alone requires all arguments of one
         kind together.
         """
-        if not self.mixed:
+        if not self.is_order_free:
             return super().parse_known_args(args, namespace)
         # The parser calls this method again for the parts of the command line.
-        self.mixed = False
+        self.is_order_free = False
         try:
             return self.parse_known_intermixed_args(_hide_dashes(args), namespace)
         finally:
-            self.mixed = True
+            self.is_order_free = True
 
     def parse_args(  # type: ignore[override]
         self,
@@ -225,14 +225,14 @@ class Command:
     """A command: its options and its handler."""
 
     name: str
-    about: str
+    summary: str
     example: str
     # Adds the arguments.
     add: Callable[[Parser], None]
     # Returns the exit code.
     run: Callable[[argparse.Namespace], int]
     # True if flags may come between several arguments.
-    mixed: bool = False
+    is_order_free: bool = False
 
 
 def integer_reader(low: int, high: int) -> Callable[[str], int]:
@@ -279,13 +279,13 @@ def names(text: str) -> list[str]:
     )
 
 
-def choice_reader(known: Sequence[str]) -> Callable[[str], list[str]]:
-    """Return a reader of `a,b` for names among `known`."""
+def choice_reader(choices: Sequence[str]) -> Callable[[str], list[str]]:
+    """Return a reader of `a,b` for names among `choices`."""
 
     def read(text: str) -> list[str]:
-        wrong = [name for name in names(text) if name not in known]
+        wrong = [name for name in names(text) if name not in choices]
         if wrong or not names(text):
-            refusal = Message.NOT_AMONG.refusal(names=", ".join(known))
+            refusal = Message.NOT_AMONG.refusal(names=", ".join(choices))
             raise wrong_value(", ".join(wrong) or text, refusal)
         return names(text)
 

@@ -123,13 +123,13 @@ def _cache() -> list[UnusedPath]:
 
 
 def _print_table(
-    unused: Sequence[UnusedPath], sizes: Sequence[int], is_removed: bool
+    unused_paths: Sequence[UnusedPath], sizes: Sequence[int], is_removed: bool
 ) -> None:
-    width = max((len(str(item.path)) for item in unused), default=0)
-    for item, size in zip(unused, sizes, strict=True):
+    width = max((len(str(item.path)) for item in unused_paths), default=0)
+    for item, size in zip(unused_paths, sizes, strict=True):
         print_line(f"{item.path!s:<{width}}  {item.kind.value:<7}  {_size_text(size)}")
-    total = f"{len(unused)}, {_size_text(sum(sizes))}"
-    if not unused:
+    total = f"{len(unused_paths)}, {_size_text(sum(sizes))}"
+    if not unused_paths:
         print_error("nothing is unused")
     elif is_removed:
         print_error(f"removed: {total}")
@@ -160,5 +160,5 @@ CLEAN = Command(
     "physgen clean scene.yaml --yes",
     add,
     clean,
-    mixed=True,
+    is_order_free=True,
 )

@@ -116,5 +116,5 @@ CLIP = Command(
     "physgen clip photo.jpg -o out",
     add,
     clip,
-    mixed=True,
+    is_order_free=True,
 )

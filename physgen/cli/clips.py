@@ -123,7 +123,7 @@ def _motion_edits(
 def _story_edits(
     path: str,
     scene: Scene,
-    compiled: CompiledScene,
+    compilation: CompiledScene,
     variant: str | None,
     options: argparse.Namespace,
 ) -> dict[str, Any]:
@@ -135,13 +135,13 @@ def _story_edits(
         if getattr(options, flag):
             found = f'"{options.story}"'
             raise Message.STORY_WITH_OTHERS.error("--story", found, flag=f"--{flag}")
-    compiled, _ = stages.ended(scene, compiled)
+    compilation, _ = stages.ended(scene, compilation)
     opened = _open_scene(path, options.allow_outside)
 
     def edited(edits: Mapping[str, Any]) -> Scene:
         return opened.scene((*options.set, *edit_texts(edits)), variant)
 
-    subject = story_server.StoryScene(scene, compiled, edited)
+    subject = story_server.StoryScene(scene, compilation, edited)
     plan = story_server.load_plan(config=options.config)
     telling = story_server.tell(subject, options.story, plan, print_problem)
     verdict = "the story happens" if telling.is_fulfilled else "the nearest outcome"
@@ -245,12 +245,12 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
         variant: str | None,
         further: tuple[str, ...] = (),
         name: str | None = None,
-        tracked: tuple[str, ...] | None = None,
+        tracked_names: tuple[str, ...] | None = None,
         preview: tuple[str, ...] = (),
     ) -> Job:
         edits = (*preview, *overrides, *further)
         job_options = replace(common, overrides=edits, variant=variant, name=name)
-        return Job(path, job_options, options.output, refiner, tracked)
+        return Job(path, job_options, options.output, refiner, tracked_names)
 
     return make
 
@@ -331,19 +331,19 @@ class Tally:
         self.disk_full = False
         self._warnings: set[str] = set()
 
-    def add(self, done: JobResult) -> None:
+    def add(self, result: JobResult) -> None:
         """Count one clip."""
-        self.counts[done.state.name.lower()] += 1
-        if done.folder is not None:
+        self.counts[result.state.name.lower()] += 1
+        if result.folder is not None:
             # Another run may be replacing the clip.
             with suppress(OSError):
                 self.newest = max(
-                    self.newest, (done.folder / "manifest.json").stat().st_mtime
+                    self.newest, (result.folder / "manifest.json").stat().st_mtime
                 )
 
-    def new_warnings(self, done: JobResult) -> Iterator[str]:
+    def new_warnings(self, result: JobResult) -> Iterator[str]:
         """Yield the problems of a clip, without those of earlier clips."""
-        for problem in done.problems:
+        for problem in result.problems:
             text = str(problem)
             if text not in self._warnings:
                 self._warnings.add(text)
@@ -363,14 +363,14 @@ def make_all(
     jobs: Iterable[Job],
     count: int,
     options: argparse.Namespace,
-    on_done: Callable[[JobResult], None] = lambda done: None,
+    on_result: Callable[[JobResult], None] = lambda done: None,
     finish: Callable[[], Sequence[str]] = lambda: (),
     gallery: bool = True,
 ) -> int:
     """Make `count` jobs, print each, and write the gallery and a summary. Return the
     exit code.
 
-    `on_done` is called after each job. `finish` is called at the end and returns the
+    `on_result` is called after each job. `finish` is called at the end and returns the
     files to print.
     """
     from physgen.batch.run import record_failure, report_failure, run
@@ -405,7 +405,7 @@ def make_all(
             for line in tally.new_warnings(result):
                 print_error(line)
             record_failure(result, out, gallery)
-            on_done(result)
+            on_result(result)
             _print_done(result, options.json, store)
             _announce(bar, tally.counts.total() + 1, count)
     bar.clear()
@@ -435,35 +435,37 @@ def _announce(bar: Bar, number: int, count: int) -> None:
         bar.write(bar.prefix)
 
 
-def _print_done(done: JobResult, as_json: bool, store: str | None) -> None:
+def _print_done(result: JobResult, as_json: bool, store: str | None) -> None:
     """Print the folder of a clip, in its store if there is one, or the clip's data as a
     line of JSON.
     """
-    folder = None if done.folder is None else str(done.folder)
+    folder = None if result.folder is None else str(result.folder)
     if store is not None and folder is not None:
         folder = f"{store.rstrip('/')}/{folder}"
     if as_json:
         with suppress(InputError):
             line = {
-                "clip": done.job.name,
-                "scene": done.job.scene,
-                "variant": done.job.options.variant,
-                "state": done.state.value,
+                "clip": result.job.name,
+                "scene": result.job.scene,
+                "variant": result.job.options.variant,
+                "state": result.state.value,
                 "folder": folder,
-                **_video_entry(done),
-                "seconds": round(done.seconds, 3),
+                **_video_entry(result),
+                "seconds": round(result.seconds, 3),
                 "problems": [
-                    named_by_flag(problem).as_dict() for problem in done.problems
+                    named_by_flag(problem).as_dict() for problem in result.problems
                 ],
             }
             print_line(json.dumps(line, ensure_ascii=False, default=str))
     elif folder is not None:
-        print_line(str(done.job.video or folder))
+        print_line(str(result.job.video or folder))
 
 
-def _video_entry(done: JobResult) -> dict[str, str]:
+def _video_entry(result: JobResult) -> dict[str, str]:
     """Return the entry of the video file of `-o`, if there is one."""
-    return {"video": str(done.job.video)} if done.job.video and done.folder else {}
+    return (
+        {"video": str(result.job.video)} if result.job.video and result.folder else {}
+    )
 
 
 def _sum_up(

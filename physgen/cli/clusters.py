@@ -66,7 +66,7 @@ def run_all(
     work: Callable[[Item], Result],
     items: Iterable[Item],
     count: int,
-    lost: Callable[[Item, Exception], Result],
+    lost_result: Callable[[Item, Exception], Result],
 ) -> Generator[Result, None, None]:
     """Yield `work(item)` for each of `count` items in order, by the cluster or by
     processes of this machine.
@@ -75,12 +75,12 @@ def run_all(
         from physgen.batch.workers import run_parallel
 
         jobs = min(getattr(options, "jobs", 1), count)
-        return run_parallel(work, items, jobs, lost)
+        return run_parallel(work, items, jobs, lost_result)
     with _dask_needed(options):
         from physgen.batch.cluster import run_on_cluster
     ship = getattr(options, "ship", None)
     return run_on_cluster(
-        options.cluster, work, items, lost, ship=ship, report=print_error
+        options.cluster, work, items, lost_result, ship=ship, report=print_error
     )
 
 
@@ -95,12 +95,12 @@ def stored_clips(options: argparse.Namespace) -> list[Path]:
     return folders
 
 
-def gather_stored(options: argparse.Namespace, how: Gathering) -> DatasetSummary:
+def gather_stored(options: argparse.Namespace, gathering: Gathering) -> DatasetSummary:
     """Make a data set of the clips of a store, inside the store. Raise InputError."""
     shipping = _shipping(options)
     store = shipping.Store(options.ship)
     summary: DatasetSummary = shipping.gather_stored(
-        store, options.folders, options.output, how
+        store, options.folders, options.output, gathering
     )
     return summary
 

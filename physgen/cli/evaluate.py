@@ -384,8 +384,8 @@ def add(parser: Parser) -> None:
     for measure in MEASURES:
         sub = kinds.add_parser(
             measure.name,
-            help=measure.about,
-            description=measure.about,
+            help=measure.summary,
+            description=measure.summary,
             epilog=f"example: physgen evaluate {measure.example}",
         )
         sub.flag("--json", "print as JSON")

@@ -66,5 +66,5 @@ GALLERY = Command(
     "physgen gallery out sweep -o gallery.html",
     add,
     gallery,
-    mixed=True,
+    is_order_free=True,
 )

@@ -123,13 +123,13 @@ def build_parser() -> Parser:
     for command in COMMANDS.values():
         sub = commands.add_parser(
             command.name,
-            help=command.about,
-            description=command.about,
+            help=command.summary,
+            description=command.summary,
             epilog=f"example: {command.example}",
         )
         sub.set_defaults(command=command.name)
         command.add(sub)
-        sub.mixed = command.mixed
+        sub.is_order_free = command.is_order_free
         parser.commands[command.name] = sub
     return parser
 

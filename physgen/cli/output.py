@@ -52,10 +52,10 @@ def print_problem(problem: Problem) -> None:
     print_error(str(named_by_flag(problem)))
 
 
-def print_backup(kept: Path) -> None:
+def print_backup(backup: Path) -> None:
     """Print a line to stderr about the backup of an older file."""
-    name = str(kept).rpartition("~")[0]
-    print_error(Note.BACKUP.text(name=name, backup=kept.name))
+    name = str(backup).rpartition("~")[0]
+    print_error(Note.BACKUP.text(name=name, backup=backup.name))
 
 
 def print_json(data: Any) -> None:
@@ -64,13 +64,13 @@ def print_json(data: Any) -> None:
 
 
 def write_result(
-    text: str, output: Path | None, redirected: Path | None = None
+    text: str, output: Path | None, stdout_target: Path | None = None
 ) -> None:
     """Write a scene to stdout, or the path of its file.
 
-    `redirected` is the target file of stdout, from `stdout_file`.
+    `stdout_target` is the target file of stdout, from `stdout_file`.
     """
-    if output is None and redirected is None:
+    if output is None and stdout_target is None:
         _print_assets_place(text)
     sys.stdout.write(text if output is None else f"{output}\n")
 
@@ -177,10 +177,10 @@ class Bar:
     def aside(self, print_one: Callable[[Any], None]) -> Callable[[Any], None]:
         """Return a function that prints on its own line, not behind the progress."""
 
-        def print_aside(what: Any) -> None:
+        def print_aside(item: Any) -> None:
             with self._lock:
                 self.clear()
-                print_one(what)
+                print_one(item)
 
         return print_aside
 

@@ -71,11 +71,11 @@ def _perceive(options: argparse.Namespace, bar: Bar) -> int:
 
 
 def perceive_photo(
-    options: argparse.Namespace, bar: Bar, redirected: Path | None = None
+    options: argparse.Namespace, bar: Bar, stdout_target: Path | None = None
 ) -> str:
     """Perceive one photo, or refresh a scene. Return the scene's text.
 
-    `redirected` is the target file of stdout. Raise InputError.
+    `stdout_target` is the target file of stdout. Raise InputError.
     """
     from physgen import pipeline
 
@@ -117,7 +117,7 @@ def perceive_photo(
             options.refresh, output, allow_outside=options.allow_outside, **settings
         )
     settings |= {"masks": options.masks, "side": options.side, "story": options.story}
-    settings |= {"stdout": redirected, "makes_cache": True}
+    settings |= {"stdout": stdout_target, "makes_cache": True}
     return pipeline.perceive(options.image[0], output, **settings)
 
 
@@ -445,7 +445,7 @@ PERCEIVE = Command(
     "physgen perceive photo.png > scene.yaml",
     add_perceive,
     perceive,
-    mixed=True,
+    is_order_free=True,
 )
 IMPORT = Command(
     "import",

@@ -130,5 +130,5 @@ RENDER = Command(
     "physgen render scene.yaml --push ball-1=right --format mp4,gif",
     add,
     render,
-    mixed=True,
+    is_order_free=True,
 )

@@ -69,15 +69,15 @@ def show(options: argparse.Namespace) -> int:
     return OK
 
 
-def object_rows(scene: Scene, compiled: CompiledScene) -> list[dict[str, Any]]:
+def object_rows(scene: Scene, compilation: CompiledScene) -> list[dict[str, Any]]:
     """Return the main values of each object, in the order of names."""
     from physgen.compile.warnings import supports
     from physgen.scene.provenance import source
 
     rows = []
-    supports_by_object = supports(scene, compiled)
+    supports_by_object = supports(scene, compilation)
     for item, body, under in zip(
-        scene.objects, compiled.world.bodies, supports_by_object, strict=True
+        scene.objects, compilation.world.bodies, supports_by_object, strict=True
     ):
         speed = hypot(*body.velocity) / scene.world.pixels_per_meter
         confidence = scene.document["objects"][item.name].get("confidence")
@@ -250,7 +250,7 @@ CHECK = Command(
     "physgen check scenes/*/scene.yaml --strict",
     add_check,
     check,
-    mixed=True,
+    is_order_free=True,
 )
 SIMULATE = Command(
     "simulate",

@@ -138,7 +138,7 @@ def _make_sweep(
             jobs(),
             len(plan),
             options,
-            on_done=lambda done: rows.add(
+            on_result=lambda done: rows.add(
                 files.table_row(plan, running.popleft(), done)
             ),
             finish=finish,
@@ -170,19 +170,19 @@ class Previews:
 
 
 def _tracked_names(
-    objects: tuple[str, ...], chosen: list[str] | None
+    objects: tuple[str, ...], requested_names: list[str] | None
 ) -> tuple[str, ...]:
-    if chosen is None:
+    if requested_names is None:
         return objects if len(objects) <= MOST_TRACKED else ()
     problems = []
-    for name in chosen:
+    for name in requested_names:
         if name not in objects:
             place, fix = Place("--track"), one_of(name, objects)
             wrong = Message.NOT_MOVABLE.problem(place, "", f'"{name}"', fix=fix)
             problems.append(wrong)
     if problems:
         raise InputError(problems)
-    return tuple(chosen)
+    return tuple(requested_names)
 
 
 def add(parser: Parser) -> None:
@@ -218,5 +218,5 @@ SWEEP = Command(
     "physgen sweep scene.yaml objects.ball.velocity.0=100:900:9 'objects.*.elasticity=0.2,0.9' -o sweep",
     add,
     sweep,
-    mixed=True,
+    is_order_free=True,
 )

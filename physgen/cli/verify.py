@@ -92,5 +92,5 @@ VERIFY = Command(
     "physgen verify out --jobs 2",
     add,
     verify,
-    mixed=True,
+    is_order_free=True,
 )

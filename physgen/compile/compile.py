@@ -325,7 +325,7 @@ def check_steps(scene: Scene) -> None:
 def compile_shapes(scene: Scene, shapes: Shapes) -> CompiledScene:
     """Return the world of a scene with these `shapes`. Raise InputError."""
     shown = snapped_to_boundaries(
-        scene, shapes.outlines, [it is None for it in shapes.written]
+        scene, shapes.outlines, [it is None for it in shapes.written_outlines]
     )
     outlines = tuple(map(placed_outline, shown, scene.objects))
     problems: list[Problem] = []

@@ -40,7 +40,7 @@ def maps_cover_masks(maps: Percepts, labels: U16, scenery: Mask) -> bool:
 
 
 def photo_differs(
-    scene: Scene, compiled: CompiledScene, maps: Percepts | None
+    scene: Scene, compilation: CompiledScene, maps: Percepts | None
 ) -> Iterator[Problem]:
     """Yield a warning about a photo with edits after its maps were made: the clip shows
     `background.png`.
@@ -56,11 +56,11 @@ def photo_differs(
     ):
         return
     # The pipeline then makes a new background from the photo.
-    if not maps_cover_masks(maps, compiled.labels, compiled.scenery):
+    if not maps_cover_masks(maps, compilation.labels, compilation.scenery):
         return
     background_mask = ~_grow(
-        (maps.coverage > 0) | (maps.cut_out > 0) | (compiled.labels > 0),
-        round(LIMITS.near * max(scene.size)),
+        (maps.coverage > 0) | (maps.cut_out > 0) | (compilation.labels > 0),
+        round(LIMITS.filled_margin * max(scene.size)),
     )
     # Equal maps are the common case, and quick to test.
     if (
@@ -81,7 +81,7 @@ def photo_differs(
         ).sum(axis=2)
     _, ids, stats, _ = cv2.connectedComponentsWithStats(differs.astype(np.uint8))
     # Compression leaves specks.
-    large = stats[:, cv2.CC_STAT_AREA] >= LIMITS.least
+    large = stats[:, cv2.CC_STAT_AREA] >= LIMITS.min_pixels
     large[0] = False
     rows, columns = np.nonzero(large[ids])
     if len(rows):
@@ -120,48 +120,52 @@ def doubtful_ids(scene: Scene, maps: Percepts | None) -> Iterator[Problem]:
             yield warning(scene, mask_path, str(mask), Message.DOUBTFUL_ID_MISSING)
 
 
-def _mean_difference(one: U8, other: U8, within: Mask) -> NDArray[np.int16]:
+def _mean_difference(picture: U8, reference: U8, region: Mask) -> NDArray[np.int16]:
     """Return the difference of two pictures, (H, W, 3) grey levels, as means over
-    squares of the pixels `within`.
+    squares of the pixels `region`.
     """
-    difference = cv2.subtract(one, other, dtype=cv2.CV_16S)
-    difference[~within] = 0
-    return np.asarray(cv2.blur(difference, (LIMITS.over, LIMITS.over)), np.int16)
+    difference = cv2.subtract(picture, reference, dtype=cv2.CV_16S)
+    difference[~region] = 0
+    return np.asarray(
+        cv2.blur(difference, (LIMITS.mean_side, LIMITS.mean_side)), np.int16
+    )
 
 
-def _grow(mask: Mask, by: int) -> Mask:
-    """Return the mask with all pixels within `by` px along rows, columns and diagonals,
+def _grow(mask: Mask, margin: int) -> Mask:
+    """Return the mask with all pixels within `margin` px along rows, columns and diagonals,
     (H, W).
     """
     return np.asarray(
-        cv2.dilate(mask.astype(np.uint8), np.ones((2 * by + 1, 2 * by + 1), np.uint8))
+        cv2.dilate(
+            mask.astype(np.uint8), np.ones((2 * margin + 1, 2 * margin + 1), np.uint8)
+        )
         > 0
     )
 
 
-def missed_masks(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
+def missed_masks(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
     """Yield warnings about written shapes that differ from the object's mask."""
-    shapes = zip(scene.objects, compiled.shapes.written, strict=True)
+    shapes = zip(scene.objects, compilation.shapes.written_outlines, strict=True)
     for k, (item, outline) in enumerate(shapes):
-        mask = compiled.labels == k + 1
+        mask = compilation.labels == k + 1
         area = np.count_nonzero(mask)
         if outline is None or item.mask is None or not area:
             continue
         fix = "correct the outline or the mask"
         if scene.document["objects"][item.name].get("shape") != "outline":
             fix = f"write shape: outline, or {fix}"
-        differences = _shape_differences(item, outline, mask, compiled)
+        differences = _shape_differences(item, outline, mask, compilation)
         messages = (Message.SHAPE_MISSES_MASK, Message.SHAPE_BEYOND_MASK)
         for part, message in zip(differences, messages, strict=True):
             share = _opened_area(part) / area
-            if share > LIMITS.missed:
+            if share > LIMITS.max_missed_share:
                 path = f"objects.{item.name}.shape"
                 values = {"share": percent(share), "fix": fix}
                 yield warning(scene, path, "the shape", message, **values)
 
 
 def _shape_differences(
-    item: Object, outline: Outline, mask: Mask, compiled: CompiledScene
+    item: Object, outline: Outline, mask: Mask, compilation: CompiledScene
 ) -> tuple[Mask, Mask]:
     """Return the part of a mask outside its shape, and the part of the shape over other
     things in the photo.
@@ -169,7 +173,7 @@ def _shape_differences(
     `mask` is (H, W) bool. The results are cropped to the surroundings of mask and
     shape.
     """
-    reach = LIMITS.seen * np.count_nonzero(mask) ** 0.5
+    reach = LIMITS.mask_reach * np.count_nonzero(mask) ** 0.5
     hull = outline_shape(outline).convex_hull.buffer(reach)
     corners = np.rint(shapely.get_coordinates(hull)).astype(np.int32)
     height, width = mask.shape
@@ -178,15 +182,15 @@ def _shape_differences(
     x, y, w, h = cv2.boundingRect(mask.astype(np.uint8))
     # A spike without area belongs to the coverage's box but not to the hull.
     extent = np.concatenate([corners, [[x0, y0], [x1, y1], [x, y], [x + w, y + h]]])
-    left, top = np.maximum(extent.min(axis=0) - LIMITS.thin, 0).tolist()
-    right, bottom = (extent.max(axis=0) + LIMITS.thin).tolist()
+    left, top = np.maximum(extent.min(axis=0) - LIMITS.thread_width, 0).tolist()
+    right, bottom = (extent.max(axis=0) + LIMITS.thread_width).tolist()
     window = np.s_[top:bottom, left:right]
     box = np.s_[y0 - top : y1 - top, x0 - left : x1 - left]
     mask = mask[window]
     inside_hull = np.zeros(mask.shape, np.uint8)
     cv2.fillPoly(inside_hull, [corners - np.array([left, top], np.int32)], 1)
-    occupied = compiled.labels[window] > 0
-    occupied |= compiled.scenery[window] | _fill_holes(mask)
+    occupied = compilation.labels[window] > 0
+    occupied |= compilation.scenery[window] | _fill_holes(mask)
     if isinstance(item.shape, Auto):
         # Perception adds a flat base below objects seen from above.
         occupied |= np.logical_or.accumulate(mask, axis=0)
@@ -199,7 +203,7 @@ def _opened_area(mask: Mask) -> float:
     """
     if not mask.size:
         return 0.0
-    kernel = np.ones((LIMITS.thin, LIMITS.thin), np.uint8)
+    kernel = np.ones((LIMITS.thread_width, LIMITS.thread_width), np.uint8)
     opened = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, kernel)
     return float(opened.sum())
 

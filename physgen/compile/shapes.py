@@ -42,19 +42,19 @@ PixelMask = NDArray[np.bool_]
 
 
 def object_labels(
-    scene: Scene, labels: U16 | None, written: list[Outline | None]
+    scene: Scene, labels: U16 | None, written_outlines: list[Outline | None]
 ) -> U16:
     """Return the ids by object, (H, W): from masks.png, from an outline or, without
     both, from the written shape.
 
-    `written` holds the outline of every explicit shape, None for a fitted one. Nearer
+    `written_outlines` holds the outline of every explicit shape, None for a fitted one. Nearer
     layers win shared pixels.
     """
     width, height = scene.size
     out = np.zeros((height, width), np.uint16)
     problems = []
     for k in sorted(range(len(scene.objects)), key=lambda k: scene.objects[k].layer):
-        item, outline = scene.objects[k], written[k]
+        item, outline = scene.objects[k], written_outlines[k]
         mask = mask_pixels(item.mask, scene.size, labels)
         if mask is not None:
             out[mask] = k + 1
@@ -69,7 +69,7 @@ def object_labels(
     if not problems:
         hidden_names = (
             k
-            for k, outline in enumerate(written)
+            for k, outline in enumerate(written_outlines)
             if outline is None and not pixel_counts[k + 1]
         )
         problems = [_report_hidden_mask(scene, scene.objects[k]) for k in hidden_names]
@@ -135,9 +135,9 @@ class FittedOutlines:
 
 
 def fit_masks(
-    scene: Scene, labels: U16 | None, of_objects: U16, fitted: list[int]
+    scene: Scene, labels: U16 | None, of_objects: U16, fitted_ids: list[int]
 ) -> FittedOutlines:
-    """Return the outlines of the objects `fitted` and of every boundary with a mask.
+    """Return the outlines of the objects `fitted_ids` and of every boundary with a mask.
     Raise InputError.
 
     A boundary shares its lines with the masks at its border. A boundary across another
@@ -166,7 +166,7 @@ def fit_masks(
             joint_labels[mask] = shared_ids[k]
     if problems:
         raise InputError(problems)
-    ids = [*fitted, *shared_ids.values()]
+    ids = [*fitted_ids, *shared_ids.values()]
     fits = (
         fit_outlines(joint_labels, ids, never_discs=set(shared_ids.values()))
         if ids
@@ -176,7 +176,7 @@ def fit_masks(
         k: fit for k, i in shared_ids.items() if isinstance(fit := fits[i], Region)
     } | lone_regions
     return FittedOutlines(
-        {i: fits[i] for i in fitted}, walls, scenery & (of_objects == 0)
+        {i: fits[i] for i in fitted_ids}, walls, scenery & (of_objects == 0)
     )
 
 
@@ -241,7 +241,7 @@ def walls_of(scene: Scene, regions: dict[int, Region]) -> tuple[Wall, ...]:
 class Shapes:
     """Shapes of the N objects of a scene, and of its boundaries with masks."""
 
-    written: tuple[Outline | None, ...]
+    written_outlines: tuple[Outline | None, ...]
     """Outlines from the file or the assets; None for a fitted outline."""
     # (H, W): id k + 1 is object k; 0 = background.
     labels: U16
@@ -252,7 +252,7 @@ class Shapes:
     @property
     def drawn(self) -> tuple[Outline, ...]:
         """Return the outlines with their hidden parts for drawing, photo frame."""
-        wholes = self.wholes or (None,) * len(self.written)
+        wholes = self.wholes or (None,) * len(self.written_outlines)
         return tuple(
             outline if whole_outline is None else whole_outline
             for outline, whole_outline in zip(self.outlines, wholes, strict=True)
@@ -263,7 +263,7 @@ class Shapes:
         """Return the written or fitted outlines, photo frame."""
         return tuple(
             self.fits.objects[k + 1] if it is None else it
-            for k, it in enumerate(self.written)
+            for k, it in enumerate(self.written_outlines)
         )
 
 
@@ -331,17 +331,17 @@ against gravity.
 
 
 def snapped_to_boundaries(
-    scene: Scene, outlines: tuple[Outline, ...], fitted: list[bool]
+    scene: Scene, outlines: tuple[Outline, ...], fit_flags: list[bool]
 ) -> tuple[Outline, ...]:
     """Return the outlines; move fitted ones onto boundaries within reach of their
     lowest points.
     """
-    lines = carrying_lines(scene) if any(fitted) else []
+    lines = carrying_lines(scene) if any(fit_flags) else []
     if not lines:
         return outlines
     return tuple(
         stand_on_lines(outline, lines) if fit else outline
-        for outline, fit in zip(outlines, fitted, strict=True)
+        for outline, fit in zip(outlines, fit_flags, strict=True)
     )
 
 
@@ -357,7 +357,7 @@ def carrying_lines(scene: Scene) -> list[Line]:
         line
         for boundary in scene.boundaries
         for a, b in pairwise(np.array(boundary.points, np.float64).reshape(-1, 2))
-        if (line := Line.of(a, b, gravity / strength)) is not None
+        if (line := Line.between(a, b, gravity / strength)) is not None
     ]
 
 
@@ -366,11 +366,18 @@ class Line:
     upward normal.
     """
 
-    def __init__(self, start: Array, along: Array, length: float, up: Array) -> None:
-        self.start, self.along, self.length, self.up = start, along, length, up
+    def __init__(
+        self, start: Array, direction: Array, length: float, normal: Array
+    ) -> None:
+        self.start, self.direction, self.length, self.normal = (
+            start,
+            direction,
+            length,
+            normal,
+        )
 
     @staticmethod
-    def of(a: Array, b: Array, down: Array) -> Line | None:
+    def between(a: Array, b: Array, down: Array) -> Line | None:
         """Return the line from `a` to `b` px, or None if it is too steep to carry."""
         length = float(np.hypot(*(b - a)))
         if length == 0:
@@ -380,31 +387,31 @@ class Line:
         normal = -normal if normal @ down > 0 else normal
         return Line(a, direction, length, normal) if -(normal @ down) >= LEVEL else None
 
-    def near(self, points: Array) -> tuple[NDArray[np.bool_], Array]:
+    def measure_points(self, points: Array) -> tuple[NDArray[np.bool_], Array]:
         """Return which points lie along the segment, and the heights of all points over
         its line, px.
         """
         offsets = points - self.start
-        distances = offsets @ self.along
+        distances = offsets @ self.direction
         return (distances >= -BAND) & (
             distances <= self.length + BAND
-        ), offsets @ self.up
+        ), offsets @ self.normal
 
 
 def stand_on_lines(outline: Outline, lines: list[Line]) -> Outline:
     """Return the outline on the lines within reach of its lowest points."""
     for line in lines:
         if isinstance(outline, Disc):
-            is_along, height = line.near(outline.center[None])
+            is_along, height = line.measure_points(outline.center[None])
             gap = float(height[0]) - outline.radius
             if is_along[0] and abs(gap) <= BAND:
-                outline = Disc(outline.center - gap * line.up, outline.radius)
+                outline = Disc(outline.center - gap * line.normal, outline.radius)
             continue
         points = np.concatenate([ring.outer for ring in outline.rings])
-        is_along, height = line.near(points)
+        is_along, height = line.measure_points(points)
         depths = height[is_along]
         # An object beside a ledge, with its centre below, does not stand on it.
-        is_above = (mass_properties(outline).center - line.start) @ line.up > BAND
+        is_above = (mass_properties(outline).center - line.start) @ line.normal > BAND
         if is_above and len(depths) and -BAND <= depths.min() <= BAND:
             outline = Region(
                 tuple(
@@ -417,8 +424,8 @@ def stand_on_lines(outline: Outline, lines: list[Line]) -> Outline:
 
 def _flatten(points: Array, line: Line) -> Array:
     """Return the points; move those within the band onto the line."""
-    is_along, height = line.near(points)
+    is_along, height = line.measure_points(points)
     is_touching = is_along & (np.abs(height) <= BAND)
     new_points = points.copy()
-    new_points[is_touching] -= height[is_touching, None] * line.up
+    new_points[is_touching] -= height[is_touching, None] * line.normal
     return new_points

@@ -44,30 +44,30 @@ VEHICLE = VehicleConstants()
 
 
 def with_wheels(
-    body: Body, item: Object, outline: Outline, shown: Outline, scene: Scene
+    body: Body, item: Object, outline: Outline, photo_outline: Outline, scene: Scene
 ) -> Body:
     """Return the body on its wheels, or unchanged without wheels that can turn.
 
-    `outline` is the object at its place, `shown` the object in the photo. Raise
+    `outline` is the object at its place, `photo_outline` the object in the photo. Raise
     InputError for a wheel outside the object.
     """
     if not item.wheels:
         return body
-    check_wheels(item, shown, scene)
+    check_wheels(item, photo_outline, scene)
     if item.motion is not Motion.DYNAMIC or scene.world.view is View.TOP:
         return body
-    wheels = place_wheels(body, item, shown, scene)
+    wheels = place_wheels(body, item, photo_outline, scene)
     pieces = chassis_pieces(outline, body.center, wheels, scene)
     return replace(body, wheels=wheels, pieces=pieces or body.pieces)
 
 
-def check_wheels(item: Object, shown: Outline, scene: Scene) -> None:
+def check_wheels(item: Object, photo_outline: Outline, scene: Scene) -> None:
     """Raise InputError for wheels outside the object, and for a round object."""
     problems = []
-    if isinstance(shown, Disc):
+    if isinstance(photo_outline, Disc):
         path = f"objects.{item.name}.wheels"
         raise Message.WHEELS_ON_CIRCLE.error_at(scene.place(path), path, "the wheels")
-    body = _polygon(shown)
+    body = _polygon(photo_outline)
     for index, wheel in enumerate(item.wheels):
         path = f"objects.{item.name}.wheels[{index}]"
         circle = shapely.Point(wheel.center).buffer(wheel.radius)
@@ -99,10 +99,10 @@ def check_wheels(item: Object, shown: Outline, scene: Scene) -> None:
 
 
 def place_wheels(
-    body: Body, item: Object, shown: Outline, scene: Scene
+    body: Body, item: Object, photo_outline: Outline, scene: Scene
 ) -> tuple[Wheel, ...]:
     """Return the wheels in the body's frame, on the ground if it is within reach."""
-    middle = mass_properties(shown).center
+    middle = mass_properties(photo_outline).center
     lines = carrying_lines(scene)
     turn = rotation(radians(item.place[2])) if item.place is not None else np.eye(2)
     wheels = []

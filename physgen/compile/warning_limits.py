@@ -14,42 +14,42 @@ class WarningLimits:
     """Thresholds of warnings."""
 
     # Invisible shift of a camera view, px.
-    away: float = 0.5
+    view_shift: float = 0.5
     # Reach of soft coverage beyond a mask's border, px.
     reach: int = 5
     # Approximate number of named overlapping pairs; further ones are counted.
     pairs: int = 200
     # Overlap at t = 0 that the engine resolves invisibly, px.
     overlap: float = 0.25
-    near: float = 42 / 512
+    filled_margin: float = 42 / 512
     """Distance from covered pixels in which `background.png` may differ from the photo,
     in longer sides of the photo: rims and contact shadows are filled there.
     """
-    over: int = 5
+    mean_side: int = 5
     """Side of the squares for mean differences, px. Artefacts of compression vanish in
     the mean.
     """
     # Minimum mean difference of an edited pixel, grey levels.
     levels: int = 8
     # Minimum number of connected edited pixels: 8 x 8 px.
-    least: int = 64
-    missed: float = 0.03
+    min_pixels: int = 64
+    max_missed_share: float = 0.03
     """Maximum share of a mask outside its shape, or of a shape beyond every visible
     object.
     """
-    seen: float = 0.08
+    mask_reach: float = 0.08
     """Maximum reach of a mask beyond the hull of its shape, in square roots of its
     area.
 
     The photo also shows a top, an inside or a near rim.
     """
     # Maximum width of threads and wires without a shape, px.
-    thin: int = 5
+    thread_width: int = 5
     # One minute of video at 30 frames a second: longer clips are seldom intended.
     frames: int = 1800
     # Invisible change of a start velocity by joints, as a share.
-    excluded: float = 0.01
-    weak: float = 0.1
+    start_change: float = 0.01
+    min_gravity: float = 0.1
     """Minimum strength of gravity, in strengths on Earth. The Moon has 0.17; a weaker
     value is m/s² without the unit.
     """
@@ -73,7 +73,7 @@ LIMITS = WarningLimits()
 
 
 def warning(
-    scene: Scene, path: str, found: str, message: Message, **values: object
+    scene: Scene, path: str, value_text: str, message: Message, **values: object
 ) -> Problem:
     """Return a warning at the place of `path` in the file."""
-    return message.warning(scene.place(path), path, found, **values)
+    return message.warning(scene.place(path), path, value_text, **values)

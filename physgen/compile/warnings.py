@@ -49,7 +49,7 @@ SAMPLES = 32
 
 
 def lint(
-    scene: Scene, compiled: CompiledScene, maps: Percepts | None = None
+    scene: Scene, compilation: CompiledScene, maps: Percepts | None = None
 ) -> list[Problem]:
     """Return all warnings, sorted by place. With `maps`, also return those of the
     photo's maps.
@@ -68,13 +68,17 @@ def lint(
         _outdated_values,
         _long,
     )
-    problems = [problem for rule in rules for problem in rule(scene, compiled)]
+    problems = [problem for rule in rules for problem in rule(scene, compilation)]
     return by_place(
-        [*problems, *photo_differs(scene, compiled, maps), *doubtful_ids(scene, maps)]
+        [
+            *problems,
+            *photo_differs(scene, compilation, maps),
+            *doubtful_ids(scene, maps),
+        ]
     )
 
 
-def _idle_striker(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
+def _idle_striker(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
     """Yield a warning about a striking hand or finger that has nothing to push."""
     enter = scene.render.enter
     if enter is Striker.NONE:
@@ -92,7 +96,7 @@ def _idle_striker(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
         yield warning(scene, "render.enter", found, message, why=why)
 
 
-def _without_effect(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
+def _without_effect(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
     """Yield warnings about keys that a reader expects to change the clip, but that do
     not.
     """
@@ -101,9 +105,9 @@ def _without_effect(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
         friction = f"{scene.world.table_friction:g}"
         message = Message.TABLE_FROM_SIDE
         yield warning(scene, "world.table.friction", friction, message)
-    for item, body in zip(scene.objects, compiled.world.bodies, strict=True):
+    for item, body in zip(scene.objects, compilation.world.bodies, strict=True):
         yield from _object_keys_without_effect(scene, item, body)
-    yield from _forces_without_effect(scene, compiled, motion)
+    yield from _forces_without_effect(scene, compilation, motion)
     for joint in scene.joints:
         if all(motion[name] is not Motion.DYNAMIC for name in joint.objects):
             path = f"joints.{joint.name}"
@@ -169,10 +173,10 @@ def _object_keys_without_effect(
 
 
 def _forces_without_effect(
-    scene: Scene, compiled: CompiledScene, motion: Mapping[str, Motion]
+    scene: Scene, compilation: CompiledScene, motion: Mapping[str, Motion]
 ) -> Iterator[Problem]:
     """Yield warnings about forces on fixed objects, and about forces after the end."""
-    end = compiled.world.duration
+    end = compilation.world.duration
     for k, force in enumerate(scene.forces):
         if motion[force.object] is not Motion.DYNAMIC:
             yield warning(
@@ -213,11 +217,11 @@ def _gears_without_pins(
             )
 
 
-def _excluded_starts(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
+def _excluded_starts(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
     """Yield warnings about velocities at t = 0 that joints exclude, with the allowed
     velocities.
     """
-    world = compiled.world
+    world = compilation.world
     if not world.joints:
         return
     allowed_velocities = velocities_that_joints_allow(world)
@@ -228,7 +232,7 @@ def _excluded_starts(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]
         # A spin counts as the speed of the farthest point, so that both have one unit.
         speed = float(np.hypot(*body.velocity)) + abs(body.spin) * body.reach
         change_size = float(np.hypot(*change[:2])) + abs(change[2]) * body.reach
-        if change_size <= LIMITS.excluded * speed:
+        if change_size <= LIMITS.start_change * speed:
             continue
         x, y, spin = (
             allowed_velocities[k, 0],
@@ -240,14 +244,14 @@ def _excluded_starts(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]
         yield warning(scene, path, key, message, x=x, y=y, spin=spin)
 
 
-def _weak_gravity(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
+def _weak_gravity(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
     """Yield warnings about gravity without a unit, if it is too weak for px/s²."""
     world = scene.world
     strength = float(np.hypot(*world.gravity)) / world.pixels_per_meter
     is_stated = "world.gravity" in scene.places and not world.gravity_in_units
     if world.view is View.TOP or not is_stated or strength == 0:
         return
-    if strength < LIMITS.weak * EARTH:
+    if strength < LIMITS.min_gravity * EARTH:
         x, y = world.gravity
         yield warning(
             scene,
@@ -260,9 +264,9 @@ def _weak_gravity(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
         )
 
 
-def _coarse_steps(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
+def _coarse_steps(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
     """Yield warnings about steps with such a long fall that stacks sink or collapse."""
-    world = compiled.world
+    world = compilation.world
     strength = float(np.hypot(*world.gravity))
     fall = strength / world.steps_per_second**2
     if fall <= LIMITS.fall:
@@ -276,9 +280,9 @@ def _coarse_steps(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
     yield warning(scene, path, found, message, fall=fall, steps=steps)
 
 
-def _invisible(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
+def _invisible(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
     """Yield warnings about objects smaller than a pixel, a sign of sizes in metres."""
-    for item, body in zip(scene.objects, compiled.world.bodies, strict=True):
+    for item, body in zip(scene.objects, compilation.world.bodies, strict=True):
         if body.reach >= LIMITS.visible:
             continue
         size_text = f"{item.name} of {2 * body.reach:.2g} px"
@@ -286,7 +290,7 @@ def _invisible(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
         yield warning(scene, path, size_text, Message.SHAPE_INVISIBLE)
 
 
-def _outdated_values(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
+def _outdated_values(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
     """Yield warnings about numbers that belong to an earlier label or scale."""
     record, scale = scene.record, scene.world.pixels_per_meter
     stated = "world.pixels_per_meter" in scene.places
@@ -314,9 +318,9 @@ def _outdated_values(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]
                 yield warning(scene, key_path, scale_text, message, values=values)
 
 
-def _long(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
+def _long(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
     """Yield a warning about a slow clip with many frames."""
-    frames, (width, height) = len(compiled.world.times), scene.video_size
+    frames, (width, height) = len(compilation.world.times), scene.video_size
     if frames > LIMITS.frames:
         minutes = frames * LIMITS.draws * max(width * height / 512**2, 1) / 60
         yield warning(
@@ -330,7 +334,7 @@ def _long(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
         )
 
 
-def _views(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
+def _views(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
     """Yield warnings about camera views beyond the photo's border, or after the end of
     the clip.
     """
@@ -342,7 +346,10 @@ def _views(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
             x, y = confine_center(
                 sight.center, scene.size, scene.video_size, sight.zoom
             )
-            if max(abs(x - sight.center[0]), abs(y - sight.center[1])) > LIMITS.away:
+            if (
+                max(abs(x - sight.center[0]), abs(y - sight.center[1]))
+                > LIMITS.view_shift
+            ):
                 center_text = f"[{sight.center[0]:g}, {sight.center[1]:g}]"
                 yield warning(
                     scene,
@@ -353,14 +360,14 @@ def _views(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
                     x=x,
                     y=y,
                 )
-        end = compiled.world.duration
+        end = compilation.world.duration
         if sight.time > end:
             time_path, message = f"{path}.time", Message.VIEW_AFTER_END
             yield warning(scene, time_path, f"{sight.time:g}", message, end=end)
 
 
-def _overlaps(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
-    shapes = [outline_shape(outline) for outline in compiled.outlines]
+def _overlaps(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
+    shapes = [outline_shape(outline) for outline in compilation.outlines]
     tree = shapely.STRtree(shapes)
     # A wheel may lie in front of its car.
     joined_pairs = {
@@ -380,14 +387,14 @@ def _overlaps(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
             if {item.name, other} not in joined_pairs and collides(
                 item, scene.objects[j]
             ):
-                depth = overlap_depth(compiled.outlines[i], compiled.outlines[j])
+                depth = overlap_depth(compilation.outlines[i], compilation.outlines[j])
                 if depth > LIMITS.overlap:
                     named_count += 1
                     overlap = Message.OVERLAP_AT_START
                     yield warning(
                         scene, path, item.name, overlap, other=other, depth=depth
                     )
-        for edge, wall in zip(scene.boundaries, compiled.world.walls, strict=True):
+        for edge, wall in zip(scene.boundaries, compilation.world.walls, strict=True):
             is_passed = not collides(item, edge) or edge.one_way is not None
             if item.motion is not Motion.DYNAMIC or is_passed:
                 continue
@@ -424,20 +431,20 @@ def depth_across(shape: shapely.Geometry, wall: shapely.LineString) -> float:
 # ---- support
 
 
-def supports(scene: Scene, compiled: CompiledScene) -> list[list[str]]:
+def supports(scene: Scene, compilation: CompiledScene) -> list[list[str]]:
     """Return the names of the objects and boundaries in each object's way down; all
     empty without gravity in the photo's plane.
 
     A contact at an object's side only is not a support.
     """
-    gravity = compiled.world.gravity
+    gravity = compilation.world.gravity
     if scene.world.view is View.TOP or not gravity.any():
         return [[] for _ in scene.objects]
     down = gravity / float(np.hypot(*gravity)) * LIMITS.support
-    shapes = [outline_shape(outline) for outline in compiled.outlines]
+    shapes = [outline_shape(outline) for outline in compilation.outlines]
     chains = [
         (wall.name, shapely.LineString(chain))
-        for wall in compiled.world.walls
+        for wall in compilation.world.walls
         for chain in wall.chains
     ]
     names = [item.name for item in scene.objects] + [name for name, _ in chains]
@@ -453,17 +460,17 @@ def supports(scene: Scene, compiled: CompiledScene) -> list[list[str]]:
     return [met(i) for i in range(len(shapes))]
 
 
-def _unsupported_objects(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
+def _unsupported_objects(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
     """Yield warnings about objects of a photo at rest without a support below them or
     below their joined partners.
     """
     if (
         scene.image is None
         or scene.world.view is View.TOP
-        or not compiled.world.gravity.any()
+        or not compilation.world.gravity.any()
     ):
         return
-    supports_by_object = supports(scene, compiled)
+    supports_by_object = supports(scene, compilation)
     hanging = [
         i
         for group in _joined_groups(scene)

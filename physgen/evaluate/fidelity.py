@@ -114,12 +114,12 @@ def _read_truth(name: str, path: Path, root: Path) -> Truth:
     return Truth(name, scene, maps, film, path.parent)
 
 
-def replay(truth: Truth, compiled: CompiledScene) -> Trajectory:
+def replay(truth: Truth, compilation: CompiledScene) -> Trajectory:
     """Return the stored poses as a trajectory from t = 0. The roll of balls is
     simulated again.
     """
     times = np.array([0.0, *truth.film["times_s"]])
-    trajectory = simulate(compiled.world, times)
+    trajectory = simulate(compilation.world, times)
     poses = trajectory.poses.copy()
     for k, name in enumerate(trajectory.names):
         stored_poses = np.array(truth.film["objects"][name])

@@ -36,10 +36,10 @@ class Film:
     """Folder of the frames beside the page, if there is no film."""
 
 
-def linked_film(made: Sequence[str]) -> Film:
-    """Return the best of the films and folders of frames `made` beside the page."""
+def linked_film(names: Sequence[str]) -> Film:
+    """Return the best of the films and folders of frames `names` beside the page."""
     name = min(
-        made, key=lambda name: (*BEST, Path(name).suffix).index(Path(name).suffix)
+        names, key=lambda name: (*BEST, Path(name).suffix).index(Path(name).suffix)
     )
     if "." in name:
         return Film(name, name.endswith(".mp4"), name)

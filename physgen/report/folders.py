@@ -119,8 +119,8 @@ def atomic_folder(final: Path) -> Iterator[Path]:
     shutil.rmtree(old, ignore_errors=True)
 
 
-def _replace_folder(beside: Path, final: Path, old: Path) -> None:
-    """Replace `final` by `beside`, and rename `final` to `old`. Another command may do
+def _replace_folder(new_folder: Path, final: Path, old: Path) -> None:
+    """Replace `final` by `new_folder`, and rename `final` to `old`. Another command may do
     the same at the same time.
     """
     for left in range(TRIES, 0, -1):
@@ -128,7 +128,7 @@ def _replace_folder(beside: Path, final: Path, old: Path) -> None:
             if final.exists():
                 shutil.rmtree(old, ignore_errors=True)
                 final.rename(old)
-            beside.rename(final)
+            new_folder.rename(final)
             return
         except OSError as error:
             if left == 1 or error.errno not in (
@@ -167,15 +167,15 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         return {}
 
 
-def lost_files(manifest: Mapping[str, Any], again: Iterable[str]) -> str:
+def lost_files(manifest: Mapping[str, Any], new_files: Iterable[str]) -> str:
     """Return the names of an earlier run's files that the new run does not write;
-    `again` are its files.
+    `new_files` are its files.
 
     Return "" if there are none.
     """
     kept, there = (
         {str(name).partition("/")[0] for name in names}
-        for names in (again, manifest.get("files", ()))
+        for names in (new_files, manifest.get("files", ()))
     )
     return listed(sorted(there - kept), "and")
 

@@ -43,9 +43,9 @@ class GalleryLimits:
     """Maximum number of values of a key with one button each; more become a range."""
     common_labels: int = 6
     """Number of labels without a further click, the most frequent."""
-    many: int = 200
+    max_cards: int = 200
     """Maximum number of cards with an immediate layout and with pictures of results."""
-    searched: int = 12
+    min_searchable: int = 12
     """Minimum number of clips for search, sorting and filters; sweeps always
     have them.
     """
@@ -177,14 +177,14 @@ def gallery_page(
         latest=_day(max(times, default=0.0)),
         labels=_label_choices(clips),
         common=LIMITS.common_labels,
-        many=LIMITS.many,
+        many=LIMITS.max_cards,
         keys=[_filter(key) for key in keys if _is_filter(key)],
         swept=is_sweep,
         listen=listen,
         sentence=_sentence(clips, free_keys if is_sweep else []),
         hero=hero,
         documents=document_links(home),
-        searchable=is_sweep or len(cards) >= LIMITS.searched,
+        searchable=is_sweep or len(cards) >= LIMITS.min_searchable,
         aspect=_aspect(clips),
         data=script_json(data),
         script=_script(),
@@ -306,16 +306,16 @@ def _card_data(
     }
 
 
-def _sentence(clips: Sequence[Clip], swept: Sequence[SweptKey]) -> str:
+def _sentence(clips: Sequence[Clip], swept_keys: Sequence[SweptKey]) -> str:
     """Return a sentence about the page's clips."""
     failure_count = sum(bool(clip.problems) for clip in clips)
     count, failure_note = counted(len(clips), "clip"), ""
     if failure_count:
         count = f"{len(clips) - failure_count:,} of {count}"
         failure_note = f"; {failure_count:,} failed, as {'its card says' if failure_count == 1 else 'their cards say'}"
-    if swept:
+    if swept_keys:
         ranges = []
-        for key in swept[:3]:
+        for key in swept_keys[:3]:
             texts = [value_text(value) for value in _sorted_values(key)]
             ranges.append(
                 f"{key.name} {' to '.join(dict.fromkeys((texts[0], texts[-1])))} {key.unit}".strip()
@@ -367,7 +367,7 @@ def clip_result(clip: Clip, files: Path, count: int) -> str:
     clip with equal ends shows its middle.
     """
     film = clip.film
-    if film is None or film.suffix != ".mp4" or count > LIMITS.many:
+    if film is None or film.suffix != ".mp4" or count > LIMITS.max_cards:
         return ""
     if not re.fullmatch("[0-9a-f]{20}", clip.seal):
         return ""
@@ -403,14 +403,14 @@ def _write_neighbours(clips: Sequence[Clip], files: Path) -> None:
     write_atomic(files / NEIGHBOURS, text.encode("ascii"))
 
 
-def sweep_files(files: Path, used: set[str]) -> None:
+def sweep_files(files: Path, used_names: set[str]) -> None:
     """Remove pictures of clips that no longer exist, and leftovers of killed
     processes.
     """
     if files.is_dir():
         remove_leftovers(files)
         for path in files.iterdir():
-            if _OURS(path.name) and path.name not in used:
+            if _OURS(path.name) and path.name not in used_names:
                 path.unlink(missing_ok=True)
 
 

@@ -238,7 +238,7 @@ def _place(
     region: _Region,
     size: tuple[float, float],
     picture: tuple[int, int],
-    taken: Sequence[Box],
+    occupied_boxes: Sequence[Box],
 ) -> Box:
     """Return the box of a tag: above, below, inside or beside its region.
 
@@ -263,17 +263,17 @@ def _place(
         a = min(max(a, width / 2), picture[0] - width / 2)
         b = min(max(b, high / 2), picture[1] - high / 2)
         box = a - width / 2, b - high / 2, a + width / 2, b + high / 2
-        overlap = sum(_overlap(box, other) for other in taken)
+        overlap = sum(_overlap(box, other) for other in occupied_boxes)
         if best is None or overlap < best[0]:
             best = overlap, box
     assert best is not None
     return best[1]
 
 
-def _overlap(one: Box, other: Box) -> float:
+def _overlap(first: Box, second: Box) -> float:
     """Return the common area of two boxes, px²."""
-    width = min(one[2], other[2]) - max(one[0], other[0])
-    high = min(one[3], other[3]) - max(one[1], other[1])
+    width = min(first[2], second[2]) - max(first[0], second[0])
+    high = min(first[3], second[3]) - max(first[1], second[1])
     return max(width, 0.0) * max(high, 0.0)
 
 

@@ -297,17 +297,19 @@ def _speed(slow: float) -> str:
 
 
 def provenance(
-    record: RunRecord, resolved: str, written: str | None = None
+    record: RunRecord, resolved_text: str, written_text: str | None = None
 ) -> dict[str, Any]:
     """Return all facts for reproducing a run, for `provenance.html.j2`.
 
-    `resolved` is the scene with all defaults, `written` the file itself, if readable.
+    `resolved_text` is the scene with all defaults, `written_text` the file itself, if readable.
     `frames` is one hash of all frames: equal clips have equal hashes.
     """
-    texts = [] if written is None else [_source_text("Scene file", written)]
+    texts = [] if written_text is None else [_source_text("Scene file", written_text)]
     separator = "" if texts else ","
     texts.append(
-        _source_text(f"Scene file{separator} with every default filled in", resolved)
+        _source_text(
+            f"Scene file{separator} with every default filled in", resolved_text
+        )
     )
     facts = [("platform", f"{platform.system()}, {platform.machine()}")]
     seeds = {

@@ -300,13 +300,15 @@ def shared_cells(rows: Sequence[Row]) -> dict[str, Cell]:
     return shared
 
 
-def differing(rows: Sequence[Row], shared: Mapping[str, Cell]) -> list[Row]:
+def differing(rows: Sequence[Row], common_cells: Mapping[str, Cell]) -> list[Row]:
     """Return rows of objects without the shared cells. Boundaries keep all cells."""
     result = []
     for row in rows:
         cells = row.cells
         if row.kind != BOUNDARY:
-            cells = {name: cell for name, cell in cells.items() if name not in shared}
+            cells = {
+                name: cell for name, cell in cells.items() if name not in common_cells
+            }
         result.append(replace(row, cells=cells))
     return result
 

@@ -229,7 +229,7 @@ def _photo_pictures(
     labels: U16,
     objects: Outlines,
     walls: Sequence[Array],
-    seen: str,
+    view_text: str,
     doubtful: Sequence[DoubtfulRegion],
 ) -> list[Picture]:
     """Return pictures of the photo, masks and shapes. `labels` have the numbers of
@@ -244,14 +244,14 @@ def _photo_pictures(
     _draw_doubtful(outline_picture, photo.shape[1] / width, doubtful)
     if doubtful:
         names = [doubt_text(one.name, one.confidence) for one in doubtful]
-        seen += f". Perhaps objects, too, dashed: {listed(names, 'and')}"
+        view_text += f". Perhaps objects, too, dashed: {listed(names, 'and')}"
     return [
         _picture("photo", "Photo", f"{width} × {height} px.", photo),
         _picture("masks", "Masks", f"{count}, each in its own colour.", mask_picture),
         _picture(
             "shapes",
             "Shapes and supports",
-            f"{count}; {bounds}, in yellow; seen {seen}.",
+            f"{count}; {bounds}, in yellow; seen {view_text}.",
             outline_picture,
         ),
     ]

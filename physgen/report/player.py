@@ -68,7 +68,7 @@ class PlayerLimits:
     """Longer side of a shadow's picture, px; shadows are soft."""
     finer: int = 4
     """Samples per frame in the player."""
-    few: int = 40_000
+    fine_samples: int = 40_000
     """Maximum number of such samples times objects."""
     effort: int = 200_000
     """Maximum number of steps times objects of a run with extra samples. A second run
@@ -76,7 +76,7 @@ class PlayerLimits:
     """
     most_impacts: int = 500
     """Maximum number of impacts in a page, the strongest."""
-    most: int = 1_000_000
+    max_samples: int = 1_000_000
     """Maximum number of samples times objects in a page."""
     place: float = 1 / 32
     angle: float = 1 / 4096
@@ -127,10 +127,10 @@ def _display_scale(stage: Stage) -> float:
     return float(min(1.0, LIMITS.largest / max(stage.background.shape[:2])))
 
 
-def _smaller(pixels: U8, less: float) -> U8:
-    if less >= 1:
+def _smaller(pixels: U8, scale: float) -> U8:
+    if scale >= 1:
         return pixels
-    height, width = (max(1, round(side * less)) for side in pixels.shape[:2])
+    height, width = (max(1, round(side * scale)) for side in pixels.shape[:2])
     return np.asarray(
         cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA), np.uint8
     )
@@ -146,7 +146,7 @@ def _moving(stage: Stage, trajectory: Trajectory) -> list[int]:
     return [k for k, sprite in enumerate(stage.sprites) if moves[sprite.body]]
 
 
-def _cut(sprite: Sprite, less: float, scale: float) -> dict[str, Any]:
+def _cut(sprite: Sprite, display_scale: float, scale: float) -> dict[str, Any]:
     """Cut a sprite with unmultiplied colours from its covered pixels, with a margin of
     one pixel.
     """
@@ -174,12 +174,12 @@ def _cut(sprite: Sprite, less: float, scale: float) -> dict[str, Any]:
         ),
         "turns": not is_equal,
         "face": round(sprite.face / scale, 3),
-        "src": webp(_smaller(pixels, less), LIMITS.quality),
+        "src": webp(_smaller(pixels, display_scale), LIMITS.quality),
     }
     if (
         sprite.ball is not None
         and picture["turns"]
-        and less == 1
+        and display_scale == 1
         and alpha.size <= LIMITS.large
     ):
         ball = sprite.ball
@@ -311,13 +311,13 @@ def _measure_darkening(
     return joined_pictures(parts) if parts else None
 
 
-def _shadow(box: PixelBox, dark: F32) -> dict[str, Any]:
+def _shadow(box: PixelBox, darkness: F32) -> dict[str, Any]:
     """Return a shadow's picture: black with varying coverage.
 
     Return an empty mapping for an invisible shadow.
     """
     # The page multiplies codes, not linear light: gamma approximates the difference.
-    covers = 1 - np.exp(-np.maximum(dark, 0) / LIMITS.gamma)
+    covers = 1 - np.exp(-np.maximum(darkness, 0) / LIMITS.gamma)
     rows, columns = (
         np.flatnonzero((covers > LIMITS.faintest).any(axis=axis)) for axis in (1, 0)
     )
@@ -361,12 +361,12 @@ def player_data(
     objects have only their frames, without impacts.
     """
     T, N = len(trajectory.times), len(world.bodies)
-    if not T or LIMITS.most < T * N:
+    if not T or LIMITS.max_samples < T * N:
         return None
     seen, impacts = trajectory, list[Impact]()
     if N and T > 1 and trajectory.effort.steps * N <= LIMITS.effort:
         seen = trajectory.sampled(
-            sample_times(trajectory, LIMITS.finer, max(T, LIMITS.few // N))
+            sample_times(trajectory, LIMITS.finer, max(T, LIMITS.fine_samples // N))
         )
         impacts = find_impacts(
             world, seen, world.duration / max(len(world.times), 1) / LIMITS.finer
@@ -450,13 +450,13 @@ def _round_points(points: Array) -> list[list[float]]:
 
 
 def _body(
-    scene: Scene, k: int, body: Body, seen: Trajectory, steps: dict[str, float]
+    scene: Scene, k: int, body: Body, samples: Trajectory, steps: dict[str, float]
 ) -> Data:
-    pose, velocity = seen.poses[:, k], seen.velocities[:, k]
+    pose, velocity = samples.poses[:, k], samples.velocities[:, k]
     columns = figure(scene, k, body)
-    if seen.turns.size and (seen.turns[:, k] != seen.turns[:1, k]).any():
+    if samples.turns.size and (samples.turns[:, k] != samples.turns[:1, k]).any():
         columns["q"] = [
-            column(part, LIMITS.turn) for part in _steady(seen.turns[:, k]).T
+            column(part, LIMITS.turn) for part in _steady(samples.turns[:, k]).T
         ]
     for name, values, kind in (
         ("x", pose[:, 0], "place"),
@@ -499,11 +499,11 @@ def _steady(turns: Array) -> Array:
     return np.asarray(turns * np.concatenate([[1.0], signs])[:, None])
 
 
-def _energy(seen: Trajectory) -> Data:
+def _energy(samples: Trajectory) -> Data:
     """Return the energy. Potential energy is relative to its minimum, because only
     changes have a meaning.
     """
-    e = seen.energy
+    e = samples.energy
     low = float(e.potential.min()) if len(e.potential) else 0.0
     rows = {
         "kinetic": e.kinetic,
@@ -522,14 +522,14 @@ def _energy(seen: Trajectory) -> Data:
     }
 
 
-def touches(seen: Trajectory) -> list[list[float | int | None]]:
+def touches(samples: Trajectory) -> list[list[float | int | None]]:
     """Return first and second surface, start and end (null: beyond the clip), s, and
     total impulse, g·px/s, of each touch.
     """
-    contacts, N = seen.contacts, len(seen.contacts.surfaces)
+    contacts, N = samples.contacts, len(samples.contacts.surfaces)
     if not len(contacts.touch_pairs):
         return []
-    when = seen.times[contacts.impulse_rows[:, 0]]
+    when = samples.times[contacts.impulse_rows[:, 0]]
     pair = (
         contacts.impulse_rows[:, 1].astype(np.int64) * N + contacts.impulse_rows[:, 2]
     )

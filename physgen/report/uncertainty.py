@@ -46,9 +46,9 @@ LIMITS = SectionLimits()
 
 
 def uncertainty_section(
-    fan: Ensemble, found: Sequence[Verdict], world: World, first: U8
+    fan: Ensemble, verdicts: Sequence[Verdict], world: World, first: U8
 ) -> dict[str, Any]:
-    """Return the section on uncertainty; `found` are the ensemble's verdicts.
+    """Return the section on uncertainty; `verdicts` are the ensemble's verdicts.
 
     `ways` are paths of bodies in draws, `own` the paths in the clip, `rows` the table.
     """
@@ -57,7 +57,7 @@ def uncertainty_section(
     ways = _paths(fan, shown, world)
     fates = {way["fate"] for way in ways}
     return {
-        "headline": headline(fan, found),
+        "headline": headline(fan, verdicts),
         "photo": webp(fit_to_side(first, LIMITS.widest), LIMITS.quality),
         "facts": _facts(fan),
         "ways": ways,
@@ -72,7 +72,7 @@ def uncertainty_section(
             for f in sorted(Fate, reverse=True)
             if f.name.lower() in fates
         ],
-        "rows": [_row(verdict) for verdict in found],
+        "rows": [_row(verdict) for verdict in verdicts],
         "failures": [str(problem) for problem in fan.failures],
     }
 
@@ -89,10 +89,10 @@ def _facts(fan: Ensemble) -> str:
     )
 
 
-def _paths(fan: Ensemble, shown: Sequence[int], world: World) -> list[dict[str, Any]]:
+def _paths(fan: Ensemble, draws: Sequence[int], world: World) -> list[dict[str, Any]]:
     """Return the paths. Rare fates come last, so that they stay visible."""
     found = []
-    for k in shown:
+    for k in draws:
         path = fan.outcomes[k]
         assert path is not None
         for b in range(len(fan.names)):

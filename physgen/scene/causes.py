@@ -122,14 +122,14 @@ def name_extending_keys(
 
 
 def _causes(
-    problems: Sequence[Problem], over: Node, below: Node, check: Check
+    problems: Sequence[Problem], extension: Node, base: Node, check: Check
 ) -> Iterator[tuple[Problem, Node]]:
-    """Yield each problem that disappears without one key of `over`, and the key."""
+    """Yield each problem that disappears without one key of `extension`, and the key."""
     pending = list(problems)
-    for path, node in islice(_keys(over, (), 3), MOST_KEYS):
+    for path, node in islice(_keys(extension, (), 3), MOST_KEYS):
         if not pending:
             return
-        left = set(check(merge_bases([_remove_key(over, path), below])))
+        left = set(check(merge_bases([_remove_key(extension, path), base])))
         solved_problems = [problem for problem in pending if problem not in left]
         pending = [problem for problem in pending if problem in left]
         yield from ((problem, node) for problem in solved_problems)

@@ -156,22 +156,23 @@ def _make_named(
     return tuple(make(name, section[name]) for name in sorted(section, key=natural))
 
 
-def _make(made: type[T], item: Mapping[str, Any], /, **given: Any) -> T:
+def _make(dataclass_type: type[T], item: Mapping[str, Any], /, **given: Any) -> T:
     """Return a dataclass of the keys of `item`, converted to the types of its fields.
     Missing keys become None.
     """
-    for name, convert in _readers(made):  # type: ignore[arg-type]
+    for name, convert in _readers(dataclass_type):  # type: ignore[arg-type]
         if name not in given:
             value = item.get(name)
             given[name] = None if value is None else convert(value)
-    return made(**given)
+    return dataclass_type(**given)
 
 
 @cache
-def _readers(made: Any) -> tuple[tuple[str, Callable[[Any], Any]], ...]:
+def _readers(dataclass_type: Any) -> tuple[tuple[str, Callable[[Any], Any]], ...]:
     """Return the name of each field, and the converter of its value."""
     readers = (
-        (field.name, str(field.type).removesuffix(" | None")) for field in fields(made)
+        (field.name, str(field.type).removesuffix(" | None"))
+        for field in fields(dataclass_type)
     )
     return tuple(
         (name, _CONVERSIONS.get(text, getattr(parts, text, lambda value: value)))

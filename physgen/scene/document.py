@@ -188,23 +188,23 @@ SCENE_START = "`physgen: 1` and `image: photo.png`"
 
 
 def read(
-    text: str, source: Source, counted: bool = True, start: str = SCENE_START
+    text: str, source: Source, has_lines: bool = True, start: str = SCENE_START
 ) -> Node:
     """Return the tree of the text of a scene file, a mapping at the top.
 
     Raise InputError. Faults of syntax, limits, aliases and tags end the reading with
-    one problem. Duplicate keys and infinite numbers are collected. `counted` is False
+    one problem. Duplicate keys and infinite numbers are collected. `has_lines` is False
     for the value of a flag, which may have any type and has no line. `start` names the
     first keys of this kind of file.
     """
-    reader = _Reader(source, counted)
+    reader = _Reader(source, has_lines)
     try:
         root = reader.tree(yaml.parse(text, Loader=LOADER))
     except yaml.YAMLError as error:
         raise InputError([_syntax(error, text, source)]) from None
     if reader.problems:
         raise InputError(reader.problems)
-    if not counted:
+    if not has_lines:
         return root if root is not None else Node(None, source)
     if root is None or root.value is None:
         empty = Message.SCENE_EMPTY if start is SCENE_START else Message.FILE_EMPTY
@@ -221,17 +221,17 @@ class _Reader:
     recursion.
     """
 
-    def __init__(self, source: Source, counted: bool) -> None:
+    def __init__(self, source: Source, has_lines: bool) -> None:
         self.source = source
-        self.counted = counted
+        self.has_lines = has_lines
         self.problems: list[Problem] = []
 
     def _place(self, event: Any) -> Place:
-        line = event.start_mark.line + 1 if self.counted else 0
+        line = event.start_mark.line + 1 if self.has_lines else 0
         return Place(self.source.name, line, event.start_mark.column + 1 if line else 0)
 
     def tree(self, events: Iterator[Any]) -> Node | None:
-        source, has_lines = self.source, self.counted
+        source, has_lines = self.source, self.has_lines
         root: Node | None = None
         stack: list[Node] = []
         # The children of stack[-1].
@@ -312,7 +312,7 @@ class _Reader:
         key: str = event.value
         if key in siblings:
             first = siblings[key].key
-            line = f", first on line {first[0]}" if first and self.counted else ""
+            line = f", first on line {first[0]}" if first and self.has_lines else ""
             place, key_path = self._place(event), _path(stack, key)
             self._collect(Message.KEY_TWICE.problem(place, key_path, first=line))
         elif key == "<<" and event.implicit[0]:

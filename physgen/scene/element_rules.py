@@ -92,15 +92,15 @@ def check_groups(
     listings: list[tuple[Node, KeyPath]] = []
     for section in ("objects", "boundaries"):
         for name, node in children(tree.root, section).items():
-            good = tree.valid_keys(node)
+            valid_keys = tree.valid_keys(node)
             path: KeyPath = (section, name)
-            if "collision_group" in good:
-                names[str(good["collision_group"].value)] = None
-            for index, group in enumerate(items(good.get("collides_with"))):
+            if "collision_group" in valid_keys:
+                names[str(valid_keys["collision_group"].value)] = None
+            for index, group in enumerate(items(valid_keys.get("collides_with"))):
                 place: KeyPath = (*path, "collides_with", index)
                 listings.append((group, place))
-            _check_static_friction(tree, good, path)
-            _check_one_way(tree, good, path)
+            _check_static_friction(tree, valid_keys, path)
+            _check_one_way(tree, valid_keys, path)
     _check_group_names(tree, listings, list(names))
 
 
@@ -123,22 +123,24 @@ def _check_group_names(
         tree.report(problem)
 
 
-def _check_one_way(tree: CheckedTree, good: dict[str, Node], path: KeyPath) -> None:
+def _check_one_way(
+    tree: CheckedTree, valid_keys: dict[str, Node], path: KeyPath
+) -> None:
     """Report a one-way direction of zero."""
-    way = good.get("one_way")
+    way = valid_keys.get("one_way")
     if way is not None and not any(number_of(one) for one in items(way)):
         key: KeyPath = (*path, "one_way")
         tree.report(Message.ONE_WAY_ZERO.problem(way.place, key, "[0, 0]"))
 
 
 def _check_static_friction(
-    tree: CheckedTree, good: dict[str, Node], path: KeyPath
+    tree: CheckedTree, valid_keys: dict[str, Node], path: KeyPath
 ) -> None:
     """Report a static friction below the sliding friction."""
-    node = good.get("static_friction")
+    node = valid_keys.get("static_friction")
     if node is None:
         return
-    friction = good.get("friction")
+    friction = valid_keys.get("friction")
     default = find_schema_part(f"{path[0]}.*")["properties"]["friction"]["default"]
     least = default if friction is None else number_of(friction)
     if number_of(node) < least:
@@ -172,13 +174,13 @@ def check_forces(
                 "a torque turns the body as a whole",
             )
         if kind == "impulse" and "profile" in node.value:
-            why = "an impulse is given at once"
-            _report_no_effect(tree, node.value["profile"], (*path, "profile"), why)
+            reason = "an impulse is given at once"
+            _report_no_effect(tree, node.value["profile"], (*path, "profile"), reason)
         table = children(tree.valid_keys(node).get("profile")).get("table")
         check_rising(tree, items(table), (*path, "profile", "table"))
         if kind == "impulse" and "duration" in node.value:
-            why = "an impulse is given at once"
-            _report_no_effect(tree, node.value["duration"], (*path, "duration"), why)
+            reason = "an impulse is given at once"
+            _report_no_effect(tree, node.value["duration"], (*path, "duration"), reason)
 
 
 def check_joints(tree: CheckedTree, section: str) -> None:
@@ -208,24 +210,24 @@ def check_joints(tree: CheckedTree, section: str) -> None:
 
 def _check_magnet(tree: CheckedTree, node: Node, path: KeyPath) -> None:
     """Report faults of a magnet's names."""
-    parts, good = children(node), tree.valid_keys(node)
-    names = items(good.get("magnet"))
+    parts, valid_keys = children(node), tree.valid_keys(node)
+    names = items(valid_keys.get("magnet"))
     for index, item in enumerate(names):
         check_object_name(tree, item, (*path, "magnet", index))
     if names and "objects" in parts:
-        why = "the magnet names its objects"
-        _report_no_effect(tree, parts["objects"], (*path, "objects"), why)
+        reason = "the magnet names its objects"
+        _report_no_effect(tree, parts["objects"], (*path, "objects"), reason)
     if len({str(item.value) for item in names}) < len(names):
-        place = good["magnet"].place
+        place = valid_keys["magnet"].place
         tree.report(Message.NAMED_TWICE.problem(place, (*path, "magnet")))
     _check_finger(tree, node, path)
 
 
 def _check_finger(tree: CheckedTree, node: Node, path: KeyPath) -> None:
     """Report faults of a finger's knots, and a finger on two objects."""
-    parts, good = children(node), tree.valid_keys(node)
+    parts, valid_keys = children(node), tree.valid_keys(node)
     before: Any = None
-    for index, knot in enumerate(items(good.get("finger"))):
+    for index, knot in enumerate(items(valid_keys.get("finger"))):
         now: Any = items(knot)[0].value
         where: KeyPath = (*path, "finger", index, 0)
         time = items(knot)[0]
@@ -248,47 +250,49 @@ def _check_joint(
     tree: CheckedTree, node: Node, path: KeyPath, names: list[Any]
 ) -> None:
     """Report a gear on one object, a rail without length, and a missing drive."""
-    parts, good = children(node), tree.valid_keys(node)
+    parts, valid_keys = children(node), tree.valid_keys(node)
     if "gear" in parts and len(names) == 1:
         place = parts["objects"].place
         tree.report(Message.GEAR_ON_ONE.problem(place, (*path, "objects")))
-    if "gear" in good and good["gear"].value == 0:
-        place = good["gear"].place
+    if "gear" in valid_keys and valid_keys["gear"].value == 0:
+        place = valid_keys["gear"].place
         tree.report(Message.GEAR_ZERO.problem(place, (*path, "gear"), "0"))
-    _check_joint_ends(tree, good, path)
+    _check_joint_ends(tree, valid_keys, path)
     if "force" in parts and "drive" not in parts and "slider" in parts:
         fix = advice(find_schema_part("joints.*")["properties"]["drive"])
         key: KeyPath = (*path, "drive")
         message = Message.FORCE_WITHOUT_DRIVE
         tree.report(message.problem(node.place, key, fix=fix))
-    _check_rope(tree, good, path)
+    _check_rope(tree, valid_keys, path)
 
 
-def _check_joint_ends(tree: CheckedTree, good: dict[str, Node], path: KeyPath) -> None:
+def _check_joint_ends(
+    tree: CheckedTree, valid_keys: dict[str, Node], path: KeyPath
+) -> None:
     """Report a rail or a rope without length."""
-    has_length = "length" in good and number_of(good["length"]) > 0
+    has_length = "length" in valid_keys and number_of(valid_keys["length"]) > 0
     for kind in ("slider", "pulley", "rope"):
         if kind == "rope" and has_length:
             continue
-        ends = points_of(good[kind]) if kind in good else []
+        ends = points_of(valid_keys[kind]) if kind in valid_keys else []
         for one, other in pairwise(ends[:2] if kind == "slider" else ends):
             if max(abs(a - b) for a, b in zip(one, other, strict=True)) < SAME_POINT:
-                place = good[kind].place
+                place = valid_keys[kind].place
                 tree.report(Message.SAME_ENDS.problem(place, (*path, kind)))
                 break
 
 
-def _check_rope(tree: CheckedTree, good: dict[str, Node], path: KeyPath) -> None:
+def _check_rope(tree: CheckedTree, valid_keys: dict[str, Node], path: KeyPath) -> None:
     """Report a rope shorter than the distance of its points."""
     for kind in ("rope", "pulley"):
-        if kind not in good or "length" not in good:
+        if kind not in valid_keys or "length" not in valid_keys:
             continue
         least = sum(
             hypot(one[0] - other[0], one[1] - other[1])
-            for one, other in pairwise(points_of(good[kind]))
+            for one, other in pairwise(points_of(valid_keys[kind]))
         )
-        if number_of(good["length"]) < least - SAME_POINT * least:
-            length = good["length"]
+        if number_of(valid_keys["length"]) < least - SAME_POINT * least:
+            length = valid_keys["length"]
             problem = Message.ROPE_SHORT.problem(
                 length.place, (*path, "length"), shown(length.value), least=least
             )
@@ -333,14 +337,16 @@ def _check_kind(tree: CheckedTree, node: Node, path: KeyPath, section: str) -> N
     for key, owner in OWNER.items():
         if key in parts and kind not in owner:
             owners = listed([_a(one) for one in owner])
-            why = f"only {owners} has it, and this is {_a(kind)}"
-            _report_no_effect(tree, parts[key], (*path, key), why)
+            reason = f"only {owners} has it, and this is {_a(kind)}"
+            _report_no_effect(tree, parts[key], (*path, key), reason)
 
 
-def _report_no_effect(tree: CheckedTree, node: Node, path: KeyPath, why: str) -> None:
+def _report_no_effect(
+    tree: CheckedTree, node: Node, path: KeyPath, reason: str
+) -> None:
     """Report a key without effect."""
     message = Message.HAS_NO_EFFECT
-    tree.report(message.problem(node.key_place, path, why=why))
+    tree.report(message.problem(node.key_place, path, why=reason))
 
 
 def _a(word: str) -> str:

@@ -55,31 +55,31 @@ ASSETS = (*(f"{name}.png" for name in MAPS), *DATA)
 
 
 def resolve_confined(
-    written: str,
+    path_text: str,
     folder: Path,
-    within: Path,
+    limit_folder: Path,
     allow_outside: bool,
-    what: str = "the scene's folder",
+    folder_name: str = "the scene's folder",
 ) -> Path:
-    """Return the path of `written` in `folder`. Raise RefusedError for a path outside
-    `within`.
+    """Return the path of `path_text` in `folder`. Raise RefusedError for a path outside
+    `limit_folder`.
     """
-    if "\0" in written:
+    if "\0" in path_text:
         raise Message.NOT_IN_PATH.refusal()
-    if max(len(os.fsencode(part)) for part in written.split("/")) > Limit.NAME.most:
+    if max(len(os.fsencode(part)) for part in path_text.split("/")) > Limit.NAME.most:
         raise Limit.NAME.refusal()
-    path = folder / written
+    path = folder / path_text
     if allow_outside:
         return path
     # Windows paths too, so that a file means the same on every system.
-    if os.path.isabs(written) or written[1:3] in (":\\", ":/"):
-        raise Message.PATH_ABSOLUTE.refusal(folder=what)
+    if os.path.isabs(path_text) or path_text[1:3] in (":\\", ":/"):
+        raise Message.PATH_ABSOLUTE.refusal(folder=folder_name)
     try:
-        real, root = os.path.realpath(path), os.path.realpath(within)
+        real, root = os.path.realpath(path), os.path.realpath(limit_folder)
     except (OSError, ValueError):
         raise Message.PATH_BROKEN.refusal() from None
     if os.path.commonpath([real, root]) != root:
-        raise Message.PATH_OUTSIDE.refusal(folder=what)
+        raise Message.PATH_OUTSIDE.refusal(folder=folder_name)
     return path
 
 
@@ -176,7 +176,7 @@ def _base(
     home: Path,
     allow_outside: bool,
     depth: int,
-    seen: set[str],
+    visited_paths: set[str],
     files: dict[Path, Stamp],
 ) -> Node:
     """Return the tree of the file at `extends`."""
@@ -201,14 +201,14 @@ def _base(
     if path.suffix.lower() not in SUFFIXES:
         raise refused(Message.NOT_SCENE_FILE.refusal())
     real = os.path.realpath(path)
-    if real in seen:
+    if real in visited_paths:
         raise refused(Message.EXTENDS_ITSELF.refusal())
-    seen.add(real)
+    visited_paths.add(real)
     try:
         mode = os.stat(path).st_mode
     except (OSError, ValueError):
         fix = "write the path of a scene file, relative to this one"
-        fix = similar(link.value, path, SUFFIXES, fix, seen)
+        fix = similar(link.value, path, SUFFIXES, fix, visited_paths)
         raise refused(Message.DOES_NOT_EXIST.refusal(fix=fix)) from None
     if not stat.S_ISREG(mode):
         raise refused(Message.EXTENDS_NOT_FILE.refusal())
@@ -217,17 +217,17 @@ def _base(
     return read_scene(path, name_relative(link.source.name, link.value))
 
 
-def name_relative(name: str, written: str) -> str:
+def name_relative(name: str, path_text: str) -> str:
     """Return the name of a path in the file `name`.
 
     >>> name_relative("pool/scene.yaml", "../base/scene.yaml")
     'base/scene.yaml'
     """
-    return os.path.normpath(os.path.join(os.path.dirname(name), written))
+    return os.path.normpath(os.path.join(os.path.dirname(name), path_text))
 
 
 def similar(
-    written: str,
+    path_text: str,
     path: Path,
     ends: tuple[str, ...],
     fix: str,
@@ -236,7 +236,7 @@ def similar(
     """Return the fix for a missing `path`: a similar name in its folder with one of the
     `ends` (/ for a folder), or `fix`.
     """
-    folder, parent_folder = path.parent, os.path.dirname(written.rstrip("/"))
+    folder, parent_folder = path.parent, os.path.dirname(path_text.rstrip("/"))
     names = sorted((*glob("*", root_dir=folder), *glob("*/", root_dir=folder)))
     names = [
         n
@@ -249,16 +249,16 @@ def similar(
     return did_you_mean(os.path.join(parent_folder, close[0].rstrip("/")))
 
 
-def image_size(path: Path, written: str) -> tuple[int, int]:
+def image_size(path: Path, path_text: str) -> tuple[int, int]:
     """Return the width and height of an image from its header, without decoding pixels.
 
-    `written` is the path in the scene. Raise RefusedError.
+    `path_text` is the path in the scene. Raise RefusedError.
     """
     from physgen.photos import open_picture, orientation
 
     if not (path.is_file() or path.is_dir()):
         fix = "write the path of an image, relative to this file"
-        fix = similar(written, path, (".png", ".jpg", ".jpeg", ".webp"), fix)
+        fix = similar(path_text, path, (".png", ".jpg", ".jpeg", ".webp"), fix)
         raise Message.DOES_NOT_EXIST.refusal(fix=fix)
     try:
         with open_picture(path, SCENE_FORMATS) as image:
@@ -299,25 +299,27 @@ class Record:
         is_scale = isinstance(value, int | float) and 0 < value < inf
         return float(value) if is_scale else None  # type: ignore[arg-type]
 
-    def entry(self, name: str, own: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return the recorded entry of an object with the current data `own`."""
-        return self.objects.get(str(own.get("mask"))) or self.objects.get(name) or {}
+    def entry(self, name: str, item_data: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the recorded entry of an object with the current data `item_data`."""
+        return (
+            self.objects.get(str(item_data.get("mask"))) or self.objects.get(name) or {}
+        )
 
     def sources(
-        self, own: Mapping[str, Any], filled: Mapping[str, Any], name: str
+        self, item_data: Mapping[str, Any], full_data: Mapping[str, Any], name: str
     ) -> dict[str, str]:
         """Return `from` of an object: its own, or the recorded one, without values that
         the user has changed.
 
-        `own` is the object's data in the file, in numbers; `filled` also has defaults.
+        `item_data` is the object's data in the file, in numbers; `full_data` also has defaults.
         """
-        wrote = self.entry(name, own)
-        sources = own["from"] if "from" in own else wrote.get("from")
+        wrote = self.entry(name, item_data)
+        sources = item_data["from"] if "from" in item_data else wrote.get("from")
         return {
             key: text
             for key, text in (sources.items() if isinstance(sources, Mapping) else ())
             if isinstance(text, str)
-            and (key not in wrote or equal(filled.get(key), wrote[key]))
+            and (key not in wrote or equal(full_data.get(key), wrote[key]))
         }
 
 
@@ -358,18 +360,18 @@ def read_written_record(path: Path) -> Record:
         return Record()
 
 
-def equal(one: object, other: object, within: float = WRITTEN) -> bool:
+def equal(first: object, second: object, within: float = WRITTEN) -> bool:
     """Return whether two values are equal. Numbers may differ by the unwritten digits,
     or by `within`.
     """
-    if isinstance(one, Mapping) and isinstance(other, Mapping):
-        return one.keys() == other.keys() and all(
-            equal(one[key], other[key], within) for key in one
+    if isinstance(first, Mapping) and isinstance(second, Mapping):
+        return first.keys() == second.keys() and all(
+            equal(first[key], second[key], within) for key in first
         )
-    if isinstance(one, list | tuple) and isinstance(other, list | tuple):
-        return len(one) == len(other) and all(
-            equal(*pair, within) for pair in zip(one, other, strict=True)
+    if isinstance(first, list | tuple) and isinstance(second, list | tuple):
+        return len(first) == len(second) and all(
+            equal(*pair, within) for pair in zip(first, second, strict=True)
         )
-    if isinstance(one, int | float) and isinstance(other, int | float):
-        return isclose(one, other, rel_tol=WRITTEN, abs_tol=within)
-    return one == other
+    if isinstance(first, int | float) and isinstance(second, int | float):
+        return isclose(first, second, rel_tol=WRITTEN, abs_tol=within)
+    return first == second

@@ -183,9 +183,9 @@ def _edits(
     raise InputError(dict.fromkeys(problems))
 
 
-def _unknown_variant(variant: str, known: Sequence[str]) -> Problem:
+def _unknown_variant(variant: str, names: Sequence[str]) -> Problem:
     """Return the problem of `--variant`."""
-    fix = one_of(variant, known) if known else "the file has no variants"
+    fix = one_of(variant, names) if names else "the file has no variants"
     place = Place(f"--variant {quoted(variant, '')}")
     return Message.UNKNOWN_VARIANT.problem(place, "", quoted(variant), fix=fix)
 
@@ -224,10 +224,12 @@ def _problems(root: Node, files: Files) -> dict[Problem, None]:
     return report.problems
 
 
-def _problems_of_variants(root: Node, own: Findings, files: Files) -> Iterator[Problem]:
-    """Yield problems of each variant, without the problems `own` of the file itself."""
+def _problems_of_variants(
+    root: Node, own_findings: Findings, files: Files
+) -> Iterator[Problem]:
+    """Yield problems of each variant, without the problems `own_findings` of the file itself."""
     variants = list(variants_of(root))
-    if not variants or len(own.problems) > 100:
+    if not variants or len(own_findings.problems) > 100:
         return
     edits = sum(1 + len(children(node)) for _, node in variants)
     if edits * _values(root) > Limit.CHECKS.most:
@@ -242,7 +244,7 @@ def _problems_of_variants(root: Node, own: Findings, files: Files) -> Iterator[P
         if left < 0:
             yield from (edits_of_one[-1].error(Limit.SET.refusal()).problems)
             return
-        problems = _problems_of_variant(root, edits_of_one, own, files)
+        problems = _problems_of_variant(root, edits_of_one, own_findings, files)
         yield from problems
         count += len(problems)
         if count > MAX_PROBLEMS:
@@ -250,7 +252,7 @@ def _problems_of_variants(root: Node, own: Findings, files: Files) -> Iterator[P
 
 
 def _problems_of_variant(
-    root: Node, edits: Sequence[Edit], own: Findings, files: Files
+    root: Node, edits: Sequence[Edit], own_findings: Findings, files: Files
 ) -> list[Problem]:
     """Return the problems of one variant, without those of the file itself."""
     from physgen.scene.causes import name_edits
@@ -259,7 +261,7 @@ def _problems_of_variant(
         problems = _problems(_apply_edits(root, edits), files)
     except InputError as error:
         return error.problems
-    new = [problem for problem in problems if problem not in own.problems]
+    new = [problem for problem in problems if problem not in own_findings.problems]
     return name_edits(new, root, edits, lambda tree: _problems(tree, files))
 
 

@@ -51,28 +51,28 @@ def kind_of(path: KeyPath) -> KeyPath:
     )
 
 
-def merge(base: Node, over: Node, path: KeyPath = ()) -> Node:
-    """Merge `over` into `base`: mappings merge, other values replace, null removes an
+def merge(base: Node, extension: Node, path: KeyPath = ()) -> Node:
+    """Merge `extension` into `base`: mappings merge, other values replace, null removes an
     inherited key.
 
-    A key of `over` drops the inherited keys that it excludes.
+    A key of `extension` drops the inherited keys that it excludes.
     """
-    if not isinstance(base.value, dict) or not isinstance(over.value, dict):
-        return over
+    if not isinstance(base.value, dict) or not isinstance(extension.value, dict):
+        return extension
     children_by_key = dict(base.value)
     rival_keys = rivals(kind_of(path))
-    for key in over.value:
+    for key in extension.value:
         for rival in rival_keys.get(key, ()):
-            if rival not in over.value:
+            if rival not in extension.value:
                 children_by_key.pop(rival, None)
-    for key, child in over.value.items():
+    for key, child in extension.value.items():
         if key not in children_by_key:
             children_by_key[key] = child
         elif child.value is None:
             del children_by_key[key]
         else:
             children_by_key[key] = merge(children_by_key[key], child, (*path, key))
-    return over.with_value(children_by_key)
+    return extension.with_value(children_by_key)
 
 
 def parse_key(text: str) -> KeyPath | None:
@@ -131,7 +131,7 @@ def edit_of_flag(text: str, folder: Source) -> Edit:
     if not equals or not key.strip():
         part = "key" if equals else "="
         raise Message.SET_INCOMPLETE.error(source.name, part=part)
-    return Edit(key.strip(), read(value, source, counted=False), ())
+    return Edit(key.strip(), read(value, source, has_lines=False), ())
 
 
 def apply(root: Node, edit: Edit) -> Node:
@@ -148,13 +148,18 @@ def apply(root: Node, edit: Edit) -> Node:
     if path[0] in children(root, "objects") and schema_at(path[:1]) is None:
         key = quoted(str(path[0]))
         raise edit.error(Message.KEY_OF_OBJECTS.refusal(key=key, rest=edit.key))
-    return _set(root, path, 0, edit, star=False, at=())
+    return _set(root, path, 0, edit, star=False, place_path=())
 
 
 def _set(
-    node: Node | None, path: KeyPath, depth: int, edit: Edit, star: bool, at: KeyPath
+    node: Node | None,
+    path: KeyPath,
+    depth: int,
+    edit: Edit,
+    star: bool,
+    place_path: KeyPath,
 ) -> Node:
-    """Return the node with the edit's value at path[depth:]. `at` is the current path
+    """Return the node with the edit's value at path[depth:]. `place_path` is the current path
     in the scene.
     """
     if depth == len(path):
@@ -166,22 +171,22 @@ def _set(
         step = int(step[:9])
         path = (*path[:depth], step, *path[depth + 1 :])
     if isinstance(step, int) or step == "[*]":
-        default = (schema_at(kind_of(at)) or {}).get("default")
+        default = (schema_at(kind_of(place_path)) or {}).get("default")
         # The default of a list makes single components possible, as in `velocity.0`.
         if node is None and isinstance(default, list) and default:
             node = edit.value.with_value(
                 [edit.value.with_value(item) for item in default]
             )
-        return _set_item(node, path, depth, edit, star, at)
+        return _set_item(node, path, depth, edit, star, place_path)
     new_children = dict(children(node))
     if step == "*":
         if node is None or not isinstance(node.value, dict):
-            owner = dotted(at) or "the scene"
+            owner = dotted(place_path) or "the scene"
             raise edit.error(Message.STAR_MATCHES_NOTHING.refusal(owner=owner))
         for key in children(node):
-            _put(new_children, key, path, depth, edit, True, at)
+            _put(new_children, key, path, depth, edit, True, place_path)
     else:
-        _put(new_children, step, path, depth, edit, star, at)
+        _put(new_children, step, path, depth, edit, star, place_path)
     place_node = (
         node if node is not None and isinstance(node.value, dict) else edit.value
     )
@@ -195,23 +200,23 @@ def _set(
 
 
 def _put(
-    changed: dict[str, Node],
+    new_children: dict[str, Node],
     key: str,
     path: KeyPath,
     depth: int,
     edit: Edit,
     star: bool,
-    at: KeyPath,
+    place_path: KeyPath,
 ) -> None:
     """Set or remove one key of a new mapping."""
     last = depth + 1 == len(path)
     if last and edit.value.value is None:
-        if key in changed:
-            del changed[key]
+        if key in new_children:
+            del new_children[key]
         elif not star:
-            similar_key = nearest(key, changed)
+            similar_key = nearest(key, new_children)
             fix = did_you_mean(similar_key) if similar_key else "leave it out"
-            path_text = dotted((*at, key))
+            path_text = dotted((*place_path, key))
             raise edit.error(Message.NOTHING_TO_REMOVE.refusal(path=path_text, fix=fix))
         return
     # `objects.new.shape` starts a new object.
@@ -219,44 +224,58 @@ def _put(
         "shape",
         "mask",
     )
-    if at == ("objects",) and not last and key not in changed and not may_begin:
-        fix = _name_advice(key, list(changed))
+    if (
+        place_path == ("objects",)
+        and not last
+        and key not in new_children
+        and not may_begin
+    ):
+        fix = _name_advice(key, list(new_children))
         raise edit.error(Message.NO_OBJECT_CALLED.refusal(name=quoted(key), fix=fix))
-    child = _set(changed.get(key), path, depth + 1, edit, star, (*at, key))
-    for rival in rivals(kind_of(at)).get(key, ()):
-        changed.pop(rival, None)
-    changed[key] = child
+    child = _set(new_children.get(key), path, depth + 1, edit, star, (*place_path, key))
+    for rival in rivals(kind_of(place_path)).get(key, ()):
+        new_children.pop(rival, None)
+    new_children[key] = child
 
 
-def _name_advice(name: str, known: Sequence[str]) -> str:
+def _name_advice(name: str, object_names: Sequence[str]) -> str:
     """Return advice on the right name for an unknown object."""
-    close = nearest(name, known)
+    close = nearest(name, object_names)
     if close:
         return did_you_mean(close)
-    if not known:
+    if not object_names:
         return "the scene has no objects"
-    names = ", ".join(known[:8])
+    names = ", ".join(object_names[:8])
     return (
         f"the objects are {names}, ..."
-        if len(known) > 8
+        if len(object_names) > 8
         else f"the objects are {names}"
     )
 
 
 def _set_item(
-    node: Node | None, path: KeyPath, depth: int, edit: Edit, star: bool, at: KeyPath
+    node: Node | None,
+    path: KeyPath,
+    depth: int,
+    edit: Edit,
+    star: bool,
+    place_path: KeyPath,
 ) -> Node:
     step = path[depth]
     if node is None or not isinstance(node.value, list):
-        list_key = edit.key.partition("[")[0] if "[" in edit.key else dotted(at)
-        raise edit.error(Message.NOT_A_LIST.refusal(path=dotted(at), whole=list_key))
+        list_key = edit.key.partition("[")[0] if "[" in edit.key else dotted(place_path)
+        raise edit.error(
+            Message.NOT_A_LIST.refusal(path=dotted(place_path), whole=list_key)
+        )
     new_items = list(node.value)
     if isinstance(step, int) and step >= len(new_items):
         count = counted(len(new_items), "item")
-        raise edit.error(Message.INDEX_TOO_LARGE.refusal(path=dotted(at), items=count))
+        raise edit.error(
+            Message.INDEX_TOO_LARGE.refusal(path=dotted(place_path), items=count)
+        )
     for index in range(len(new_items)) if step == "[*]" else [int(step)]:
         new_items[index] = _set(
-            new_items[index], path, depth + 1, edit, star, (*at, index)
+            new_items[index], path, depth + 1, edit, star, (*place_path, index)
         )
     return node.with_value(new_items)
 

@@ -46,16 +46,20 @@ def check_render(
             *((index,) if view is not camera else ()),
         )
         _check_exclusive(tree, view, path, "render.camera")
-        good = tree.valid_keys(view)
-        if "time" in good:
-            now: Any = good["time"].value
+        valid_keys = tree.valid_keys(view)
+        if "time" in valid_keys:
+            now: Any = valid_keys["time"].value
             if before is not None and now <= before:
-                report_time_order(tree, good["time"], (*path, "time"), before, "views")
+                report_time_order(
+                    tree, valid_keys["time"], (*path, "time"), before, "views"
+                )
             before = now
-        if "follow" in good:
-            check_object_name(tree, good["follow"], (*path, "follow"))
-        if "center" in good and tree.ground.size is not None:
-            _check_in_photo(tree, good["center"], (*path, "center"), tree.ground.size)
+        if "follow" in valid_keys:
+            check_object_name(tree, valid_keys["follow"], (*path, "follow"))
+        if "center" in valid_keys and tree.ground.size is not None:
+            _check_in_photo(
+                tree, valid_keys["center"], (*path, "center"), tree.ground.size
+            )
 
 
 def _check_exclusive(
@@ -70,9 +74,13 @@ def _check_exclusive(
             tree.report(Message.EXCLUDES.problem(place, (*path, key), other=first))
 
 
-def _check_video_size(tree: CheckedTree, good: dict[str, Node]) -> None:
+def _check_video_size(tree: CheckedTree, valid_keys: dict[str, Node]) -> None:
     """Report a video with more pixels than a photo may have."""
-    scale, size, photo = good.get("scale"), good.get("size"), tree.ground.size
+    scale, size, photo = (
+        valid_keys.get("scale"),
+        valid_keys.get("size"),
+        tree.ground.size,
+    )
     if photo is None:
         return
     if size is not None:

@@ -135,15 +135,19 @@ def provenance(source: str, confidence: float) -> str:
     return f"{source} {round(confidence, 2):g}"
 
 
-def perceived_keys(was: Entry, only: Collection[str] = ()) -> set[str]:
-    """Return the keys in an object's `from`, without label and mask. `only` limits them
+def perceived_keys(object_data: Entry, backends: Collection[str] = ()) -> set[str]:
+    """Return the keys in an object's `from`, without label and mask. `backends` limits them
     to some sources.
     """
-    sources = was.get("from", {}) if isinstance(was.get("from", {}), Mapping) else {}
+    sources = (
+        object_data.get("from", {})
+        if isinstance(object_data.get("from", {}), Mapping)
+        else {}
+    )
     keys = {
         key
         for key, source_text in sources.items()
-        if not only or str(source_text).split(" ")[0] in only
+        if not backends or str(source_text).split(" ")[0] in backends
     }
     return (keys | ({"solid"} if "mass" in keys else set())) - {"label", "mask"}
 
@@ -238,8 +242,8 @@ def meters(speed: float) -> Any:
 
 
 def apply_consequences(
-    written: Entry,
-    filled: Entry,
+    written_data: Entry,
+    full_data: Entry,
     record: Record,
     outlines: Mapping[str, Outline],
     size: tuple[int, int],
@@ -249,24 +253,24 @@ def apply_consequences(
 
     Values of perception follow, and values of a user stay: the scale if it is
     perception's, the values of the material table, for a new label the values of any
-    backend, pushes and playback. `written` is the scene's data in the file's form,
-    `filled` in numbers with defaults; `outlines` are the known ones, by object.
+    backend, pushes and playback. `written_data` is the scene's data in the file's form,
+    `full_data` in numbers with defaults; `outlines` are the known ones, by object.
     """
-    objects, side = filled["objects"], max(size)
-    entries_by_name = _labelled_entries(written, objects, record, outlines)
+    objects, side = full_data["objects"], max(size)
+    entries_by_name = _labelled_entries(written_data, objects, record, outlines)
     new_labels = []
     for name, entry in entries_by_name.items():
         if objects[name]["label"] != entry["label"]:
             new_labels.append(name)
-    per_meter = filled["world"]["pixels_per_meter"]
+    per_meter = full_data["world"]["pixels_per_meter"]
     values: dict[tuple[str, ...], Any] = {}
-    if new_labels and follows_scale(written, record, side):
+    if new_labels and follows_scale(written_data, record, side):
         scale = _scale_of_labels(objects, entries_by_name, new_labels, outlines, size)
         if scale is not None and scale.confidence >= MIN_SCALE_CONFIDENCE:
             per_meter = values["world", "pixels_per_meter"] = scale.pixels_per_meter
     names: Iterable[str] = new_labels
-    if "pixels_per_meter" in written.get("world", {}):
-        values |= scaled_values(written, record, per_meter, side)
+    if "pixels_per_meter" in written_data.get("world", {}):
+        values |= scaled_values(written_data, record, per_meter, side)
         if record.scale is not None and not equal(record.scale, per_meter):
             names = entries_by_name
     highest_confidence = WEIGHING.unscaled if is_assumed(per_meter, side) else 1.0
@@ -277,7 +281,7 @@ def apply_consequences(
             outlines[name], item["label"], per_meter, highest_confidence
         )
         new_values, new_entry = _entry_of_label(
-            item, written["objects"][name], entry, table, is_new=name in new_labels
+            item, written_data["objects"][name], entry, table, is_new=name in new_labels
         )
         for key, value in new_values.items():
             values["objects", name, key] = value
@@ -289,7 +293,7 @@ def apply_consequences(
 
 
 def _labelled_entries(
-    written: Entry,
+    written_data: Entry,
     objects: Mapping[str, Any],
     record: Record,
     outlines: Mapping[str, Outline],
@@ -299,7 +303,7 @@ def _labelled_entries(
     """
     entries = {}
     for name in outlines:
-        if "label" not in written["objects"][name]:
+        if "label" not in written_data["objects"][name]:
             continue
         entry = record.entry(name, objects[name])
         if isinstance(entry.get("label"), str):
@@ -368,9 +372,9 @@ def _is_text(written_item: Mapping[str, Any], key: str) -> bool:
 
 
 def _table_values(
-    outline: Outline, label: str, per_meter: float, most: float
+    outline: Outline, label: str, per_meter: float, highest_confidence: float
 ) -> tuple[dict[str, Any], dict[str, str]]:
-    """Return an object's values from the material table, and their sources. `most` is
+    """Return an object's values from the material table, and their sources. `highest_confidence` is
     the highest confidence of a mass.
     """
     object_kind = kind(label)
@@ -384,7 +388,7 @@ def _table_values(
     )
     table, confidences = (
         registry.find("physics").name,
-        table_confidences(min(confidence, most)),
+        table_confidences(min(confidence, highest_confidence)),
     )
     return {"mass": mass, **material, **solid}, {
         key: provenance(table, confidence_value)

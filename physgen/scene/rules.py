@@ -54,14 +54,14 @@ class Files:
         self._sizes: dict[str, tuple[Stamp, tuple[int, int] | RefusedError]] = {}
         self._outlines: dict[str, tuple[Stamp, Node]] = {}
 
-    def size(self, path: Path, written: str) -> tuple[int, int]:
+    def size(self, path: Path, path_text: str) -> tuple[int, int]:
         """Return the width and height of an image from its header. Raise RefusedError.
-        `written` is the path in the scene.
+        `path_text` is the path in the scene.
         """
         key, stamp = str(path), file_stamp(path)
         if key not in self._sizes or self._sizes[key][0] != stamp:
             try:
-                self._sizes[key] = stamp, image_size(path, written)
+                self._sizes[key] = stamp, image_size(path, path_text)
             except RefusedError as error:
                 self._sizes[key] = stamp, error
         size = self._sizes[key][1]

@@ -180,11 +180,11 @@ def _checksums(assets: Path) -> dict[str, Any]:
     return files if isinstance(files, dict) else {}
 
 
-def is_unused(assets: Path, ignored: Collection[Path] = ()) -> bool:
+def is_unused(assets: Path, ignored_files: Collection[Path] = ()) -> bool:
     """Return whether an assets folder is unchanged, and no file names it.
 
     All files in its folder count, also copies and backups of scenes, and scenes in the
-    folders below and in the parent folder, except the files in `ignored`.
+    folders below and in the parent folder, except the files in `ignored_files`.
     """
     try:
         if not is_written_folder(assets):
@@ -195,7 +195,7 @@ def is_unused(assets: Path, ignored: Collection[Path] = ()) -> bool:
         return not any(
             _names_folder(file.read_bytes(), assets.name)
             for file in files
-            if file not in ignored
+            if file not in ignored_files
         )
     except OSError:
         # An unreadable file may name it.

@@ -172,15 +172,15 @@ def limit(value: float) -> str:
     return number(value)
 
 
-def measure(schema: Schema, unit: str, ranged: bool) -> str:
+def measure(schema: Schema, unit: str, has_range: bool) -> str:
     """Return the form of a number: `grams above 0`, `a number from 0 to 10`; only the
-    unit if not `ranged`.
+    unit if not `has_range`.
     """
     lowest, greatest, open_ = bounds(schema)
     kind = "a whole number" if schema["type"] == "integer" else "a number"
     if unit:
         kind = UNITS.get(unit, unit)
-        if not ranged:
+        if not has_range:
             return kind
     huge = greatest >= 1e9
     if open_:
@@ -199,7 +199,7 @@ def advice(schema: Schema) -> str:
     hint = f", e.g. {example(schema['examples'][0])}" if "examples" in schema else ""
     kind, unit = schema["type"], schema.get("x-unit", "")
     if kind in ("number", "integer"):
-        return f"write {measure(schema, unit, ranged=False)}{hint}"
+        return f"write {measure(schema, unit, has_range=False)}{hint}"
     if kind == "array":
         return f"write a list{f' in {UNITS.get(unit, unit)}' if unit else ''}{hint}"
     what = (

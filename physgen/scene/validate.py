@@ -249,21 +249,23 @@ class _Fault:
             fix = f"write {meaning}"
             fix += ", without quotes" if meaning == value else ""
         else:
-            form = measure(self._numeric(), self.unit, ranged=isinstance(value, float))
+            form = measure(
+                self._numeric(), self.unit, has_range=isinstance(value, float)
+            )
             fix = f"write {form}{self._units()}{self.hint}"
         refusal = Message.WRONG_TYPE.refusal(kind=kind, fix=fix)
         return findings.value(self.node, self.path, refusal)
 
-    def _meant_list(self, what: str) -> str | None:
+    def _meant_list(self, noun: str) -> str | None:
         """Return the intended list of a text, or None for another text."""
         value = self.node.value
         if not isinstance(value, str):
             return None
-        if what == "names":
+        if noun == "names":
             names = [plain_text(part) for part in value.split(",")]
             is_names = all(re.fullmatch(r"[A-Za-z][\w-]*", name) for name in names)
             return f"[{', '.join(names)}]" if is_names else None
-        return meant_list(value) if what in ("numbers", "whole numbers") else None
+        return meant_list(value) if noun in ("numbers", "whole numbers") else None
 
     def _ways(self) -> list[str]:
         """Return the accepted words, numbers, keys or lists of a part with several
@@ -298,10 +300,10 @@ class _Fault:
         minimum, maximum = self.schema.get("minItems", 0), self.schema.get("maxItems")
         return item_name, f"{minimum} {item_name}" if minimum == maximum else item_name
 
-    def _in_unit(self, what: str) -> str:
+    def _in_unit(self, noun: str) -> str:
         return (
             f" in {UNITS.get(self.unit, self.unit)}"
-            if self.unit and what != "mappings"
+            if self.unit and noun != "mappings"
             else ""
         )
 
@@ -346,9 +348,9 @@ class _Fault:
         else:
             side = "not above" if value == lowest else "below"
             limit_text = limit(lowest)
-        fix = measure(schema, self.unit, ranged=True)
+        fix = measure(schema, self.unit, has_range=True)
         if value > greatest and limit(greatest) not in fix:
-            fix = f"{measure(schema, self.unit, ranged=False)} of at most {limit(greatest)}"
+            fix = f"{measure(schema, self.unit, has_range=False)} of at most {limit(greatest)}"
         fix = f"write {fix}{self.hint}"
         if self.unit == "px" and 0 < value < lowest and self.node.text is None:
             fix += f"; did you mean meters? write {number(value)} m"
@@ -501,10 +503,10 @@ def _empty_above(key: str, siblings: dict[str, Node]) -> str | None:
     return parent_key if siblings[parent_key].value is None else None
 
 
-def misspelt_keys(keys: Iterable[str], known: Iterable[str]) -> set[str | None]:
+def misspelt_keys(keys: Iterable[str], known_keys: Iterable[str]) -> set[str | None]:
     """Return the known keys that are probably meant by unknown ones."""
-    known = list(known)
-    return {nearest(key, known) for key in keys if key not in known}
+    known_keys = list(known_keys)
+    return {nearest(key, known_keys) for key in keys if key not in known_keys}
 
 
 SURE = 0.8

@@ -27,22 +27,25 @@ DEEP = {"objects": 3, "world": 2, "boundaries": 2, "render": 1}
 
 
 def without_comments(
-    text: str, paths: Sequence[Sequence[str | int]], ours: Collection[str]
+    text: str, paths: Sequence[Sequence[str | int]], own_comments: Collection[str]
 ) -> str:
-    """Return the text without the comments in `ours` after or above the values at
+    """Return the text without the comments in `own_comments` after or above the values at
     `paths`, which a user has set. Other comments stay.
     """
     for path in paths:
         if depth := DEEP.get(str(path[0]), 0):
-            text = _without_comment(text, tuple(path[:depth]), ours)
+            text = _without_comment(text, tuple(path[:depth]), own_comments)
     return text
 
 
 def with_comments(
-    text: str, comments: Mapping[str, str], ours: Collection[str], new: Collection[str]
+    text: str,
+    comments: Mapping[str, str],
+    own_comments: Collection[str],
+    new: Collection[str],
 ) -> str:
     """Return the text with comments at dotted keys, after short values and above
-    others. They replace comments in `ours`; without one, only keys in `new` get a
+    others. They replace comments in `own_comments`; without one, only keys in `new` get a
     comment.
     """
     for key, comment in comments.items():
@@ -56,10 +59,10 @@ def with_comments(
             parent.is_flow
             or not leads(text, begin)
             or words in there
-            or not (key in new or any(_is_ours(one, ours) for one in there))
+            or not (key in new or any(_is_ours(one, own_comments) for one in there))
         ):
             continue
-        text = without_comments(text, [key.split(".")], ours)
+        text = without_comments(text, [key.split(".")], own_comments)
         parent, index = parent_of(text, tuple(key.split(".")))
         begin = entry(text, parent, index)
         first, stop = line_begin(text, begin), line_end(text, begin)
@@ -91,12 +94,12 @@ _HIDDEN = re.compile(_HIDING + r"([\w-]+(?:, [\w-]+)*(?: and [\w-]+)?)")
 
 
 def with_true_comments(
-    text: str, old: Mapping[str, Any], renamed: Mapping[str, str]
+    text: str, old: Mapping[str, Any], new_names: Mapping[str, str]
 ) -> str:
     """Update or remove comments of perception after objects were added, removed or
     changed.
 
-    `old` is the data before the change; `renamed` maps old to new names of objects.
+    `old` is the data before the change; `new_names` maps old to new names of objects.
     """
     labels, labels_before = _labels(mark_values(text).data()), _labels(old)
     if labels == labels_before:
@@ -115,15 +118,15 @@ def with_true_comments(
         text = _with_comment(
             text,
             ("objects", name, "layer"),
-            lambda words: _hidden_names(words, labels, renamed),
+            lambda words: _hidden_names(words, labels, new_names),
         )
     return text
 
 
-def _is_ours(words: str, ours: Collection[str]) -> bool:
+def _is_ours(words: str, own_comments: Collection[str]) -> bool:
     """Return whether perception wrote a comment, or an edit updated it."""
     is_updated = _HIDDEN.fullmatch(words) or _COUNTS.fullmatch(words)
-    return words in ours or is_updated is not None
+    return words in own_comments or is_updated is not None
 
 
 def _labels(data: Mapping[str, Any]) -> dict[str, str]:
@@ -212,7 +215,7 @@ def _comments(text: str, place: int) -> Iterator[tuple[int, str]]:
         yield line_number, " ".join(lines[line_number].lstrip(" #").split())
 
 
-def _without_comment(text: str, path: KeyPath, ours: Collection[str]) -> str:
+def _without_comment(text: str, path: KeyPath, own_comments: Collection[str]) -> str:
     try:
         parent, index = parent_of(text, path)
     except EditError:
@@ -222,9 +225,9 @@ def _without_comment(text: str, path: KeyPath, ours: Collection[str]) -> str:
         return text
     lines = text.split("\n")
     for line, words in _comments(text, begin):
-        if _is_ours(words, ours) and lines[line].lstrip().startswith("#"):
+        if _is_ours(words, own_comments) and lines[line].lstrip().startswith("#"):
             del lines[line]
-        elif _is_ours(words, ours):
+        elif _is_ours(words, own_comments):
             lines[line] = lines[line].rpartition(" #")[0].rstrip() + "\r" * lines[
                 line
             ].endswith("\r")

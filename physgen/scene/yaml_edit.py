@@ -139,15 +139,15 @@ def _mark_tree(node: Any, text: str) -> MarkedValue:
     )
 
 
-def entry(text: str, parent: MarkedValue, at: int) -> int:
+def entry(text: str, parent: MarkedValue, index: int) -> int:
     """Return the start of a child's entry: its key, or its dash."""
     if parent.kind is dict:
-        return parent.keys[at][1]
+        return parent.keys[index][1]
     if parent.is_flow:
-        return parent.children[at].begin
-    if at == 0:
+        return parent.children[index].begin
+    if index == 0:
         return parent.begin
-    place = line_after(text, parent.children[at - 1].end)
+    place = line_after(text, parent.children[index - 1].end)
     while (
         text[place : place + parent.column].strip(" ")
         or text[place + parent.column] != "-"
@@ -215,17 +215,17 @@ def find(text: str, path: Sequence[str | int]) -> MarkedValue:
     return node
 
 
-def are_equal(one: Any, other: Any) -> bool:
+def are_equal(first: Any, second: Any) -> bool:
     """Return whether two values are equal; true and 1 are not."""
-    if isinstance(one, dict) and isinstance(other, dict):
-        return one.keys() == other.keys() and all(
-            are_equal(one[key], other[key]) for key in one
+    if isinstance(first, dict) and isinstance(second, dict):
+        return first.keys() == second.keys() and all(
+            are_equal(first[key], second[key]) for key in first
         )
-    if isinstance(one, list) and isinstance(other, list):
-        return len(one) == len(other) and all(map(are_equal, one, other))
-    if isinstance(one, bool) or isinstance(other, bool):
-        return one is other
-    return bool(one == other)
+    if isinstance(first, list) and isinstance(second, list):
+        return len(first) == len(second) and all(map(are_equal, first, second))
+    if isinstance(first, bool) or isinstance(second, bool):
+        return first is second
+    return bool(first == second)
 
 
 def parent_of(text: str, path: KeyPath) -> tuple[MarkedValue, int]:
@@ -304,11 +304,11 @@ def _drop(text: str, path: KeyPath) -> str:
     return apply_patches(text, *patches)
 
 
-def _ends_line(text: str, parent: MarkedValue, at: int) -> bool:
+def _ends_line(text: str, parent: MarkedValue, index: int) -> bool:
     """Return whether only a comma and a comment follow an entry on its line."""
     if not parent.is_flow:
         return True
-    end = parent.children[at].end
+    end = parent.children[index].end
     rest = text[end : line_end(text, end)]
     return re.fullmatch(r"\s*,?\s*(#.*)?", rest) is not None
 
@@ -319,12 +319,12 @@ def _is_blank_line(text: str, place: int) -> bool:
     return stop < len(text) and not text[line_begin(text, place) : stop].strip()
 
 
-def _first_line(text: str, parent: MarkedValue, at: int) -> int:
+def _first_line(text: str, parent: MarkedValue, index: int) -> int:
     """Return the start of an entry's lines: of the comments directly above it."""
-    begin = entry(text, parent, at)
+    begin = entry(text, parent, index)
     first = line_begin(text, begin)
     column = begin - first
-    end_above = parent.children[at - 1].end if at else 0
+    end_above = parent.children[index - 1].end if index else 0
     top = first
     while top > end_above:
         line = line_begin(text, top - len(_break_before(text, top)))
@@ -345,11 +345,11 @@ def _break_before(text: str, place: int) -> str:
     return before if BREAK.match(before) else ""
 
 
-def _last_line(text: str, parent: MarkedValue, at: int) -> int:
+def _last_line(text: str, parent: MarkedValue, index: int) -> int:
     """Return the end of an entry's lines: of the deeper comments after it."""
-    begin = entry(text, parent, at)
+    begin = entry(text, parent, index)
     column = begin - line_begin(text, begin)
-    stop = line_after(text, parent.children[at].end)
+    stop = line_after(text, parent.children[index].end)
     return _after_deeper_comments(text, stop, column)
 
 
@@ -367,20 +367,20 @@ def _after_deeper_comments(text: str, place: int, column: int) -> int:
     return stop
 
 
-def _cut(text: str, parent: MarkedValue, at: int, begin: int) -> Patch:
+def _cut(text: str, parent: MarkedValue, index: int, begin: int) -> Patch:
     """Return the patch that removes one of several entries in brackets, without
     comments of others.
     """
-    child = parent.children[at]
-    is_last = at + 1 == len(parent.children)
-    if at and leads(text, begin):
+    child = parent.children[index]
+    is_last = index + 1 == len(parent.children)
+    if index and leads(text, begin):
         # After a comment, keep the comma before it: YAML allows a comma at the end.
-        before = parent.children[at - 1].end
+        before = parent.children[index - 1].end
         if is_last:
             return begin if "#" in text[before:begin] else before, child.end, ""
-    elif at:
-        return parent.children[at - 1].end, child.end, ""
-    after = entry(text, parent, at + 1)
+    elif index:
+        return parent.children[index - 1].end, child.end, ""
+    after = entry(text, parent, index + 1)
     # Keep the comments below an item after a dash.
     if not parent.is_flow and "#" in text[line_end(text, child.end) : after]:
         return begin, line_end(text, child.end), ""
@@ -412,12 +412,12 @@ def _insert(text: str, path: KeyPath, value: Any) -> str:
     )
 
 
-def _rename(text: str, path: KeyPath, to: str) -> str:
+def _rename(text: str, path: KeyPath, new_name: str) -> str:
     """Rename a key."""
     parent, index = parent_of(text, path)
     _, begin, end = parent.keys[index]
     return apply_patches(
-        text, (begin, end, _quoted_as(text, text[begin], to, key_text(to)))
+        text, (begin, end, _quoted_as(text, text[begin], new_name, key_text(new_name)))
     )
 
 
@@ -618,12 +618,12 @@ SIMPLE = re.compile(r"[\w][\w .-]*").fullmatch
 """Text without characters to escape in either kind of quotes."""
 
 
-def _quoted_as(text: str, quote: str, value: str, plain: str) -> str:
-    """Return text in these quotes, or `plain`; in a JSON file, as JSON."""
+def _quoted_as(text: str, quote: str, value: str, plain_text: str) -> str:
+    """Return text in these quotes, or `plain_text`; in a JSON file, as JSON."""
     if is_json(text):
         return _json(value)
     is_quoted = quote in ("'", '"') and SIMPLE(value) is not None
-    return f"{quote}{value}{quote}" if is_quoted else plain
+    return f"{quote}{value}{quote}" if is_quoted else plain_text
 
 
 @lru_cache(maxsize=4)
