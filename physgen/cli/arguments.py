@@ -331,6 +331,7 @@ def refuse_split_values(arguments: Sequence[str], files: Sequence[str]) -> None:
             if text not in strays:
                 break
             pieces.append(text)
+        # A file that exists is a file, even if its name looks like a number.
         if flag.startswith("--") and len(pieces) > 1:
             is_key = flag == "--set" and "=" not in "".join(pieces)
             value = "=".join(pieces) if is_key else _join_pieces(pieces)

@@ -68,6 +68,7 @@ def check_backends(options: argparse.Namespace) -> int:
     """Run the usable backends, or the named ones, on a small picture."""
     from physgen.evaluate.backend_check import check_backends, read_choices
 
+    # Wrong choices are reported before slow models are loaded.
     pairs = read_choices(options.check)
     checks: list[BackendCheck] = []
     for check in check_backends(plan_of(options), pairs):

@@ -85,6 +85,7 @@ def _motion_edits(
     """Return the edits of --push, --drop, --kick and --story, and print how to keep
     them. Raise InputError.
     """
+    # Without pushes, the scene need not be compiled here.
     if not (options.push or options.drop or options.kick) and options.story is None:
         return ()
     from physgen import pipeline
@@ -104,6 +105,8 @@ def _motion_edits(
         print_error(f"{path}: the scene has this motion already")
         return ()
     values: dict[str, Any] = {}
+    # The printed YAML can be copied into the file: nested mappings instead of dotted
+    # keys.
     for key, value in edits.items():
         *parents, last = key.split(".")
         part = values
@@ -195,6 +198,7 @@ def preview_edits(
 def _open_scene(path: str, allow_outside: bool) -> OpenedScene:
     """Read a file once for many clips. Read it again after a change."""
     scene_file = _read(path, allow_outside, os.getcwd())
+    # A scene may change during a long batch, for example by `--refresh`.
     if not scene_file.stale():
         return scene_file
     _read.cache_clear()
@@ -378,6 +382,7 @@ def make_all(
 
     out = Path(options.output)
     index = out / INDEX
+    # Parts may outnumber the clips: an empty part is not an error.
     if count == 0 and options.part:
         print_error("this part has no clip: there are fewer clips than parts")
     store = getattr(options, "ship", None)
@@ -413,6 +418,7 @@ def make_all(
     files = finish()
     # An interrupted run leaves an old gallery.
     older = not index.exists() or index.stat().st_mtime < tally.newest
+    # An unchanged batch keeps its gallery, and its time stamp.
     is_new = tally.counts["made"] or tally.counts["failed"] or older
     if gallery and not tally.disk_full and is_new:
         from physgen.report.gallery import write_gallery
@@ -493,6 +499,7 @@ def _sum_up(
     else:
         for file in ([] if index is None else [str(index)]) + [*files]:
             print_line(file)
+    # The finished clips are complete: the same command continues after room was made.
     if tally.disk_full:
         shortage = f"{count - made - unchanged:,} of {count:,} clips are missing"
         fix = "make room and run the same command again"

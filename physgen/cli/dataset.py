@@ -49,6 +49,7 @@ def dataset(options: argparse.Namespace) -> int:
     def warn(problem: Problem) -> None:
         nonlocal warnings
         warnings += 1
+        # A wrong folder can hold thousands of unusable clips.
         if warnings <= MAX_WARNINGS:
             print_problem(problem)
 

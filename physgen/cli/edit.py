@@ -47,6 +47,7 @@ def edit(options: argparse.Namespace) -> int:
         )
     check_folder_name(options.output)
     check_writable(options.output)
+    # An empty host would listen on all networks.
     host = options.host.strip() or LOOPBACK[0]
     scene, is_new = _scene(options)
     from physgen.edit.app import Editor
@@ -110,6 +111,7 @@ def edit_file(options: argparse.Namespace) -> int:
     _refuse_other_names(scene, path, options.objects)
     is_merge = options.command == "merge"
     names = list(options.objects)
+    # A merge can add doubtful regions to an object.
     doubtful = set(scene.document.get("doubtful") or {})
     for name in names:
         if not (is_merge and name in doubtful):

@@ -96,6 +96,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stderr.close()
         return UNREAD if options.command in BATCHES else OK
     except OSError as error:
+        # Partial files have temporary names; the user knows only the final one.
         file_name = f"{final_name(str(error.filename))}: " if error.filename else ""
         if error.errno == ENAMETOOLONG:
             print_error(

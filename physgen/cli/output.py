@@ -97,6 +97,7 @@ def stdout_file() -> Path | None:
     try:
         descriptor = sys.stdout.fileno()
         status = os.fstat(descriptor)
+        # A pipe or a terminal has no folder for assets.
         if not stat.S_ISREG(status.st_mode):
             return None
         path = open_file_path(descriptor)

@@ -185,6 +185,7 @@ def perceive_photos(options: argparse.Namespace, bar: Bar) -> WrittenScenes:
         raise InputError(wrong)
     check_folder_name(options.output)
     check_writable(options.output)
+    # Models stay loaded for all photos.
     crew = crew_of(options, keep=True)
     scenes: list[Path] = []
     problems: list[Problem] = []
@@ -244,6 +245,7 @@ def _names(images: Sequence[Path]) -> list[str]:
     """
     stems = [image.stem for image in images]
     folders = [image.resolve().parent.name for image in images]
+    # `a/photo.jpg b/photo.jpg`: only the folders tell the photos apart.
     return folders if len(set(stems)) == 1 < len(stems) == len(set(folders)) else stems
 
 

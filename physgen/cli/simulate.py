@@ -114,6 +114,7 @@ def check(options: argparse.Namespace) -> int:
     lines = []
     for path in options.scenes:
         file_problems = dict.fromkeys(_problems_of_file(path, options))
+        # Variants of one file share most problems.
         report += [problem for problem in file_problems if problem not in report]
         lines.append(f"{path}: {_count_text(file_problems)}")
     has_errors = any(p.severity is Severity.ERROR or options.strict for p in report)

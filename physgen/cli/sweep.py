@@ -51,6 +51,7 @@ def sweep(options: argparse.Namespace) -> int:
     from physgen.batch.sweep import check_values, plan_clips
     from physgen.scene.load import OpenedScene
 
+    # The first argument is often forgotten, and then a key is taken for the scene.
     if "=" in options.scene and not Path(options.scene).exists():
         raise Message.SWEEP_WITHOUT_SCENE.error(options.scene)
     check_folder_name(options.output)
@@ -164,6 +165,7 @@ class Previews:
             self._options.scene, point.variant, self._options, point.overrides
         )
         has_own_duration = any(edit.startswith("world.duration=") for edit in edits)
+        # Thousands of points need only one simulation for the length of their previews.
         if self._keeps_timing and edits and not has_own_duration:
             self._shared[point.variant] = edits
         return edits

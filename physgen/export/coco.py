@@ -35,6 +35,8 @@ class Coco(Writer):
         parts = [f'"info": {info}']
         for key, rows in _clip_rows(clip).items():
             parts.append(f'"{key}": {_format_rows(map(json.dumps, rows))}')
+        # The list stays open: annotations are appended frame by frame, so that memory
+        # stays small.
         head = ",\n".join([*parts, '"annotations": ['])
         self._path.write_text("{\n" + head, encoding="utf-8")
 
@@ -60,6 +62,7 @@ class Coco(Writer):
         with self._path.open("a", encoding="utf-8") as file:
             for presence in view.presences:
                 row = _annotation(clip, view, presence)
+                # COCO's tools cannot read annotations without pixels.
                 if not presence.visible_area:
                     self._hidden.append(json.dumps(row))
                     continue
@@ -125,6 +128,7 @@ def _annotation(clip: Clip, view: View, presence: Presence) -> dict[str, Any]:
     }
     if presence.visible_area:
         runs = whole_runs
+        # Most objects are fully visible, and one encoding is enough.
         if presence.visible_area < presence.whole_area:
             runs = _run_lengths(presence.visible_mask, presence.box, view)
         row["segmentation"] = runs

@@ -129,6 +129,7 @@ def follow_ball(
     other_x, other_y = _video_center(body, other)
     shifted_x = other_x + other_radius * u
     shifted_y = other_y + other_radius * v
+    # From one view back to t = 0 and on to the other view.
     turn = other.spaces[body] @ view.spaces[body].T
     scales = [[other_radius], [other_radius], [1.0]]
     # Only the change is computed: a ball at rest then moves by exactly zero.
@@ -145,6 +146,7 @@ def _turn_ball(u: Array, v: Array, matrix: Array) -> tuple[Array, Array, Array]:
     """
     square = u * u + v * v
     depth = np.sqrt(np.maximum(1 - square, 0))
+    # Coverage reaches about a pixel beyond the rim.
     limit = 1 / np.sqrt(np.maximum(square, 1))
     u = u * limit
     v = v * limit

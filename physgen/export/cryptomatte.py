@@ -59,6 +59,8 @@ def object_id(name: str) -> int:
     """
     hash_ = murmur_hash(name)
     exponent = hash_ >> 23 & 255
+    # Denormal and infinite floats do not survive all programs; the specification flips
+    # this bit.
     return hash_ ^ 1 << 23 if exponent in (0, 255) else hash_
 
 
@@ -91,6 +93,7 @@ def ranked_channels(shares: Mapping[str, F32]) -> dict[str, F32]:
     ids = np.zeros(len(stack), np.uint32)
     for index, (name, share) in enumerate(shares.items()):
         stack[index], ids[index] = share, object_id(name)
+    # A stable order: equal shares give equal files.
     ranks = np.argsort(-stack, axis=0, kind="stable")[:RANKS]
     coverage = np.take_along_axis(stack, ranks, axis=0)
     ranked_ids = np.where(coverage > 0, ids[ranks], np.uint32(0))

@@ -53,6 +53,7 @@ def palette_png(ids: NDArray[np.uint16]) -> bytes:
     """Return a PNG file of ids (H, W) up to 254, 0 = background; 255 means unknown in
     DAVIS' own measures.
     """
+    # DAVIS' tools read the index, and people the colour.
     picture = Image.fromarray(ids.astype(np.uint8)).convert("P")
     picture.putpalette([value for colour in PALETTE for value in colour])
     file = BytesIO()

@@ -151,6 +151,7 @@ def _resample(world: World, trajectory: Trajectory) -> Trajectory:
     limit = max(LIMITS.max_samples // len(world.bodies), 2)
     end = world.duration
     rate = max(LIMITS.rate, LIMITS.min_samples / end)
+    # Finer samples than the engine's steps have no new information.
     rate = min(rate, world.steps_per_second)
     steps = min(ceil(end * rate - 1e-6), limit)
     even_times = np.linspace(0.0, end, steps + 1)
@@ -254,6 +255,7 @@ def _motions(world: World, trajectory: Trajectory) -> Iterator[Event]:
     min_shift = LIMITS.shift * max(world.size)
     for k, (body, rest) in enumerate(zip(world.bodies, rests, strict=True)):
         poses = trajectory.poses[:, k]
+        # A turn moves the rim, even if the centre rests.
         rim_shift = np.abs(poses[:, 2] - poses[0, 2]) * body.reach
         center_shift = np.hypot(*(poses[:, :2] - poses[0, :2]).T)
         shift = np.maximum(center_shift, rim_shift)
@@ -310,6 +312,7 @@ def _moves_at_start(body: Body, velocity: Array) -> bool:
     """
     if body.motion is Motion.SCRIPTED:
         return bool(np.abs(velocity).max() > 0)
+    # A push that starts smoothly is a start of motion, not a motion at t = 0.
     if is_ramped(body):
         return False
     is_fast = np.hypot(*body.velocity) >= REST_SPEED

@@ -67,6 +67,7 @@ def colour_flow(flow: F32, full_colour: float) -> NDArray[np.uint8]:
 
     `full_colour` px have full colour; rest is white.
     """
+    # A lookup in a table is faster than the colour formula per pixel.
     place = flow * np.float32(GRID / full_colour)
     place += np.float32(GRID)
     u, v = cv2.split(place)

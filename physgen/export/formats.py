@@ -105,6 +105,7 @@ def choose_formats(names: Sequence[str], flag: str = FLAG) -> list[LabelFormat]:
     """
     known = {row.name: row for row in FORMATS}
     problems: list[Problem] = []
+    # All problems of a request are collected, so that the user sees them at once.
     for name in dict.fromkeys(names):
         row = known.get(name)
         if row is None:

@@ -41,6 +41,7 @@ class Kitti(Writer):
             write_png(self._folder / "image_2" / f"{name}_{number}.png", view.rgb)
         codes = kitti_codes(flow.motion)
         write_png(self._folder / "flow_occ" / f"{name}_10.png", codes)
+        # The second file marks hidden pixels as invalid.
         codes[~flow.visible] = 0
         write_png(self._folder / "flow_noc" / f"{name}_10.png", codes)
 

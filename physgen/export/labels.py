@@ -134,6 +134,7 @@ def _presence(
 
 def _join_covers(covers: Sequence[Cover]) -> tuple[tuple[slice, slice], Mask]:
     """Return one box and mask (h, w) of all covers."""
+    # Most bodies have one sprite.
     if len(covers) == 1:
         return covers[0].box, covers[0].mask
     top = min(cover.box[0].start for cover in covers)
@@ -186,6 +187,7 @@ class View(PosedView):
         full resolution, as masks do.
         """
         options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+        # Without subsampling: colours at borders of masks must not bleed.
         options += [
             cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
             cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
@@ -301,6 +303,8 @@ def starting_labels(labels: U16, photo: U16 | None, scenery: Mask) -> U16:
     """
     if photo is None:
         return labels
+    # An object removed from the scene is not background: its map values are the
+    # object's.
     is_omitted = (photo > 0) & (labels == 0) & ~scenery
     return np.where(is_omitted, np.uint16(OMITTED), labels)
 
@@ -322,6 +326,7 @@ class Flow:
 def flow(view: View, other: View, world: World) -> Flow:
     """Return the motion of each pixel of `view` to `other`."""
     result = _background_flow(view, other)
+    # Resting bodies under a still camera have the flow of the background already.
     has_still_camera = np.array_equal(view.lens, other.lens)
     for body, box in view.boxes.items():
         if not (has_still_camera and is_still(body, view, other)):

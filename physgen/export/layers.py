@@ -156,6 +156,8 @@ class LayerFiles(Writer):
 
         def put(light: F32) -> None:
             colour = straight_srgb(light)
+            # Editors expect premultiplied codes in ProRes, and browsers straight ones
+            # in VP9.
             if encoding is PRORES and light.shape[2] == 4:
                 colour[..., :3] *= colour[..., 3:]
             write(quantize(colour))
@@ -248,6 +250,7 @@ class _PngFolder:
 
 def shadow_pass(layers: Layers) -> F32:
     """Return the share of the plate's light after shadows, (H, W, 3), at most 1."""
+    # No division by zero in black parts of the plate.
     plate = np.maximum(layers.plate, np.float32(1 / LIGHTEST))
     return np.asarray(np.clip(layers.shaded / plate, 0, 1), np.float32)
 
@@ -260,6 +263,7 @@ def visible_shares(
     """
     shares = {}
     free: F32 | None = None
+    # From the nearest to the farthest: each hides a share of those behind it.
     for body in reversed(order):
         coverage = np.clip(objects[body][..., 3], 0, 1)
         shares[body] = coverage if free is None else coverage * free
@@ -275,6 +279,7 @@ def corrections(composite: F32, frame: U8) -> tuple[F32, F32]:
     target = decode(frame)
     multiply = np.ones_like(composite)
     is_darker = difference > 0
+    # Too bright pixels are multiplied and too dark ones added to: no value is negative.
     multiply[is_darker] = target[is_darker] / composite[is_darker]
     add = np.zeros_like(composite)
     is_brighter = difference < 0

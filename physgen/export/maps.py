@@ -147,6 +147,7 @@ def unknown_ground(clip: Clip) -> Mask:
 def fill_map(values: F32, hole: Mask) -> F32:
     """Return values (H, W[, C]) with a harmonic fill of a hole (H, W)."""
     channels = values if values.ndim == 3 else values[..., None]
+    # A constant map has no range.
     error = max(float(np.ptp(channels)), 1e-6) * LIMITS.fill_error
     return harmonic_fill(channels, hole, error).reshape(values.shape)
 
@@ -283,6 +284,7 @@ class Normals(Writer):
         depth = np.sqrt(np.maximum(1 - square, 0))
         components = [u * limit, v * limit, depth]
         normals = np.stack(components, axis=-1).astype(np.float32)
+        # A thread or a handle has no sphere's normals.
         is_outside = square > (1 + CODES.ball_margin / radius) ** 2
         if (is_outside & (view.ids[box] == body + 1)).any():
             other_normals = self._turn(body, part, view, box)

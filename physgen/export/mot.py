@@ -37,6 +37,7 @@ class Mot(Writer):
             "imExt=.jpg",
         ]
         (home / "seqinfo.ini").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        # A line break in a label would shift all later classes.
         names = [" ".join(label.split()) + "\n" for label in clip.categories]
         labels = self._truth.with_name("labels.txt")
         labels.write_text("".join(names), encoding="utf-8")

@@ -127,6 +127,7 @@ def _object(
 ) -> dict[str, Any]:
     """Return an object, without mass and moment if it is fixed or scripted."""
     mass = moment = mass_kg = moment_si = None
+    # Fixed and scripted bodies have infinite masses, which JSON cannot hold.
     if isfinite(body.mass):
         mass, moment = body.mass, body.moment
         mass_kg = mass / 1000
@@ -228,6 +229,7 @@ def _sources(
             sources[key] = "written"
         else:
             sources[key] = "default"
+    # Mass and density exclude each other: only one has a source.
     has_density = sources.get("density") != "default"
     if sources.get("mass") == "default" and has_density:
         del sources["mass"]

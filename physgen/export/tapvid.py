@@ -101,6 +101,7 @@ class Tapvid(Writer):
         """Write the frame, and store poses and ids."""
         view = moment.view
         self._video[view.index] = view.rgb
+        # Points are chosen at the end: until then, only compressed ids fit the memory.
         self._ids.append(compress(view.ids.tobytes(), 1))
         count = len(self._clip.names) + 1
         areas = np.bincount(view.ids.ravel(), minlength=count)
@@ -116,6 +117,8 @@ class Tapvid(Writer):
         camera = CameraPath(np.stack(self._lenses), np.stack(self._poses), spaces)
         points = self._choose_points()
         places, far_side = track_points(points, camera, self._clip.world)
+        # Every point is visible in the frame of its choice, so that a first visible
+        # frame exists.
         occluded = far_side | ~self._find_visible(places, points)
         first = np.argmin(occluded, axis=1)
         x, y = (places[np.arange(len(first)), first] + 0.5).T
@@ -294,6 +297,7 @@ def choose_places(
     """
     side = 2 * LIMITS.margin + 1
     kernel = np.ones((side, side), np.uint8)
+    # Both are equal only if the whole neighbourhood has one id.
     is_inner = cv2.erode(ids, kernel) == cv2.dilate(ids, kernel)
     choices = []
     for number, count in requests:

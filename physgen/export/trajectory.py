@@ -95,6 +95,7 @@ def video_motion(
     speeds = np.empty((*poses.shape[:2], 2))
     for t, time in enumerate(times.tolist()):
         lens = shot.affine(time)
+        # The camera has no motion before t = 0.
         early = max(time - CAMERA_STEP, 0.0)
         late = time + CAMERA_STEP
         lens_rate = (shot.affine(late) - shot.affine(early)) / (late - early)

@@ -180,6 +180,7 @@ def _resample(write: Write, source_rate: Fraction, rate: Fraction) -> Write:
 
     def write_nearest(rgb: U8) -> None:
         nonlocal frame_count, written_count
+        # Fractions: floats would drift over a long clip.
         if frame_count == floor(written_count * step + Fraction(1, 2)):
             write(rgb)
             written_count += 1
@@ -289,6 +290,8 @@ def encode_in_thread(writes: Sequence[Write]) -> Iterator[Write]:
     with ThreadPoolExecutor(1, "encode") as thread:
 
         def put(rgb: U8) -> None:
+            # Waiting for the oldest frame bounds the memory, and raises its error
+            # early.
             while waiting and (len(waiting) >= WAITING or waiting[0].done()):
                 waiting.popleft().result()
             waiting.append(thread.submit(encode, rgb))
@@ -442,6 +445,7 @@ def _gif(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
                 put(rgb)
                 return
             first_frames.append(rgb)
+            # The palette needs some frames; a clip may also end before.
             if len(first_frames) == PALETTE_FRAMES:
                 flush()
 

@@ -242,6 +242,7 @@ def _read_rendered(folder: Path) -> Clip | None:
             data["video"],
         )
         objects = document.get("objects", {}).values()
+        # Other programs also write files named manifest.json.
         if data["manifest"] != 1 or not isfinite(float(video["fps"])):
             return None
         if not all(isinstance(item, dict) for item in objects):
@@ -249,6 +250,7 @@ def _read_rendered(folder: Path) -> Clip | None:
         fault = (data.get("refine") or {}).get(
             "failed"
         ) or "the frames could not be made"
+        # Listed files may have been deleted since.
         films = (
             name
             for name in (*FILMS, *UNREFINED)
@@ -290,6 +292,7 @@ def _source(folder: Path, data: Mapping[str, Any]) -> Path | None:
 def _read_failed(file: Path, failure: Failure) -> Clip:
     """Read a failed clip. Its problems name the scene file without folders."""
     name = Path(failure.path).name
+    # The folder of the user's machine is of no interest on a page.
     texts = (
         text.replace(failure.path, name, 1)
         if failure.path and text.startswith(failure.path)
@@ -311,6 +314,7 @@ def _seal(files: Mapping[str, str], film: str) -> str:
     """Return the start of the video's hash, or of the hash of all frames in a
     folder.
     """
+    # The manifest has the hash already: pages need no second one.
     if not film.endswith("/00000.png"):
         return str(files[film])[:20]
     folder = film.removesuffix("00000.png")

@@ -77,6 +77,7 @@ def unused_leftovers(out: Path) -> list[Path]:
 def _final_folder(leftover: Path) -> Path | None:
     """Return the final path of a moved old folder, or None for other leftovers."""
     match = _LEFT.fullmatch(leftover.name)
+    # A link must not be renamed: its target may be anywhere.
     if match is None or match["kind"] != "old" or leftover.is_symlink():
         return None
     final = leftover.with_name(match["name"])
@@ -125,6 +126,7 @@ def _replace_folder(new_folder: Path, final: Path, old: Path) -> None:
     """
     for left in range(TRIES, 0, -1):
         try:
+            # A folder cannot be replaced in one step: rename the old one first.
             if final.exists():
                 shutil.rmtree(old, ignore_errors=True)
                 final.rename(old)
@@ -192,6 +194,7 @@ def _strangers(folder: Path) -> list[str] | None:
 
     Return None for a folder from another program.
     """
+    # A missing or empty folder has nothing to lose.
     if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
         return []
     if not (folder / "manifest.json").is_file():

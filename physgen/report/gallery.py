@@ -109,11 +109,13 @@ def write_gallery(
     title = title or "Gallery"
     listening = write_listening_page(clips, index, title)
     listen = "" if listening is None else quote(listening.name)
+    # The page is made before the old one is touched.
     text = gallery_page(clips, shots, index.parent, title, results, listen)
     if index.exists() and not _has_mark(index):
         back_up(index, keep)
     data = text.encode("utf-8")
     write_atomic(index, data)
+    # Only after the new page: the old one needs its pictures until then.
     sweep_files(files, {Path(shot).name for shot in (*shots, *results)})
     _write_neighbours(clips, files)
     return Gallery(
@@ -151,6 +153,7 @@ def gallery_page(
         values = [key.values[k] for key in keys]
         card = _card(k, clip, shot, keys, values, home)
         card["result"] = results[k] if results and not clip.problems else ""
+        # Clips of several folders may have the same name.
         folder = _folder(clip, home) if names[clip.name] > 1 else ""
         card["where"] = card["data"]["where"] = folder
         cards.append(card)
@@ -164,6 +167,7 @@ def gallery_page(
         "grid": is_sweep and _is_grid(clips, free_keys),
     }
     hero = None
+    # A table of a sweep has no room for a large clip.
     if not data["grid"]:
         hero = next((card for card in cards if card["moves"]), None)
     times = [clip.time for clip in clips]
@@ -195,6 +199,7 @@ def gallery_page(
 
 def _is_grid(clips: Sequence[Clip], free_keys: Sequence[SweptKey]) -> bool:
     """Return whether the page shows a sweep over two keys as a table."""
+    # A table of so few cells says less than cards.
     if len(clips) <= 3 or len(free_keys) != 2:
         return False
     return all(None not in key.values for key in free_keys)
@@ -347,6 +352,7 @@ def clip_poster(clip: Clip, files: Path) -> str:
     """Return the URL of the poster. Make it unless it exists. Return "" for an
     unreadable film.
     """
+    # The seal becomes a file name, and a manifest is untrusted.
     if clip.film is None or not re.fullmatch("[0-9a-f]{20}", clip.seal):
         return ""
     path = files / f"{clip.seal}.photo.webp"
@@ -373,6 +379,7 @@ def clip_result(clip: Clip, files: Path, count: int) -> str:
         return ""
     path = files / f"{clip.seal}.result.webp"
     if not path.is_file():
+        # Backward clips end at the photo, and clips there and back at their start.
         is_forward = clip.document.get("render", {}).get("play", "forward") == "forward"
         try:
             picture = result_still(film, middle=not is_forward)
@@ -410,6 +417,7 @@ def sweep_files(files: Path, used_names: set[str]) -> None:
     if files.is_dir():
         remove_leftovers(files)
         for path in files.iterdir():
+            # Files of other programs stay.
             if _OURS(path.name) and path.name not in used_names:
                 path.unlink(missing_ok=True)
 
@@ -465,6 +473,7 @@ def _filter(key: SweptKey) -> dict[str, Any]:
 def _aspect(clips: Sequence[Clip]) -> str:
     """Return the common aspect ratio of all films, or "" if they differ."""
     sizes = {clip.size for clip in clips if clip.document}
+    # Videos have even sizes, so that equal ratios may differ a little.
     ratios = {round(width / height, 2) for width, height in sizes}
     if len(ratios) != 1:
         return ""

@@ -44,6 +44,7 @@ def _environment(folder: Path) -> Any:
     environment = jinja2.Environment(
         loader=loader, autoescape=True, undefined=jinja2.StrictUndefined
     )
+    # Pages and messages must show the same digits.
     environment.filters |= {"rounded": rounded, "value": value_text}
     return environment
 

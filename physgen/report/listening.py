@@ -81,6 +81,7 @@ def spectrogram(track: SoundTrack) -> U8:
     loudest tone.
     """
     heard = track.samples.astype(np.float32).mean(axis=1)
+    # At least one window, for a very short track.
     heard = np.pad(heard, (0, TUNING.window))
     hop = max((len(heard) - TUNING.window) // TUNING.width, 1)
     parts = np.lib.stride_tricks.sliding_window_view(heard, TUNING.window)[::hop]
@@ -88,6 +89,7 @@ def spectrogram(track: SoundTrack) -> U8:
     power = np.abs(np.fft.rfft(parts, axis=1))
     bins = int(TUNING.top * TUNING.window / RATE)
     shown = power[:, :bins].T[::-1]
+    # The small numbers avoid the logarithm of zero in silence.
     level = 20 * np.log10(shown / max(float(shown.max()), 1e-9) + 1e-9)
     codes = np.clip((level / TUNING.depth + 1) * 255, 0, 255).astype(np.uint8)
     size = (TUNING.width, TUNING.height)
@@ -128,6 +130,7 @@ def write_listening_page(clips: Sequence[Clip], index: Path, title: str) -> Path
                 "lines": _caption_lines(vtt),
             }
         )
+    # A page of the user with this name stays.
     if page.exists() and MARK not in page.read_text("utf-8", "replace"):
         return None
     if not rows:

@@ -101,6 +101,7 @@ def draw_overview(
     scale = float(np.clip(1.0, SHORTEST / longer, LONGEST / longer))
     letter = max(SMALLEST_LETTER, LETTER * scale * longer)
     row = round(ROW * letter)
+    # The text row counts towards the height of the picture.
     scale = min(scale, (LONGEST - row) / height)
     size = max(1, round(width * scale)), max(1, round(height * scale))
     style = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
@@ -129,6 +130,7 @@ def _regions(
             continue
         left, top, right, bottom = boxes[id_]
         outline = mask_rings(labels[top:bottom, left:right] == id_)
+        # Scaling about the corner of the picture, while pixel centres are integers.
         offset = np.array([left, top]) + 0.5
         rings = [(ring + offset) * scale - 0.5 for ring in outline]
         corners = (left * scale, top * scale, right * scale, bottom * scale)
@@ -183,6 +185,7 @@ def _draw_doubtful(picture: U8, regions: Mapping[str, _Region], pen: float) -> N
 
 
 def _draw_objects(picture: U8, regions: Mapping[str, _Region], pen: float) -> None:
+    # One canvas per colour: a canvas per object would be slow.
     for number in range(COLOURS):
         layer = Layer(_size(picture), 0.6 * pen)
         for region in list(regions.values())[number::COLOURS]:
@@ -207,6 +210,7 @@ def _draw_pushes(
         if not length:
             continue
         min_length, max_length = (share * longer for share in PUSH_LENGTHS)
+        # Slow pushes stay visible, and fast ones stay inside the picture.
         way *= float(np.clip(length, min_length, max_length)) / length
         tail = region.center
         straight_arrow(layer, tail, tail + way, 2.2 * pen)
@@ -260,6 +264,7 @@ def _place(
     )
     best: tuple[float, Box] | None = None
     for a, b in centers:
+        # The whole tag must be inside the picture.
         a = min(max(a, width / 2), picture[0] - width / 2)
         b = min(max(b, high / 2), picture[1] - high / 2)
         box = a - width / 2, b - high / 2, a + width / 2, b + high / 2

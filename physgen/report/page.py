@@ -180,6 +180,7 @@ def _parameters(scene: Scene, world: World, variant: str | None) -> dict[str, An
     have their own rows.
     """
     rows = parameter_rows(scene, world, variant)
+    # Values common to all objects are shown once, and the rows show the differences.
     shared = shared_cells(rows)
     rows = merge_equal_rows(differing(rows, shared))
     return {
@@ -201,6 +202,7 @@ def _script() -> str:
 def _contacts(player: Data, world: World) -> list[dict[str, Any]]:
     """Return rows of the table of contacts, by time."""
     names = [name for name, _ in world.surfaces]
+    # g·px/s to N·s; without a scale there are no newtons.
     newton = player["scale"] and 1000 * player["scale"]
     strongest = sorted(player["touches"], key=lambda touch: -touch[4])[
         : LIMITS.most_contacts
@@ -255,6 +257,7 @@ def _world_facts(scene: Scene, world: World) -> list[tuple[str, str, str]]:
     )
     in_meters = [rounded(side / scale, METRIC_DIGITS) for side in world.size]
     canvas_pair = f"{' × '.join(in_meters)} m", f"{width} × {high} px"
+    # Without a scale, metres are only a convention: px come first.
     if not is_scaled(scene):
         gravity_pair, canvas_pair = gravity_pair[::-1], canvas_pair[::-1]
     facts = [
@@ -312,6 +315,7 @@ def provenance(
         )
     )
     facts = [("platform", f"{platform.system()}, {platform.machine()}")]
+    # The seed of the refinement has no meaning without one.
     seeds = {
         name: seed
         for name, seed in record.seeds.items()

@@ -99,6 +99,7 @@ def arrows(world: World) -> list[tuple[str, Array, Array, str]]:
                     f"{title} from {value_text(push.start)} s",
                 )
             )
+    # Velocities and forces have different units: only lengths of one kind compare.
     longest = LONGEST_ARROW * float(np.hypot(*world.size))
     rows = []
     for kind, vectors in arrow_list.items():
@@ -290,6 +291,7 @@ def shared_cells(rows: Sequence[Row]) -> dict[str, Cell]:
     Return an empty mapping for fewer than two objects. Boundaries do not count.
     """
     objects = [row for row in rows if row.kind != BOUNDARY]
+    # A single object has no common values.
     if len(objects) < 2:
         return {}
     shared = {}
@@ -318,6 +320,7 @@ def _is_equal(first: Cell, second: Cell) -> bool:
     one, other = first.source, second.source
     if (first.text, one.kind, one.sure) != (second.text, other.kind, other.sure):
         return False
+    # Lines of the file differ for each object: they are merged to a range.
     return one.kind == "file" or one.text == other.text
 
 
@@ -400,6 +403,7 @@ def _object(scene: Scene, index: int, body: Body, sources: Provenance) -> Row:
         "velocity": cell(speed, "velocity", small_speed if body.velocity.any() else ""),
         "spin": cell(value_text(degrees(body.spin)), "spin"),
     }
+    # The mass of a fixed object has no effect.
     if item.motion is Motion.STATIC:
         cells = {
             key: value for key, value in cells.items() if key not in ("mass", "moment")

@@ -159,6 +159,7 @@ def perception(
         text = "Each in the colour of the object that casts it."
         shown = _shadows(maps.rgb, _by_object(scene, maps.shadows))
         pictures.append(_picture("shadows", "Shadows by object", text, shown))
+    # A comparison needs both backgrounds; a single one is a plain picture.
     if maps.background is None or maps.clean is None:
         behind = maps.background if maps.clean is None else maps.clean
         if behind is not None:
@@ -379,6 +380,7 @@ def _by_object(scene: Scene, shadows: U16) -> U16:
 
     0 for objects that are no longer in the scene.
     """
+    # Ids in the map are not in the order of the scene's objects.
     numbers = np.zeros_like(shadows)
     for k, item in enumerate(scene.objects, 1):
         if isinstance(item.mask, MaskId):
@@ -401,6 +403,7 @@ def light_description(light: Light) -> str:
     'From the upper left, in front of the scene; 20 % of it from all around.'
     """
     x, y, z = light.direction
+    # A component below 0.2 is less than 12 degrees, and hardly visible.
     horizontal = "" if abs(x) < 0.2 else "right" if x > 0 else "left"
     vertical = "" if abs(y) < 0.2 else "above" if y < 0 else "below"
     corner = {"above": "upper", "below": "lower"}.get(vertical, "")

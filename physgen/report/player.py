@@ -96,6 +96,7 @@ LIMITS = PlayerLimits()
 def plate(stage: Stage, moving: Sequence[int]) -> str:
     """Return the background without the shadows of the moving sprites."""
     background = stage.background
+    # Shadows of moving sprites are separate pictures.
     if stage.lit is not None and moving:
         shadow_share = stage.lit.total.copy()
         for k in moving:
@@ -200,6 +201,7 @@ def _encode_roots(values: F32, *, signed: bool = False) -> dict[str, Any]:
     With `signed`, zero is grey.
     """
     max_value = max(float(np.abs(values).max()), 1e-6)
+    # Roots give dark tones more of the 256 codes.
     roots = np.sqrt(np.abs(values) / max_value)
     codes = (
         128 + 127 * np.sign(values) * roots if signed else 255 * roots * (values > 0)
@@ -230,6 +232,7 @@ def select_keys(path: Array, reach: float) -> list[int]:
     """Return samples of a path (T, 3) px, px, rad with almost straight parts between
     them: the ends, and the most bent samples.
     """
+    # An angle counts as the motion of the border.
     scaled_path = path * (1, 1, reach)
     keys = [0, len(scaled_path) - 1] if len(scaled_path) > 1 else [0]
     while len(keys) < LIMITS.keys:
@@ -294,6 +297,7 @@ def _measure_darkening(
     the photo.
     """
     cast = lit.casts[stand.k]
+    # A sliding shadow keeps its shape.
     if cast.sliding is not None:
         (x, y), dark = cast.sliding
         return (x, y, x + dark.shape[1], y + dark.shape[0]), dark
@@ -364,6 +368,7 @@ def player_data(
     if not T or LIMITS.max_samples < T * N:
         return None
     seen, impacts = trajectory, list[Impact]()
+    # Contacts between frames need finer samples than the video's.
     if N and T > 1 and trajectory.effort.steps * N <= LIMITS.effort:
         seen = trajectory.sampled(
             sample_times(trajectory, LIMITS.finer, max(T, LIMITS.fine_samples // N))
@@ -434,6 +439,7 @@ def column(values: Array, step: float) -> list[int]:
     >>> column(np.array([1.0, 1.5, 1.5, 0.0]), 0.5)
     [2, 1, 0, -3]
     """
+    # Differences of the rounded values: errors do not add up.
     codes = np.rint(np.asarray(values, np.float64) / step).astype(np.int64)
     return np.diff(codes, prepend=0).tolist()  # type: ignore[no-any-return]
 
@@ -495,6 +501,7 @@ def _steady(turns: Array) -> Array:
     """Return quaternions (T, 4) with continuous signs. Both signs mean the same turn;
     choose the one nearer to the previous.
     """
+    # The page interpolates components: a change of sign would spin the ball.
     signs = np.cumprod(np.where((turns[1:] * turns[:-1]).sum(axis=1) < 0, -1.0, 1.0))
     return np.asarray(turns * np.concatenate([[1.0], signs])[:, None])
 

@@ -161,6 +161,7 @@ def _installed_version(name: str) -> str:
     """Read a version from the folder name of the metadata. Parsing the metadata takes
     as long as loading a scene.
     """
+    # The first folder of the path has the imported version.
     for place in (place for place in sys.path if place.endswith("-packages")):
         for folder in Path(place).glob(f"{name.replace('-', '_')}-*.dist-info"):
             return folder.stem.partition("-")[2]

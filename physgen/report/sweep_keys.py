@@ -63,6 +63,7 @@ def swept_keys(clips: Sequence[Clip]) -> list[SweptKey]:
         for value, clip in zip(values, clips, strict=True):
             if clip.document:
                 distinct_values.append(value)
+        # Two keys with the same split are one axis: the second follows the first.
         split = tuple(distinct_values.index(value) for value in distinct_values)
         short_name = " ".join(parts).replace("_", " ")
         # A text contains its own unit.
@@ -176,6 +177,7 @@ def _least_parts(parts: Sequence[str]) -> int:
     """Return the minimum number of last parts with a meaning."""
     is_component = parts[-1] in ("x", "y", "z")
     count = 2 if is_component or parts[-2:-1] == ["table"] else 1
+    # An index alone says nothing: add the name of the list.
     while count < len(parts) and parts[-count].isdecimal():
         count += 1
     return min(count, len(parts))

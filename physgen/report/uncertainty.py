@@ -52,6 +52,7 @@ def uncertainty_section(
 
     `ways` are paths of bodies in draws, `own` the paths in the clip, `rows` the table.
     """
+    # The page must stay quick with many objects.
     points = len(fan.times) * max(len(fan.names), 1)
     shown = fan.whole[: max(2, min(LIMITS.most_draws, LIMITS.most_points // points))]
     ways = _paths(fan, shown, world)
@@ -104,6 +105,7 @@ def _paths(fan: Ensemble, draws: Sequence[int], world: World) -> list[dict[str, 
 
 def _path(points: Array, world: World) -> str:
     """Return path data with visible corners only, or "" if the body hardly moves."""
+    # Resting bodies would only add dots.
     if np.hypot(*np.ptp(points, axis=0)) < LIMITS.visible * max(world.size):
         return ""
     error = LIMITS.path_error * max(world.size) / 640

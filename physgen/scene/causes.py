@@ -69,6 +69,8 @@ def _move_to_cause(
     """
     edit = causes.get(problem)
     if edit is None:
+        # Without a cause, the problem stays at the value. It is the variant's if all
+        # edits are.
         variants = {edit.variant for edit in edits}
         return replace(problem, variant=variants.pop() if len(variants) == 1 else "")
     place = edit.value.key_place
@@ -79,6 +81,7 @@ def _first_edits(
     root: Node, edits: Sequence[Edit], check: Check
 ) -> dict[Problem, Edit]:
     """Return the edit after which each problem first appears."""
+    # A single edit caused all new problems: one check replaces the search.
     if len(edits) == 1:
         last = edits[0]
         return dict.fromkeys(check(apply(root, last)), last)
@@ -86,6 +89,8 @@ def _first_edits(
     for edit in edits:
         root = apply(root, edit)
         current = dict.fromkeys(check(root))
+        # A problem may vanish again by a later edit: only problems of the last tree
+        # count.
         causes = {problem: causes.get(problem, edit) for problem in current}
     return causes
 
@@ -100,6 +105,8 @@ def name_extending_keys(
     """
     pending = dict.fromkeys(problems)
     located_problems = []
+    # From the last base to the opened file: the first file with the problem is its
+    # cause.
     for number in range(len(chain) - 2, -1, -1):
         inherited_scene = merge_bases(chain[number + 1 :])
         inherited_problems = set(check(inherited_scene))
@@ -124,11 +131,14 @@ def name_extending_keys(
 def _causes(
     problems: Sequence[Problem], extension: Node, base: Node, check: Check
 ) -> Iterator[tuple[Problem, Node]]:
-    """Yield each problem that disappears without one key of `extension`, and the key."""
+    """Yield each problem that disappears without one key of `extension`, and
+    the key.
+    """
     pending = list(problems)
     for path, node in islice(_keys(extension, (), 3), MOST_KEYS):
         if not pending:
             return
+        # The key is the cause if the problem disappears with it.
         left = set(check(merge_bases([_remove_key(extension, path), base])))
         solved_problems = [problem for problem in pending if problem not in left]
         pending = [problem for problem in pending if problem in left]

@@ -55,6 +55,7 @@ class CheckedTree:
 
 def check_rising(tree: CheckedTree, knots: list[Node], path: KeyPath) -> None:
     """Report the first knot with a time out of order. Times start at 0 and rise."""
+    # Only the first fault is reported: later knots often repeat it.
     before: Any = None
     for index, knot in enumerate(knots):
         time = items(knot)[0]
@@ -83,6 +84,7 @@ def check_object_name(tree: CheckedTree, node: Node, path: KeyPath) -> None:
     """Report a value that does not name an object of the scene."""
     if str(node.value) in tree.objects:
         return
+    # An empty scene has no similar name to suggest.
     fix = "write it under objects first"
     if tree.objects:
         fix = one_of(str(node.value), list(tree.objects))

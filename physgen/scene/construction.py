@@ -49,6 +49,8 @@ def scene_from_tree(
     file.
     """
     scene_data = to_plain_data(root)
+    # Defaults come before the construction, so that the manifest's document has them
+    # too.
     data = with_defaults(scene_data)
     for own_name, entry in scene_data.get("objects", {}).items():
         item = data["objects"][own_name]
@@ -74,6 +76,8 @@ def scene_from_tree(
                 os.path.relpath(node.source.folder / str(node.value), source.folder)
             ).as_posix()
     world = data["world"]
+    # The default of gravity depends on the scale and the view, and cannot be in the
+    # schema.
     if "gravity" not in world:
         down = (
             round(EARTH * world["pixels_per_meter"], 9)
@@ -82,12 +86,14 @@ def scene_from_tree(
         )
         world["gravity"] = [0, down]
     for item in data["objects"].values():
+        # Without mass and density, objects have the density 1 g/px².
         if "mass" not in item and "density" not in item:
             item["density"] = 1
     assert ground.size is not None
     return parts.Scene(
         name=name,
         folder=source.folder,
+        # Real paths: a link that changes later must not change a loaded scene.
         image=None if ground.image is None else Path(os.path.realpath(ground.image)),
         size=ground.size,
         assets=None if ground.assets is None else Path(os.path.realpath(ground.assets)),
@@ -266,6 +272,7 @@ def _add_stored_shape(item: parts.Object, ground: Ground) -> parts.Object:
 
 
 def _prompt(value: Mapping[str, Any]) -> parts.BoxPrompt | parts.PointPrompt:
+    # The schema allows exactly one of the two keys.
     if "point" in value:
         return parts.PointPrompt(_pair(value["point"]))
     x, y, width, height = map(float, value["box"])
@@ -298,6 +305,7 @@ def arc_points(item: Mapping[str, Any]) -> parts.Points:
     (x, y), radius = _pair(item["center"]), float(item["radius"])
     begin = radians(float(item.get("from", 0.0)))
     turn = radians(float(item.get("to", 360.0))) - begin
+    # The sagitta of a chord is r (1 - cos(angle/2)). The bound keeps small arcs round.
     chord = 2 * acos(max(1 - SAG / radius, 0.9))
     count = min(max(1, ceil(abs(turn) / chord)), MOST_CHORDS)
     angles = [begin + turn * k / count for k in range(count + 1)]
@@ -401,6 +409,7 @@ NUMBERS_OF_FIELD = (
 
 def _light(item: Mapping[str, Any]) -> parts.Light:
     x, y, z = (float(value) for value in item["direction"])
+    # The file may have a direction of any length.
     length = (x * x + y * y + z * z) ** 0.5
     direction = (x / length, y / length, z / length)
     return _make(

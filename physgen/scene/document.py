@@ -65,6 +65,7 @@ def resolve(text: str) -> Scalar:
         # The longest word is shorter than six letters: most texts need no lookup.
         return _WORDS.get(text, text) if len(text) < 6 else text
     if _NUMBER(text):
+        # Integers stay exact: ids of masks must not become floats.
         if "." not in text and "e" not in text and "E" not in text:
             return int(text) if len(text) < 20 else int(_short(text))
         number = float(text) if len(text) < 30 else float(_short(text))
@@ -174,6 +175,7 @@ def decode(data: bytes, name: str) -> str:
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
+        # A photo or an archive in place of a scene is the most common mistake.
         if data.startswith((b"\x89PNG", b"\xff\xd8\xff", b"RIFF")):
             raise Message.PICTURE_FOR_SCENE.error(name) from None
         if data.startswith(b"PK\x03\x04"):
@@ -202,8 +204,10 @@ def read(
         root = reader.tree(yaml.parse(text, Loader=LOADER))
     except yaml.YAMLError as error:
         raise InputError([_syntax(error, text, source)]) from None
+    # Collected problems are reported together, after the syntax is known to be right.
     if reader.problems:
         raise InputError(reader.problems)
+    # The value of a flag may be empty, which is null.
     if not has_lines:
         return root if root is not None else Node(None, source)
     if root is None or root.value is None:
@@ -240,6 +244,7 @@ class _Reader:
         key: str | None = None
         # Place of the key.
         key_place: tuple[int, int] | None = None
+        # Local names are faster than attributes in the loop over all events.
         documents = nodes = line = column = 0
         most_nodes, most_levels = Limit.VALUES.most, Limit.DEPTH.most
         for event in events:
@@ -253,6 +258,8 @@ class _Reader:
                 or kind is SequenceStartEvent
                 or kind is MappingStartEvent
             ):
+                # Aliases can expand to gigabytes, and tags can construct objects: both
+                # are refused.
                 if event.anchor is not None or event.tag is not None:
                     raise self._refusal(event)
             elif kind is AliasEvent:
@@ -292,6 +299,7 @@ class _Reader:
                 )
             if key is not None:
                 node.key = key_place
+                # The first of two equal keys counts; the second is reported.
                 parent.setdefault(key, node)
                 key = None
             elif parent is not None:
@@ -317,6 +325,7 @@ class _Reader:
             self._collect(Message.KEY_TWICE.problem(place, key_path, first=line))
         elif key == "<<" and event.implicit[0]:
             raise self._error(Message.MERGE_KEY, event)
+        # The limit is checked during reading, before a huge file fills the memory.
         if len(stack) == 2 and len(siblings) == Limit.OBJECTS.most:
             top = stack[0].value
             assert isinstance(top, dict)
@@ -392,6 +401,8 @@ def _syntax(error: yaml.YAMLError, text: str, source: Source) -> Problem:
             text_, fix = fault.expected, fault.fix
     else:
         position = min(getattr(error, "position", 0), len(text))
+        # The error's position may not be an index into the text: find the character
+        # itself.
         control_character = re.search(
             r"[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", text
         )
@@ -401,6 +412,7 @@ def _syntax(error: yaml.YAMLError, text: str, source: Source) -> Problem:
             source.name, text.count("\n", 0, position) + 1, position - start + 1
         )
         text_ = "control characters are not allowed"
+    # A flag has no lines: its text is the place.
     if source.name.startswith("--set "):
         place = Place(source.name)
     # libyaml 0.2.6 and later reach their own limit before ours.

@@ -88,6 +88,7 @@ def check_groups(
     tree: CheckedTree,
 ) -> None:
     """Report unknown collision groups, and friction that grows during sliding."""
+    # A dict keeps the order of the names for the message.
     names: dict[str, None] = {MAIN_GROUP: None}
     listings: list[tuple[Node, KeyPath]] = []
     for section in ("objects", "boundaries"):
@@ -141,6 +142,7 @@ def _check_static_friction(
     if node is None:
         return
     friction = valid_keys.get("friction")
+    # Objects and boundaries have different defaults.
     default = find_schema_part(f"{path[0]}.*")["properties"]["friction"]["default"]
     least = default if friction is None else number_of(friction)
     if number_of(node) < least:
@@ -166,6 +168,7 @@ def check_forces(
         if "object" in tree.valid_keys(node):
             check_object_name(tree, node.value["object"], (*path, "object"))
         kind = _find_kind(tree, node, path, FORCES)
+        # Keys without effect are reported: the user expects an effect.
         if kind == "torque" and "at" in node.value:
             _report_no_effect(
                 tree,
@@ -272,6 +275,7 @@ def _check_joint_ends(
     """Report a rail or a rope without length."""
     has_length = "length" in valid_keys and number_of(valid_keys["length"]) > 0
     for kind in ("slider", "pulley", "rope"):
+        # A rope of a stated length may begin at its own end.
         if kind == "rope" and has_length:
             continue
         ends = points_of(valid_keys[kind]) if kind in valid_keys else []
@@ -291,6 +295,7 @@ def _check_rope(tree: CheckedTree, valid_keys: dict[str, Node], path: KeyPath) -
             hypot(one[0] - other[0], one[1] - other[1])
             for one, other in pairwise(points_of(valid_keys[kind]))
         )
+        # The tolerance is relative: lengths may be thousands of px.
         if number_of(valid_keys["length"]) < least - SAME_POINT * least:
             length = valid_keys["length"]
             problem = Message.ROPE_SHORT.problem(

@@ -64,6 +64,7 @@ def resolve_confined(
     """Return the path of `path_text` in `folder`. Raise RefusedError for a path outside
     `limit_folder`.
     """
+    # The operating system refuses such names with an exception of Python.
     if "\0" in path_text:
         raise Message.NOT_IN_PATH.refusal()
     if max(len(os.fsencode(part)) for part in path_text.split("/")) > Limit.NAME.most:
@@ -75,6 +76,7 @@ def resolve_confined(
     if os.path.isabs(path_text) or path_text[1:3] in (":\\", ":/"):
         raise Message.PATH_ABSOLUTE.refusal(folder=folder_name)
     try:
+        # Links are resolved first: a link inside the folder may lead outside.
         real, root = os.path.realpath(path), os.path.realpath(limit_folder)
     except (OSError, ValueError):
         raise Message.PATH_BROKEN.refusal() from None
@@ -100,6 +102,7 @@ def scene_bytes(path: Path, name: str) -> bytes:
         ).startswith("/proc/"):
             raise Message.IS_PIPE.error(name)
         with open(path, "rb") as stream:
+            # One byte more tells a file at the limit from a larger one.
             return stream.read(Limit.BYTES.most + 1)
     except IsADirectoryError:
         raise Message.IS_FOLDER.error(name) from None
@@ -139,6 +142,8 @@ def read_bases(
 
     Add the files to `files`. Raise InputError.
     """
+    # Bases may be in sibling folders: the limit is the parent folder of the opened
+    # file.
     home = root.source.folder.parent
     chain = [root]
     visited_paths = {os.path.realpath(file)}
@@ -201,6 +206,7 @@ def _base(
     if path.suffix.lower() not in SUFFIXES:
         raise refused(Message.NOT_SCENE_FILE.refusal())
     real = os.path.realpath(path)
+    # Real paths find a cycle through links too.
     if real in visited_paths:
         raise refused(Message.EXTENDS_ITSELF.refusal())
     visited_paths.add(real)
@@ -243,6 +249,8 @@ def similar(
         for n in names
         if n.lower().endswith(ends) and os.path.realpath(folder / n) not in besides
     ]
+    # Only names in the same folder: a search elsewhere would reveal names of other
+    # files.
     close = get_close_matches(path.name, names, 1)
     if not close:
         return fix
@@ -265,6 +273,7 @@ def image_size(path: Path, path_text: str) -> tuple[int, int]:
             size, turn = image.size, orientation(image)
     except InputError as error:
         raise error.problems[0].refusal() from None
+    # Maps belong to the stored pixels, without the rotation in EXIF.
     if turn != 1:
         raise Message.PICTURE_TURNED.refusal()
     return size
@@ -330,6 +339,7 @@ def read_written_record(path: Path) -> Record:
     """Return the record at a path. Leave out malformed parts."""
     record = read_record(path)
     try:
+        # Earlier versions wrote `values`.
         entries = record.get("objects") or record.get("values") or {}
         objects = {
             key: entry for key, entry in entries.items() if isinstance(entry, dict)

@@ -1,4 +1,6 @@
-"""The view of a photo in a video: sizes, magnification, and centres inside the photo."""
+"""The view of a photo in a video: sizes, magnification, and centres inside the
+photo.
+"""
 
 from __future__ import annotations
 

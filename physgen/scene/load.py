@@ -63,6 +63,7 @@ class OpenedScene:
         self.allow_outside = allow_outside
         name = os.fspath(path)
         self._source = Source(name, Path(os.path.abspath(self.file)).parent)
+        # The stamp is taken before reading, so that a save in between is noticed.
         self._stamps = {self.file: file_stamp(self.file)} if text is None else {}
         own_problems = (
             read_scene(self.file, name)
@@ -115,6 +116,7 @@ class OpenedScene:
         edits = _edits(self._root, overrides, variant, self._source)
         edited_root = _apply_edits(self._root, edits)
         ground = _check(in_numbers(edited_root), report, self._files)
+        # The slow search for causes runs only after a fault.
         if report.problems:
             raise InputError(self._at_causes(report, edits))
         scene = scene_from_tree(
@@ -136,6 +138,7 @@ class OpenedScene:
             problem for problem in report.problems if problem in self._own.problems
         ]
         new = [problem for problem in report.problems if problem not in own_problems]
+        # A file without bases is itself the cause.
         if len(self._chain) > 1:
             own_problems = name_extending_keys(own_problems, self._chain, check)
         return [*own_problems, *name_edits(new, self._root, edits, check)]
@@ -164,6 +167,7 @@ def _edits(
     """
     problems: list[Problem] = []
     edits: list[Edit] = []
+    # Malformed variants are missing here; the schema reports them.
     variants = dict(variants_of(root))
     if variant in variants:
         edits += edits_of_variant(variants[variant], variant)
@@ -177,6 +181,7 @@ def _edits(
     if not problems:
         return edits
     try:
+        # Also apply the valid edits, so that all faults appear in one message.
         _apply_edits(root, edits)
     except InputError as error:
         problems += error.problems
@@ -227,11 +232,14 @@ def _problems(root: Node, files: Files) -> dict[Problem, None]:
 def _problems_of_variants(
     root: Node, own_findings: Findings, files: Files
 ) -> Iterator[Problem]:
-    """Yield problems of each variant, without the problems `own_findings` of the file itself."""
+    """Yield problems of each variant, without the problems `own_findings` of
+    the file itself.
+    """
     variants = list(variants_of(root))
     if not variants or len(own_findings.problems) > 100:
         return
     edits = sum(1 + len(children(node)) for _, node in variants)
+    # The work is the product of variants and values: both may be allowed alone.
     if edits * _values(root) > Limit.CHECKS.most:
         place = children(root)["variants"].key_place
         yield from Limit.CHECKS.error(place, "variants").problems

@@ -36,6 +36,7 @@ def rivals(schema_path: KeyPath) -> Mapping[str, frozenset[str]]:
     if part is None:
         return {}
     groups = [list(group) for group in part.get("x-exclusive", [])]
+    # Kinds of shapes, masks and profiles exclude each other.
     if part.get("maxProperties") == 1:
         groups.append(list(part["properties"]))
     return {key: frozenset(group) - {key} for group in groups for key in group}
@@ -63,6 +64,7 @@ def merge(base: Node, extension: Node, path: KeyPath = ()) -> Node:
     rival_keys = rivals(kind_of(path))
     for key in extension.value:
         for rival in rival_keys.get(key, ()):
+            # A file with both keys has a fault, which the rules report.
             if rival not in extension.value:
                 children_by_key.pop(rival, None)
     for key, child in extension.value.items():
@@ -145,6 +147,7 @@ def apply(root: Node, edit: Edit) -> Node:
         raise edit.error(Message.NOT_DOTTED_KEY.refusal(key=quoted(edit.key)))
     if path[0] in SEALED:
         raise edit.error(Message.KEY_SEALED.refusal(key=path[0]))
+    # `ball.mass` instead of `objects.ball.mass` is a common slip.
     if path[0] in children(root, "objects") and schema_at(path[:1]) is None:
         key = quoted(str(path[0]))
         raise edit.error(Message.KEY_OF_OBJECTS.refusal(key=key, rest=edit.key))
@@ -233,6 +236,7 @@ def _put(
         fix = _name_advice(key, list(new_children))
         raise edit.error(Message.NO_OBJECT_CALLED.refusal(name=quoted(key), fix=fix))
     child = _set(new_children.get(key), path, depth + 1, edit, star, (*place_path, key))
+    # Setting `mass` removes `density`: the user wants the new value to count.
     for rival in rivals(kind_of(place_path)).get(key, ()):
         new_children.pop(rival, None)
     new_children[key] = child

@@ -47,6 +47,7 @@ def check_render(
         )
         _check_exclusive(tree, view, path, "render.camera")
         valid_keys = tree.valid_keys(view)
+        # Times of views must rise, as times of knots.
         if "time" in valid_keys:
             now: Any = valid_keys["time"].value
             if before is not None and now <= before:
@@ -91,6 +92,7 @@ def _check_video_size(tree: CheckedTree, valid_keys: dict[str, Node]) -> None:
         factor: Any = scale.value
         width, height = video_size(photo, factor, None)
         if width * height > Limit.PIXELS.most:
+            # Suggest the largest allowed scale, rounded down to two digits.
             most = floor(sqrt(Limit.PIXELS.most / (photo[0] * photo[1])) * 100) / 100
             problem = Message.VIDEO_TOO_LARGE.problem(
                 scale.place,
@@ -108,6 +110,7 @@ def _check_in_photo(
     tree: CheckedTree, node: Node, path: KeyPath, photo: tuple[int, int]
 ) -> None:
     x, y = point_of(node)
+    # The photo begins half a pixel before the centre of its first pixel.
     if not all(-0.5 <= c <= side - 0.5 for c, side in zip((x, y), photo, strict=True)):
         width, height = photo
         problem = Message.POINT_OUTSIDE.problem(
@@ -135,6 +138,7 @@ def check_refine(
         fix = registry.suggestion(str(backend.value), known)
         unknown = Message.UNKNOWN_REFINER.refusal(fix=fix)
         tree.findings.value(backend, ("refine", "backend"), unknown)
+    # Defaults count too: a small strength may need more steps.
     steps, strength = (
         parts[key].value
         if key in parts

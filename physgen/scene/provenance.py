@@ -162,6 +162,7 @@ def follows_scale(scene: Entry, record: Record, side: int) -> bool:
     has_scaled_values = any(
         scene.get(key) for key in SCALED_SECTIONS
     ) or "gravity" in scene.get("world", {})
+    # A number in px was chosen for the scale: a new scale would change its meaning.
     if has_scaled_values or any(
         key in entry
         and not (
@@ -216,6 +217,7 @@ def scaled_values(
     ratio = sqrt(old / pixels_per_meter)
     for name, item in scene.get("objects", {}).items():
         velocity = record.entry(name, item).get("velocity")
+        # A push changed by the user stays.
         if isinstance(velocity, list) and equal(item.get("velocity"), velocity):
             speeds = [
                 quantity(part, "m/s", 1.0) if isinstance(part, str) else 0
@@ -266,6 +268,7 @@ def apply_consequences(
     values: dict[tuple[str, ...], Any] = {}
     if new_labels and follows_scale(written_data, record, side):
         scale = _scale_of_labels(objects, entries_by_name, new_labels, outlines, size)
+        # A doubtful scale would change all masses at once.
         if scale is not None and scale.confidence >= MIN_SCALE_CONFIDENCE:
             per_meter = values["world", "pixels_per_meter"] = scale.pixels_per_meter
     names: Iterable[str] = new_labels
@@ -273,6 +276,7 @@ def apply_consequences(
         values |= scaled_values(written_data, record, per_meter, side)
         if record.scale is not None and not equal(record.scale, per_meter):
             names = entries_by_name
+    # A mass cannot be more certain than the scale behind it.
     highest_confidence = WEIGHING.unscaled if is_assumed(per_meter, side) else 1.0
     entries = dict(record.objects)
     for name in names:
@@ -358,6 +362,7 @@ def _entry_of_label(
     values = {}
     for key in keys & entry.keys() & table_values.keys():
         new_value = table_values[key]
+        # A value that differs from the record is the user's, and stays.
         if equal(item.get(key), entry[key]) or item.get(key) == new_value:
             values[key] = new_value
     value_sources = dict(entry.get("from", {}))

@@ -59,6 +59,7 @@ class Files:
         `path_text` is the path in the scene.
         """
         key, stamp = str(path), file_stamp(path)
+        # Variants share the files: each is read once.
         if key not in self._sizes or self._sizes[key][0] != stamp:
             try:
                 self._sizes[key] = stamp, image_size(path, path_text)
@@ -122,6 +123,8 @@ class _Rules:
         image, size = self.tree.top.get("image"), self.tree.top.get("size")
         if image and size:
             self.report(Message.EXCLUDES.problem(size.key_place, "size", other="image"))
+        # `imgae` is reported as unknown already: a missing canvas would be a second
+        # message.
         misspelt = misspelt_keys(self.tree.top, find_schema_part("")["properties"])
         if image is None and size is None and not misspelt & {"image", "size"}:
             self.report(Message.NO_CANVAS.problem(self.tree.root.place, "image"))
@@ -172,6 +175,8 @@ class _Rules:
             if not folder.is_dir():
                 image = self.tree.top.get("image")
                 is_photo_lost = image is not None and self.is_in_missing_assets(image)
+                # The photo of a scene may be in its assets: then the advice must be
+                # another one.
                 fix = RESTORE_PHOTO if is_photo_lost else RESTORE_ASSETS
                 if not self._is_own_folder(node):
                     fix = similar(str(node.value), folder, ("/",), fix)
@@ -181,6 +186,7 @@ class _Rules:
             return
         self.ground.assets = folder
         for file in ASSETS:
+            # A broken link exists for lexists, and is refused below.
             if os.path.lexists(folder / file):
                 data = self.outlines if file == OUTLINES else self.record
                 use = self.map_file if file.endswith(".png") else data
@@ -201,6 +207,7 @@ class _Rules:
         canvas_text = _size_text(canvas)
         image = self.tree.valid_keys(self.tree.root).get("image")
         is_perceived = self.ground.record.objects or self.ground.record.world
+        # One other size for all maps means another photo, not faulty maps.
         if image is not None and is_perceived and len(sizes) == 1:
             (size,) = sizes
             self.ground.perceived_size = size
@@ -242,6 +249,7 @@ class _Rules:
                 children(entry).get(part) for part in ("crc", "shape", "solid")
             )
             if not (
+                # Keys are ids of masks.png.
                 key.isdecimal()
                 and crc is not None
                 and type(crc.value) is int
@@ -257,6 +265,7 @@ class _Rules:
             for outline_path, outline, crossing in outlines_of(None, children(shape)):
                 check_outline(self.tree, outline, (key, *outline_path), crossing)
             body = to_plain_data(solid) if solid is not None else None
+            # An unknown solid is ignored.
             known = (
                 body if body in find_schema_part("objects.*.solid")["enum"] else None
             )

@@ -47,6 +47,7 @@ def save_scene(
     were changed or another scene names them. If a user edited the backup, the next one
     is `NAME~2`. `keep` is called with the backup.
     """
+    # Find the assets of the replaced backup before it is gone.
     backup = backup_path(path, is_written_scene)
     replaced_assets = assets_of(backup) if backup.is_file() else None
     backups: list[Path] = []
@@ -95,6 +96,7 @@ def _named_path(data: bytes, key: str, folder: Path) -> Path | None:
     if not isinstance(name, str) or "\0" in name:
         return None
     path = folder / name
+    # A scene must not lead to the removal of files outside its folder.
     return path if path.resolve().is_relative_to(folder.resolve()) else None
 
 
@@ -106,6 +108,7 @@ def note_scene(path: Path, data: bytes) -> None:
     record = read_record(assets / WRITTEN_FILE)
     digest = sha256(data).hexdigest()
     others = [text for text in _texts(record) if text != digest]
+    # The newest hash is last, and the oldest are dropped.
     record["scenes"] = [*others, digest][-MOST_TEXTS:]
     # Without a record, backups only live longer.
     with suppress(OSError):
@@ -155,6 +158,7 @@ def is_written_scene(path: Path) -> bool:
 def is_written_folder(assets: Path) -> bool:
     """Return whether an assets folder contains only unchanged files of physgen."""
     checksums = _checksums(assets)
+    # A link or a folder without a record is the user's.
     if assets.is_symlink() or not checksums:
         return False
     for file in assets.iterdir():
@@ -190,6 +194,7 @@ def is_unused(assets: Path, ignored_files: Collection[Path] = ()) -> bool:
         if not is_written_folder(assets):
             return False
         files = list(islice(_files_that_may_name(assets), MOST_FILES + 1))
+        # When in doubt, keep the assets.
         if len(files) > MOST_FILES:
             return False
         return not any(
@@ -224,6 +229,7 @@ def _files_that_may_name(assets: Path) -> Iterator[Path]:
         is_scene = path.suffix.lower() in TEXT_SUFFIXES
         if path.parent != home and is_scene and not is_inside and _is_small_file(path):
             yield path
+    # `extends` reaches scenes in sibling folders and in the parent.
     for path in home.resolve().parent.iterdir():
         is_backup = BACKUP.fullmatch(path.name) is not None
         is_scene = path.suffix.lower() in SUFFIXES or is_backup

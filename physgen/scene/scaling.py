@@ -74,6 +74,7 @@ def _path_of(key: str) -> KeyPath:
 
 
 def _scale(value: Any, schema: Schema, unit: str, path: KeyPath, factor: float) -> Any:
+    # A bool is an int in Python.
     if path == VIDEO_SIZE or isinstance(value, bool):
         return value
     if isinstance(value, dict):
@@ -92,6 +93,7 @@ def _scale(value: Any, schema: Schema, unit: str, path: KeyPath, factor: float) 
         return value
     if _is_position(unit, path):
         return _round_estimate(factor * (value + 0.5) - 0.5, value)
+    # Torques have px²: the power of px in the unit decides.
     power = pixel_power(unit) if unit else 0
     return value if power == 0 else _round_estimate(value * factor**power, value)
 

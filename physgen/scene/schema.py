@@ -142,6 +142,7 @@ def with_defaults(data: Any, schema: Schema | None = None) -> Any:
         if key in data:
             values[key] = with_defaults(data[key], part)
         elif "default" in part:
+            # A copy: callers may change the result, and the schema is shared.
             values[key] = with_defaults(copy.copy(part["default"]), part)
     rest = schema.get("additionalProperties")
     for key, value in data.items():
@@ -182,6 +183,7 @@ def measure(schema: Schema, unit: str, has_range: bool) -> str:
         kind = UNITS.get(unit, unit)
         if not has_range:
             return kind
+    # Bounds against overflow are no help for a user.
     huge = greatest >= 1e9
     if open_:
         return f"{kind} above {limit(lowest)}" + (

@@ -58,6 +58,7 @@ def _items(
     points, which pass without a call of jsonschema.
     """
     if isinstance(instance, list):
+        # A call of jsonschema per number is slow, and outlines have thousands of numbers.
         accepts = _quick_test(part)
         for index, item in enumerate(instance):
             if not accepts(item):
@@ -101,6 +102,7 @@ def _quick_test(schema: Schema) -> Test:
         return _quick_choice(schema, kinds)
     if "enum" in schema or "const" in schema:
         choices = schema.get("enum", [schema.get("const")])
+        # In Python, 1 == True: the types must agree too.
         return lambda value: type(value) is type(choices[0]) and value in choices
     if kinds == "boolean":
         return lambda value: isinstance(value, bool)

@@ -50,8 +50,10 @@ def check_object(tree: CheckedTree, name: str, node: Node) -> None:
         density_path: KeyPath = (*path, "density")
         tree.report(Message.EXCLUDES.problem(place, density_path, other="mass"))
     is_bad = shape is not None and "shape" not in valid_keys
+    # `circle:` directly in the object is reported as unknown already.
     kinds_of_shape = find_schema_part("objects.*.shape")["properties"]
     is_misplaced = shape is None and any(key in kinds_of_shape for key in parts)
+    # `shape: outline` needs a mask, as no shape does.
     needs_shape = shape is None or isinstance(shape.value, str)
     if mask is None and needs_shape and not (is_bad or is_misplaced):
         fix = (
@@ -69,6 +71,7 @@ def check_object(tree: CheckedTree, name: str, node: Node) -> None:
     for density_path, outline, crossing in outlines_of(valid_keys.get("mask"), kinds):
         check_outline(tree, outline, (*path, *density_path), crossing)
     _check_areas(tree, kinds, path)
+    # Static and scripted objects may be as large as a landscape.
     if "motion" not in parts:
         _check_extents(tree, kinds, path)
     _check_holes(tree, kinds, path)
@@ -275,6 +278,7 @@ def outline_fault(points: Sequence[Corner], crossing: bool) -> RefusedError | No
     ys = [y for _, y in points]
     area = _signed_area(points)
     extent = (max(xs) - min(xs)) * (max(ys) - min(ys))
+    # The tolerance is relative to the box, so that small outlines count.
     flat = abs(area) < 1e-12 * extent
     if extent > 0 and crossing and (pair := _crossing(tuple(points))) is not None:
         if pair == (-1, -1):
@@ -307,6 +311,7 @@ def _crossing(points: tuple[Corner, ...]) -> tuple[int, int] | None:
     lines = shapely.linestrings(
         np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
     )
+    # The tree finds candidates in n log n instead of n².
     tree = shapely.STRtree(lines)
     compared = 0
     for start in range(0, len(lines), BLOCK):

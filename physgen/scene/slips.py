@@ -71,6 +71,7 @@ def meant_number(text: str, unit: str) -> str | None:
         return meant_number(point_text, unit) or point_text
     if _is_number(text):
         return text
+    # Thousands separators of several languages.
     if re.fullmatch(r"[-+]?\d{1,3}(?:[_' ]\d{3})+", text):
         return re.sub(r"[_' ]", "", text)
     if text.endswith("%") and _is_number(text[:-1].strip()) and not unit:

@@ -32,6 +32,7 @@ def explain_syntax(error: yaml.MarkedYAMLError, text: str) -> SyntaxFault | None
     """Return the fault behind an error of PyYAML, or None if PyYAML's own message is
     right.
     """
+    # Some errors of PyYAML have no place.
     mark = error.problem_mark
     if mark is None:
         return None
@@ -79,6 +80,7 @@ def _missing_colon(
         return SyntaxFault(number + 1, column, "a colon without a space after it", fix)
     if _HAS_KEY(line) or not line.strip():
         return None
+    # Comments of other languages.
     if line.lstrip().startswith("//"):
         return SyntaxFault(number + 1, column, "not a comment", "begin it with #")
     fix = "put a colon and a space behind the key, as in key: value"

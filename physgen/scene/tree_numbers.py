@@ -43,6 +43,7 @@ def in_numbers(root: Node) -> Node:
 
 def _scale(root: Node) -> float:
     """Return the scale of the file, px/m, or the default without a valid one."""
+    # A wrong scale is reported by the schema; conversions continue with the default.
     default = float(find_schema_part("world.pixels_per_meter")["default"])
     node = children(root, "world").get("pixels_per_meter")
     if node is None:
@@ -73,6 +74,7 @@ class _NumberTree:
         if isinstance(value, dict):
             changes = self._children(value.items(), part, path, unit)
             return node.with_value({**value, **changes}) if changes else node
+        # Lists of names have no numbers.
         if isinstance(value, list) and not _has_names(part):
             changes = self._children(enumerate(value), part, path, unit)
             if changes:

@@ -122,6 +122,7 @@ def check_part(
     """Report the violations in one part of the tree. `shallow` checks only the keys of
     a mapping.
     """
+    # Values of a mapping are checked one by one, so that each has its own errors.
     data: Any = (
         dict.fromkeys(node.value)
         if isinstance(node.value, dict) and shallow
@@ -142,6 +143,7 @@ def check_part(
         error_path = tuple(error.path)
         if any(
             len(error_path) > len(other) and error_path[: len(other)] == other
+            # A list of the wrong length needs no messages about its items.
             for other in short
         ):
             continue
@@ -192,6 +194,8 @@ class _Fault:
     def _type(self, findings: Findings) -> None:
         """Report a value with a type outside the schema's."""
         value, kinds = self.node.value, self.kinds
+        # A wrong type is also a wrong choice, and the list of choices is the better
+        # advice.
         if "enum" in self.schema:
             return self._choice(findings)
         may_be_list = "array" in kinds
@@ -352,6 +356,7 @@ class _Fault:
         if value > greatest and limit(greatest) not in fix:
             fix = f"{measure(schema, self.unit, has_range=False)} of at most {limit(greatest)}"
         fix = f"write {fix}{self.hint}"
+        # A tiny length in px is probably in metres.
         if self.unit == "px" and 0 < value < lowest and self.node.text is None:
             fix += f"; did you mean meters? write {number(value)} m"
         refusal = Message.OUT_OF_RANGE.refusal(side=side, bound=limit_text, fix=fix)
@@ -423,6 +428,7 @@ class _Fault:
         key, names = str(self.error.instance), self.schema["propertyNames"]
         assert isinstance(self.node.value, dict)
         fix = f"write {names['x-pattern']}, e.g. {example(names['examples'][0])}"
+        # No-break spaces come from web pages and are invisible.
         if "\u00a0" in key:
             fix = "write plain spaces in place of no-break spaces"
         place, key_path = self.node.value[key].key_place, (*self.path, key)
@@ -458,6 +464,7 @@ class _Fault:
         if parent_key is not None and inner(self.schema, parent_key):
             return f"indent it by two spaces more, so that it belongs to {parent_key}"
         aliases = _ALIASES.get(dotted(kind_of(self.path)), {})
+        # Users of other engines write their names.
         alias = aliases.get(key.replace("-", "_").lower())
         close = alias or nearest(key, known_keys)
         likeness = 1.0 if alias else similarity(key, close or "")

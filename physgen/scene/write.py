@@ -228,6 +228,7 @@ def _flow(value: Any, schema: Schema | None) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, int | float):
+        # YAML has .inf and .nan, but scenes do not.
         if not math.isfinite(value):
             raise ValueError(f"a scene cannot hold {value}")
         return number(value)
@@ -249,6 +250,7 @@ def _text(text: str) -> str:
     """
     if _PLAIN(text) and text.isprintable():
         try:
+            # `on`, `1e3` and `null` would be read as other types.
             if resolve(text) == text:
                 return text
         except RefusedError:

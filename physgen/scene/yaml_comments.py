@@ -56,6 +56,7 @@ def with_comments(
         begin, words = entry(text, parent, index), " ".join(comment.split())
         there = set(dict(_comments(text, begin)).values())
         if (
+            # A comment in a line of several values could belong to any of them.
             parent.is_flow
             or not leads(text, begin)
             or words in there
@@ -66,6 +67,7 @@ def with_comments(
         parent, index = parent_of(text, tuple(key.split(".")))
         begin = entry(text, parent, index)
         first, stop = line_begin(text, begin), line_end(text, begin)
+        # A user's own comment on the line stays alone there.
         short = stop - first + len(words) <= LONGEST and "#" not in text[first:stop]
         child = parent.children[index]
         if short and (child.end <= stop or not (child.is_flow or child.kind is str)):
@@ -102,6 +104,7 @@ def with_true_comments(
     `old` is the data before the change; `new_names` maps old to new names of objects.
     """
     labels, labels_before = _labels(mark_values(text).data()), _labels(old)
+    # Most edits do not change labels.
     if labels == labels_before:
         return text
     counts = _label_counts(labels)

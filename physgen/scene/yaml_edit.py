@@ -114,6 +114,7 @@ def _mark_tree(node: Any, text: str) -> MarkedValue:
     if isinstance(node, yaml.ScalarNode):
         style = node.style if node.style in ("'", '"', "|", ">") else ""
         if style in ("|", ">"):
+            # PyYAML counts the empty lines after a block scalar.
             end = begin + len(text[begin:end].rstrip())
         value = node.value if style else resolve(node.value)
         return MarkedValue(str, False, begin, end, column, value, style)
@@ -255,6 +256,7 @@ def write(text: str, data: dict[str, Any]) -> str:
         new_text = put(text, (), data)
         if is_json(text) and not is_json(new_text):
             new_text = json.dumps(data, indent=2, ensure_ascii=False) + "\n"
+        # The result is read again: a wrong text must never replace a user's file.
         if are_equal(mark_values(new_text).data(), data):
             return new_text
     except EditError:
@@ -267,6 +269,7 @@ def written_anew(text: str, path: KeyPath, value: Any) -> str:
     with a comment in brackets.
     """
     node = find(text, path)
+    # A rewrite would lose the comment.
     if "#" in text[node.begin : line_after(text, node.end - 1)]:
         return text
     return apply_patches(text, *_rewritten(text, path, value))
@@ -520,6 +523,7 @@ def _entries(text: str, path: KeyPath, node: MarkedValue, value: dict[str, Any])
     for key in old:
         if key in value:
             continue
+        # A rename keeps the comments and the position of the entry.
         name = next((name for name in new if are_equal(old[key], value[name])), None)
         if name is not None:
             new.remove(name)
