@@ -25,6 +25,7 @@ from physgen.maps import F32, U8, U16
 from physgen.perceive.inpaint.poisson import dilate, harmonic_fill
 from physgen.photometry import DistantLight, decode
 from physgen.render.ball import Ball
+from physgen.render.block_tops import BlockTop
 from physgen.render.wheel_sprites import WheelSprite
 
 MOST_RELIGHTING = 3.0
@@ -218,11 +219,15 @@ class Sides:
     """Linear light of its top in the photo, (3,)."""
     light: DistantLight | None
     """Light on the sides; None: every side has the colour of the top."""
+    top: BlockTop | None = None
+    """The photo's own top, if it is not of one colour."""
 
     def share(self, turn: float) -> float:
         """Return the share 0..1 of the sides in place of the photo's top, after `turn`
         rad.
         """
+        if self.top is not None:
+            return float(turn != 0.0)
         share = min(abs(turn) / CUT.leans, 1.0)
         return share if share * self.depth >= 0.5 else 0.0
 
@@ -263,6 +268,25 @@ class Sides:
         shade = np.where(is_left_side, left, right) / max(top, 1e-3)
         return sides, np.maximum(shade, CUT.side_light).astype(np.float32)
 
+    def painted(
+        self, side: F32, shade: F32, matrix: NDArray[np.float64], turn: float
+    ) -> tuple[F32, F32]:
+        """Return the coverage (h, w) and the colours (h, w, 3) of drawn sides.
+
+        `side` and `shade` are those of `drawn`; `matrix` (2, 3) leads from the picture
+        to the sprite.
+        """
+        colours = np.empty((*side.shape, 3), np.float32)
+        colours[:] = shade[:, None] * self.colour
+        if self.top is None or not self.top.is_visible(turn):
+            return side, colours
+        colour, coverage = self.top.warp(matrix, side.shape, turn)
+        is_top = coverage > 0
+        colours[is_top] = colour[is_top]
+        # The covers rise above the pages: between them, the background is visible.
+        is_band = coverage.max(axis=0) > BAND
+        return np.where(is_band, np.minimum(side, coverage), side), colours
+
     def _face_light(self, angle: float) -> tuple[float, float, float]:
         """Return the light on the left and the right upper side of a rotated block, and
         on its top.
@@ -286,6 +310,8 @@ def _top_corner(block: F32, is_left: bool) -> int:
     return int(columns[0]) if is_left else int(columns[-1]) + 1
 
 
+BAND = 0.9
+"""Coverage from which a column belongs to a book's top and not to its other side."""
 MARGIN = 2
 """Empty border of a sprite, px, so that interpolation fades to nothing."""
 

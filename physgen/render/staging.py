@@ -26,6 +26,7 @@ from physgen.materials import is_billiard_ball
 from physgen.photometry import DistantLight, decode
 from physgen.render.ball import ball_from_photo, sphere_shading
 from physgen.render.ball_light import in_one_light
+from physgen.render.block_tops import TOPS, top_of_book
 from physgen.render.contact_shade import contact_depth
 from physgen.render.occlusion import (
     SUNK,
@@ -321,7 +322,10 @@ def _white(sprite: Sprite) -> Sprite:
             fade=None,
         )
     white_sides = sprite.sides and replace(
-        sprite.sides, colour=np.ones(3, np.float32), light=None
+        sprite.sides,
+        colour=np.ones(3, np.float32),
+        light=None,
+        top=sprite.sides.top and sprite.sides.top.whitened(),
     )
     return replace(
         sprite,
@@ -850,8 +854,36 @@ def _add_front_face(sprite: Sprite, body: Body, light: DistantLight) -> Sprite:
     if not (has_four_corners and top.any() and is_level):
         return replace(sprite, face=face)
     colour = np.median(sprite.light[top], axis=0)
-    sides = Sides(first, STAGING.back * 2 * face, colour, light)
+    depth = STAGING.back * 2 * face
+    columns = _columns(sprite, body)
+    pages = top_of_book(sprite.light, sprite.coverage, first, columns, light)
+    if pages is not None:
+        first = pages.edge
+        depth = max(2 * face, first - rows[0])
+        colour = _cover_colour(sprite, first, columns)
+    sides = Sides(first, depth, colour, light, pages)
     return replace(sprite, face=face, sides=sides)
+
+
+def _columns(sprite: Sprite, body: Body) -> tuple[int, int]:
+    """Return the first and the last column of a body's shape, px of its sprite."""
+    x = np.concatenate(body.rings)[:, 0] + body.center[0] - sprite.corner[0]
+    return max(round(x.min()), 0), min(round(x.max()), sprite.coverage.shape[1] - 1)
+
+
+def _cover_colour(sprite: Sprite, first: float, columns: tuple[int, int]) -> F32:
+    """Return the linear light (3,) of a book's covers above the first row of
+    its front.
+    """
+    band = np.zeros_like(sprite.coverage, np.bool_)
+    left, right = columns
+    width = max(round(TOPS.cover * (right - left)), 1)
+    for start in (left, right + 1 - width):
+        band[: ceil(first), start : start + width] = True
+    is_cover = band & (sprite.coverage >= 1)
+    if not is_cover.any():
+        is_cover = sprite.coverage >= 1
+    return np.asarray(np.median(sprite.light[is_cover], axis=0), np.float32)
 
 
 def _is_lump(sprite: Sprite, body: Body) -> bool:
