@@ -230,6 +230,20 @@ def is_billiard_ball(label: str) -> bool:
     return kind(label).noun in PAINTED_BALLS
 
 
+MIRROR = 0.6
+"""Gloss from which a bare metal mirrors its surroundings."""
+
+
+def is_polished_metal(label: str) -> bool:
+    """Return whether a label names an object of polished, bare metal.
+
+    >>> is_polished_metal("brass ball"), is_polished_metal("iron ball"), is_polished_metal("marble")
+    (True, False, False)
+    """
+    material = kind(label).material
+    return material.density > METAL and material.gloss >= MIRROR
+
+
 def is_living(label: str) -> bool:
     """Return whether a label names a person or an animal, not a toy or a picture of one.
 

@@ -310,6 +310,29 @@ def _top_corner(block: F32, is_left: bool) -> int:
     return int(columns[0]) if is_left else int(columns[-1]) + 1
 
 
+@dataclass(frozen=True)
+class Gloss:
+    """Highlights of a round object, which move with it and do not turn."""
+
+    light: F32
+    """Linear light at the start, on the sprite's box, (h, w, 3)."""
+    center: tuple[float, float]
+    """Centre of rotation, px of the sprite."""
+
+    def drawn(self, matrix: NDArray[np.float64], size: tuple[int, int]) -> F32:
+        """Return the light (h, w, 3) on a picture of `size` (w, h).
+
+        `matrix` (2, 3) leads from the picture to the sprite.
+        """
+        to_picture = cv2.invertAffineTransform(matrix)
+        x, y = to_picture @ [*self.center, 1.0]
+        scale = float(np.sqrt(abs(np.linalg.det(to_picture[:, :2]))))
+        shift_x, shift_y = x - scale * self.center[0], y - scale * self.center[1]
+        move = np.array([[scale, 0.0, shift_x], [0.0, scale, shift_y]])
+        picture = cv2.warpAffine(self.light, move, size, flags=cv2.INTER_LINEAR)
+        return np.asarray(picture, np.float32)
+
+
 BAND = 0.9
 """Coverage from which a column belongs to a book's top and not to its other side."""
 MARGIN = 2
@@ -353,6 +376,13 @@ class Sprite:
     sides: Sides | None = None
     wheels: tuple[WheelSprite, ...] = ()
     """Wheels that turn on it."""
+    gloss: Gloss | None = None
+    """Its highlights, which do not turn with it."""
+
+    @property
+    def turning_light(self) -> F32:
+        """Return the linear light times coverage (h, w, 3) that turns with it."""
+        return self.light if self.gloss is None else self.light - self.gloss.light
 
     @cached_property
     def hull(self) -> list[tuple[float, float]]:
@@ -415,7 +445,7 @@ class Sprite:
         moves a picture exactly; OpenCV's own cubic (a = -0.75) is wrong by up to 0.05
         px.
         """
-        return double_resolution(np.dstack([self.light, self.coverage]))
+        return double_resolution(np.dstack([self.turning_light, self.coverage]))
 
     @cached_property
     def within(self) -> tuple[int, int, int, int]:

@@ -22,12 +22,13 @@ from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, bounds
 from physgen.geometry.raster import coverage_box
 from physgen.geometry.shadows import ShadowSetting, Silhouette, floor_contact
 from physgen.maps import U8, Percepts
-from physgen.materials import is_billiard_ball
+from physgen.materials import is_billiard_ball, is_polished_metal
 from physgen.photometry import DistantLight, decode
 from physgen.render.ball import ball_from_photo, sphere_shading
 from physgen.render.ball_light import in_one_light
 from physgen.render.block_tops import TOPS, top_of_book
 from physgen.render.contact_shade import contact_depth
+from physgen.render.highlights import DiscPicture, shared_highlights
 from physgen.render.occlusion import (
     SUNK,
     ground_below,
@@ -40,6 +41,7 @@ from physgen.render.sprites import (
     CUT,
     MARGIN,
     MOST_RELIGHTING,
+    Gloss,
     Relief,
     Sides,
     Sprite,
@@ -334,6 +336,7 @@ def _white(sprite: Sprite) -> Sprite:
         halo=None,
         ball=ball,
         relief=None,
+        gloss=None,
         sides=white_sides,
         wheels=(),
     )
@@ -516,8 +519,8 @@ def _relit_sprites(
     for sprite, actor, veil in zip(sprites, actors, veils, strict=True):
         if actor.radius is not None:
             body = world.bodies[sprite.body]
-            is_painted = is_billiard_ball(scene.objects[sprite.body].label)
-            sprite = _add_sphere_skin(sprite, body, light, world.view, veil, is_painted)
+            label = scene.objects[sprite.body].label
+            sprite = _add_sphere_skin(sprite, body, light, world.view, veil, label)
         new_sprites.append(sprite)
     # Skins first, one by one; then balls of a set share their light.
     new_sprites = _in_one_light(new_sprites)
@@ -526,6 +529,7 @@ def _relit_sprites(
             _add_relief(sprite, maps.normals, light) for sprite in new_sprites
         ]
     elif is_top:
+        new_sprites = _part_highlights_of_discs(new_sprites, world)
         new_sprites = [
             _turned_disc(sprite, world.bodies[sprite.body]) for sprite in new_sprites
         ]
@@ -945,11 +949,12 @@ def _add_sphere_skin(
     light: DistantLight,
     view: View,
     veil: F32 | None,
-    is_painted: bool,
+    label: str,
 ) -> Sprite:
     """Return a sphere's sprite with its skin.
 
-    `veil` (h, w): -log of the light that remains behind other objects.
+    `veil` (h, w): -log of the light that remains behind other objects; `label`: the
+    ball's noun.
     """
     assert body.radius is not None
     x, y = body.center.tolist()
@@ -960,7 +965,14 @@ def _add_sphere_skin(
     if veil is not None:
         colour *= np.exp(veil)[..., None]
     ball = ball_from_photo(
-        colour, sprite.corner, (x, y), body.radius, light, view, is_painted
+        colour,
+        sprite.corner,
+        (x, y),
+        body.radius,
+        light,
+        view,
+        is_painted=is_billiard_ball(label),
+        is_mirror=is_polished_metal(label),
     )
     return replace(sprite, ball=ball)
 
@@ -1105,6 +1117,34 @@ def _edge_relief(toward: F32, across: F32) -> Relief:
     )
 
 
+def _part_highlights_of_discs(
+    sprites: Sequence[Sprite], world: World
+) -> list[Sprite]:
+    """Return the sprites; discs of one size get the `gloss` of their set."""
+    groups: dict[int, list[int]] = {}
+    for k, sprite in enumerate(sprites):
+        body = world.bodies[sprite.body]
+        if body.radius is not None and body.solid is not Solid.SPHERE:
+            groups.setdefault(round(body.radius), []).append(k)
+    result = list(sprites)
+    for group in groups.values():
+        pictures = [_disc_picture(sprites[k], world) for k in group]
+        highlights = shared_highlights(pictures)
+        for k, picture, light in zip(group, pictures, highlights, strict=False):
+            if light.any():
+                gloss = Gloss(light, picture.center)
+                result[k] = replace(sprites[k], gloss=gloss)
+    return result
+
+
+def _disc_picture(sprite: Sprite, world: World) -> DiscPicture:
+    """Return the picture of a disc's sprite."""
+    body = world.bodies[sprite.body]
+    assert body.radius is not None
+    x, y = (body.center - sprite.corner).tolist()
+    return DiscPicture(sprite.light, sprite.coverage >= 1, (x, y), body.radius)
+
+
 def _turned_disc(sprite: Sprite, body: Body) -> Sprite:
     """Return a turning disc in the top view with light from a fixed direction.
 
@@ -1122,7 +1162,7 @@ def _turned_disc(sprite: Sprite, body: Body) -> Sprite:
     # brightness on each ring of 1 px: a + b cos(angle) + c sin(angle).
     rings = np.minimum(distance, max(body.radius - 2, 0)).astype(int)
     is_known = (sprite.coverage >= 1) & (distance < body.radius)
-    brightness = sprite.light.mean(axis=2)
+    brightness = sprite.turning_light.mean(axis=2)
     sums = []
     for term in (np.ones_like(cosine), 2 * cosine, 2 * sine):
         sums.append(
