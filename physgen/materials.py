@@ -230,6 +230,23 @@ def is_billiard_ball(label: str) -> bool:
     return kind(label).noun in PAINTED_BALLS
 
 
+OPEN_VESSELS = frozenset(
+    ["mug", "cup", "espresso cup", "paper cup", "plastic cup", "drinking glass", "bowl"]
+    + ["jug", "milk jug", "sugar bowl", "teapot", "vase", "pot", "jar", "bucket"]
+    + ["basket", "barrel", "flower pot"]
+)
+"""Nouns of upright vessels with an opening at their top."""
+
+
+def is_open_vessel(label: str) -> bool:
+    """Return whether a label names a vessel that is open without its lid.
+
+    >>> is_open_vessel("sugar bowl"), is_open_vessel("tin of tomatoes")
+    (True, False)
+    """
+    return kind(label).noun in OPEN_VESSELS
+
+
 MIRROR = 0.6
 """Gloss from which a bare metal mirrors its surroundings."""
 

@@ -22,7 +22,7 @@ from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, bounds
 from physgen.geometry.raster import coverage_box
 from physgen.geometry.shadows import ShadowSetting, Silhouette, floor_contact
 from physgen.maps import U8, Percepts
-from physgen.materials import is_billiard_ball, is_polished_metal
+from physgen.materials import is_billiard_ball, is_open_vessel, is_polished_metal
 from physgen.photometry import DistantLight, decode
 from physgen.render.ball import ball_from_photo, sphere_shading
 from physgen.render.ball_light import in_one_light
@@ -49,6 +49,7 @@ from physgen.render.sprites import (
     relief_of,
 )
 from physgen.render.stage import Frame, Mirror, ShadowBody, Stage, three_channels
+from physgen.render.vessels import open_vessel
 from physgen.render.wheel_sprites import drawn_wheel, wheel_from_photo
 from physgen.scene.scene import Scene, Solid, View
 
@@ -365,6 +366,7 @@ def lit_stage(
     """
     photo = decode(maps.rgb)
     sprites = [_on_wheels(sprite, world) for sprite in sprites]
+    sprites = _with_openings(scene, world, sprites, maps.labels)
     if scene.light is None:
         return Stage(background, anchored(sprites, photo, decode(background), absent))
     setting = _shadow_setting(scene, world)
@@ -424,6 +426,21 @@ def lit_stage(
         mirror=mirror,
         contact_depth=contact_depth(scene),
     )
+
+
+def _with_openings(
+    scene: Scene, world: World, sprites: Sequence[Sprite], labels: U16
+) -> list[Sprite]:
+    """Return the sprites; vessels whose opening another object hides are open."""
+    if world.view is View.TOP:
+        return list(sprites)
+    tilt = tan(radians(scene.world.tilt))
+    result = []
+    for sprite in sprites:
+        if is_open_vessel(scene.objects[sprite.body].label):
+            sprite = open_vessel(sprite, world.bodies[sprite.body], labels, tilt)
+        result.append(sprite)
+    return result
 
 
 def _shadow_setting(scene: Scene, world: World) -> ShadowSetting:
