@@ -49,7 +49,7 @@ from physgen.render.sprites import (
     relief_of,
 )
 from physgen.render.stage import Frame, Mirror, ShadowBody, Stage, three_channels
-from physgen.render.vessels import open_vessel
+from physgen.render.vessels import open_vessel, with_room_for_opening
 from physgen.render.wheel_sprites import drawn_wheel, wheel_from_photo
 from physgen.scene.scene import Scene, Solid, View
 
@@ -366,8 +366,9 @@ def lit_stage(
     """
     photo = decode(maps.rgb)
     sprites = [_on_wheels(sprite, world) for sprite in sprites]
-    sprites = _with_openings(scene, world, sprites, maps.labels)
+    sprites = _with_room_for_openings(scene, world, sprites)
     if scene.light is None:
+        sprites = _with_openings(scene, world, sprites, maps.labels)
         return Stage(background, anchored(sprites, photo, decode(background), absent))
     setting = _shadow_setting(scene, world)
     shadow_floors = _shadow_floors(world, maps, setting)
@@ -388,6 +389,8 @@ def lit_stage(
     if scene.render.shadows and maps.clean is not None:
         # A clean picture exists, so shadows of this light are visible in the photo.
         actors, veils = _visible_veils(sprites, actors, starts, setting)
+    # Shadows in the photo are those of vessels with their lids on.
+    sprites = _with_openings(scene, world, sprites, maps.labels)
     if not setting.top:
         sprites = [
             _add_front_face(sprite, world.bodies[sprite.body], setting.light)
@@ -428,19 +431,37 @@ def lit_stage(
     )
 
 
+def _with_room_for_openings(
+    scene: Scene, world: World, sprites: Sequence[Sprite]
+) -> list[Sprite]:
+    """Return the sprites; those of vessels have room for their openings."""
+    tilt = tan(radians(scene.world.tilt))
+    result = []
+    for sprite in sprites:
+        if _may_be_open(scene, world, sprite):
+            body = world.bodies[sprite.body]
+            sprite = with_room_for_opening(sprite, body, tilt)
+        result.append(sprite)
+    return result
+
+
 def _with_openings(
     scene: Scene, world: World, sprites: Sequence[Sprite], labels: U16
 ) -> list[Sprite]:
     """Return the sprites; vessels whose opening another object hides are open."""
-    if world.view is View.TOP:
-        return list(sprites)
     tilt = tan(radians(scene.world.tilt))
     result = []
     for sprite in sprites:
-        if is_open_vessel(scene.objects[sprite.body].label):
+        if _may_be_open(scene, world, sprite):
             sprite = open_vessel(sprite, world.bodies[sprite.body], labels, tilt)
         result.append(sprite)
     return result
+
+
+def _may_be_open(scene: Scene, world: World, sprite: Sprite) -> bool:
+    """Check whether a sprite shows a vessel from the side."""
+    label = scene.objects[sprite.body].label
+    return world.view is not View.TOP and is_open_vessel(label)
 
 
 def _shadow_setting(scene: Scene, world: World) -> ShadowSetting:

@@ -81,17 +81,26 @@ def opening_of(body: Body, corner: Sequence[int], tilt: float) -> Opening | None
     return Opening((start + end) / 2, float(top), half_width, half_height)
 
 
-def open_vessel(sprite: Sprite, body: Body, labels: U16, tilt: float) -> Sprite:
-    """Return a vessel's sprite with its opening, if other objects hide it in the photo.
-
-    `labels` (H, W): id k + 1 is body k.
+def with_room_for_opening(sprite: Sprite, body: Body, tilt: float) -> Sprite:
+    """Return a vessel's sprite with empty rows above, for the far rim of its
+    opening.
     """
     opening = opening_of(body, sprite.corner, tilt)
     if opening is None:
         return sprite
-    rise = max(MARGIN + round(opening.half_height - opening.y) + 1, 0)
-    sprite = _extend_upwards(sprite, rise)
-    opening = replace(opening, y=opening.y + rise)
+    rows = max(MARGIN + round(opening.half_height - opening.y) + 1, 0)
+    return _extend_upwards(sprite, rows)
+
+
+def open_vessel(sprite: Sprite, body: Body, labels: U16, tilt: float) -> Sprite:
+    """Return a vessel's sprite with its opening, if other objects hide it in the photo.
+
+    `labels` (H, W): id k + 1 is body k. The sprite has the room of
+    `with_room_for_opening`.
+    """
+    opening = opening_of(body, sprite.corner, tilt)
+    if opening is None:
+        return sprite
     hidden = _others(sprite, labels)
     rim = np.sqrt(_size(sprite.coverage.shape, opening, 0.0, 1))
     is_inside = rim <= 1
@@ -101,7 +110,9 @@ def open_vessel(sprite: Sprite, body: Body, labels: U16, tilt: float) -> Sprite:
     if wall is None:
         return sprite
     light, cover = _draw(wall, sprite.coverage.shape, opening)
-    share = hidden.astype(np.float32)
+    # Pixels beside the border of the other object are mixtures, and stay.
+    share = cv2.erode(hidden.astype(np.uint8), np.ones((3, 3), np.uint8))
+    share = cv2.blur(share.astype(np.float32), (3, 3))
     cover, light = cover * share, light * share[..., None]
     return replace(
         sprite,
