@@ -27,6 +27,7 @@ from physgen.photometry import DistantLight, decode
 from physgen.render.ball import ball_from_photo, sphere_shading
 from physgen.render.ball_light import in_one_light
 from physgen.render.block_tops import TOPS, top_of_book
+from physgen.render.box_faces import with_closed_faces
 from physgen.render.contact_shade import contact_depth
 from physgen.render.highlights import DiscPicture, shared_highlights
 from physgen.render.occlusion import (
@@ -367,6 +368,11 @@ def lit_stage(
     photo = decode(maps.rgb)
     sprites = [_on_wheels(sprite, world) for sprite in sprites]
     sprites = _with_room_for_openings(scene, world, sprites)
+    if world.view is not View.TOP:
+        sprites = [
+            with_closed_faces(sprite, world.bodies[sprite.body], maps.labels)
+            for sprite in sprites
+        ]
     if scene.light is None:
         sprites = _with_openings(scene, world, sprites, maps.labels)
         return Stage(background, anchored(sprites, photo, decode(background), absent))

@@ -1,0 +1,219 @@
+"""Faces beside the front of a box, closed to both ends behind other objects.
+
+The top of a box behind its front is a parallelogram along an edge of the front. Its
+thickness, slant and light are measured in its visible part, and hold all along the edge.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from physgen.arrays import F32, F64, U16, Mask
+from physgen.compile.world import Body
+from physgen.render.sprites import Sprite
+
+
+@dataclass(frozen=True)
+class FaceTuning:
+    """Limits of visible faces."""
+
+    inside: int = 3
+    """Depth of the front beside the edge that belongs to the rounded edge, px."""
+    reach: float = 0.35
+    """Largest thickness of a face, shares of its edge's length."""
+    least: float = 1.5
+    """Least thickness of a face, px."""
+    spread: float = 2.0
+    """Largest difference of a face's thickness between its quartiles, px."""
+    level: float = 0.1
+    """Slope up to which an edge is level: the rows of the photo continue its face."""
+    visible: float = 0.06
+    """Least visible share of a face's length."""
+    hidden: float = 0.1
+    """Least hidden share of it; less is no gap."""
+    corner: float = 0.05
+    """Share of the length at each end that is rounded."""
+    slant: float = 1.5
+    """Largest slant of a face's ends, px along the edge per px of thickness."""
+
+
+FACE = FaceTuning()
+
+
+@dataclass(frozen=True)
+class _Edge:
+    """An edge of a front, in px of the sprite."""
+
+    start: F64
+    along: F64
+    """Unit vector along the edge, (2,)."""
+    outward: F64
+    """Unit vector away from the front, (2,)."""
+    length: float
+
+
+@dataclass(frozen=True)
+class _Band:
+    """The strip beside an edge: rows lead outwards, columns along the edge."""
+
+    light: F32
+    """Linear light over coverage, (rows, columns, 3)."""
+    own: Mask
+    """Pixels of the box in the photo, (rows, columns)."""
+    other: Mask
+    """Pixels of other objects in the photo, (rows, columns)."""
+
+
+@dataclass(frozen=True)
+class _Face:
+    """A face beside an edge."""
+
+    thickness: float
+    slant: float
+    """Displacement along the edge per px outwards."""
+    light: F32
+    """Light by distance from `-FACE.inside` outwards, (rows, 3)."""
+
+
+def with_closed_faces(sprite: Sprite, body: Body, labels: U16) -> Sprite:
+    """Return a box's sprite with the hidden parts of the faces beside its front.
+
+    `labels` (H, W): id k + 1 is body k.
+    """
+    if body.radius is not None or len(body.rings) != 1 or len(body.rings[0]) != 4:
+        return sprite
+    numbers = _numbers(sprite, labels)
+    own, other = numbers == sprite.body + 1, numbers > 0
+    other &= ~own
+    if not other.any():
+        return sprite
+    for edge in _edges(body, sprite):
+        if min(np.abs(edge.along)) < FACE.level:
+            continue
+        band = _band(sprite, edge, own, other)
+        face = _visible_face(band, edge)
+        if face is not None:
+            sprite = _paint(sprite, edge, face, other)
+    return sprite
+
+
+def _numbers(sprite: Sprite, labels: U16) -> U16:
+    """Return the labels (h, w) on a sprite's box; 0 outside the photo."""
+    height, width = sprite.coverage.shape
+    x, y = sprite.corner
+    numbers = np.zeros((height, width), labels.dtype)
+    top, left = max(y, 0), max(x, 0)
+    bottom, right = min(y + height, labels.shape[0]), min(x + width, labels.shape[1])
+    numbers[top - y : bottom - y, left - x : right - x] = labels[top:bottom, left:right]
+    return numbers
+
+
+def _edges(body: Body, sprite: Sprite) -> list[_Edge]:
+    """Return the four edges of a box's front."""
+    corners = body.rings[0] + body.center - np.asarray(sprite.corner)
+    middle = corners.mean(axis=0)
+    edges = []
+    for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        length = float(np.hypot(*(end - start)))
+        along = (end - start) / max(length, 1e-6)
+        outward = np.array([along[1], -along[0]])
+        if outward @ (start - middle) < 0:
+            outward = -outward
+        edges.append(_Edge(start, along, outward, length))
+    return edges
+
+
+def _band(sprite: Sprite, edge: _Edge, own: Mask, other: Mask) -> _Band:
+    """Sample the strip beside an edge, one column and one row a pixel."""
+    columns = np.arange(round(edge.length)) + 0.5
+    rows = np.arange(-FACE.inside, max(round(FACE.reach * edge.length), 3)) + 0.5
+    points = (
+        edge.start
+        + columns[None, :, None] * edge.along
+        + rows[:, None, None] * edge.outward
+    ).astype(np.float32)
+    x, y = points[..., 0], points[..., 1]
+    colour = sprite.light / np.maximum(sprite.coverage, 1e-3)[..., None]
+    light = cv2.remap(colour.astype(np.float32), x, y, cv2.INTER_LINEAR)
+    masks = []
+    for mask in (own, other):
+        picture = cv2.remap(mask.astype(np.uint8), x, y, cv2.INTER_NEAREST)
+        masks.append(np.asarray(picture > 0, np.bool_))
+    return _Band(np.asarray(light, np.float32), masks[0], masks[1])
+
+
+def _visible_face(band: _Band, edge: _Edge) -> _Face | None:
+    """Measure a face; None if too little of it is visible, or nothing is hidden."""
+    rows, columns = band.own.shape
+    outside = band.own[FACE.inside :]
+    # The first pixel that is not the box's ends the face in each column.
+    ends = np.where(outside.all(axis=0), len(outside), (~outside).argmax(axis=0))
+    at_end = np.minimum(ends + FACE.inside, rows - 1)
+    is_open = ~band.other[at_end, np.arange(columns)] & (ends < len(outside))
+    margin = max(round(FACE.corner * columns), 1)
+    inner = slice(margin, columns - margin)
+    thick = ends[inner][is_open[inner] & (ends[inner] >= FACE.least)]
+    is_hidden = band.other[FACE.inside : FACE.inside + 2].any(axis=0)
+    if len(thick) < FACE.visible * columns or is_hidden.mean() < FACE.hidden:
+        return None
+    lower, thickness, upper = np.percentile(thick, (25, 50, 75))
+    if thickness < FACE.least or upper - lower > FACE.spread:
+        return None
+    height = FACE.inside + round(thickness)
+    is_visible = np.zeros(columns, np.bool_)
+    is_visible[inner] = is_open[inner] & (np.abs(ends[inner] - thickness) <= 1.5)
+    if not is_visible.any():
+        return None
+    light = np.median(band.light[:height, is_visible], axis=1)
+    slant = _slant(outside[: round(thickness)], band.other[FACE.inside :])
+    return _Face(float(thickness), slant, np.asarray(light, np.float32))
+
+
+def _slant(own: Mask, other: Mask) -> float:
+    """Return how far a face's visible end moves along the edge per px outwards."""
+    slants = []
+    last = own.shape[1] - 1
+    for mask, others, sign in (
+        (own, other, 1),
+        (own[:, ::-1], other[:, ::-1], -1),
+    ):
+        first = mask.argmax(axis=1)
+        is_seen = mask.any(axis=1) & (first < last // 2)
+        is_seen &= ~others[: len(mask)][np.arange(len(mask)), np.maximum(first - 1, 0)]
+        if is_seen.sum() >= 3:
+            rows = np.flatnonzero(is_seen)
+            slants.append(sign * float(np.polyfit(rows, first[rows], 1)[0]))
+    if not slants:
+        return 0.0
+    return float(np.clip(slants[0], -FACE.slant, FACE.slant))
+
+
+def _paint(sprite: Sprite, edge: _Edge, face: _Face, other: Mask) -> Sprite:
+    """Return the sprite with the hidden part of a face."""
+    rows, columns = np.indices(sprite.coverage.shape)
+    offset = np.stack([columns, rows], axis=2) - edge.start
+    u, v = offset @ edge.along, offset @ edge.outward
+    u = u - face.slant * np.maximum(v, 0)
+    # The distance to the nearest side of the parallelogram softens its border.
+    inside = np.minimum(np.minimum(u, edge.length - u), face.thickness - v) + 0.5
+    share = np.clip(inside, 0, 1) * (v > -FACE.inside)
+    hidden = cv2.dilate(other.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    share = np.where(hidden, share, 0).astype(np.float32)
+    place = (v + FACE.inside - 0.5).astype(np.float32)
+    profile = face.light[:, None]
+    colour = cv2.remap(
+        profile,
+        np.zeros_like(place),
+        np.clip(place, 0, len(profile) - 1),
+        cv2.INTER_LINEAR,
+    )
+    light = colour * share[..., None]
+    cover = sprite.coverage
+    return replace(
+        sprite,
+        light=np.asarray(sprite.light * (1 - share[..., None]) + light, np.float32),
+        coverage=np.asarray(cover * (1 - share) + share, np.float32),
+    )
