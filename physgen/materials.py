@@ -231,9 +231,26 @@ def is_billiard_ball(label: str) -> bool:
 
 
 OPEN_VESSELS = frozenset(
-    ["mug", "cup", "espresso cup", "paper cup", "plastic cup", "drinking glass", "bowl"]
-    + ["jug", "milk jug", "sugar bowl", "teapot", "vase", "pot", "jar", "bucket"]
-    + ["basket", "barrel", "flower pot"]
+    [
+        "mug",
+        "cup",
+        "espresso cup",
+        "paper cup",
+        "plastic cup",
+        "drinking glass",
+        "bowl",
+        "jug",
+        "milk jug",
+        "sugar bowl",
+        "teapot",
+        "vase",
+        "pot",
+        "jar",
+        "bucket",
+        "basket",
+        "barrel",
+        "flower pot",
+    ]
 )
 """Nouns of upright vessels with an opening at their top."""
 

@@ -1161,9 +1161,7 @@ def _edge_relief(toward: F32, across: F32) -> Relief:
     )
 
 
-def _part_highlights_of_discs(
-    sprites: Sequence[Sprite], world: World
-) -> list[Sprite]:
+def _part_highlights_of_discs(sprites: Sequence[Sprite], world: World) -> list[Sprite]:
     """Return the sprites; discs of one size get the `gloss` of their set."""
     groups: dict[int, list[int]] = {}
     for k, sprite in enumerate(sprites):

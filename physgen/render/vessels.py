@@ -148,9 +148,7 @@ def _others(sprite: Sprite, labels: U16) -> Mask:
     return np.asarray((numbers > 0) & (numbers != sprite.body + 1), np.bool_)
 
 
-def _size(
-    shape: tuple[int, ...], opening: Opening, thickness: float, fine: int
-) -> F32:
+def _size(shape: tuple[int, ...], opening: Opening, thickness: float, fine: int) -> F32:
     """Return the squared distance from an opening's middle, 1 at the ellipse inside the
     rim of a `thickness`, px; (h * fine, w * fine).
     """
@@ -203,7 +201,5 @@ def _coverage(shape: tuple[int, ...], opening: Opening, thickness: float) -> F32
     """Return the coverage (h, w) of the ellipse inside a rim."""
     is_inside = _size(shape, opening, thickness, VESSEL.fine) <= 1
     size = (shape[1], shape[0])
-    small = cv2.resize(
-        is_inside.astype(np.float32), size, interpolation=cv2.INTER_AREA
-    )
+    small = cv2.resize(is_inside.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     return np.asarray(small, np.float32)
