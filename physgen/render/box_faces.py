@@ -85,7 +85,7 @@ def with_closed_faces(sprite: Sprite, body: Body, labels: U16) -> Sprite:
     """
     if body.radius is not None or len(body.rings) != 1 or len(body.rings[0]) != 4:
         return sprite
-    numbers = _numbers(sprite, labels)
+    numbers = labels_on_box(sprite, labels)
     own, other = numbers == sprite.body + 1, numbers > 0
     other &= ~own
     if not other.any():
@@ -100,7 +100,7 @@ def with_closed_faces(sprite: Sprite, body: Body, labels: U16) -> Sprite:
     return sprite
 
 
-def _numbers(sprite: Sprite, labels: U16) -> U16:
+def labels_on_box(sprite: Sprite, labels: U16) -> U16:
     """Return the labels (h, w) on a sprite's box; 0 outside the photo."""
     height, width = sprite.coverage.shape
     x, y = sprite.corner

@@ -28,6 +28,8 @@ class HighlightTuning:
     """Largest width of a highlight, radii."""
     bright: float = 0.12
     """Least light of a highlight beyond the paint beneath it."""
+    paint: float = 90.0
+    """Percentile of a disc's white light that is still paint."""
     dark: float = 0.05
     """Linear light added before logarithms, so that dark rings count less."""
     side: float = 50.0
@@ -36,7 +38,7 @@ class HighlightTuning:
     """
     rings: float = 0.1
     """Largest difference of their distances from the centre, radii."""
-    common: float = 0.8
+    common: float = 0.7
     """Least share of the discs with a highlight there."""
     soft: float = 1.0
     """Width of a highlight's border, px."""
@@ -73,7 +75,7 @@ def shared_highlights(discs: Sequence[DiscPicture]) -> list[F32]:
     excess = [_excess(disc) for disc in discs]
     masks = []
     for disc, shine in zip(discs, excess, strict=True):
-        masks.append(_unroll((shine > SHINE.bright) & disc.known, disc))
+        masks.append(_unroll(_is_highlight(disc, shine), disc))
     if not _turned_differently(discs):
         return []
     is_shared = np.mean([_spread(mask) for mask in masks], axis=0) >= SHINE.common
@@ -96,6 +98,16 @@ def _excess(disc: DiscPicture) -> F32:
     # Grain is no highlight: the median takes it out of the light beneath.
     beneath = cv2.morphologyEx(cv2.medianBlur(white, 3), cv2.MORPH_OPEN, spot)
     return np.asarray(np.maximum(white - beneath, 0), np.float32)
+
+
+def _is_highlight(disc: DiscPicture, excess: F32) -> Mask:
+    """Return the bright spots (h, w) that outshine the paint of the whole disc."""
+    white = disc.light.min(axis=2)
+    if not disc.known.any():
+        return disc.known
+    paint = np.percentile(white[disc.known], SHINE.paint)
+    is_bright = (excess > SHINE.bright) & (white > paint + SHINE.bright / 2)
+    return np.asarray(is_bright & disc.known, np.bool_)
 
 
 def _turned_differently(discs: Sequence[DiscPicture]) -> bool:

@@ -15,6 +15,7 @@ import numpy as np
 
 from physgen.arrays import F32, U16, Mask
 from physgen.compile.world import Body
+from physgen.render.box_faces import labels_on_box
 from physgen.render.sprites import MARGIN, Sprite
 
 
@@ -102,8 +103,7 @@ def open_vessel(sprite: Sprite, body: Body, labels: U16, tilt: float) -> Sprite:
     if opening is None:
         return sprite
     hidden = _others(sprite, labels)
-    rim = np.sqrt(_size(sprite.coverage.shape, opening, 0.0, 1))
-    is_inside = rim <= 1
+    is_inside = _size(sprite.coverage.shape, opening, 0.0, 1) <= 1
     if not is_inside.any() or hidden[is_inside].mean() < VESSEL.hidden:
         return sprite
     wall = _wall_light(sprite, opening)
@@ -139,12 +139,7 @@ def _extend_upwards(sprite: Sprite, rows: int) -> Sprite:
 
 def _others(sprite: Sprite, labels: U16) -> Mask:
     """Return the pixels (h, w) of a sprite's box that show other objects."""
-    rows, columns = np.indices(sprite.coverage.shape)
-    rows, columns = rows + sprite.corner[1], columns + sprite.corner[0]
-    height, width = labels.shape
-    is_within = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
-    numbers = np.zeros(rows.shape, np.int64)
-    numbers[is_within] = labels[rows[is_within], columns[is_within]]
+    numbers = labels_on_box(sprite, labels)
     return np.asarray((numbers > 0) & (numbers != sprite.body + 1), np.bool_)
 
 
@@ -176,8 +171,10 @@ def _wall_light(sprite: Sprite, opening: Opening) -> F32 | None:
     total = cv2.GaussianBlur(total, (0, 0), VESSEL.smooth)
     light = total / np.maximum(weight, 1e-3)[..., None]
     known = np.flatnonzero(weight[0] > VESSEL.smooth)
-    columns = np.clip(np.arange(light.shape[1]), known[0], known[-1])
-    return np.asarray(light[0, columns], np.float32)
+    if not len(known):
+        return None
+    columns = np.clip(np.arange(light.shape[1]), known.min(), known.max())
+    return np.asarray(light[0][columns], np.float32)
 
 
 def _draw(wall: F32, shape: tuple[int, ...], opening: Opening) -> tuple[F32, F32]:

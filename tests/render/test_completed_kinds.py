@@ -23,7 +23,7 @@ from physgen.render.vessels import open_vessel, opening_of, with_room_for_openin
 FINE = 8
 
 
-def drawn(shape: tuple[int, int], *layers: tuple[np.ndarray, tuple]) -> F32:
+def drawn(shape: tuple[int, int], *layers: tuple[np.ndarray, tuple[float, ...]]) -> F32:
     """Polygons of colours over each other, (h, w, 3), with soft borders."""
     canvas = np.zeros((shape[0] * FINE, shape[1] * FINE, 3), np.float32)
     for points, colour in layers:
@@ -60,7 +60,7 @@ def test_pages_stay_between_covers_above_the_edge(turn: float) -> None:
     assert top.is_visible(turn)
     c, s = np.cos(turn), np.sin(turn)
     forwards = np.array([[c, -s, 40.0], [s, c, 40.0]])
-    matrix = cv2.invertAffineTransform(forwards)
+    matrix = np.asarray(cv2.invertAffineTransform(forwards), np.float64)
     colour, cover = top.warp(matrix, (120, 120), turn)
     for x, paint in ((7.0, 0.12), (20.0, 0.6), (32.0, 0.12)):
         for above in (2.0, 4.0):
