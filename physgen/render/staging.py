@@ -29,6 +29,7 @@ from physgen.render.ball_light import in_one_light
 from physgen.render.block_tops import TOPS, top_of_book
 from physgen.render.box_faces import with_closed_faces
 from physgen.render.contact_shade import contact_depth
+from physgen.render.hanging_ball import without_eyelet
 from physgen.render.highlights import DiscPicture, shared_highlights
 from physgen.render.occlusion import (
     SUNK,
@@ -509,7 +510,13 @@ def _split_balls(
             continue
         if world.view is View.TOP and not is_billiard_ball(label):
             lumpiness = STAGING.lumpy
-        parts += _parted(sprite, world.bodies[sprite.body], lumpiness)
+        body = world.bodies[sprite.body]
+        own_parts = _parted(sprite, body, lumpiness)
+        if len(own_parts) == 2 and is_polished_metal(label):
+            thread, ball = own_parts
+            bare_ball = without_eyelet(ball[0], thread[0], body)
+            own_parts = [thread, (bare_ball, False)]
+        parts += own_parts
     return parts
 
 

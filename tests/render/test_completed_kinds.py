@@ -13,12 +13,15 @@ from physgen.compile.world import Body
 from physgen.geometry.polygon import Pose
 from physgen.maps import F32
 from physgen.photometry import DistantLight
+from physgen.render.ball import ball_from_photo
 from physgen.render.block_tops import top_of_book
 from physgen.render.box_faces import with_closed_faces
+from physgen.render.hanging_ball import without_eyelet
 from physgen.render.highlights import DiscPicture, shared_highlights
 from physgen.render.sprites import Gloss, Sprite, cut_sprites
 from physgen.render.stage import draw_sprite, place_sprite
 from physgen.render.vessels import open_vessel, opening_of, with_room_for_opening
+from physgen.scene.scene import View
 
 FINE = 8
 
@@ -230,3 +233,30 @@ def test_a_background_that_is_wrong_leaves_no_colour_in_borders() -> None:
     own = sprite.light[border] / sprite.coverage[border][:, None]
     assert np.count_nonzero(border) > 50
     assert own[:, 0].max() < 0.1  # the red light has 0.95, the disc 0.007
+
+
+def test_a_metal_ball_keeps_its_mirror_images_and_not_its_eyelet() -> None:
+    """A ball with a bright eyelet at one o'clock: without it, the ball is the gradient that it mirrors."""
+    y, x = np.mgrid[:80, :80] - 40.0
+    distance = np.hypot(x, y)
+    truth = (0.3 + 0.004 * y)[..., None] * np.float32([1, 0.8, 0.4])
+    angle = np.radians(-60)
+    across = np.abs(x * np.sin(angle) - y * np.cos(angle))
+    along = x * np.cos(angle) + y * np.sin(angle)
+    eyelet = (across < 3) & (along > 16) & (along < 28)
+    cover = (distance <= 20).astype(np.float32)
+    photo = np.where(eyelet[..., None], 0.9, truth)
+    ball = Sprite(0, (0, 0), (photo * cover[..., None]).astype(np.float32), cover)
+    outside = (eyelet & (distance > 20)).astype(np.float32)
+    thread = Sprite(0, (0, 0), np.repeat(outside[..., None], 3, axis=2), outside)
+    body = cast(Body, SimpleNamespace(radius=20.0, center=np.array([40.0, 40.0])))
+    bare = without_eyelet(ball, thread, body)
+    assert np.abs(ball.light - truth)[distance < 19].max() > 0.5
+    assert np.abs(bare.light - truth)[distance < 19].max() < 0.02
+    lamp = DistantLight((0.0, -0.6, 0.8), 1.0, 0.3)
+    mirror = ball_from_photo(
+        bare.light, (0, 0), (40.0, 40.0), 20.0, lamp, View.SIDE, is_mirror=True
+    )
+    assert np.ptp(mirror.skin, axis=(0, 1)).max() == 0  # nothing that could turn
+    shown = mirror.skin * mirror.lit + mirror.gloss
+    assert np.abs(shown - truth)[distance < 19].max() < 0.02
