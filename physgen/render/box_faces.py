@@ -20,8 +20,12 @@ from physgen.render.sprites import Sprite
 class FaceTuning:
     """Limits of visible faces."""
 
-    inside: int = 3
-    """Depth of the front beside the edge that belongs to the rounded edge, px."""
+    inside: int = 9
+    """Depth of the sampled strip inside an edge, px."""
+    rounded: int = 2
+    """Width of the rounded edge, px. A shape is halfway between front and back, so the
+    front begins as far inside as the face reaches outside.
+    """
     reach: float = 0.35
     """Largest thickness of a face, shares of its edge's length."""
     least: float = 1.5
@@ -75,7 +79,9 @@ class _Face:
     slant: float
     """Displacement along the edge per px outwards."""
     light: F32
-    """Light by distance from `-FACE.inside` outwards, (rows, 3)."""
+    """Light by distance from `-inside` outwards, (rows, 3)."""
+    inside: int
+    """Distance inside the edge at which the front begins, px."""
 
 
 def with_closed_faces(sprite: Sprite, body: Body, labels: U16) -> Sprite:
@@ -162,14 +168,15 @@ def _visible_face(band: _Band, edge: _Edge) -> _Face | None:
     lower, thickness, upper = np.percentile(thick, (25, 50, 75))
     if thickness < FACE.least or upper - lower > FACE.spread:
         return None
-    height = FACE.inside + round(thickness)
+    inside = min(round(thickness) + FACE.rounded, FACE.inside)
+    rows_of_face = slice(FACE.inside - inside, FACE.inside + round(thickness))
     is_visible = np.zeros(columns, np.bool_)
     is_visible[inner] = is_open[inner] & (np.abs(ends[inner] - thickness) <= 1.5)
     if not is_visible.any():
         return None
-    light = np.median(band.light[:height, is_visible], axis=1)
+    light = np.median(band.light[rows_of_face][:, is_visible], axis=1)
     slant = _slant(outside[: round(thickness)], band.other[FACE.inside :])
-    return _Face(float(thickness), slant, np.asarray(light, np.float32))
+    return _Face(float(thickness), slant, np.asarray(light, np.float32), inside)
 
 
 def _slant(own: Mask, other: Mask) -> float:
@@ -199,10 +206,10 @@ def _paint(sprite: Sprite, edge: _Edge, face: _Face, other: Mask) -> Sprite:
     u = u - face.slant * np.maximum(v, 0)
     # The distance to the nearest side of the parallelogram softens its border.
     inside = np.minimum(np.minimum(u, edge.length - u), face.thickness - v) + 0.5
-    share = np.clip(inside, 0, 1) * (v > -FACE.inside)
+    share = np.clip(inside, 0, 1) * (v > -face.inside)
     hidden = cv2.dilate(other.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     share = np.where(hidden, share, 0).astype(np.float32)
-    place = (v + FACE.inside - 0.5).astype(np.float32)
+    place = (v + face.inside - 0.5).astype(np.float32)
     profile = face.light[:, None]
     colour = cv2.remap(
         profile,

@@ -360,22 +360,23 @@ def lit_stage(
     background: U8,
     coverage: F32,
     absent: Mask,
+    labels: U16,
 ) -> Stage:
     """Create the stage of a photo, with sprites that react to light and shadows.
 
     `background` (H, W, 3) sRGB with the objects' shadows; `coverage` (H, W) of all
-    objects, also of `absent` ones.
+    objects, also of `absent` ones; `labels` (H, W): id k + 1 is body k.
     """
     photo = decode(maps.rgb)
     sprites = [_on_wheels(sprite, world) for sprite in sprites]
     sprites = _with_room_for_openings(scene, world, sprites)
     if world.view is not View.TOP:
         sprites = [
-            with_closed_faces(sprite, world.bodies[sprite.body], maps.labels)
+            with_closed_faces(sprite, world.bodies[sprite.body], labels)
             for sprite in sprites
         ]
     if scene.light is None:
-        sprites = _with_openings(scene, world, sprites, maps.labels)
+        sprites = _with_openings(scene, world, sprites, labels)
         return Stage(background, anchored(sprites, photo, decode(background), absent))
     setting = _shadow_setting(scene, world)
     shadow_floors = _shadow_floors(world, maps, setting)
@@ -397,7 +398,7 @@ def lit_stage(
         # A clean picture exists, so shadows of this light are visible in the photo.
         actors, veils = _visible_veils(sprites, actors, starts, setting)
     # Shadows in the photo are those of vessels with their lids on.
-    sprites = _with_openings(scene, world, sprites, maps.labels)
+    sprites = _with_openings(scene, world, sprites, labels)
     if not setting.top:
         sprites = [
             _add_front_face(sprite, world.bodies[sprite.body], setting.light)
