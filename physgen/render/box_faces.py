@@ -40,6 +40,8 @@ class FaceTuning:
     """Least hidden share of it; less is no gap."""
     corner: float = 0.05
     """Share of the length at each end that is rounded."""
+    soft: float = 1.0
+    """Width over which a completed face blends into the visible one, px."""
     slant: float = 1.5
     """Largest slant of a face's ends, px along the edge per px of thickness."""
 
@@ -79,7 +81,9 @@ class _Face:
     slant: float
     """Displacement along the edge per px outwards."""
     light: F32
-    """Light by distance from `-inside` outwards, (rows, 3)."""
+    """Light by distance from `-inside` outwards, and along the edge, (rows, columns,
+    3).
+    """
     inside: int
     """Distance inside the edge at which the front begins, px."""
 
@@ -174,9 +178,32 @@ def _visible_face(band: _Band, edge: _Edge) -> _Face | None:
     is_visible[inner] = is_open[inner] & (np.abs(ends[inner] - thickness) <= 1.5)
     if not is_visible.any():
         return None
-    light = np.median(band.light[rows_of_face][:, is_visible], axis=1)
+    light = _repeated(band.light[rows_of_face], is_visible)
     slant = _slant(outside[: round(thickness)], band.other[FACE.inside :])
     return _Face(float(thickness), slant, np.asarray(light, np.float32), inside)
+
+
+def _repeated(light: F32, visible: Mask) -> F32:
+    """Return light (rows, columns, 3) whose other columns repeat their `visible`
+    neighbours.
+
+    Both neighbours are mirrored at the ends of a gap, and blend into each other.
+    """
+    columns = np.arange(len(visible))
+    places = np.flatnonzero(visible)
+    after = np.searchsorted(places, columns).clip(0, len(places) - 1)
+    before = (np.searchsorted(places, columns, side="right") - 1).clip(0)
+    left, right = places[before], places[after]
+    sources, weights = [], []
+    for end in (left, right):
+        mirrored = np.clip(2 * end - columns, 0, len(visible) - 1)
+        # A neighbour that is narrower than the gap repeats its last column.
+        sources.append(np.where(visible[mirrored], mirrored, end))
+        weights.append(1 / (np.abs(columns - end) + 1.0))
+    share = (weights[0] / (weights[0] + weights[1]))[:, None]
+    mixed = share * light[:, sources[0]] + (1 - share) * light[:, sources[1]]
+    result = np.where(visible[:, None], light, mixed)
+    return np.asarray(result, np.float32)
 
 
 def _slant(own: Mask, other: Mask) -> float:
@@ -207,16 +234,14 @@ def _paint(sprite: Sprite, edge: _Edge, face: _Face, other: Mask) -> Sprite:
     # The distance to the nearest side of the parallelogram softens its border.
     inside = np.minimum(np.minimum(u, edge.length - u), face.thickness - v) + 0.5
     share = np.clip(inside, 0, 1) * (v > -face.inside)
-    hidden = cv2.dilate(other.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    share = np.where(hidden, share, 0).astype(np.float32)
-    place = (v + face.inside - 0.5).astype(np.float32)
-    profile = face.light[:, None]
-    colour = cv2.remap(
-        profile,
-        np.zeros_like(place),
-        np.clip(place, 0, len(profile) - 1),
-        cv2.INTER_LINEAR,
-    )
+    hidden = cv2.dilate(other.astype(np.uint8), np.ones((3, 3), np.uint8))
+    # The face blends into the visible part beside it.
+    share *= cv2.GaussianBlur(hidden.astype(np.float32), (0, 0), FACE.soft)
+    share = np.asarray(share, np.float32)
+    last_row, last_column = np.subtract(face.light.shape[:2], 1)
+    row = np.clip(v + face.inside - 0.5, 0, last_row).astype(np.float32)
+    column = np.clip(u - 0.5, 0, last_column).astype(np.float32)
+    colour = cv2.remap(face.light, column, row, cv2.INTER_LINEAR)
     light = colour * share[..., None]
     cover = sprite.coverage
     return replace(
