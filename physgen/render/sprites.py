@@ -80,8 +80,6 @@ class SpriteTuning:
     """Linear light that a border pixel may have beyond that."""
     gap_shade: float = 0.25
     """Darkness in log light by which a gap beside a border shows."""
-    nearby: int = 8
-    """Distance of pixels whose range of light limits a fill, px."""
     seen: float = 0.2
     """Share of an object's mask that must be apart from others, so that pixels near
     others' rims can be left out of continuation.
@@ -343,8 +341,6 @@ class Gloss:
 
 BAND = 0.9
 """Coverage from which a column belongs to a book's top and not to its other side."""
-FARTHEST = 100.0
-"""Log light beyond that of all pixels."""
 MARGIN = 2
 """Empty border of a sprite, px, so that interpolation fades to nothing."""
 
@@ -819,7 +815,6 @@ def _complete_hidden_part(
     # The rim of a ball follows from its light.
     if not is_disc:
         filled_level += _rims(level, filled_level, is_reliable, object_mask)
-    filled_level = _within_range(filled_level, level, is_reliable)
     filling = np.maximum(np.exp(filled_level) - np.float32(CUT.dark), 0)
     zone = dilate(part.hole, CUT.clean + 1)
     edge = np.clip(2 * _blur_mask(object_mask) - 0.5, 0, 1)
@@ -827,27 +822,11 @@ def _complete_hidden_part(
     cover = np.where(zone, full_cover, alpha).astype(np.float32)
     is_new = zone | (mask & dilate(part.by, CUT.clean))
     # The gap between two objects darkens more of their borders in places.
-    darkness = (filled_level - level).max(axis=2)
+    darkness = (filled_level - level).mean(axis=2)
     is_new |= mask & dilate(part.by, CUT.clean + 1) & (darkness > CUT.gap_shade)
     is_new &= ~is_reliable
     result = np.where(is_new[..., None], filling * cover[..., None], light)
     return np.asarray(result, np.float32), cover
-
-
-def _within_range(filled: F32, level: F32, reliable: Mask) -> F32:
-    """Return a fill of log light (h, w, 3) within the range of `reliable` pixels nearby.
-
-    A fill beyond a bright rim would go on becoming brighter.
-    """
-    window = np.ones((2 * CUT.nearby + 1, 2 * CUT.nearby + 1), np.uint8)
-    known = reliable[..., None]
-    largest = cv2.dilate(np.where(known, level, np.float32(-FARTHEST)), window)
-    smallest = cv2.erode(np.where(known, level, np.float32(FARTHEST)), window)
-    is_near = cv2.dilate(reliable.astype(np.uint8), window) > 0
-    result = filled.copy()
-    near_fill = np.clip(filled[is_near], smallest[is_near], largest[is_near])
-    result[is_near] = near_fill
-    return result
 
 
 def _mirrored_texture(level: F32, reliable: Mask) -> F32:
