@@ -371,10 +371,7 @@ def lit_stage(
     sprites = [_on_wheels(sprite, world) for sprite in sprites]
     sprites = _with_room_for_openings(scene, world, sprites)
     if world.view is not View.TOP:
-        sprites = [
-            with_closed_faces(sprite, world.bodies[sprite.body], labels)
-            for sprite in sprites
-        ]
+        sprites = _with_closed_faces(world, sprites, labels)
     if scene.light is None:
         sprites = _with_openings(scene, world, sprites, labels)
         return Stage(background, anchored(sprites, photo, decode(background), absent))
@@ -459,11 +456,34 @@ def _with_openings(
     """Return the sprites; vessels whose opening another object hides are open."""
     tilt = tan(radians(scene.world.tilt))
     result = []
-    for sprite in sprites:
+    for k, sprite in enumerate(sprites):
         if _may_be_open(scene, world, sprite):
-            sprite = open_vessel(sprite, world.bodies[sprite.body], labels, tilt)
+            visible_labels = _labels_in_front(sprites[k:], labels)
+            body = world.bodies[sprite.body]
+            sprite = open_vessel(sprite, body, visible_labels, tilt)
         result.append(sprite)
     return result
+
+
+def _with_closed_faces(
+    world: World, sprites: Sequence[Sprite], labels: U16
+) -> list[Sprite]:
+    """Return the sprites; faces of boxes behind other objects reach both ends."""
+    result = []
+    for k, sprite in enumerate(sprites):
+        visible_labels = _labels_in_front(sprites[k:], labels)
+        body = world.bodies[sprite.body]
+        result.append(with_closed_faces(sprite, body, visible_labels))
+    return result
+
+
+def _labels_in_front(sprites: Sequence[Sprite], labels: U16) -> U16:
+    """Return the labels (H, W) of `sprites` alone.
+
+    An object drawn before a bowl may lie in it, and does not hide it.
+    """
+    numbers = [sprite.body + 1 for sprite in sprites]
+    return np.where(np.isin(labels, numbers), labels, 0).astype(np.uint16)
 
 
 def _may_be_open(scene: Scene, world: World, sprite: Sprite) -> bool:
