@@ -6,6 +6,7 @@ thickness, slant and light are measured in its visible part, and hold all along 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -88,14 +89,17 @@ class _Face:
     """Distance inside the edge at which the front begins, px."""
 
 
-def with_closed_faces(sprite: Sprite, body: Body, labels: U16) -> Sprite:
+def with_closed_faces(
+    sprite: Sprite, body: Body, labels: U16, bodies: Sequence[int] = ()
+) -> Sprite:
     """Return a box's sprite with the hidden parts of the faces beside its front.
 
-    `labels` (H, W): id k + 1 is body k.
+    `labels` (H, W): id k + 1 is body k; `bodies`: those that may hide it, and itself;
+    all if empty.
     """
     if body.radius is not None or len(body.rings) != 1 or len(body.rings[0]) != 4:
         return sprite
-    numbers = labels_on_box(sprite, labels)
+    numbers = labels_on_box(sprite, labels, bodies)
     own, other = numbers == sprite.body + 1, numbers > 0
     other &= ~own
     if not other.any():
@@ -110,14 +114,19 @@ def with_closed_faces(sprite: Sprite, body: Body, labels: U16) -> Sprite:
     return sprite
 
 
-def labels_on_box(sprite: Sprite, labels: U16) -> U16:
-    """Return the labels (h, w) on a sprite's box; 0 outside the photo."""
+def labels_on_box(sprite: Sprite, labels: U16, bodies: Sequence[int]) -> U16:
+    """Return the labels (h, w) of `bodies`, or of all if empty, on a sprite's box.
+
+    They are 0 outside the photo.
+    """
     height, width = sprite.coverage.shape
     x, y = sprite.corner
     numbers = np.zeros((height, width), labels.dtype)
     top, left = max(y, 0), max(x, 0)
     bottom, right = min(y + height, labels.shape[0]), min(x + width, labels.shape[1])
     numbers[top - y : bottom - y, left - x : right - x] = labels[top:bottom, left:right]
+    if bodies:
+        numbers[~np.isin(numbers, np.add(bodies, 1))] = 0
     return numbers
 
 

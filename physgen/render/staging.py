@@ -458,9 +458,8 @@ def _with_openings(
     result = []
     for k, sprite in enumerate(sprites):
         if _may_be_open(scene, world, sprite):
-            visible_labels = _labels_in_front(sprites[k:], labels)
             body = world.bodies[sprite.body]
-            sprite = open_vessel(sprite, body, visible_labels, tilt)
+            sprite = open_vessel(sprite, body, labels, tilt, _bodies(sprites[k:]))
         result.append(sprite)
     return result
 
@@ -471,19 +470,17 @@ def _with_closed_faces(
     """Return the sprites; faces of boxes behind other objects reach both ends."""
     result = []
     for k, sprite in enumerate(sprites):
-        visible_labels = _labels_in_front(sprites[k:], labels)
         body = world.bodies[sprite.body]
-        result.append(with_closed_faces(sprite, body, visible_labels))
+        result.append(with_closed_faces(sprite, body, labels, _bodies(sprites[k:])))
     return result
 
 
-def _labels_in_front(sprites: Sequence[Sprite], labels: U16) -> U16:
-    """Return the labels (H, W) of `sprites` alone.
+def _bodies(sprites: Sequence[Sprite]) -> list[int]:
+    """Return the bodies of sprites.
 
-    An object drawn before a bowl may lie in it, and does not hide it.
+    Those drawn before a bowl may lie in it, and do not hide it.
     """
-    numbers = [sprite.body + 1 for sprite in sprites]
-    return np.where(np.isin(labels, numbers), labels, 0).astype(np.uint16)
+    return [sprite.body for sprite in sprites]
 
 
 def _may_be_open(scene: Scene, world: World, sprite: Sprite) -> bool:

@@ -93,16 +93,19 @@ def with_room_for_opening(sprite: Sprite, body: Body, tilt: float) -> Sprite:
     return _extend_upwards(sprite, rows)
 
 
-def open_vessel(sprite: Sprite, body: Body, labels: U16, tilt: float) -> Sprite:
+def open_vessel(
+    sprite: Sprite, body: Body, labels: U16, tilt: float, bodies: Sequence[int] = ()
+) -> Sprite:
     """Return a vessel's sprite with its opening, if other objects hide it in the photo.
 
-    `labels` (H, W): id k + 1 is body k. The sprite has the room of
+    `labels` (H, W): id k + 1 is body k; `bodies`: those that may hide it, and itself;
+    all if empty. The sprite has the room of
     `with_room_for_opening`.
     """
     opening = opening_of(body, sprite.corner, tilt)
     if opening is None:
         return sprite
-    hidden = _others(sprite, labels)
+    hidden = _others(sprite, labels, bodies)
     is_inside = _size(sprite.coverage.shape, opening, 0.0, 1) <= 1
     if not is_inside.any() or hidden[is_inside].mean() < VESSEL.hidden:
         return sprite
@@ -137,9 +140,9 @@ def _extend_upwards(sprite: Sprite, rows: int) -> Sprite:
     )
 
 
-def _others(sprite: Sprite, labels: U16) -> Mask:
+def _others(sprite: Sprite, labels: U16, bodies: Sequence[int]) -> Mask:
     """Return the pixels (h, w) of a sprite's box that show other objects."""
-    numbers = labels_on_box(sprite, labels)
+    numbers = labels_on_box(sprite, labels, bodies)
     return np.asarray((numbers > 0) & (numbers != sprite.body + 1), np.bool_)
 
 

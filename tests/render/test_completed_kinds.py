@@ -132,6 +132,13 @@ def test_a_vessel_without_a_lid_stays_as_it_is() -> None:
     assert opening_of(body, sprite.corner, 0.0) is None  # seen level
 
 
+def test_fruit_in_a_bowl_does_not_hide_it() -> None:
+    """An object that is drawn before the vessel lies in it."""
+    sprite, body, labels = vessel()
+    assert open_vessel(sprite, body, labels, 0.2, [0, 1]) is not sprite
+    assert open_vessel(sprite, body, labels, 0.2, [0]) is sprite
+
+
 def test_a_cropped_vessel_gets_room_above() -> None:
     sprite, body, labels = vessel()
     cropped = Sprite(0, (0, 38), sprite.light[38:], sprite.coverage[38:])
