@@ -31,7 +31,7 @@ class TopTuning:
     """Share of the brightest row's light from which a row shows pages."""
     spine: tuple[int, int] = (1, 5)
     """Rows below the first row of the front; the darkest is the spine's, px."""
-    mixed: float = 0.15
+    mixed_share: float = 0.15
     """Share of the pages' light beyond the spine's in the last row that is no front."""
     seam: int = 2
     """Rows of the front below the edge, so that no gap opens between both, px."""
@@ -60,18 +60,21 @@ class BlockTop:
         since depth is upwards in the photo at any rotation.
         """
         to_box = cv2.invertAffineTransform(matrix)
-        along, down, shift = to_box.T
+        direction, depth, shift = to_box.T
         to_box = np.stack(
-            [along, [0.0, 1.0], down * self.edge + shift - [0.0, self.edge]], axis=1
+            [direction, [0.0, 1.0], depth * self.edge + shift - [0.0, self.edge]],
+            axis=1,
         )
         size = (shape[1], shape[0])
-        warped = cv2.warpAffine(self.picture, to_box, size, flags=cv2.INTER_LINEAR)
-        coverage = np.asarray(warped[..., 3], np.float32)
-        colour = warped[..., :3] / np.maximum(coverage, 1e-3)[..., None]
+        band_picture = cv2.warpAffine(
+            self.picture, to_box, size, flags=cv2.INTER_LINEAR
+        )
+        coverage = np.asarray(band_picture[..., 3], np.float32)
+        colour = band_picture[..., :3] / np.maximum(coverage, 1e-3)[..., None]
         colour *= np.float32(self._gain(turn))
         return np.asarray(colour, np.float32), coverage
 
-    def whitened(self) -> BlockTop:
+    def white_copy(self) -> BlockTop:
         """Return a white top of the same coverage, for mattes."""
         coverage = self.picture[..., 3]
         white = np.dstack([coverage, coverage, coverage, coverage])
@@ -88,8 +91,8 @@ class BlockTop:
         x, y, _ = self.light.direction
         start = self.light.ambient + self.light.intensity * max(-y, 0.0)
         facing = max(x * sin(turn) - y * cos(turn), 0.0)
-        now = self.light.ambient + self.light.intensity * facing
-        return max(now / max(start, 1e-3), TOPS.dimmest)
+        new_light = self.light.ambient + self.light.intensity * facing
+        return max(new_light / max(start, 1e-3), TOPS.dimmest)
 
 
 def top_of_book(
@@ -137,8 +140,10 @@ def page_rows(brightness: F32, rows: tuple[int, int], edges: tuple[int, int]) ->
     pages = float(np.median(inner[is_bright]))
     strip = brightness[first : first + len(inner)][is_bright]
     ends = (strip[:, left : left + cover], strip[:, right + 1 - cover : right + 1])
-    dark = max(spine, *(float(np.median(end)) for end in ends))
-    if pages < TOPS.brighter * dark:
+    darkest_light = max(spine, *(float(np.median(end)) for end in ends))
+    if pages < TOPS.brighter * darkest_light:
         return is_page
-    is_page[first : first + len(inner)] = inner > spine + TOPS.mixed * (pages - spine)
+    is_page[first : first + len(inner)] = inner > spine + TOPS.mixed_share * (
+        pages - spine
+    )
     return is_page

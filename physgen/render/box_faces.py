@@ -23,13 +23,13 @@ class FaceTuning:
 
     inside: int = 9
     """Depth of the sampled strip inside an edge, px."""
-    rounded: int = 2
+    edge_width: int = 2
     """Width of the rounded edge, px. A shape is halfway between front and back, so the
     front begins as far inside as the face reaches outside.
     """
     reach: float = 0.35
     """Largest thickness of a face, shares of its edge's length."""
-    least: float = 1.5
+    least_thickness: float = 1.5
     """Least thickness of a face, px."""
     spread: float = 2.0
     """Largest difference of a face's thickness between its quartiles, px."""
@@ -37,11 +37,11 @@ class FaceTuning:
     """Slope up to which an edge is level: the rows of the photo continue its face."""
     visible: float = 0.06
     """Least visible share of a face's length."""
-    hidden: float = 0.1
+    hidden_share: float = 0.1
     """Least hidden share of it; less is no gap."""
     corner: float = 0.05
     """Share of the length at each end that is rounded."""
-    soft: float = 1.0
+    blend_width: float = 1.0
     """Width over which a completed face blends into the visible one, px."""
     slant: float = 1.5
     """Largest slant of a face's ends, px along the edge per px of thickness."""
@@ -55,7 +55,7 @@ class _Edge:
     """An edge of a front, in px of the sprite."""
 
     start: F64
-    along: F64
+    direction: F64
     """Unit vector along the edge, (2,)."""
     outward: F64
     """Unit vector away from the front, (2,)."""
@@ -105,7 +105,7 @@ def with_closed_faces(
     if not other.any():
         return sprite
     for edge in _edges(body, sprite):
-        if min(np.abs(edge.along)) < FACE.level:
+        if min(np.abs(edge.direction)) < FACE.level:
             continue
         band = _band(sprite, edge, own, other)
         face = _visible_face(band, edge)
@@ -137,11 +137,11 @@ def _edges(body: Body, sprite: Sprite) -> list[_Edge]:
     edges = []
     for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
         length = float(np.hypot(*(end - start)))
-        along = (end - start) / max(length, 1e-6)
-        outward = np.array([along[1], -along[0]])
+        direction = (end - start) / max(length, 1e-6)
+        outward = np.array([direction[1], -direction[0]])
         if outward @ (start - middle) < 0:
             outward = -outward
-        edges.append(_Edge(start, along, outward, length))
+        edges.append(_Edge(start, direction, outward, length))
     return edges
 
 
@@ -151,7 +151,7 @@ def _band(sprite: Sprite, edge: _Edge, own: Mask, other: Mask) -> _Band:
     rows = np.arange(-FACE.inside, max(round(FACE.reach * edge.length), 3)) + 0.5
     points = (
         edge.start
-        + columns[None, :, None] * edge.along
+        + columns[None, :, None] * edge.direction
         + rows[:, None, None] * edge.outward
     ).astype(np.float32)
     x, y = points[..., 0], points[..., 1]
@@ -174,25 +174,28 @@ def _visible_face(band: _Band, edge: _Edge) -> _Face | None:
     is_open = ~band.other[at_end, np.arange(columns)] & (ends < len(outside))
     margin = max(round(FACE.corner * columns), 1)
     inner = slice(margin, columns - margin)
-    thick = ends[inner][is_open[inner] & (ends[inner] >= FACE.least)]
+    thicknesses = ends[inner][is_open[inner] & (ends[inner] >= FACE.least_thickness)]
     is_hidden = band.other[FACE.inside : FACE.inside + 2].any(axis=0)
-    if len(thick) < FACE.visible * columns or is_hidden.mean() < FACE.hidden:
+    if (
+        len(thicknesses) < FACE.visible * columns
+        or is_hidden.mean() < FACE.hidden_share
+    ):
         return None
-    lower, thickness, upper = np.percentile(thick, (25, 50, 75))
-    if thickness < FACE.least or upper - lower > FACE.spread:
+    lower, thickness, upper = np.percentile(thicknesses, (25, 50, 75))
+    if thickness < FACE.least_thickness or upper - lower > FACE.spread:
         return None
-    inside = min(round(thickness) + FACE.rounded, FACE.inside)
+    inside = min(round(thickness) + FACE.edge_width, FACE.inside)
     rows_of_face = slice(FACE.inside - inside, FACE.inside + round(thickness))
     is_visible = np.zeros(columns, np.bool_)
     is_visible[inner] = is_open[inner] & (np.abs(ends[inner] - thickness) <= 1.5)
     if not is_visible.any():
         return None
-    light = _repeated(band.light[rows_of_face], is_visible)
+    light = _repeat_neighbours(band.light[rows_of_face], is_visible)
     slant = _slant(outside[: round(thickness)], band.other[FACE.inside :])
     return _Face(float(thickness), slant, np.asarray(light, np.float32), inside)
 
 
-def _repeated(light: F32, visible: Mask) -> F32:
+def _repeat_neighbours(light: F32, visible: Mask) -> F32:
     """Return light (rows, columns, 3) whose other columns repeat their `visible`
     neighbours.
 
@@ -205,13 +208,13 @@ def _repeated(light: F32, visible: Mask) -> F32:
     left, right = places[before], places[after]
     sources, weights = [], []
     for end in (left, right):
-        mirrored = np.clip(2 * end - columns, 0, len(visible) - 1)
+        mirror_columns = np.clip(2 * end - columns, 0, len(visible) - 1)
         # A neighbour that is narrower than the gap repeats its last column.
-        sources.append(np.where(visible[mirrored], mirrored, end))
+        sources.append(np.where(visible[mirror_columns], mirror_columns, end))
         weights.append(1 / (np.abs(columns - end) + 1.0))
     share = (weights[0] / (weights[0] + weights[1]))[:, None]
-    mixed = share * light[:, sources[0]] + (1 - share) * light[:, sources[1]]
-    result = np.where(visible[:, None], light, mixed)
+    blended_light = share * light[:, sources[0]] + (1 - share) * light[:, sources[1]]
+    result = np.where(visible[:, None], light, blended_light)
     return np.asarray(result, np.float32)
 
 
@@ -238,14 +241,14 @@ def _paint(sprite: Sprite, edge: _Edge, face: _Face, other: Mask) -> Sprite:
     """Return the sprite with the hidden part of a face."""
     rows, columns = np.indices(sprite.coverage.shape)
     offset = np.stack([columns, rows], axis=2) - edge.start
-    u, v = offset @ edge.along, offset @ edge.outward
+    u, v = offset @ edge.direction, offset @ edge.outward
     u = u - face.slant * np.maximum(v, 0)
     # The distance to the nearest side of the parallelogram softens its border.
     inside = np.minimum(np.minimum(u, edge.length - u), face.thickness - v) + 0.5
     share = np.clip(inside, 0, 1) * (v > -face.inside)
-    hidden = cv2.dilate(other.astype(np.uint8), np.ones((3, 3), np.uint8))
+    hidden_mask = cv2.dilate(other.astype(np.uint8), np.ones((3, 3), np.uint8))
     # The face blends into the visible part beside it.
-    share *= cv2.GaussianBlur(hidden.astype(np.float32), (0, 0), FACE.soft)
+    share *= cv2.GaussianBlur(hidden_mask.astype(np.float32), (0, 0), FACE.blend_width)
     share = np.asarray(share, np.float32)
     last_row, last_column = np.subtract(face.light.shape[:2], 1)
     row = np.clip(v + face.inside - 0.5, 0, last_row).astype(np.float32)

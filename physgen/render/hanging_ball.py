@@ -46,8 +46,8 @@ def _foot(ball: Sprite, thread: Sprite, body: Body) -> Mask:
     length = float(np.hypot(direction_x, direction_y))
     if length < 1e-6:
         return np.zeros(ball.coverage.shape, np.bool_)
-    along = (x * direction_x + y * direction_y) / length
-    across = np.abs(x * direction_y - y * direction_x) / length
-    width = across[foot > 0.5].max(initial=0.0) + CUT.clean
-    is_foot = (across <= width) & (along > (1 - EYELET) * radius)
+    distance_along = (x * direction_x + y * direction_y) / length
+    distance_across = np.abs(x * direction_y - y * direction_x) / length
+    width = distance_across[foot > 0.5].max(initial=0.0) + CUT.clean
+    is_foot = (distance_across <= width) & (distance_along > (1 - EYELET) * radius)
     return np.asarray(is_foot, np.bool_)

@@ -26,11 +26,11 @@ class HighlightTuning:
     """Number of directions on a ring."""
     width: float = 0.3
     """Largest width of a highlight, radii."""
-    bright: float = 0.12
+    least_light: float = 0.12
     """Least light of a highlight beyond the paint beneath it."""
     paint: float = 90.0
     """Percentile of a disc's white light that is still paint."""
-    dark: float = 0.05
+    dark_light: float = 0.05
     """Linear light added before logarithms, so that dark rings count less."""
     side: float = 50.0
     """Largest difference of the directions of two discs' highlights, degrees: a lamp
@@ -40,7 +40,7 @@ class HighlightTuning:
     """Largest difference of their distances from the centre, radii."""
     common: float = 0.7
     """Least share of the discs with a highlight there."""
-    soft: float = 1.0
+    border_width: float = 1.0
     """Width of a highlight's border, px."""
     differ: float = 0.5
     """Least variance between discs over that of their median: with less, their paints
@@ -106,7 +106,7 @@ def _is_highlight(disc: DiscPicture, excess: F32) -> Mask:
     if not disc.known.any():
         return disc.known
     paint = np.percentile(white[disc.known], SHINE.paint)
-    is_bright = (excess > SHINE.bright) & (white > paint + SHINE.bright / 2)
+    is_bright = (excess > SHINE.least_light) & (white > paint + SHINE.least_light / 2)
     return np.asarray(is_bright & disc.known, np.bool_)
 
 
@@ -114,12 +114,12 @@ def _turned_differently(discs: Sequence[DiscPicture]) -> bool:
     """Check whether discs differ more than their median changes along rings."""
     levels = []
     for disc in discs:
-        brightness = disc.light.mean(axis=2) + np.float32(SHINE.dark)
+        brightness = disc.light.mean(axis=2) + np.float32(SHINE.dark_light)
         ring = _unroll(brightness, disc)
         levels.append(np.log(ring / ring.mean(axis=1, keepdims=True)))
     median = np.median(levels, axis=0)
-    between = float(((np.array(levels) - median) ** 2).mean())
-    return between >= SHINE.differ * float((median**2).mean())
+    variance = float(((np.array(levels) - median) ** 2).mean())
+    return variance >= SHINE.differ * float((median**2).mean())
 
 
 RINGS = 32
@@ -140,10 +140,10 @@ def _spread(mask: F32) -> Mask:
     """Return a mask (rings, angles) grown to all places that another disc may have."""
     around = max(round(radians(SHINE.side) / (2 * pi) * SHINE.angles), 1)
     across = max(round(SHINE.rings * RINGS), 1)
-    wrapped = np.concatenate([mask[:, -around:], mask, mask[:, :around]], axis=1)
+    wrapped_mask = np.concatenate([mask[:, -around:], mask, mask[:, :around]], axis=1)
     kernel = np.ones((2 * across + 1, 2 * around + 1), np.uint8)
-    grown = cv2.dilate((wrapped > 0.5).astype(np.uint8), kernel)
-    return np.asarray(grown[:, around:-around] > 0, np.bool_)
+    grown_mask = cv2.dilate((wrapped_mask > 0.5).astype(np.uint8), kernel)
+    return np.asarray(grown_mask[:, around:-around] > 0, np.bool_)
 
 
 def _roll(rings: F32, disc: DiscPicture) -> F32:
@@ -154,7 +154,9 @@ def _roll(rings: F32, disc: DiscPicture) -> F32:
     turn = np.arctan2(y, x) % np.float32(2 * pi)
     angle = turn * np.float32(SHINE.angles / (2 * pi))
     # One more column, so that interpolation goes around.
-    around = np.concatenate([rings, rings[:, :1]], axis=1)
-    picture = cv2.remap(around, angle, ring, cv2.INTER_LINEAR)
-    wide = cv2.dilate(picture, np.ones((3, 3), np.uint8))
-    return np.asarray(cv2.GaussianBlur(wide, (0, 0), SHINE.soft), np.float32)
+    wrapped_rings = np.concatenate([rings, rings[:, :1]], axis=1)
+    picture = cv2.remap(wrapped_rings, angle, ring, cv2.INTER_LINEAR)
+    wide_picture = cv2.dilate(picture, np.ones((3, 3), np.uint8))
+    return np.asarray(
+        cv2.GaussianBlur(wide_picture, (0, 0), SHINE.border_width), np.float32
+    )

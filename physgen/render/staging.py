@@ -330,7 +330,7 @@ def _white(sprite: Sprite) -> Sprite:
         sprite.sides,
         colour=np.ones(3, np.float32),
         light=None,
-        top=sprite.sides.top and sprite.sides.top.whitened(),
+        top=sprite.sides.top and sprite.sides.top.white_copy(),
     )
     return replace(
         sprite,

@@ -27,25 +27,25 @@ class VesselTuning:
     """Share of a vessel's height below its top within which points are on its rim."""
     widest: float = 0.5
     """Least width of an opening, shares of the vessel's width."""
-    flat: float = 1.5
+    least_height: float = 1.5
     """Least height of an opening's ellipse above its middle, px."""
-    hidden: float = 0.6
+    hidden_share: float = 0.6
     """Least share of an opening behind other objects."""
     wall: float = 0.3
     """Rows below the opening that show the light of the wall, shares of its width."""
-    thick: float = 0.05
+    rim_width: float = 0.05
     """Width of the rim, shares of the opening's width; at least 1 px."""
-    bright: float = 1.12
+    rim_gain: float = 1.12
     """Light of the rim over that of the wall: it faces upwards."""
-    far: float = 0.72
+    far_shade: float = 0.72
     """Light of the inner wall at the far rim over that of the outer wall."""
-    near: float = 0.42
+    near_shade: float = 0.42
     """The same at the near rim, deeper in the vessel."""
-    most: float = 0.95
+    most_light: float = 0.95
     """Largest linear light of a rim."""
-    fine: int = 4
+    subpixels: int = 4
     """Sub-pixels per side."""
-    smooth: float = 3.0
+    blur_width: float = 3.0
     """Width of smoothing along the wall, px."""
 
 
@@ -77,7 +77,7 @@ def opening_of(body: Body, corner: Sequence[int], tilt: float) -> Opening | None
     half_width = (end - start) / 2
     half_height = half_width * sin(atan(tilt))
     is_wide = end - start >= VESSEL.widest * (right - left)
-    if not is_wide or half_height < VESSEL.flat:
+    if not is_wide or half_height < VESSEL.least_height:
         return None
     return Opening((start + end) / 2, float(top), half_width, half_height)
 
@@ -105,16 +105,16 @@ def open_vessel(
     opening = opening_of(body, sprite.corner, tilt)
     if opening is None:
         return sprite
-    hidden = _others(sprite, labels, bodies)
+    hidden_mask = _others(sprite, labels, bodies)
     is_inside = _size(sprite.coverage.shape, opening, 0.0, 1) <= 1
-    if not is_inside.any() or hidden[is_inside].mean() < VESSEL.hidden:
+    if not is_inside.any() or hidden_mask[is_inside].mean() < VESSEL.hidden_share:
         return sprite
     wall = _wall_light(sprite, opening)
     if wall is None:
         return sprite
     light, cover = _draw(wall, sprite.coverage.shape, opening)
     # Pixels beside the border of the other object are mixtures, and stay.
-    share = cv2.erode(hidden.astype(np.uint8), np.ones((3, 3), np.uint8))
+    share = cv2.erode(hidden_mask.astype(np.uint8), np.ones((3, 3), np.uint8))
     share = cv2.blur(share.astype(np.float32), (3, 3))
     cover, light = cover * share, light * share[..., None]
     return replace(
@@ -146,18 +146,22 @@ def _others(sprite: Sprite, labels: U16, bodies: Sequence[int]) -> Mask:
     return np.asarray((numbers > 0) & (numbers != sprite.body + 1), np.bool_)
 
 
-def _size(shape: tuple[int, ...], opening: Opening, thickness: float, fine: int) -> F32:
+def _size(
+    shape: tuple[int, ...], opening: Opening, thickness: float, subpixels: int
+) -> F32:
     """Return the squared distance from an opening's middle, 1 at the ellipse inside the
-    rim of a `thickness`, px; (h * fine, w * fine).
+    rim of a `thickness`, px; (h * subpixels, w * subpixels).
     """
-    height, width = shape[0] * fine, shape[1] * fine
-    x = ((np.arange(width) + 0.5) / fine - 0.5 - opening.x) / (
+    height, width = shape[0] * subpixels, shape[1] * subpixels
+    x = ((np.arange(width) + 0.5) / subpixels - 0.5 - opening.x) / (
         opening.half_width - thickness
     )
     # The near and the far rim are foreshortened.
-    flat = opening.half_height / opening.half_width
-    half_height = opening.half_height - thickness * max(flat, 0.5)
-    y = ((np.arange(height) + 0.5) / fine - 0.5 - opening.y) / max(half_height, 0.5)
+    foreshortening = opening.half_height / opening.half_width
+    half_height = opening.half_height - thickness * max(foreshortening, 0.5)
+    y = ((np.arange(height) + 0.5) / subpixels - 0.5 - opening.y) / max(
+        half_height, 0.5
+    )
     return np.asarray(x * x + (y * y)[:, None], np.float32)
 
 
@@ -170,36 +174,40 @@ def _wall_light(sprite: Sprite, opening: Opening) -> F32 | None:
         return None
     weight = is_wall.sum(axis=0)[None]
     total = (sprite.light[first:last] * is_wall[..., None]).sum(axis=0)[None]
-    weight = cv2.GaussianBlur(weight, (0, 0), VESSEL.smooth)
-    total = cv2.GaussianBlur(total, (0, 0), VESSEL.smooth)
+    weight = cv2.GaussianBlur(weight, (0, 0), VESSEL.blur_width)
+    total = cv2.GaussianBlur(total, (0, 0), VESSEL.blur_width)
     light = total / np.maximum(weight, 1e-3)[..., None]
-    known = np.flatnonzero(weight[0] > VESSEL.smooth)
-    if not len(known):
+    known_columns = np.flatnonzero(weight[0] > VESSEL.blur_width)
+    if not len(known_columns):
         return None
-    columns = np.clip(np.arange(light.shape[1]), known.min(), known.max())
+    columns = np.clip(
+        np.arange(light.shape[1]), known_columns.min(), known_columns.max()
+    )
     return np.asarray(light[0][columns], np.float32)
 
 
 def _draw(wall: F32, shape: tuple[int, ...], opening: Opening) -> tuple[F32, F32]:
     """Return light times coverage (h, w, 3) and coverage (h, w) of an opening."""
-    thickness = max(2 * VESSEL.thick * opening.half_width, 1.0)
+    thickness = max(2 * VESSEL.rim_width * opening.half_width, 1.0)
     outer = _coverage(shape, opening, 0.0)
     inner = _coverage(shape, opening, thickness)
     # The inner wall faces the outer one on the other side of the axis.
     columns = np.arange(shape[1])
-    mirrored = np.clip(np.rint(2 * opening.x - columns), 0, shape[1] - 1).astype(int)
+    mirror_columns = np.clip(np.rint(2 * opening.x - columns), 0, shape[1] - 1).astype(
+        int
+    )
     depth = (np.arange(shape[0]) - opening.y) / (2 * opening.half_height) + 0.5
     depth = np.clip(depth, 0, 1)
-    shade = VESSEL.far + (VESSEL.near - VESSEL.far) * depth
-    inside = shade[:, None, None] * wall[mirrored]
-    rim = np.minimum(VESSEL.bright * wall, max(VESSEL.most, float(wall.max())))
+    shade = VESSEL.far_shade + (VESSEL.near_shade - VESSEL.far_shade) * depth
+    inside = shade[:, None, None] * wall[mirror_columns]
+    rim = np.minimum(VESSEL.rim_gain * wall, max(VESSEL.most_light, float(wall.max())))
     light = inner[..., None] * inside + (outer - inner)[..., None] * rim
     return np.asarray(light, np.float32), outer
 
 
 def _coverage(shape: tuple[int, ...], opening: Opening, thickness: float) -> F32:
     """Return the coverage (h, w) of the ellipse inside a rim."""
-    is_inside = _size(shape, opening, thickness, VESSEL.fine) <= 1
+    is_inside = _size(shape, opening, thickness, VESSEL.subpixels) <= 1
     size = (shape[1], shape[0])
     small = cv2.resize(is_inside.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     return np.asarray(small, np.float32)
