@@ -127,23 +127,25 @@ def page_rows(brightness: F32, rows: tuple[int, int], edges: tuple[int, int]) ->
     """
     is_page = np.zeros(len(brightness), np.bool_)
     (first, front), (left, right) = rows, edges
-    width = right - left
-    start, end = (round(left + share * width) for share in TOPS.inner)
+    start, end = (round(left + share * (right - left)) for share in TOPS.inner)
     upper, lower = TOPS.spine
     inner = np.median(brightness[first : front + lower, start:end], axis=1)
     if len(inner) < front - first + lower:
         return is_page
     spine = float(inner[front - first + upper :].min())
     inner = inner[: front - first + upper + 1]
-    cover = max(round(TOPS.cover * width), 1)
     is_bright = inner >= TOPS.peak * inner.max()
     pages = float(np.median(inner[is_bright]))
-    strip = brightness[first : first + len(inner)][is_bright]
-    ends = (strip[:, left : left + cover], strip[:, right + 1 - cover : right + 1])
-    darkest_light = max(spine, *(float(np.median(end)) for end in ends))
-    if pages < TOPS.brighter * darkest_light:
+    strip = brightness[first : first + len(inner)][is_bright, left : right + 1]
+    if pages < TOPS.brighter * max(spine, _cover_light(strip)):
         return is_page
-    is_page[first : first + len(inner)] = inner > spine + TOPS.mixed_share * (
-        pages - spine
-    )
+    least_light = spine + TOPS.mixed_share * (pages - spine)
+    is_page[first : first + len(inner)] = inner > least_light
     return is_page
+
+
+def _cover_light(strip: F32) -> float:
+    """Return the light of the brighter one of the covers at both ends of a strip."""
+    width = max(round(TOPS.cover * strip.shape[1]), 1)
+    ends = (strip[:, :width], strip[:, -width:])
+    return max(float(np.median(end)) for end in ends)

@@ -108,7 +108,7 @@ def with_closed_faces(
         if min(np.abs(edge.direction)) < FACE.level:
             continue
         band = _band(sprite, edge, own, other)
-        face = _visible_face(band, edge)
+        face = _visible_face(band)
         if face is not None:
             sprite = _paint(sprite, edge, face, other)
     return sprite
@@ -164,35 +164,40 @@ def _band(sprite: Sprite, edge: _Edge, own: Mask, other: Mask) -> _Band:
     return _Band(np.asarray(light, np.float32), masks[0], masks[1])
 
 
-def _visible_face(band: _Band, edge: _Edge) -> _Face | None:
+def _visible_face(band: _Band) -> _Face | None:
     """Measure a face; None if too little of it is visible, or nothing is hidden."""
-    rows, columns = band.own.shape
-    outside = band.own[FACE.inside :]
-    # The first pixel that is not the box's ends the face in each column.
-    ends = np.where(outside.all(axis=0), len(outside), (~outside).argmax(axis=0))
-    at_end = np.minimum(ends + FACE.inside, rows - 1)
-    is_open = ~band.other[at_end, np.arange(columns)] & (ends < len(outside))
-    margin = max(round(FACE.corner * columns), 1)
-    inner = slice(margin, columns - margin)
-    thicknesses = ends[inner][is_open[inner] & (ends[inner] >= FACE.least_thickness)]
+    heights = _visible_heights(band)
     is_hidden = band.other[FACE.inside : FACE.inside + 2].any(axis=0)
-    if (
-        len(thicknesses) < FACE.visible * columns
-        or is_hidden.mean() < FACE.hidden_share
-    ):
+    visible_share = np.isfinite(heights).mean()
+    if visible_share < FACE.visible or is_hidden.mean() < FACE.hidden_share:
         return None
-    lower, thickness, upper = np.percentile(thicknesses, (25, 50, 75))
-    if thickness < FACE.least_thickness or upper - lower > FACE.spread:
+    lower, thickness, upper = np.nanpercentile(heights, (25, 50, 75))
+    if upper - lower > FACE.spread:
         return None
-    inside = min(round(thickness) + FACE.edge_width, FACE.inside)
-    rows_of_face = slice(FACE.inside - inside, FACE.inside + round(thickness))
-    is_visible = np.zeros(columns, np.bool_)
-    is_visible[inner] = is_open[inner] & (np.abs(ends[inner] - thickness) <= 1.5)
-    if not is_visible.any():
-        return None
-    light = _repeat_neighbours(band.light[rows_of_face], is_visible)
-    slant = _slant(outside[: round(thickness)], band.other[FACE.inside :])
-    return _Face(float(thickness), slant, np.asarray(light, np.float32), inside)
+    height = round(thickness)
+    inside = min(height + FACE.edge_width, FACE.inside)
+    face_light = band.light[FACE.inside - inside : FACE.inside + height]
+    is_visible = np.abs(heights - thickness) <= FACE.spread
+    light = _repeat_neighbours(face_light, is_visible)
+    outer_rows = slice(FACE.inside, FACE.inside + height)
+    slant = _slant(band.own[outer_rows], band.other[outer_rows])
+    return _Face(float(thickness), slant, light, inside)
+
+
+def _visible_heights(band: _Band) -> F64:
+    """Return the thickness of a face by column, px; NaN if another object hides its
+    end.
+    """
+    outside = band.own[FACE.inside :]
+    rows, columns = outside.shape
+    # The first pixel that is not the box's ends the face in each column.
+    ends = np.where(outside.all(axis=0), rows, (~outside).argmax(axis=0))
+    last_row = np.minimum(ends, rows - 1) + FACE.inside
+    is_open = ~band.other[last_row, np.arange(columns)] & (ends < rows)
+    margin = max(round(FACE.corner * columns), 1)
+    is_open[:margin] = is_open[columns - margin :] = False
+    is_face = is_open & (ends >= FACE.least_thickness)
+    return np.where(is_face, ends, np.nan)
 
 
 def _repeat_neighbours(light: F32, visible: Mask) -> F32:
