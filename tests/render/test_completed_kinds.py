@@ -246,7 +246,7 @@ def test_a_metal_ball_keeps_its_mirror_images_and_not_its_eyelet() -> None:
     """A ball with a bright eyelet at one o'clock: without it, the ball is the gradient that it mirrors."""
     y, x = np.mgrid[:80, :80] - 40.0
     distance = np.hypot(x, y)
-    truth = (0.3 + 0.004 * y)[..., None] * np.float32([1, 0.8, 0.4])
+    truth = (0.3 + 0.004 * y)[..., None] * np.array([1, 0.8, 0.4], np.float32)
     angle = np.radians(-60)
     across = np.abs(x * np.sin(angle) - y * np.cos(angle))
     along = x * np.cos(angle) + y * np.sin(angle)
