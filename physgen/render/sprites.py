@@ -1098,7 +1098,8 @@ def _foreground(
     )
     trust = trust * np.clip(10 * share - 9, 0, 1)[..., None]
     # A background that is wrong by a little leaves its colour in the border.
-    is_border = (alpha > 0) & (alpha < 1)
+    # A thread has no inside: the light of what it hangs on says nothing about it.
+    is_border = (alpha > 0) & (alpha < 1) & dilate(is_reliable, CUT.clean + 2)
     most_light = opacity * (CUT.brightest * inner_light + np.float32(CUT.stray))
     own_light[is_border] = np.minimum(own_light, most_light)[is_border]
     mixed_light = trust * own_light + (1 - trust) * opacity * inner_light
