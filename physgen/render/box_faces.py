@@ -29,6 +29,8 @@ class FaceTuning:
     """
     reach: float = 0.35
     """Largest thickness of a face, shares of its edge's length."""
+    shortest: int = 12
+    """Least length of an edge with a face, px."""
     least_thickness: float = 1.5
     """Least thickness of a face, px."""
     spread: float = 2.0
@@ -105,13 +107,21 @@ def with_closed_faces(
     if not other.any():
         return sprite
     for edge in _edges(body, sprite):
-        if min(np.abs(edge.direction)) < FACE.level:
+        if not _may_have_face(edge):
             continue
         band = _band(sprite, edge, own, other)
         face = _visible_face(band)
         if face is not None:
             sprite = _paint(sprite, edge, face, other)
     return sprite
+
+
+def _may_have_face(edge: _Edge) -> bool:
+    """Check whether an edge is tilted, long enough, and on the upper side: the camera
+    sees no face below a box.
+    """
+    is_tilted = np.abs(edge.direction).min() >= FACE.level
+    return bool(is_tilted and edge.length >= FACE.shortest and edge.outward[1] < 0)
 
 
 def labels_on_box(sprite: Sprite, labels: U16, bodies: Sequence[int]) -> U16:

@@ -1,4 +1,4 @@
-"""A metal ball on a thread: the thread turns with the ball, and mirror images do not."""
+"""A metal ball, also on a thread, which turns with the ball; mirror images do not."""
 
 from __future__ import annotations
 
@@ -15,11 +15,31 @@ EYELET = 0.4
 """Reach of the foot of a thread, inwards and outwards, radii; chosen by eye."""
 
 
+PAINT = 0.2
+"""Difference of a colour's share of the light from the median of its ball that is
+paint; chosen by eye.
+"""
+PAINTED = 0.15
+"""Share of a ball's pixels from which paint is a pattern."""
+
+
+def has_one_hue(ball: Sprite) -> bool:
+    """Check whether a metal ball is bare: mirror images have the hue of the metal."""
+    light = ball.light[ball.coverage >= 1] + np.float32(CUT.dark)
+    if not len(light):
+        return True
+    hue = light / light.sum(axis=1, keepdims=True)
+    difference = np.abs(hue - np.median(hue, axis=0)).max(axis=1)
+    return float((difference > PAINT).mean()) < PAINTED
+
+
 def without_eyelet(ball: Sprite, thread: Sprite, body: Body) -> Sprite:
     """Return a metal ball without the foot of its thread, which turns with the thread.
 
-    The metal beside the foot continues behind it.
+    The metal beside the foot continues behind it. A painted ball stays.
     """
+    if not has_one_hue(ball):
+        return ball
     is_foot = _foot(ball, thread, body)
     is_metal = (ball.coverage >= 1) & ~is_foot
     if not is_foot.any() or not is_metal.any():

@@ -46,6 +46,10 @@ class HighlightTuning:
     """Least variance between discs over that of their median: with less, their paints
     may be turned alike.
     """
+    all_known: float = 0.99
+    """Share of a sample on a ring from which all its pixels are known."""
+    unknown: float = 0.5
+    """Share of unknown samples from which a disc is not compared with the others."""
 
 
 SHINE = HighlightTuning()
@@ -111,15 +115,25 @@ def _is_highlight(disc: DiscPicture, excess: F32) -> Mask:
 
 
 def _turned_differently(discs: Sequence[DiscPicture]) -> bool:
-    """Check whether discs differ more than their median changes along rings."""
+    """Check whether discs differ more than their median changes along rings.
+
+    Pixels outside a disc's picture, or of other objects, have no part in it; discs with
+    few others are left out.
+    """
     levels = []
     for disc in discs:
+        is_unknown = _unroll(disc.known, disc) < SHINE.all_known
+        if is_unknown.mean() > SHINE.unknown:
+            continue
         brightness = disc.light.mean(axis=2) + np.float32(SHINE.dark_light)
-        ring = _unroll(brightness, disc)
-        levels.append(np.log(ring / ring.mean(axis=1, keepdims=True)))
-    median = np.median(levels, axis=0)
-    variance = float(((np.array(levels) - median) ** 2).mean())
-    return variance >= SHINE.differ * float((median**2).mean())
+        ring = np.ma.masked_array(_unroll(brightness, disc), is_unknown)
+        levels.append(np.ma.log(ring / ring.mean(axis=1, keepdims=True)))
+    if len(levels) < SHINE.discs:
+        return False
+    level = np.ma.stack(levels)
+    median = np.ma.median(level, axis=0)
+    variance = ((level - median) ** 2).mean()
+    return bool(variance >= SHINE.differ * (median**2).mean())
 
 
 RINGS = 32

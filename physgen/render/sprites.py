@@ -78,6 +78,8 @@ class SpriteTuning:
     """Largest light of a border pixel relative to that inside."""
     stray: float = 0.03
     """Linear light that a border pixel may have beyond that."""
+    leak: float = 2.0
+    """Light that a border may lose, relative to what the background lacks outside."""
     gap_shade: float = 0.25
     """Darkness in log light by which a gap beside a border shows."""
     seen: float = 0.2
@@ -1097,15 +1099,28 @@ def _foreground(
         ((1 + is_disc) * opacity - lowest_trust) / (full_trust - lowest_trust), 0, 1
     )
     trust = trust * np.clip(10 * share - 9, 0, 1)[..., None]
-    # A background that is wrong by a little leaves its colour in the border.
     # A thread has no inside: the light of what it hangs on says nothing about it.
     is_border = (alpha > 0) & (alpha < 1) & dilate(is_reliable, CUT.clean + 2)
     most_light = opacity * (CUT.brightest * inner_light + np.float32(CUT.stray))
-    own_light[is_border] = np.minimum(own_light, most_light)[is_border]
+    leak = _leak(photo - behind, alpha, is_border)
+    limited_light = np.maximum(np.minimum(own_light, most_light), own_light - leak)
+    own_light[is_border] = limited_light[is_border]
     mixed_light = trust * own_light + (1 - trust) * opacity * inner_light
     light = np.where(opacity > 0, mixed_light, 0)
     least_light = gain[..., None] * opacity * inner_light
     return np.asarray(np.maximum(light, least_light), np.float32)
+
+
+def _leak(excess: F32, alpha: F32, border: Mask) -> F32:
+    """Return the light (h, w, 3) that a wrong background leaves in an object's border.
+
+    `excess` (h, w, 3): light of the photo beyond the background. What it is outside the
+    object, a neighbour's light too, the border has in part; a bright rim of its own has
+    none of it.
+    """
+    is_outside = ~dilate(alpha > 0, 1)
+    outside = np.maximum(_carried_light(excess, is_outside, border), 0)
+    return np.asarray(CUT.leak * (1 - alpha[..., None]) * outside, np.float32)
 
 
 def _carried_light(photo: F32, reliable: Mask, needed: Mask) -> F32:

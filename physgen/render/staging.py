@@ -22,14 +22,19 @@ from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, bounds
 from physgen.geometry.raster import coverage_box
 from physgen.geometry.shadows import ShadowSetting, Silhouette, floor_contact
 from physgen.maps import U8, Percepts
-from physgen.materials import is_billiard_ball, is_open_vessel, is_polished_metal
+from physgen.materials import (
+    is_billiard_ball,
+    is_book,
+    is_open_vessel,
+    is_polished_metal,
+)
 from physgen.photometry import DistantLight, decode
 from physgen.render.ball import ball_from_photo, sphere_shading
 from physgen.render.ball_light import in_one_light
 from physgen.render.block_tops import TOPS, top_of_book
 from physgen.render.box_faces import with_closed_faces
 from physgen.render.contact_shade import contact_depth
-from physgen.render.hanging_ball import without_eyelet
+from physgen.render.hanging_ball import has_one_hue, without_eyelet
 from physgen.render.highlights import DiscPicture, shared_highlights
 from physgen.render.occlusion import (
     SUNK,
@@ -369,7 +374,7 @@ def lit_stage(
     """
     photo = decode(maps.rgb)
     sprites = [_on_wheels(sprite, world) for sprite in sprites]
-    sprites = _with_room_for_openings(scene, world, sprites)
+    sprites = _with_room_for_openings(scene, world, sprites, labels)
     if world.view is not View.TOP:
         sprites = _with_closed_faces(world, sprites, labels)
     if scene.light is None:
@@ -398,7 +403,12 @@ def lit_stage(
     sprites = _with_openings(scene, world, sprites, labels)
     if not setting.top:
         sprites = [
-            _add_front_face(sprite, world.bodies[sprite.body], setting.light)
+            _add_front_face(
+                sprite,
+                world.bodies[sprite.body],
+                setting.light,
+                is_book(scene.objects[sprite.body].label),
+            )
             for sprite in sprites
         ]
     if scene.render.relight:
@@ -437,15 +447,15 @@ def lit_stage(
 
 
 def _with_room_for_openings(
-    scene: Scene, world: World, sprites: Sequence[Sprite]
+    scene: Scene, world: World, sprites: Sequence[Sprite], labels: U16
 ) -> list[Sprite]:
-    """Return the sprites; those of vessels have room for their openings."""
+    """Return the sprites; those of hidden vessels have room for their openings."""
     tilt = tan(radians(scene.world.tilt))
     result = []
-    for sprite in sprites:
+    for k, sprite in enumerate(sprites):
         if _may_be_open(scene, world, sprite):
-            body = world.bodies[sprite.body]
-            sprite = with_room_for_opening(sprite, body, tilt)
+            body, bodies = world.bodies[sprite.body], _bodies(sprites[k:])
+            sprite = with_room_for_opening(sprite, body, labels, tilt, bodies)
         result.append(sprite)
     return result
 
@@ -903,11 +913,14 @@ def _actor(sprite: Sprite, body: Body, loose: bool, top: bool) -> ShadowBody:
     return ShadowBody(body.radius if ball else None, thickness(body, top))
 
 
-def _add_front_face(sprite: Sprite, body: Body, light: DistantLight) -> Sprite:
+def _add_front_face(
+    sprite: Sprite, body: Body, light: DistantLight, has_pages: bool
+) -> Sprite:
     """Return the sprite with its `face`: the height of its picture below its shape.
 
     It counts only if the picture also reaches as far above the shape. A block with a
-    visible top also gets its `sides`.
+    visible top also gets its `sides`; one that may have pages (`has_pages`), the
+    photo's.
     """
     is_solid = sprite.coverage >= 0.5
     rows = np.flatnonzero(is_solid.any(axis=1))
@@ -929,7 +942,9 @@ def _add_front_face(sprite: Sprite, body: Body, light: DistantLight) -> Sprite:
     colour = np.median(sprite.light[top], axis=0)
     depth = STAGING.back * 2 * face
     columns = _columns(sprite, body)
-    pages = top_of_book(sprite.light, sprite.coverage, first, columns, light)
+    pages = None
+    if has_pages:
+        pages = top_of_book(sprite.light, sprite.coverage, first, columns, light)
     if pages is not None:
         first = pages.edge
         depth = max(2 * face, first - rows[0])
@@ -1041,7 +1056,7 @@ def _add_sphere_skin(
         light,
         view,
         is_painted=is_billiard_ball(label),
-        is_mirror=is_polished_metal(label),
+        is_mirror=is_polished_metal(label) and has_one_hue(sprite),
     )
     return replace(sprite, ball=ball)
 

@@ -27,6 +27,10 @@ class VesselTuning:
     """Share of a vessel's height below its top within which points are on its rim."""
     widest: float = 0.5
     """Least width of an opening, shares of the vessel's width."""
+    foot_height: float = 0.1
+    """Share of a vessel's height above its bottom that is its foot."""
+    flare: float = 1.05
+    """Largest width of the foot over that of the opening; more is upside down."""
     least_height: float = 1.5
     """Least height of an opening's ellipse above its middle, px."""
     hidden_share: float = 0.6
@@ -63,7 +67,8 @@ class Opening:
 
 
 def opening_of(body: Body, corner: Sequence[int], tilt: float) -> Opening | None:
-    """Return the opening at the top of a vessel's shape; None if it is not visible.
+    """Return the opening at the top of a vessel's shape; None if it is not visible, or
+    if the vessel is upside down.
 
     `corner`: column and row of the sprite; `tilt`: tangent of the camera's angle above
     the horizon.
@@ -74,23 +79,34 @@ def opening_of(body: Body, corner: Sequence[int], tilt: float) -> Opening | None
     (left, top), (right, bottom) = points.min(axis=0), points.max(axis=0)
     is_rim = points[:, 1] < top + VESSEL.rim_height * (bottom - top)
     start, end = points[is_rim, 0].min(), points[is_rim, 0].max()
+    is_foot = points[:, 1] > bottom - VESSEL.foot_height * (bottom - top)
+    is_upright = np.ptp(points[is_foot, 0]) <= VESSEL.flare * (end - start)
     half_width = (end - start) / 2
     half_height = half_width * sin(atan(tilt))
     is_wide = end - start >= VESSEL.widest * (right - left)
-    if not is_wide or half_height < VESSEL.least_height:
+    if not (is_wide and is_upright) or half_height < VESSEL.least_height:
         return None
     return Opening((start + end) / 2, float(top), half_width, half_height)
 
 
-def with_room_for_opening(sprite: Sprite, body: Body, tilt: float) -> Sprite:
-    """Return a vessel's sprite with empty rows above, for the far rim of its
-    opening.
+def with_room_for_opening(
+    sprite: Sprite, body: Body, labels: U16, tilt: float, bodies: Sequence[int] = ()
+) -> Sprite:
+    """Return a vessel's sprite with empty rows above, for the far rim of an opening
+    that `open_vessel` will draw.
+
+    The rows end at the border of the photo.
     """
     opening = opening_of(body, sprite.corner, tilt)
     if opening is None:
         return sprite
-    rows = max(MARGIN + round(opening.half_height - opening.y) + 1, 0)
-    return _extend_upwards(sprite, rows)
+    rows = MARGIN + round(opening.half_height - opening.y) + 1
+    rows = max(min(rows, sprite.corner[1] + MARGIN), 0)
+    roomy_sprite = _extend_upwards(sprite, rows)
+    opening = replace(opening, y=opening.y + rows)
+    if not _is_covered(_others(roomy_sprite, labels, bodies), opening):
+        return sprite
+    return roomy_sprite
 
 
 def open_vessel(
@@ -106,8 +122,7 @@ def open_vessel(
     if opening is None:
         return sprite
     hidden_mask = _others(sprite, labels, bodies)
-    is_inside = _size(sprite.coverage.shape, opening, 0.0, 1) <= 1
-    if not is_inside.any() or hidden_mask[is_inside].mean() < VESSEL.hidden_share:
+    if not _is_covered(hidden_mask, opening):
         return sprite
     wall = _wall_light(sprite, opening)
     if wall is None:
@@ -122,6 +137,13 @@ def open_vessel(
         light=np.asarray(sprite.light * (1 - cover[..., None]) + light, np.float32),
         coverage=np.asarray(sprite.coverage * (1 - cover) + cover, np.float32),
     )
+
+
+def _is_covered(hidden: Mask, opening: Opening) -> bool:
+    """Check whether other objects cover most of an opening."""
+    is_inside = _size(hidden.shape, opening, 0.0, 1) <= 1
+    share = hidden[is_inside].mean() if is_inside.any() else 0.0
+    return bool(share >= VESSEL.hidden_share)
 
 
 def _extend_upwards(sprite: Sprite, rows: int) -> Sprite:
