@@ -79,7 +79,7 @@ class SpriteTuning:
     stray: float = 0.03
     """Linear light that a border pixel may have beyond that."""
     leak: float = 2.0
-    """Light that a border may lose, relative to what the background lacks outside."""
+    """Light that a border may lose, relative to what its background lacks."""
     gap_shade: float = 0.25
     """Darkness in log light by which a gap beside a border shows."""
     seen: float = 0.2
@@ -1102,7 +1102,7 @@ def _foreground(
     # A thread has no inside: the light of what it hangs on says nothing about it.
     is_border = (alpha > 0) & (alpha < 1) & dilate(is_reliable, CUT.clean + 2)
     most_light = opacity * (CUT.brightest * inner_light + np.float32(CUT.stray))
-    leak = _leak(photo - behind, alpha, is_border)
+    leak = _leak(photo, behind, alpha, is_border)
     limited_light = np.maximum(np.minimum(own_light, most_light), own_light - leak)
     own_light[is_border] = limited_light[is_border]
     mixed_light = trust * own_light + (1 - trust) * opacity * inner_light
@@ -1111,16 +1111,15 @@ def _foreground(
     return np.asarray(np.maximum(light, least_light), np.float32)
 
 
-def _leak(excess: F32, alpha: F32, border: Mask) -> F32:
+def _leak(photo: F32, behind: F32, alpha: F32, border: Mask) -> F32:
     """Return the light (h, w, 3) that a wrong background leaves in an object's border.
 
-    `excess` (h, w, 3): light of the photo beyond the background. What it is outside the
-    object, a neighbour's light too, the border has in part; a bright rim of its own has
-    none of it.
+    It is what the background behind the border lacks of the light just outside, of a
+    neighbour too. A bright rim before a true background is the object's own.
     """
-    is_outside = ~dilate(alpha > 0, 1)
-    outside = np.maximum(_carried_light(excess, is_outside, border), 0)
-    return np.asarray(CUT.leak * (1 - alpha[..., None]) * outside, np.float32)
+    outside = _carried_light(photo, ~dilate(alpha > 0, 1), border)
+    lack = np.maximum(outside - behind, 0)
+    return np.asarray(CUT.leak * (1 - alpha[..., None]) * lack, np.float32)
 
 
 def _carried_light(photo: F32, reliable: Mask, needed: Mask) -> F32:

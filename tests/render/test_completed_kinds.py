@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
@@ -12,13 +13,14 @@ import pytest
 from physgen.compile.world import Body
 from physgen.geometry.polygon import Pose
 from physgen.maps import F32
+from physgen.materials import drawn_kinds
 from physgen.photometry import DistantLight
 from physgen.render.ball import ball_from_photo
 from physgen.render.block_tops import top_of_book
 from physgen.render.box_faces import with_closed_faces
-from physgen.render.hanging_ball import without_eyelet
+from physgen.render.hanging_ball import has_one_hue, without_eyelet
 from physgen.render.highlights import DiscPicture, shared_highlights
-from physgen.render.sprites import Gloss, Sprite, cut_sprites
+from physgen.render.sprites import MARGIN, Gloss, Sprite, cut_sprites
 from physgen.render.stage import draw_sprite, place_sprite
 from physgen.render.vessels import open_vessel, opening_of, with_room_for_opening
 from physgen.scene.scene import View
@@ -142,10 +144,95 @@ def test_fruit_in_a_bowl_does_not_hide_it() -> None:
 def test_a_cropped_vessel_gets_room_above() -> None:
     sprite, body, labels = vessel()
     cropped = Sprite(0, (0, 38), sprite.light[38:], sprite.coverage[38:])
-    roomy = with_room_for_opening(cropped, body, 0.2)
+    roomy = with_room_for_opening(cropped, body, labels, 0.2)
     opened = open_vessel(roomy, body, labels, 0.2)
     assert opened.corner[1] < 34
     assert opened.coverage[39 - opened.corner[1], 59] == 1
+
+
+def test_room_for_an_opening_ends_at_the_border_of_the_photo() -> None:
+    """A vessel at the photo's top: the photo has no rows for its far rim."""
+    tilt = np.tan(np.radians(12))
+    sprite, body, labels = vessel()
+    shift = 38
+    body.center[1] -= shift
+    labels = labels[shift:]
+    light = np.pad(sprite.light[shift:], ((MARGIN, 0), (0, 0), (0, 0)))
+    cover = np.pad(sprite.coverage[shift:], ((MARGIN, 0), (0, 0)))
+    padded = Sprite(0, (0, -MARGIN), light, cover)
+    assert with_room_for_opening(padded, body, labels, tilt).corner == (0, -MARGIN)
+    for crop in (4, 6):
+        cropped = Sprite(0, (0, crop - MARGIN), light[crop:], cover[crop:])
+        roomy = with_room_for_opening(cropped, body, labels, tilt)
+        assert roomy.corner == (0, -MARGIN)
+    labels[labels == 2] = 0  # Nothing hides it: nothing is drawn there.
+    assert with_room_for_opening(cropped, body, labels, tilt) is cropped
+
+
+@pytest.mark.parametrize(("foot", "is_open"), [(50, True), (60, True), (80, False)])
+def test_a_vessel_with_a_wider_foot_is_upside_down(foot: int, is_open: bool) -> None:
+    x = np.array([29.5, 89.5, 59.5 + foot / 2, 59.5 - foot / 2])
+    body = boxed(np.column_stack([x, [39.5, 39.5, 99.5, 99.5]]))
+    assert (opening_of(body, (0, 0), 0.2) is not None) == is_open
+
+
+@pytest.mark.parametrize(
+    ("label", "kinds"),
+    [
+        ("billiard ball", "b"),
+        ("mug", "o"),
+        ("plastic cup on the left", "o"),
+        ("upside-down plastic cup", ""),
+        ("closed jar", ""),
+        ("jar with a lid", ""),
+        ("jar of jam", ""),
+        ("barrel", ""),
+        ("teapot", ""),
+        ("chrome ball", "m"),
+        ("painted metal ball", ""),
+        ("petanque ball", ""),
+        ("steel football", ""),
+        ("old dictionary", "p"),
+        ("suitcase", ""),
+    ],
+)
+def test_labels_decide_what_is_completed(label: str, kinds: str) -> None:
+    assert drawn_kinds(label) == tuple(letter in kinds for letter in "bomp")
+
+
+def tilted_plank() -> tuple[np.ndarray, Sprite, np.ndarray]:
+    """A plank at 15 degrees whose mask goes 3 px below it, and a block in front."""
+    c, s = np.cos(np.radians(15)), np.sin(np.radians(15))
+    along, down = np.array([c, s]), np.array([-s, c])
+    steps = [0 * along, 90 * along, 90 * along + 20 * down, 20 * down]
+    corners = np.array([20.0, 30.0]) + np.array(steps)
+    picture = corners + np.array([0 * down, 0 * down, 3 * down, 3 * down])
+    light = drawn((100, 130), (picture, (0.5, 0.4, 0.3)))
+    cover = drawn((100, 130), (picture, (1, 1, 1)))[..., 0]
+    labels = (cover >= 0.5).astype(np.uint16)
+    labels[:, 55:75] = 2
+    shown = (labels != 2).astype(np.float32)
+    return corners, Sprite(0, (0, 0), light * shown[..., None], cover * shown), labels
+
+
+def test_a_plank_gets_no_face_below_it() -> None:
+    corners, sprite, labels = tilted_plank()
+    assert with_closed_faces(sprite, boxed(corners), labels) is sprite
+    upwards = np.array([129.0, 99.0]) - corners
+    light, cover = sprite.light[::-1, ::-1], sprite.coverage[::-1, ::-1]
+    over = replace(sprite, light=light, coverage=cover)
+    turned = labels[::-1, ::-1]
+    assert with_closed_faces(over, boxed(upwards), turned) is not over
+
+
+def test_a_short_edge_has_no_face() -> None:
+    corners = np.array([[60, 30], [130, 60], [130.2, 60.3], [60, 110]])
+    cover = drawn((130, 150), (corners, (1, 1, 1)))
+    labels = (cover[..., 0] >= 0.5).astype(np.uint16)
+    labels[40:80, 125:] = 2
+    sprite = Sprite(0, (0, 0), cover, cover[..., 0])
+    closed = with_closed_faces(sprite, boxed(corners), labels)
+    assert np.isfinite(closed.light).all()
 
 
 def test_the_top_of_a_tilted_box_reaches_both_ends() -> None:
@@ -208,6 +295,21 @@ def test_highlights_of_a_set_are_told_from_marks() -> None:
     assert shared_highlights(discs[:2]) == []
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("columns", [61, 44])
+def test_a_disc_that_is_cut_off_tells_no_highlights(columns: int) -> None:
+    """What the photo's border hides of one disc is no difference between the discs."""
+    discs, _ = stones([0.2] * 5)
+    light, known = discs[0].light[:, :columns], discs[0].known[:, :columns]
+    discs[0] = replace(discs[0], light=light, known=known)
+    assert shared_highlights(discs) == []
+    discs, shine = stones([0.2, 0.9, 1.7, 2.4, 2.9])
+    light, known = discs[0].light[:, :columns], discs[0].known[:, :columns]
+    discs[0] = replace(discs[0], light=light, known=known)
+    highlights = shared_highlights(discs)
+    assert highlights[1][shine > 0.3].mean() > 0.7 * shine[shine > 0.3].mean()
+
+
 @pytest.mark.parametrize("turn", [0.7, np.pi])
 def test_gloss_moves_and_does_not_turn(turn: float) -> None:
     discs, shine = stones([0.2])
@@ -240,6 +342,34 @@ def test_a_background_that_is_wrong_leaves_no_colour_in_borders() -> None:
     own = sprite.light[border] / sprite.coverage[border][:, None]
     assert np.count_nonzero(border) > 50
     assert own[:, 0].max() < 0.1  # the red light has 0.95, the disc 0.007
+
+
+def test_a_bright_rim_stays_before_a_true_background() -> None:
+    """A dark disc lit from behind: its rim is brighter than its inside and the wall."""
+    y, x = np.mgrid[:80, :80] - 40.0
+    distance = np.hypot(x, y)
+    cover = np.clip(20.5 - distance, 0, 1).astype(np.float32)
+    paint = np.where(distance < 19, 20, 220)[..., None]
+    photo = cover[..., None] * paint + (1 - cover[..., None]) * 40
+    rgb = np.repeat(np.rint(photo).astype(np.uint8), 3, axis=2)
+    labels, absent = (cover >= 0.5).astype(np.uint16), np.zeros((80, 80), bool)
+    background = np.full((80, 80, 3), 40, np.uint8)
+    (sprite,) = cut_sprites(rgb, labels, absent, cover, background, {0: 0})
+    border = (sprite.coverage > 0.5) & (sprite.coverage < 1)
+    own = sprite.light[border] / sprite.coverage[border][:, None]
+    assert np.median(own) > 0.3  # the inside has 0.007
+
+
+def test_a_painted_metal_ball_is_no_mirror() -> None:
+    y, x = np.mgrid[:60, :60] - 30.0
+    cover = (np.hypot(x, y) < 25).astype(np.float32)
+    shade = cover * (0.4 + 0.01 * y)
+    images = shade[..., None] * np.array([0.9, 0.7, 0.3], np.float32)
+    bare = Sprite(0, (0, 0), images.astype(np.float32), cover)
+    red = np.array([0.9, 0.05, 0.05], np.float32) * shade[..., None]
+    half = np.where((x < 0)[..., None], red, images).astype(np.float32)
+    assert has_one_hue(bare)
+    assert not has_one_hue(replace(bare, light=half))
 
 
 def test_a_metal_ball_keeps_its_mirror_images_and_not_its_eyelet() -> None:
