@@ -80,6 +80,8 @@ class SpriteTuning:
     """Linear light that a border pixel may have beyond that."""
     leak: float = 2.0
     """Light that a border may lose, relative to what its background lacks."""
+    unsure: float = 0.3
+    """Error of a border's coverage: the share of the light outside it may lose."""
     gap_shade: float = 0.25
     """Darkness in log light by which a gap beside a border shows."""
     seen: float = 0.2
@@ -1115,11 +1117,13 @@ def _leak(photo: F32, behind: F32, alpha: F32, border: Mask) -> F32:
     """Return the light (h, w, 3) that a wrong background leaves in an object's border.
 
     It is what the background behind the border lacks of the light just outside, of a
-    neighbour too. A bright rim before a true background is the object's own.
+    neighbour too, and light from outside that wrong coverage leaves. A rim brighter
+    than that is the object's own.
     """
     outside = _carried_light(photo, ~dilate(alpha > 0, 1), border)
     lack = np.maximum(outside - behind, 0)
-    return np.asarray(CUT.leak * (1 - alpha[..., None]) * lack, np.float32)
+    leak = CUT.leak * (1 - alpha[..., None]) * lack + CUT.unsure * outside
+    return np.asarray(leak, np.float32)
 
 
 def _carried_light(photo: F32, reliable: Mask, needed: Mask) -> F32:
