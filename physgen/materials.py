@@ -290,10 +290,11 @@ def is_polished_metal(label: str) -> bool:
     >>> is_polished_metal("painted metal ball"), is_polished_metal("steel football")
     (False, False)
     """
-    named = kind(label)
+    metal_kind = kind(label)
     is_dull = DULL.search(label.lower()[:LONGEST_LABEL]) is not None
-    is_mirror = named.material.density > METAL and named.material.gloss >= MIRROR
-    return is_mirror and named.noun in METAL_NOUNS and not is_dull
+    material = metal_kind.material
+    is_mirror = material.density > METAL and material.gloss >= MIRROR
+    return is_mirror and metal_kind.noun in METAL_NOUNS and not is_dull
 
 
 BOOKS = frozenset(["book", "notebook"])
@@ -311,8 +312,8 @@ def is_book(label: str) -> bool:
 
 def drawn_kinds(label: str) -> tuple[bool, ...]:
     """Return all properties of a label that decide how its object is drawn."""
-    tests = (is_billiard_ball, is_open_vessel, is_polished_metal, is_book)
-    return tuple(test(label) for test in tests)
+    properties = (is_billiard_ball, is_open_vessel, is_polished_metal, is_book)
+    return tuple(has_property(label) for has_property in properties)
 
 
 def is_living(label: str) -> bool:

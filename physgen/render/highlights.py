@@ -131,9 +131,9 @@ def _turned_differently(discs: Sequence[DiscPicture]) -> bool:
     if len(levels) < SHINE.discs:
         return False
     level = np.ma.stack(levels)
-    median = np.ma.median(level, axis=0)
+    median = np.median(level.filled(0), axis=0)
     variance = ((level - median) ** 2).mean()
-    return bool(variance >= SHINE.differ * (median**2).mean())
+    return bool(variance >= SHINE.differ * float((median**2).mean()))
 
 
 RINGS = 32

@@ -1104,9 +1104,10 @@ def _foreground(
     # A thread has no inside: the light of what it hangs on says nothing about it.
     is_border = (alpha > 0) & (alpha < 1) & dilate(is_reliable, CUT.clean + 2)
     most_light = opacity * (CUT.brightest * inner_light + np.float32(CUT.stray))
-    leak = _leak(photo, behind, alpha, is_border)
-    limited_light = np.maximum(np.minimum(own_light, most_light), own_light - leak)
-    own_light[is_border] = limited_light[is_border]
+    most_light = np.maximum(
+        most_light, own_light - _leak(photo, behind, alpha, is_border)
+    )
+    own_light[is_border] = np.minimum(own_light, most_light)[is_border]
     mixed_light = trust * own_light + (1 - trust) * opacity * inner_light
     light = np.where(opacity > 0, mixed_light, 0)
     least_light = gain[..., None] * opacity * inner_light

@@ -79,12 +79,11 @@ def opening_of(body: Body, corner: Sequence[int], tilt: float) -> Opening | None
     (left, top), (right, bottom) = points.min(axis=0), points.max(axis=0)
     is_rim = points[:, 1] < top + VESSEL.rim_height * (bottom - top)
     start, end = points[is_rim, 0].min(), points[is_rim, 0].max()
-    is_foot = points[:, 1] > bottom - VESSEL.foot_height * (bottom - top)
-    is_upright = np.ptp(points[is_foot, 0]) <= VESSEL.flare * (end - start)
+    foot = points[points[:, 1] > bottom - VESSEL.foot_height * (bottom - top), 0]
     half_width = (end - start) / 2
     half_height = half_width * sin(atan(tilt))
-    is_wide = end - start >= VESSEL.widest * (right - left)
-    if not (is_wide and is_upright) or half_height < VESSEL.least_height:
+    least_width = max(VESSEL.widest * (right - left), np.ptp(foot) / VESSEL.flare)
+    if end - start < least_width or half_height < VESSEL.least_height:
         return None
     return Opening((start + end) / 2, float(top), half_width, half_height)
 
