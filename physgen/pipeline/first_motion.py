@@ -30,10 +30,6 @@ if TYPE_CHECKING:
     from physgen.scene.scene import Scene
 
 
-RAMP_FRAMES = 3
-"""Frames of a push: one alone looks like a jump."""
-FPS = 30
-"""Frames a second of perceived scenes."""
 REST_SECONDS = 2.0
 """Time, s, in which an object without support moves."""
 REST_SAMPLES = 81
@@ -247,7 +243,8 @@ def _with_push(perceived: PerceivedScene, push: Push) -> PerceivedScene:
     per_meter = perceived.document["world"]["pixels_per_meter"]
     speeds = [meters(part / per_meter) for part in push.velocity]
     comment = f"the push that sets it off, {push.phrase}; [0, 0] leaves it at rest"
-    return _with_motion(perceived, {push.name: (speeds, comment)}, push.outcome)
+    motions = {push.name: (speeds, comment)}
+    return _with_motion(perceived, motions, push.outcome, push.ramp)
 
 
 def _chosen_push(
@@ -314,11 +311,13 @@ def _with_motion(
     perceived: PerceivedScene,
     motions: Mapping[str, tuple[list[Any], str]],
     outcome: Outcome,
+    ramp: float | None = None,
 ) -> PerceivedScene:
     """Return the scene with velocities and their comments, and doubts about the
     outcome.
 
-    The slow motion is chosen for the duration of the visible motion.
+    The slow motion is chosen for the duration of the visible motion. `ramp`: that of
+    the outcome, s; None: it is to be tried.
     """
     from physgen.geometry.scale import slow_motion_comment, story_slow_motion
     from physgen.pipeline.verdicts import (
@@ -348,32 +347,40 @@ def _with_motion(
     if render or "render" in document:
         document["render"] = render
     moving_scene = replace(perceived, document=document, comments=comments)
-    moving_scene = _with_ramp(moving_scene, outcome)
+    if ramp != 0:
+        moving_scene = _with_ramp(moving_scene, outcome, ramp)
     moving_scene = without_parts_at_rest(moving_scene, outcome)
     return with_doubts(
         moving_scene, outcome_doubts(moving_scene, list(motions), outcome)
     )
 
 
-def _with_ramp(perceived: PerceivedScene, outcome: Outcome) -> PerceivedScene:
-    """Return the scene whose push takes some frames, if the motion is then as good."""
+def _with_ramp(
+    perceived: PerceivedScene, outcome: Outcome, tried: float | None
+) -> PerceivedScene:
+    """Return the scene whose push takes some frames, if the motion is then as good.
+
+    The outcome is that of a ramp of `tried` s, if given.
+    """
     from physgen.compile.shapes import shapes_of
-    from physgen.pipeline.push_trials import compile_trials, simulate_push
+    from physgen.pipeline.push_trials import compile_trials, ramp_of, simulate_push
 
     document = perceived.document
-    slow = document.get("render", {}).get("slow", 1)
-    seconds = f"{RAMP_FRAMES / (FPS * slow):.2g} s"
-    world = document["world"] | {"ramp": seconds}
+    ramp = ramp_of(document.get("render", {}).get("slow", 1))
+    world = document["world"] | {"ramp": f"{ramp:.2g} s"}
     why = "the push takes three frames; 0 gives the velocity at once"
     comments = perceived.comments | {"world.ramp": why}
     ramped = replace(perceived, document=document | {"world": world}, comments=comments)
+    if ramp == tried:
+        return ramped
     scene = open_trial(ramped, "velocity").scene()
     velocities = {}
     for item in scene.objects:
         if any(item.velocity):
             velocities[item.name] = item.velocity
     trials = compile_trials(scene, shapes_of(scene, None), _unseen_walls(ramped))
-    is_as_good = simulate_push(trials, velocities).grade >= outcome.grade
+    world = trials.world if tried is None else trials.checked_world
+    is_as_good = simulate_push(trials, velocities, world).grade >= outcome.grade
     return ramped if velocities and is_as_good else perceived
 
 

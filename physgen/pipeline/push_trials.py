@@ -66,9 +66,15 @@ class TrialLimits:
     samples: int = 16
     """Samples per unit of time."""
     rate: float = 120.0
-    """Steps per second of a trial; the chosen push is tried again at the scene's own
-    rate.
+    """Steps per second of a trial; the chosen push is tried again at `checked`."""
+    checked: float = 240.0
+    """Steps per second of the last trials: outcomes at 960 have the same grade, within
+    4 % of travel.
     """
+    ramp_frames: int = 3
+    """Frames of a push: one alone looks like a jump."""
+    fps: int = 30
+    """Frames a second of perceived scenes."""
     gentlest: float = 0.12
     """Gentlest push, relative to the ordinary speed: 0.15 m/s in a photo of 0.5 m."""
     hardest: float = 1.5
@@ -86,7 +92,7 @@ class TrialLimits:
     picture.
     """
     verified: int = 3
-    """Maximum number of second simulations at the scene's own rate."""
+    """Maximum number of pushes that are tried again."""
     tips: tuple[float, float] = (1.25, 2.0)
     """Range of speeds for a thin object, relative to its tipping speed."""
     thin: float = 3.0
@@ -201,6 +207,8 @@ class Candidate:
     speed: float
     """Speed, px/s."""
     outcome: Outcome
+    ramp: float | None = None
+    """Time, s, within which the object reaches its velocity; None: as in the scene."""
 
     @property
     def velocity(self) -> tuple[float, float]:
@@ -226,6 +234,12 @@ class TrialScene:
     def side(self) -> int:
         """Return the photo's longer side, px."""
         return max(self.scene.size)
+
+    @property
+    def checked_world(self) -> World:
+        """Return the world in the steps of last trials."""
+        rate = min(self.world.steps_per_second, TRIAL.checked)
+        return replace(self.world, steps_per_second=rate)
 
     @property
     def ordinary(self) -> float:
@@ -263,8 +277,8 @@ def choose_push(
     directions, `left` or `right`, of vehicles. If all pushes leave the picture, the
     gentlest one is returned.
     """
-    # Search at a coarse step first, and verify only the best pushes at the scene's own
-    # rate: a coarse step may miss an impact.
+    # Search at a coarse step first, and verify only the best pushes at a finer one: a
+    # coarse step may miss an impact.
     candidates = list(_candidates(trials, confidence, facing))
     candidates = [trial for trial in candidates if trial.outcome.grade > Grade.NOTHING]
     if not candidates:
@@ -276,7 +290,7 @@ def choose_push(
     for candidate in sorted_candidates[: TRIAL.verified]:
         if sum(trial.outcome.work for trial in verified_candidates) > TRIAL.work:
             break
-        verified_candidate = _try(trials, candidate, facing, trials.world)
+        verified_candidate = _verify(trials, candidate, facing)
         verified_candidate = _weight_candidate(verified_candidate, confidence)
         verified_candidates.append(verified_candidate)
         if verified_candidate.outcome.grade >= candidate.outcome.grade:
@@ -285,6 +299,28 @@ def choose_push(
         trial for trial in verified_candidates if trial.outcome.grade > Grade.NOTHING
     ]
     return max(moving_candidates, key=_preference, default=sorted_candidates[0])
+
+
+def _verify(
+    trials: TrialScene, candidate: Candidate, facing: Mapping[str, str]
+) -> Candidate:
+    """Try a push again, in finer steps and as a hand gives it.
+
+    The push is at once if the hand makes the outcome worse.
+    """
+    slow = playback_of(trials, candidate.outcome.seconds)
+    by_hand = replace(candidate, ramp=ramp_of(slow))
+    world = trials.checked_world
+    by_hand = _try(trials, by_hand, facing, world)
+    if by_hand.outcome.grade >= candidate.outcome.grade:
+        return by_hand
+    at_once = _try(trials, replace(candidate, ramp=0.0), facing, world)
+    return at_once if at_once.outcome.grade > by_hand.outcome.grade else by_hand
+
+
+def ramp_of(slow: int) -> float:
+    """Return the time, s, of a push in a clip with this slow motion."""
+    return float(f"{TRIAL.ramp_frames / (TRIAL.fps * slow):.2g}")
 
 
 def _free_of_load(
@@ -388,9 +424,14 @@ def _search(
     objects that leave the picture, it ends after a few halvings.
     """
 
+    known: dict[float, Candidate] = {}
+
     def tried(speed: float) -> Candidate:
-        start = Candidate(item, direction, float(f"{speed:.2g}"), NO_MOTION)
-        return _try(trials, start, facing, world)
+        rounded_speed = float(f"{speed:.2g}")
+        if rounded_speed not in known:
+            start = Candidate(item, direction, rounded_speed, NO_MOTION)
+            known[rounded_speed] = _try(trials, start, facing, world)
+        return known[rounded_speed]
 
     speeds = _speed_limits(trials, item)
     speed, hardest = speeds
@@ -451,7 +492,8 @@ def _try(
 ) -> Candidate:
     """Simulate a push in a world at rest."""
     item = candidate.item
-    outcome = simulate_push(trials, {item.name: candidate.velocity}, world)
+    velocities = {item.name: candidate.velocity}
+    outcome = simulate_push(trials, velocities, world, candidate.ramp)
     forwards = SIDES.get(facing.get(item.name, ""), 0.0)
     if forwards * candidate.direction[0] < 0:
         outcome = replace(outcome, score=TRIAL.wrong_way * outcome.score)
@@ -529,13 +571,15 @@ def simulate_push(
     trials: TrialScene,
     velocities: Mapping[str, tuple[float, float]],
     world: World | None = None,
+    ramp: float | None = None,
 ) -> Outcome:
     """Simulate pushes until all objects rest or one leaves the picture.
 
     `velocities` are those of objects by name, px/s. `world` is that of `trials` unless
-    another one, at rest, is given.
+    another one, at rest, is given. The objects reach their velocities within `ramp`, s;
+    None: as in the scene.
     """
-    world = _pushed_world(trials, velocities, world or trials.world)
+    world = _pushed_world(trials, velocities, world or trials.world, ramp)
     motion, has_left, work = _run(trials, world)
     travel = _travel(world, motion) / trials.side
     speed = max(hypot(*velocity) for velocity in velocities.values())
@@ -588,9 +632,12 @@ def playback_of(trials: TrialScene, seconds: float) -> int:
 
 
 def _pushed_world(
-    trials: TrialScene, velocities: Mapping[str, tuple[float, float]], world: World
+    trials: TrialScene,
+    velocities: Mapping[str, tuple[float, float]],
+    world: World,
+    ramp: float | None,
 ) -> World:
-    """Return a world with the velocities of some objects."""
+    """Return a world with the velocities of some objects, and their ramp if given."""
     from physgen.compile.compile import set_velocity
 
     bodies = list(world.bodies)
@@ -598,7 +645,8 @@ def _pushed_world(
         if item.name in velocities:
             moving_item = replace(item, velocity=velocities[item.name])
             view = trials.scene.world.view
-            bodies[index] = set_velocity(bodies[index], moving_item, view)
+            body = set_velocity(bodies[index], moving_item, view)
+            bodies[index] = body if ramp is None else replace(body, ramp=ramp)
     return replace(world, bodies=tuple(bodies))
 
 

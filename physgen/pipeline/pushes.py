@@ -56,6 +56,8 @@ class Push:
     velocity: tuple[float, float]  # px/s
     way: str  # the direction in words, as in a shorthand: up-right
     outcome: Outcome = NO_MOTION
+    ramp: float | None = None
+    """Time, s, within which the object reached its velocity; None: not tried."""
 
     @property
     def phrase(self) -> str:
@@ -87,7 +89,13 @@ def default_push(
     if best_trial is None:
         return None
     way = direction_words(best_trial.direction)
-    return Push(best_trial.item.name, best_trial.velocity, way, best_trial.outcome)
+    return Push(
+        best_trial.item.name,
+        best_trial.velocity,
+        way,
+        best_trial.outcome,
+        best_trial.ramp,
+    )
 
 
 def direction_words(velocity: tuple[float, float]) -> str:
