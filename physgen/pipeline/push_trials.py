@@ -43,6 +43,8 @@ class TrialLimits:
     """Minimum confidence of a pushed object; below it, its mask needs a check."""
     pairs: int = 6
     """Number of objects with a direction to try."""
+    patience: int = 2
+    """Number of further pairs to try after a story without a better one."""
     more: int = 16
     """The same while no push makes a story, as in a heap of objects that block each
     other.
@@ -306,16 +308,19 @@ def _verify(
 ) -> Candidate:
     """Try a push again, in finer steps and as a hand gives it.
 
-    The push is at once if the hand makes the outcome worse.
+    The push is at once if the hand makes the outcome worse. If finer steps do, as in a
+    jammed pile, those of the scene decide.
     """
-    slow = playback_of(trials, candidate.outcome.seconds)
-    by_hand = replace(candidate, ramp=ramp_of(slow))
+    ramp = ramp_of(playback_of(trials, candidate.outcome.seconds))
     world = trials.checked_world
-    by_hand = _try(trials, by_hand, facing, world)
-    if by_hand.outcome.grade >= candidate.outcome.grade:
-        return by_hand
-    at_once = _try(trials, replace(candidate, ramp=0.0), facing, world)
-    return at_once if at_once.outcome.grade > by_hand.outcome.grade else by_hand
+    best = replace(candidate, outcome=NO_MOTION)
+    for time, steps in ((ramp, world), (0.0, world), (0.0, trials.world)):
+        trial = _try(trials, replace(candidate, ramp=time), facing, steps)
+        if best.ramp is None or trial.outcome.grade > best.outcome.grade:
+            best = trial
+        if best.outcome.grade >= candidate.outcome.grade:
+            break
+    return best
 
 
 def ramp_of(slow: int) -> float:
@@ -327,14 +332,17 @@ def _free_of_load(
     trials: TrialScene, candidates: Sequence[Candidate]
 ) -> Sequence[Candidate]:
     """Return the pushes of objects without a load; all if none of those is a story."""
-    corners = [np.concatenate(body.rings) + body.center for body in trials.world.bodies]
-    loaded = set()
-    for k, item in enumerate(trials.scene.objects):
-        if _is_loaded(trials.scene, corners, k):
-            loaded.add(item.name)
+    loaded = _loaded_names(trials)
     free = [trial for trial in candidates if trial.item.name not in loaded]
     has_story = any(trial.outcome.grade is Grade.STORY for trial in free)
     return free if has_story else candidates
+
+
+def _loaded_names(trials: TrialScene) -> set[str]:
+    """Return the names of objects on which others lie."""
+    corners = [np.concatenate(body.rings) + body.center for body in trials.world.bodies]
+    objects = enumerate(trials.scene.objects)
+    return {item.name for k, item in objects if _is_loaded(trials.scene, corners, k)}
 
 
 def _weight_candidate(
@@ -381,25 +389,65 @@ def _candidates(
     """Yield pushes and their outcomes in coarse steps, within the limit of work."""
     world = replace(trials.world, steps_per_second=TRIAL.rate)
     sorted_pushes = rank_pushes(trials, confidence)[: TRIAL.more]
-    highest = _highest_score(trials)
-    work_sum, count, has_story, is_visible = 0.0, 0, False, False
-    for order, pair in enumerate(sorted_pushes):
-        if has_story and order >= TRIAL.pairs:
+    effort = _SearchEffort(_highest_score(trials), _loaded_names(trials))
+    for pair in sorted_pushes:
+        if effort.ends_before_pair():
             return
-        # Every limit grows while no push has led to a visible motion or a story.
         for candidate in _search(trials, *pair, facing, world):
             yield candidate
-            outcome = candidate.outcome
-            work_sum += outcome.work
-            count += 1
-            has_story |= outcome.is_calm and outcome.score > TRIAL.poor
-            score = outcome.score * confidence.get(candidate.item.name, 1.0)
-            is_best = outcome.grade is Grade.STORY and score >= TRIAL.enough * highest
-            most_trials = TRIAL.most if has_story else 2 * TRIAL.most
-            is_visible |= outcome.is_calm and outcome.travel >= TRIAL.travel
-            most_work = TRIAL.work if is_visible else TRIAL.more_work
-            if is_best or work_sum > most_work or count >= most_trials:
+            if effort.ends_after(_weight_candidate(candidate, confidence), candidate):
                 return
+
+
+@dataclass
+class _SearchEffort:
+    """Work of a search and its best story, which decide when the search ends.
+
+    Every limit is larger while no push has led to a visible motion or a story.
+    """
+
+    highest: float
+    """Score that no story exceeds."""
+    loaded: Collection[str]
+    """Names of objects under others: a story of another object is preferred."""
+    pairs: int = 0
+    """Number of pairs of an object and a direction so far."""
+    work: float = 0.0
+    trials: int = 0
+    has_story: bool = False
+    is_visible: bool = False
+    best: float = TRIAL.poor
+    """Score of the best story."""
+    best_pair: int | None = None
+    """Number of pairs when that story was found."""
+
+    def ends_before_pair(self) -> bool:
+        """Return whether no other pair is to be tried; else, count one."""
+        self.pairs += 1
+        if self.has_story and self.pairs > TRIAL.pairs:
+            return True
+        # Pairs are sorted by promise: few of the later ones are better.
+        best = self.best_pair
+        return best is not None and self.pairs > best + TRIAL.patience
+
+    def ends_after(self, weighted: Candidate, candidate: Candidate) -> bool:
+        """Count a trial, also with its score by confidence; return whether it is the
+        last.
+        """
+        outcome, score = candidate.outcome, weighted.outcome.score
+        self.work += outcome.work
+        self.trials += 1
+        self.has_story |= outcome.is_calm and outcome.score > TRIAL.poor
+        self.is_visible |= outcome.is_calm and outcome.travel >= TRIAL.travel
+        is_story = outcome.grade is Grade.STORY
+        is_free = candidate.item.name not in self.loaded
+        if is_story and is_free and score > TRIAL.worth * self.best:
+            self.best, self.best_pair = score, self.pairs
+        if is_story and score >= TRIAL.enough * self.highest:
+            return True
+        most_trials = TRIAL.most if self.has_story else 2 * TRIAL.most
+        most_work = TRIAL.work if self.is_visible else TRIAL.more_work
+        return self.work > most_work or self.trials >= most_trials
 
 
 def _highest_score(trials: TrialScene) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from physgen import pipeline
 from physgen.compile.shapes import shapes_of
 from physgen.geometry.scale import PLAYBACK, push_speed
+from physgen.pipeline import push_trials
 from physgen.pipeline.push_trials import (
     TRIAL,
     Grade,
@@ -17,6 +19,8 @@ from physgen.pipeline.push_trials import (
     choose_push,
     compile_trials,
     playback_of,
+    ramp_of,
+    rank_pushes,
     simulate_push,
 )
 from physgen.simulate.engine import simulate
@@ -230,3 +234,54 @@ def test_a_wide_thing_moves_a_little_and_stays_inside(tmp_path: Path) -> None:
     assert chosen is not None
     assert chosen.outcome.grade is Grade.SHORT
     assert TRIAL.least <= chosen.outcome.travel < TRIAL.travel
+
+
+def count_trials(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, float]]:
+    """Return a list that collects the names and steps per second of trials."""
+    trials: list[tuple[str, float]] = []
+
+    def simulate_and_count(common, velocities, world=None, ramp=None):
+        used_world = common.world if world is None else world
+        trials.append((*velocities, used_world.steps_per_second))
+        return simulate_push(common, velocities, world, ramp)
+
+    monkeypatch.setattr(push_trials, "simulate_push", simulate_and_count)
+    return trials
+
+
+def test_the_chosen_push_is_tried_once_with_its_ramp(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trials = trials_of(tmp_path, box("crate", 150, 60, 40))
+    tried = count_trials(monkeypatch)
+    chosen = choose_push(trials, {}, {})
+    assert chosen is not None
+    assert chosen.ramp == ramp_of(playback_of(trials, chosen.outcome.seconds))
+    checked = [rate for _, rate in tried if rate > TRIAL.rate]
+    assert checked == [TRIAL.checked]
+    at_once = simulate_push(trials, {"crate": chosen.velocity}, None, 0.0)
+    assert at_once.grade is chosen.outcome.grade
+    assert at_once.travel == pytest.approx(chosen.outcome.travel, rel=0.1)
+
+
+def test_the_search_ends_after_pairs_without_better_story(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    crates = "".join(box(f"crate-{k}", 60 + 90 * k, 40, 30) for k in range(4))
+    trials = trials_of(tmp_path, crates)
+    pairs = rank_pushes(trials, {})
+    tried = count_trials(monkeypatch)
+    chosen = choose_push(trials, {}, {})
+    assert chosen is not None
+    assert chosen.outcome.grade is Grade.STORY
+    searched_names = {name for name, rate in tried if rate == TRIAL.rate}
+    first_names = {item.name for item, _ in pairs[: TRIAL.patience + 1]}
+    assert searched_names <= first_names
+    tried.clear()
+    monkeypatch.setattr(
+        push_trials, "TRIAL", replace(TRIAL, patience=len(pairs), pairs=len(pairs))
+    )
+    patient = choose_push(trials, {}, {})
+    assert patient is not None
+    assert patient.item.name == chosen.item.name
+    assert len({name for name, _ in tried}) > len(searched_names)
