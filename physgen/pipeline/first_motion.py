@@ -347,8 +347,7 @@ def _with_motion(
     if render or "render" in document:
         document["render"] = render
     moving_scene = replace(perceived, document=document, comments=comments)
-    if ramp != 0:
-        moving_scene = _with_ramp(moving_scene, outcome, ramp)
+    moving_scene = _with_ramp(moving_scene, outcome, ramp)
     moving_scene = without_parts_at_rest(moving_scene, outcome)
     return with_doubts(
         moving_scene, outcome_doubts(moving_scene, list(motions), outcome)

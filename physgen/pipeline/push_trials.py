@@ -320,7 +320,8 @@ def _verify(
             best = trial
         if best.outcome.grade >= candidate.outcome.grade:
             break
-    return best
+    # In the steps of the scene, a ramp may still be as good: it is to be tried there.
+    return best if best.ramp else replace(best, ramp=None)
 
 
 def ramp_of(slow: int) -> float:
