@@ -57,7 +57,7 @@ class Push:
     way: str  # the direction in words, as in a shorthand: up-right
     outcome: Outcome = NO_MOTION
     ramp: float | None = None
-    """Time, s, within which the object reached its velocity; None: not tried."""
+    """Time, s, within which the object reached its velocity; None: to be tried."""
 
     @property
     def phrase(self) -> str:
