@@ -274,7 +274,10 @@ def _chosen_push(
     scene = open_trial(perceived).scene()
     shapes = shapes_of(scene, None)
     invisible_walls = _unseen_walls(perceived)
-    return default_push(scene, shapes, confidence, invisible_walls, facing, barred)
+    ramp = scene.world.ramp if "ramp" in perceived.document["world"] else None
+    return default_push(
+        scene, shapes, confidence, invisible_walls, facing, barred, ramp
+    )
 
 
 def _release(
@@ -317,7 +320,7 @@ def _with_motion(
     outcome.
 
     The slow motion is chosen for the duration of the visible motion. `ramp`: that of
-    the outcome, s; None: it is to be tried.
+    the outcome, s; 0: none was as good; None: it is to be tried.
     """
     from physgen.geometry.scale import slow_motion_comment, story_slow_motion
     from physgen.pipeline.verdicts import (
@@ -359,17 +362,16 @@ def _with_ramp(
 ) -> PerceivedScene:
     """Return the scene whose push takes some frames, if the motion is then as good.
 
-    The outcome is that of a ramp of `tried` s, if given.
+    The outcome is that of a ramp of `tried` s, if given; 0: no ramp was as good. A ramp
+    of the document stays.
     """
     from physgen.compile.shapes import shapes_of
     from physgen.pipeline.push_trials import compile_trials, ramp_of, simulate_push
 
-    document = perceived.document
-    ramp = ramp_of(document.get("render", {}).get("slow", 1))
-    world = document["world"] | {"ramp": f"{ramp:.2g} s"}
-    why = "the push takes three frames; 0 gives the velocity at once"
-    comments = perceived.comments | {"world.ramp": why}
-    ramped = replace(perceived, document=document | {"world": world}, comments=comments)
+    if tried == 0 or "ramp" in perceived.document["world"]:
+        return perceived
+    ramp = ramp_of(perceived.document.get("render", {}).get("slow", 1))
+    ramped = _set_ramp(perceived, ramp)
     if ramp == tried:
         return ramped
     scene = open_trial(ramped, "velocity").scene()
@@ -378,9 +380,18 @@ def _with_ramp(
         if any(item.velocity):
             velocities[item.name] = item.velocity
     trials = compile_trials(scene, shapes_of(scene, None), _unseen_walls(ramped))
-    world = trials.world if tried is None else trials.checked_world
-    is_as_good = simulate_push(trials, velocities, world).grade >= outcome.grade
-    return ramped if velocities and is_as_good else perceived
+    if velocities and simulate_push(trials, velocities).grade >= outcome.grade:
+        return ramped
+    return perceived if tried is None else _set_ramp(perceived, tried)
+
+
+def _set_ramp(perceived: PerceivedScene, ramp: float) -> PerceivedScene:
+    """Return the scene with the time of its push, s, and its comment."""
+    world = perceived.document["world"] | {"ramp": f"{ramp:.2g} s"}
+    comment = "the push takes this time; 0 gives the velocity at once"
+    comments = perceived.comments | {"world.ramp": comment}
+    document = perceived.document | {"world": world}
+    return replace(perceived, document=document, comments=comments)
 
 
 def _pushed_by_user(perceived: PerceivedScene, pushes: Sequence[str]) -> PerceivedScene:
@@ -424,7 +435,84 @@ def push_anew(
         if name in objects:
             objects[name] = objects[name] | {"velocity": [0, 0]}
     document = perceived.document | {"objects": objects}
-    return _pushed_by_user(replace(perceived, document=document), pushes)
+    perceived = replace(perceived, document=document)
+    pushed_scene = _pushed_by_user(_with_usual_playback(perceived, scene), pushes)
+    document = pushed_scene.document | _playback(perceived, pushed_scene, scene)
+    return replace(pushed_scene, document=document)
+
+
+def _has_perceived_slow_motion(scene: Scene) -> bool:
+    """Check whether the slow motion of a scene is that of perception."""
+    from physgen.geometry.scale import slow_motion_comment
+
+    slow, record = scene.document.get("render", {}).get("slow", 1), scene.record
+    return (
+        slow == record.world.get("slow") or slow_motion_comment(slow) in record.comments
+    )
+
+
+def _with_usual_playback(perceived: PerceivedScene, scene: Scene) -> PerceivedScene:
+    """Return a refreshed scene with the playback of a scene before its first push.
+
+    A new push has its own slow motion and ramp. A ramp of the user stays. `scene` is
+    the scene before the refresh.
+    """
+    from physgen.geometry.scale import slow_motion
+    from physgen.pipeline.push_trials import ramp_of
+    from physgen.scene.provenance import stated_scale
+
+    if not _has_perceived_slow_motion(scene):
+        return perceived
+    document = dict(perceived.document)
+    world = dict(document.get("world", {}))
+    if scene.world.ramp == ramp_of(scene.document.get("render", {}).get("slow", 1)):
+        world.pop("ramp", None)
+    slow = slow_motion(max(perceived.percepts.labels.shape), stated_scale(document))
+    render = document.get("render", {}) | {"slow": slow}
+    document |= {"world": world, "render": render}
+    return replace(perceived, document=document)
+
+
+def _playback(
+    perceived: PerceivedScene, pushed: PerceivedScene, scene: Scene
+) -> dict[str, Any]:
+    """Return the sections `world` and `render` of a refreshed scene with a new push.
+
+    Slow motion of the user is that of the scene before the push, `perceived`.
+    """
+    with_slow = pushed if _has_perceived_slow_motion(scene) else perceived
+    sections = {"world": pushed.document["world"]}
+    if render := with_slow.document.get("render"):
+        sections["render"] = render
+    return sections
+
+
+def _with_story_push(
+    perceived: PerceivedScene, scene: Scene, only: Collection[str]
+) -> PerceivedScene:
+    """Return a refreshed scene with the push of a story, if there is one.
+
+    `only` are the objects that may be pushed; if empty, all. `scene` is the scene
+    before the refresh.
+    """
+    resting_scene = _with_usual_playback(perceived, scene)
+    pushed_scene = _add_story_push(resting_scene, only)
+    objects = pushed_scene.document["objects"]
+    document = perceived.document | {"objects": objects}
+    if any(any(item.get("velocity", ())) for item in objects.values()):
+        document |= _playback(perceived, pushed_scene, scene)
+    return replace(perceived, document=document, comments=pushed_scene.comments)
+
+
+def with_slow_motion_comment(perceived: PerceivedScene) -> PerceivedScene:
+    """Return a refreshed scene whose comment on slow motion is about its own value."""
+    from physgen.geometry.scale import slow_motion_comment
+
+    comments = dict(perceived.comments)
+    slow = perceived.document.get("render", {}).get("slow", 1)
+    if comments.pop("render", None) and slow > 1:
+        comments["render"] = slow_motion_comment(slow)
+    return replace(perceived, comments=comments)
 
 
 def _release_objects(
@@ -517,15 +605,8 @@ def refresh_motion(
         ):
             # After another view or a stopped push, any object may be pushed, otherwise
             # only those that the refresh released.
-            pushed_scene = _add_story_push(
-                perceived, () if has_new_view or stopped_names else released_names
-            )
-            document = perceived.document | {
-                "objects": pushed_scene.document["objects"]
-            }
-            perceived = replace(
-                perceived, document=document, comments=pushed_scene.comments
-            )
+            only = () if has_new_view or stopped_names else released_names
+            perceived = _with_story_push(perceived, scene, only)
         pushed_names = [
             k
             for k, item in perceived.document["objects"].items()

@@ -68,10 +68,8 @@ class TrialLimits:
     samples: int = 16
     """Samples per unit of time."""
     rate: float = 120.0
-    """Steps per second of a trial; the chosen push is tried again at `checked`."""
-    checked: float = 240.0
-    """Steps per second of the last trials: outcomes at 960 have the same grade, within
-    4 % of travel.
+    """Steps per second of a trial; the best pushes are tried again in those of the
+    scene, since no coarser steps give all of its grades.
     """
     ramp_frames: int = 3
     """Frames of a push: one alone looks like a jump."""
@@ -210,7 +208,9 @@ class Candidate:
     """Speed, px/s."""
     outcome: Outcome
     ramp: float | None = None
-    """Time, s, within which the object reaches its velocity; None: as in the scene."""
+    """Time, s, within which the object reaches its velocity; 0: at once; None: as in
+    the scene.
+    """
 
     @property
     def velocity(self) -> tuple[float, float]:
@@ -231,17 +231,13 @@ class TrialScene:
     """Sides, `left` or `right`, to which an object is not pushed, by the
     object's name.
     """
+    ramp: float | None = None
+    """Given time of a push, s; None: that of some frames, or at once."""
 
     @property
     def side(self) -> int:
         """Return the photo's longer side, px."""
         return max(self.scene.size)
-
-    @property
-    def checked_world(self) -> World:
-        """Return the world in the steps of last trials."""
-        rate = min(self.world.steps_per_second, TRIAL.checked)
-        return replace(self.world, steps_per_second=rate)
 
     @property
     def ordinary(self) -> float:
@@ -260,12 +256,13 @@ def compile_trials(
     shapes: Shapes,
     unseen: Collection[str] = (),
     barred: Mapping[str, str] = MappingProxyType({}),
+    ramp: float | None = None,
 ) -> TrialScene:
     """Compile the common world of all trials of a scene. Raises InputError."""
     from physgen.compile.compile import compile_shapes
 
     world = compile_shapes(scene, shapes).world
-    return TrialScene(scene, world, frozenset(unseen), barred)
+    return TrialScene(scene, world, frozenset(unseen), barred, ramp)
 
 
 def choose_push(
@@ -279,8 +276,8 @@ def choose_push(
     directions, `left` or `right`, of vehicles. If all pushes leave the picture, the
     gentlest one is returned.
     """
-    # Search at a coarse step first, and verify only the best pushes at a finer one: a
-    # coarse step may miss an impact.
+    # Search at a coarse step first, and verify only the best pushes at the scene's own
+    # rate: a coarse step may miss an impact.
     candidates = list(_candidates(trials, confidence, facing))
     candidates = [trial for trial in candidates if trial.outcome.grade > Grade.NOTHING]
     if not candidates:
@@ -306,22 +303,23 @@ def choose_push(
 def _verify(
     trials: TrialScene, candidate: Candidate, facing: Mapping[str, str]
 ) -> Candidate:
-    """Try a push again, in finer steps and as a hand gives it.
+    """Try a push again, in the scene's own steps and as a hand gives it.
 
-    The push is at once if the hand makes the outcome worse. If finer steps do, as in a
-    jammed pile, those of the scene decide.
+    The push is at once if the hand makes the outcome worse, unless the time of the push
+    is given. The work of the outcome is that of both trials.
     """
+    world, given_ramp = trials.world, trials.ramp
     ramp = ramp_of(playback_of(trials, candidate.outcome.seconds))
-    world = trials.checked_world
-    best = replace(candidate, outcome=NO_MOTION)
-    for time, steps in ((ramp, world), (0.0, world), (0.0, trials.world)):
-        trial = _try(trials, replace(candidate, ramp=time), facing, steps)
-        if best.ramp is None or trial.outcome.grade > best.outcome.grade:
-            best = trial
-        if best.outcome.grade >= candidate.outcome.grade:
-            break
-    # In the steps of the scene, a ramp may still be as good: it is to be tried there.
-    return best if best.ramp else replace(best, ramp=None)
+    ramp = ramp if given_ramp is None else given_ramp
+    ramped = _try(trials, replace(candidate, ramp=ramp), facing, world)
+    is_as_good = ramped.outcome.grade >= candidate.outcome.grade
+    if is_as_good or given_ramp is not None:
+        return ramped
+    sudden = _try(trials, replace(candidate, ramp=0.0), facing, world)
+    is_better = sudden.outcome.grade > ramped.outcome.grade
+    best = sudden if is_better else ramped
+    work = ramped.outcome.work + sudden.outcome.work
+    return replace(best, outcome=replace(best.outcome, work=work))
 
 
 def ramp_of(slow: int) -> float:
@@ -389,12 +387,18 @@ def _candidates(
 ) -> Iterator[Candidate]:
     """Yield pushes and their outcomes in coarse steps, within the limit of work."""
     world = replace(trials.world, steps_per_second=TRIAL.rate)
+    # A search yields the same speed again if it halves an interval to it.
+    known_pushes: set[tuple[str, Direction, float]] = set()
     sorted_pushes = rank_pushes(trials, confidence)[: TRIAL.more]
     effort = _SearchEffort(_highest_score(trials), _loaded_names(trials))
     for pair in sorted_pushes:
         if effort.ends_before_pair():
             return
         for candidate in _search(trials, *pair, facing, world):
+            push = (candidate.item.name, candidate.direction, candidate.speed)
+            if push in known_pushes:
+                continue
+            known_pushes.add(push)
             yield candidate
             if effort.ends_after(_weight_candidate(candidate, confidence), candidate):
                 return
