@@ -9,10 +9,12 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+from physgen.geometry import scale
 from physgen.messages import Message, Note
+from physgen.pipeline.push_trials import ramp_of
 from physgen.pipeline.trial_scenes import open_trial
 from physgen.problems import InputError, Place, Warn
-from physgen.scene.provenance import meters, source
+from physgen.scene.provenance import meters, source, stated_scale
 from physgen.scene.write import edit_texts
 from physgen.text import listed
 
@@ -322,7 +324,6 @@ def _with_motion(
     The slow motion is chosen for the duration of the visible motion. `ramp`: that of
     the outcome, s; 0: none was as good; None: it is to be tried.
     """
-    from physgen.geometry.scale import slow_motion_comment, story_slow_motion
     from physgen.pipeline.verdicts import (
         outcome_doubts,
         with_doubts,
@@ -340,10 +341,10 @@ def _with_motion(
     # The slow motion of the perceived scene suits a fall across the picture; here, the
     # duration of the simulated motion decides.
     default_slow = round(render.pop("slow", 1))
-    slow = story_slow_motion(default_slow, outcome.seconds)
+    slow = scale.story_slow_motion(default_slow, outcome.seconds)
     render = ({"slow": slow} if slow > 1 else {}) | render
     if slow > 1:
-        comments["render"] = slow_motion_comment(slow)
+        comments["render"] = scale.slow_motion_comment(slow)
     else:
         comments.pop("render", None)
     document = document | {"objects": objects}
@@ -358,21 +359,21 @@ def _with_motion(
 
 
 def _with_ramp(
-    perceived: PerceivedScene, outcome: Outcome, tried: float | None
+    perceived: PerceivedScene, outcome: Outcome, tried_ramp: float | None
 ) -> PerceivedScene:
     """Return the scene whose push takes some frames, if the motion is then as good.
 
-    The outcome is that of a ramp of `tried` s, if given; 0: no ramp was as good. A ramp
-    of the document stays.
+    The outcome is that of a ramp of `tried_ramp` s, if given; 0: no ramp was as good.
+    A ramp of the document stays.
     """
     from physgen.compile.shapes import shapes_of
-    from physgen.pipeline.push_trials import compile_trials, ramp_of, simulate_push
+    from physgen.pipeline.push_trials import compile_trials, simulate_push
 
-    if tried == 0 or "ramp" in perceived.document["world"]:
+    if tried_ramp == 0 or "ramp" in perceived.document["world"]:
         return perceived
     ramp = ramp_of(perceived.document.get("render", {}).get("slow", 1))
     ramped = _set_ramp(perceived, ramp)
-    if ramp == tried:
+    if ramp == tried_ramp:
         return ramped
     scene = open_trial(ramped, "velocity").scene()
     velocities = {}
@@ -382,7 +383,7 @@ def _with_ramp(
     trials = compile_trials(scene, shapes_of(scene, None), _unseen_walls(ramped))
     if velocities and simulate_push(trials, velocities).grade >= outcome.grade:
         return ramped
-    return perceived if tried is None else _set_ramp(perceived, tried)
+    return perceived if tried_ramp is None else _set_ramp(perceived, tried_ramp)
 
 
 def _set_ramp(perceived: PerceivedScene, ramp: float) -> PerceivedScene:
@@ -443,11 +444,10 @@ def push_anew(
 
 def _has_perceived_slow_motion(scene: Scene) -> bool:
     """Check whether the slow motion of a scene is that of perception."""
-    from physgen.geometry.scale import slow_motion_comment
-
     slow, record = scene.document.get("render", {}).get("slow", 1), scene.record
     return (
-        slow == record.world.get("slow") or slow_motion_comment(slow) in record.comments
+        slow == record.world.get("slow")
+        or scale.slow_motion_comment(slow) in record.comments
     )
 
 
@@ -457,46 +457,44 @@ def _with_usual_playback(perceived: PerceivedScene, scene: Scene) -> PerceivedSc
     A new push has its own slow motion and ramp. A ramp of the user stays. `scene` is
     the scene before the refresh.
     """
-    from physgen.geometry.scale import slow_motion
-    from physgen.pipeline.push_trials import ramp_of
-    from physgen.scene.provenance import stated_scale
-
     if not _has_perceived_slow_motion(scene):
         return perceived
     document = dict(perceived.document)
     world = dict(document.get("world", {}))
     if scene.world.ramp == ramp_of(scene.document.get("render", {}).get("slow", 1)):
         world.pop("ramp", None)
-    slow = slow_motion(max(perceived.percepts.labels.shape), stated_scale(document))
+    slow = scale.slow_motion(
+        max(perceived.percepts.labels.shape), stated_scale(document)
+    )
     render = document.get("render", {}) | {"slow": slow}
     document |= {"world": world, "render": render}
     return replace(perceived, document=document)
 
 
 def _playback(
-    perceived: PerceivedScene, pushed: PerceivedScene, scene: Scene
+    perceived: PerceivedScene, pushed_scene: PerceivedScene, scene: Scene
 ) -> dict[str, Any]:
     """Return the sections `world` and `render` of a refreshed scene with a new push.
 
     Slow motion of the user is that of the scene before the push, `perceived`.
     """
-    with_slow = pushed if _has_perceived_slow_motion(scene) else perceived
-    sections = {"world": pushed.document["world"]}
+    with_slow = pushed_scene if _has_perceived_slow_motion(scene) else perceived
+    sections = {"world": pushed_scene.document["world"]}
     if render := with_slow.document.get("render"):
         sections["render"] = render
     return sections
 
 
 def _with_story_push(
-    perceived: PerceivedScene, scene: Scene, only: Collection[str]
+    perceived: PerceivedScene, scene: Scene, names: Collection[str]
 ) -> PerceivedScene:
     """Return a refreshed scene with the push of a story, if there is one.
 
-    `only` are the objects that may be pushed; if empty, all. `scene` is the scene
+    `names` are the objects that may be pushed; if empty, all. `scene` is the scene
     before the refresh.
     """
     resting_scene = _with_usual_playback(perceived, scene)
-    pushed_scene = _add_story_push(resting_scene, only)
+    pushed_scene = _add_story_push(resting_scene, names)
     objects = pushed_scene.document["objects"]
     document = perceived.document | {"objects": objects}
     if any(any(item.get("velocity", ())) for item in objects.values()):
@@ -506,12 +504,10 @@ def _with_story_push(
 
 def with_slow_motion_comment(perceived: PerceivedScene) -> PerceivedScene:
     """Return a refreshed scene whose comment on slow motion is about its own value."""
-    from physgen.geometry.scale import slow_motion_comment
-
     comments = dict(perceived.comments)
     slow = perceived.document.get("render", {}).get("slow", 1)
     if comments.pop("render", None) and slow > 1:
-        comments["render"] = slow_motion_comment(slow)
+        comments["render"] = scale.slow_motion_comment(slow)
     return replace(perceived, comments=comments)
 
 
