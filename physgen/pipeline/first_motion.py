@@ -386,13 +386,13 @@ def _with_ramp(
     return perceived if tried_ramp is None else _set_ramp(perceived, tried_ramp)
 
 
-def _set_ramp(perceived: PerceivedScene, ramp: float) -> PerceivedScene:
+def _set_ramp(perceived_scene: PerceivedScene, ramp: float) -> PerceivedScene:
     """Return the scene with the time of its push, s, and its comment."""
-    world = perceived.document["world"] | {"ramp": f"{ramp:.2g} s"}
+    world = perceived_scene.document["world"] | {"ramp": f"{ramp:.2g} s"}
     comment = "the push takes this time; 0 gives the velocity at once"
-    comments = perceived.comments | {"world.ramp": comment}
-    document = perceived.document | {"world": world}
-    return replace(perceived, document=document, comments=comments)
+    comments = perceived_scene.comments | {"world.ramp": comment}
+    document = perceived_scene.document | {"world": world}
+    return replace(perceived_scene, document=document, comments=comments)
 
 
 def _pushed_by_user(perceived: PerceivedScene, pushes: Sequence[str]) -> PerceivedScene:
@@ -451,34 +451,36 @@ def _has_perceived_slow_motion(scene: Scene) -> bool:
     )
 
 
-def _with_usual_playback(perceived: PerceivedScene, scene: Scene) -> PerceivedScene:
+def _with_usual_playback(
+    perceived_scene: PerceivedScene, scene: Scene
+) -> PerceivedScene:
     """Return a refreshed scene with the playback of a scene before its first push.
 
     A new push has its own slow motion and ramp. A ramp of the user stays. `scene` is
     the scene before the refresh.
     """
     if not _has_perceived_slow_motion(scene):
-        return perceived
-    document = dict(perceived.document)
+        return perceived_scene
+    document = dict(perceived_scene.document)
     world = dict(document.get("world", {}))
     if scene.world.ramp == ramp_of(scene.document.get("render", {}).get("slow", 1)):
         world.pop("ramp", None)
     slow = scale.slow_motion(
-        max(perceived.percepts.labels.shape), stated_scale(document)
+        max(perceived_scene.percepts.labels.shape), stated_scale(document)
     )
     render = document.get("render", {}) | {"slow": slow}
     document |= {"world": world, "render": render}
-    return replace(perceived, document=document)
+    return replace(perceived_scene, document=document)
 
 
 def _playback(
-    perceived: PerceivedScene, pushed_scene: PerceivedScene, scene: Scene
+    perceived_scene: PerceivedScene, pushed_scene: PerceivedScene, scene: Scene
 ) -> dict[str, Any]:
     """Return the sections `world` and `render` of a refreshed scene with a new push.
 
-    Slow motion of the user is that of the scene before the push, `perceived`.
+    Slow motion of the user is that of the scene before the push, `perceived_scene`.
     """
-    with_slow = pushed_scene if _has_perceived_slow_motion(scene) else perceived
+    with_slow = pushed_scene if _has_perceived_slow_motion(scene) else perceived_scene
     sections = {"world": pushed_scene.document["world"]}
     if render := with_slow.document.get("render"):
         sections["render"] = render
@@ -486,29 +488,29 @@ def _playback(
 
 
 def _with_story_push(
-    perceived: PerceivedScene, scene: Scene, names: Collection[str]
+    perceived_scene: PerceivedScene, scene: Scene, names: Collection[str]
 ) -> PerceivedScene:
     """Return a refreshed scene with the push of a story, if there is one.
 
     `names` are the objects that may be pushed; if empty, all. `scene` is the scene
     before the refresh.
     """
-    resting_scene = _with_usual_playback(perceived, scene)
+    resting_scene = _with_usual_playback(perceived_scene, scene)
     pushed_scene = _add_story_push(resting_scene, names)
     objects = pushed_scene.document["objects"]
-    document = perceived.document | {"objects": objects}
+    document = perceived_scene.document | {"objects": objects}
     if any(any(item.get("velocity", ())) for item in objects.values()):
-        document |= _playback(perceived, pushed_scene, scene)
-    return replace(perceived, document=document, comments=pushed_scene.comments)
+        document |= _playback(perceived_scene, pushed_scene, scene)
+    return replace(perceived_scene, document=document, comments=pushed_scene.comments)
 
 
-def with_slow_motion_comment(perceived: PerceivedScene) -> PerceivedScene:
+def with_slow_motion_comment(perceived_scene: PerceivedScene) -> PerceivedScene:
     """Return a refreshed scene whose comment on slow motion is about its own value."""
-    comments = dict(perceived.comments)
-    slow = perceived.document.get("render", {}).get("slow", 1)
+    comments = dict(perceived_scene.comments)
+    slow = perceived_scene.document.get("render", {}).get("slow", 1)
     if comments.pop("render", None) and slow > 1:
         comments["render"] = scale.slow_motion_comment(slow)
-    return replace(perceived, comments=comments)
+    return replace(perceived_scene, comments=comments)
 
 
 def _release_objects(

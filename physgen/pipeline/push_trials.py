@@ -435,11 +435,11 @@ class _SearchEffort:
         best = self.best_pair
         return best is not None and self.pairs > best + TRIAL.patience
 
-    def ends_after(self, weighted: Candidate, candidate: Candidate) -> bool:
+    def ends_after(self, weighted_candidate: Candidate, candidate: Candidate) -> bool:
         """Count a trial, also with its score by confidence; return whether it is the
         last.
         """
-        outcome, score = candidate.outcome, weighted.outcome.score
+        outcome, score = candidate.outcome, weighted_candidate.outcome.score
         self.work += outcome.work
         self.trials += 1
         self.has_story |= outcome.is_calm and outcome.score > TRIAL.poor
