@@ -9,10 +9,12 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+from physgen.geometry import scale
 from physgen.messages import Message, Note
+from physgen.pipeline.push_trials import ramp_of
 from physgen.pipeline.trial_scenes import open_trial
 from physgen.problems import InputError, Place, Warn
-from physgen.scene.provenance import meters, source
+from physgen.scene.provenance import meters, source, stated_scale
 from physgen.scene.write import edit_texts
 from physgen.text import listed
 
@@ -30,10 +32,6 @@ if TYPE_CHECKING:
     from physgen.scene.scene import Scene
 
 
-RAMP_FRAMES = 3
-"""Frames of a push: one alone looks like a jump."""
-FPS = 30
-"""Frames a second of perceived scenes."""
 REST_SECONDS = 2.0
 """Time, s, in which an object without support moves."""
 REST_SAMPLES = 81
@@ -247,7 +245,8 @@ def _with_push(perceived: PerceivedScene, push: Push) -> PerceivedScene:
     per_meter = perceived.document["world"]["pixels_per_meter"]
     speeds = [meters(part / per_meter) for part in push.velocity]
     comment = f"the push that sets it off, {push.phrase}; [0, 0] leaves it at rest"
-    return _with_motion(perceived, {push.name: (speeds, comment)}, push.outcome)
+    motions = {push.name: (speeds, comment)}
+    return _with_motion(perceived, motions, push.outcome, push.ramp)
 
 
 def _chosen_push(
@@ -277,7 +276,10 @@ def _chosen_push(
     scene = open_trial(perceived).scene()
     shapes = shapes_of(scene, None)
     invisible_walls = _unseen_walls(perceived)
-    return default_push(scene, shapes, confidence, invisible_walls, facing, barred)
+    ramp = scene.world.ramp if "ramp" in perceived.document["world"] else None
+    return default_push(
+        scene, shapes, confidence, invisible_walls, facing, barred, ramp
+    )
 
 
 def _release(
@@ -314,13 +316,14 @@ def _with_motion(
     perceived: PerceivedScene,
     motions: Mapping[str, tuple[list[Any], str]],
     outcome: Outcome,
+    ramp: float | None = None,
 ) -> PerceivedScene:
     """Return the scene with velocities and their comments, and doubts about the
     outcome.
 
-    The slow motion is chosen for the duration of the visible motion.
+    The slow motion is chosen for the duration of the visible motion. `ramp`: that of
+    the outcome, s; 0: none was as good; None: it is to be tried.
     """
-    from physgen.geometry.scale import slow_motion_comment, story_slow_motion
     from physgen.pipeline.verdicts import (
         outcome_doubts,
         with_doubts,
@@ -338,43 +341,58 @@ def _with_motion(
     # The slow motion of the perceived scene suits a fall across the picture; here, the
     # duration of the simulated motion decides.
     default_slow = round(render.pop("slow", 1))
-    slow = story_slow_motion(default_slow, outcome.seconds)
+    slow = scale.story_slow_motion(default_slow, outcome.seconds)
     render = ({"slow": slow} if slow > 1 else {}) | render
     if slow > 1:
-        comments["render"] = slow_motion_comment(slow)
+        comments["render"] = scale.slow_motion_comment(slow)
     else:
         comments.pop("render", None)
     document = document | {"objects": objects}
     if render or "render" in document:
         document["render"] = render
     moving_scene = replace(perceived, document=document, comments=comments)
-    moving_scene = _with_ramp(moving_scene, outcome)
+    moving_scene = _with_ramp(moving_scene, outcome, ramp)
     moving_scene = without_parts_at_rest(moving_scene, outcome)
     return with_doubts(
         moving_scene, outcome_doubts(moving_scene, list(motions), outcome)
     )
 
 
-def _with_ramp(perceived: PerceivedScene, outcome: Outcome) -> PerceivedScene:
-    """Return the scene whose push takes some frames, if the motion is then as good."""
+def _with_ramp(
+    perceived: PerceivedScene, outcome: Outcome, tried_ramp: float | None
+) -> PerceivedScene:
+    """Return the scene whose push takes some frames, if the motion is then as good.
+
+    The outcome is that of a ramp of `tried_ramp` s, if given; 0: no ramp was as good.
+    A ramp of the document stays.
+    """
     from physgen.compile.shapes import shapes_of
     from physgen.pipeline.push_trials import compile_trials, simulate_push
 
-    document = perceived.document
-    slow = document.get("render", {}).get("slow", 1)
-    seconds = f"{RAMP_FRAMES / (FPS * slow):.2g} s"
-    world = document["world"] | {"ramp": seconds}
-    why = "the push takes three frames; 0 gives the velocity at once"
-    comments = perceived.comments | {"world.ramp": why}
-    ramped = replace(perceived, document=document | {"world": world}, comments=comments)
+    if tried_ramp == 0 or "ramp" in perceived.document["world"]:
+        return perceived
+    ramp = ramp_of(perceived.document.get("render", {}).get("slow", 1))
+    ramped = _set_ramp(perceived, ramp)
+    if ramp == tried_ramp:
+        return ramped
     scene = open_trial(ramped, "velocity").scene()
     velocities = {}
     for item in scene.objects:
         if any(item.velocity):
             velocities[item.name] = item.velocity
     trials = compile_trials(scene, shapes_of(scene, None), _unseen_walls(ramped))
-    is_as_good = simulate_push(trials, velocities).grade >= outcome.grade
-    return ramped if velocities and is_as_good else perceived
+    if velocities and simulate_push(trials, velocities).grade >= outcome.grade:
+        return ramped
+    return perceived if tried_ramp is None else _set_ramp(perceived, tried_ramp)
+
+
+def _set_ramp(perceived_scene: PerceivedScene, ramp: float) -> PerceivedScene:
+    """Return the scene with the time of its push, s, and its comment."""
+    world = perceived_scene.document["world"] | {"ramp": f"{ramp:.2g} s"}
+    comment = "the push takes this time; 0 gives the velocity at once"
+    comments = perceived_scene.comments | {"world.ramp": comment}
+    document = perceived_scene.document | {"world": world}
+    return replace(perceived_scene, document=document, comments=comments)
 
 
 def _pushed_by_user(perceived: PerceivedScene, pushes: Sequence[str]) -> PerceivedScene:
@@ -418,7 +436,81 @@ def push_anew(
         if name in objects:
             objects[name] = objects[name] | {"velocity": [0, 0]}
     document = perceived.document | {"objects": objects}
-    return _pushed_by_user(replace(perceived, document=document), pushes)
+    perceived = replace(perceived, document=document)
+    pushed_scene = _pushed_by_user(_with_usual_playback(perceived, scene), pushes)
+    document = pushed_scene.document | _playback(perceived, pushed_scene, scene)
+    return replace(pushed_scene, document=document)
+
+
+def _has_perceived_slow_motion(scene: Scene) -> bool:
+    """Check whether the slow motion of a scene is that of perception."""
+    slow, record = scene.document.get("render", {}).get("slow", 1), scene.record
+    return (
+        slow == record.world.get("slow")
+        or scale.slow_motion_comment(slow) in record.comments
+    )
+
+
+def _with_usual_playback(
+    perceived_scene: PerceivedScene, scene: Scene
+) -> PerceivedScene:
+    """Return a refreshed scene with the playback of a scene before its first push.
+
+    A new push has its own slow motion and ramp. A ramp of the user stays. `scene` is
+    the scene before the refresh.
+    """
+    if not _has_perceived_slow_motion(scene):
+        return perceived_scene
+    document = dict(perceived_scene.document)
+    world = dict(document.get("world", {}))
+    if scene.world.ramp == ramp_of(scene.document.get("render", {}).get("slow", 1)):
+        world.pop("ramp", None)
+    slow = scale.slow_motion(
+        max(perceived_scene.percepts.labels.shape), stated_scale(document)
+    )
+    render = document.get("render", {}) | {"slow": slow}
+    document |= {"world": world, "render": render}
+    return replace(perceived_scene, document=document)
+
+
+def _playback(
+    perceived_scene: PerceivedScene, pushed_scene: PerceivedScene, scene: Scene
+) -> dict[str, Any]:
+    """Return the sections `world` and `render` of a refreshed scene with a new push.
+
+    Slow motion of the user is that of the scene before the push, `perceived_scene`.
+    """
+    with_slow = pushed_scene if _has_perceived_slow_motion(scene) else perceived_scene
+    sections = {"world": pushed_scene.document["world"]}
+    if render := with_slow.document.get("render"):
+        sections["render"] = render
+    return sections
+
+
+def _with_story_push(
+    perceived_scene: PerceivedScene, scene: Scene, names: Collection[str]
+) -> PerceivedScene:
+    """Return a refreshed scene with the push of a story, if there is one.
+
+    `names` are the objects that may be pushed; if empty, all. `scene` is the scene
+    before the refresh.
+    """
+    resting_scene = _with_usual_playback(perceived_scene, scene)
+    pushed_scene = _add_story_push(resting_scene, names)
+    objects = pushed_scene.document["objects"]
+    document = perceived_scene.document | {"objects": objects}
+    if any(any(item.get("velocity", ())) for item in objects.values()):
+        document |= _playback(perceived_scene, pushed_scene, scene)
+    return replace(perceived_scene, document=document, comments=pushed_scene.comments)
+
+
+def with_slow_motion_comment(perceived_scene: PerceivedScene) -> PerceivedScene:
+    """Return a refreshed scene whose comment on slow motion is about its own value."""
+    comments = dict(perceived_scene.comments)
+    slow = perceived_scene.document.get("render", {}).get("slow", 1)
+    if comments.pop("render", None) and slow > 1:
+        comments["render"] = scale.slow_motion_comment(slow)
+    return replace(perceived_scene, comments=comments)
 
 
 def _release_objects(
@@ -511,15 +603,8 @@ def refresh_motion(
         ):
             # After another view or a stopped push, any object may be pushed, otherwise
             # only those that the refresh released.
-            pushed_scene = _add_story_push(
-                perceived, () if has_new_view or stopped_names else released_names
-            )
-            document = perceived.document | {
-                "objects": pushed_scene.document["objects"]
-            }
-            perceived = replace(
-                perceived, document=document, comments=pushed_scene.comments
-            )
+            only = () if has_new_view or stopped_names else released_names
+            perceived = _with_story_push(perceived, scene, only)
         pushed_names = [
             k
             for k, item in perceived.document["objects"].items()

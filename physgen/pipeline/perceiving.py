@@ -17,6 +17,7 @@ from physgen.pipeline.first_motion import (
     push_anew,
     refresh_motion,
     start_motion,
+    with_slow_motion_comment,
 )
 from physgen.pipeline.trial_scenes import open_trial
 from physgen.problems import InputError, Place, Problem, Severity, Warn, ignore_warning
@@ -618,6 +619,7 @@ def _refresh(opened: OpenedScene, text: str, run: _Refresh) -> str:
     )
     if options.pushes:
         perceived, moving = push_anew(perceived, scene, options.pushes), {}
+    perceived = with_slow_motion_comment(perceived)
     document, summary_objects = perceived.document, dict(perceived_document["objects"])
     # The summary describes the photo as perceived, but with the motion of the final
     # scene.

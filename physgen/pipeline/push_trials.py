@@ -43,6 +43,8 @@ class TrialLimits:
     """Minimum confidence of a pushed object; below it, its mask needs a check."""
     pairs: int = 6
     """Number of objects with a direction to try."""
+    patience: int = 2
+    """Number of further pairs to try after a story without a better one."""
     more: int = 16
     """The same while no push makes a story, as in a heap of objects that block each
     other.
@@ -66,9 +68,13 @@ class TrialLimits:
     samples: int = 16
     """Samples per unit of time."""
     rate: float = 120.0
-    """Steps per second of a trial; the chosen push is tried again at the scene's own
-    rate.
+    """Steps per second of a trial; the best pushes are tried again in those of the
+    scene, since no coarser steps give all of its grades.
     """
+    ramp_frames: int = 3
+    """Frames of a push: one alone looks like a jump."""
+    fps: int = 30
+    """Frames a second of perceived scenes."""
     gentlest: float = 0.12
     """Gentlest push, relative to the ordinary speed: 0.15 m/s in a photo of 0.5 m."""
     hardest: float = 1.5
@@ -86,7 +92,7 @@ class TrialLimits:
     picture.
     """
     verified: int = 3
-    """Maximum number of second simulations at the scene's own rate."""
+    """Maximum number of pushes that are tried again."""
     tips: tuple[float, float] = (1.25, 2.0)
     """Range of speeds for a thin object, relative to its tipping speed."""
     thin: float = 3.0
@@ -201,6 +207,10 @@ class Candidate:
     speed: float
     """Speed, px/s."""
     outcome: Outcome
+    ramp: float | None = None
+    """Time, s, within which the object reaches its velocity; 0: at once; None: as in
+    the scene.
+    """
 
     @property
     def velocity(self) -> tuple[float, float]:
@@ -221,6 +231,8 @@ class TrialScene:
     """Sides, `left` or `right`, to which an object is not pushed, by the
     object's name.
     """
+    ramp: float | None = None
+    """Given time of a push, s; None: that of some frames, or at once."""
 
     @property
     def side(self) -> int:
@@ -244,12 +256,13 @@ def compile_trials(
     shapes: Shapes,
     unseen: Collection[str] = (),
     barred: Mapping[str, str] = MappingProxyType({}),
+    ramp: float | None = None,
 ) -> TrialScene:
     """Compile the common world of all trials of a scene. Raises InputError."""
     from physgen.compile.compile import compile_shapes
 
     world = compile_shapes(scene, shapes).world
-    return TrialScene(scene, world, frozenset(unseen), barred)
+    return TrialScene(scene, world, frozenset(unseen), barred, ramp)
 
 
 def choose_push(
@@ -276,7 +289,7 @@ def choose_push(
     for candidate in sorted_candidates[: TRIAL.verified]:
         if sum(trial.outcome.work for trial in verified_candidates) > TRIAL.work:
             break
-        verified_candidate = _try(trials, candidate, facing, trials.world)
+        verified_candidate = _verify(trials, candidate, facing)
         verified_candidate = _weight_candidate(verified_candidate, confidence)
         verified_candidates.append(verified_candidate)
         if verified_candidate.outcome.grade >= candidate.outcome.grade:
@@ -287,18 +300,48 @@ def choose_push(
     return max(moving_candidates, key=_preference, default=sorted_candidates[0])
 
 
+def _verify(
+    trials: TrialScene, candidate: Candidate, facing: Mapping[str, str]
+) -> Candidate:
+    """Try a push again, in the scene's own steps and as a hand gives it.
+
+    The push is at once if the hand makes the outcome worse, unless the time of the push
+    is given. The work of the outcome is that of both trials.
+    """
+    world, given_ramp = trials.world, trials.ramp
+    ramp = ramp_of(playback_of(trials, candidate.outcome.seconds))
+    ramp = ramp if given_ramp is None else given_ramp
+    ramped = _try(trials, replace(candidate, ramp=ramp), facing, world)
+    is_as_good = ramped.outcome.grade >= candidate.outcome.grade
+    if is_as_good or given_ramp is not None:
+        return ramped
+    sudden = _try(trials, replace(candidate, ramp=0.0), facing, world)
+    is_better = sudden.outcome.grade > ramped.outcome.grade
+    best = sudden if is_better else ramped
+    work = ramped.outcome.work + sudden.outcome.work
+    return replace(best, outcome=replace(best.outcome, work=work))
+
+
+def ramp_of(slow: int) -> float:
+    """Return the time, s, of a push in a clip with this slow motion."""
+    return float(f"{TRIAL.ramp_frames / (TRIAL.fps * slow):.2g}")
+
+
 def _free_of_load(
     trials: TrialScene, candidates: Sequence[Candidate]
 ) -> Sequence[Candidate]:
     """Return the pushes of objects without a load; all if none of those is a story."""
-    corners = [np.concatenate(body.rings) + body.center for body in trials.world.bodies]
-    loaded = set()
-    for k, item in enumerate(trials.scene.objects):
-        if _is_loaded(trials.scene, corners, k):
-            loaded.add(item.name)
+    loaded = _loaded_names(trials)
     free = [trial for trial in candidates if trial.item.name not in loaded]
     has_story = any(trial.outcome.grade is Grade.STORY for trial in free)
     return free if has_story else candidates
+
+
+def _loaded_names(trials: TrialScene) -> set[str]:
+    """Return the names of objects on which others lie."""
+    corners = [np.concatenate(body.rings) + body.center for body in trials.world.bodies]
+    objects = enumerate(trials.scene.objects)
+    return {item.name for k, item in objects if _is_loaded(trials.scene, corners, k)}
 
 
 def _weight_candidate(
@@ -344,26 +387,72 @@ def _candidates(
 ) -> Iterator[Candidate]:
     """Yield pushes and their outcomes in coarse steps, within the limit of work."""
     world = replace(trials.world, steps_per_second=TRIAL.rate)
+    # A search yields the same speed again if it halves an interval to it.
+    known_pushes: set[tuple[str, Direction, float]] = set()
     sorted_pushes = rank_pushes(trials, confidence)[: TRIAL.more]
-    highest = _highest_score(trials)
-    work_sum, count, has_story, is_visible = 0.0, 0, False, False
-    for order, pair in enumerate(sorted_pushes):
-        if has_story and order >= TRIAL.pairs:
+    effort = _SearchEffort(_highest_score(trials), _loaded_names(trials))
+    for pair in sorted_pushes:
+        if effort.ends_before_pair():
             return
-        # Every limit grows while no push has led to a visible motion or a story.
         for candidate in _search(trials, *pair, facing, world):
+            push = (candidate.item.name, candidate.direction, candidate.speed)
+            if push in known_pushes:
+                continue
+            known_pushes.add(push)
             yield candidate
-            outcome = candidate.outcome
-            work_sum += outcome.work
-            count += 1
-            has_story |= outcome.is_calm and outcome.score > TRIAL.poor
-            score = outcome.score * confidence.get(candidate.item.name, 1.0)
-            is_best = outcome.grade is Grade.STORY and score >= TRIAL.enough * highest
-            most_trials = TRIAL.most if has_story else 2 * TRIAL.most
-            is_visible |= outcome.is_calm and outcome.travel >= TRIAL.travel
-            most_work = TRIAL.work if is_visible else TRIAL.more_work
-            if is_best or work_sum > most_work or count >= most_trials:
+            if effort.ends_after(_weight_candidate(candidate, confidence), candidate):
                 return
+
+
+@dataclass
+class _SearchEffort:
+    """Work of a search and its best story, which decide when the search ends.
+
+    Every limit is larger while no push has led to a visible motion or a story.
+    """
+
+    highest: float
+    """Score that no story exceeds."""
+    loaded: Collection[str]
+    """Names of objects under others: a story of another object is preferred."""
+    pairs: int = 0
+    """Number of pairs of an object and a direction so far."""
+    work: float = 0.0
+    trials: int = 0
+    has_story: bool = False
+    is_visible: bool = False
+    best: float = TRIAL.poor
+    """Score of the best story."""
+    best_pair: int | None = None
+    """Number of pairs when that story was found."""
+
+    def ends_before_pair(self) -> bool:
+        """Return whether no other pair is to be tried; else, count one."""
+        self.pairs += 1
+        if self.has_story and self.pairs > TRIAL.pairs:
+            return True
+        # Pairs are sorted by promise: few of the later ones are better.
+        best = self.best_pair
+        return best is not None and self.pairs > best + TRIAL.patience
+
+    def ends_after(self, weighted_candidate: Candidate, candidate: Candidate) -> bool:
+        """Count a trial, also with its score by confidence; return whether it is the
+        last.
+        """
+        outcome, score = candidate.outcome, weighted_candidate.outcome.score
+        self.work += outcome.work
+        self.trials += 1
+        self.has_story |= outcome.is_calm and outcome.score > TRIAL.poor
+        self.is_visible |= outcome.is_calm and outcome.travel >= TRIAL.travel
+        is_story = outcome.grade is Grade.STORY
+        is_free = candidate.item.name not in self.loaded
+        if is_story and is_free and score > TRIAL.worth * self.best:
+            self.best, self.best_pair = score, self.pairs
+        if is_story and score >= TRIAL.enough * self.highest:
+            return True
+        most_trials = TRIAL.most if self.has_story else 2 * TRIAL.most
+        most_work = TRIAL.work if self.is_visible else TRIAL.more_work
+        return self.work > most_work or self.trials >= most_trials
 
 
 def _highest_score(trials: TrialScene) -> float:
@@ -388,9 +477,14 @@ def _search(
     objects that leave the picture, it ends after a few halvings.
     """
 
+    known: dict[float, Candidate] = {}
+
     def tried(speed: float) -> Candidate:
-        start = Candidate(item, direction, float(f"{speed:.2g}"), NO_MOTION)
-        return _try(trials, start, facing, world)
+        rounded_speed = float(f"{speed:.2g}")
+        if rounded_speed not in known:
+            start = Candidate(item, direction, rounded_speed, NO_MOTION)
+            known[rounded_speed] = _try(trials, start, facing, world)
+        return known[rounded_speed]
 
     speeds = _speed_limits(trials, item)
     speed, hardest = speeds
@@ -451,7 +545,8 @@ def _try(
 ) -> Candidate:
     """Simulate a push in a world at rest."""
     item = candidate.item
-    outcome = simulate_push(trials, {item.name: candidate.velocity}, world)
+    velocities = {item.name: candidate.velocity}
+    outcome = simulate_push(trials, velocities, world, candidate.ramp)
     forwards = SIDES.get(facing.get(item.name, ""), 0.0)
     if forwards * candidate.direction[0] < 0:
         outcome = replace(outcome, score=TRIAL.wrong_way * outcome.score)
@@ -529,13 +624,15 @@ def simulate_push(
     trials: TrialScene,
     velocities: Mapping[str, tuple[float, float]],
     world: World | None = None,
+    ramp: float | None = None,
 ) -> Outcome:
     """Simulate pushes until all objects rest or one leaves the picture.
 
     `velocities` are those of objects by name, px/s. `world` is that of `trials` unless
-    another one, at rest, is given.
+    another one, at rest, is given. The objects reach their velocities within `ramp`, s;
+    None: as in the scene.
     """
-    world = _pushed_world(trials, velocities, world or trials.world)
+    world = _pushed_world(trials, velocities, world or trials.world, ramp)
     motion, has_left, work = _run(trials, world)
     travel = _travel(world, motion) / trials.side
     speed = max(hypot(*velocity) for velocity in velocities.values())
@@ -588,9 +685,12 @@ def playback_of(trials: TrialScene, seconds: float) -> int:
 
 
 def _pushed_world(
-    trials: TrialScene, velocities: Mapping[str, tuple[float, float]], world: World
+    trials: TrialScene,
+    velocities: Mapping[str, tuple[float, float]],
+    world: World,
+    ramp: float | None,
 ) -> World:
-    """Return a world with the velocities of some objects."""
+    """Return a world with the velocities of some objects, and their ramp if given."""
     from physgen.compile.compile import set_velocity
 
     bodies = list(world.bodies)
@@ -598,7 +698,8 @@ def _pushed_world(
         if item.name in velocities:
             moving_item = replace(item, velocity=velocities[item.name])
             view = trials.scene.world.view
-            bodies[index] = set_velocity(bodies[index], moving_item, view)
+            body = set_velocity(bodies[index], moving_item, view)
+            bodies[index] = body if ramp is None else replace(body, ramp=ramp)
     return replace(world, bodies=tuple(bodies))
 
 

@@ -56,6 +56,10 @@ class Push:
     velocity: tuple[float, float]  # px/s
     way: str  # the direction in words, as in a shorthand: up-right
     outcome: Outcome = NO_MOTION
+    ramp: float | None = None
+    """Time, s, within which the object reached its velocity; 0: at once, since no
+    longer time was as good; None: to be tried.
+    """
 
     @property
     def phrase(self) -> str:
@@ -73,6 +77,7 @@ def default_push(
     unseen: Collection[str] = (),
     facing: Mapping[str, str] | None = None,
     barred: Mapping[str, str] | None = None,
+    ramp: float | None = None,
 ) -> Push | None:
     """Return the push of a short story inside the picture.
 
@@ -80,14 +85,20 @@ def default_push(
     top view towards other objects. `confidence` are confidences of objects by name.
     `unseen` are walls outside the photo: a rebound from them would look like a rebound
     from empty space. `facing` are the sides to which vehicles drive, and `barred` the
-    sides to which objects are not pushed.
+    sides to which objects are not pushed. `ramp`: given time of the push, s.
     """
-    trials = compile_trials(scene, shapes, unseen, barred or {})
+    trials = compile_trials(scene, shapes, unseen, barred or {}, ramp)
     best_trial = choose_push(trials, confidence, facing or {})
     if best_trial is None:
         return None
     way = direction_words(best_trial.direction)
-    return Push(best_trial.item.name, best_trial.velocity, way, best_trial.outcome)
+    return Push(
+        best_trial.item.name,
+        best_trial.velocity,
+        way,
+        best_trial.outcome,
+        best_trial.ramp,
+    )
 
 
 def direction_words(velocity: tuple[float, float]) -> str:

@@ -16,9 +16,11 @@ from written import commented
 
 from physgen import pipeline
 from physgen.cli.main import main
+from physgen.geometry.scale import slow_motion_comment
 from physgen.maps import read_labels, write_png
 from physgen.materials import kind
 from physgen.perceive.backends import boundary_support
+from physgen.pipeline.push_trials import ramp_of
 from physgen.scene.scene import BoxPrompt, Circle, Scene
 from physgen.scene.write import scene_text
 from physgen.scene.yaml_edit import written_anew
@@ -875,13 +877,8 @@ def test_a_box_that_replaces_the_pushed_object_in_another_view(
     assert any(ball.velocity), "pushed anew"
 
 
-@pytest.mark.parametrize(
-    ("blocked", "mine"), [(True, False), (False, False), (True, True)]
-)
-def test_a_push_that_moves_nothing_any_more_is_chosen_anew(
-    blocked: bool, mine: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Two walls that the user drew stand right beside what was pushed. A push that the user wrote stays."""
+def two_blocks(folder: Path) -> Path:
+    """Perceive a photo of two blocks on a floor and return its scene."""
     rgb, labels = (
         np.full((140, 300, 3), (190, 186, 176), np.uint8),
         np.zeros((140, 300), np.uint8),
@@ -890,20 +887,37 @@ def test_a_push_that_moves_nothing_any_more_is_chosen_anew(
         labels[70:110, x : x + 24] = k
         rgb[labels == k] = (170, 40 * k, 40)
     rgb[110:] = (90, 60, 40)
-    cv2.imwrite(str(tmp_path / "photo.png"), rgb)
-    cv2.imwrite(str(tmp_path / "marked.png"), labels)
-    path = tmp_path / "scene.yaml"
-    options = ["--masks", str(tmp_path / "marked.png"), "-o", str(path)]
-    assert main(["perceive", str(tmp_path / "photo.png"), *options]) == 0
+    cv2.imwrite(str(folder / "photo.png"), rgb)
+    cv2.imwrite(str(folder / "marked.png"), labels)
+    path = folder / "scene.yaml"
+    options = ["--masks", str(folder / "marked.png"), "-o", str(path)]
+    assert main(["perceive", str(folder / "photo.png"), *options]) == 0
+    return path
+
+
+def with_walls_beside(scene: Path) -> str:
+    """Return the text of such a scene with two walls right beside the pushed block."""
+    (pushed,) = [item for item in pipeline.load(scene).objects if any(item.velocity)]
+    left = 59 if pushed.name.endswith("1") else 199
+    walls = "".join(
+        f"  mine-{k}: {{segment: [[{left + 25 * k}, 20], [{left + 25 * k}, 109]], elasticity: 0}}\n"
+        for k in (0, 1)
+    )
+    return scene.read_text().replace("boundaries:\n", f"boundaries:\n{walls}")
+
+
+@pytest.mark.parametrize(
+    ("blocked", "mine"), [(True, False), (False, False), (True, True)]
+)
+def test_a_push_that_moves_nothing_any_more_is_chosen_anew(
+    blocked: bool, mine: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two walls that the user drew stand right beside what was pushed. A push that the user wrote stays."""
+    path = two_blocks(tmp_path)
     (pushed,) = [item for item in pipeline.load(path).objects if any(item.velocity)]
     text = path.read_text()
     if blocked:
-        left = 59 if pushed.name.endswith("1") else 199
-        walls = "".join(
-            f"  mine-{k}: {{segment: [[{left + 25 * k}, 20], [{left + 25 * k}, 109]], elasticity: 0}}\n"
-            for k in (0, 1)
-        )
-        text = text.replace("boundaries:\n", f"boundaries:\n{walls}")
+        text = with_walls_beside(path)
     if mine:
         text = re.sub(r"velocity: \[-?[\d.]+ m.*", "velocity: [123, 0]", text)
     path.write_text(text)
@@ -919,6 +933,46 @@ def test_a_push_that_moves_nothing_any_more_is_chosen_anew(
         assert moved.name == pushed.name
         assert moved.velocity == pytest.approx((123, 0) if mine else pushed.velocity)
         assert "moves nothing" not in told
+
+
+@pytest.mark.slow
+def test_a_new_push_of_a_refresh_has_its_own_playback(tmp_path: Path) -> None:
+    """As in a new scene: the old slow motion and ramp belong to the old push."""
+    path = two_blocks(tmp_path)
+    text = with_walls_beside(path)
+    data = yaml.safe_load(text)
+    slow = data["render"]["slow"]
+    path.write_text(text)
+    refreshed(path)
+    expected = yaml.safe_load((tmp_path / "again.yaml").read_text())
+    assert expected["render"]["slow"] == slow, "the push of a block, as before"
+    # As written for a longer motion.
+    record_path = tmp_path / "scene.assets" / "perceived.json"
+    comment = slow_motion_comment(slow)
+    longer = slow_motion_comment(slow // 4)
+    record_path.write_text(record_path.read_text().replace(comment, longer))
+    text = text.replace(comment, longer).replace(f"slow: {slow}", f"slow: {slow // 4}")
+    ramp = data["world"]["ramp"]
+    path.write_text(text.replace(f"ramp: {ramp}", f"ramp: {ramp_of(slow // 4)} s"))
+    refreshed(path)
+    now = (tmp_path / "again.yaml").read_text()
+    assert yaml.safe_load(now)["render"] == expected["render"]
+    assert yaml.safe_load(now)["world"] == expected["world"]
+    assert now.count("slowed down") == now.count(comment) == 1
+
+
+@pytest.mark.slow
+def test_playback_of_the_user_outlives_a_new_push(tmp_path: Path) -> None:
+    path = two_blocks(tmp_path)
+    text = re.sub("slow: [0-9]+", "slow: 3", with_walls_beside(path))
+    path.write_text(re.sub("ramp: [0-9.]+ s", "ramp: 0.04 s", text))
+    before = {item.name: item.velocity for item in pipeline.load(path).objects}
+    now, _ = refreshed(path)
+    assert before != {item.name: item.velocity for item in now.objects}
+    assert now.document["render"]["slow"] == 3
+    assert now.world.ramp == 0.04
+    again = (tmp_path / "again.yaml").read_text()
+    assert again.count("slowed down") == again.count(slow_motion_comment(3)) == 1
 
 
 BUNDLED = sorted((Path(__file__).parents[2] / "scenes").glob("*/scene.yaml"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from physgen import pipeline
 from physgen.compile.shapes import shapes_of
 from physgen.geometry.scale import PLAYBACK, push_speed
+from physgen.pipeline import push_trials
 from physgen.pipeline.push_trials import (
     TRIAL,
     Grade,
@@ -17,6 +19,8 @@ from physgen.pipeline.push_trials import (
     choose_push,
     compile_trials,
     playback_of,
+    ramp_of,
+    rank_pushes,
     simulate_push,
 )
 from physgen.simulate.engine import simulate
@@ -230,3 +234,139 @@ def test_a_wide_thing_moves_a_little_and_stays_inside(tmp_path: Path) -> None:
     assert chosen is not None
     assert chosen.outcome.grade is Grade.SHORT
     assert TRIAL.least <= chosen.outcome.travel < TRIAL.travel
+
+
+def count_trials(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, float]]:
+    """Return a list that collects the names and steps per second of trials."""
+    trials: list[tuple[str, float]] = []
+
+    def simulate_and_count(common, velocities, world=None, ramp=None):
+        used_world = common.world if world is None else world
+        trials.append((*velocities, used_world.steps_per_second))
+        return simulate_push(common, velocities, world, ramp)
+
+    monkeypatch.setattr(push_trials, "simulate_push", simulate_and_count)
+    return trials
+
+
+def test_the_chosen_push_is_tried_once_with_its_ramp(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trials = trials_of(tmp_path, box("crate", 150, 60, 40))
+    tried = count_trials(monkeypatch)
+    chosen = choose_push(trials, {}, {})
+    assert chosen is not None
+    assert chosen.ramp == ramp_of(playback_of(trials, chosen.outcome.seconds))
+    checked = [rate for _, rate in tried if rate > TRIAL.rate]
+    assert checked == [trials.world.steps_per_second]
+    at_once = simulate_push(trials, {"crate": chosen.velocity}, None, 0.0)
+    assert at_once.grade is chosen.outcome.grade
+    assert at_once.travel == pytest.approx(chosen.outcome.travel, rel=0.1)
+
+
+def disc(name: str, x: float, radius: float) -> str:
+    """Write a disc on the floor."""
+    shape = f"{{circle: {{center: [{x}, {250 - radius}], radius: {radius}}}}}"
+    return f"  {name}: {{shape: {shape}, friction: 0.5}}\n"
+
+
+def crowd() -> str:
+    """Write objects of which one push rests in 240 steps a second, but not in 960.
+
+    The push is that of `o4`, within 0.013 s.
+    """
+    boxes = [(94, 40, 20), (137, 8, 60), (155, 14, 20), (215, 14, 20)]
+    objects = [box(f"o{k}", *sizes) for k, sizes in enumerate(boxes, 1)]
+    return "".join([disc("o0", 49, 8), *objects, disc("o5", 266, 14)])
+
+
+def test_the_chosen_outcome_holds_in_the_scene_s_steps(tmp_path: Path) -> None:
+    trials = trials_of(tmp_path, crowd())
+    chosen = choose_push(trials, {}, {})
+    assert chosen is not None
+    assert chosen.ramp is not None
+    push = {chosen.item.name: chosen.velocity}
+    again = simulate_push(trials, push, None, chosen.ramp)
+    assert again.grade is chosen.outcome.grade is Grade.STORY
+    ramp = ramp_of(playback_of(trials, again.seconds))
+    assert simulate_push(trials, push, None, ramp).grade < Grade.STORY
+    assert chosen.ramp == 0.0
+
+
+def test_a_given_ramp_is_tried_and_kept(tmp_path: Path) -> None:
+    trials = replace(trials_of(tmp_path, box("crate", 150, 60, 40)), ramp=0.04)
+    chosen = choose_push(trials, {}, {})
+    assert chosen is not None
+    assert chosen.ramp == 0.04
+    again = simulate_push(trials, {"crate": chosen.velocity}, None, 0.04)
+    assert again.travel == chosen.outcome.travel
+
+
+def test_work_counts_all_trials_of_verified_pushes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No outcome in the scene's steps is good: the limit of work ends the trials."""
+    trials = trials_of(tmp_path, crowd())
+    work = 0.6 * TRIAL.work
+    count = []
+
+    def simulate_badly(common, velocities, world=None, ramp=None):
+        outcome = simulate_push(common, velocities, world, ramp)
+        if world is None or world.steps_per_second == TRIAL.rate:
+            return outcome
+        count.append(ramp)
+        return replace(outcome, grade=Grade.RESTLESS, work=work)
+
+    monkeypatch.setattr(push_trials, "simulate_push", simulate_badly)
+    chosen = choose_push(trials, {}, {})
+    assert chosen is not None
+    assert chosen.outcome.grade is Grade.RESTLESS
+    assert len(count) == 2, "both trials of the first push exceed the limit"
+
+
+def test_no_push_is_counted_twice(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trials = trials_of(tmp_path, crowd())
+    tried = []
+    counted = []
+
+    def simulate_and_count(common, velocities, world=None, ramp=None):
+        tried.append(velocities)
+        return simulate_push(common, velocities, world, ramp)
+
+    ends_after = push_trials._SearchEffort.ends_after
+
+    def end_and_count(effort, weighted, candidate):
+        counted.append((candidate.item.name, candidate.direction, candidate.speed))
+        return ends_after(effort, weighted, candidate)
+
+    monkeypatch.setattr(push_trials, "simulate_push", simulate_and_count)
+    monkeypatch.setattr(push_trials._SearchEffort, "ends_after", end_and_count)
+    list(push_trials._candidates(trials, {}, {}))
+    assert len(counted) == len(set(counted))
+    assert len(tried) >= len(counted)
+
+
+@pytest.mark.slow
+def test_the_search_ends_after_pairs_without_better_story(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    crates = "".join(box(f"crate-{k}", 60 + 90 * k, 40, 30) for k in range(4))
+    trials = trials_of(tmp_path, crates)
+    pairs = rank_pushes(trials, {})
+    tried = count_trials(monkeypatch)
+    chosen = choose_push(trials, {}, {})
+    assert chosen is not None
+    assert chosen.outcome.grade is Grade.STORY
+    searched_names = {name for name, rate in tried if rate == TRIAL.rate}
+    first_names = {item.name for item, _ in pairs[: TRIAL.patience + 1]}
+    assert searched_names <= first_names
+    tried.clear()
+    monkeypatch.setattr(
+        push_trials, "TRIAL", replace(TRIAL, patience=len(pairs), pairs=len(pairs))
+    )
+    patient = choose_push(trials, {}, {})
+    assert patient is not None
+    assert patient.item.name == chosen.item.name
+    assert len({name for name, _ in tried}) > len(searched_names)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from threading import Lock
 
@@ -115,14 +115,26 @@ def _as_input(rgb: NDArray[np.uint8], scale: float) -> F32:
 def run_levels(blob: F32) -> tuple[Array, Array]:
     """Return scores (N, 82) and logits of distances (N, 32) of the cells of all
     levels.
+
+    The last ones are cached, since several roles use them; the arrays are read-only.
     """
+    return _run(blob.tobytes())
+
+
+@lru_cache(maxsize=1)
+def _run(numbers: bytes) -> tuple[Array, Array]:
+    """Return `run_levels` of an input given as bytes."""
     network = _network()
+    blob = np.frombuffer(numbers, np.float32).reshape(1, 3, SIDE, SIDE)
     names = [f"{kind}-{stride}" for kind in ("scores", "boxes") for stride in STRIDES]
     with _lock:
         network.setInput(blob)
         parts = [np.array(part[0], np.float64) for part in network.forward(names)]
     levels = len(STRIDES)
-    return np.concatenate(parts[:levels]), np.concatenate(parts[levels:])
+    outputs = np.concatenate(parts[:levels]), np.concatenate(parts[levels:])
+    for output in outputs:
+        output.setflags(write=False)
+    return outputs
 
 
 @cache
