@@ -33,6 +33,18 @@ objects:
     collides_with: [back]
   post: {shape: {box: {center: [110, 60], size: [16, 70]}}, layer: 1, motion: static}
 """
+SHOT = """\
+physgen: 1
+size: [240, 120]
+world: {view: top, duration: 1}
+objects:
+  puck:
+    shape: {circle: {center: [40, 50], radius: 14}}
+    solid: disc
+    velocity: [500, 0]
+    spin: 900
+  crate: {shape: {box: {center: [110, 60], size: [30, 30]}}}
+"""
 SLIDE = """\
 physgen: 1
 size: [240, 120]
@@ -93,6 +105,18 @@ def test_borders_of_light_and_dark_stay_in_place() -> None:
     errors = slide.errors(slide.tracks(), "crate")
     assert np.abs(errors[:, 1]).max() < 0.03
     assert np.abs(errors[:, 0]).max() < 0.06
+
+
+def test_fast_turns_and_impacts_are_followed() -> None:
+    shot = Filmed(SHOT, np.arange(9) / 30)
+    tracks = shot.tracks()
+    # 30 degrees a frame, of a thin mark
+    assert np.nanmax(np.abs(shot.errors(tracks, "puck")[:, 2])) < 0.05
+    errors = shot.errors(tracks, "crate")
+    jump = np.abs(np.diff(shot.motion.poses[:, 1, 0])).max()
+    assert jump > 8
+    assert np.nanmax(np.abs(errors[:, :2])) < 0.25
+    assert np.nanmax(np.abs(errors[:, 2])) < 0.02
 
 
 def test_hidden_object_is_not_observed_and_comes_back(crossing: Filmed) -> None:
