@@ -31,7 +31,7 @@ def print_line(text: str) -> None:
     print(text, flush=True)
 
 
-FLAGS = {"story": "--story", "free": "--free"}
+FLAGS = {"story": "--story", "free": "--free", "fitted": "-o"}
 """The flag whose value a lower layer calls by the key."""
 
 

@@ -401,7 +401,8 @@ def _rings(picture: F32, template: Template, center: tuple[float, float]) -> F32
     """Return a disc by angle and radius, without the mean of each ring."""
     radius = TRACK.disc * min(template.paint.shape[:2]) / 2
     size = (ceil(radius), TRACK.angles)
-    polar = cv2.warpPolar(picture, size, center, radius, cv2.INTER_LINEAR)
+    flags = cv2.INTER_LINEAR | cv2.WARP_FILL_OUTLIERS
+    polar = cv2.warpPolar(picture, size, center, radius, flags)
     weights = np.sqrt(np.arange(size[0]) + 0.5)[None, :, None]
     return np.asarray((polar - polar.mean(axis=0)) * weights, np.float32)
 

@@ -187,6 +187,45 @@ def test_film_in_motion_leaves_no_ramp(
     assert "remain between film" not in capsys.readouterr().err
 
 
+def test_motion_that_no_values_explain_is_told(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(solve, "FIT", replace(solve.FIT, horizons=(1.0,), draws=1))
+    scene, path = tmp_path / "glide.yaml", tmp_path / "tracks.csv"
+    scene.write_text(GLIDE)
+    tracks = observed(GLIDE, 0.3)
+    # a puck that swerves, on a table without forces
+    poses = (
+        tracks.poses + np.array([0, 60, 0]) * np.sin(20 * tracks.times)[:, None, None]
+    )
+    path.write_text(tracks_csv(replace(tracks, poses=poses)))
+    flags = ["--tracks", str(path), "--free", "velocity,table", "--report", "none"]
+    assert main(["fit", str(scene), *flags]) == 0
+    error = capsys.readouterr().err
+    assert f"{path}: warning: " in error
+    assert "px remain between film and simulation" in error
+    assert "try the seed 1" in error
+
+
+def test_kinds_without_effect_are_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scene, path = tmp_path / "glide.yaml", tmp_path / "tracks.csv"
+    scene.write_text(GLIDE)
+    path.write_text(tracks_csv(observed(GLIDE, 0.3)))
+    flags = ["--tracks", str(path), "--report", "none"]
+    free = "velocity,mass,direction"
+    assert main(["fit", str(scene), "--free", free, *flags]) == 0
+    error = capsys.readouterr().err
+    for kind in ("mass", "direction"):
+        assert f"--free: warning: {kind} cannot be told by this scene" in error
+    assert "warning: velocity" not in error
+    assert main(["fit", str(scene), *flags, "-o", str(tmp_path / "all.yaml")]) == 0
+    assert "is ignored" not in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("kinds", "velocity", "spin"),
     [
@@ -268,7 +307,9 @@ def test_command_writes_scene_and_report(
     assert friction.text.startswith("fit 0.4")
     assert friction.sure is not None
     assert friction.sure > 0.8
-    assert sources["velocity"].count(" px/s") == 2
+    # the floor holds the other component at 0
+    assert sources["velocity"].count(" px/s") == 1
+    assert after.objects[0].velocity[1] == 0
     assert source(sources["velocity"]).sure is None
     page = (tmp_path / "fitted" / "report.html").read_text()
     assert "What this clip cannot determine" in page
