@@ -49,7 +49,7 @@ class FitTuning:
     """px of that error, at most."""
     good: float = 1.25
     """Cost of a residual up to which no other start is tried."""
-    passable: float = 9.0
+    passable: float = 2.5
     """The same before all times are fitted: later ones show a wrong valley clearly."""
     horizons: tuple[float, ...] = (0.2, 0.35, 0.55, 0.8, 1.0, 1.0)
     """Shares of the time that are fitted one after the other."""
