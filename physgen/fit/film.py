@@ -68,6 +68,10 @@ class TrackTuning:
     """Of a disc's radius, within which its picture tells its angle."""
     angles: int = 180
     """Angles at which the picture of a disc is compared."""
+    peak: float = 0.8
+    """Share of the best correlation, from which an angle may be a disc's."""
+    clear: float = 0.9
+    """Share of a match's unexplained difference that a better angle leaves, at most."""
     missing: int = 8
     """Frames after which the motion of a lost object is no longer extrapolated."""
 
@@ -220,7 +224,7 @@ class Follower:
         for template in templates:
             self.states[template.body] = _State(np.array([*template.center, 0.0]))
         self.errors = np.zeros((self.count, 3))
-        """Of poses, as the first frame shows them."""
+        """Of poses, as the first frame shows them; x and y are those of objects' axes."""
 
     def calibrate(self, first: U8) -> None:
         """Note how far poses in the first frame are from the scene's."""
@@ -251,13 +255,19 @@ class Follower:
                 if match is not None:
                     current[body] = match.pose
                 if is_last and match is not None and match.gain >= TRACK.gain:
-                    poses[body] = match.observed() - self.errors[body]
+                    poses[body] = match.observed() - self._error(body, match.pose)
         for body, state in self.states.items():
             if np.isfinite(poses[body, 0]):
                 state.observe(current[body])
             else:
                 state.pass_by()
         return poses
+
+    def _error(self, body: int, pose: F64) -> F64:
+        """Return how far the picture of an object lies from it; both turn together."""
+        c, s = cos(pose[2]), sin(pose[2])
+        x, y, angle = self.errors[body].tolist()
+        return np.array([c * x - s * y, s * x + c * y, angle])
 
     def _match(self, k: int, current: dict[int, F64], picture: F32) -> _Match | None:
         """Return where an object is, near the expected pose or else by phase correlation."""
@@ -269,11 +279,16 @@ class Follower:
         near = self._scene_without(
             k, {**current, template.body: match.pose}, picture, 0.0
         )
-        pose = match.pose.copy()
-        pose[2] += _polar_turn(template, pose, near)
+        expected = float(current[template.body][2])
+        turn = _polar_turn(template, match.pose, near, expected)
+        if abs(turn) < pi / TRACK.angles:
+            return match
+        pose = match.pose + np.array([0.0, 0.0, turn])
         turned = _descend(template, pose, near, TRACK.blurs[-1:])
-        is_better = turned is not None and turned.gain > match.gain
-        return turned if is_better else match
+        # spokes look alike after a part of a turn
+        if turned is None or 1 - turned.gain > TRACK.clear * (1 - match.gain):
+            return match
+        return turned
 
     def _placed(self, k: int, current: dict[int, F64], picture: F32) -> _Match | None:
         """Return where an object is, by its whole picture."""
@@ -381,8 +396,11 @@ def _phase_shift(template: Template, start: F64, scene: _Scene) -> F64:
     return np.array([x, y, 0.0])
 
 
-def _polar_turn(template: Template, pose: F64, scene: _Scene) -> float:
-    """Return the turn (rad) beside a pose by which the picture of a disc fits best."""
+def _polar_turn(template: Template, pose: F64, scene: _Scene, expected: float) -> float:
+    """Return the turn (rad) beside a pose by which the picture of a disc fits.
+
+    Of several angles that fit alike, the one nearest to the expected angle is taken.
+    """
     column, row = template.center
     left, top = template.corner
     own = _rings(
@@ -393,8 +411,16 @@ def _polar_turn(template: Template, pose: F64, scene: _Scene) -> float:
     seen = _rings(frame.astype(np.float32), template, (float(x), float(y)))
     spectrum = np.conj(np.fft.rfft(own, axis=0)) * np.fft.rfft(seen, axis=0)
     alike = np.fft.irfft(spectrum.sum(axis=(1, 2)), n=len(own))
-    angle = 2 * pi * float(np.argmax(alike)) / len(own) - float(pose[2])
-    return (angle + pi) % (2 * pi) - pi
+    is_peak = (alike >= np.roll(alike, 1)) & (alike >= np.roll(alike, -1))
+    peaks = np.flatnonzero(is_peak & (alike >= TRACK.peak * alike.max()))
+    angles = 2 * pi * peaks / len(own)
+    nearest = int(np.argmin(np.abs(_wrapped(angles - expected))))
+    return float(_wrapped(angles[nearest] - float(pose[2])))
+
+
+def _wrapped(angles: F64) -> F64:
+    """Return angles (rad) from -pi to pi."""
+    return np.asarray((angles + pi) % (2 * pi) - pi)
 
 
 def _rings(picture: F32, template: Template, center: tuple[float, float]) -> F32:
