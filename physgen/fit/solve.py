@@ -49,6 +49,8 @@ class FitTuning:
     """px of that error, at most."""
     good: float = 1.25
     """Cost of a residual up to which no other start is tried."""
+    excused: float = 2.0
+    """Errors of steps, of the tracks' noise, that make a residual good, at most."""
     passable: float = 2.5
     """The same before all times are fitted: later ones show a wrong valley clearly."""
     horizons: tuple[float, ...] = (0.2, 0.35, 0.55, 0.8, 1.0, 1.0)
@@ -214,6 +216,22 @@ class Model:
         scaled = offset / self.deviations(count)
         return np.concatenate([scaled[known], prior])
 
+    def has_good_residuals(self, numbers: F64, count: int) -> bool:
+        """Return whether residuals are as small as the noise of the tracks.
+
+        A wrong motion may be chaotic: its large errors of steps do not excuse it.
+        """
+        residuals = self.residuals(numbers, count).copy()
+        observed = len(residuals) - len(numbers)
+        errors = np.minimum(self.step_errors[:count], FIT.excused * self.noise)
+        factors = self.deviations(count) / np.hypot(self.noise, errors)
+        known = np.isfinite(self.tracks.poses[:count])
+        residuals[:observed] *= factors[known]
+        limit = FIT.passable
+        if count == len(self.tracks.times):
+            limit = FIT.good
+        return robust_cost(residuals) < limit * observed
+
     def jacobian(
         self, numbers: F64, count: int, columns: Sequence[int], base: F64 | None = None
     ) -> F64:
@@ -254,7 +272,8 @@ def estimate_starts(
         gyration = (body.moment / body.mass) ** 0.5
         errors = np.array([FIT.noise, FIT.noise, FIT.noise / max(gyration, 1.0)])
         is_moving = False
-        for axis in range(3):
+        is_held = (*_held_axes(compiled, tracks, early, k), False)
+        for axis in np.flatnonzero(np.logical_not(is_held)).tolist():
             offsets = tracks.poses[early, k, axis] - start[axis]
             known = np.isfinite(offsets)
             times = tracks.times[early][known]
@@ -270,7 +289,7 @@ def estimate_starts(
         if not is_moving:
             velocities[k] = 0.0
         moves.append(is_moving)
-        held.append(_held_axes(compiled, tracks, early, k))
+        held.append(is_held[:2])
         spins.append(bool(np.isfinite(tracks.poses[:, k, 2]).mean() > 0.5))
     is_round = tuple(body.radius is not None for body in bodies)
     sets = _tell_starts(tracks.poses[early], spins, kinds)
@@ -295,7 +314,7 @@ def _held_axes(
         # a throw that comes back in this time rises by g t^2 / 8
         would_fall = abs(gravity[axis]) * time**2 / 8 > limit
         rests = bool((np.abs(offsets[known]) < limit).all())
-        held.append(would_fall and rests)
+        held.append(bool(would_fall) and rests)
     return held[0], held[1]
 
 
@@ -347,10 +366,10 @@ def _search(model: Model, generator: np.random.Generator, progress: Progress) ->
         model.measure_steps(best, count)
         first = _refine(model, best, count, FIT.trials)
         best = first.numbers
-        if not _is_good(model, best, count):
+        if not model.has_good_residuals(best, count):
             # the errors of steps were those of another motion
             model.measure_steps(best, count)
-        if _is_good(model, best, count):
+        if model.has_good_residuals(best, count):
             if count == total:
                 break
             continue
@@ -366,9 +385,10 @@ def absent_kinds(
 ) -> tuple[Kind, ...]:
     """Return the kinds of which this scene and clip have no parameter."""
     starts = estimate_starts(compiled, tracks, kinds)
-    return tuple(
-        kind for kind in kinds if not free_parameters(scene, tracks, [kind], starts)
-    )
+    # asked for together, since gravity leaves out its direction
+    parameters = free_parameters(scene, tracks, kinds, starts)
+    free = {one.kind for one in parameters}
+    return tuple(kind for kind in kinds if kind not in free)
 
 
 def _nothing_free(
@@ -383,16 +403,6 @@ def _nothing_free(
         fix = f"choose from {', '.join(offered)}"
     names = ",".join(kind.value for kind in kinds)
     return Message.FIT_NOTHING_FREE.error("free", names, fix=fix)
-
-
-def _is_good(model: Model, numbers: F64, count: int) -> bool:
-    """Return whether residuals are as small as the noise of the tracks."""
-    residuals = model.residuals(numbers, count)
-    observed = len(residuals) - len(numbers)
-    limit = FIT.passable
-    if count == len(model.tracks.times):
-        limit = FIT.good
-    return robust_cost(residuals) < limit * observed
 
 
 def track_noise(tracks: Tracks) -> float:
