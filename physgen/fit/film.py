@@ -413,6 +413,8 @@ def _polar_turn(template: Template, pose: F64, scene: _Scene, expected: float) -
     alike = np.fft.irfft(spectrum.sum(axis=(1, 2)), n=len(own))
     is_peak = (alike >= np.roll(alike, 1)) & (alike >= np.roll(alike, -1))
     peaks = np.flatnonzero(is_peak & (alike >= TRACK.peak * alike.max()))
+    if not len(peaks):
+        return 0.0  # a picture without any mark
     angles = 2 * pi * peaks / len(own)
     nearest = int(np.argmin(np.abs(_wrapped(angles - expected))))
     return float(_wrapped(angles[nearest] - float(pose[2])))
