@@ -68,9 +68,9 @@ class TrackTuning:
     """Of a disc's radius, within which its picture tells its angle."""
     angles: int = 180
     """Angles at which the picture of a disc is compared."""
-    peak: float = 0.8
+    peak_share: float = 0.8
     """Share of the best correlation, from which an angle may be a disc's."""
-    clear: float = 0.9
+    gain_share: float = 0.9
     """Share of a match's unexplained difference that a better angle leaves, at most."""
     missing: int = 8
     """Frames after which the motion of a lost object is no longer extrapolated."""
@@ -286,7 +286,7 @@ class Follower:
         pose = match.pose + np.array([0.0, 0.0, turn])
         turned = _descend(template, pose, near, TRACK.blurs[-1:])
         # spokes look alike after a part of a turn
-        if turned is None or 1 - turned.gain > TRACK.clear * (1 - match.gain):
+        if turned is None or 1 - turned.gain > TRACK.gain_share * (1 - match.gain):
             return match
         return turned
 
@@ -412,12 +412,12 @@ def _polar_turn(template: Template, pose: F64, scene: _Scene, expected: float) -
     spectrum = np.conj(np.fft.rfft(own, axis=0)) * np.fft.rfft(seen, axis=0)
     alike = np.fft.irfft(spectrum.sum(axis=(1, 2)), n=len(own))
     is_peak = (alike >= np.roll(alike, 1)) & (alike >= np.roll(alike, -1))
-    peaks = np.flatnonzero(is_peak & (alike >= TRACK.peak * alike.max()))
+    peaks = np.flatnonzero(is_peak & (alike >= TRACK.peak_share * alike.max()))
     if not len(peaks):
         return 0.0  # a picture without any mark
     angles = 2 * pi * peaks / len(own)
-    nearest = int(np.argmin(np.abs(_wrapped(angles - expected))))
-    return float(_wrapped(angles[nearest] - float(pose[2])))
+    index = int(np.argmin(np.abs(_wrapped(angles - expected))))
+    return float(_wrapped(angles[index] - float(pose[2])))
 
 
 def _wrapped(angles: F64) -> F64:

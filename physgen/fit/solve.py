@@ -49,7 +49,7 @@ class FitTuning:
     """px of that error, at most."""
     good: float = 1.25
     """Cost of a residual up to which no other start is tried."""
-    excused: float = 2.0
+    step_limit: float = 2.0
     """Errors of steps, of the tracks' noise, that make a residual good, at most."""
     passable: float = 2.5
     """The same before all times are fitted: later ones show a wrong valley clearly."""
@@ -223,7 +223,7 @@ class Model:
         """
         residuals = self.residuals(numbers, count).copy()
         observed = len(residuals) - len(numbers)
-        errors = np.minimum(self.step_errors[:count], FIT.excused * self.noise)
+        errors = np.minimum(self.step_errors[:count], FIT.step_limit * self.noise)
         factors = self.deviations(count) / np.hypot(self.noise, errors)
         known = np.isfinite(self.tracks.poses[:count])
         residuals[:observed] *= factors[known]
