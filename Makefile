@@ -1,4 +1,4 @@
-# make demo: install, perceive and render the bundled photos, print the gallery's path
+# make demo: install, perceive and render the bundled photos, fit a film, print the paths of gallery and fit
 # make test: install what tests need, a browser too, lint, type-check, run the tests that are not slow
 # make test-slow: the slow tests alone
 # make docs: build the site of docs/ into out/site, with strict links
@@ -8,6 +8,9 @@ PYTHON ?= python3
 BIN = .venv/bin
 OUT = out/demo
 LEFT_OUT = cans cups kitchen marbles pendulum pyramid ramp seesaw shelf toy-car
+# a film of other values than the scene's, for the fit to find
+PUCK = scenes/physics/18-puck.yaml
+FILMED = --set world.table.friction=0.2 --set "objects.disc.velocity=[300, 60]" --set world.duration=0.5 --set render.frames=15
 TORCH = torch==2.13.0
 # as the command has it: each worker of pytest has a core, and more threads only wait, busily
 export OPENBLAS_NUM_THREADS ?= 1
@@ -20,7 +23,10 @@ demo: .venv/.demo
 	$(BIN)/physgen perceive scenes/dominoes/photo.png -o $(OUT)/perceived/dominoes-perceived.yaml
 	$(BIN)/physgen render $(OUT)/perceived/*.yaml -o $(OUT) --jobs 2
 	$(BIN)/physgen render $(filter-out $(LEFT_OUT:%=scenes/%/scene.yaml),$(wildcard scenes/*/scene.yaml)) -o $(OUT) --jobs 2
+	$(BIN)/physgen render $(PUCK) -o $(OUT)/fit/film.mp4 --report none $(FILMED)
+	$(BIN)/physgen fit $(PUCK) $(OUT)/fit/film.mp4 --free velocity,table -o $(OUT)/fit/puck.yaml
 	@echo
+	@echo "fit: $(CURDIR)/$(OUT)/fit/puck/report.html"
 	@echo "gallery: $(CURDIR)/$(OUT)/index.html"
 
 test: .venv/.test browser
@@ -74,7 +80,7 @@ train: .venv/.studio
 	@touch $@
 
 .venv/.demo: .venv/.python pyproject.toml
-	$(BIN)/python -m pip install --quiet --editable ".[edit]"
+	$(BIN)/python -m pip install --quiet --editable ".[edit,fit]"
 	@touch $@
 
 # torch first and by itself. PyPI's for Linux brings CUDA along, some GB: without a GPU,
@@ -85,7 +91,7 @@ train: .venv/.studio
 	@touch $@ .venv/.demo
 
 .venv/.docs: .venv/.python pyproject.toml
-	$(BIN)/python -m pip install --quiet --editable '.[docs,edit]'
+	$(BIN)/python -m pip install --quiet --editable '.[docs,edit,fit]'
 	@touch $@ .venv/.demo
 
 .venv/.studio: .venv/.python pyproject.toml

@@ -1532,17 +1532,21 @@ class Message(Enum):
     TRACKS_FEW = ("are too few for a fit", "give {least} times or more")
     FIT_UNKNOWN_KIND = ("cannot be fitted", "{fix}")
     FIT_NOTHING_FREE = ("cannot be told by this scene and clip", "{fix}")
+    FIT_KIND_ABSENT = (
+        "cannot be told by this scene and clip, and is ignored",
+        "leave it out",
+    )
     FIT_NOT_SCENE_NAME = (
         "is not a name for the fitted scene",
-        "end it in .yaml, e.g. -o {example}",
+        "end it in .yaml, e.g. {example}",
     )
     FIT_OUTPUT_BLOCKED = (
         "is a file where a folder is needed",
-        "write another name with -o",
+        "write another name",
     )
     FIT_OUTPUT_APART = (
         "leaves the files of the scene ({files}) outside its folder",
-        "write it beside the scene, e.g. -o {example}, or use --allow-outside",
+        "write it beside the scene, e.g. {example}, or allow files outside its folder",
     )
     FIT_SLOW_TRACKS = ("has no effect on tracks, which have times", "leave it out")
     FIT_FRAMES_LEFT = (
@@ -1562,7 +1566,7 @@ class Message(Enum):
     )
     FIT_POOR = (
         "remain between film and simulation, more than the tracks' noise",
-        "do not trust the intervals; try --seed {seed}, fewer values by --free, or a shorter clip",
+        "do not trust the intervals; try the seed {seed}, fewer free values, or a shorter clip",
     )
     FIT_LOST = (
         "is lost after {time} s: its picture no longer explains the film",

@@ -31,7 +31,7 @@ def print_line(text: str) -> None:
     print(text, flush=True)
 
 
-FLAGS = {"story": "--story", "free": "--free"}
+FLAGS = {"story": "--story", "free": "--free", "fitted": "-o"}
 """Keys of problems from lower layers -> the flags that set them."""
 
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from math import ceil, cos, hypot, nan, sin
+from math import ceil, cos, hypot, nan, pi, sin
 
 import cv2
 import numpy as np
@@ -40,10 +40,14 @@ class TrackTuning:
     """px, standard deviations: wide ones have a wider valley."""
     steps: int = 8
     """Gauss-Newton steps for each blur, at most."""
-    delta: float = 0.25
-    """px of a difference quotient; angles by the radius of gyration."""
+    darkest: float = 8.0
+    """Brightness, at least, by which light is divided for its slope."""
     converged: float = 0.004
     """px of a step that is the last."""
+    settled: float = 0.05
+    """px of the last step, from which the search has not converged."""
+    bias: float = 0.3
+    """px by which a pose in the first frame may be wrong, at most."""
     longest: float = 6.0
     """px of a step, at most."""
     robust: float = 12.0
@@ -60,6 +64,14 @@ class TrackTuning:
     """Share of a shift's information that an angle must have, to be observed."""
     searched: float = 2.0
     """Of a sprite's size: how far phase correlation looks to each side."""
+    disc: float = 0.85
+    """Of a disc's radius, within which its picture tells its angle."""
+    angles: int = 180
+    """Angles at which the picture of a disc is compared."""
+    peak_share: float = 0.8
+    """Share of the best correlation, from which an angle may be a disc's."""
+    gain_share: float = 0.9
+    """Share of a match's unexplained difference that a better angle leaves, at most."""
     missing: int = 8
     """Frames after which the motion of a lost object is no longer extrapolated."""
 
@@ -84,6 +96,8 @@ class Template:
     """px: radius of gyration."""
     can_turn: bool
     """Whether its picture turns in the plane: not of spheres seen from above."""
+    is_round: bool
+    """Whether its outline is a circle, which tells no angle."""
 
     def transform(self, pose: F64, origin: tuple[int, int]) -> F64:
         """Return the affine map (2, 3) of its pixels to a window at `origin`."""
@@ -163,6 +177,7 @@ def templates_of(
                 center=(x, y),
                 gyration=max((body.moment / body.mass) ** 0.5, 1.0),
                 can_turn=not _rolls_in_space(body, world),
+                is_round=body.radius is not None,
             )
         )
     return templates
@@ -208,6 +223,22 @@ class Follower:
         self.states = {}
         for template in templates:
             self.states[template.body] = _State(np.array([*template.center, 0.0]))
+        self.errors = np.zeros((self.count, 3))
+        """Of poses, as the first frame shows them; x and y are those of objects' axes."""
+
+    def calibrate(self, first: U8) -> None:
+        """Note how far poses in the first frame are from the scene's."""
+        picture = _brightness(decode(first))
+        starts = {body: state.pose for body, state in self.states.items()}
+        for k, template in enumerate(self.templates):
+            near = self._scene_without(k, starts, picture, 0.0)
+            start = starts[template.body]
+            match = _descend(template, start, near, TRACK.blurs[-1:])
+            if match is None or not match.has_converged:
+                continue
+            error = match.pose - start
+            if np.abs(error * [1, 1, template.gyration]).max() < TRACK.bias:
+                self.errors[template.body] = error
 
     def follow(self, frame: U8) -> F64:
         """Return the poses (N, 3) of the next frame, NaN where an object is not seen."""
@@ -224,7 +255,7 @@ class Follower:
                 if match is not None:
                     current[body] = match.pose
                 if is_last and match is not None and match.gain >= TRACK.gain:
-                    poses[body] = match.observed()
+                    poses[body] = match.observed() - self._error(body, match.pose)
         for body, state in self.states.items():
             if np.isfinite(poses[body, 0]):
                 state.observe(current[body])
@@ -232,13 +263,40 @@ class Follower:
                 state.pass_by()
         return poses
 
+    def _error(self, body: int, pose: F64) -> F64:
+        """Return how far the picture of an object lies from it; both turn together."""
+        c, s = cos(pose[2]), sin(pose[2])
+        x, y, angle = self.errors[body].tolist()
+        return np.array([c * x - s * y, s * x + c * y, angle])
+
     def _match(self, k: int, current: dict[int, F64], picture: F32) -> _Match | None:
         """Return where an object is, near the expected pose or else by phase correlation."""
+        match = self._placed(k, current, picture)
+        template = self.templates[k]
+        if match is None or not template.is_round or not template.can_turn:
+            return match
+        # the outline tells no angle, and a thin mark has a narrow valley
+        near = self._scene_without(
+            k, {**current, template.body: match.pose}, picture, 0.0
+        )
+        expected = float(current[template.body][2])
+        turn = _polar_turn(template, match.pose, near, expected)
+        if abs(turn) < pi / TRACK.angles:
+            return match
+        pose = match.pose + np.array([0.0, 0.0, turn])
+        turned = _descend(template, pose, near, TRACK.blurs[-1:])
+        # spokes look alike after a part of a turn
+        if turned is None or 1 - turned.gain > TRACK.gain_share * (1 - match.gain):
+            return match
+        return turned
+
+    def _placed(self, k: int, current: dict[int, F64], picture: F32) -> _Match | None:
+        """Return where an object is, by its whole picture."""
         template = self.templates[k]
         start = current[template.body]
         near = self._scene_without(k, current, picture, 0.0)
         match = _descend(template, start, near, TRACK.blurs[-1:])
-        if match is not None and match.gain >= TRACK.poor:
+        if match is not None and match.has_converged and match.gain >= TRACK.poor:
             return match
         wide = self._scene_without(k, current, picture, TRACK.searched)
         if min(wide.window.size) < TRACK.smallest:
@@ -317,6 +375,8 @@ class _Match:
     """Share of the difference from the background that the sprite explains."""
     turns: bool
     """Whether its picture tells its angle."""
+    has_converged: bool
+    """Whether the last step was short; after an impact, many steps are needed."""
 
     def observed(self) -> F64:
         """Return the pose, without an angle that is not observed."""
@@ -336,6 +396,45 @@ def _phase_shift(template: Template, start: F64, scene: _Scene) -> F64:
     return np.array([x, y, 0.0])
 
 
+def _polar_turn(template: Template, pose: F64, scene: _Scene, expected: float) -> float:
+    """Return the turn (rad) beside a pose by which the picture of a disc fits.
+
+    Of several angles that fit alike, the one nearest to the expected angle is taken.
+    """
+    column, row = template.center
+    left, top = template.corner
+    own = _rings(
+        _brightness(template.paint[..., :3]), template, (column - left, row - top)
+    )
+    x, y = pose[0] - scene.window.origin[0], pose[1] - scene.window.origin[1]
+    frame = scene.frame * scene.is_open[..., None]
+    seen = _rings(frame.astype(np.float32), template, (float(x), float(y)))
+    spectrum = np.conj(np.fft.rfft(own, axis=0)) * np.fft.rfft(seen, axis=0)
+    alike = np.fft.irfft(spectrum.sum(axis=(1, 2)), n=len(own))
+    is_peak = (alike >= np.roll(alike, 1)) & (alike >= np.roll(alike, -1))
+    peaks = np.flatnonzero(is_peak & (alike >= TRACK.peak_share * alike.max()))
+    if not len(peaks):
+        return 0.0  # a picture without any mark
+    angles = 2 * pi * peaks / len(own)
+    index = int(np.argmin(np.abs(_wrapped(angles - expected))))
+    return float(_wrapped(angles[index] - float(pose[2])))
+
+
+def _wrapped(angles: F64) -> F64:
+    """Return angles (rad) from -pi to pi."""
+    return np.asarray((angles + pi) % (2 * pi) - pi)
+
+
+def _rings(picture: F32, template: Template, center: tuple[float, float]) -> F32:
+    """Return a disc by angle and radius, without the mean of each ring."""
+    radius = TRACK.disc * min(template.paint.shape[:2]) / 2
+    size = (ceil(radius), TRACK.angles)
+    flags = cv2.INTER_LINEAR | cv2.WARP_FILL_OUTLIERS
+    polar = cv2.warpPolar(picture, size, center, radius, flags)
+    weights = np.sqrt(np.arange(size[0]) + 0.5)[None, :, None]
+    return np.asarray((polar - polar.mean(axis=0)) * weights, np.float32)
+
+
 def _descend(
     template: Template, start: F64, scene: _Scene, blurs: Sequence[float]
 ) -> _Match | None:
@@ -345,15 +444,16 @@ def _descend(
     if min(window.size) < TRACK.smallest:
         return None
     near = scene.part(window)
-    pose, turns = start.copy(), False
+    pose, turns, length = start.copy(), False, 0.0
     for sigma in blurs:
         sight = near.blurred(sigma)
         for _ in range(TRACK.steps):
             step, turns = _step(template, pose, sight, sigma)
             pose = pose + step
-            if np.abs(step * [1, 1, template.gyration]).max() < TRACK.converged:
+            length = float(np.abs(step * [1, 1, template.gyration]).max())
+            if length < TRACK.converged:
                 break
-    return _judged(template, pose, near, turns)
+    return _judged(template, pose, near, turns, length < TRACK.settled)
 
 
 def _far_edge(window: Window) -> tuple[int, int]:
@@ -372,10 +472,15 @@ def _within(window: Window, outer: Window) -> Window:
 
 def _predicted(template: Template, pose: F64, scene: _Scene, sigma: float) -> F32:
     """Return the brightness (h, w, 3) with the object in a pose; `behind` is blurred already."""
+    return _mixed(_blurred_paint(template, pose, scene, sigma), scene.behind)
+
+
+def _blurred_paint(template: Template, pose: F64, scene: _Scene, sigma: float) -> F32:
+    """Return the paint (h, w, 4) of an object in a pose, out of focus."""
     paint = template.drawn(pose, scene.window)
     if sigma:
         paint = np.asarray(cv2.GaussianBlur(paint, (0, 0), sigma), np.float32)
-    return _mixed(paint, scene.behind)
+    return paint
 
 
 def _mixed(paint: F32, behind: F32) -> F32:
@@ -392,21 +497,15 @@ def _step(
     template: Template, pose: F64, scene: _Scene, sigma: float
 ) -> tuple[F64, bool]:
     """Return one Gauss-Newton step, and whether the picture tells the angle."""
-    residual = (scene.frame - _predicted(template, pose, scene, sigma))[scene.is_open]
-    distance = np.abs(residual).mean(axis=-1, keepdims=True)
-    weight = 1.0 / np.maximum(1.0, (distance / TRACK.robust) ** 2)
-    deltas = np.array([TRACK.delta, TRACK.delta, TRACK.delta / template.gyration])
-    slopes = []
-    for k in range(3 if template.can_turn else 2):
-        shift = np.zeros(3)
-        shift[k] = deltas[k]
-        upper = _predicted(template, pose + shift, scene, sigma)
-        lower = _predicted(template, pose - shift, scene, sigma)
-        slopes.append(((upper - lower)[scene.is_open] / (2 * TRACK.delta)).ravel())
-    matrix = np.array(slopes, np.float64)
-    weights = np.broadcast_to(weight, residual.shape).ravel()
-    normal = (matrix * weights) @ matrix.T
-    right = (matrix * weights) @ residual.ravel()
+    paint = _blurred_paint(template, pose, scene, sigma)
+    predicted = _mixed(paint, scene.behind)
+    residual = scene.frame - predicted
+    distance = np.abs(residual).mean(axis=-1)
+    weight = scene.is_open / np.maximum(1.0, (distance / TRACK.robust) ** 2)
+    slopes = _slopes(template, pose, paint, predicted, scene)
+    weights = np.repeat(weight.astype(np.float32).ravel(), 3)
+    normal = ((slopes * weights) @ slopes.T).astype(np.float64)
+    right = ((slopes * weights) @ residual.ravel()).astype(np.float64)
     turns = len(normal) == 3
     if turns:
         information = (normal[0, 0] + normal[1, 1]) / 2
@@ -421,7 +520,36 @@ def _step(
     return step, turns
 
 
-def _judged(template: Template, pose: F64, scene: _Scene, turns: bool) -> _Match | None:
+def _slopes(
+    template: Template, pose: F64, paint: F32, predicted: F32, scene: _Scene
+) -> F32:
+    """Return derivatives (2 or 3, P) of the brightness by the pose, angles at the gyration."""
+    # the brightness is the root of the light
+    gain = CODES**2 / (2 * np.maximum(predicted, TRACK.darkest))
+    light = []
+    for across in (True, False):
+        change = _central(paint, across)
+        light.append(-(change[..., :3] - change[..., 3:] * scene.behind) * gain)
+    if template.can_turn:
+        (left, top), (width, height) = scene.window.origin, scene.window.size
+        rows = (np.arange(height) + (top - pose[1]))[:, None, None]
+        columns = (np.arange(width) + (left - pose[0]))[None, :, None]
+        turn = light[1] * columns - light[0] * rows
+        light.append(turn / template.gyration)
+    return np.array([one.ravel() for one in light], np.float32)
+
+
+def _central(picture: F32, across: bool) -> F32:
+    """Return central differences of a picture, along rows or columns."""
+    kernel = np.array([[-0.5, 0.0, 0.5]], np.float32)
+    if not across:
+        kernel = kernel.T
+    return np.asarray(cv2.filter2D(picture, -1, kernel), np.float32)
+
+
+def _judged(
+    template: Template, pose: F64, scene: _Scene, turns: bool, has_converged: bool
+) -> _Match | None:
     """Return the match of a pose with its gain, None if too little is visible."""
     paint = template.drawn(pose, scene.window)
     inside = (paint[..., 3] > 0.5) & scene.is_open
@@ -434,7 +562,7 @@ def _judged(template: Template, pose: F64, scene: _Scene, turns: bool) -> _Match
     left = np.minimum(np.abs(difference), limit).mean()
     whole = np.minimum(np.abs(empty), limit).mean()
     gain = 1.0 - float(left) / max(float(whole), 1.0)
-    return _Match(pose, gain, turns)
+    return _Match(pose, gain, turns, has_converged)
 
 
 def follow_film(
@@ -449,6 +577,7 @@ def follow_film(
     first = next(frames)
     templates = templates_of(stage, world, first, has_photo)
     follower = Follower(templates, stage.background, world)
+    follower.calibrate(first)
     starts = np.full((len(world.bodies), 3), nan)
     for template in templates:
         starts[template.body] = (*template.center, 0.0)

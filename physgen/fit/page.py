@@ -115,7 +115,7 @@ def write_page(folder: Path, page: FitPage, photo: U8, *, has_film: bool) -> Pat
         "rows": _rows(page),
         "flat": list(page.fit.flat),
         "losses": [f"{name}, after {time:.2f} s" for name, time in page.tracks.losses],
-        "noise": f"{page.fit.noise:.2g}",
+        "rest": f"{float(np.sqrt(np.nanmean(page.fit.residuals**2))):.2g}",
         "objects": _objects(page),
         "chart": list(CHART),
         "facts": _facts(page),

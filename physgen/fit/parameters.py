@@ -145,6 +145,8 @@ class Starts:
     """Whether each object's angle is observed, and may change at t = 0."""
     is_round: tuple[bool, ...]
     """Whether each object rolls."""
+    held: tuple[tuple[bool, bool], ...]
+    """Whether a support holds x and y of each object's velocity at 0."""
     sets: tuple[tuple[bool, bool], ...]
     """Whether velocity and spin of each object come from the tracks; others are the scene's."""
 
@@ -156,7 +158,8 @@ def _of_object(
     speed = TUNING.speed * max(scene.size)
     linear = Scale.LINEAR
     if starts.moves[k]:
-        for axis in (0, 1):
+        free = [axis for axis in (0, 1) if not starts.held[k][axis]]
+        for axis in free:
             start = float(starts.velocities[k, axis])
             key = f"{path}.velocity.{axis}"
             yield Parameter(key, Kind.VELOCITY, k, axis, linear, start, speed)

@@ -16,7 +16,7 @@ from physgen.files import install, write_atomic
 from physgen.fit.film import follow_film
 from physgen.fit.page import FitPage, film_pairs, write_page
 from physgen.fit.parameters import DEFAULT_KINDS, Kind
-from physgen.fit.solve import Fit, fit_scene, track_noise
+from physgen.fit.solve import Fit, absent_kinds, fit_scene, track_noise
 from physgen.fit.tracks import LEAST_TIMES, Tracks, read_tracks, tracks_csv
 from physgen.fit.writing import fitted_text, interval_text, paths_outside
 from physgen.messages import Message, one_of
@@ -118,6 +118,10 @@ def fit_files(
     origin = options.clip or options.tracks or options.scene
     place = Place(str(origin))
     _warn_of_losses(tracks, place, warn)
+    if options.kinds != DEFAULT_KINDS:
+        _warn_of_kinds(
+            absent_kinds(scene, compiled, tracks, options.kinds), options, warn
+        )
     _check_motion(tracks, place)
     fit = fit_scene(scene, compiled, tracks, options.kinds, options.seed, progress)
     rest = float(np.sqrt(np.nanmean(fit.residuals**2)))
@@ -139,17 +143,25 @@ def _warn_of_losses(tracks: Tracks, place: Place, warn: Warn) -> None:
         warn(lost.warning(place, "", f'"{name}"', time=f"{time:.2f}"))
 
 
+def _warn_of_kinds(absent: Sequence[Kind], options: FitOptions, warn: Warn) -> None:
+    """Warn of kinds that have no effect beside others that have one."""
+    if len(absent) == len(options.kinds):
+        return  # the fit refuses them
+    for kind in absent:
+        warn(Message.FIT_KIND_ABSENT.warning(Place("free"), "", kind.value))
+
+
 def _check_output(options: FitOptions) -> None:
     """Refuse an output that cannot be written. Raises InputError."""
     output = options.output
     example = options.scene.with_name(f"{options.scene.stem}-fitted.yaml")
     if output.suffix.lower() not in SUFFIXES or output.is_dir():
         wrong = Message.FIT_NOT_SCENE_NAME
-        raise wrong.error("-o", f'"{output}"', example=example)
+        raise wrong.error("fitted", f'"{output}"', example=example)
     report = [output.with_suffix("")] if options.has_report else []
     for folder in (*report, *output.parents):
         if folder.exists() and not folder.is_dir():
-            raise Message.FIT_OUTPUT_BLOCKED.error("-o", f'"{folder}"')
+            raise Message.FIT_OUTPUT_BLOCKED.error("fitted", f'"{folder}"')
 
 
 def _check_paths(options: FitOptions) -> None:
@@ -161,7 +173,7 @@ def _check_paths(options: FitOptions) -> None:
     if paths:
         example, names = source.with_name(output.name), ", ".join(paths)
         apart = Message.FIT_OUTPUT_APART
-        raise apart.error("-o", f'"{output}"', files=names, example=example)
+        raise apart.error("fitted", f'"{output}"', files=names, example=example)
 
 
 def _save(options: FitOptions, scene: Scene, fit: Fit, origin: str) -> None:

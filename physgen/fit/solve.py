@@ -1,8 +1,10 @@
 """Estimate parameters from tracks: robust least squares on poses, from many starts.
 
-The time that is fitted grows: early frames tell velocities before contacts begin. At each
-length, values of contacts are drawn at random, and the best draws are refined, because
-another order of contacts is another valley of the cost. Intervals follow the profile of
+The time that is fitted grows: early frames tell velocities before contacts begin. If
+residuals at a length exceed the noise, values of contacts are drawn at random, and the
+best draws are refined, because another order of contacts is another valley of the cost.
+After a few impacts a motion depends on the steps of its simulation: what two lengths of
+steps make of it is noise, too, so that such frames count less. Intervals follow the profile of
 the likelihood along the line on which the other parameters move with one of them.
 """
 
@@ -13,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from physgen.arrays import F64
+from physgen.arrays import F64, Mask
 from physgen.compile.compile import CompiledScene, compile_shapes
 from physgen.fit.parameters import (
     Kind,
@@ -37,13 +39,21 @@ class FitTuning:
 
     noise: float = 0.5
     """px, standard deviation of a coordinate, if tracks are too short to tell it."""
-    least_noise: float = 0.02
-    """px of residuals, at least."""
-    step_noise: float = 0.1
-    """px by which simulations differ with their steps: smaller residuals need no other start."""
+    track_noise: float = 0.1
+    """px of tracks, at least: followed objects are off by as much in many frames alike."""
+    step_noise: float = 1.0
+    """Of the change of a motion with shorter steps, that counts as its error."""
+    finer: float = 2.0
+    """Times as many steps, with which a motion is compared."""
+    largest_step_noise: float = 20.0
+    """px of that error, at most."""
     good: float = 1.25
     """Cost of a residual up to which no other start is tried."""
-    horizons: tuple[float, ...] = (0.35, 0.7, 1.0, 1.0)
+    step_limit: float = 2.0
+    """Errors of steps, of the tracks' noise, that make a residual good, at most."""
+    passable: float = 2.5
+    """The same before all times are fitted: later ones show a wrong valley clearly."""
+    horizons: tuple[float, ...] = (0.2, 0.35, 0.55, 0.8, 1.0, 1.0)
     """Shares of the time that are fitted one after the other."""
     draws: int = 8
     """Random starts at each length."""
@@ -59,8 +69,12 @@ class FitTuning:
     """1/s: steps of the last fit and of intervals, at most the scene's own."""
     trials: int = 8
     """Steps of a refinement on the way, at most."""
-    last: int = 8
+    last: int = 6
     """Steps of the last refinement, at most."""
+    tolerance: float = 1e-4
+    """Share of the cost by which the last step of a refinement lowers it."""
+    straight: float = 1.6
+    """Factor of an interval's end, from 1, up to which it is not looked for again."""
     robust: float = 3.0
     """Standard deviations from which a residual counts less."""
     quantile: float = 1.645
@@ -131,8 +145,11 @@ class Model:
         self.tracks, self.starts = tracks, starts
         self.parameters = tuple(parameters)
         self.noise = track_noise(tracks)
+        self.step_errors = np.zeros_like(tracks.poses)
+        """(T, N, 3) px: errors of simulated poses, by their steps."""
         self.rate = min(FIT.rate, compiled.world.steps_per_second)
         self.simulations = 0
+        self._recent: tuple[bytes, F64] = (b"", np.empty(0))
         bodies = compiled.world.bodies
         self.gyration = np.array([(b.moment / b.mass) ** 0.5 for b in bodies])
         self.prior = np.array([one.start for one in self.parameters])
@@ -152,6 +169,29 @@ class Model:
         grid = times if times[0] == 0.0 else np.concatenate([[0.0], times])
         return simulate(world, grid).poses[len(grid) - len(times) :]
 
+    def measure_steps(self, numbers: F64, count: int) -> None:
+        """Note how far poses of the first `count` times depend on the length of steps."""
+        times, rate = self.tracks.times[:count], self.rate
+        try:
+            poses = self.poses(numbers, times)
+            self.rate = FIT.finer * rate
+            change = np.abs(self.poses(numbers, times) - poses)
+        except InputError:
+            return
+        finally:
+            self.rate = rate
+        change[..., 2] *= self.gyration
+        change = np.maximum.accumulate(FIT.step_noise * change, axis=0)
+        # an error of one coordinate is soon one of the others
+        largest = change.max(axis=2, keepdims=True)
+        self.step_errors[:count] = np.minimum(largest, FIT.largest_step_noise)
+        self.step_errors[count:] = self.step_errors[count - 1]
+        self._recent = (b"", np.empty(0))
+
+    def deviations(self, count: int) -> F64:
+        """Return the standard deviations (count, N, 3) of residuals, px."""
+        return np.hypot(self.noise, self.step_errors[:count])
+
     def differences(self, poses: F64) -> F64:
         """Return (T, N, 3) px: observed minus simulated, NaN without observation."""
         offset = self.tracks.poses[: len(poses)] - poses
@@ -160,6 +200,12 @@ class Model:
 
     def residuals(self, numbers: F64, count: int) -> F64:
         """Return residuals of the first `count` times, in standard deviations, with the prior's."""
+        key = numbers.tobytes() + bytes(str((count, self.rate, self.noise)), "ascii")
+        if self._recent[0] != key:
+            self._recent = (key, self._new_residuals(numbers, count))
+        return self._recent[1]
+
+    def _new_residuals(self, numbers: F64, count: int) -> F64:
         known = np.isfinite(self.tracks.poses[:count])
         prior = (numbers - self.prior) / self.spread
         try:
@@ -167,7 +213,24 @@ class Model:
         except InputError:
             failed = np.full(int(known.sum()), FIT.failed)
             return np.concatenate([failed, prior])
-        return np.concatenate([offset[known] / self.noise, prior])
+        scaled = offset / self.deviations(count)
+        return np.concatenate([scaled[known], prior])
+
+    def has_good_residuals(self, numbers: F64, count: int) -> bool:
+        """Return whether residuals are as small as the noise of the tracks.
+
+        A wrong motion may be chaotic: its large errors of steps do not excuse it.
+        """
+        residuals = self.residuals(numbers, count).copy()
+        observed = len(residuals) - len(numbers)
+        errors = np.minimum(self.step_errors[:count], FIT.step_limit * self.noise)
+        factors = self.deviations(count) / np.hypot(self.noise, errors)
+        known = np.isfinite(self.tracks.poses[:count])
+        residuals[:observed] *= factors[known]
+        limit = FIT.passable
+        if count == len(self.tracks.times):
+            limit = FIT.good
+        return robust_cost(residuals) < limit * observed
 
     def jacobian(
         self, numbers: F64, count: int, columns: Sequence[int], base: F64 | None = None
@@ -200,6 +263,7 @@ def estimate_starts(
     bodies = compiled.world.bodies
     velocities = np.zeros((len(bodies), 3))
     moves, spins = [], []
+    held = []
     early = (tracks.times > 0) & (
         tracks.times <= max(FIT.first, tracks.times[min(3, len(tracks.times) - 1)])
     )
@@ -208,7 +272,8 @@ def estimate_starts(
         gyration = (body.moment / body.mass) ** 0.5
         errors = np.array([FIT.noise, FIT.noise, FIT.noise / max(gyration, 1.0)])
         is_moving = False
-        for axis in range(3):
+        is_held = (*_held_axes(compiled, tracks, early, k), False)
+        for axis in np.flatnonzero(np.logical_not(is_held)).tolist():
             offsets = tracks.poses[early, k, axis] - start[axis]
             known = np.isfinite(offsets)
             times = tracks.times[early][known]
@@ -224,10 +289,33 @@ def estimate_starts(
         if not is_moving:
             velocities[k] = 0.0
         moves.append(is_moving)
+        held.append(is_held[:2])
         spins.append(bool(np.isfinite(tracks.poses[:, k, 2]).mean() > 0.5))
     is_round = tuple(body.radius is not None for body in bodies)
     sets = _tell_starts(tracks.poses[early], spins, kinds)
-    return Starts(velocities, tuple(moves), tuple(spins), is_round, sets)
+    return Starts(velocities, tuple(moves), tuple(spins), is_round, tuple(held), sets)
+
+
+def _held_axes(
+    compiled: CompiledScene, tracks: Tracks, early: Mask, k: int
+) -> tuple[bool, bool]:
+    """Return whether early frames show x and y of an object at rest against gravity.
+
+    Without a support it would fall. A hop too small to be seen would otherwise pass for
+    sliding without friction.
+    """
+    body, gravity = compiled.world.bodies[k], compiled.world.gravity
+    limit = FIT.moving * track_noise(tracks)
+    held = []
+    for axis in (0, 1):
+        offsets = tracks.poses[early, k, axis] - body.center[axis]
+        known = np.isfinite(offsets)
+        time = float(tracks.times[early][known].max(initial=0.0))
+        # a throw that comes back in this time rises by g t^2 / 8
+        would_fall = abs(gravity[axis]) * time**2 / 8 > limit
+        rests = bool((np.abs(offsets[known]) < limit).all())
+        held.append(bool(would_fall) and rests)
+    return held[0], held[1]
 
 
 def _tell_starts(
@@ -256,27 +344,51 @@ def fit_scene(
     if not parameters:
         raise _nothing_free(scene, tracks, kinds, starts)
     model = Model(scene, compiled, tracks, starts, parameters)
-    generator = np.random.default_rng(seed)
-    best = model.prior.copy()
+    progress("fit", 0, len(FIT.horizons) + 2)
+    best = _search(model, np.random.default_rng(seed), progress)
     total = len(tracks.times)
-    for k, share in enumerate(FIT.horizons):
-        progress("fit", k, len(FIT.horizons) + 2)
-        count = max(min(total, 4), round(share * total))
-        best = _refine(model, best, count, FIT.trials)
-        is_good = _is_good(model, best, count)
-        if is_good and count == total:
-            break
-        if is_good:
-            continue
-        candidates = _candidates(model, best, count, generator)
-        refined = [_refine(model, one, count, FIT.trials) for one in candidates]
-        refined.append(best)
-        best = min(refined, key=lambda one: robust_cost(model.residuals(one, count)))
     model.rate = min(FIT.fine_rate, compiled.world.steps_per_second)
     progress("fit", len(FIT.horizons), len(FIT.horizons) + 2)
-    best = _refine(model, best, total, FIT.last)
+    model.measure_steps(best, total)
+    best = _refine(model, best, total, FIT.last).numbers
     progress("fit", len(FIT.horizons) + 1, len(FIT.horizons) + 2)
+    model.measure_steps(best, total)
     return _with_intervals(model, best)
+
+
+def _search(model: Model, generator: np.random.Generator, progress: Progress) -> F64:
+    """Return the best numbers of all starts, with long steps."""
+    best = model.prior.copy()
+    total = len(model.tracks.times)
+    for k, share in enumerate(FIT.horizons):
+        progress("fit", k, len(FIT.horizons) + 2)
+        count = min(max(4, round(share * total)), total)
+        model.measure_steps(best, count)
+        first = _refine(model, best, count, FIT.trials)
+        best = first.numbers
+        if not model.has_good_residuals(best, count):
+            # the errors of steps were those of another motion
+            model.measure_steps(best, count)
+        if model.has_good_residuals(best, count):
+            if count == total:
+                break
+            continue
+        candidates = _candidates(model, first, count, generator)
+        refined = [_refine(model, one, count, FIT.trials) for one in candidates]
+        tried = [best, *(one.numbers for one in refined)]
+        best = min(tried, key=lambda one: robust_cost(model.residuals(one, count)))
+    return best
+
+
+def absent_kinds(
+    scene: Scene, compiled: CompiledScene, tracks: Tracks, kinds: Sequence[Kind]
+) -> tuple[Kind, ...]:
+    """Return the kinds of which this scene and clip have no parameter."""
+    starts = estimate_starts(compiled, tracks, kinds)
+    # asked for together, since gravity leaves out its direction
+    parameters = free_parameters(scene, tracks, kinds, starts)
+    free = {one.kind for one in parameters}
+    return tuple(kind for kind in kinds if kind not in free)
 
 
 def _nothing_free(
@@ -290,14 +402,7 @@ def _nothing_free(
     if offered:
         fix = f"choose from {', '.join(offered)}"
     names = ",".join(kind.value for kind in kinds)
-    return Message.FIT_NOTHING_FREE.error("--free", names, fix=fix)
-
-
-def _is_good(model: Model, numbers: F64, count: int) -> bool:
-    """Return whether residuals are as small as the noise of the tracks."""
-    residuals = model.residuals(numbers, count)
-    observed = len(residuals) - len(numbers)
-    return robust_cost(residuals) < FIT.good * observed
+    return Message.FIT_NOTHING_FREE.error("free", names, fix=fix)
 
 
 def track_noise(tracks: Tracks) -> float:
@@ -310,15 +415,29 @@ def track_noise(tracks: Tracks) -> float:
     if not len(known):
         return FIT.noise
     spread = MAD * float(np.median(known)) / THIRD_DIFFERENCE
-    return max(spread, FIT.step_noise)
+    return max(spread, FIT.track_noise)
+
+
+@dataclass(frozen=True)
+class _Refined:
+    """Numbers after least squares."""
+
+    numbers: F64
+    active: tuple[int, ...]
+    """Columns that change anything."""
 
 
 def _candidates(
-    model: Model, best: F64, count: int, generator: np.random.Generator
+    model: Model, first: _Refined, count: int, generator: np.random.Generator
 ) -> list[F64]:
-    """Return the best few of the last estimate and of random values of contacts."""
-    is_drawn = np.array([one.scale is not Scale.LINEAR for one in model.parameters])
-    starts = [best]
+    """Return the best few of random values of contacts, among those that act so far."""
+    best = first.numbers
+    is_drawn = np.zeros(len(best), bool)
+    is_drawn[list(first.active)] = True
+    is_drawn &= [one.scale is not Scale.LINEAR for one in model.parameters]
+    if not is_drawn.any():
+        return []
+    starts = []
     for k in np.flatnonzero(is_drawn).tolist():
         # a value that an earlier valley drove far away
         if abs(best[k] - model.prior[k]) > FIT.astray * model.spread[k]:
@@ -328,9 +447,7 @@ def _candidates(
         starts.append(_limited(model, best + np.where(is_drawn, draw, 0.0)))
     costs = [robust_cost(model.residuals(one, count)) for one in starts]
     order = np.argsort(costs, kind="stable")
-    chosen = [starts[k] for k in order[: FIT.refined].tolist()]
-    # the last estimate stays in the race
-    return chosen if 0 in order[: FIT.refined] else [best, *chosen[:-1]]
+    return [starts[k] for k in order[: FIT.refined].tolist()]
 
 
 def _limited(model: Model, numbers: F64) -> F64:
@@ -341,7 +458,7 @@ def _limited(model: Model, numbers: F64) -> F64:
     return np.asarray(np.clip(numbers, low + margin, high - margin))
 
 
-def _refine(model: Model, numbers: F64, count: int, most: int) -> F64:
+def _refine(model: Model, numbers: F64, count: int, most: int) -> _Refined:
     """Return numbers after robust least squares over those that change anything."""
     from scipy.optimize import least_squares
 
@@ -353,12 +470,14 @@ def _refine(model: Model, numbers: F64, count: int, most: int) -> F64:
     effect = np.hypot.reduce(data, axis=0) * model.spread if len(numbers) else base[:0]
     active = [k for k in every if effect[k] > FIT.inert]
     if not active:
-        return numbers
+        return _Refined(numbers, ())
 
     def residuals(part: F64) -> F64:
         return model.residuals(_spliced(numbers, active, part), count)
 
     def jacobian(part: F64) -> F64:
+        if np.array_equal(part, numbers[active]):
+            return slopes[:, active]
         whole = _spliced(numbers, active, part)
         return model.jacobian(whole, count, active, model.residuals(whole, count))
 
@@ -372,10 +491,11 @@ def _refine(model: Model, numbers: F64, count: int, most: int) -> F64:
         loss="soft_l1",
         f_scale=FIT.robust,
         max_nfev=most,
-        ftol=1e-5,
+        ftol=FIT.tolerance,
         xtol=1e-6,
     )
-    return _spliced(numbers, active, np.asarray(result.x, np.float64))
+    numbers = _spliced(numbers, active, np.asarray(result.x, np.float64))
+    return _Refined(numbers, tuple(active))
 
 
 def _spliced(numbers: F64, columns: Sequence[int], part: F64) -> F64:
@@ -391,12 +511,13 @@ def _with_intervals(model: Model, best: F64) -> Fit:
     residuals = model.residuals(best, total)
     observed = residuals[: len(residuals) - len(best)]
     spread = _residual_spread(observed, len(best))
-    model.noise = max(model.noise * spread, FIT.least_noise)
+    model.noise = max(model.noise * spread, FIT.track_noise)
+    model.step_errors *= max(spread, 1.0)
     slopes = model.jacobian(best, total, range(len(best)))
     covariance: F64 = np.linalg.pinv(slopes.T @ slopes).astype(np.float64)
     poses = model.poses(best, model.tracks.times)
     offset = model.differences(poses)
-    inflation = _inflation(offset)
+    inflation = _inflation(offset / model.deviations(total))
     widths = np.sqrt(np.diag(covariance)) * inflation
     is_determined = widths < FIT.determined * model.spread
     cost = robust_cost(model.residuals(best, total))
@@ -470,6 +591,8 @@ class _Profile:
             rise = self._rise(side * reach)
             factor = (target / max(rise, target / 9)) ** 0.5
             reach *= min(max(factor, 0.5), 2.0)
+            if 1 / FIT.straight < factor < FIT.straight:
+                break
         return float(reach)
 
     def _rise(self, change: float) -> float:
