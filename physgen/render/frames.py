@@ -794,6 +794,8 @@ def _flatten(stage: Stage, pictures: Sequence[Picture], time: float) -> None:
             continue
         box, picture.light, picture.coverage = flat
         picture.where = replace(picture.where, box=box)
+        # The photo's border pixels fit the round outline alone.
+        picture.rest = None
         picture.is_flat = True
 
 
