@@ -44,6 +44,7 @@ from physgen.render.stage import (
     Stage,
     borders_left,
     draw_border,
+    draw_foot_halo,
     draw_halo,
     draw_sprite,
     enlarged_poses,
@@ -415,6 +416,12 @@ class _Painter:
             if halo is not None:
                 self._shadows.add_border(self._canvas, *halo)
                 boxes.append(halo[0])
+            # Its light includes the shadow of the object, which moves with it.
+            foot_halo = draw_foot_halo(sprite, picture.stand, self.size)
+            if foot_halo is not None:
+                box, light = foot_halo
+                self._canvas[box] += light
+                boxes.append(box)
         return boxes
 
     def _paint_objects(

@@ -27,6 +27,7 @@ from physgen.photometry import DistantLight, decode
 from physgen.render.ball import ball_from_photo, sphere_shading
 from physgen.render.ball_light import in_one_light
 from physgen.render.contact_shade import contact_depth
+from physgen.render.foot_halos import split_halos
 from physgen.render.occlusion import (
     SUNK,
     ground_below,
@@ -328,6 +329,7 @@ def _white(sprite: Sprite) -> Sprite:
         light=three_channels(sprite.coverage),
         rest=None,
         halo=None,
+        foot_halo=None,
         ball=ball,
         relief=None,
         sides=white_sides,
@@ -396,8 +398,12 @@ def lit_stage(
     difference = cv2.absdiff(maps.rgb, background)
     is_equal = cv2.inRange(difference, (0, 0, 0), (0, 0, 0)) > 0
     is_changed = ~is_equal & (coverage == 0)
+    clean, halo_reach = maps.clean, None
+    if maps.shadows is None and clean is not None:
+        # It lacks mirror images alone, which are no shadows: they stay in the halos.
+        background, clean, halo_reach = clean, None, 1.0
     lit, ghost_shadows = decompose_shadows(
-        background, maps.clean, coverage, starts, rounds, setting, ghosts, is_changed
+        background, clean, coverage, starts, rounds, setting, ghosts, is_changed
     )
     if ghost_shadows is not None:
         # Remove the shadows of left-out objects from the photo, too.
@@ -407,9 +413,13 @@ def lit_stage(
     mirror = None
     if not setting.top:
         mirror = floor_mirror(sprites, starts, photo - behind, coverage, setting.tilt)
+    sprites = anchored(sprites, photo, behind, absent, lit.owner, halo_reach)
+    if not setting.top and mirror is None and maps.shadows is None:
+        is_mirror = halo_reach is not None
+        sprites = split_halos(sprites, starts, setting.tilt, is_mirror=is_mirror)
     return Stage(
         background,
-        anchored(sprites, photo, behind, absent, lit.owner),
+        sprites,
         lit,
         actors,
         shadow_floors,
