@@ -41,7 +41,7 @@ class FootHaloTuning:
     ramp: float = 4.0
     """px over which the floor's part begins, and over which detail fades."""
     rim: float = 0.05
-    """Width of a lower rim that the mask may lack, over a mirror."""
+    """Width of a lower rim that the mask may lack."""
     smooth: float = 0.02
     """Standard deviation of the blur: grain of the ground stays with the ground."""
     steep: float = 0.25
@@ -127,13 +127,10 @@ def _split(sprite: Sprite, ends: tuple[float, float], *, is_mirror: bool) -> Spr
     norm = cv2.GaussianBlur(known, (0, 0), sigma)
     blurred = cv2.GaussianBlur(halo, (0, 0), sigma)
     smooth = blurred * (known / np.maximum(norm, np.float32(0.05)))[..., None]
-    reach = FOOT_HALO.ramp
-    detail = np.minimum(halo, 0)
-    if is_mirror:
-        reach = max(reach, FOOT_HALO.rim * side)
-        detail = halo
-    # Close to the outline, dark detail is the contact; light corrects the fill, unless
-    # it is a mirror's.
+    # Close to the outline, dark detail is the contact or a rim that the mask lacks;
+    # light corrects the fill, unless it is a mirror's.
+    detail = halo if is_mirror else np.minimum(halo, 0)
+    reach = max(FOOT_HALO.ramp, FOOT_HALO.rim * side)
     near = np.exp(-np.square(sprite.halo_reach / reach))[..., None]
     moving = near * detail + (1 - near) * smooth
     moving *= weight[..., None]

@@ -117,6 +117,8 @@ class StagingTuning:
     """Rows of these that objects' blurred rims and contact shadows may disturb, px."""
     alike: float = 0.7
     """Correlation with the upside-down object above which a floor mirrors it."""
+    soft: float = 0.1
+    """Direct over ambient light below which a light is soft."""
     joined: float = 9.0
     """Gap between two boundaries of one floor, px."""
 
@@ -414,7 +416,8 @@ def lit_stage(
     if not setting.top:
         mirror = floor_mirror(sprites, starts, photo - behind, coverage, setting.tilt)
     sprites = anchored(sprites, photo, behind, absent, lit.owner, halo_reach)
-    if not setting.top and mirror is None and maps.shadows is None:
+    is_fitted = maps.shadows is not None and not _is_soft(setting.light)
+    if not setting.top and mirror is None and not is_fitted:
         is_mirror = halo_reach is not None
         sprites = split_halos(sprites, starts, setting.tilt, is_mirror=is_mirror)
     return Stage(
@@ -427,6 +430,11 @@ def lit_stage(
         mirror=mirror,
         contact_depth=contact_depth(scene),
     )
+
+
+def _is_soft(light: DistantLight) -> bool:
+    """Check whether a light has hardly a direction: geometry predicts few shadows."""
+    return light.intensity < STAGING.soft * light.ambient
 
 
 def _shadow_setting(scene: Scene, world: World) -> ShadowSetting:

@@ -40,6 +40,10 @@ class FootLimits:
     """Part of an object's height, from below, with ground beside it."""
     reach: float = 0.45
     """Distance from the foot at which the ground is taken for bare."""
+    least_room: float = 0.1
+    """Least distance between the foot and the photo's lower side."""
+    far: float = 0.7
+    """Share of the reach from which on the ground below is compared."""
     smooth: float = 0.02
     """Standard deviation of the blur against grain."""
     least: float = 0.08
@@ -107,6 +111,8 @@ class _Ground:
     """(h, w): distance from the foot over the object's side."""
     noise: float
     """Standard deviation of the bare ground's -log of light."""
+    below: F32
+    """(h, w, 3): -log of the light relative to the ground below the foot."""
 
 
 def _shade_at_foot(
@@ -166,17 +172,38 @@ def _ground(
     grain = np.abs(smooth - rough).mean(axis=2)[bare]
     # A median: the ground may end in a meadow within the search.
     noise = NORMAL * float(np.median(grain))
+    level = _level_below(smooth, foot, open_mask, side)
+    if level is None:
+        return None
     depth = np.asarray(membrane - smooth, np.float32)
-    return _Ground(depth, room, foot, distance, noise)
+    return _Ground(depth, room, foot, distance, noise, level - smooth)
+
+
+def _level_below(smooth: F32, foot: Mask, open_mask: Mask, side: float) -> F32 | None:
+    """Return the median (3,) of the logarithm of light well below a foot.
+
+    None if the photo ends close to the foot.
+    """
+    columns = np.flatnonzero(foot.any(axis=0))
+    lowest = int(np.flatnonzero(foot.any(axis=1))[-1])
+    room = min(FOOT.reach * side, len(foot) - 1 - lowest)
+    if room < FOOT.least_room * side:
+        return None
+    first = lowest + round(FOOT.far * room)
+    place = np.s_[first : lowest + round(room) + 1, columns[0] : columns[-1] + 1]
+    values = smooth[place][open_mask[place]]
+    if len(values) < len(columns):
+        return None
+    return np.asarray(np.median(values, axis=0), np.float32)
 
 
 def _joined_shade(ground: _Ground) -> Mask | None:
     """Return the shaded ground (h, w) that touches the foot; None if it is no shade."""
-    grey = ground.depth.mean(axis=2)
     limit = max(FOOT.least, FOOT.loud * ground.noise)
-    # Shade is dark; mirror light changes the colour more than the brightness.
-    hue = np.abs(ground.depth - grey[..., None]).max(axis=2)
-    shade = ground.room & (np.maximum(grey, hue) > limit)
+    # Shade differs from the ground on all sides, and from that below alone: the object
+    # may stand on a dark carpet before a bright wall.
+    strengths = [_strength(depth) for depth in (ground.depth, ground.below)]
+    shade = ground.room & (np.minimum(*strengths) > limit)
     near = ground.room & (ground.distance < FOOT.near)
     wide_foot = cv2.dilate(ground.foot.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
     _, names = cv2.connectedComponents((shade | wide_foot).astype(np.uint8))
@@ -184,7 +211,7 @@ def _joined_shade(ground: _Ground) -> Mask | None:
     shade &= np.isin(names, foot_names[foot_names > 0])
     border = ground.room & (ground.distance > 0.9 * FOOT.reach)
     near_shade = shade & near
-    if not near_shade.any() or grey[near_shade].mean() < FOOT.depth:
+    if not near_shade.any() or strengths[0][near_shade].mean() < FOOT.depth:
         return None
     width = np.count_nonzero(ground.foot.any(axis=0))
     shaded_width = np.count_nonzero(near_shade.any(axis=0))
@@ -193,6 +220,16 @@ def _joined_shade(ground: _Ground) -> Mask | None:
     if np.count_nonzero(shade & border) > FOOT.ends * np.count_nonzero(border):
         return None
     return shade
+
+
+def _strength(depth: F32) -> F32:
+    """Return the strength (h, w) of shade or mirror light.
+
+    Shade is dark; mirror light changes the colour more than the brightness.
+    """
+    grey = depth.mean(axis=2)
+    hue = np.abs(depth - grey[..., None]).max(axis=2)
+    return np.asarray(np.maximum(grey, hue), np.float32)
 
 
 def _soft_depth(ground: _Ground, shade: Mask, side: float) -> F32:

@@ -1,0 +1,92 @@
+"""Light on the floor moves with its object; light elsewhere stays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from physgen.geometry.polygon import Pose
+from physgen.geometry.shadows import Silhouette
+from physgen.render.foot_halos import FootHalo, split_halos
+from physgen.render.sprites import MARGIN, Sprite
+
+SIZE = (200, 160)
+"""Width and height of the canvas, px."""
+FOOT = 100
+"""Row below the lowest one of the object."""
+START = Pose(90.0, 80.0, 0.0)
+
+
+def standing(
+    light: float, *, is_mirror: bool = False, floor: float = FOOT - 0.5
+) -> tuple[Sprite, Sprite]:
+    """Return a block with a strip of `light` below its foot and one of 0.3 above its
+    top, before and after its halo is split.
+    """
+    coverage = np.zeros((60 + 2 * MARGIN, 40 + 2 * MARGIN), np.float32)
+    coverage[MARGIN:-MARGIN, MARGIN:-MARGIN] = 1
+    corner = (70 - MARGIN, 40 - MARGIN)
+    halo = np.zeros((SIZE[1], SIZE[0], 3), np.float32)
+    halo[FOOT : FOOT + 12, 70:110] = light
+    halo[32:40, 70:110] = 0.3
+    near = np.zeros(halo.shape[:2], np.int32)
+    picture = 0.5 * coverage[..., None].repeat(3, axis=2)
+    sprite = Sprite(0, corner, picture, coverage, halo=((0, 0), halo, near))
+    start = Silhouette(
+        coverage, corner, (90.0, 70.0), None, 40.0, floor, ends=(0.0, 150.0)
+    )
+    return sprite, split_halos([sprite], [start], 0.1, is_mirror=is_mirror)[0]
+
+
+def foot_halo_of(sprite: Sprite) -> FootHalo:
+    assert sprite.foot_halo is not None
+    return sprite.foot_halo
+
+
+@pytest.mark.parametrize("is_mirror", [True, False])
+def test_both_parts_are_the_whole_halo(is_mirror: bool) -> None:
+    whole, sprite = standing(-0.2, is_mirror=is_mirror)
+    assert whole.halo is not None and sprite.halo is not None
+    total = sprite.halo[1] + foot_halo_of(sprite).light
+    assert total == pytest.approx(whole.halo[1], abs=1e-6)
+    # What is above the object stays.
+    assert not foot_halo_of(sprite).light[:60].any()
+
+
+def test_a_contact_shadow_moves_along_the_floor() -> None:
+    foot_halo = foot_halo_of(standing(-0.2)[1])
+    moved = foot_halo.moved(START, START._replace(x=115.0), 0.0, SIZE)
+    assert moved is not None
+    canvas = np.zeros((SIZE[1], SIZE[0], 3))
+    canvas[moved[0]] = moved[1]
+    columns = np.arange(SIZE[0])
+    weight = -canvas[FOOT + 1 : FOOT + 4].sum(axis=(0, 2))
+    assert weight @ columns / weight.sum() == pytest.approx(89.5 + 25, abs=0.3)
+    assert canvas[FOOT + 1, 105:125].mean() == pytest.approx(-0.2, abs=0.03)
+
+
+def test_it_vanishes_if_the_object_leaves_the_floor() -> None:
+    foot_halo = foot_halo_of(standing(-0.2)[1])
+    assert foot_halo.moved(START, START._replace(y=40.0), 0.0, SIZE) is None
+    assert foot_halo.moved(START, START, 1.0, SIZE) is None
+
+
+def test_it_ends_at_the_end_of_the_floor() -> None:
+    foot_halo = foot_halo_of(standing(-0.2)[1])
+    moved = foot_halo.moved(START, START._replace(x=140.0), 0.0, SIZE)
+    assert moved is not None
+    columns = np.arange(SIZE[0])[moved[0][1]]
+    assert not moved[1][:, columns > 150].any()
+    assert moved[1][:, columns <= 150].min() < -0.1
+
+
+def test_only_mirrors_carry_light_at_the_outline() -> None:
+    strip = np.s_[FOOT : FOOT + 2, 80:100]
+    assert foot_halo_of(standing(0.2, is_mirror=True)[1]).light[strip].min() > 0.15
+    carried = standing(0.2)[1].foot_halo
+    assert carried is None or carried.light[strip].max() < 0.05
+
+
+def test_objects_in_the_air_keep_their_halos() -> None:
+    whole, sprite = standing(-0.2, floor=FOOT + 30.0)
+    assert sprite is whole
