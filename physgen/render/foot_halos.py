@@ -42,6 +42,8 @@ class FootHaloTuning:
     """px over which the floor's part begins, and over which detail fades."""
     rim: float = 0.05
     """Width of a lower rim that the mask may lack."""
+    even: tuple[float, float] = (0.85, 0.97)
+    """Mean darkness over its root mean square: of grain, and of a rim."""
     smooth: float = 0.02
     """Standard deviation of the blur: grain of the ground stays with the ground."""
     steep: float = 0.25
@@ -121,23 +123,40 @@ def _split(sprite: Sprite, ends: tuple[float, float], *, is_mirror: bool) -> Spr
     if weight is None or not weight.any():
         return sprite
     side = float(max(min(sprite.coverage.shape), 1))
-    sigma = max(FOOT_HALO.smooth * side, 1.0)
-    # Pixels of the object are unknown; elsewhere the halo ends softly.
-    known = (sprite.halo_reach > 0).astype(np.float32)
-    norm = cv2.GaussianBlur(known, (0, 0), sigma)
-    blurred = cv2.GaussianBlur(halo, (0, 0), sigma)
-    smooth = blurred * (known / np.maximum(norm, np.float32(0.05)))[..., None]
-    # Close to the outline, dark detail is the contact or a rim that the mask lacks;
-    # light corrects the fill, unless it is a mirror's.
-    detail = halo if is_mirror else np.minimum(halo, 0)
-    reach = max(FOOT_HALO.ramp, FOOT_HALO.rim * side)
-    near = np.exp(-np.square(sprite.halo_reach / reach))[..., None]
-    moving = near * detail + (1 - near) * smooth
+    moving = _moving_light(halo, sprite.halo_reach, side, is_mirror=is_mirror)
     moving *= weight[..., None]
-    moving = np.asarray(moving, np.float32)
     foot_halo = FootHalo(corner, moving, ends, side)
     rest = np.asarray(halo - moving, np.float32)
     return replace(sprite, halo=(corner, rest, neighbours), foot_halo=foot_halo)
+
+
+def _moving_light(halo: F32, distance: F32, side: float, *, is_mirror: bool) -> F32:
+    """Return the part (h, w, 3) of a halo that belongs to an object rather than to the
+    ground.
+
+    `distance` (h, w): px from the object.
+    """
+    sigma = max(FOOT_HALO.smooth * side, 1.0)
+    # Pixels of the object are unknown; elsewhere the halo ends softly.
+    known = (distance > 0).astype(np.float32)
+    norm = np.maximum(cv2.GaussianBlur(known, (0, 0), sigma), np.float32(0.05))
+    gain = (known / norm)[..., None]
+    smooth = cv2.GaussianBlur(halo, (0, 0), sigma) * gain
+    reach = max(FOOT_HALO.ramp, FOOT_HALO.rim * side)
+    near = np.exp(-np.square(distance / reach))[..., None]
+    if is_mirror:
+        return np.asarray(near * halo + (1 - near) * smooth, np.float32)
+    # Close to the outline, light corrects the fill. Detail that is dark all over is a
+    # rim that the mask lacks; other detail is the grain of the ground.
+    mean = smooth.mean(axis=2, keepdims=True)
+    power = cv2.GaussianBlur(np.square(halo.mean(axis=2)), (0, 0), sigma)
+    deviation = np.sqrt(power)[..., None] * np.sqrt(gain)
+    low, high = FOOT_HALO.even
+    evenness = -mean / np.maximum(deviation, np.float32(1e-4))
+    share = near * np.clip((evenness - low) / (high - low), 0, 1)
+    dark = smooth + near * (np.minimum(smooth, 0) - smooth)
+    moving = share * np.minimum(halo, 0) + (1 - share) * dark
+    return np.asarray(moving, np.float32)
 
 
 def _floor_weight(

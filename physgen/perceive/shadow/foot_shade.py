@@ -56,6 +56,8 @@ class FootLimits:
     """Least mean depth of shade there."""
     wide: float = 0.3
     """Least share of the foot's width with shade."""
+    fade: float = 0.12
+    """Height over which the removal begins."""
     ends: float = 0.3
     """Largest share of the border of the search that is shaded: a longer dark region is
     another surface.
@@ -238,6 +240,9 @@ def _soft_depth(ground: _Ground, shade: Mask, side: float) -> F32:
     wide_shade = cv2.dilate(shade.astype(np.uint8), np.ones((5, 5), np.uint8))
     weight = cv2.GaussianBlur(wide_shade.astype(np.float32), (0, 0), sigma)
     weight *= np.clip((FOOT.reach - ground.distance) / (0.2 * FOOT.reach), 0, 1)
+    # Above the searched rows, shade may go on: it fades instead of ending at a line.
+    rows = np.arange(len(weight)) - int(ground.room.any(axis=1).argmax())
+    weight *= np.clip(rows / (FOOT.fade * side), 0, 1)[:, None]
     weight = np.where(ground.room, weight, 0).astype(np.float32)
     depth = np.clip(ground.depth, -FOOT.deepest, FOOT.deepest) * weight[..., None]
     continued = _blur_known(depth.astype(np.float32), ground.room, 2.0)
