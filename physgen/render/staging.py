@@ -124,6 +124,8 @@ class StagingTuning:
 
 
 STAGING = StagingTuning()
+GUESSED_LIGHT = "shading"
+"""Source of a light without visible shadows, in `from`: no shadow is explained."""
 
 
 def enlarged_world(
@@ -401,7 +403,8 @@ def lit_stage(
     is_equal = cv2.inRange(difference, (0, 0, 0), (0, 0, 0)) > 0
     is_changed = ~is_equal & (coverage == 0)
     clean, halo_reach = maps.clean, None
-    if maps.shadows is None and clean is not None:
+    is_guess = scene.light.provenance.startswith(GUESSED_LIGHT)
+    if is_guess and clean is not None:
         # It lacks mirror images alone, which are no shadows: they stay in the halos.
         background, clean, halo_reach = clean, None, 1.0
     lit, ghost_shadows = decompose_shadows(
@@ -416,8 +419,8 @@ def lit_stage(
     if not setting.top:
         mirror = floor_mirror(sprites, starts, photo - behind, coverage, setting.tilt)
     sprites = anchored(sprites, photo, behind, absent, lit.owner, halo_reach)
-    is_fitted = maps.shadows is not None and not _is_soft(setting.light)
-    if not setting.top and mirror is None and not is_fitted:
+    is_soft = bool(scene.light.provenance) and _is_soft(setting.light)
+    if not setting.top and mirror is None and (is_guess or is_soft):
         is_mirror = halo_reach is not None
         sprites = split_halos(sprites, starts, setting.tilt, is_mirror=is_mirror)
     return Stage(
