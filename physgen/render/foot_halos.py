@@ -176,9 +176,7 @@ def _floor_weight(
     lowest = solid.shape[0] - 1 - np.argmax(solid[::-1], axis=0)[columns]
     places = columns + sprite.corner[0] - corner[0]
     is_inside = (places >= 0) & (places < shape[1])
-    own_begins = np.maximum(
-        sprite.corner[1] + lowest, foot - FOOT_HALO.legs * height
-    )
+    own_begins = np.maximum(sprite.corner[1] + lowest, foot - FOOT_HALO.legs * height)
     begins[places[is_inside]] = own_begins[is_inside]
     # Beside the outline, the floor begins softly.
     below = corner[1] + np.arange(shape[0])[:, None] - begins[None]

@@ -66,6 +66,12 @@ def carpet(rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
     return np.asarray((0.8 * (rows >= FOOT))[..., None].repeat(3, axis=2))
 
 
+def board(rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Return the dark edge of a board below the object, across the photo."""
+    is_edge = (rows >= FOOT) & (rows < FOOT + 8)
+    return np.asarray((0.8 * is_edge)[..., None].repeat(3, axis=2))
+
+
 def distant(rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Return a painted spot that does not touch the object."""
     spot = (np.hypot(rows - FOOT - 30, columns - 160) < 8) * 0.8
@@ -88,7 +94,7 @@ def test_light_at_feet_is_removed(depth: Depth, channel: int) -> None:
     assert (clean[FOOT + 60 :] == rgb[FOOT + 60 :]).all()
 
 
-@pytest.mark.parametrize("depth", [nothing, carpet, distant])
+@pytest.mark.parametrize("depth", [nothing, carpet, board, distant])
 def test_other_surfaces_stay(depth: Depth) -> None:
     rgb, labels, _ = drawing(depth)
     assert found(rgb, labels) is None
@@ -98,6 +104,7 @@ def test_mirrored_photos_have_mirrored_shade() -> None:
     rgb, labels, _ = drawing(at_foot)
     shade = found(rgb, labels)
     mirrored = found(rgb[:, ::-1].copy(), labels[:, ::-1].copy())
-    assert shade is not None and mirrored is not None
+    assert shade is not None
+    assert mirrored is not None
     difference = shade[0].astype(int) - mirrored[0][:, ::-1]
     assert np.abs(difference).mean() < 0.2

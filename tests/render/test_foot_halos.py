@@ -46,7 +46,8 @@ def foot_halo_of(sprite: Sprite) -> FootHalo:
 @pytest.mark.parametrize("is_mirror", [True, False])
 def test_both_parts_are_the_whole_halo(is_mirror: bool) -> None:
     whole, sprite = standing(-0.2, is_mirror=is_mirror)
-    assert whole.halo is not None and sprite.halo is not None
+    assert whole.halo is not None
+    assert sprite.halo is not None
     total = sprite.halo[1] + foot_halo_of(sprite).light
     assert total == pytest.approx(whole.halo[1], abs=1e-6)
     # What is above the object stays.

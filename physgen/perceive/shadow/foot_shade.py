@@ -62,6 +62,10 @@ class FootLimits:
     """Largest share of the border of the search that is shaded: a longer dark region is
     another surface.
     """
+    side_ends: float = 0.005
+    """The same on both sides of the foot, for the edge of a board ..."""
+    board: float = 0.15
+    """... down to this part of the foot's width below the foot."""
     deepest: float = 2.2
     """Largest depth that is removed."""
     tolerance: float = 0.01
@@ -71,6 +75,19 @@ class FootLimits:
 FOOT = FootLimits()
 NORMAL = 1.48
 """Standard deviation of a normal distribution over its median absolute deviation."""
+
+
+@dataclass(frozen=True)
+class _FootShade:
+    """The shade at one foot."""
+
+    window: Window
+    depth: F32
+    """(h, w, 3): -log of the missing light."""
+
+
+BOARD = _FootShade(np.s_[:0, :0], np.zeros((0, 0, 3), np.float32))
+"""Instead of shade: the edge of a board under the object."""
 
 
 def find_foot_shade(
@@ -87,9 +104,12 @@ def find_foot_shade(
         if item.cut or mass_properties(item.outline).area < FOOT.smallest:
             continue
         shade = _shade_at_foot(result, free, labels == item.id)
+        if shade is BOARD:
+            # All objects beside it stand on the board, those at its ends, too.
+            return None
         if shade is None:
             continue
-        window, depth = shade
+        window, depth = shade.window, shade.depth
         light = decode(result[window]) * np.exp(depth)
         lit_picture = result.copy()
         lit_picture[window] = encode_u8(np.minimum(light, 1.0).astype(np.float32))
@@ -117,10 +137,8 @@ class _Ground:
     """(h, w, 3): -log of the light relative to the ground below the foot."""
 
 
-def _shade_at_foot(
-    background: Rgb, free: F32, own_mask: Mask
-) -> tuple[Window, F32] | None:
-    """Return a window around a foot and -log (h, w, 3) of the light to give back."""
+def _shade_at_foot(background: Rgb, free: F32, own_mask: Mask) -> _FootShade | None:
+    """Return the shade at an object's foot, or None without any."""
     left, top, width, height = cv2.boundingRect(own_mask.astype(np.uint8))
     side = min(width, height)
     margin = round(2 * FOOT.reach * side)
@@ -150,10 +168,12 @@ def _shade_at_foot(
     shade = None if ground is None else _joined_shade(ground)
     if ground is None or shade is None:
         return None
+    if _is_board(ground, shade):
+        return BOARD
     small_depth = _soft_depth(ground, shade, side / scale)
     size = foot.shape[1], foot.shape[0]
     depth = cv2.resize(small_depth, size, interpolation=cv2.INTER_LINEAR)
-    return window, np.asarray(depth, np.float32)
+    return _FootShade(window, np.asarray(depth, np.float32))
 
 
 def _ground(
@@ -222,6 +242,21 @@ def _joined_shade(ground: _Ground) -> Mask | None:
     if np.count_nonzero(shade & border) > FOOT.ends * np.count_nonzero(border):
         return None
     return shade
+
+
+def _is_board(ground: _Ground, shade: Mask) -> bool:
+    """Check whether a dark region (h, w) leaves the search on both sides of the foot.
+
+    A cast shadow may leave it on one side; the edge of a shelf does so on both.
+    """
+    columns = np.flatnonzero(ground.foot.any(axis=0))
+    lowest = int(np.flatnonzero(ground.foot.any(axis=1))[-1])
+    border = ground.room & (ground.distance > 0.9 * FOOT.reach)
+    level = border[: lowest + 2 + round(FOOT.board * len(columns))]
+    shaded_border = shade[: len(level)] & level
+    left = np.count_nonzero(shaded_border[:, : columns[0]])
+    right = np.count_nonzero(shaded_border[:, columns[-1] + 1 :])
+    return min(left, right) > FOOT.side_ends * np.count_nonzero(border)
 
 
 def _strength(depth: F32) -> F32:
