@@ -48,6 +48,10 @@ class FootHaloTuning:
     """Standard deviation of the blur: grain of the ground stays with the ground."""
     steep: float = 0.25
     """Largest slope of a floor."""
+    darkest: float = 1e-3
+    """Linear light of a ground without visible shade."""
+    deepest: float = 3.0
+    """-log of the least light that shade leaves."""
     faint: float = 0.02
     """Largest invisible share."""
 
@@ -62,7 +66,9 @@ class FootHalo:
     corner: tuple[int, int]
     """Column and row of the photo."""
     light: F32
-    """Linear light, (h, w, 3), of either sign."""
+    """Linear light that is added, (h, w, 3)."""
+    shade: F32
+    """-log of the share of light that is left, (h, w, 3)."""
     ends: tuple[float, float]
     """Columns of both ends of the floor, px."""
     side: float
@@ -70,9 +76,9 @@ class FootHalo:
 
     def moved(
         self, start: Pose, pose: Pose, turn: float, size: tuple[int, int]
-    ) -> tuple[Slices, F32] | None:
-        """Return a box of the photo and its light (h, w, 3) at a pose; None if it is
-        invisible.
+    ) -> tuple[Slices, F32, F32] | None:
+        """Return a box of the photo, the share of its light that is left there, and the
+        added light, (h, w, 3), at a pose; None if both are invisible.
         """
         dx, dy = pose.x - start.x, pose.y - start.y
         # The object follows its floor; a larger rise lifts it off.
@@ -81,27 +87,32 @@ class FootHalo:
         share = exp(-(hypot(lift, turn / SHADOW.turn) ** 2))
         if share < FOOT_HALO.faint:
             return None
-        box, light = shifted_picture(self.light, self.corner, (dx, rise), size)
+        shift = (dx, rise)
+        box, light = shifted_picture(self.light, self.corner, shift, size)
+        _, shade = shifted_picture(self.shade, self.corner, shift, size)
         if box is None:
             return None
         columns = np.arange(box[0], box[2])
         is_floor = (columns >= self.ends[0]) & (columns <= self.ends[1])
-        weight = np.float32(share) * is_floor.astype(np.float32)
-        picture = light.reshape(box[3] - box[1], box[2] - box[0], 3)
+        weight = (np.float32(share) * is_floor.astype(np.float32))[:, None]
+        shape = (box[3] - box[1], box[2] - box[0], 3)
+        factor = np.exp(-shade.reshape(shape) * weight).astype(np.float32)
         place = np.s_[box[1] : box[3], box[0] : box[2]]
-        return place, np.asarray(picture * weight[:, None], np.float32)
+        return place, factor, np.asarray(light.reshape(shape) * weight, np.float32)
 
 
 def split_halos(
     sprites: Sequence[Sprite],
     starts: Sequence[Silhouette],
     tilt: float,
+    behind: F32,
     *,
     is_mirror: bool,
 ) -> list[Sprite]:
     """Return the sprites of a side view with the floor's part of their halos apart.
 
-    `tilt`: rise of a floor's point in the picture per px of distance. `is_mirror`:
+    `tilt`: rise of a floor's point in the picture per px of distance. `behind`: linear
+    light of the background, (H, W, 3). `is_mirror`:
     whether the background lacks mirror images, so that halos contain them.
     """
     result = []
@@ -110,12 +121,14 @@ def split_halos(
         lift = FOOT_HALO.lift * start.coverage.shape[0]
         is_standing = contact is not None and contact.low < max(lift, 1)
         if is_standing and sprite.halo is not None:
-            sprite = _split(sprite, start.ends, is_mirror=is_mirror)
+            sprite = _split(sprite, start.ends, behind, is_mirror=is_mirror)
         result.append(sprite)
     return result
 
 
-def _split(sprite: Sprite, ends: tuple[float, float], *, is_mirror: bool) -> Sprite:
+def _split(
+    sprite: Sprite, ends: tuple[float, float], behind: F32, *, is_mirror: bool
+) -> Sprite:
     """Return a sprite with a foot halo, which its halo then lacks."""
     assert sprite.halo is not None
     corner, halo, neighbours = sprite.halo
@@ -125,8 +138,14 @@ def _split(sprite: Sprite, ends: tuple[float, float], *, is_mirror: bool) -> Spr
     side = float(max(min(sprite.coverage.shape), 1))
     moving = _moving_light(halo, sprite.halo_reach, side, is_mirror=is_mirror)
     moving *= weight[..., None]
-    foot_halo = FootHalo(corner, moving, ends, side)
-    rest = np.asarray(halo - moving, np.float32)
+    light = moving if is_mirror else np.maximum(moving, 0)
+    # Shade multiplies the light of the next ground, and so keeps its grain.
+    x, y = corner
+    ground = behind[y : y + halo.shape[0], x : x + halo.shape[1]]
+    dark = np.minimum(moving - light, 0) / np.maximum(ground, FOOT_HALO.darkest)
+    left = np.maximum(1 + dark, np.exp(-FOOT_HALO.deepest)).astype(np.float32)
+    foot_halo = FootHalo(corner, light, -np.log(left), ends, side)
+    rest = np.asarray(halo - light - ground * (left - 1), np.float32)
     return replace(sprite, halo=(corner, rest, neighbours), foot_halo=foot_halo)
 
 

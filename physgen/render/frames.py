@@ -416,10 +416,11 @@ class _Painter:
             if halo is not None:
                 self._shadows.add_border(self._canvas, *halo)
                 boxes.append(halo[0])
-            # Its light includes the shadow of the object, which moves with it.
+            # It includes the contact shadow of the object, which moves with it.
             foot_halo = draw_foot_halo(sprite, picture.stand, self.size)
             if foot_halo is not None:
-                box, light = foot_halo
+                box, factor, light = foot_halo
+                self._canvas[box] *= factor
                 self._canvas[box] += light
                 boxes.append(box)
         return boxes

@@ -316,9 +316,9 @@ def draw_halo(
 
 def draw_foot_halo(
     sprite: Sprite, stand: SpritePose, size: tuple[int, int]
-) -> tuple[Slices, F32] | None:
+) -> tuple[Slices, F32, F32] | None:
     """Draw the part of a halo that moves with its object on a canvas of `size` (W, H):
-    a box and (h, w, 3); None without any.
+    a box, a factor and added light (h, w, 3); None without any.
     """
     if sprite.foot_halo is None or stand.where is None:
         return None

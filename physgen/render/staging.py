@@ -422,7 +422,9 @@ def lit_stage(
     is_soft = bool(scene.light.provenance) and _is_soft(setting.light)
     if not setting.top and mirror is None and (is_guess or is_soft):
         is_mirror = halo_reach is not None
-        sprites = split_halos(sprites, starts, setting.tilt, is_mirror=is_mirror)
+        sprites = split_halos(
+            sprites, starts, setting.tilt, behind, is_mirror=is_mirror
+        )
     return Stage(
         background,
         sprites,

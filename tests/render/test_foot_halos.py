@@ -14,6 +14,7 @@ SIZE = (200, 160)
 """Width and height of the canvas, px."""
 FOOT = 100
 """Row below the lowest one of the object."""
+GROUND = np.full((SIZE[1], SIZE[0], 3), 0.5, np.float32)
 START = Pose(90.0, 80.0, 0.0)
 
 
@@ -35,7 +36,8 @@ def standing(
     start = Silhouette(
         coverage, corner, (90.0, 70.0), None, 40.0, floor, ends=(0.0, 150.0)
     )
-    return sprite, split_halos([sprite], [start], 0.1, is_mirror=is_mirror)[0]
+    split = split_halos([sprite], [start], 0.1, GROUND, is_mirror=is_mirror)
+    return sprite, split[0]
 
 
 def foot_halo_of(sprite: Sprite) -> FootHalo:
@@ -48,18 +50,27 @@ def test_both_parts_are_the_whole_halo(is_mirror: bool) -> None:
     whole, sprite = standing(-0.2, is_mirror=is_mirror)
     assert whole.halo is not None
     assert sprite.halo is not None
-    total = sprite.halo[1] + foot_halo_of(sprite).light
-    assert total == pytest.approx(whole.halo[1], abs=1e-6)
+    foot_halo = foot_halo_of(sprite)
+    total = GROUND * np.exp(-foot_halo.shade) + foot_halo.light + sprite.halo[1]
+    assert total == pytest.approx(GROUND + whole.halo[1], abs=1e-6)
     # What is above the object stays.
-    assert not foot_halo_of(sprite).light[:60].any()
+    assert not foot_halo.light[:60].any()
+    assert not foot_halo.shade[:60].any()
+
+
+def drawn(foot_halo: FootHalo, pose: Pose) -> np.ndarray:
+    """Return the change of the ground at a pose, (H, W, 3)."""
+    moved = foot_halo.moved(START, pose, 0.0, SIZE)
+    assert moved is not None
+    place, factor, light = moved
+    canvas = GROUND.copy()
+    canvas[place] = canvas[place] * factor + light
+    return np.asarray(canvas - GROUND)
 
 
 def test_a_contact_shadow_moves_along_the_floor() -> None:
     foot_halo = foot_halo_of(standing(-0.2)[1])
-    moved = foot_halo.moved(START, START._replace(x=115.0), 0.0, SIZE)
-    assert moved is not None
-    canvas = np.zeros((SIZE[1], SIZE[0], 3))
-    canvas[moved[0]] = moved[1]
+    canvas = drawn(foot_halo, START._replace(x=115.0))
     columns = np.arange(SIZE[0])
     weight = -canvas[FOOT + 1 : FOOT + 4].sum(axis=(0, 2))
     assert weight @ columns / weight.sum() == pytest.approx(89.5 + 25, abs=0.3)
@@ -74,11 +85,9 @@ def test_it_vanishes_if_the_object_leaves_the_floor() -> None:
 
 def test_it_ends_at_the_end_of_the_floor() -> None:
     foot_halo = foot_halo_of(standing(-0.2)[1])
-    moved = foot_halo.moved(START, START._replace(x=140.0), 0.0, SIZE)
-    assert moved is not None
-    columns = np.arange(SIZE[0])[moved[0][1]]
-    assert not moved[1][:, columns > 150].any()
-    assert moved[1][:, columns <= 150].min() < -0.1
+    canvas = drawn(foot_halo, START._replace(x=140.0))
+    assert not canvas[:, 151:].any()
+    assert canvas[:, :151].min() < -0.1
 
 
 def test_only_mirrors_carry_light_at_the_outline() -> None:
