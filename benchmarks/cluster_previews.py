@@ -114,7 +114,7 @@ def cluster_table(rows: list[dict[str, Any]]) -> list[str]:
             f"out, with client, scheduler and the table, takes {row['client']} ms of CPU a clip (the bar is 10).",
         ),
         "",
-        *table(["clips", "memory of that process, MiB"], memory),
+        *table(["clips", "memory of the client, MiB"], memory),
     ]
 
 

@@ -127,7 +127,7 @@ def tables(rows: list[dict]) -> list[str]:
             "Share of photos whose view is right. The photos were labelled by hand; half of them, with the bundled",
             "photos, taught the looks, and these are the others. Oblique photos, in which the camera looks down by",
             "30 to 60 degrees, are photos from the side. Cues: the background and the objects alone, as before the",
-            "looks were learned. Both need the objects, which were not looked for in all photos.",
+            "looks were learned. Both need the objects, and not all photos were searched for objects.",
         ),
         "",
         *table(

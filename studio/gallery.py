@@ -145,7 +145,7 @@ def main() -> None:
         "<!-- Written by `python studio/gallery.py`; do not edit. -->",
         "",
         "The photos are our own (`studio/README.md`), so that physgen's videos can be compared with the truth,",
-        "path-traced by Mitsuba and shown above ours where it was made. Each scene is a folder of `scenes/`, where more lie.",
+        "path-traced by Mitsuba and shown above ours where it was made. Each scene is a folder of `scenes/`, which has more scenes.",
         "",
     ]
     names = {p.parent.name for p in (ROOT / "scenes").glob("*/scene.yaml")}

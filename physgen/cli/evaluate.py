@@ -87,7 +87,7 @@ def add_segmentation(parser: Parser) -> None:
         "--backend",
         "ROLE=NAME",
         str,
-        "what segments: segment=NAME",
+        "backend of the segmentation: segment=NAME",
         [],
         action="append",
     )
@@ -125,7 +125,7 @@ def add_fid(parser: Parser) -> None:
         "--reference",
         "DIR",
         Path,
-        "the same of what is true",
+        "true clips, in the same form",
         action="append",
         required=True,
     )
@@ -213,7 +213,7 @@ def add_study(parser: Parser) -> None:
     parser.option("-o --output", "PATH", Path, help_text)
     parser.option("--key", "FILE", Path, "read answers with the key of their study")
     parser.option("--videos", "N", count, "scenes shown of every method; default: 15")
-    parser.option("--seed", "N", seed, "of what is drawn; default: 0", 0)
+    parser.option("--seed", "N", seed, "of the drawn values; default: 0", 0)
 
 
 VIDEOS = 15

@@ -88,7 +88,7 @@ def add(parser: Parser) -> None:
 
 VERIFY = Command(
     "verify",
-    "Renders clips again and compares: what differs first, and by how much. Exit code 1 when something differs.",
+    "Renders clips again and compares: names the first difference and its size. Exit code 1 when something differs.",
     "physgen verify out --jobs 2",
     add,
     verify,

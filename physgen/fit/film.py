@@ -5,6 +5,10 @@ background with the sprites on it, the farthest first: the pose of a sprite is w
 picture made so differs least from the frame. Phase correlation finds it roughly if it
 jumped, and Gauss-Newton steps to hundredths of a pixel. Pixels that nearer objects cover
 count for nothing, and an object that no longer explains its pixels is lost.
+
+Pictures are mixed in linear light, as a camera does: mixed in codes, a border between
+light and dark moves by tenths of a pixel. Differences are those of the square root of
+light, whose noise is nearly even, in codes from 0 to 255.
 """
 
 from __future__ import annotations
@@ -19,7 +23,7 @@ import numpy as np
 from physgen.arrays import F32, F64, U8
 from physgen.compile.world import Body, World
 from physgen.fit.tracks import Tracks
-from physgen.photometry import encode
+from physgen.photometry import decode
 from physgen.progress import Progress, silent
 from physgen.render.stage import Stage
 
@@ -61,6 +65,8 @@ class TrackTuning:
 
 
 TRACK = TrackTuning()
+CODES = 255.0
+"""Brightness of white."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +77,7 @@ class Template:
     corner: tuple[int, int]
     """Column and row of its first pixel."""
     paint: F32
-    """(h, w, 4): codes 0..255 multiplied by coverage, and the coverage."""
+    """(h, w, 4): linear light multiplied by coverage, and the coverage."""
     center: tuple[float, float]
     """px: of mass, about which it turns."""
     gyration: float
@@ -142,12 +148,12 @@ def templates_of(
         alpha = np.asarray(sprite.coverage, np.float32)
         tall, wide = alpha.shape
         left, top = sprite.corner
-        colours = 255.0 * encode(sprite.light / np.maximum(alpha, 1e-3)[..., None])
+        light = np.asarray(sprite.light, np.float32)
         if has_photo:
             rows = np.clip(np.arange(top, top + tall), 0, height - 1)
             columns = np.clip(np.arange(left, left + wide), 0, width - 1)
-            colours = first[rows][:, columns].astype(np.float32)
-        paint = np.dstack([colours * alpha[..., None], alpha]).astype(np.float32)
+            light = decode(first[rows][:, columns]) * alpha[..., None]
+        paint = np.dstack([light, alpha]).astype(np.float32)
         x, y = body.center.tolist()
         templates.append(
             Template(
@@ -197,7 +203,7 @@ class Follower:
 
     def __init__(self, templates: Sequence[Template], background: U8, world: World):
         self.templates = templates
-        self.background = background.astype(np.float32)
+        self.background = decode(background)
         self.count = len(world.bodies)
         self.states = {}
         for template in templates:
@@ -205,7 +211,7 @@ class Follower:
 
     def follow(self, frame: U8) -> F64:
         """Return the poses (N, 3) of the next frame, NaN where an object is not seen."""
-        picture = frame.astype(np.float32)
+        picture = _brightness(decode(frame))
         current = {body: state.predicted() for body, state in self.states.items()}
         poses = np.full((self.count, 3), nan)
         for is_last in (False, True):
@@ -276,9 +282,9 @@ class _Scene:
 
     window: Window
     frame: F32
-    """(h, w, 3)."""
+    """(h, w, 3): brightness."""
     behind: F32
-    """(h, w, 3): the picture without the object."""
+    """(h, w, 3): linear light of the picture without the object."""
     is_open: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
     """(h, w): where no nearer object hides it."""
 
@@ -296,9 +302,10 @@ class _Scene:
         """Return it out of focus."""
         if not sigma:
             return self
-        frame = cv2.GaussianBlur(self.frame, (0, 0), sigma)
-        behind = cv2.GaussianBlur(self.behind, (0, 0), sigma)
-        return _Scene(self.window, np.asarray(frame), np.asarray(behind), self.is_open)
+        light = (self.frame / CODES) ** 2
+        frame = _brightness(np.asarray(cv2.GaussianBlur(light, (0, 0), sigma)))
+        behind = np.asarray(cv2.GaussianBlur(self.behind, (0, 0), sigma), np.float32)
+        return _Scene(self.window, frame, behind, self.is_open)
 
 
 @dataclass(frozen=True)
@@ -320,8 +327,9 @@ class _Match:
 def _phase_shift(template: Template, start: F64, scene: _Scene) -> F64:
     """Return the shift (x, y, 0) px by which phase correlation finds an object."""
     paint = template.drawn(start, scene.window)
-    expected = np.abs(paint[..., :3] - paint[..., 3:] * scene.behind).sum(axis=2)
-    difference = np.abs(scene.frame - scene.behind).sum(axis=2) * scene.is_open
+    behind = _brightness(scene.behind)
+    expected = np.abs(_mixed(paint, scene.behind) - behind).sum(axis=2)
+    difference = np.abs(scene.frame - behind).sum(axis=2) * scene.is_open
     hanning = cv2.createHanningWindow(scene.window.size, cv2.CV_32F)
     first, second = expected.astype(np.float32), difference.astype(np.float32)
     (x, y), _ = cv2.phaseCorrelate(first, second, hanning)
@@ -363,11 +371,21 @@ def _within(window: Window, outer: Window) -> Window:
 
 
 def _predicted(template: Template, pose: F64, scene: _Scene, sigma: float) -> F32:
-    """Return the picture (h, w, 3) with the object in a pose; `behind` is blurred already."""
+    """Return the brightness (h, w, 3) with the object in a pose; `behind` is blurred already."""
     paint = template.drawn(pose, scene.window)
     if sigma:
         paint = np.asarray(cv2.GaussianBlur(paint, (0, 0), sigma), np.float32)
-    return np.asarray(paint[..., :3] + (1 - paint[..., 3:]) * scene.behind, np.float32)
+    return _mixed(paint, scene.behind)
+
+
+def _mixed(paint: F32, behind: F32) -> F32:
+    """Return the brightness (h, w, 3) of a sprite's paint on the light behind it."""
+    return _brightness(paint[..., :3] + (1 - paint[..., 3:]) * behind)
+
+
+def _brightness(light: F32) -> F32:
+    """Return the square root of linear light, in codes from 0 to 255."""
+    return np.asarray(CODES * np.sqrt(np.maximum(light, 0.0)), np.float32)
 
 
 def _step(
@@ -411,7 +429,7 @@ def _judged(template: Template, pose: F64, scene: _Scene, turns: bool) -> _Match
     if inside.sum() < TRACK.visible * area:
         return None
     difference = (scene.frame - _predicted(template, pose, scene, 0.0))[inside]
-    empty = (scene.frame - scene.behind)[inside]
+    empty = (scene.frame - _brightness(scene.behind))[inside]
     limit = 4 * TRACK.robust
     left = np.minimum(np.abs(difference), limit).mean()
     whole = np.minimum(np.abs(empty), limit).mean()

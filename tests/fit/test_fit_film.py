@@ -88,6 +88,13 @@ def test_poses_are_found_within_a_tenth_of_a_pixel(crossing: Filmed) -> None:
     assert np.nanmax(np.abs(crossing.errors(tracks, "post")[:, :2])) < 0.1
 
 
+def test_borders_of_light_and_dark_stay_in_place() -> None:
+    slide = Filmed(SLIDE, np.arange(8) / 30)
+    errors = slide.errors(slide.tracks(), "crate")
+    assert np.abs(errors[:, 1]).max() < 0.03
+    assert np.abs(errors[:, 0]).max() < 0.06
+
+
 def test_hidden_object_is_not_observed_and_comes_back(crossing: Filmed) -> None:
     tracks = crossing.tracks()
     puck = tracks.names.index("puck")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from math import exp, log
 
 import numpy as np
@@ -14,6 +15,8 @@ from physgen.simulate.engine import simulate
 
 BRIDGE = 300.0
 """px: height of the planks' middle."""
+DRAWS = int(os.environ.get("PHYSGEN_TEST_DRAWS", "40"))
+"""Random bridges and rooms; a simulation of each takes seconds."""
 
 
 def bridge(
@@ -111,9 +114,9 @@ def test_ball_falls_on_bridges():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("first", range(0, 200, 50))
+@pytest.mark.parametrize("first", range(4))
 def test_ball_falls_on_many_bridges(first):
-    seeds = range(first, first + 50)
+    seeds = range(first, DRAWS, 4)
     faults = {seed: bridge_faults(*random_bridge(seed)) for seed in seeds}
     assert {seed: found for seed, found in faults.items() if found} == {}
 
@@ -166,10 +169,10 @@ def test_jointed_pair_keeps_energy_in_elastic_room(kind):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("first", range(0, 100, 25))
+@pytest.mark.parametrize("first", range(2))
 @pytest.mark.parametrize("kind", [JointKind.PIVOT, JointKind.WELD])
 def test_jointed_pairs_keep_energy_in_elastic_rooms(kind, first):
-    seeds = range(first, first + 25)
+    seeds = range(first, DRAWS, 2)
     drifts = {seed: energy_drift(seed, kind, 6.0) for seed in seeds}
     assert {seed: drift for seed, drift in drifts.items() if drift >= 0.005} == {}
 
