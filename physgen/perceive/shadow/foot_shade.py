@@ -256,7 +256,7 @@ def _is_board(ground: _Ground, shade: Mask) -> bool:
     shaded_border = shade[: len(level)] & level
     left = np.count_nonzero(shaded_border[:, : columns[0]])
     right = np.count_nonzero(shaded_border[:, columns[-1] + 1 :])
-    return min(left, right) > FOOT.side_ends * np.count_nonzero(border)
+    return bool(min(left, right) > FOOT.side_ends * np.count_nonzero(border))
 
 
 def _strength(depth: F32) -> F32:
@@ -277,7 +277,7 @@ def _soft_depth(ground: _Ground, shade: Mask, side: float) -> F32:
     weight *= np.clip((FOOT.reach - ground.distance) / (0.2 * FOOT.reach), 0, 1)
     # Above the searched rows, shade may go on: it fades instead of ending at a line.
     rows = np.arange(len(weight)) - int(ground.room.any(axis=1).argmax())
-    weight *= np.clip(rows / (FOOT.fade * side), 0, 1)[:, None]
+    weight = weight * np.clip(rows / (FOOT.fade * side), 0, 1)[:, None]
     weight = np.where(ground.room, weight, 0).astype(np.float32)
     depth = np.clip(ground.depth, -FOOT.deepest, FOOT.deepest) * weight[..., None]
     continued = _blur_known(depth.astype(np.float32), ground.room, 2.0)
