@@ -403,7 +403,7 @@ class _Painter:
         """Paint reflections and halos of objects below the objects; return the changed
         boxes.
         """
-        boxes = []
+        boxes = self._paint_foot_halos(pictures)
         shares = halos_left(self._stage.sprites, stands)
         for picture in pictures:
             reflection = _draw_floor_reflection(self._stage, picture, shares)
@@ -416,14 +416,24 @@ class _Painter:
             if halo is not None:
                 self._shadows.add_border(self._canvas, *halo)
                 boxes.append(halo[0])
-            # It includes the contact shadow of the object, which moves with it.
-            foot_halo = draw_foot_halo(sprite, picture.stand, self.size)
-            if foot_halo is not None:
-                box, factor, light = foot_halo
-                self._canvas[box] *= factor
-                self._canvas[box] += light
-                boxes.append(box)
         return boxes
+
+    def _paint_foot_halos(self, pictures: Sequence[Picture]) -> list[Slices]:
+        """Paint contact shadows and mirror images that move with their objects; return
+        the changed boxes.
+        """
+        halos = []
+        for picture in pictures:
+            sprite = self._stage.sprites[picture.stand.k]
+            halo = draw_foot_halo(sprite, picture.stand, self.size)
+            if halo is not None:
+                halos.append(halo)
+        # All shade comes first: it dims the ground, not the light of others.
+        for box, factor, _ in halos:
+            self._canvas[box] *= factor
+        for box, _, light in halos:
+            self._canvas[box] += light
+        return [box for box, _, _ in halos]
 
     def _paint_objects(
         self,

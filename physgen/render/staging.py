@@ -27,7 +27,7 @@ from physgen.photometry import DistantLight, decode
 from physgen.render.ball import ball_from_photo, sphere_shading
 from physgen.render.ball_light import in_one_light
 from physgen.render.contact_shade import contact_depth
-from physgen.render.foot_halos import split_halos
+from physgen.render.halo_split import split_halos
 from physgen.render.occlusion import (
     SUNK,
     ground_below,

@@ -7,7 +7,8 @@ import pytest
 
 from physgen.geometry.polygon import Pose
 from physgen.geometry.shadows import Silhouette
-from physgen.render.foot_halos import FootHalo, split_halos
+from physgen.render.foot_halos import FootHalo
+from physgen.render.halo_split import split_halos
 from physgen.render.sprites import MARGIN, Sprite
 
 SIZE = (200, 160)
