@@ -55,8 +55,10 @@ def _split(
     # Shade multiplies the light of the next ground, and so keeps its grain.
     x, y = corner
     ground = behind[y : y + halo.shape[0], x : x + halo.shape[1]]
-    dark = np.minimum(moving - light, 0) / np.maximum(ground, FOOT_HALO.darkest)
-    left = np.maximum(1 + dark, np.exp(-FOOT_HALO.deepest)).astype(np.float32)
+    dark = np.minimum(moving - light, 0).mean(axis=2, keepdims=True)
+    brightness = np.maximum(ground.mean(axis=2, keepdims=True), FOOT_HALO.darkest)
+    left = np.maximum(1 + dark / brightness, np.exp(-FOOT_HALO.deepest))
+    left = np.repeat(left, 3, axis=2).astype(np.float32)
     foot_halo = FootHalo(corner, light, -np.log(left), ends, side)
     rest = np.asarray(halo - light - ground * (left - 1), np.float32)
     return replace(sprite, halo=(corner, rest, neighbours), foot_halo=foot_halo)
@@ -85,9 +87,9 @@ def _moving_light(halo: F32, distance: F32, side: float, *, is_mirror: bool) -> 
     deviation = np.sqrt(power)[..., None] * np.sqrt(gain)
     low, high = FOOT_HALO.even
     evenness = -mean / np.maximum(deviation, np.float32(1e-4))
-    share = near * np.clip((evenness - low) / (high - low), 0, 1)
-    dark = smooth + near * (np.minimum(smooth, 0) - smooth)
-    moving = share * np.minimum(halo, 0) + (1 - share) * dark
+    share = np.clip((evenness - low) / (high - low), 0, 1)
+    dark = share * halo + (1 - share) * smooth
+    moving = near * np.minimum(dark, 0)
     return np.asarray(moving, np.float32)
 
 

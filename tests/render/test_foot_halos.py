@@ -75,7 +75,10 @@ def test_a_contact_shadow_moves_along_the_floor() -> None:
     columns = np.arange(SIZE[0])
     weight = -canvas[FOOT + 1 : FOOT + 4].sum(axis=(0, 2))
     assert weight @ columns / weight.sum() == pytest.approx(89.5 + 25, abs=0.3)
-    assert canvas[FOOT + 1, 105:125].mean() == pytest.approx(-0.2, abs=0.03)
+    # It is as dark as in the photo at the outline, and fades away from it.
+    depths = canvas[FOOT : FOOT + 8, 105:125].mean(axis=(1, 2))
+    assert -0.2 <= depths[0] < -0.16
+    assert (np.diff(depths) > 0).all()
 
 
 def test_it_vanishes_if_the_object_leaves_the_floor() -> None:
