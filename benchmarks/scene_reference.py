@@ -122,7 +122,7 @@ def _value(part: Schema) -> str:
     kind = part.get("type", "string")
     for name in [kind] if isinstance(kind, str) else kind:
         if name in ("integer", "number") and not words:
-            ways.append(measure({**part, "type": name}, "", ranged=True))
+            ways.append(measure({**part, "type": name}, "", has_range=True))
         elif name == "string" and not words:
             ways.append("a name" if "pattern" in part else "text")
         elif name in FORMS:

@@ -1,4 +1,6 @@
-"""Arguments `KEY=VALUES` of a sweep as axes: keys of a scene with listed or drawn values."""
+"""Parse the arguments `KEY=VALUES` of a sweep into axes. An axis is a scene key with
+listed or drawn values.
+"""
 
 from __future__ import annotations
 
@@ -23,10 +25,12 @@ EXAMPLE = "objects.ball.mass=100,200"
 
 @dataclass(frozen=True)
 class Key:
-    """One key that varies."""
+    """A scene key with several values in a sweep."""
 
-    key: str  # dotted, as `--set` takes it
-    argument: str  # the whole argument as written
+    # Dotted, in the syntax of `--set`.
+    key: str
+    # The whole argument, for messages.
+    argument: str
 
     @property
     def path(self) -> KeyPath:
@@ -37,20 +41,20 @@ class Key:
 
     @property
     def place(self) -> Place:
-        """Return the argument as messages name it."""
+        """Return the argument as the place of a problem."""
         return Place(quoted(self.argument, "", 80))
 
 
 @dataclass(frozen=True)
 class ListAxis(Key):
-    """Values one by one: an axis of the grid."""
+    """An axis of the grid: a key with listed values."""
 
     values: tuple[Value, ...]
 
 
 @dataclass(frozen=True)
 class DistributionAxis(Key):
-    """Values of a distribution."""
+    """A key with values from a distribution."""
 
     distribution: Distribution
 
@@ -59,7 +63,9 @@ Axis = ListAxis | DistributionAxis
 
 
 def read_axes(arguments: Sequence[str]) -> tuple[Axis, ...]:
-    """Return the axes in the order of the arguments. Raises InputError with the problems of all of them."""
+    """Return the axes in the order of the arguments. Raise InputError with all problems
+    of all arguments.
+    """
     problems: list[Problem] = []
     axes: list[Axis] = []
     for argument in arguments:
@@ -67,6 +73,8 @@ def read_axes(arguments: Sequence[str]) -> tuple[Axis, ...]:
             axes.append(_read_axis(argument))
         except RefusedError as error:
             problems.append(error.problem(Key("", argument).place))
+    # A later axis would overwrite an earlier one with the same key or with a key inside
+    # its value.
     for n, later in enumerate(axes):
         for former in axes[:n]:
             if _covers(later.path, former.path):
@@ -82,7 +90,7 @@ def read_axes(arguments: Sequence[str]) -> tuple[Axis, ...]:
 
 
 def _read_axis(argument: str) -> Axis:
-    """Raises RefusedError."""
+    """Parse one argument. Raise RefusedError."""
     key, equals, values = (part.strip() for part in argument.partition("="))
     if not equals:
         raise Message.AXIS_WITHOUT_VALUES.refusal()
@@ -92,18 +100,21 @@ def _read_axis(argument: str) -> Axis:
         raise Message.AXIS_KEY_WRONG.refusal(key=quoted(key), example=EXAMPLE)
     if values.startswith("~"):
         return DistributionAxis(key, argument, read_distribution(values))
+    # `~uniform(...)` without its tilde would be taken for a list of texts.
     if (call := re.match(r"(\w+)\s*\(", values)) and call[1] in EXAMPLES:
         raise Message.AXIS_IS_TEXT.refusal(key=key, values=values)
     return ListAxis(key, argument, read_values(values))
 
 
 def same_key(axis: Axis) -> str:
-    """Return the key in one spelling: `pivot[0]` as `pivot.0`."""
+    """Return the key in one spelling: `pivot[0]` becomes `pivot.0`."""
     return ".".join(map(_strip_brackets, axis.path))
 
 
 def _covers(later: KeyPath, former: KeyPath) -> bool:
-    """Return whether everything that the former key names lies within what the later one sets."""
+    """Return whether the later key sets all values below the former key. `*` covers
+    every name.
+    """
     pairs = zip(map(_strip_brackets, later), map(_strip_brackets, former), strict=False)
     return len(later) <= len(former) and all(a in ("*", b) for a, b in pairs)
 

@@ -18,15 +18,19 @@ MANIFEST = "manifest.json"
 
 
 class FoundClip(NamedTuple):
-    """A clip's folder."""
+    """The folder of a clip."""
 
     folder: Path
-    name: str  # its path below the parent of the folder that the user named, with `/`
-    manifest: Mapping[str, Any] | None  # none: it cannot be read
+    # Path below the parent of the user's folder, separated by `/`.
+    name: str
+    # None for an unreadable manifest.
+    manifest: Mapping[str, Any] | None
 
 
 def checked_folders(roots: Sequence[Path]) -> list[Path]:
-    """Return the folders that exist, none of them within another. Raises InputError."""
+    """Return the folders after a check that all exist and none lies within another.
+    Raise InputError.
+    """
     problems = []
     for root in roots:
         if not root.is_dir():
@@ -38,14 +42,14 @@ def checked_folders(roots: Sequence[Path]) -> list[Path]:
 
 
 def check_distinct(roots: Sequence[Path]) -> None:
-    """Refuse folders within others. Raises InputError."""
+    """Raise InputError if a folder lies within another one."""
     problems = _repeated_roots(roots)
     if problems:
         raise InputError(problems)
 
 
 def _repeated_roots(roots: Sequence[Path]) -> list[Problem]:
-    """Return a problem for each pair of folders of which one holds the other."""
+    """Return a problem for each pair of nested folders."""
     real = {root: root.resolve() for root in roots}
     problems: list[Problem] = []
     for n, root in enumerate(roots):
@@ -59,9 +63,11 @@ def _repeated_roots(roots: Sequence[Path]) -> list[Problem]:
 
 
 def find_clips(roots: Sequence[Path]) -> Iterator[FoundClip]:
-    """Clips in the order of `roots`, and in each in the natural order of names; one folder is listed at a time.
+    """Yield clips in the order of `roots`, and below each root in natural order of
+    names.
 
-    Folders whose names begin with a dot, and folders within a clip's, are passed over.
+    List one folder at a time. Skip folders with a leading dot and folders within a
+    clip.
     """
     for root in roots:
         yield from _find_below(root, root.resolve().name)
@@ -77,7 +83,8 @@ def _find_below(folder: Path, name: str) -> Iterator[FoundClip]:
                 e.name: os.path.isdir(e) if e.is_symlink() else e.is_dir()
                 for e in visible_entries
             }
-    except OSError:  # it may not be read, or has gone since
+    except OSError:
+        # The folder is unreadable, or another process removed it.
         return
     if inside.get(MANIFEST) is False:
         manifest = _read(folder / MANIFEST)
@@ -87,37 +94,47 @@ def _find_below(folder: Path, name: str) -> Iterator[FoundClip]:
             yield FoundClip(folder, name, manifest)
             return
     elif looks_like_clip(inside):
+        # A folder with the files of a clip but without a manifest is an interrupted
+        # render.
         yield FoundClip(folder, name, None)
         return
     for subfolders in sorted(
         (name for name, is_folder in inside.items() if is_folder), key=natural
     ):
         path = folder / subfolders
+        # A link to a folder above itself would make an endless loop.
         if not (
             path.is_symlink() and path.parent.resolve().is_relative_to(path.resolve())
-        ):  # no endless loop
+        ):
             yield from _find_below(path, f"{name}/{subfolders}")
 
 
 def _read(path: Path) -> Mapping[str, Any] | None:
-    """None: it cannot be read and may be a clip's; web pages have a file of that name, too."""
+    """Return the manifest, None for an unreadable file, or an empty mapping for JSON of
+    another kind.
+
+    An unreadable file may belong to a clip. Web pages also have files named
+    `manifest.json`, with other content.
+    """
     try:
-        data = (
-            json.loads(path.read_bytes()) if path.is_file() else None
-        )  # reading a pipe never ends
+        # Reading a pipe never ends, so that only regular files are read.
+        data = json.loads(path.read_bytes()) if path.is_file() else None
     except (OSError, ValueError, RecursionError):
         return None
     return data if isinstance(data, dict) or data is None else {}
 
 
 def clip_folders(roots: Sequence[Path]) -> list[Path]:
-    """Every clip's folder in or below `roots`, once, in the natural order of paths. Raises InputError for none."""
+    """Return the folders of all clips in or below `roots`, without repetitions, in
+    natural order of paths. Raise InputError if a root has no clip.
+    """
     folders_by_path: dict[str, Path] = {}
     problems = []
     for root in roots:
         if not root.is_dir():
             problems += Message.NOT_RENDERED_INTO.error(str(root)).problems
             continue
+        # Links may lead to the same clip twice: the real path identifies a clip.
         clips_below = {
             os.path.realpath(clip.folder): clip.folder for clip in find_clips([root])
         }
@@ -132,35 +149,39 @@ def clip_folders(roots: Sequence[Path]) -> list[Path]:
     )
 
 
-DELIVERED = {"hold", "grain", "squash", "enter", "first_blur"}
-"""Keys of `video` in a manifest: see `render.grain.Delivery`."""
+DELIVERY_KEYS = {"hold", "grain", "squash", "enter", "first_blur"}
+"""Keys of `video` in a manifest that `render.grain.Delivery` sets."""
 
 
 @dataclass(frozen=True)
 class Manifest:
-    """What a manifest records of a run; see `report.record.RunRecord`."""
+    """The record of a run from its manifest; see `report.record.RunRecord`."""
 
     source: str
     variant: str | None
     overrides: tuple[str, ...]
     versions: Mapping[str, str]
-    machine: str  # its processor and its system
+    # Processor and system.
+    machine: str
     inputs: Mapping[str, str]
     files: Mapping[str, str]
     samples: tuple[str, ...]
-    frames: tuple[str, ...]  # of the clip before refinement
-    refined: bool  # a model refined it, or was to
-    delivered: bool = False  # the video has the hold and the noise of its scene
+    # Hashes of the frames before refinement.
+    frames: tuple[str, ...]
+    # True if the render asked for refinement by a model.
+    has_refinement: bool
+    # True if the video has the hold and the grain of the scene.
+    has_delivery: bool = False
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """Raises InputError where the manifest cannot be read."""
+    """Read the manifest of a clip. Raise InputError for a missing or damaged one."""
     path = folder / MANIFEST
     try:
         if not path.is_file():
             raise OSError
         data: Mapping[str, Any] = json.loads(path.read_bytes())
-        is_refined = bool(data.get("refine"))
+        has_refinement = bool(data.get("refine"))
         platform = data["platform"]
         return Manifest(
             source=str(data["source"]),
@@ -171,9 +192,9 @@ def read_manifest(folder: Path) -> Manifest:
             inputs=_texts(data["inputs"]),
             files=_texts(data["files"]),
             samples=tuple(map(str, data["samples"])),
-            frames=tuple(map(str, data["unrefined" if is_refined else "frames"])),
-            refined=is_refined,
-            delivered=bool(DELIVERED & set(data["video"])),
+            frames=tuple(map(str, data["unrefined" if has_refinement else "frames"])),
+            has_refinement=has_refinement,
+            has_delivery=bool(DELIVERY_KEYS & set(data["video"])),
         )
     except (
         OSError,

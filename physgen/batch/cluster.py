@@ -1,9 +1,10 @@
-"""Run work on a Dask cluster: connect to its scheduler, submit batches of items, return results in order.
+"""Run work on a Dask cluster: connect to its scheduler, submit batches of items, return
+results in order.
 
-The only module that needs Dask.
+Only this module needs Dask.
 
-Workers read and write the user's folders under the same paths, or get them as `batch.shipping` describes. A worker
-process does one item at a time.
+Workers access the user's folders under the same paths, or exchange files through a
+store (`batch.shipping`). A worker process does one item at a time.
 """
 
 from __future__ import annotations
@@ -52,81 +53,98 @@ Versions = Mapping[str, str]
 
 FLAG = "--cluster"
 LOCAL = re.compile(r"local(?::(?P<workers>[1-9]\d{0,3}))?")
-"""A cluster of this machine, with so many processes."""
+"""A cluster on this machine, with an optional number of processes."""
 TIMEOUT = 10.0
-"""s in which a scheduler must answer, and without any worker after which that is reported."""
+"""Time for the answer of a scheduler and for the first worker, s."""
 CLOSE_TIMEOUT = 2.0
-"""s in which the client must close."""
+"""Time for the client to close, s."""
 BATCH_SECONDS = 1.0
-"""Duration of a task that the size of batches aims at: a task costs the scheduler about 1 ms."""
+"""Duration of a task, s. A task costs the scheduler about 1 ms, so that 1 s keeps its
+share at 0.1 %.
+"""
 LARGEST_BATCH = 100
-"""Items of a task, at most: what a worker that dies has to do again."""
+"""Maximum number of items in a task. If a worker dies, all of them are repeated."""
 BATCHES_AHEAD = 4
-"""Batches per worker that may be under way or done while an older one is not."""
+"""Maximum number of batches per worker ahead of the oldest unfinished one."""
 LONELY_TRIES = 2
-"""How often an item is tried with no other task at work, after its workers died. At the first one, a worker that the
-item before has ended may still be known as alive."""
+"""Attempts for a suspect item without other tasks. At the first attempt, the scheduler
+may still count a dead worker as alive, so that one attempt proves nothing.
+"""
 DASK_SETTINGS = {
     "distributed.worker.profile.enabled": False,
-    # its clocks of 20 ms, which only warn of blocked loops, took 18 ms of CPU per second
+    # The clocks of 20 ms only warn of blocked loops; they cost 18 ms of CPU per second.
     "distributed.admin.tick.interval": "10s",
     "distributed.admin.tick.limit": "1h",
     "distributed.admin.system-monitor.interval": "10s",
     "distributed.comm.timeouts.connect": f"{TIMEOUT:g}s",
-    # of a local cluster: what ends its process twice is the item itself
+    # In a local cluster, two dead processes in a row mean a faulty item.
     "distributed.scheduler.allowed-failures": 1,
 }
 _ONE_AT_A_TIME = Lock()
-"""The working folder belongs to the process, and a clip uses all of its cores."""
+"""Lock for one item at a time: the working folder belongs to the process, and a clip
+uses all cores.
+"""
 
 
 @dataclass
 class Batch:
-    """Consecutive items that one task works on."""
+    """Consecutive items of one task."""
 
-    first: int  # number of the first item
+    # Number of the first item.
+    first: int
     items: list[Any]
-    lonely_tries: int  # how often it was tried with no other task at work
+    # Number of attempts without other tasks.
+    lonely_tries: int
 
 
 @dataclass
 class BatchSize:
-    """Number of items of the next task, from the durations of those before."""
+    """Number of items of the next task, from the durations of earlier tasks."""
 
-    seconds: float = BATCH_SECONDS  # of one item
-    is_measured: bool = False
+    # Duration of one item.
+    seconds: float = BATCH_SECONDS
+    has_duration: bool = False
 
     def add(self, seconds: float, items: int) -> None:
-        """Count the duration of a batch; newer ones weigh more."""
+        """Update the duration of an item. Each new batch weighs as much as all earlier
+        ones together.
+        """
         duration = seconds / items
-        if self.is_measured:
+        if self.has_duration:
             duration = (duration + self.seconds) / 2
-        self.seconds, self.is_measured = duration, True
+        self.seconds, self.has_duration = duration, True
 
     @property
     def items(self) -> int:
-        """Return the number of items that take about BATCH_SECONDS."""
+        """Return the number of items with a total duration of about BATCH_SECONDS."""
         count = int(BATCH_SECONDS / max(self.seconds, BATCH_SECONDS / LARGEST_BATCH))
         return max(1, count)
 
 
 @cache
 def own_versions() -> Versions:
-    """Return the versions of code and libraries; on one kind of processor, clips are equal if these are."""
+    """Return the versions of code and libraries. Equal versions give equal clips on one
+    kind of processor.
+    """
     code = {**code_version((*CODE, "batch")), **versions()}
+    # The user's machine and the worker may differ: only their software must be the
+    # same.
     code.pop("machine")
     return code
 
 
-def run_batch(expected: Versions, folder: str, content: bytes) -> tuple[bytes, float]:
-    """Run a pickled function on pickled items, on a worker, in the user's `folder`.
+def run_batch(
+    user_versions: Versions, folder: str, content: bytes
+) -> tuple[bytes, float]:
+    """Run a pickled function on pickled items, in the user's `folder`; called on a
+    worker.
 
-    Return the pickled results and their duration, s. Raises InputError if the results would differ, or if the worker
-    does not see the folder.
+    Return the pickled results and their duration, s. Raise InputError if the worker has
+    other versions or lacks the folder.
     """
     versions_here = own_versions()
-    if versions_here != expected:
-        raise _version_error(expected, versions_here)
+    if versions_here != user_versions:
+        raise _version_error(user_versions, versions_here)
     with _ONE_AT_A_TIME:
         _enter(folder)
         keep_freed_memory()
@@ -137,7 +155,7 @@ def run_batch(expected: Versions, folder: str, content: bytes) -> tuple[bytes, f
 
 
 def _enter(folder: str) -> None:
-    """Change to the working folder of the user. Raises InputError."""
+    """Change to the user's working folder. Raise InputError."""
     if not folder:
         return
     try:
@@ -148,18 +166,25 @@ def _enter(folder: str) -> None:
         ) from None
 
 
-def _version_error(theirs: Versions, ours: Versions) -> InputError:
-    """Return the error that the user's versions, `theirs`, are not the worker's."""
-    names = [name for name in theirs if ours.get(name) != theirs[name]]
+def _version_error(user_versions: Versions, worker_versions: Versions) -> InputError:
+    """Return the error for a worker with other versions than the user's machine."""
+    names = [
+        name
+        for name in user_versions
+        if worker_versions.get(name) != user_versions[name]
+    ]
+    # A hash of the sources explains less than the version of a library.
     if len(names) > 1 and "sources" in names:
-        names.remove("sources")  # a hash, which explains less than the other versions
+        names.remove("sources")
 
-    def text(known: Versions) -> str:
-        return ", ".join(f"{name} {known.get(name, 'none')[:12]}" for name in names)
+    def text(version_map: Versions) -> str:
+        return ", ".join(
+            f"{name} {version_map.get(name, 'none')[:12]}" for name in names
+        )
 
     worker_text = f"a worker on {platform.node()}"
     return Message.WORKER_VERSION.error(
-        FLAG, worker_text, version=text(ours), here=text(theirs)
+        FLAG, worker_text, version=text(worker_versions), here=text(user_versions)
     )
 
 
@@ -167,21 +192,22 @@ def run_on_cluster(
     address: str,
     work: Callable[[Item], Result],
     items: Iterable[Item],
-    lost: Callable[[Item, Exception], Result],
+    lost_result: Callable[[Item, Exception], Result],
     *,
     ship: str | None = None,
     report: Callable[[str], None] = lambda text: None,
 ) -> Generator[Result, None, None]:
-    """Yield `work(item)` for each item, in order; `lost(item, error)` if its workers died each time.
+    """Yield `work(item)` for each item in order, or `lost_result(item, error)` if its workers
+    died at each attempt.
 
-    `ship` is the URL of a store for the files of jobs or requests, in place of a shared folder. `report` gets the
-    reason of a wait. Raises InputError if there is no such cluster or the results of a worker would differ,
-    ConnectionError if the scheduler is lost. A caller that stops early must close the generator, which cancels the
-    tasks.
+    `ship` is the URL of a store for files, if the workers do not share the user's
+    folders. `report` gets the reason of a wait. Raise InputError if there is no such
+    cluster or a worker has other versions, ConnectionError if the scheduler is lost. A
+    caller must close the generator to stop early; this cancels the tasks.
     """
     if ship is not None:
         yield from run_on_cluster(
-            address, *run_shipped(Store(ship), work, items, lost), report=report
+            address, *run_shipped(Store(ship), work, items, lost_result), report=report
         )
         return
     with _connect(address) as client:
@@ -191,14 +217,14 @@ def run_on_cluster(
             report(f"{address}: has no workers yet; waiting for them")
         run = _ClusterRun(client, address, work, os.getcwd())
         try:
-            yield from run.results(iter(items), lost)
+            yield from run.results(iter(items), lost_result)
         finally:
             run.cancel()
 
 
 @dataclass
 class _ClusterRun:
-    """The tasks of one call of run_on_cluster."""
+    """The tasks of one call of `run_on_cluster`."""
 
     client: Client
     address: str
@@ -207,19 +233,24 @@ class _ClusterRun:
     size: BatchSize = field(default_factory=BatchSize)
     tasks: dict[Future, Batch] = field(default_factory=dict)
     suspects: list[Batch] = field(default_factory=list)
-    """Single items whose workers died, perhaps by another item; each is tried again with no other task at work."""
-    done: dict[int, Any] = field(default_factory=dict)
+    """Single items from the tasks of dead workers. Another item may have been the
+    cause, so each is tried again alone.
+    """
+    finished_results: dict[int, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        # not `with_results`: it waits for ever if a worker dies while its result is fetched
+        # Not `with_results`: it never returns if a worker dies during the transfer.
         self.completed = as_completed(loop=self.client.loop)
 
     def results(
-        self, source: Iterator[Item], lost: Callable[[Item, Exception], Result]
+        self, source: Iterator[Item], lost_result: Callable[[Item, Exception], Result]
     ) -> Iterator[Result]:
-        """Yield results in order; at most BATCHES_AHEAD batches a worker are ahead of the oldest one."""
+        """Yield results in order. Submit at most BATCHES_AHEAD batches per worker
+        beyond the oldest unfinished one.
+        """
         due = count = 0
         while True:
+            # The limit bounds the memory of finished results behind a slow item.
             limit = due + BATCHES_AHEAD * self._workers() * self.size.items
             while count < limit and not self.suspects:
                 items = list(islice(source, self.size.items))
@@ -227,6 +258,7 @@ class _ClusterRun:
                     break
                 self._submit(Batch(count, items, 0))
                 count += len(items)
+            # A suspect runs alone, so that only the suspect itself can end its worker.
             if self.suspects and not self.tasks:
                 suspect = self.suspects.pop(0)
                 suspect.lonely_tries += 1
@@ -234,28 +266,33 @@ class _ClusterRun:
             if due == count:
                 return
             for future in self.completed.next_batch(block=True):
-                self._add_results(future, lost)
-            while due in self.done:
-                yield self.done.pop(due)
+                self._add_results(future, lost_result)
+            while due in self.finished_results:
+                yield self.finished_results.pop(due)
                 due += 1
 
     def _add_results(
-        self, future: Future, lost: Callable[[Any, Exception], Any]
+        self, future: Future, lost_result: Callable[[Any, Exception], Any]
     ) -> None:
-        """Keep the results of a task until they are due."""
+        """Store the results of a task until their turn. Make suspects of its items if
+        its worker died.
+        """
         batch = self.tasks.pop(future)
         try:
             results = self._read(future, len(batch.items))
         except KilledWorker:
+            # The batch may hold one guilty item among innocent ones: split it.
             if batch.lonely_tries < LONELY_TRIES:
                 for number, item in enumerate(batch.items, batch.first):
                     self.suspects.append(Batch(number, [item], batch.lonely_tries))
                 return
-            results = [lost(batch.items[0], LostError("its workers died each time"))]
-        self.done.update(enumerate(results, batch.first))
+            results = [
+                lost_result(batch.items[0], LostError("its workers died each time"))
+            ]
+        self.finished_results.update(enumerate(results, batch.first))
 
     def cancel(self) -> None:
-        """Cancel all tasks that have not ended."""
+        """Cancel all unfinished tasks."""
         with suppress(Exception):
             self.client.cancel(list(self.tasks), force=True)
 
@@ -275,7 +312,9 @@ class _ClusterRun:
             raise self._scheduler_error() from None
 
     def _read(self, future: Future, items: int) -> list[Any]:
-        """Return the results of a task. Raises KilledWorker, or the error that ends the run."""
+        """Return the results of a task. Raise KilledWorker, or an error to end the
+        run.
+        """
         try:
             content, seconds = future.result()
         except (ModuleNotFoundError, AttributeError) as error:
@@ -295,7 +334,9 @@ class _ClusterRun:
 
 @contextmanager
 def _connect(address: str) -> Iterator[Client]:
-    """Yield a client of the scheduler at `address`, of the one in a FILE.json, or of a cluster of this machine."""
+    """Yield a client of the scheduler at an address, of the scheduler in a FILE.json,
+    or of a new local cluster.
+    """
     with ExitStack() as stack:
         stack.enter_context(_quiet())
         stack.enter_context(dask.config.set(DASK_SETTINGS))
@@ -303,6 +344,8 @@ def _connect(address: str) -> Iterator[Client]:
         if local is not None:
             cluster = LocalCluster(
                 n_workers=int(local["workers"] or available_cores()),
+                # Clips use several cores themselves, and worker threads would share one
+                # working folder.
                 threads_per_worker=1,
                 memory_limit=None,
                 dashboard_address=None,
@@ -311,6 +354,8 @@ def _connect(address: str) -> Iterator[Client]:
             )
             stack.callback(_close, cluster)
             place = {"address": cluster.scheduler_address}
+        # A client from the user's script has the right certificates, and must stay
+        # open.
         else:
             current = _current_client(address)
             if current is not None:
@@ -329,7 +374,7 @@ def _connect(address: str) -> Iterator[Client]:
 
 
 def _current_client(address: str) -> Client | None:
-    """Return the client that a script has opened for this scheduler, if any: it has the right certificates."""
+    """Return the script's own client of this scheduler, if any."""
     try:
         client = default_client()
     except ValueError:
@@ -338,7 +383,9 @@ def _current_client(address: str) -> Client | None:
 
 
 def _scheduler_place(address: str) -> dict[str, str]:
-    """Return the argument of Client for an address or a scheduler file. Raises InputError."""
+    """Return the keyword argument of `Client` for an address or a scheduler file. Raise
+    InputError.
+    """
     if not address.endswith(".json"):
         return {"address": address}
     path = Path(address).expanduser()
@@ -354,15 +401,15 @@ def _scheduler_place(address: str) -> dict[str, str]:
 
 
 def _close(part: Any) -> None:
-    """Close a client or a local cluster."""
+    """Close a client or a local cluster, and ignore errors."""
     with suppress(Exception):
         part.close(timeout=CLOSE_TIMEOUT)
 
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Silence logs and warnings of Dask, whose errors are reported in our own words."""
-    # for good: it still logs after the block
+    """Silence logs and warnings of Dask; our own messages report its errors."""
+    # Not restored: asyncio still logs after the end of the block.
     logging.getLogger("asyncio").setLevel(logging.CRITICAL + 1)
     disabled_level = logging.root.manager.disable
     logging.disable(logging.CRITICAL)

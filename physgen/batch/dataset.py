@@ -1,11 +1,12 @@
-"""Gather clips into a data set for training; all clips of a photo are in one split.
+"""Gather clips into a data set for training. All clips of a photo are in one split.
 
-The layout `folder` is what Hugging Face's `videofolder` loads:
+Hugging Face's `videofolder` loads the layout `folder`:
 
     train/metadata.jsonl               a row per clip: file_name and other metadata
     train/<key>/video.mp4              with clip.json, trajectory.npz and labels, a folder per format
 
-`webdataset` has shards, `train/shard-000000.tar` and so on, with <key>.mp4, .json, .trajectory.npz, .<format>.<file>.
+The layout `webdataset` has shards, `train/shard-000000.tar` and so on, with <key>.mp4,
+.json, .trajectory.npz, .<format>.<file>.
 """
 
 from __future__ import annotations
@@ -45,32 +46,35 @@ CARD = "README.md"
 LABELS = "truth"
 """Folder of a clip's labels."""
 MAX_KEY_LENGTH = 80
-"""Characters of a key, without the digits that make it unique."""
+"""Maximum number of characters in a key, without the hash at its end."""
 _UNSAFE = re.compile(r"[^A-Za-z0-9_-]+")
 _SPLIT_NAME = re.compile(r"[a-z][a-z0-9_]{0,30}")
 
 
 @dataclass(frozen=True)
 class Splits:
-    """Names of splits and their shares of the photos, which add up to 1."""
+    """Names of splits and their shares of the photos. The shares add up to 1."""
 
     shares: tuple[tuple[str, float], ...]
     seed: int
 
     def assign(self, photo: str) -> str:
-        """The split of all clips of a photo, by its SHA-256 and the seed only, so that more photos change nothing.
+        """Return the split of all clips of a photo. It depends only on the photo's
+        SHA-256 and the seed: more photos do not move a clip to another split.
 
         >>> even = Splits((("train", 0.5), ("test", 0.5)), 0)
         >>> [even.assign(photo) for photo in "abcdef"]
         ['test', 'test', 'test', 'train', 'test', 'train']
         """
         digest = hashlib.sha256(f"{self.seed}:{photo}".encode()).digest()
+        # 52 bits fit a float exactly, so that every machine finds the same split.
         place = (int.from_bytes(digest[:8], "big") >> 12) / 2**52
         for name, share in self.shares:
             if place < share:
                 return name
             place -= share
-        return self.shares[-1][0]  # the shares add up to less by rounding
+        # Rounding may leave the sum of the shares a little below 1.
+        return self.shares[-1][0]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -79,7 +83,7 @@ class Splits:
 
 
 def read_splits(text: str, seed: int) -> Splits:
-    """Parses `train=0.8,test=0.2`. Raises InputError."""
+    """Parse `train=0.8,test=0.2`. Raise InputError."""
     shares: dict[str, float] = {}
     for part in text.split(","):
         name, _, share = (piece.strip() for piece in part.partition("="))
@@ -97,7 +101,8 @@ def read_splits(text: str, seed: int) -> Splits:
 
 
 def key(name: str) -> str:
-    """Return the end of a path in safe characters, with a hash of the whole that makes it unique.
+    """Return a key for a path: its end in safe characters, and a hash of the whole
+    path, which makes the key unique.
 
     >>> key("sweep/00-1,mass=2.5")
     'sweep_00-1-mass-2-5-261caf6945'
@@ -109,9 +114,10 @@ def key(name: str) -> str:
 def read_sample(
     clip: FoundClip, splits: Splits
 ) -> tuple[dict[str, Path], dict[str, Any]]:
-    """Return the files of a clip by their names in the data set, with all labels, and its metadata as JSON.
+    """Return the files of a clip by their names in the data set, and its metadata as
+    JSON.
 
-    Raises InputError where the clip cannot be used.
+    Raise InputError for an unusable clip.
     """
     manifest = clip.manifest
     if manifest is None:
@@ -124,9 +130,10 @@ def read_sample(
 
 
 def _members(folder: Path, files: Mapping[str, str]) -> dict[str, Path]:
-    """Name in the data set (`video.mp4`, `format/...` of a label) -> file.
+    """Return the files of a clip by their names in the data set: `video.mp4`,
+    `FORMAT/...` of a label.
 
-    Raises InputError where a file is missing, or there is no video.
+    Raise InputError if a file or the video is missing.
     """
     if VIDEO not in files:
         raise Message.NO_VIDEO_IN_CLIP.error(str(folder), file=VIDEO)
@@ -134,7 +141,9 @@ def _members(folder: Path, files: Mapping[str, str]) -> dict[str, Path]:
     labels = sorted(name for name in files if name.startswith(f"{LABELS}/"))
     members |= {name.removeprefix(f"{LABELS}/"): name for name in labels}
     for name, file in members.items():
-        for path in map(PurePosixPath, (name, file)):  # a manifest is untrusted
+        # A manifest is untrusted: its paths must not lead out of the clip or the data
+        # set.
+        for path in map(PurePosixPath, (name, file)):
             if ".." in path.parts or path.is_absolute():
                 raise ValueError(file)
         if not (folder / file).is_file():
@@ -160,7 +169,7 @@ def _metadata(
         "clip": clip.name,
         "scene": scene_name(Path(source)) if source else str(manifest["scene"]),
         "variant": manifest["variant"] or "",
-        # as text: readers that make columns of it need the same ones in every clip
+        # Text, because readers make columns of a mapping, the same ones for every clip.
         "parameters": json.dumps(
             dict(map(_parameter, manifest["overrides"])), ensure_ascii=False
         ),
@@ -183,7 +192,9 @@ def _metadata(
 
 
 def photo_of(document: Mapping[str, Any], inputs: Mapping[str, str]) -> str:
-    """Return the SHA-256 of the photo; without one, of the scene file."""
+    """Return the SHA-256 of the photo, or of the scene file if the scene has no
+    photo.
+    """
     image = document.get("image")
     if image is not None:
         name = PurePosixPath(str(image)).name
@@ -194,7 +205,7 @@ def photo_of(document: Mapping[str, Any], inputs: Mapping[str, str]) -> str:
 
 
 def _parameter(text: str) -> tuple[str, Any]:
-    """Return `KEY=VALUE`, as `--set` takes it."""
+    """Return key and value of `KEY=VALUE`, in the syntax of `--set`."""
     name, _, value = str(text).partition("=")
     try:
         return name, parse_yaml(value).data
@@ -204,12 +215,15 @@ def _parameter(text: str) -> tuple[str, Any]:
 
 @dataclass
 class DatasetSummary:
-    """What was done."""
+    """The result of gathering clips."""
 
-    counts: Counter[str]  # clips of each split
+    # Number of clips in each split.
+    counts: Counter[str]
     photos: set[str] = field(default_factory=set)
-    left_out: int = 0  # clips that cannot be used
-    files: Sequence[Path] = ()  # those that readers open
+    # Number of unusable clips.
+    left_out: int = 0
+    # Files to open with a reader.
+    files: Sequence[Path] = ()
 
     @property
     def total(self) -> int:
@@ -219,11 +233,14 @@ class DatasetSummary:
 
 @dataclass(frozen=True)
 class Sample:
-    """A clip in the data set: its metadata and files, or why it cannot be used."""
+    """A clip in the data set: metadata and files, or the problems of an
+    unusable clip.
+    """
 
-    about: Mapping[str, Any]
+    metadata: Mapping[str, Any]
     members: Mapping[str, Path] = field(default_factory=dict)
-    folder: Path | None = None  # of its copy
+    # Folder of the copy.
+    folder: Path | None = None
     problems: tuple[Problem, ...] = ()
 
 
@@ -238,7 +255,7 @@ def copy_sample(splits: Splits, copier: Copier, root: Path, clip: FoundClip) -> 
 
 
 def lost_sample(clip: FoundClip, error: Exception) -> Sample:
-    """Return the sample of a clip that could not be copied."""
+    """Return the sample of a clip after its workers died."""
     problems = Message.SAMPLE_FAILED.error(str(clip.folder), error=error).problems
     return Sample({}, problems=tuple(problems))
 
@@ -246,29 +263,30 @@ def lost_sample(clip: FoundClip, error: Exception) -> Sample:
 Copies = Callable[
     [Callable[[FoundClip], Sample], Iterator[FoundClip]], Iterator[Sample]
 ]
-"""Calls a function for each clip, in order, as `map` does."""
+"""A function like `map`: it calls another one for each clip, in order."""
 
 
 @dataclass(frozen=True)
 class Gathering:
-    """How clips become a data set."""
+    """Settings and services for a data set."""
 
     splits: Splits
     warn: Callable[[Problem], None]
     progress: Callable[[int], None] = lambda count: None
     copies: Copies = map
-    """Copies clips, here or on a cluster."""
-    layout: str = "folder"  # a name of LAYOUTS
+    """Copies clips, on this machine or on a cluster."""
+    # A name of LAYOUTS.
+    layout: str = "folder"
     shard_clips: int = SHARD_CLIPS
     root: Path | None = None
-    """The data set where clips are copied, if it is not that of the tables."""
-    fetched: Callable[[Members], AbstractContextManager[Members]] = nullcontext
-    """Brings the files of a clip here while they are read."""
+    """The data set for the copies, if its tables are written elsewhere."""
+    fetch_members: Callable[[Members], AbstractContextManager[Members]] = nullcontext
+    """Brings the files of a clip to this machine while the layout reads them."""
 
     def write(self, folder: Path, clips: Iterator[FoundClip]) -> DatasetSummary:
         """Write the clips into the new folder of a data set.
 
-        Clips that cannot be used are warned of and left out. Raises InputError if there is no clip.
+        Warn of unusable clips and leave them out. Raise InputError if no clip remains.
         """
         summary = DatasetSummary(Counter(dict.fromkeys(self.splits.names, 0)))
 
@@ -285,8 +303,8 @@ class Gathering:
                     reject(sample.problems)
                     continue
                 self._add(writer, sample)
-                summary.counts[sample.about["split"]] += 1
-                summary.photos.add(sample.about["photo"])
+                summary.counts[sample.metadata["split"]] += 1
+                summary.photos.add(sample.metadata["photo"])
                 self.progress(summary.total)
         if summary.total:
             summary.files = writer.files()
@@ -295,15 +313,15 @@ class Gathering:
 
     def _add(self, writer: Layout, sample: Sample) -> None:
         if not writer.reads_clips:
-            writer.add(sample.members, sample.about)
+            writer.add(sample.members, sample.metadata)
             return
-        with self.fetched(sample.members) as members:
-            writer.add(members, sample.about)
+        with self.fetch_members(sample.members) as members:
+            writer.add(members, sample.metadata)
 
     def _write_card(
         self, folder: Path, summary: DatasetSummary, patterns: Sequence[str]
     ) -> None:
-        """Write the files that describe the data set."""
+        """Write the card and the settings of the data set."""
         names = [name for name in self.splits.names if summary.counts[name]]
         (folder / CARD).write_text(card(names, patterns), encoding="utf-8")
         shares = dict(self.splits.shares)
@@ -315,22 +333,24 @@ class Gathering:
         (folder / DATASET_FILE).write_text(text, encoding="utf-8")
 
 
-def gather(roots: Sequence[Path], out: Path, how: Gathering) -> DatasetSummary:
-    """Make a data set in the new folder `out`, complete or not at all, of the clips below `roots`.
+def gather(roots: Sequence[Path], out: Path, gathering: Gathering) -> DatasetSummary:
+    """Make a data set of the clips below `roots` in the new folder `out`. The folder
+    appears only when complete.
 
-    Raises InputError if the folders or `out` cannot be used, or if there is no clip.
+    Raise InputError for unusable folders, or if there is no clip.
     """
     roots = checked_folders(roots)
     _check_output(out, roots)
     with atomic_folder(out.resolve()) as folder:
-        summary = how.write(folder, find_clips(roots))
+        summary = gathering.write(folder, find_clips(roots))
         check_clips(summary, roots)
+    # The temporary folder has its final name now.
     summary.files = [out / path.relative_to(folder) for path in summary.files]
     return summary
 
 
 def check_clips(summary: DatasetSummary, roots: Sequence[Path]) -> None:
-    """Refuse a data set without clips. Raises InputError."""
+    """Raise InputError if a data set has no clips."""
     if not summary.total:
         raise Message.NO_USABLE_CLIP.error(", ".join(map(str, roots)))
 
@@ -338,7 +358,7 @@ def check_clips(summary: DatasetSummary, roots: Sequence[Path]) -> None:
 def _distinct_clips(
     clips: Iterator[FoundClip], reject: Callable[[Sequence[Problem]], None]
 ) -> Iterator[FoundClip]:
-    """Yield clips whose keys differ; the others are rejected."""
+    """Yield clips with different keys, and reject the others."""
     keys: set[str] = set()
     for clip in clips:
         name = key(clip.name)
@@ -352,17 +372,21 @@ def _distinct_clips(
 
 
 def _check_output(out: Path, roots: Sequence[Path]) -> None:
-    """The folder must be empty or new, and apart from those that are read. Raises InputError."""
+    """Raise InputError unless the folder is new or empty, and outside the input
+    folders.
+    """
     check_writable(out)
     check_apart(out, roots)
     if out.exists() and any(out.iterdir()):
         raise Message.OUTPUT_NOT_EMPTY.error(str(out))
+    # The folder is replaced by a rename, which a mount point and the working folder do
+    # not allow.
     if out.is_mount() or out.resolve() == Path.cwd():
         raise Message.OUTPUT_NOT_REPLACEABLE.error(str(out))
 
 
 def check_apart(out: Path, roots: Sequence[Path]) -> None:
-    """Refuse a data set within folders that are read, or around them. Raises InputError."""
+    """Raise InputError if a data set lies within or around an input folder."""
     for root in roots:
         output_folder, read = out.resolve(), root.resolve()
         if output_folder.is_relative_to(read) or read.is_relative_to(output_folder):

@@ -1,6 +1,6 @@
 """Layouts of a data set: folders with a table, and WebDataset shards.
 
-A layout writes one sample after the other; a row in LAYOUTS makes it a choice of
+A layout writes one sample after the other. A row in LAYOUTS makes it a choice of
 `physgen dataset --layout`.
 """
 
@@ -17,43 +17,45 @@ from typing import Any, BinaryIO, Protocol
 from physgen.files import install
 from physgen.messages import Message
 
-ROWS, ABOUT = "metadata.jsonl", "clip.json"
+ROWS, METADATA_FILE = "metadata.jsonl", "clip.json"
 VIDEO = "video.mp4"
 SHARD_CLIPS = 1000
-"""Clips of a shard by default: 0.1 to 1 GB, as WebDataset advises."""
+"""Default number of clips in a shard: 0.1 to 1 GB, as WebDataset advises."""
 
 Members = Mapping[str, Path]
 """Files of a clip by their names in the data set."""
-About = Mapping[str, Any]
-"""The metadata of a clip, as JSON."""
+Metadata = Mapping[str, Any]
+"""Metadata of a clip, as JSON."""
 
 
-Copier = Callable[[Path, Members, About], Path | None]
-"""Copies the files of a clip into the data set at a path; returns the folder that it wrote."""
+Copier = Callable[[Path, Members, Metadata], Path | None]
+"""A function that copies the files of a clip into the data set at a path and returns
+the new folder.
+"""
 
 
 class Layout(Protocol):
-    """Writes samples into a data set."""
+    """A writer of samples into a data set."""
 
     copier: Copier
     """Runs on any machine, before `add`."""
     reads_clips: bool
-    """Whether `add` reads the files of clips."""
+    """True if `add` reads the files of clips."""
 
-    def add(self, members: Members, about: About) -> None:
+    def add(self, members: Members, metadata: Metadata) -> None:
         """Write the next sample into its split."""
         ...
 
     patterns: Sequence[str]
-    """Of the files of a split that loaders read, relative to its folder."""
+    """Patterns of the files for loaders, relative to the folder of a split."""
 
     def files(self) -> Sequence[Path]:
-        """Return the files that readers open, in order."""
+        """Return the files to open with a reader, in order."""
         ...
 
 
 class Folders:
-    """A folder a clip, and a table a split: what Hugging Face's `videofolder` loads."""
+    """One folder per clip and one table per split, for Hugging Face's `videofolder`."""
 
     patterns: Sequence[str] = (ROWS, f"*/{VIDEO}")
     reads_clips = False
@@ -63,14 +65,14 @@ class Folders:
         self._root, self._stack = root, stack
         self._rows: dict[str, BinaryIO] = {}
 
-    def add(self, members: Members, about: About) -> None:
-        """Write the clip's row; its folder is there."""
-        split = about["split"]
+    def add(self, members: Members, metadata: Metadata) -> None:
+        """Write the clip's row. `copier` has written its folder."""
+        split = metadata["split"]
         if split not in self._rows:
             (self._root / split).mkdir(exist_ok=True)
             table = (self._root / split / ROWS).open("wb")
             self._rows[split] = self._stack.enter_context(table)
-        row = {"file_name": f"{about['key']}/{VIDEO}", **about}
+        row = {"file_name": f"{metadata['key']}/{VIDEO}", **metadata}
         self._rows[split].write(json_line(row))
 
     def files(self) -> Sequence[Path]:
@@ -79,13 +81,15 @@ class Folders:
 
 
 class Shards:
-    """WebDataset shards, by its own writer; the same clips give the same bytes."""
+    """WebDataset shards, written by WebDataset itself. The same clips give the same
+    bytes.
+    """
 
     patterns: Sequence[str] = ("*.tar",)
     reads_clips = True
 
     def __init__(self, root: Path, stack: ExitStack, shard_clips: int) -> None:
-        """Raises InputError if webdataset is not installed."""
+        """Check that webdataset is installed. Raise InputError."""
         if find_spec("webdataset") is None:
             message, command = Message.WEBDATASET_MISSING, install("labels")
             raise message.error("--layout", '"webdataset"', install=command)
@@ -93,13 +97,18 @@ class Shards:
         self._root, self._stack, self._shard_clips = root, stack, shard_clips
         self._writers: dict[str, Any] = {}
 
-    def add(self, members: Members, about: About) -> None:
+    def add(self, members: Members, metadata: Metadata) -> None:
         """Add the clip to the last shard of its split."""
-        split = about["split"]
+        split = metadata["split"]
         if split not in self._writers:
             self._writers[split] = self._stack.enter_context(self._open(split))
-        sample: dict[str, Any] = {"__key__": about["key"], "json": json_line(about)}
+        sample: dict[str, Any] = {
+            "__key__": metadata["key"],
+            "json": json_line(metadata),
+        }
         for name, file in members.items():
+            # WebDataset takes the name up to the first dot as the key, and the rest as
+            # the extension.
             extension = name.replace("/", ".").replace(VIDEO, "mp4")
             sample[extension] = file.read_bytes()
         self._writers[split].write(sample)
@@ -109,8 +118,9 @@ class Shards:
 
         folder = self._root / split
         folder.mkdir()
+        # The writer formats its pattern with `%`.
         escaped_folder = str(folder).replace("%", "%%")
-        # a fixed time and no owner: equal clips give equal bytes
+        # Without the time and the owner, equal clips give equal bytes.
         return ShardWriter(
             f"{escaped_folder}/shard-%06d.tar",
             maxcount=self._shard_clips,
@@ -130,13 +140,14 @@ LAYOUTS: Mapping[str, Callable[[Path, ExitStack, int], Layout]] = {
     "folder": Folders,
     "webdataset": Shards,
 }
-"""The first is the default."""
+"""Layouts by name; the first is the default."""
 
 
 def card(splits: Sequence[str], patterns: Sequence[str]) -> str:
-    """Return `README.md`, which names the files of each split to `datasets.load_dataset`.
+    """Return the text of `README.md`, with the files of each split for
+    `datasets.load_dataset`.
 
-    Without it, the loader takes the label files of most kinds for the data.
+    Without this file, the loader takes label files for the data.
     """
     lines = ["---", "configs:", "- config_name: default", "  data_files:"]
     for split in splits:
@@ -145,21 +156,21 @@ def card(splits: Sequence[str], patterns: Sequence[str]) -> str:
     return "\n".join([*lines, "---", ""])
 
 
-def write_folder(root: Path, members: Members, about: About) -> Path:
+def write_folder(root: Path, members: Members, metadata: Metadata) -> Path:
     """Write the folder of a clip into the data set at `root`."""
-    home: Path = root / about["split"] / about["key"]
+    home: Path = root / metadata["split"] / metadata["key"]
     for name, file in members.items():
         place = home / name
         place.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(file, place)
-    (home / ABOUT).write_bytes(json_line(about))
+    (home / METADATA_FILE).write_bytes(json_line(metadata))
     return home
 
 
-def leave_files(root: Path, members: Members, about: About) -> None:
-    """Copy nothing: shards are written by `add`."""
+def leave_files(root: Path, members: Members, metadata: Metadata) -> None:
+    """Copy nothing: `Shards.add` reads the clip itself."""
 
 
 def json_line(data: Mapping[str, Any]) -> bytes:
-    """Return a line of JSON."""
+    """Return a line of JSON, UTF-8."""
     return (json.dumps(data, ensure_ascii=False, allow_nan=False) + "\n").encode()

@@ -1,6 +1,8 @@
-"""Outcomes of a clip as cells of a table: of all objects together, and of each tracked object.
+"""Compute outcomes of a clip as table cells: of all objects together, and of each
+tracked object.
 
-Times are as fine as the samples, which are the video's frames; contacts have the engine's own times.
+Times have the resolution of the samples, which equals the frame interval. Contacts have
+the engine's own times.
 """
 
 from __future__ import annotations
@@ -15,26 +17,34 @@ from physgen.simulate.trajectory import Trajectory, new_touches, rest_times
 from physgen.tables import Cell
 
 ALL_OBJECTS = ("peak_speed", "rest_time", "first_touch", "touches")
-"""px/s, s, s."""
+"""Columns of all objects together, px/s, s, s and a count."""
 EACH_OBJECT = ("x", "y", "angle_degrees", *ALL_OBJECTS)
-"""px, px, degrees, and as above."""
+"""Columns of each tracked object, px, px, degrees, and as above."""
 
 
-def columns(tracked: Sequence[str]) -> tuple[str, ...]:
-    """Return columns of all objects together, then `objects.NAME.` of each tracked one."""
+def columns(tracked_names: Sequence[str]) -> tuple[str, ...]:
+    """Return columns of all objects together, then `objects.NAME.` columns of each
+    tracked object.
+    """
     return (
         *ALL_OBJECTS,
-        *(f"objects.{name}.{column}" for name in tracked for column in EACH_OBJECT),
+        *(
+            f"objects.{name}.{column}"
+            for name in tracked_names
+            for column in EACH_OBJECT
+        ),
     )
 
 
-def outcomes(trajectory: Trajectory, tracked: Sequence[str]) -> dict[str, Cell]:
-    """Return cells by the names of columns, without empty ones.
+def outcomes(trajectory: Trajectory, tracked_names: Sequence[str]) -> dict[str, Cell]:
+    """Return the non-empty cells by column name.
 
-    x, y, angle_degrees: of the centre of mass at the last sample; the angle counts whole turns since t = 0.
-    peak_speed: of the centre of mass, the greatest of all samples. rest_time: the first sample from which on the object
-    rests, up to one frame late; empty where it moves to the end; of all together the latest one. first_touch: the first
-    contact that did not exist at t = 0. touches: the number of contacts, those at t = 0 included.
+    x, y and angle_degrees belong to the centre of mass at the last sample; the angle
+    counts whole turns since t = 0. peak_speed is the greatest speed of the centre of
+    mass. rest_time is the time of the first sample of the final rest, up to one frame
+    late, and empty if the object moves to the end; for all objects together it is the
+    latest one. first_touch is the time of the first new contact after t = 0. touches is
+    the number of contacts, with those at t = 0.
     """
     if not len(trajectory.times):
         return {}
@@ -52,7 +62,7 @@ def outcomes(trajectory: Trajectory, tracked: Sequence[str]) -> dict[str, Cell]:
         )
         cells["first_touch"] = _earliest(begins)
     for body, name in enumerate(trajectory.names):
-        if name not in tracked:
+        if name not in tracked_names:
             continue
         x, y, angle = trajectory.poses[-1, body].tolist()
         is_touching = (touches == body).any(axis=1)
@@ -72,6 +82,6 @@ def outcomes(trajectory: Trajectory, tracked: Sequence[str]) -> dict[str, Cell]:
 
 
 def _earliest(times: NDArray[np.float64]) -> float | None:
-    """Return the earliest time, s."""
+    """Return the earliest time, s, or None if there is none."""
     first = float(times.min(initial=np.inf))
     return first if np.isfinite(first) else None

@@ -1,7 +1,8 @@
-"""Decide whether a clip on disk is complete and made of the same inputs, so that it need not be made again.
+"""Decide whether a clip on disk is complete and was made of the same inputs. If so, it
+is not made again.
 
-The manifest of a clip holds a mark of all options and of the code, the hashes of the files that it was made from, and
-those of the files that it consists of.
+The manifest of a clip holds a mark of all options and of the code, and the hashes of
+the input and output files.
 """
 
 from __future__ import annotations
@@ -20,7 +21,9 @@ from physgen.scene.files import DATA
 
 
 def clip_mark(*options: Any) -> str:
-    """Hash of the options of a clip, as plain data, and of the code that makes it; not of the files that are read."""
+    """Return the hash of a clip's options, as plain data, and of the code. The input
+    files are not part of it.
+    """
     from physgen.pipeline.cache_keys import code_version, key
     from physgen.report.record import versions
 
@@ -29,7 +32,7 @@ def clip_mark(*options: Any) -> str:
 
 @cache
 def _data_version() -> str:
-    """Return the SHA-256 of the data that comes with the code: schema, templates, tables."""
+    """Return the SHA-256 of the package data: schema, templates, tables."""
     import physgen
     from physgen.files import resource
 
@@ -53,9 +56,10 @@ def _data_version() -> str:
 def unchanged_clip(
     folder: Path, mark: str, scene: Path, digest: Callable[[Path], str]
 ) -> Mapping[str, Any] | None:
-    """Return the manifest of the clip in `folder`; None where it is missing, damaged, or made of other inputs.
+    """Return the manifest of the clip in `folder`, or None if it is missing, damaged,
+    or made of other inputs.
 
-    `scene` is the file of its scene; `digest` returns a file's SHA-256.
+    `scene` is its scene file; `digest` returns a file's SHA-256.
     """
     try:
         manifest: Mapping[str, Any] = json.loads(
@@ -64,7 +68,8 @@ def unchanged_clip(
         if not unchanged_inputs(manifest, mark, scene, digest):
             return None
         for name, sha in manifest["files"].items():
-            file = folder / name  # reading a pipe never ends
+            # Reading a pipe never ends, so that only regular files are read.
+            file = folder / name
             if not file.is_file() or sha256(file.read_bytes()).hexdigest() != sha:
                 return None
         return manifest
@@ -75,9 +80,10 @@ def unchanged_clip(
 def unchanged_inputs(
     manifest: Mapping[str, Any], mark: str, scene: Path, digest: Callable[[Path], str]
 ) -> bool:
-    """Return whether a clip would be made of the same inputs, options and code now.
+    """Return whether the clip would have the same inputs, options and code now.
 
-    Raises OSError, ValueError, KeyError, TypeError or AttributeError for a damaged manifest or a missing input.
+    Raise OSError, ValueError, KeyError, TypeError or AttributeError for a damaged
+    manifest or a missing input.
     """
     if manifest["manifest"] != 1 or manifest["mark"] != mark or not manifest["frames"]:
         return False
@@ -85,20 +91,20 @@ def unchanged_inputs(
     inputs: Mapping[str, str] = manifest["inputs"]
     document = manifest["document"]
     input_files = [scene, *([home / document["image"]] if "image" in document else [])]
-    if any(
-        _relative(home, path) not in inputs for path in input_files
-    ):  # a link that leads elsewhere now
+    # Manifests name the targets of links: a link may have another target now.
+    if any(_relative(home, path) not in inputs for path in input_files):
         return False
     if any(
         digest(Path(os.path.normpath(home / name))) != sha
         for name, sha in inputs.items()
     ):
         return False
+    # A new map in the assets also changes the clip.
     return not set(_maps(home, document)) - inputs.keys()
 
 
 def _maps(home: Path, document: Mapping[str, Any]) -> Sequence[str]:
-    """Return the maps and records that exist now: a new one changes the clip, too."""
+    """Return the maps and records of the assets folder, as manifests name them."""
     if "image" not in document or "assets" not in document:
         return ()
     folder = os.path.realpath(home / document["assets"])
@@ -111,12 +117,14 @@ def _maps(home: Path, document: Mapping[str, Any]) -> Sequence[str]:
 
 
 def _relative(home: Path, path: Path) -> str:
-    """As manifests name files: the target of links, relative to the scene's folder."""
+    """Return a path as manifests name it: the target of links, relative to the scene's
+    folder.
+    """
     return Path(os.path.relpath(os.path.realpath(path), home)).as_posix()
 
 
 def recorded_warnings(manifest: Mapping[str, Any]) -> list[Problem]:
-    """Return the warnings of the run that made a clip."""
+    """Return the warnings of the earlier run."""
     warnings = []
     for data in manifest["warnings"]:
         place = Place(str(data["file"]), int(data["line"]), int(data["column"]))

@@ -1,4 +1,4 @@
-"""Make clips: run one job here, or many in several processes."""
+"""Make clips: one job in this process, or many in several processes."""
 
 from __future__ import annotations
 
@@ -29,24 +29,26 @@ from physgen.tables import Cell
 
 @dataclass(frozen=True)
 class Refiner:
-    """Which model refines frames, as the command line names it."""
+    """The model for refinement, as on the command line."""
 
     setting: str = ""
     """`NAME[:WEIGHTS]`."""
-    config: Path | None = None  # in place of the user's own physgen.toml
+    # Replaces the user's own physgen.toml.
+    config: Path | None = None
 
     def plan(self) -> Plan:
         """Return the plan with the configuration files. Raise InputError."""
         plan = load_plan(config=self.config)
         choice = plan.choices.get("refine")
-        if not self.setting or (
-            choice is not None and choice.name == self.setting
-        ):  # the file has its weights
+        # The configuration file may have the weights of the same model.
+        if not self.setting or (choice is not None and choice.name == self.setting):
             return plan
         return load_plan([f"refine={self.setting}"], config=self.config)
 
     def identity(self) -> str:
-        """Return a text that changes when clips have to be made again."""
+        """Return a text of the model and its settings. A new text means a new
+        render.
+        """
         try:
             plan = self.plan()
             choice = plan.choices.get("refine")
@@ -56,7 +58,8 @@ class Refiner:
                 else (choice.name, choice.weights, file_stamp(Path(choice.weights)))
             )
             return repr((model, plan.device, plan.dtype, plan.options))
-        except InputError as error:  # reported where a clip is refined
+        except InputError as error:
+            # The refinement of a clip reports this error.
             return str(error)
 
 
@@ -66,24 +69,26 @@ DEFAULT_REFINER = Refiner()
 
 @dataclass(frozen=True)
 class Job:
-    """One clip to make."""
+    """A clip to make."""
 
-    scene: str  # its path, as the user names it
+    # Path, as the user wrote it.
+    scene: str
     options: pipeline.RenderOptions = DEFAULT_OPTIONS
     out: str = "out"
-    """The folder of results."""
+    """The output folder."""
     refiner: Refiner = DEFAULT_REFINER
-    tracked: tuple[str, ...] | None = (
-        None  # objects with outcomes of their own; None: no outcomes are needed
-    )
+    # Objects with their own outcomes; None if outcomes are not needed.
+    tracked_names: tuple[str, ...] | None = None
     pictures: bool = False
-    """Whether the process that makes the clip also makes its pictures for the gallery of `out`."""
+    """True if the process also makes the clip's pictures for the gallery of `out`."""
     video: Path | None = None
-    """File that the video is copied to, beside the clip's folder."""
+    """A second path for the video, beside the clip's folder."""
 
     @property
     def name(self) -> str:
-        """Return the name of the clip's folder. Raise InputError if the scene's name cannot be one."""
+        """Return the name of the clip's folder. Raise InputError for an unusable scene
+        name.
+        """
         return self.options.name or pipeline.output_name(
             self.scene, self.options.variant
         )
@@ -95,8 +100,11 @@ class Job:
 
     @property
     def mark(self) -> str:
-        """Return a text that identifies the options of the clip, the refining model and the code."""
+        """Return a text for the options of the clip, the refining model and the
+        code.
+        """
         draw_seed = self.options.draw_seed if self.options.draws else 0
+        # These options do not change the clip; the models count through their identity.
         options = replace(
             self.options,
             command=(),
@@ -109,17 +117,17 @@ class Job:
 
 
 class State(Enum):
-    """How a job ended."""
+    """The result state of a job."""
 
     MADE = "made"
     UNCHANGED = "unchanged"
-    """A complete clip of the same inputs and options was there."""
+    """A complete clip of the same inputs and options exists."""
     FAILED = "failed"
 
 
 @dataclass(frozen=True)
 class JobResult:
-    """Result of a job: a folder and warnings, or errors and no folder."""
+    """The result of a job: a folder and warnings, or errors without a folder."""
 
     job: Job
     folder: Path | None
@@ -128,29 +136,31 @@ class JobResult:
     seconds: float = 0.0
     disk_full: bool = False
     can_write: bool = True
-    """False if no clip can be written into the output folder."""
-    outcomes: Mapping[str, Cell] | None = None  # see `batch.outcomes.outcomes`
+    """False if the output folder does not accept clips."""
+    # The result of `batch.outcomes.outcomes`.
+    outcomes: Mapping[str, Cell] | None = None
 
 
 def run(job: Job, progress: pipeline.Progress = pipeline.silent) -> JobResult:
-    """Makes one clip in this process, unless it exists unchanged."""
+    """Make a clip in this process, unless it exists unchanged."""
     if job.video is None:
         result = _run(job, progress)
     else:
         result = _run_to_file(job, job.video, progress)
-    if result.folder is None or job.tracked is None:
+    if result.folder is None or job.tracked_names is None:
         return result
     try:
         trajectory = read_trajectory(result.folder / "trajectory.npz")
-        return replace(result, outcomes=outcomes(trajectory, job.tracked))
-    except (OSError, ValueError, KeyError) as error:  # another command replaces it
+        return replace(result, outcomes=outcomes(trajectory, job.tracked_names))
+    except (OSError, ValueError, KeyError) as error:
+        # Another command replaces the folder.
         return report_failure(job, error, result.problems, result.seconds)
 
 
 def _run_to_file(job: Job, video: Path, progress: pipeline.Progress) -> JobResult:
-    """Make one clip, and copy its video to a file.
+    """Make a clip, and copy its video to a file.
 
-    A file there is kept as `NAME~` unless an earlier run of this clip wrote it.
+    Keep an existing file as `NAME~` unless an earlier run of this clip wrote it.
     """
     name = Format(video.suffix.lower().removeprefix(".")).file
     earlier = read_manifest(job.folder).get("files", {}).get(name)
@@ -160,7 +170,7 @@ def _run_to_file(job: Job, video: Path, progress: pipeline.Progress) -> JobResul
     is_new = source.is_file() and file_stamp(source) != stamp
     if result.folder is None and not is_new:
         return result
-    # without a folder but with a new file, only another format failed
+    # Without a folder but with a new file, only another format failed.
     backups: list[Path] = []
     try:
         data = source.read_bytes()
@@ -175,7 +185,7 @@ def _run_to_file(job: Job, video: Path, progress: pipeline.Progress) -> JobResul
 
 
 def _backup_warning(path: Path, backup: Path) -> Problem:
-    """Return the warning that a file at `path` was renamed."""
+    """Return the warning about a renamed file."""
     previous = Message.FILE_KEPT
     return previous.warning(
         Place(str(path)), "", "the previous file", backup=backup.name
@@ -191,6 +201,8 @@ def _run(job: Job, progress: pipeline.Progress) -> JobResult:
             manifest = unchanged_clip(
                 job.folder, job.mark, Path(job.scene), _stages().hash
             )
+            # A moved scene has the same hashes, but the manifest would name its old
+            # place.
             if manifest and manifest["source"] == source_of(
                 Path(job.scene), job.folder
             ):
@@ -219,20 +231,20 @@ def _run(job: Job, progress: pipeline.Progress) -> JobResult:
 
 @cache
 def _stages() -> pipeline.Stages:
-    """Return the stages that this process keeps from one clip for the next."""
+    """Return the stages of this process, with results from earlier clips."""
     return pipeline.Stages(reads_assets_cache=True)
 
 
 @cache
 def _refiners(refiner: Refiner) -> pipeline.Refiners:
-    """Return the models for refinement, which a process loads once."""
+    """Return the models for refinement. A process loads each once."""
     return pipeline.Refiners(refiner.plan)
 
 
 def report_failure(
     job: Job, error: Exception, warnings: Sequence[Problem] = (), seconds: float = 0.0
 ) -> JobResult:
-    """Return the result of a job that raised `error`."""
+    """Return the result of a job after an exception."""
     if isinstance(error, InputError):
         problems: Sequence[Problem] = list(error.problems)
     else:
@@ -252,7 +264,9 @@ def report_failure(
 
 
 def describe_failure(error: Exception) -> tuple[str, str]:
-    """Return the failure of a clip that its input did not cause, and the fix."""
+    """Return the failure of a clip and the fix, for an error outside the user's
+    input.
+    """
     if isinstance(error, OSError):
         file_text = f"{final_name(str(error.filename))}: " if error.filename else ""
         return f"failed: {file_text}{error.strerror or error}", ""
@@ -275,16 +289,18 @@ def describe_failure(error: Exception) -> tuple[str, str]:
     )
 
 
-def record_failure(done: JobResult, out: Path, gallery: bool) -> None:
-    """Removes the record of an earlier failure, or writes that of this one for the `gallery` of `out`.
+def record_failure(result: JobResult, out: Path, gallery: bool) -> None:
+    """Write the record of a failure for the gallery of `out`, or remove the record of
+    an earlier one after success.
 
-    A record that cannot be written is left out: the problems were printed.
+    Ignore errors of the record, because the problems were printed.
     """
-    job = done.job
+    job = result.job
     with suppress(InputError, OSError):
-        if done.folder is not None:
+        if result.folder is not None:
             remove_failure(out, job.name)
-        elif gallery and Path(job.scene).is_file():  # neither a typo nor a pipe
+        # A typo or a pipe would leave a record without a scene.
+        elif gallery and Path(job.scene).is_file():
             options = job.options
             clip_inputs = job.scene, options.variant, options.overrides, options.command
-            write_failure(out, job.name, *clip_inputs, done.problems)
+            write_failure(out, job.name, *clip_inputs, result.problems)

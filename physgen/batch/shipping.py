@@ -1,11 +1,12 @@
-"""Scenes and clips in a store that `fsspec` reads and writes, for workers that share no folder with the user.
+"""Exchange scenes and clips through a store of `fsspec`, for workers without a folder
+in common with the user.
 
     URL/inputs/<SHA-256>              each scene file, photo and map, once
     URL/<output folder>/<clip>/...    each clip, as on one machine; its manifest.json is written last
     URL/<data set>/...                a data set, as on one machine; its dataset.json is written last
 
-Paths are those below the user's working folder. A worker works in a folder of its own that mirrors it, so that clips
-have the same bytes as on one machine.
+Paths are relative to the user's working folder. A worker uses its own folder with the
+same relative paths, so that clips have the same bytes as on one machine.
 """
 
 from __future__ import annotations
@@ -51,16 +52,16 @@ FLAG = "--ship"
 INPUTS = "inputs"
 """Folder of scene files, photos and maps in a store."""
 FILE_KEYS = ("image", "assets")
-"""Keys of a scene that name files: an edit of one changes what the scene reads."""
+"""Scene keys with file paths: an edit of one changes the input files."""
 
 
 class Store:
-    """A folder that `fsspec` reads and writes."""
+    """A folder of files for `fsspec`."""
 
     def __init__(self, url: str) -> None:
         self.url = url.rstrip("/")
         try:
-            # a listing that is kept would miss the files of other workers
+            # A cached listing would miss the files of other workers.
             file_system = fsspec.core.url_to_fs(self.url, use_listings_cache=False)
         except (ImportError, ValueError, OSError) as error:
             reason = str(error).split("\n")[0]
@@ -68,14 +69,14 @@ class Store:
         self._files, self._root = file_system
 
     def size(self, name: str) -> int | None:
-        """Return the bytes of a file, or None if there is none."""
+        """Return the size of a file in bytes, or None if it is missing."""
         try:
             return int(self._files.info(self._path(name))["size"])
         except FileNotFoundError:
             return None
 
     def holds(self, name: str) -> bool:
-        """Return whether there is a file or folder."""
+        """Return whether a file or folder exists."""
         return bool(self._files.exists(self._path(name)))
 
     def put(self, path: Path, name: str) -> None:
@@ -90,20 +91,21 @@ class Store:
             ) from None
 
     def get(self, name: str, path: Path) -> None:
-        """Read a file of the store into a local one. Raises FileNotFoundError."""
+        """Read a file of the store into a local one. Raise FileNotFoundError."""
         path.parent.mkdir(parents=True, exist_ok=True)
         self._files.get_file(self._path(name), str(path))
 
     def remove(self, folder: str) -> None:
-        """Remove a folder, if it is there."""
+        """Remove a folder if it exists."""
         with suppress(FileNotFoundError):
             self._files.rm(self._path(folder), recursive=True)
 
     def clips(self, folder: str) -> Iterator[Path]:
-        """Yield the paths of all clips in or below a folder, by one listing a folder."""
+        """Yield the paths of all clips in or below a folder. List each folder once."""
         root = self._root.strip("/")
         for place, folders, files in self._files.walk(self._path(folder)):
             if MANIFEST in files:
+                # A clip contains no other clips: do not list its subfolders.
                 folders.clear()
                 yield Path(place.strip("/").removeprefix(root).strip("/"))
 
@@ -113,14 +115,16 @@ class Store:
 
 @dataclass(frozen=True)
 class Shipment:
-    """An item of work, and what a worker fetches for it."""
+    """An item of work, with the input files for the worker."""
 
-    item: Any  # a Job, a VerifyRequest or a FoundClip
-    inputs: Mapping[str, str]  # path below the working folder -> SHA-256
+    # A Job, a VerifyRequest or a FoundClip.
+    item: Any
+    # Path below the working folder -> SHA-256.
+    inputs: Mapping[str, str]
 
 
 class Shipper:
-    """Puts the inputs of items into a store, each once."""
+    """Uploads the inputs of items into a store, each once."""
 
     def __init__(self, store: Store) -> None:
         self.store = store
@@ -128,7 +132,9 @@ class Shipper:
         self._inputs: dict[object, Mapping[str, str]] = {}
 
     def shipments(self, items: Iterable[Any]) -> Iterator[Shipment]:
-        """Yield the items with their inputs. Raises InputError for paths outside of the working folder."""
+        """Yield the items with their inputs. Raise InputError for a path outside the
+        working folder.
+        """
         for item in items:
             if isinstance(item, Job):
                 self.name(Path(item.out))
@@ -139,12 +145,16 @@ class Shipper:
                 yield Shipment(item, {})
 
     def _job_inputs(self, job: Job) -> Mapping[str, str]:
-        """Return the inputs of a clip; clips with the same scene and photo share them."""
+        """Return the inputs of a clip. Clips with the same scene and photo share one
+        result.
+        """
         options = job.options
         edits = [edit for edit in options.overrides if edit.split("=")[0] in FILE_KEYS]
         key = (job.scene, options.variant, *edits)
         if key not in self._inputs:
             load = partial(pipeline.load, allow_outside=options.allow_outside)
+            # If an override has a fault, the worker reports it, and needs the scene's
+            # own files for the report.
             attempts = [
                 partial(load, job.scene, options.overrides, options.variant),
                 partial(load, job.scene),
@@ -153,7 +163,9 @@ class Shipper:
         return self._inputs[key]
 
     def _request_inputs(self, request: VerifyRequest) -> Mapping[str, str]:
-        """Return the inputs of the scene that the user names; other clips name theirs."""
+        """Return the inputs of the user's scene file. Without one, the clip's manifest
+        names the inputs.
+        """
         if request.scene is None:
             return {}
         if request.scene not in self._inputs:
@@ -166,10 +178,13 @@ class Shipper:
     def _ship(
         self, path: Path, attempts: Sequence[Callable[[], Scene]]
     ) -> Mapping[str, str]:
-        """Put the inputs of a scene into the store; of one that cannot be loaded, the file."""
+        """Upload the inputs of a scene. If the scene does not load, upload only
+        its file.
+        """
         hashes: dict[Path, str] = {}
         for load in attempts:
-            with suppress(InputError):  # the worker reports it
+            # The worker reports the fault.
+            with suppress(InputError):
                 scene = load()
                 folder = scene.folder.resolve()
                 for name, digest in inputs(scene, path).items():
@@ -180,13 +195,17 @@ class Shipper:
         names = {}
         for file, digest in hashes.items():
             name = f"{INPUTS}/{digest}"
+            # Names are hashes: a file of the same size under this name is the same
+            # file.
             if self.store.size(name) != file.stat().st_size:
                 self.store.put(file, name)
             names[self.name(file)] = digest
         return names
 
     def name(self, path: Path) -> str:
-        """Return a path below the working folder. Raises InputError for another one."""
+        """Return a path relative to the working folder. Raise InputError for a path
+        outside it.
+        """
         name = Path(os.path.normpath(self._home / path))
         if not name.is_relative_to(self._home):
             raise Message.OUTSIDE_WORKING_FOLDER.error(str(path))
@@ -197,12 +216,14 @@ def run_shipped(
     store: Store,
     work: Callable[[Any], Result],
     items: Iterable[Any],
-    lost: Callable[[Any, Exception], Result],
+    lost_result: Callable[[Any, Exception], Result],
 ) -> tuple[Callable[[Shipment], Any], Iterator[Shipment], Callable[..., Result]]:
-    """Return work, items and `lost` of `run_on_cluster` for items whose files are in a store."""
+    """Return the arguments work, items and `lost_result` of `run_on_cluster` for items with
+    files in a store.
+    """
 
     def lost_shipment(shipment: Shipment, error: Exception) -> Result:
-        return lost(shipment.item, error)
+        return lost_result(shipment.item, error)
 
     shipped_work = partial(run_shipment, store.url, uuid4().hex, work)
     return shipped_work, Shipper(store).shipments(items), lost_shipment
@@ -211,9 +232,10 @@ def run_shipped(
 def run_shipment(
     url: str, command: str, work: Callable[[Any], Any], shipment: Shipment
 ) -> Any:
-    """Fetch the files of an item, work on it, and store the results; on a worker.
+    """Fetch the files of an item, work on it, and store the results; called on a
+    worker.
 
-    Items of one `command` share a folder: they have the same inputs.
+    Items of the same `command` share a folder, because they have the same inputs.
     """
     store = _store(url)
     root = _worker_folder(command)
@@ -245,7 +267,7 @@ def _run_request(
 def _copy_clip(
     store: Store, root: Path, work: Callable[[Any], Any], clip: FoundClip
 ) -> Any:
-    """Fetch a clip, and store its copy in a data set."""
+    """Fetch a clip, and store its copy for a data set."""
     manifest = _fetch_clip(store, root, clip.folder)
     sample = work(clip._replace(manifest=manifest or None))
     if sample.folder is not None:
@@ -256,8 +278,9 @@ def _copy_clip(
 
 
 def _run_job(store: Store, root: Path, work: Callable[[Any], Any], job: Job) -> Any:
-    """Make a clip unless the store has it unchanged, and store it."""
-    with suppress(InputError):  # a scene without a name for its folder
+    """Make a clip and store it, unless the store has it unchanged."""
+    # A scene may have no valid folder name.
+    with suppress(InputError):
         _fetch_clip(store, root, job.folder)
     result = work(job)
     with suppress(InputError):
@@ -268,7 +291,9 @@ def _run_job(store: Store, root: Path, work: Callable[[Any], Any], job: Job) -> 
 
 
 def _store_folder(store: Store, folder: Path) -> None:
-    """Replace a folder in the store; the manifest of a clip comes last, and says that it is complete."""
+    """Replace a folder in the store. The manifest of a clip comes last, because it
+    marks the clip as complete.
+    """
     store.remove(folder.as_posix())
     files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
     files.sort(key=lambda path: path == folder / MANIFEST)
@@ -277,7 +302,9 @@ def _store_folder(store: Store, folder: Path) -> None:
 
 
 def _fetch_clip(store: Store, root: Path, folder: Path) -> Mapping[str, Any]:
-    """Fetch a clip and return its manifest; empty if there is none that can be read."""
+    """Fetch a clip and return its manifest, or an empty mapping if there is no readable
+    one.
+    """
     try:
         store.get((folder / MANIFEST).as_posix(), folder / MANIFEST)
         manifest: Mapping[str, Any] = json.loads((folder / MANIFEST).read_bytes())
@@ -285,14 +312,15 @@ def _fetch_clip(store: Store, root: Path, folder: Path) -> Mapping[str, Any]:
     except (OSError, ValueError, KeyError, TypeError):
         return {}
     for name in names:
-        if _is_inside(root, folder / name):  # a manifest is untrusted
+        # A manifest is untrusted: its paths must not lead out of the folder.
+        if _is_inside(root, folder / name):
             with suppress(FileNotFoundError):
                 store.get((folder / name).as_posix(), folder / name)
     return manifest
 
 
 def _fetch_input(store: Store, digest: str, root: Path, path: Path) -> None:
-    """Fetch a file by its SHA-256, unless it is there."""
+    """Fetch a file by its SHA-256, unless it exists."""
     if not digest.isalnum() or not _is_inside(root, path):
         return
     if not path.is_file() or file_hash(path) != digest:
@@ -307,16 +335,18 @@ def _is_inside(root: Path, path: Path) -> bool:
 
 @cache
 def _store(url: str) -> Store:
-    """Open a store once a process."""
+    """Open a store once per process."""
     return Store(url)
 
 
 _WORKER_FOLDERS: dict[str, Path] = {}
-"""The folder of the last command in this process, by its id."""
+"""Folder of the last command in this process, by the command's id."""
 
 
 def _worker_folder(command: str) -> Path:
-    """Return the folder that stands for the user's working folder; remove that of the command before."""
+    """Return this process's copy of the user's working folder, and remove the folder of
+    the previous command.
+    """
     if command not in _WORKER_FOLDERS:
         for folder in _WORKER_FOLDERS.values():
             shutil.rmtree(folder, ignore_errors=True)
@@ -328,7 +358,9 @@ def _worker_folder(command: str) -> Path:
 
 
 def stored_clips(store: Store, roots: Sequence[Path]) -> list[Path]:
-    """Return the paths of all clips in or below folders of a store. Raises InputError for none."""
+    """Return the paths of all clips in or below folders of a store. Raise InputError if
+    a folder has none.
+    """
     folders: set[Path] = set()
     problems = []
     for root in roots:
@@ -344,25 +376,29 @@ def stored_clips(store: Store, roots: Sequence[Path]) -> list[Path]:
 
 
 def gather_stored(
-    store: Store, roots: Sequence[Path], out: Path, how: Gathering
+    store: Store, roots: Sequence[Path], out: Path, gathering: Gathering
 ) -> DatasetSummary:
-    """Make a data set at the path `out` of a store, complete or not at all, of the clips in or below `roots`.
+    """Make a data set of the clips in or below `roots` at the path `out` of a store,
+    complete or not at all.
 
-    Raises InputError if the folders or `out` cannot be used, or if there is no clip.
+    Raise InputError for unusable folders, or if there is no clip.
     """
     check_distinct(roots)
     check_apart(out, roots)
     target = Path(Shipper(store).name(out))
     if store.holds(target.as_posix()):
         raise Message.IN_STORE_ALREADY.error(str(out), url=store.url)
-    how = replace(how, root=target, fetched=partial(_fetch_members, store))
+    gathering = replace(
+        gathering, root=target, fetch_members=partial(_fetch_members, store)
+    )
     clips = _found_clips(store, roots)
     with tempfile.TemporaryDirectory(prefix="physgen-") as name:
         folder = Path(name)
         try:
-            summary = how.write(folder, iter(clips))
+            summary = gathering.write(folder, iter(clips))
             check_clips(summary, roots)
             files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
+            # The settings file comes last, because it marks the data set as complete.
             files.sort(key=lambda path: path == folder / DATASET_FILE)
             for path in files:
                 store.put(path, (target / path.relative_to(folder)).as_posix())
@@ -374,7 +410,9 @@ def gather_stored(
 
 
 def _found_clips(store: Store, roots: Sequence[Path]) -> list[FoundClip]:
-    """Return the clips in or below folders of a store; workers read their manifests. Raises InputError."""
+    """Return the clips in or below folders of a store, without manifests: workers read
+    them. Raise InputError.
+    """
     names = map(Shipper(store).name, roots)
     folders = collect(partial(stored_clips, store, [Path(name)]) for name in names)
     clips = []
@@ -388,7 +426,7 @@ def _found_clips(store: Store, roots: Sequence[Path]) -> list[FoundClip]:
 
 @contextmanager
 def _fetch_members(store: Store, members: Members) -> Iterator[Members]:
-    """Bring the files of a clip here, and remove them afterwards."""
+    """Fetch the files of a clip, and remove them at the end of the block."""
     with tempfile.TemporaryDirectory(prefix="physgen-") as name:
         copies = {}
         for member, path in members.items():

@@ -1,11 +1,14 @@
-"""A sweep: clips computed from their number alone, their names, a check before anything is rendered, and its table.
+"""A sweep: its clips by number, their names, a check before the first render, and its
+table.
 
-The order of clips: variants are outermost, then the keys of the grid in the order of the arguments, the last one
-fastest. At every point of the grid stand the same draws, so that points differ in the grid's keys only.
+In the order of clips, variants change slowest. The keys of the grid follow in the order
+of the arguments, and the last key changes fastest. All points of the grid have the same
+draws, so that two points differ only in the grid's keys.
 
-Names of clips: `04-01,velocity.x=-500,elasticity=0.9` is the fifth value of the first key and the second of the second.
-Draws have four digits or more: `0007,mass=183.4`. The numbers make names unique and sort them in the order of the
-sweep. Adding a value at the end of an axis, or draws, leaves the other names as they are.
+In the name `04-01,velocity.x=-500,elasticity=0.9`, the first key has its fifth value
+and the second key its second. Draws have four digits or more: `0007,mass=183.4`. The
+numbers make names unique and sort them in the order of the sweep. A value at the end of
+an axis, or more draws, leave the other names unchanged.
 """
 
 from __future__ import annotations
@@ -35,31 +38,41 @@ from physgen.text import quoted
 
 MAX_CLIPS = 10_000_000
 MAX_NAME_BYTES = 100
-"""File systems allow 255, and traces and parts of files are named after clips."""
+"""Maximum length of a name. File systems allow 255 bytes, but traces and partial files
+append to the name.
+"""
 MAX_VALUE_LENGTH = 24
-"""Characters of a value in a name."""
+"""Maximum number of characters for a value in a name."""
 MAX_CHECKED_VARIANTS = 50
-"""So that no sweep begins with a long wait."""
+"""Maximum number of variants to check, so that a sweep starts without a long wait."""
 
 
 @dataclass(frozen=True)
 class Point:
     """One clip of a sweep."""
 
-    number: int  # from 0
-    name: str  # of its folder
+    # Counted from 0.
+    number: int
+    # Name of the folder.
+    name: str
     variant: str | None
-    values: tuple[Value, ...]  # one for each axis
-    overrides: tuple[str, ...]  # `KEY=VALUE` for each axis, as `--set` takes it
+    # One value per axis.
+    values: tuple[Value, ...]
+    # `KEY=VALUE` per axis, in the syntax of `--set`.
+    overrides: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """All clips to make; `sweep[k]` is clip k. Nothing is listed, so that millions take no memory."""
+    """All clips to make; `sweep[k]` is clip k. Clips are computed on request, so that
+    millions take no memory.
+    """
 
     axes: tuple[Axis, ...]
-    variants: tuple[str | None, ...] = (None,)  # none is the file itself
-    samples: int = 0  # draws at each point of the grid; 0 where no key is drawn
+    # None is the file without a variant.
+    variants: tuple[str | None, ...] = (None,)
+    # Draws at each point of the grid; 0 if all keys have lists.
+    samples: int = 0
     seed: int = 0
 
     def __len__(self) -> int:
@@ -141,8 +154,11 @@ class Sweep:
 
 
 def draw(seed: int, key: str, number: int) -> float:
-    """Return a draw of the uniform distribution over 0 < x < 1, independent for every seed, key and number."""
+    """Return a draw from the uniform distribution over 0 < x < 1, independent for every
+    seed, key and number.
+    """
     digest = sha256(f"{seed}\n{key}\n{number}".encode()).digest()
+    # 52 bits and a half step: the draw is exact in a float and never 0 or 1.
     return ((int.from_bytes(digest[:8], "big") >> 12) + 0.5) / 2**52
 
 
@@ -152,7 +168,9 @@ def plan_clips(
     samples: int | None = None,
     seed: int | None = None,
 ) -> Sweep:
-    """Return a sweep whose parts fit together; None is an option that was not given. Raise InputError."""
+    """Return a sweep after a check that its parts fit together. None stands for a
+    missing option. Raise InputError.
+    """
     problems: list[Problem] = []
 
     draws = [axis for axis in axes if isinstance(axis, DistributionAxis)]
@@ -182,7 +200,7 @@ def plan_clips(
 
 
 def clip_name(numbers: Sequence[str], parts: Sequence[str]) -> str:
-    """Return `00-01,part,part`; parts that would make it too long are counted: `,+2`."""
+    """Return `00-01,part,part`. Parts beyond the maximum length are counted: `,+2`."""
     text = "-".join(numbers)
     for n, part in enumerate(parts):
         longer = f"{text},{part}"
@@ -194,7 +212,8 @@ def clip_name(numbers: Sequence[str], parts: Sequence[str]) -> str:
 
 
 def short_text(value: Value) -> str:
-    """Return a value in about four digits or a word, in characters that are safe in shells and file systems.
+    """Return a value in about four digits or one word, in safe characters for shells
+    and file systems.
 
     >>> [short_text(Value("", data)) for data in (-500, 0.1 + 0.2, 12345.678, 1.5e-7, True, None, [256, 256], "a b/c")]
     ['-500', '0.3', '12346', '1.5e-7', 'true', 'none', '256x256', 'a_b_c']
@@ -224,17 +243,18 @@ def _short_scalar(data: Any) -> str:
 
 
 def check_values(
-    sweep: Sweep, opened: OpenedScene, overrides: Sequence[str] = ()
+    sweep: Sweep, scene_file: OpenedScene, overrides: Sequence[str] = ()
 ) -> tuple[str, ...]:
-    """Load the scene with a typical value of every key, and return the names of all objects that can move.
+    """Load the scene with a typical value of every key, and return the names of all
+    movable objects.
 
-    `overrides` are those of `--set`. Raise InputError if these values make no scene: then a key is misspelt, or no
-    value fits it. Other values that fail are failed clips.
+    `overrides` come from `--set`. Raise InputError if the typical values fail: a key is
+    misspelt, or its values do not fit. Other failing values are failed clips.
     """
     typical = sweep.typical()
     variants = sweep.variants[:MAX_CHECKED_VARIANTS]
     scenes = collect(
-        partial(_scene, sweep, opened, overrides, typical, variant)
+        partial(_scene, sweep, scene_file, overrides, typical, variant)
         for variant in variants
     )
     movable = (
@@ -248,19 +268,21 @@ def check_values(
 
 def _scene(
     sweep: Sweep,
-    opened: OpenedScene,
+    scene_file: OpenedScene,
     overrides: Sequence[str],
     values: Sequence[Value],
     variant: str | None,
 ) -> Scene:
-    """Raise InputError whose problems point to the sweep's arguments in place of `--set`."""
+    """Return the scene with the values. Raise InputError with the sweep's arguments as
+    the places of problems, instead of `--set`.
+    """
     settings = sweep.set_to(values)
     places = {
         quoted(f"--set {text}", "", 80): axis.place
         for text, axis in zip(settings, sweep.axes, strict=True)
     }
     try:
-        return opened.scene((*overrides, *settings), variant)
+        return scene_file.scene((*overrides, *settings), variant)
     except InputError as error:
         raise InputError(
             replace(problem, place=places.get(problem.place.file, problem.place))
@@ -269,7 +291,9 @@ def _scene(
 
 
 def table_columns(sweep: Sweep, outcomes: Sequence[str]) -> tuple[str, ...]:
-    """Return the columns of the table: the clip, its values, its state, its outcomes and its files."""
+    """Return the columns of the table: the clip, its values, its state, its outcomes
+    and its files.
+    """
     keys = (axis.key for axis in sweep.axes)
     return (
         "number",
@@ -285,8 +309,8 @@ def table_columns(sweep: Sweep, outcomes: Sequence[str]) -> tuple[str, ...]:
     )
 
 
-def table_row(sweep: Sweep, point: Point, done: JobResult) -> dict[str, Cell]:
-    """Return cells by the names of columns; paths are relative to the sweep's folder."""
+def table_row(sweep: Sweep, point: Point, result: JobResult) -> dict[str, Cell]:
+    """Return cells by column name. Paths are relative to the sweep's folder."""
     cells: dict[str, Cell] = {
         "number": point.number,
         "name": point.name,
@@ -294,29 +318,35 @@ def table_row(sweep: Sweep, point: Point, done: JobResult) -> dict[str, Cell]:
     }
     for axis, value in zip(sweep.axes, point.values, strict=True):
         cells[axis.key] = value.cell
-    if done.folder is None:
+    if result.folder is None:
         errors = (
             str(problem)
-            for problem in done.problems
+            for problem in result.problems
             if problem.severity is Severity.ERROR
         )
         return cells | {"state": "failed", "error": " | ".join(errors)}
     files: dict[str, Cell] = {
         "folder": point.name,
-        "video": f"{point.name}/{done.job.options.formats[0].file}",
+        "video": f"{point.name}/{result.job.options.formats[0].file}",
         "manifest": f"{point.name}/manifest.json",
     }
-    return cells | {"state": "done"} | files | dict(done.outcomes or {})
+    return cells | {"state": "done"} | files | dict(result.outcomes or {})
 
 
-def keep_other_table(table: Path, made: Path, keep: Callable[[Path], None]) -> None:
-    """Keep a `table` of other clips or columns than the one just `made`, or any other file there, as `NAME~`."""
-    if table.is_file() and _names(table) != _names(made):
+def keep_other_table(
+    table: Path, new_table: Path, keep: Callable[[Path], None]
+) -> None:
+    """Rename an existing `table` to `NAME~` if its clips or columns differ from the new
+    table's.
+    """
+    if table.is_file() and _names(table) != _names(new_table):
         back_up(table, keep)
 
 
 def _names(table: Path) -> list[str | None]:
-    """Return the columns of a table and the names of its clips; none if it is not a table."""
+    """Return the columns of a table and the names of its clips, or an empty list for
+    another file.
+    """
     with (
         table.open(encoding="utf-8", errors="replace", newline="") as text,
         suppress(csv.Error),

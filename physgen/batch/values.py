@@ -1,4 +1,6 @@
-"""Values of a sweep's arguments: YAML between commas, ranges `a:b:n`, and distributions `~uniform(a, b)`."""
+"""Parse the values of a sweep's arguments: YAML between commas, ranges `a:b:n`, and
+distributions `~uniform(a, b)`.
+"""
 
 from __future__ import annotations
 
@@ -20,9 +22,9 @@ from physgen.tables import Cell
 from physgen.text import listed, nearest, number, quoted
 
 MAX_COUNT = 100_000
-"""Values of a range."""
+"""Maximum number of values in a range."""
 EXACT_INT = 2**53
-"""From here on a float does not hold every whole number."""
+"""From this number on, a float does not hold every whole number."""
 EXAMPLES = {
     "uniform": "~uniform(0.2, 0.9)",
     "loguniform": "~loguniform(1, 1000)",
@@ -41,28 +43,34 @@ _DECIMAL = re.compile(
 class Value:
     """One value of a key."""
 
-    text: str  # YAML, as `--set` takes it
-    data: Any  # the parsed value: None, bool, int, float, str, list or dict
+    # YAML, in the syntax of `--set`.
+    text: str
+    # Parsed value: None, bool, int, float, str, list or dict.
+    data: Any
 
     @property
     def cell(self) -> Cell:
-        """Return the cell of a table; lists and mappings become YAML text."""
+        """Return the cell of a table. Lists and mappings become YAML text."""
         return self.text if isinstance(self.data, list | dict) else self.data
 
 
 def split(text: str) -> Iterator[tuple[str, bool]]:
-    """Yield the parts between commas that are outside brackets and quotes, and whether each is bare text.
+    """Yield the parts between commas outside brackets and quotes, and whether each is
+    bare text.
 
-    Raises RefusedError for what is no YAML.
+    Raise RefusedError for invalid YAML.
 
     >>> list(split("1, [2, 3],'a,b'"))
     [('1', True), ('[2, 3]', False), ("'a,b'", False)]
     """
     try:
+        # The newline ends a comment before the closing bracket, so that the check below
+        # can report it.
         root = yaml.compose(f"[{text}\n]", Loader=yaml.SafeLoader)
     except (yaml.YAMLError, RecursionError, ValueError):
         raise Message.VALUES_NOT_YAML.refusal() from None
     nodes = root.value if root is not None else []
+    # Subtract the added bracket.
     spans = [(node.start_mark.index - 1, node.end_mark.index - 1) for node in nodes]
     begins, ends = [begin for begin, _ in spans], [end for _, end in spans]
     if any(
@@ -78,7 +86,7 @@ def split(text: str) -> Iterator[tuple[str, bool]]:
 
 
 def read_values(text: str) -> tuple[Value, ...]:
-    """Return the values and ranges between commas. Raises RefusedError."""
+    """Return the values and ranges between commas. Raise RefusedError."""
     values: list[Value] = []
     for part, is_bare in split(text):
         if part.startswith("~"):
@@ -107,8 +115,8 @@ def _read_value(text: str) -> Value:
 
 
 def parse_yaml(text: str) -> Value:
-    """Raises InputError with messages that name no place."""
-    return Value(text, to_plain_data(read(text, Source("", Path()), counted=False)))
+    """Parse YAML. Raise InputError with problems without places."""
+    return Value(text, to_plain_data(read(text, Source("", Path()), has_lines=False)))
 
 
 def number_value(data: int | float) -> Value:
@@ -117,7 +125,10 @@ def number_value(data: int | float) -> Value:
 
 
 def _read_range(text: str) -> list[Value]:
-    """The numbers of `start:end:count[:log]`; computed exactly, so that 0:1:11 holds 0.3. Raises RefusedError."""
+    """Return the numbers of `start:end:count[:log]`. Raise RefusedError.
+
+    The numbers are computed as fractions, so that 0:1:11 holds 0.3.
+    """
     parts = text.split(":")
     if (
         len(parts) not in (3, 4)
@@ -152,25 +163,31 @@ def _read_range(text: str) -> list[Value]:
 
 
 def _log_between(low: float, high: float, share: float) -> float:
-    """Between two numbers of one sign, linear in the logarithm; rounded to 15 digits, so that 1:1000:4 holds 10."""
+    """Return a number between two numbers of one sign, by linear interpolation of the
+    logarithm. It is rounded to 15 digits, so that 1:1000:4 holds 10.
+    """
     begin, end = log(abs(low)), log(abs(high))
     size = float(f"{exp(begin + share * (end - begin)):.15g}")
+    # Rounding must not leave the range.
     size = min(max(size, min(abs(low), abs(high))), max(abs(low), abs(high)))
     return size if low > 0 else -size
 
 
 @dataclass(frozen=True)
 class Distribution:
-    """Distribution of the values of one key."""
+    """The distribution of the values of one key."""
 
-    name: str  # one of EXAMPLES
-    numbers: tuple[
-        float, ...
-    ] = ()  # both ends; of a normal distribution its mean and its standard deviation
-    values: tuple[Value, ...] = ()  # of a choice; a repeated value is drawn more often
+    # One of EXAMPLES.
+    name: str
+    # Both ends, or mean and standard deviation of a normal distribution.
+    numbers: tuple[float, ...] = ()
+    # Choices; a repeated value is drawn more often.
+    values: tuple[Value, ...] = ()
 
     def quantile(self, share: float) -> Value:
-        """Return the quantile: the value below which that share of draws lies, 0 < share < 1."""
+        """Return the quantile of a share: the share of draws below this value, 0 <
+        share < 1.
+        """
         if self.name == "choice":
             return self.values[int(share * len(self.values))]
         low, high = self.numbers
@@ -182,7 +199,7 @@ class Distribution:
 
 
 def read_distribution(text: str) -> Distribution:
-    """Parses `~NAME(...)`. Raises RefusedError."""
+    """Parse `~NAME(...)`. Raise RefusedError."""
     call = _CALL(text)
     name = call[1].lower() if call else ""
     if call is None or name not in EXAMPLES:
@@ -206,10 +223,12 @@ def read_distribution(text: str) -> Distribution:
     return distribution
 
 
-def _fault(found: Distribution, parts: int) -> str:
-    """Return the fault of a distribution's numbers, written with so many parts."""
-    numbers = found.numbers
-    if found.name == "normal":
+def _fault(distribution: Distribution, parts: int) -> str:
+    """Return the fault of a distribution's numbers, or an empty text. `parts` counts
+    the parts between commas.
+    """
+    numbers = distribution.numbers
+    if distribution.name == "normal":
         if len(numbers) != 2 or parts != 2 or not all(map(isfinite, numbers)):
             return "does not hold a mean and a standard deviation"
         return "" if numbers[1] > 0 else f"has a standard deviation of {numbers[1]:g}"
@@ -223,6 +242,6 @@ def _fault(found: Distribution, parts: int) -> str:
         return "goes down, or nowhere"
     return (
         NO_LOGARITHM
-        if found.name == "loguniform" and numbers[0] * numbers[1] <= 0
+        if distribution.name == "loguniform" and numbers[0] * numbers[1] <= 0
         else ""
     )

@@ -1,4 +1,6 @@
-"""Render a clip's scene again and compare the result with the clip; nothing is written to the clip's folder."""
+"""Render the scene of a clip again and compare the result with the clip. The clip's
+folder does not change.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,7 @@ from physgen.text import counted, quoted, rounded
 NOT_REFINED = "refinement was not run again: the clip as it was drawn is compared"
 NO_CAUSE = "nothing that it reads has changed, nor have versions or the machine"
 MAX_NAMED = 3
-"""Objects or files that a line names; the others are counted."""
+"""Maximum number of objects or files named in a line; the others are counted."""
 
 
 @dataclass(frozen=True)
@@ -35,31 +37,36 @@ class VerifyRequest:
     """A clip to verify."""
 
     folder: Path
-    scene: Path | None = None  # the scene file; None: the one that the manifest names
+    # The scene file; None for the file in the manifest.
+    scene: Path | None = None
     allow_outside: bool = False
 
 
 class Outcome(Enum):
-    """Result of a comparison."""
+    """The result of a comparison."""
 
     EQUAL = "equal"
     DIFFERS = "differs"
     UNKNOWN = "not verified"
-    """It could not be rendered again."""
+    """A second render failed."""
 
 
 @dataclass(frozen=True)
 class MotionDifference:
-    """How two motions differ."""
+    """The difference between two motions."""
 
-    sample: int  # the first that differs
+    # The first different sample.
+    sample: int
     time: float  # s
-    counts: tuple[int, int]  # how many samples there were, and are
+    # Numbers of samples, old and new.
+    counts: tuple[int, int]
     objects: Mapping[str, float] = field(default_factory=dict)
-    """The largest distance of each that differs, px, the largest first; empty where trajectory.npz does not tell."""
+    """Largest distance of each different object, px, in falling order; empty if
+    trajectory.npz is unusable.
+    """
 
     def text(self) -> str:
-        """Return the result as a sentence."""
+        """Return the difference as a sentence."""
         before, count_now = self.counts
         counts = (
             f"{counted(before, 'sample')} then, {count_now} now; "
@@ -74,14 +81,17 @@ class MotionDifference:
 
 @dataclass(frozen=True)
 class FrameDifference:
-    """How the frames differ."""
+    """The difference between two lists of frames."""
 
-    frame: int  # the first that differs
-    differ: int  # how many do, of those that both clips have
-    counts: tuple[int, int]  # how many frames there were, and are
+    # The first different frame.
+    frame: int
+    # Number of different frames among those of both clips.
+    differ: int
+    # Numbers of frames, old and new.
+    counts: tuple[int, int]
 
     def text(self) -> str:
-        """Return the result as a sentence."""
+        """Return the difference as a sentence."""
         before, count_now = self.counts
         parts = (
             [f"{counted(before, 'frame')} then, {count_now} now"]
@@ -97,20 +107,26 @@ class FrameDifference:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Result for one clip."""
+    """The result for one clip."""
 
-    clip: str  # its folder
+    # Folder of the clip.
+    clip: str
     outcome: Outcome
-    samples: int = 0  # of its motion, as its manifest has it
+    # Number of samples in the manifest.
+    samples: int = 0
     frames: int = 0
     files: int = 0
-    changed: tuple[str, ...] = ()  # what the run read and is different now
-    elsewhere: tuple[str, ...] = ()  # versions and machine that are different now
-    damaged: tuple[str, ...] = ()  # output files that are not as they were written
+    # Inputs with changes since the render.
+    changed: tuple[str, ...] = ()
+    # Versions and machine properties with changes since the render.
+    elsewhere: tuple[str, ...] = ()
+    # Output files with changes since the render.
+    damaged: tuple[str, ...] = ()
     motion: MotionDifference | None = None
     pictures: FrameDifference | None = None
     notes: tuple[str, ...] = ()
-    problems: tuple[Problem, ...] = ()  # why it could not be rendered
+    # Reasons for a failed second render.
+    problems: tuple[Problem, ...] = ()
 
     def line(self) -> str:
         """Return the result as a sentence.
@@ -154,19 +170,22 @@ class Verdict:
 def verify(
     request: VerifyRequest, progress: pipeline.Progress = pipeline.silent
 ) -> Verdict:
-    """Renders the clip's scene again and compares; what is wrong with the clip or its scene is in the verdict."""
+    """Render the scene of a clip again and compare. The verdict contains the faults of
+    the clip or its scene.
+    """
     try:
         return _verify(request, progress)
     except InputError as error:
         return Verdict(
             str(request.folder), Outcome.UNKNOWN, problems=tuple(error.problems)
         )
-    except Exception as error:  # a manifest is untrusted, and other clips wait
+    except Exception as error:
+        # A manifest is untrusted, and other clips wait.
         return report_failure(request, error)
 
 
 def report_failure(request: VerifyRequest, error: Exception) -> Verdict:
-    """Return the verdict where the machine or physgen failed, not the scene."""
+    """Return the verdict after a fault of the machine or of physgen."""
     failure, fix = describe_failure(error)
     folder, message = str(request.folder), Message.JOB_FAILED
     problem = message.problem(Place(folder), failure=failure, fix=fix)
@@ -190,7 +209,7 @@ def _verify(request: VerifyRequest, progress: pipeline.Progress) -> Verdict:
     with scene.located():
         trajectory = stages.simulate(compilation.world, progress)
     film = Film(scene, compilation, maps, RunRecord(scene="", command=[]), stages)
-    if manifest.delivered:
+    if manifest.has_delivery:
         film.deliver()
     hashes = []
     for frame in film.deliver_frames(film.frames(trajectory), trajectory):
@@ -214,12 +233,12 @@ def _verify(request: VerifyRequest, progress: pipeline.Progress) -> Verdict:
         damaged=tuple(f"{name} {damage}" for name, damage in damaged_files.items()),
         motion=motion,
         pictures=pictures,
-        notes=(NOT_REFINED,) if manifest.refined else (),
+        notes=(NOT_REFINED,) if manifest.has_refinement else (),
     )
 
 
 def _source(manifest: Manifest, folder: Path) -> Path:
-    """Return the scene file that the manifest names. Raises InputError where it is not there."""
+    """Return the scene file of the manifest. Raise InputError if it is missing."""
     path = Path(folder.resolve(), manifest.source)
     if not path.is_file():
         raise Message.SOURCE_MOVED.error(str(folder / manifest.source))
@@ -229,7 +248,7 @@ def _source(manifest: Manifest, folder: Path) -> Path:
 def _damaged_files(
     folder: Path, files: Mapping[str, str], progress: Callable[[str, int, int], None]
 ) -> dict[str, str]:
-    """Output files that are not as they were written -> what is wrong with them."""
+    """Return the damage of each changed output file, by file name."""
     damage_by_file = {}
     for count, (name, digest) in enumerate(files.items(), 1):
         path = folder / name
@@ -244,7 +263,9 @@ def _damaged_files(
 
 
 def _stored_motion(path: Path, samples: Sequence[str]) -> Trajectory | None:
-    """Return a clip's trajectory.npz, if it holds the `samples` of the manifest."""
+    """Return the trajectory of a clip, or None unless it matches the `samples` of the
+    manifest.
+    """
     if not path.is_file():
         return None
     try:
@@ -263,27 +284,33 @@ def _stored_motion(path: Path, samples: Sequence[str]) -> Trajectory | None:
 
 
 def _motion_difference(
-    folder: Path, samples: Sequence[str], now: Trajectory
+    folder: Path, samples: Sequence[str], new_motion: Trajectory
 ) -> MotionDifference | None:
-    """Return the difference of two motions, None for equal ones; `samples` are hashes of the old one."""
-    hashes = now.sample_hashes()
+    """Return the difference of two motions, or None for equal ones. `samples` are the
+    hashes of the old motion.
+    """
+    hashes = new_motion.sample_hashes()
     if hashes == list(samples):
         return None
     counts = len(samples), len(hashes)
     first = _first_difference(samples, hashes)
-    time = float(now.times[min(first, len(now.times) - 1)]) if len(now.times) else 0.0
+    time = (
+        float(new_motion.times[min(first, len(new_motion.times) - 1)])
+        if len(new_motion.times)
+        else 0.0
+    )
     difference = MotionDifference(first, time, counts)
     old_motion = _stored_motion(folder / "trajectory.npz", samples)
     if (
         old_motion is None
-        or old_motion.names != now.names
-        or not np.array_equal(old_motion.times, now.times)
+        or old_motion.names != new_motion.names
+        or not np.array_equal(old_motion.times, new_motion.times)
     ):
         return difference
-    position_changes = old_motion.poses[..., :2] - now.poses[..., :2]
+    position_changes = old_motion.poses[..., :2] - new_motion.poses[..., :2]
     distances = dict(
         zip(
-            now.names,
+            new_motion.names,
             np.hypot(position_changes[..., 0], position_changes[..., 1])
             .max(axis=0)
             .tolist(),
@@ -298,43 +325,55 @@ def _motion_difference(
 
 
 def _frame_difference(
-    then: Sequence[str], now: Sequence[str]
+    old_hashes: Sequence[str], new_hashes: Sequence[str]
 ) -> FrameDifference | None:
-    """Return the difference of two lists of frames by their hashes, None for equal ones."""
-    if list(then) == list(now):
+    """Return the difference of two lists of frame hashes, or None for equal ones."""
+    if list(old_hashes) == list(new_hashes):
         return None
-    differ = sum(a != b for a, b in zip(then, now, strict=False))
-    return FrameDifference(_first_difference(then, now), differ, (len(then), len(now)))
+    differ = sum(a != b for a, b in zip(old_hashes, new_hashes, strict=False))
+    return FrameDifference(
+        _first_difference(old_hashes, new_hashes),
+        differ,
+        (len(old_hashes), len(new_hashes)),
+    )
 
 
-def _first_difference(then: Sequence[str], now: Sequence[str]) -> int:
-    """Return the index of the first that differs; where none of both does, how many both have."""
-    pairs = enumerate(zip(then, now, strict=False))
-    return next((k for k, (a, b) in pairs if a != b), min(len(then), len(now)))
+def _first_difference(old_hashes: Sequence[str], new_hashes: Sequence[str]) -> int:
+    """Return the index of the first difference. For lists with a common start, return
+    the shorter length.
+    """
+    pairs = enumerate(zip(old_hashes, new_hashes, strict=False))
+    return next(
+        (k for k, (a, b) in pairs if a != b), min(len(old_hashes), len(new_hashes))
+    )
 
 
-def changed_files(then: Mapping[str, str], now: Mapping[str, str]) -> Iterator[str]:
-    """Yield a sentence for each input file that differs, by hashes."""
-    for name in (*then, *(name for name in now if name not in then)):
-        if then.get(name) != now.get(name):
-            if name not in then:
+def changed_files(
+    old_hashes: Mapping[str, str], new_hashes: Mapping[str, str]
+) -> Iterator[str]:
+    """Yield a sentence for each input file with a new hash."""
+    for name in (*old_hashes, *(name for name in new_hashes if name not in old_hashes)):
+        if old_hashes.get(name) != new_hashes.get(name):
+            if name not in old_hashes:
                 change = "is read now, was not"
             else:
-                change = "has changed" if name in now else "is not read any more"
+                change = "has changed" if name in new_hashes else "is not read any more"
             yield f"{quoted(name, '', 80)} {change}"
 
 
 def changed_environment(
-    then: Mapping[str, str], now: Mapping[str, str]
+    old_values: Mapping[str, str], new_values: Mapping[str, str]
 ) -> Iterator[str]:
-    """Yield a sentence for each version or property of the machine that differs, of those that are known of both."""
-    for name, value in then.items():
-        if name in now and now[name] != value:
-            yield f"{name} is {quoted(now[name], '', 200)}, was {quoted(value, '', 200)}"
+    """Yield a sentence for each changed version or machine property, if both values are
+    known.
+    """
+    for name, value in old_values.items():
+        if name in new_values and new_values[name] != value:
+            yield f"{name} is {quoted(new_values[name], '', 200)}, was {quoted(value, '', 200)}"
 
 
 def summarize_texts(texts: Sequence[str]) -> str:
-    """Return the first ones, and the number of the others."""
+    """Return the first texts, and the number of the others."""
     left_out = len(texts) - MAX_NAMED
     return ", ".join(texts[:MAX_NAMED]) + (
         f" and {left_out} more" if left_out > 0 else ""

@@ -1,4 +1,4 @@
-"""Processes that run a function of a module, with a connection to the process that started them."""
+"""Start processes that run one function with a connection to their parent."""
 
 from __future__ import annotations
 
@@ -13,24 +13,28 @@ from typing import Protocol
 from physgen.operating_system import IS_POSIX, separate_session
 
 WorkerMain = Callable[[Connection, int], None]
-"""Main function of a worker: its connection, and the id of the process that started it."""
+"""Main function of a worker, with its connection and the id of the parent process."""
 
 
 class Worker(Protocol):
-    """A process that runs a function; it has its own session, so that Ctrl-C reaches this process only."""
+    """A process with its own session, so that Ctrl-C reaches only the parent."""
 
     def terminate(self) -> None:
-        """Ask the process to end, at once."""
+        """Ask the process to end at once."""
 
     def kill(self) -> None:
         """Stop the process."""
 
     def wait(self, timeout: float | None = None) -> int | None:
-        """Wait until it ends. Return its exit code, minus the number of a signal, or None if it still runs."""
+        """Wait for the end. Return the exit code, a negative signal number, or None if
+        the process still runs.
+        """
 
 
 def start_worker(target: WorkerMain, connection: Connection) -> Worker:
-    """Start a process that calls `target`, a function of a module, with `connection`. The caller's copy is closed."""
+    """Start a process for `target`, a module-level function, with `connection`,
+    and close the caller's copy.
+    """
     try:
         if IS_POSIX:
             return _CommandWorker(target, connection)
@@ -40,7 +44,9 @@ def start_worker(target: WorkerMain, connection: Connection) -> Worker:
 
 
 class _CommandWorker:
-    """A Python command with the connection's file descriptor: it does not import the user's `__main__`."""
+    """A Python command with the connection's file descriptor. It does not import the
+    user's `__main__`.
+    """
 
     def __init__(self, target: WorkerMain, connection: Connection) -> None:
         paths = [name or os.getcwd() for name in sys.path]
@@ -68,7 +74,9 @@ class _CommandWorker:
 
 
 class _SpawnedWorker:
-    """A process of `multiprocessing`, started anew as on systems that cannot copy a process."""
+    """A process of `multiprocessing` with a new interpreter, for systems other than
+    POSIX.
+    """
 
     def __init__(self, target: WorkerMain, connection: Connection) -> None:
         arguments = (connection, os.getpid())

@@ -1,7 +1,8 @@
-"""Run work in child processes: results in the order of the items; a process that dies is replaced.
+"""Run work in child processes, with results in the order of the items. A dead process
+is replaced.
 
-Items are pulled as processes get free, and at most `AHEAD` per process further than the oldest unfinished one, so that
-memory does not grow with their number.
+A free process takes the next item, at most `AHEAD` items per process beyond the oldest
+unfinished one, so that memory does not grow with the number of items.
 """
 
 from __future__ import annotations
@@ -26,23 +27,23 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 AHEAD = 16
-"""Items per process that may be under way or done while an older one is not."""
+"""Maximum number of items per process ahead of the oldest unfinished one."""
 TRIES = 2
-"""How often an item is begun: what kills its process twice is the item itself."""
+"""Attempts for an item. If the process dies twice, the item itself is the cause."""
 GRACE = 1.4
-"""s that a process gets to remove what it was writing."""
+"""Time for a process to remove its partial files, s."""
 PARENT_CHECK = 0.2
-"""s between checks whether the parent process is alive."""
+"""Interval between checks of the parent process, s."""
 
 
 class LostError(Exception):
-    """The process of an item died, each time that it was tried."""
+    """The process of an item died at each attempt."""
 
 
 class Child:
-    """A process that works on one item after the other; `work` must be importable.
+    """A process for one item after the other; `work` must be importable.
 
-    Ctrl-C reaches the parent only, which ends it.
+    Ctrl-C reaches only the parent, and the parent ends its children.
     """
 
     def __init__(self, work: Callable[[Any], Any]) -> None:
@@ -51,12 +52,15 @@ class Child:
         self.send(work)
 
     def send(self, item: Any) -> None:
-        """Send the process an item."""
-        with suppress(OSError):  # where it died while idle, `receive` notices
+        """Send an item to the process."""
+        # If the process died while idle, `receive` notices.
+        with suppress(OSError):
             self.line.send(item)
 
     def receive(self) -> Any:
-        """Return the result of the last item. Raise the error of the work, or LostError if the process died."""
+        """Return the result of the last item. Raise the error of the work, or LostError
+        if the process died.
+        """
         try:
             result, error = self.line.recv()
         except (EOFError, OSError):
@@ -73,12 +77,14 @@ class Child:
         return result
 
     def stop(self) -> None:
-        """Ask the process to end, at once."""
+        """Ask the process to end at once."""
         self._process.terminate()
         self.line.close()
 
     def end(self, until: float) -> None:
-        """Waits until it has ended; kills it where that takes too long."""
+        """Wait for the end until a time of the monotonic clock, then kill the
+        process.
+        """
         if self._process.wait(max(0.0, until - time.monotonic())) is None:
             self._process.kill()
             self._process.wait()
@@ -88,12 +94,14 @@ def run_parallel(
     work: Callable[[Item], Result],
     items: Iterable[Item],
     workers: int,
-    lost: Callable[[Item, LostError], Result],
+    lost_result: Callable[[Item, LostError], Result],
 ) -> Generator[Result, None, None]:
-    """Yield `work(item)` for each item, in order; `lost(item, error)` if its process died each time.
+    """Yield `work(item)` for each item in order, or `lost_result(item, error)` if its process
+    died at each attempt.
 
-    One worker is this process. Several are child processes: `work`, items and results are pickled, and what `work`
-    raises is raised here. A caller that stops early must close the generator, which ends the processes.
+    A single worker is this process. Several workers are child processes: `work`, items and results are
+    pickled, and an exception of `work` is raised here. A caller must close the
+    generator to stop early; this ends the processes.
     """
     if workers <= 1:
         yield from map(work, items)
@@ -101,7 +109,7 @@ def run_parallel(
     source = enumerate(items)
     idle: list[Child] = []
     busy: dict[Any, tuple[Child, int, Item, int]] = {}
-    """Line -> process, the number of its item, the item, and how often it was begun."""
+    """Line -> process, number of its item, item, attempts."""
     retries: list[tuple[int, Item, int]] = []
     results: dict[int, Result] = {}
     due = next_item = 0
@@ -136,7 +144,7 @@ def run_parallel(
                     if tries < TRIES:
                         retries.append((number, item, tries))
                     else:
-                        results[number] = lost(item, error)
+                        results[number] = lost_result(item, error)
                 except BaseException:
                     idle.append(child)
                     raise
@@ -150,7 +158,7 @@ def run_parallel(
 
 
 def child_main(line: Connection, parent: int) -> None:
-    """Run a Child, with its end of the line and the id of the process that asks."""
+    """Run a child process; `parent` is the process id of its parent."""
     keep_freed_memory()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(1))
@@ -168,9 +176,12 @@ def child_main(line: Connection, parent: int) -> None:
 
 
 def _pickle_result(answer: tuple[Any, Exception | None]) -> bytes:
-    """Return the answer; a RuntimeError with the reason if it cannot be pickled."""
+    """Return the pickled answer, or a RuntimeError with the reason if pickling
+    fails.
+    """
     try:
         data = pickle.dumps(answer)
+        # Some exceptions can be pickled but not read again.
         pickle.loads(data)
     except Exception as error:
         cause = answer[1] or error
@@ -179,7 +190,7 @@ def _pickle_result(answer: tuple[Any, Exception | None]) -> bytes:
 
 
 def _watch_parent(parent: int) -> None:
-    """Stop this process after the end of its parent: its results have no use then."""
+    """Stop this process after the end of its parent: nobody needs the results then."""
     while is_parent_running(parent):
         time.sleep(PARENT_CHECK)
     terminate_self()

@@ -1,1 +1,1 @@
-"""Cli stage of physgen."""
+"""The commands of physgen."""

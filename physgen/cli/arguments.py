@@ -1,4 +1,4 @@
-"""Argument parser, and readers of flag values."""
+"""The argument parser, and readers of flag values."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ WRONG_INPUT = 2
 """Exit code of wrong flags and wrong files."""
 FORMATS = ("mp4", "gif", "webp", "png")
 VIDEO_SUFFIXES = (".mp4", ".gif", ".webp")
-"""Endings of the files that `render` writes as one video."""
+"""Suffixes of the videos of `render`."""
 FILE_SUFFIXES = (
     *VIDEO_SUFFIXES,
     *(".mov", ".m4v", ".avi", ".mkv", ".webm"),
@@ -27,27 +27,36 @@ FILE_SUFFIXES = (
     *(".yaml", ".yml", ".json", ".jsonl", ".csv", ".npz", ".npy", ".parquet"),
     *(".html", ".htm", ".pdf", ".txt", ".md", ".zip", ".tar", ".gz", ".tgz", ".h5"),
 )
-"""Endings of files: nobody means a new folder by such a name."""
+"""Suffixes of files. A new folder never has such a name on purpose."""
 LONGEST_NAME = 200
-"""Bytes of an output's name: a file system takes 255, and partial and backed-up files have longer names."""
+"""Maximum length of an output's name, bytes. File systems allow 255, and partial and
+backup files have longer names.
+"""
 LONGEST_MESSAGE = 500
-"""Characters of a message about wrong flags, which repeats what was written."""
+"""Maximum length of a message about wrong flags, which repeats the user's text,
+characters.
+"""
 
 NO_FLAG = "\0"
-"""Before an argument that begins with a dash and is no flag; no argument holds this character."""
+"""Mark before an argument with a leading dash that is not a flag. Arguments cannot
+contain this character.
+"""
 
 
 class Parser(argparse.ArgumentParser):
-    """Wrong flags: a line each that says what to do, exit code 2."""
+    """A parser that reports all wrong flags, one line each with a fix, and exits with
+    code 2.
+    """
 
     def __init__(self, *arguments: Any, **settings: Any) -> None:
         super().__init__(*arguments, **settings)
-        self._negative_number_matcher = re.compile(r"-\.?\d")  # -40,95 is a value, too
+        # Coordinates such as -40,95 are values too, not flags.
+        self._negative_number_matcher = re.compile(r"-\.?\d")
         self.commands: dict[str, Parser] = {}
-        self.mixed = False
-        """Whether flags may stand between arguments."""
+        self.is_order_free = False
+        """True if flags may come between arguments."""
         self.wrong: list[str] = []
-        """Messages about values so far, printed together."""
+        """Messages about wrong values, printed together at the end."""
 
     def option(
         self,
@@ -58,7 +67,7 @@ class Parser(argparse.ArgumentParser):
         default: Any = None,
         **more: Any,
     ) -> None:
-        """Add a flag with a value; `names` are separated by a space."""
+        """Add a flag with a value. `names` are separated by a space."""
         kind = _output(kind) if names.startswith("-o ") else kind
         self.add_argument(
             *names.split(),
@@ -70,7 +79,9 @@ class Parser(argparse.ArgumentParser):
         )
 
     def flag(self, name: str, help: str) -> None:
-        """Add a flag without a value; `--no-NAME` sets NAME, which is true otherwise, to false."""
+        """Add a flag without a value. `--no-NAME` sets NAME to false; the default is
+        true.
+        """
         if name.startswith("--no-"):
             self.add_argument(
                 name, dest=name[5:].replace("-", "_"), action="store_false", help=help
@@ -83,43 +94,49 @@ class Parser(argparse.ArgumentParser):
         args: Sequence[str] | None = None,
         namespace: argparse.Namespace | None = None,
     ) -> tuple[argparse.Namespace, list[str]]:
-        """Parse arguments in any order; argparse takes all arguments of one kind together."""
-        if not self.mixed:
+        """Parse arguments in any order. argparse alone requires all arguments of one
+        kind together.
+        """
+        if not self.is_order_free:
             return super().parse_known_args(args, namespace)
-        self.mixed = False
+        # The parser calls this method again for the parts of the command line.
+        self.is_order_free = False
         try:
             return self.parse_known_intermixed_args(_hide_dashes(args), namespace)
         finally:
-            self.mixed = True
+            self.is_order_free = True
 
     def parse_args(  # type: ignore[override]
         self,
         args: Sequence[str] | None = None,
         namespace: argparse.Namespace | None = None,
     ) -> argparse.Namespace:
-        """Parse all arguments; the command reports an unknown flag with its most similar flag."""
+        """Parse all arguments. Report an unknown flag with the most similar flag of the
+        command.
+        """
         options, unknown = self.parse_known_args(args, namespace)
         command = self.commands.get(getattr(options, "command", ""), self)
-        # a measure of `evaluate` is a command with its own flags and example
+        # A measure of `evaluate` is a command with its own flags and example.
         command = command.commands.get(getattr(options, "what", ""), command)
         if not unknown and not command.wrong:
             return options
-        flags = [
-            text for text in unknown if text.startswith("-")
-        ]  # what follows an unknown flag is its value
+        # A word after an unknown flag is its value, and needs no message of its own.
+        flags = [text for text in unknown if text.startswith("-")]
         command.wrong += [command.unknown(text) for text in flags or unknown]
         command.error(command.wrong.pop())
 
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
         try:
             return super()._get_value(action, arg_string.removeprefix(NO_FLAG))
-        except argparse.ArgumentError as error:  # reported with all others
+        except argparse.ArgumentError as error:
+            # `parse_args` reports all wrong values together.
             self.wrong.append(str(error))
 
     def unknown(self, text: str) -> str:
-        """Return the message for an argument that was left over."""
+        """Return the message about an unexpected argument."""
         flags = re.findall(r"--[\w-]+", self.format_help())
         if not text.startswith("-"):
+            # `KEY=VALUE` without `--set` is a common slip.
             fix = "leave it out"
             if "--set" in flags and IS_SETTING(text):
                 fix = f"to set the key, write --set {text}"
@@ -132,7 +149,10 @@ class Parser(argparse.ArgumentParser):
         return f"{flag} {refusal.expected}; {refusal.fix}"
 
     def error(self, message: str) -> NoReturn:
-        """Print what was wrong, a line each, and a hint; for a word that is none of several, the nearest of them."""
+        """Print all faults, one line each, with a hint. For an unknown choice, name the
+        nearest one.
+        """
+        # argparse has no error type for a wrong choice: its message is the only source.
         wrong = re.fullmatch(
             r"argument ([^:]+): invalid choice: '([^']+)' \(choose from (.+)\)", message
         )
@@ -152,7 +172,9 @@ class Parser(argparse.ArgumentParser):
         )
 
     def _with_example(self, message: str) -> str:
-        """Add the form of a value, or an example of the command, to argparse's message."""
+        """Add the form of the value, or an example of the command, to a message of
+        argparse.
+        """
         flag = re.fullmatch(r"argument ([^:]+): expected one argument", message)
         if flag is not None:
             name = flag[1].rpartition("/")[2]
@@ -163,9 +185,9 @@ class Parser(argparse.ArgumentParser):
 
 
 def _hide_dashes(arguments: Sequence[str] | None) -> Sequence[str] | None:
-    """Mark the arguments behind `--` that begin with a dash, and take `--` out.
+    """Mark the arguments behind `--` with a leading dash, and remove `--`.
 
-    argparse does not know `--` where it lets flags stand between arguments.
+    The intermixed parsing of argparse does not know `--`.
     """
     if arguments is None or "--" not in arguments:
         return arguments
@@ -177,12 +199,14 @@ def _hide_dashes(arguments: Sequence[str] | None) -> Sequence[str] | None:
 
 
 def wrong_value(text: str, refusal: RefusedError) -> argparse.ArgumentTypeError:
-    """Return the error of a value of a flag, which argparse prints with the flag."""
+    """Return the error of a flag's value. argparse prints it with the flag."""
     return argparse.ArgumentTypeError(f"{text} {refusal.expected}; {refusal.fix}")
 
 
 def _output(kind: Callable[[str], Any]) -> Callable[[str], Any]:
-    """Return a reader of the name of a result, which a file system takes."""
+    """Return a reader of an output's name, with a check that file systems accept the
+    name.
+    """
 
     def read(text: str) -> Any:
         if not text.strip() or "\0" in text:
@@ -198,14 +222,17 @@ def _output(kind: Callable[[str], Any]) -> Callable[[str], Any]:
 
 @dataclass(frozen=True)
 class Command:
-    """One command: its options and its handler."""
+    """A command: its options and its handler."""
 
     name: str
-    about: str
+    summary: str
     example: str
-    add: Callable[[Parser], None]  # adds the arguments
-    run: Callable[[argparse.Namespace], int]  # returns the exit code
-    mixed: bool = False  # whether flags may stand between arguments, of which there can be several
+    # Adds the arguments.
+    add: Callable[[Parser], None]
+    # Returns the exit code.
+    run: Callable[[argparse.Namespace], int]
+    # True if flags may come between several arguments.
+    is_order_free: bool = False
 
 
 def integer_reader(low: int, high: int) -> Callable[[str], int]:
@@ -213,6 +240,7 @@ def integer_reader(low: int, high: int) -> Callable[[str], int]:
 
     def read(text: str) -> int:
         digits = text.removeprefix("-")
+        # `int` also reads digits of other scripts and, slowly, thousands of digits.
         value = (
             int(text)
             if digits.isascii() and digits.isdecimal() and len(digits) < 20
@@ -245,19 +273,19 @@ def positive(text: str) -> float:
 
 
 def names(text: str) -> list[str]:
-    """Return the names in `a,b`, each once."""
+    """Return the names in `a,b`, without repetitions."""
     return list(
         dict.fromkeys(name for part in text.split(",") if (name := part.strip()))
     )
 
 
-def choice_reader(known: Sequence[str]) -> Callable[[str], list[str]]:
-    """Return a reader of `a,b` where each name is one of `known`."""
+def choice_reader(choices: Sequence[str]) -> Callable[[str], list[str]]:
+    """Return a reader of `a,b` for names among `choices`."""
 
     def read(text: str) -> list[str]:
-        wrong = [name for name in names(text) if name not in known]
+        wrong = [name for name in names(text) if name not in choices]
         if wrong or not names(text):
-            refusal = Message.NOT_AMONG.refusal(names=", ".join(known))
+            refusal = Message.NOT_AMONG.refusal(names=", ".join(choices))
             raise wrong_value(", ".join(wrong) or text, refusal)
         return names(text)
 
@@ -265,7 +293,7 @@ def choice_reader(known: Sequence[str]) -> Callable[[str], list[str]]:
 
 
 PROMPT_FLAGS = {4: "--box", 2: "--point"}
-"""Number of coordinates -> the flag that takes so many."""
+"""Number of coordinates -> flag with this number."""
 BETWEEN_NUMBERS = re.compile(r"\s*[,;]\s*|\s+")
 IS_VALUE_PIECE = re.compile(
     r"[-+=@,]|[-+=@]?[\d.]+(px|cm|mm|m|%)?,?|(px|cm|mm|m)/s"
@@ -273,11 +301,11 @@ IS_VALUE_PIECE = re.compile(
 
 
 IS_SETTING = re.compile(r"[A-Za-z_]\w*(?:[.\[][^=\s]+)=.*", re.DOTALL).fullmatch
-"""Whether an argument has the form of `--set`: a dotted key, = and a value."""
+"""Match an argument with the form of `--set`: a dotted key, = and a value."""
 
 
 def refuse_settings(files: Sequence[str]) -> None:
-    """Raise InputError for arguments that are KEY=VALUE and not files."""
+    """Raise InputError if arguments are KEY=VALUE and not files."""
     problems = []
     for text in files:
         if IS_SETTING(text) and not Path(text).exists():
@@ -290,9 +318,9 @@ def refuse_settings(files: Sequence[str]) -> None:
 
 
 def refuse_split_values(arguments: Sequence[str], files: Sequence[str]) -> None:
-    """Raise InputError if spaces cut the value of a flag apart.
+    """Raise InputError if spaces split the value of a flag.
 
-    `arguments` is the command line; `files` are the arguments that were read as files.
+    `arguments` is the command line; `files` are the arguments taken for files.
     """
     strays = {
         text for text in files if not Path(text).exists() and IS_VALUE_PIECE(text)
@@ -303,6 +331,7 @@ def refuse_split_values(arguments: Sequence[str], files: Sequence[str]) -> None:
             if text not in strays:
                 break
             pieces.append(text)
+        # A file that exists is a file, even if its name looks like a number.
         if flag.startswith("--") and len(pieces) > 1:
             is_key = flag == "--set" and "=" not in "".join(pieces)
             value = "=".join(pieces) if is_key else _join_pieces(pieces)
@@ -312,7 +341,7 @@ def refuse_split_values(arguments: Sequence[str], files: Sequence[str]) -> None:
 
 
 def _join_pieces(pieces: Sequence[str]) -> str:
-    """Return the pieces of a value as it was meant: numbers with commas between."""
+    """Return the intended value of its pieces: numbers with commas between them."""
     if not all(
         re.fullmatch(r"[-+]?[\d.]+(px|cm|mm|m|%)?,?", piece) for piece in pieces
     ):
@@ -321,7 +350,7 @@ def _join_pieces(pieces: Sequence[str]) -> str:
 
 
 def coordinates(flag: str, text: str, count: int) -> tuple[float, ...]:
-    """Read `x,y` or `x,y,w,h` px, the value of a flag; raises InputError.
+    """Read `x,y` or `x,y,w,h` px, the value of a flag. Raise InputError.
 
     Spaces, brackets and `px` are allowed: `(120 px, 80 px)`.
     """
@@ -335,6 +364,7 @@ def coordinates(flag: str, text: str, count: int) -> tuple[float, ...]:
         values = tuple(float(piece) for piece in pieces)
     except ValueError:
         values = ()
+    # Two numbers for a box, or four for a point, belong to the other flag.
     other = PROMPT_FLAGS.get(len(values))
     if len(values) != count and other is not None:
         fix = f"write {other}, or {fix.removeprefix('write ')}"
@@ -345,12 +375,12 @@ def coordinates(flag: str, text: str, count: int) -> tuple[float, ...]:
 
 
 def is_folder_name(output: str) -> bool:
-    """Return whether the name of an output is that of a folder, or ends as one."""
+    """Return whether an output's name is an existing folder, or ends as a folder's."""
     return output.endswith(("/", os.sep)) or Path(output).is_dir()
 
 
 def check_folder_name(output: str | Path | None) -> None:
-    """Refuse a name that means a file if the results need a folder."""
+    """Raise InputError for a file's name if the results need a folder."""
     if output is None or is_folder_name(os.fspath(output)):
         return
     path = Path(output)
@@ -361,7 +391,9 @@ def check_folder_name(output: str | Path | None) -> None:
 
 
 def check_scene_name(output: Path | None) -> None:
-    """Raise InputError for an output that would overwrite a photo, or that is not a scene's name."""
+    """Raise InputError if the output is not a scene's name. A photo's name would
+    overwrite the photo.
+    """
     if output is not None and (
         output.suffix not in (".yaml", ".yml") or output.is_dir()
     ):

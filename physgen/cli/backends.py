@@ -1,4 +1,6 @@
-"""`backends`: what is ready, what is missing, and a check of what is ready."""
+"""Run `backends`: list the backends and their missing parts, and check the
+usable ones.
+"""
 
 from __future__ import annotations
 
@@ -16,14 +18,16 @@ if TYPE_CHECKING:
     from physgen.evaluate.backend_check import BackendCheck
 
 NAME_WIDTH = 24
-"""Characters of the column of names."""
+"""Width of the column of names, characters."""
 SETTING_WIDTH = 28
-"""Characters of the column `ROLE=NAME`."""
+"""Width of the column `ROLE=NAME`, characters."""
 MEBIBYTE = 2**20
 
 
 def listing_lines(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """Yield the lines of text: a role, its backends, and below each what is missing."""
+    """Yield the lines of the list: a role, its backends, and below each its missing
+    parts.
+    """
     role = None
     for row in rows:
         if row["role"] != role:
@@ -35,7 +39,9 @@ def listing_lines(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
 
 
 def terms(row: Mapping[str, Any]) -> str:
-    """Return size and licence of each of a row's weights, e.g. ` (0.2 GB, Apache-2.0)`."""
+    """Return size and licence of each of a row's weights, e.g. ` (0.2 GB,
+    Apache-2.0)`.
+    """
     parts = [f"{weights['size']}, {weights['licence']}" for weights in row["weights"]]
     return f" ({'; '.join(parts)})" if parts else ""
 
@@ -59,9 +65,10 @@ def list_backends(options: argparse.Namespace) -> int:
 
 
 def check_backends(options: argparse.Namespace) -> int:
-    """Run the backends that are ready, or those that are named, on a small picture."""
+    """Run the usable backends, or the named ones, on a small picture."""
     from physgen.evaluate.backend_check import check_backends, read_choices
 
+    # Wrong choices are reported before slow models are loaded.
     pairs = read_choices(options.check)
     checks: list[BackendCheck] = []
     for check in check_backends(plan_of(options), pairs):
@@ -77,7 +84,9 @@ def check_backends(options: argparse.Namespace) -> int:
 
 
 def check_line(check: BackendCheck) -> str:
-    """Return the row of a backend: its state, seconds and memory, or what is missing."""
+    """Return the row of a backend: its state, seconds and memory, or its
+    missing parts.
+    """
     start = f"{check.setting:<{SETTING_WIDTH}} {check.state:<8}"
     if check.missing:
         return f"{start} {'; '.join(check.missing)}"

@@ -1,4 +1,4 @@
-"""`clean`: lists what physgen made and nothing uses any more, and removes it."""
+"""Run `clean`: list files of physgen without a use, and remove them."""
 
 from __future__ import annotations
 
@@ -24,11 +24,14 @@ def clean(options: argparse.Namespace) -> int:
     by_place: dict[Path, UnusedPath] = {}
     for path in options.paths or [Path()]:
         for item in _find_unused(path):
+            # A path may be reached twice, by a folder and by a scene in it: count it
+            # once.
             place = item.path.parent.resolve() / item.path.name
             by_place.setdefault(place, item)
     unused_files = list(by_place.values())
     if options.cache:
         unused_files += _cache()
+    # Sizes are unknown after the removal.
     sizes = [item.size for item in unused_files]
     if options.yes:
         for item in unused_files:
@@ -46,18 +49,20 @@ def clean(options: argparse.Namespace) -> int:
 
 
 def _find_unused(path: Path) -> list[UnusedPath]:
-    """Return what is unused in a folder, or of one scene. Raises InputError."""
+    """Return the unused paths of a folder or of one scene. Raise InputError."""
     from physgen.scene.saving import UnusedKind, assets_of
 
     if path.is_dir():
         return _find_unused_in_folder(path)
     if not path.is_file():
         raise Message.NOTHING_TO_CLEAN.error(str(path))
+    # A second perception of a photo makes `NAME-2.assets`.
     family = re.compile(rf"{re.escape(path.stem)}(-\d+)?\.assets")
     backup = re.compile(rf"{re.escape(path.name)}~\d*")
     folder = _find_unused_in_folder(path.parent, backup)
     own = assets_of(path)
     backups = [item for item in folder if backup.fullmatch(item.path.name)]
+    # A removed backup also frees its assets.
     named_assets = {assets_of(item.path) for item in backups}
     return [
         item
@@ -73,7 +78,9 @@ def _find_unused(path: Path) -> list[UnusedPath]:
 def _find_unused_in_folder(
     folder: Path, backup_names: re.Pattern[str] | None = None
 ) -> list[UnusedPath]:
-    """Return what is unused in a folder; of its backups, only those of these names."""
+    """Return the unused paths of a folder; of its backups, those with matching
+    names.
+    """
     from physgen.scene.saving import (
         UnusedKind,
         UnusedPath,
@@ -88,6 +95,7 @@ def _find_unused_in_folder(
         if backup_names is None or backup_names.fullmatch(path.name)
     ]
     assets = unused_assets(folder, backups)
+    # Assets include their cache: count it once.
     caches = [one for one in caches_of_assets(folder) if one.parent not in assets]
     partials = _partials(folder)
     for item in folder.glob("*.assets"):
@@ -115,13 +123,13 @@ def _cache() -> list[UnusedPath]:
 
 
 def _print_table(
-    unused: Sequence[UnusedPath], sizes: Sequence[int], is_removed: bool
+    unused_paths: Sequence[UnusedPath], sizes: Sequence[int], is_removed: bool
 ) -> None:
-    width = max((len(str(item.path)) for item in unused), default=0)
-    for item, size in zip(unused, sizes, strict=True):
+    width = max((len(str(item.path)) for item in unused_paths), default=0)
+    for item, size in zip(unused_paths, sizes, strict=True):
         print_line(f"{item.path!s:<{width}}  {item.kind.value:<7}  {_size_text(size)}")
-    total = f"{len(unused)}, {_size_text(sum(sizes))}"
-    if not unused:
+    total = f"{len(unused_paths)}, {_size_text(sum(sizes))}"
+    if not unused_paths:
         print_error("nothing is unused")
     elif is_removed:
         print_error(f"removed: {total}")
@@ -130,7 +138,7 @@ def _print_table(
 
 
 def _size_text(size: float) -> str:
-    """Return a number of bytes with a unit of three digits or fewer."""
+    """Return a number of bytes with a unit, in three digits or fewer."""
     for unit in ("B", "kB", "MB"):
         if size < KILOBYTE:
             return f"{size:.3g} {unit}"
@@ -152,5 +160,5 @@ CLEAN = Command(
     "physgen clean scene.yaml --yes",
     add,
     clean,
-    mixed=True,
+    is_order_free=True,
 )

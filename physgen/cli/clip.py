@@ -1,4 +1,4 @@
-"""`clip`: photos to clips, perceived and rendered in one process."""
+"""Run `clip`: perceive photos and render clips in one process."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def clip(options: argparse.Namespace) -> int:
     refuse_scenes(options.image)
     output = options.output or ("out/preview" if options.preview else "out")
     options.output = output
-    # a wrong flag of the clip is reported before the photo is perceived
+    # A wrong flag of the clip is reported before the slow perception of the photo.
     check_cluster(options)
     video = video_file(options)
     refuse_stored_video(options, video)
@@ -59,7 +59,7 @@ def clip(options: argparse.Namespace) -> int:
     if not scenes:
         return WRONG_INPUT
     options.scenes, options.output = [str(scene) for scene in scenes], output
-    # the scenes contain these pushes already
+    # The scenes already contain these pushes.
     options.push, options.story = [], None
     code = render(options)
     return WRONG_INPUT if problems else code
@@ -68,7 +68,7 @@ def clip(options: argparse.Namespace) -> int:
 def _perceive(
     options: argparse.Namespace, video: Path | None
 ) -> tuple[Sequence[Path], Sequence[Problem]]:
-    """Perceive the photos; return the scenes beside the clips, and problems."""
+    """Perceive the photos. Return the scenes beside the clips, and problems."""
     bar = Bar()
     folder = Path(options.output) if video is None else video.parent
     with bar.ticking():
@@ -116,5 +116,5 @@ CLIP = Command(
     "physgen clip photo.jpg -o out",
     add,
     clip,
-    mixed=True,
+    is_order_free=True,
 )

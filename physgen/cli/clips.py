@@ -1,4 +1,4 @@
-"""Flags, jobs and progress of the commands that make clips."""
+"""Flags, jobs and progress of the commands for clips."""
 
 from __future__ import annotations
 
@@ -55,21 +55,22 @@ if TYPE_CHECKING:
 
 
 PREVIEW_FRAMES = 24
-"""Frames of a preview, at most."""
+"""Maximum number of frames in a preview."""
 DEFAULT_FORMATS = ("mp4",)
-"""Of a video without --format."""
+"""Formats of a video without --format."""
 INDEX = "index.html"
 GALLERY_CLIPS = 20_000
-"""Clips of one gallery, at most: the page of more is slow to open."""
+"""Maximum number of clips in one gallery; a larger page opens slowly."""
 
 
 def jobs_of(options: argparse.Namespace) -> Iterator[Job]:
-    """Yield the jobs of `render`: scenes times variants. Raises InputError."""
+    """Yield the jobs of `render`: scenes times variants. Raise InputError."""
     clips = [
         (path, variant)
         for path in options.scenes
         for variant in variants_of(path, options)
     ]
+    # Collect the problems of all scenes, so that the user sees them at once.
     calls: list[Callable[[], Any]] = [partial(job_maker, options)]
     calls += [partial(_motion_edits, *clip, options) for clip in clips]
     make, *push_edits = collect(calls)
@@ -81,7 +82,10 @@ def jobs_of(options: argparse.Namespace) -> Iterator[Job]:
 def _motion_edits(
     path: str, variant: str | None, options: argparse.Namespace
 ) -> tuple[str, ...]:
-    """Edits by --push, --drop, --kick and --story; how to keep them is printed. Raises InputError."""
+    """Return the edits of --push, --drop, --kick and --story, and print how to keep
+    them. Raise InputError.
+    """
+    # Without pushes, the scene need not be compiled here.
     if not (options.push or options.drop or options.kick) and options.story is None:
         return ()
     from physgen import pipeline
@@ -101,6 +105,8 @@ def _motion_edits(
         print_error(f"{path}: the scene has this motion already")
         return ()
     values: dict[str, Any] = {}
+    # The printed YAML can be copied into the file: nested mappings instead of dotted
+    # keys.
     for key, value in edits.items():
         *parents, last = key.split(".")
         part = values
@@ -120,11 +126,11 @@ def _motion_edits(
 def _story_edits(
     path: str,
     scene: Scene,
-    compiled: CompiledScene,
+    compilation: CompiledScene,
     variant: str | None,
     options: argparse.Namespace,
 ) -> dict[str, Any]:
-    """Return the edits of --story and print the outcome. Raises InputError."""
+    """Return the edits of --story and print the outcome. Raise InputError."""
     from physgen.pipeline import stages, story_server
     from physgen.scene.write import edit_texts
 
@@ -132,13 +138,13 @@ def _story_edits(
         if getattr(options, flag):
             found = f'"{options.story}"'
             raise Message.STORY_WITH_OTHERS.error("--story", found, flag=f"--{flag}")
-    compiled, _ = stages.ended(scene, compiled)
+    compilation, _ = stages.ended(scene, compilation)
     opened = _open_scene(path, options.allow_outside)
 
     def edited(edits: Mapping[str, Any]) -> Scene:
         return opened.scene((*options.set, *edit_texts(edits)), variant)
 
-    subject = story_server.StoryScene(scene, compiled, edited)
+    subject = story_server.StoryScene(scene, compilation, edited)
     plan = story_server.load_plan(config=options.config)
     telling = story_server.tell(subject, options.story, plan, print_problem)
     verdict = "the story happens" if telling.is_fulfilled else "the nearest outcome"
@@ -149,7 +155,9 @@ def _story_edits(
 def preview_edits(
     path: str, variant: str | None, options: argparse.Namespace, further: Sequence[str]
 ) -> tuple[str, ...]:
-    """Return the edits that make a clip with these `further` edits fast to draw: few frames, of the photo's size."""
+    """Return edits for a fast preview with these `further` edits: few frames, of the
+    photo's size.
+    """
     from physgen import pipeline
 
     try:
@@ -161,8 +169,11 @@ def preview_edits(
             if has_fixed_end
             else pipeline.compile(scene, pipeline.percepts(scene)).world
         )
-    except InputError:  # reported when it is rendered
+    except InputError:
+        # The render reports this error.
         return ()
+    # The frame rate falls with the number of frames, so that the preview has the clip's
+    # duration.
     film, length = scene.render, world.duration * scene.render.slow
     count = film.frames or max(1, round(film.fps * length))
     frame_count = min(count, PREVIEW_FRAMES)
@@ -173,9 +184,8 @@ def preview_edits(
     edits += [] if has_fixed_end else [f"world.duration={world.duration}"]
     edits += ["render.motion_blur=0", "render.supersample=1"]
     edits += ["render.hold=0", "render.grain=none"]
-    stated_edits = [
-        edit.partition("=")[0] for edit in (*options.set, *further)
-    ]  # the user's own edits stay
+    # The user's own edits of the size stay.
+    stated_edits = [edit.partition("=")[0] for edit in (*options.set, *further)]
     if not {"render.size", "render.scale"} & set(stated_edits):
         edits += [
             f"render.{key}="
@@ -186,8 +196,9 @@ def preview_edits(
 
 
 def _open_scene(path: str, allow_outside: bool) -> OpenedScene:
-    """Read a file once for many clips, until it is written."""
+    """Read a file once for many clips. Read it again after a change."""
     scene_file = _read(path, allow_outside, os.getcwd())
+    # A scene may change during a long batch, for example by `--refresh`.
     if not scene_file.stale():
         return scene_file
     _read.cache_clear()
@@ -202,7 +213,9 @@ def _read(path: str, allow_outside: bool, folder: str) -> OpenedScene:
 
 
 def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
-    """Return a function of scene, variant, further overrides and name that makes a job. Raises InputError."""
+    """Return a function of scene, variant, further overrides and name that makes a job.
+    Raise InputError.
+    """
     from physgen import pipeline
     from physgen.batch.run import Job
     from physgen.export.video import Format
@@ -236,18 +249,18 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
         variant: str | None,
         further: tuple[str, ...] = (),
         name: str | None = None,
-        tracked: tuple[str, ...] | None = None,
+        tracked_names: tuple[str, ...] | None = None,
         preview: tuple[str, ...] = (),
     ) -> Job:
         edits = (*preview, *overrides, *further)
         job_options = replace(common, overrides=edits, variant=variant, name=name)
-        return Job(path, job_options, options.output, refiner, tracked)
+        return Job(path, job_options, options.output, refiner, tracked_names)
 
     return make
 
 
 def _refining(options: argparse.Namespace) -> tuple[Refiner, tuple[str, ...]]:
-    """Return the backend that refines, and what the flags set in every scene."""
+    """Return the refining backend, and the edits of all scenes from flags."""
     from physgen import registry
     from physgen.batch.run import Refiner
 
@@ -265,32 +278,38 @@ def _refining(options: argparse.Namespace) -> tuple[Refiner, tuple[str, ...]]:
 
 
 def variants_of(path: str, options: argparse.Namespace) -> list[str | None]:
-    """None for the file itself; with `all`, it and every variant."""
+    """Return the variants to render, None for the file itself. `all` means the file and
+    every variant.
+    """
     if options.variant != "all":
         return [options.variant]
     try:
         return [None, *_open_scene(path, options.allow_outside).variants]
-    except InputError:  # reported when it is rendered
+    except InputError:
+        # The render reports this error.
         return [None]
 
 
 def problems_of_variants(path: str, allow_outside: bool) -> Sequence[Problem]:
-    """Return the errors of all variants of a file, none if the file itself cannot be read."""
+    """Return the errors of all variants of a file, or nothing if the file itself is
+    unreadable.
+    """
     try:
         return _open_scene(path, allow_outside).variant_problems
-    except InputError:  # reported when the file is loaded
+    except InputError:
+        # Loading the file reports this error.
         return ()
 
 
 def other_variants(path: str, options: argparse.Namespace) -> list[Problem]:
-    """Return warnings of the file's variants that fail, if the file itself is used."""
+    """Return warnings about faulty variants of the file, if the file itself is used."""
     if options.variant:
         return []
     return as_warnings(problems_of_variants(path, options.allow_outside))
 
 
 def check_names(jobs: list[Job]) -> None:
-    """Raise InputError for clips that would overwrite each other."""
+    """Raise InputError if clips would overwrite each other."""
     from physgen import pipeline
 
     scenes_by_folder: dict[str, str] = {}
@@ -307,27 +326,28 @@ def check_names(jobs: list[Job]) -> None:
 
 
 class Tally:
-    """How many clips ended how, and which warnings were printed."""
+    """Numbers of clips by state, and the printed warnings."""
 
     def __init__(self) -> None:
         self.counts: Counts[str] = Counts()
         self.newest = 0.0
-        """s since 1970: when the newest clip was made."""
+        """Time of the newest clip, s since 1970."""
         self.disk_full = False
         self._warnings: set[str] = set()
 
-    def add(self, done: JobResult) -> None:
+    def add(self, result: JobResult) -> None:
         """Count one clip."""
-        self.counts[done.state.name.lower()] += 1
-        if done.folder is not None:
-            with suppress(OSError):  # another run may be replacing the clip
+        self.counts[result.state.name.lower()] += 1
+        if result.folder is not None:
+            # Another run may be replacing the clip.
+            with suppress(OSError):
                 self.newest = max(
-                    self.newest, (done.folder / "manifest.json").stat().st_mtime
+                    self.newest, (result.folder / "manifest.json").stat().st_mtime
                 )
 
-    def new_warnings(self, done: JobResult) -> Iterator[str]:
-        """Yield the problems of a clip that were not printed for another clip of the scene."""
-        for problem in done.problems:
+    def new_warnings(self, result: JobResult) -> Iterator[str]:
+        """Yield the problems of a clip, without those of earlier clips."""
+        for problem in result.problems:
             text = str(problem)
             if text not in self._warnings:
                 self._warnings.add(text)
@@ -347,23 +367,27 @@ def make_all(
     jobs: Iterable[Job],
     count: int,
     options: argparse.Namespace,
-    on_done: Callable[[JobResult], None] = lambda done: None,
+    on_result: Callable[[JobResult], None] = lambda done: None,
     finish: Callable[[], Sequence[str]] = lambda: (),
     gallery: bool = True,
 ) -> int:
-    """Makes `count` jobs, prints each, writes the gallery and a summary; returns the exit code.
+    """Make `count` jobs, print each, and write the gallery and a summary. Return the
+    exit code.
 
-    `on_done` is called after each job; `finish` is called at the end, and returns the files to print.
+    `on_result` is called after each job. `finish` is called at the end and returns the
+    files to print.
     """
     from physgen.batch.run import record_failure, report_failure, run
     from physgen.report.folders import clean_up_after_error
 
     out = Path(options.output)
     index = out / INDEX
+    # Parts may outnumber the clips: an empty part is not an error.
     if count == 0 and options.part:
         print_error("this part has no clip: there are fewer clips than parts")
     store = getattr(options, "ship", None)
     gallery = gallery and (count > 1 or index.exists()) and store is None
+    # The process of a clip makes its pictures while the frames are in memory.
     if gallery and count <= GALLERY_CLIPS:
         jobs = (replace(job, pictures=True) for job in jobs)
     tally, bar = Tally(), Bar()
@@ -375,24 +399,26 @@ def make_all(
     ):
         for result in results:
             bar.clear()
-            if not result.can_write:  # no further clip can be written, either
+            if not result.can_write:
+                # No further clip can be written to this folder.
                 raise OutputError(result.problems)
-            if result.disk_full:  # every further clip would fail the same way
+            if result.disk_full:
+                # Every further clip would fail in the same way.
                 tally.disk_full = True
                 break
             tally.add(result)
             for line in tally.new_warnings(result):
                 print_error(line)
             record_failure(result, out, gallery)
-            on_done(result)
+            on_result(result)
             _print_done(result, options.json, store)
             _announce(bar, tally.counts.total() + 1, count)
     bar.clear()
     bar.prefix = ""
     files = finish()
-    older = (
-        not index.exists() or index.stat().st_mtime < tally.newest
-    )  # an interrupted run wrote none
+    # An interrupted run leaves an old gallery.
+    older = not index.exists() or index.stat().st_mtime < tally.newest
+    # An unchanged batch keeps its gallery, and its time stamp.
     is_new = tally.counts["made"] or tally.counts["failed"] or older
     if gallery and not tally.disk_full and is_new:
         from physgen.report.gallery import write_gallery
@@ -409,39 +435,43 @@ def make_all(
 
 
 def _announce(bar: Bar, number: int, count: int) -> None:
-    """Show which of several clips is made."""
+    """Show the number of the current clip, if there are several."""
     if 1 < count >= number:
         bar.prefix = f"clip {number:,} of {count:,}: "
         bar.write(bar.prefix)
 
 
-def _print_done(done: JobResult, as_json: bool, store: str | None) -> None:
-    """A line on stdout: the folder, in its store if there is one, or all about the clip as JSON."""
-    folder = None if done.folder is None else str(done.folder)
+def _print_done(result: JobResult, as_json: bool, store: str | None) -> None:
+    """Print the folder of a clip, in its store if there is one, or the clip's data as a
+    line of JSON.
+    """
+    folder = None if result.folder is None else str(result.folder)
     if store is not None and folder is not None:
         folder = f"{store.rstrip('/')}/{folder}"
     if as_json:
         with suppress(InputError):
             line = {
-                "clip": done.job.name,
-                "scene": done.job.scene,
-                "variant": done.job.options.variant,
-                "state": done.state.value,
+                "clip": result.job.name,
+                "scene": result.job.scene,
+                "variant": result.job.options.variant,
+                "state": result.state.value,
                 "folder": folder,
-                **_video_entry(done),
-                "seconds": round(done.seconds, 3),
+                **_video_entry(result),
+                "seconds": round(result.seconds, 3),
                 "problems": [
-                    named_by_flag(problem).as_dict() for problem in done.problems
+                    named_by_flag(problem).as_dict() for problem in result.problems
                 ],
             }
             print_line(json.dumps(line, ensure_ascii=False, default=str))
     elif folder is not None:
-        print_line(str(done.job.video or folder))
+        print_line(str(result.job.video or folder))
 
 
-def _video_entry(done: JobResult) -> dict[str, str]:
-    """Return the file that `-o` names for the video, if there is one."""
-    return {"video": str(done.job.video)} if done.job.video and done.folder else {}
+def _video_entry(result: JobResult) -> dict[str, str]:
+    """Return the entry of the video file of `-o`, if there is one."""
+    return (
+        {"video": str(result.job.video)} if result.job.video and result.folder else {}
+    )
 
 
 def _sum_up(
@@ -451,7 +481,7 @@ def _sum_up(
     files: Sequence[str],
     options: argparse.Namespace,
 ) -> int:
-    """Prints the last line; returns the exit code."""
+    """Print the last line. Return the exit code."""
     made, unchanged, failed = (
         tally.counts[name] for name in ("made", "unchanged", "failed")
     )
@@ -469,6 +499,7 @@ def _sum_up(
     else:
         for file in ([] if index is None else [str(index)]) + [*files]:
             print_line(file)
+    # The finished clips are complete: the same command continues after room was made.
     if tally.disk_full:
         shortage = f"{count - made - unchanged:,} of {count:,} clips are missing"
         fix = "make room and run the same command again"
@@ -493,7 +524,7 @@ def part(text: str) -> slice:
 
 
 def add_clips(parser: Parser) -> None:
-    """Adds the flags of commands that render clips."""
+    """Add the flags of commands that render clips."""
     parser.option("--jobs", "N", count, "scenes rendered at a time; default: 1", 1)
     help_text = "make the K-th of N parts of the clips, one on each machine; see docs/batches.md"
     parser.option("--part", "K/N", part, help_text)
@@ -529,7 +560,7 @@ def add_clips(parser: Parser) -> None:
 
 
 def add_overlays(parser: Parser) -> None:
-    """Adds the flags that edit a scene, and the one that lets it read other folders."""
+    """Add the flags for edits of a scene, and the flag for files outside its folder."""
     help_text = "edit a key: objects.ball-1.mass=200; * stands for every object, KEY= takes it away"
     parser.option("--set", "KEY=VALUE", str, help_text, [], action="append")
     parser.option("--variant", "NAME", str, "apply a named variant of the file, or all")

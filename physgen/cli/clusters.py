@@ -1,4 +1,4 @@
-"""Flags of the commands that may run on a cluster, and the choice between it and this machine."""
+"""Flags of clusters, and the choice between a cluster and this machine."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def add_ship(parser: Parser) -> None:
 
 
 def check_cluster(options: argparse.Namespace) -> None:
-    """Refuse flags that contradict each other. Raises InputError."""
+    """Raise InputError if flags contradict each other."""
     ship = getattr(options, "ship", None)
     jobs = getattr(options, "jobs", 1)
     if ship == "":
@@ -66,24 +66,28 @@ def run_all(
     work: Callable[[Item], Result],
     items: Iterable[Item],
     count: int,
-    lost: Callable[[Item, Exception], Result],
+    lost_result: Callable[[Item, Exception], Result],
 ) -> Generator[Result, None, None]:
-    """Yield `work(item)` for each of `count` items, in order, by the cluster or by processes of this machine."""
+    """Yield `work(item)` for each of `count` items in order, by the cluster or by
+    processes of this machine.
+    """
     if getattr(options, "cluster", None) is None:
         from physgen.batch.workers import run_parallel
 
         jobs = min(getattr(options, "jobs", 1), count)
-        return run_parallel(work, items, jobs, lost)
+        return run_parallel(work, items, jobs, lost_result)
     with _dask_needed(options):
         from physgen.batch.cluster import run_on_cluster
     ship = getattr(options, "ship", None)
     return run_on_cluster(
-        options.cluster, work, items, lost, ship=ship, report=print_error
+        options.cluster, work, items, lost_result, ship=ship, report=print_error
     )
 
 
 def stored_clips(options: argparse.Namespace) -> list[Path]:
-    """Return the folders of all clips below those of the command, in its store. Raises InputError."""
+    """Return the folders of all clips below the command's folders in its store. Raise
+    InputError.
+    """
     shipping = _shipping(options)
     folders: list[Path] = shipping.stored_clips(
         shipping.Store(options.ship), options.folders
@@ -91,18 +95,18 @@ def stored_clips(options: argparse.Namespace) -> list[Path]:
     return folders
 
 
-def gather_stored(options: argparse.Namespace, how: Gathering) -> DatasetSummary:
-    """Make a data set of clips in a store, in the store. Raises InputError."""
+def gather_stored(options: argparse.Namespace, gathering: Gathering) -> DatasetSummary:
+    """Make a data set of the clips of a store, inside the store. Raise InputError."""
     shipping = _shipping(options)
     store = shipping.Store(options.ship)
     summary: DatasetSummary = shipping.gather_stored(
-        store, options.folders, options.output, how
+        store, options.folders, options.output, gathering
     )
     return summary
 
 
 def _shipping(options: argparse.Namespace) -> Any:
-    """Return the module that reads and writes stores. Raises InputError."""
+    """Return the module for stores. Raise InputError."""
     with _dask_needed(options):
         from physgen.batch import shipping
     return shipping
@@ -110,7 +114,7 @@ def _shipping(options: argparse.Namespace) -> Any:
 
 @contextmanager
 def _dask_needed(options: argparse.Namespace) -> Iterator[None]:
-    """Report that the block could not import Dask."""
+    """Raise InputError if the import of Dask in the block fails."""
     try:
         yield
     except ImportError:

@@ -1,4 +1,4 @@
-"""`dataset`: rendered clips to a training data set."""
+"""Run `dataset`: turn rendered clips into a training data set."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from physgen.batch.dataset import DatasetSummary, Sample
 
 INTERVAL = 10_000
-"""Clips between two lines of progress."""
+"""Number of clips between two lines of progress."""
 MAX_WARNINGS = 20
-"""Unusable clips that are printed one by one."""
+"""Maximum number of warnings about unusable clips."""
 
 
 def dataset(options: argparse.Namespace) -> int:
@@ -49,6 +49,7 @@ def dataset(options: argparse.Namespace) -> int:
     def warn(problem: Problem) -> None:
         nonlocal warnings
         warnings += 1
+        # A wrong folder can hold thousands of unusable clips.
         if warnings <= MAX_WARNINGS:
             print_problem(problem)
 
@@ -75,34 +76,34 @@ def dataset(options: argparse.Namespace) -> int:
     return WRONG_INPUT if summary.left_out else OK
 
 
-def _warn_of_empty_splits(done: DatasetSummary, output: Path) -> None:
-    """Print a warning if a split has no clip."""
-    empty = [name for name, count in done.counts.items() if not count]
+def _warn_of_empty_splits(summary: DatasetSummary, output: Path) -> None:
+    """Print a warning if a split has no clips."""
+    empty = [name for name, count in summary.counts.items() if not count]
     if not empty:
         return
-    photos = len(done.photos)
+    photos = len(summary.photos)
     photo_count = "there is 1 photo" if photos == 1 else f"there are {photos:,} photos"
     place = Place(str(output))
     names = ", ".join(empty)
     print_problem(Message.SPLIT_EMPTY.warning(place, empty=names, there=photo_count))
 
 
-def _print_summary(done: DatasetSummary, options: argparse.Namespace) -> None:
-    """Print the files that readers open, in their store if there is one."""
+def _print_summary(summary: DatasetSummary, options: argparse.Namespace) -> None:
+    """Print the files for readers, in their store if there is one."""
     store = "" if options.ship is None else options.ship.rstrip("/") + "/"
-    files = [f"{store}{path}" for path in done.files]
+    files = [f"{store}{path}" for path in summary.files]
     if options.json:
         line = {
             "dataset": f"{store}{options.output}",
-            "clips": done.counts,
-            "left_out": done.left_out,
+            "clips": summary.counts,
+            "left_out": summary.left_out,
         }
         print_line(json.dumps({**line, "files": files}))
         return
     for file in files:
         print_line(file)
-    split = ", ".join(f"{name} {count:,}" for name, count in done.counts.items())
-    print_error(f"{counted(done.total, 'clip')}: {split}")
+    split = ", ".join(f"{name} {count:,}" for name, count in summary.counts.items())
+    print_error(f"{counted(summary.total, 'clip')}: {split}")
 
 
 def add(parser: Parser) -> None:
@@ -133,5 +134,5 @@ DATASET = Command(
     "physgen dataset out sweep -o data",
     add,
     dataset,
-    mixed=True,
+    is_order_free=True,
 )

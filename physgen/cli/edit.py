@@ -1,4 +1,6 @@
-"""`edit`: a scene or a photo in the browser editor; `rename`, `merge` and `remove` edit a file at once."""
+"""Run `edit`: open a scene or photo in the browser editor. `rename`, `merge` and
+`remove` edit a file directly.
+"""
 
 from __future__ import annotations
 
@@ -45,6 +47,7 @@ def edit(options: argparse.Namespace) -> int:
         )
     check_folder_name(options.output)
     check_writable(options.output)
+    # An empty host would listen on all networks.
     host = options.host.strip() or LOOPBACK[0]
     scene, is_new = _scene(options)
     from physgen.edit.app import Editor
@@ -68,6 +71,7 @@ def edit(options: argparse.Namespace) -> int:
                 "has the token in the address, which is not encrypted; requests without it are refused"
             )
         _print_address(options, scene, editor.address)
+        # The browser starts in a thread: it may block until its window opens.
         if options.browser:
             import threading
             import webbrowser
@@ -89,7 +93,7 @@ def edit(options: argparse.Namespace) -> int:
 
 
 def edit_file(options: argparse.Namespace) -> int:
-    """Apply one edit of objects; all other lines and the comments stay."""
+    """Apply one edit of objects. All other lines and the comments stay."""
     from physgen.edit.corrections import correct
     from physgen.edit.live import Live
     from physgen.edit.operations import edited
@@ -107,6 +111,7 @@ def edit_file(options: argparse.Namespace) -> int:
     _refuse_other_names(scene, path, options.objects)
     is_merge = options.command == "merge"
     names = list(options.objects)
+    # A merge can add doubtful regions to an object.
     doubtful = set(scene.document.get("doubtful") or {})
     for name in names:
         if not (is_merge and name in doubtful):
@@ -132,8 +137,11 @@ def edit_file(options: argparse.Namespace) -> int:
     except EditError as error:
         refusal = RefusedError(error.message, error.fix, error.code)
         raise InputError([refusal.problem(Place(str(path)))]) from None
+    # Read the new text before it is saved: an edit must not break a scene that was
+    # valid.
     after = OpenedScene(path, options.allow_outside, correction.text)
     after.scene()
+    # Variants with older faults do not block the edit.
     failed_variants = {problem.variant for problem in before.variant_problems}
     new_problems = [
         p for p in after.variant_problems if p.variant not in failed_variants
@@ -155,13 +163,13 @@ def edit_file(options: argparse.Namespace) -> int:
 
 
 def _past_tense(edit: str) -> str:
-    """Return the name of an edit as a report: `rename a to b` as `renamed a to b`."""
+    """Return an edit's name as a report: `rename a to b` becomes `renamed a to b`."""
     verb, _, rest = edit.partition(" ")
     return f"{verb.removesuffix('e')}ed {rest}"
 
 
 def _refuse_scene_behind(command: str, path: Path, words: Sequence[str]) -> None:
-    """Raise InputError if the scene stands behind the names."""
+    """Raise InputError if the scene comes after the names."""
     files = [
         text
         for text in words
@@ -176,7 +184,7 @@ def _refuse_scene_behind(command: str, path: Path, words: Sequence[str]) -> None
 
 
 def _refuse_doubtful_first(scene: Scene, path: Path, names: Sequence[str]) -> None:
-    """Raise InputError for a merge whose first name is a doubtful region."""
+    """Raise InputError for a merge into a doubtful region."""
     objects = [name for name in names if name in {item.name for item in scene.objects}]
     fix = "name the object first that the region belongs to"
     if objects:
@@ -186,7 +194,9 @@ def _refuse_doubtful_first(scene: Scene, path: Path, names: Sequence[str]) -> No
 
 
 def _refuse_other_names(scene: Scene, path: Path, names: Sequence[str]) -> None:
-    """Raise InputError for several names in one, and for what is no object."""
+    """Raise InputError for several names in one argument, and for names of other parts
+    of the scene.
+    """
     objects = {item.name for item in scene.objects}
     kinds = dict.fromkeys((item.name for item in scene.boundaries), "boundary")
     kinds |= dict.fromkeys((item.name for item in scene.joints), "joint")
@@ -204,7 +214,7 @@ def _refuse_other_names(scene: Scene, path: Path, names: Sequence[str]) -> None:
 
 
 def _scene(options: argparse.Namespace) -> tuple[Path, bool]:
-    """Return the scene, and whether its photo was perceived for it now."""
+    """Return the scene, and whether its photo was perceived just now."""
     path: Path = options.scene
     if not path.is_file() or path.suffix.lower() in SCENES:
         return path, False

@@ -1,4 +1,4 @@
-"""`evaluate`: the measures, each with its flags and its handler."""
+"""Run `evaluate`: flags and handlers of the measures."""
 
 from __future__ import annotations
 
@@ -36,13 +36,14 @@ if TYPE_CHECKING:
     from physgen.evaluate.backends.inception import Inception
     from physgen.evaluate.measure import Findings
 
-MAILED = 50.0  # MB of a page that most mailboxes take
+# Maximum size of a page for most mailboxes, MB.
+MAILED = 50.0
 REFERENCE = "reference"
-"""The other side of fid."""
+"""Name of the other side in the result of fid."""
 
 
 def check_output(folder: Path | None) -> None:
-    """Refuse the folder of `-o` if no page can be written into it."""
+    """Raise InputError if no page can be written into the folder of `-o`."""
     from physgen.evaluate.measure import check_folder
 
     check_folder_name(folder)
@@ -56,7 +57,7 @@ def add_output(parser: Parser) -> None:
 
 
 def show(findings: Findings, options: argparse.Namespace) -> int:
-    """Print the result; 1 where a bar is missed."""
+    """Print the result. Return exit code 1 if a bar is missed."""
     from physgen.evaluate.measure import as_json, text
 
     sys.stdout.write(as_json(findings) if options.json else text(findings))
@@ -64,7 +65,9 @@ def show(findings: Findings, options: argparse.Namespace) -> int:
 
 
 def hand_over(findings: Findings, options: argparse.Namespace) -> int:
-    """Print the result, and write its page where `-o` is given; 1 where a bar is missed."""
+    """Print the result, and write its page with `-o`. Return exit code 1 if a bar is
+    missed.
+    """
     code = show(findings, options)
     if options.output:
         from physgen.evaluate.measure import write_page
@@ -74,7 +77,7 @@ def hand_over(findings: Findings, options: argparse.Namespace) -> int:
     return code
 
 
-# ---- segmentation -------------------------------------------------------------------------------------------------
+# ---- segmentation
 
 
 def add_segmentation(parser: Parser) -> None:
@@ -112,7 +115,7 @@ def run_segmentation(options: argparse.Namespace) -> int:
     return hand_over(findings(result), options)
 
 
-# ---- fid ----------------------------------------------------------------------------------------------------------
+# ---- fid
 
 
 def add_fid(parser: Parser) -> None:
@@ -155,6 +158,7 @@ def run_fid(options: argparse.Namespace) -> int:
 
     check_output(options.output)
     method_clips = methods(options.clips)
+    # A missing file of Inception and missing clips are reported together.
     calls: list[Callable[[], Any]] = [partial(_features, options.inception)]
     calls += [
         partial(sources, paths) for paths in (options.reference, *method_clips.values())
@@ -189,7 +193,9 @@ def _features(file: Path) -> Inception:
 
 
 def methods(paths: Sequence[Path]) -> dict[str, list[Path]]:
-    """Return the methods by folder name, in the given order. Raise InputError for two of one name."""
+    """Return the methods by folder name, in the given order. Raise InputError if two
+    have the same name.
+    """
     paths_by_name = {path.resolve().stem: [path] for path in paths}
     if len(paths_by_name) < len(paths) or REFERENCE in paths_by_name:
         names = ", ".join(path.resolve().stem for path in paths)
@@ -197,7 +203,7 @@ def methods(paths: Sequence[Path]) -> dict[str, list[Path]]:
     return paths_by_name
 
 
-# ---- study --------------------------------------------------------------------------------------------------------
+# ---- study
 
 
 def add_study(parser: Parser) -> None:
@@ -217,7 +223,7 @@ def add_study(parser: Parser) -> None:
 
 
 VIDEOS = 15
-"""As in the paper."""
+"""Number of scenes in a study, as in the paper."""
 
 
 def run_study(options: argparse.Namespace) -> int:
@@ -289,7 +295,7 @@ def _read_study(options: argparse.Namespace) -> int:
     return hand_over(findings(answers, options.seed), options)
 
 
-# ---- the measures of cli/measures.py ------------------------------------------------------------------------------
+# ---- the measures of cli/measures.py
 
 
 def _add_measure(add_flags: Callable[[Parser], None], parser: Parser) -> None:
@@ -302,7 +308,7 @@ def _run_measure(options: argparse.Namespace) -> int:
     return hand_over(measures.find(options), options)
 
 
-# ---- the command --------------------------------------------------------------------------------------------------
+# ---- the command
 
 MEASURES = (
     Command(
@@ -378,8 +384,8 @@ def add(parser: Parser) -> None:
     for measure in MEASURES:
         sub = kinds.add_parser(
             measure.name,
-            help=measure.about,
-            description=measure.about,
+            help=measure.summary,
+            description=measure.summary,
             epilog=f"example: physgen evaluate {measure.example}",
         )
         sub.flag("--json", "print as JSON")
@@ -388,7 +394,7 @@ def add(parser: Parser) -> None:
 
 
 def evaluate(options: argparse.Namespace) -> int:
-    """Run the measure that was chosen."""
+    """Run the chosen measure."""
     return next(measure for measure in MEASURES if measure.name == options.what).run(
         options
     )

@@ -1,4 +1,4 @@
-"""`export`: scenes to ground truth, without a video or a page."""
+"""Run `export`: write the ground truth of scenes, without a video or a page."""
 
 from __future__ import annotations
 
@@ -69,5 +69,5 @@ EXPORT = Command(
     "physgen export scene.yaml --format flo,davis,events --set render.frames=49 --set render.size=[832,480] -o labels",
     add,
     export,
-    mixed=True,
+    is_order_free=True,
 )

@@ -1,4 +1,4 @@
-"""`fit`: a filmed clip or tracks to the physics of a scene."""
+"""Run `fit`: estimate the physics of a scene from a filmed clip or tracks."""
 
 from __future__ import annotations
 

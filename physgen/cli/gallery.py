@@ -1,4 +1,4 @@
-"""`gallery`: folders of clips to one page."""
+"""Run `gallery`: make one page of folders of clips."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from physgen.files import check_writable
 from physgen.messages import Message
 
 PAGE_SUFFIXES = (".html", ".htm")
-"""Endings that browsers open as a page."""
+"""Suffixes of pages in browsers."""
 
 
 def gallery(options: argparse.Namespace) -> int:
@@ -66,5 +66,5 @@ GALLERY = Command(
     "physgen gallery out sweep -o gallery.html",
     add,
     gallery,
-    mixed=True,
+    is_order_free=True,
 )

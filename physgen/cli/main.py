@@ -43,18 +43,23 @@ from physgen.problems import InputError
 from physgen.signals import install_handler
 
 BATCHES = ("render", "clip", "sweep", "export", "verify")
-"""Commands that make many results, which a program may read."""
+"""Commands with many results, which a program may read."""
 URL = re.compile(r"(s3|gs|gcs|az|abfs|https?|ftp|sftp|hdfs|file|memory)://")
-"""Scenes and results are files: anything else would become a folder called `s3:`."""
+"""Addresses of stores. Scenes and results are files, and such a name would become a
+folder called `s3:`.
+"""
 UNREAD = 141
-"""Exit code when the reader of the output has ended (128 + SIGPIPE): the results are incomplete."""
+"""Exit code after the end of the output's reader (128 + SIGPIPE): the results are
+incomplete.
+"""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run `physgen`; return the exit code."""
+    """Run `physgen`. Return the exit code."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):  # the name of a file need not be text
+        if isinstance(stream, io.TextIOWrapper):
+            # File names may contain bytes without a character.
             stream.reconfigure(errors="backslashreplace")
     parser = build_parser()
     for before, text in zip(["", *words], words, strict=False):
@@ -66,7 +71,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             )
     options = parser.parse_args(words)
     options.command_line = ["physgen", *words]
-    with suppress(ValueError):  # not the main thread, which alone gets signals
+    # Only the main thread can set signal handlers.
+    with suppress(ValueError):
         handle_termination(_interrupt)
     install_handler()
     try:
@@ -90,6 +96,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stderr.close()
         return UNREAD if options.command in BATCHES else OK
     except OSError as error:
+        # Partial files have temporary names; the user knows only the final one.
         file_name = f"{final_name(str(error.filename))}: " if error.filename else ""
         if error.errno == ENAMETOOLONG:
             print_error(
@@ -106,7 +113,7 @@ def _interrupt(number: int, frame: object) -> None:
 
 
 def build_parser() -> Parser:
-    """Return every command with its flags and an example."""
+    """Return the parser with every command, its flags and an example."""
     parser = Parser(
         prog="physgen",
         description="One photo becomes an editable scene file; the scene file becomes a physically simulated video.",
@@ -117,13 +124,13 @@ def build_parser() -> Parser:
     for command in COMMANDS.values():
         sub = commands.add_parser(
             command.name,
-            help=command.about,
-            description=command.about,
+            help=command.summary,
+            description=command.summary,
             epilog=f"example: {command.example}",
         )
         sub.set_defaults(command=command.name)
         command.add(sub)
-        sub.mixed = command.mixed
+        sub.is_order_free = command.is_order_free
         parser.commands[command.name] = sub
     return parser
 

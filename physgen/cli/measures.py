@@ -1,4 +1,4 @@
-"""The measures of the paper under `evaluate` that judge motion, properties, frames and times."""
+"""Measures of the paper under `evaluate` for motion, properties, frames and times."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from physgen.evaluate.measure import Findings
 
 QUESTIONS = ("gravity", "momentum", "energy", "overlap", "jumps")
-"""What a motion can be asked."""
+"""Questions about a motion."""
 
 
 def add_properties(parser: Parser) -> None:
@@ -32,7 +32,7 @@ def add_properties(parser: Parser) -> None:
 
 
 def find_properties(options: argparse.Namespace, bar: Bar) -> Findings:
-    """Ask a backend of physics for the properties of objects."""
+    """Ask a physics backend for the properties of objects."""
     from physgen.evaluate.properties import SHIPPED, Origin, ask, findings, read_table
     from physgen.registry import Backends, choices, load_plan
 
@@ -61,7 +61,9 @@ def add_controllability(parser: Parser) -> None:
 
 
 def read_speeds(text: str) -> list[float]:
-    """Return the speeds in `50,100,200`, px/s above 0, each once, in order."""
+    """Return the speeds in `50,100,200`, px/s above 0, sorted and without
+    repetitions.
+    """
     speeds = sorted({positive(part.strip()) for part in text.split(",")})
     most = 100
     if not 2 <= len(speeds) <= most:
@@ -70,7 +72,9 @@ def read_speeds(text: str) -> list[float]:
 
 
 def find_controllability(options: argparse.Namespace, bar: Bar) -> Findings:
-    """Push one object in many ways; `paths.svg` is beside the page if matplotlib is there."""
+    """Push one object in many ways. Draw `paths.svg` beside the page if matplotlib is
+    installed.
+    """
     from physgen import pipeline
     from physgen.evaluate.controllability import findings, plot, sweep
 
@@ -104,7 +108,7 @@ def add_plausibility(parser: Parser) -> None:
 
 
 def find_plausibility(options: argparse.Namespace, bar: Bar) -> Findings:
-    """Judge the motion of clips without a truth."""
+    """Judge the motion of clips without ground truth."""
     from physgen.evaluate.plausibility.judge import findings, judge
     from physgen.evaluate.plausibility.tracks import Tracks, read
     from physgen.scene.scene import View
@@ -138,7 +142,7 @@ def numbers(text: str) -> list[int]:
 
 
 def find_physics(options: argparse.Namespace, bar: Bar) -> Findings:
-    """Hold the engine to closed forms."""
+    """Compare the engine with closed forms."""
     from physgen.evaluate.physics import ROWS
     from physgen.evaluate.physics.scorecard import (
         DRAWS,
@@ -165,7 +169,9 @@ def add_fidelity(parser: Parser) -> None:
 
 
 def find_fidelity(options: argparse.Namespace, bar: Bar) -> Findings:
-    """Compare drawn frames with path-traced ones; strips are `SCENE.jpg` beside the page."""
+    """Compare rendered frames with path-traced ones. Write strips `SCENE.jpg` beside
+    the page.
+    """
     from physgen.evaluate.fidelity import (
         TRUTH,
         evaluate,
@@ -190,7 +196,7 @@ def add_runtime(parser: Parser) -> None:
 
 
 def find_runtime(options: argparse.Namespace, bar: Bar) -> Findings:
-    """Sum up the times of stages."""
+    """Collect the times of stages."""
     from physgen.environment import this_machine
     from physgen.evaluate.runtime import findings, gpu, read_runs
 
@@ -209,7 +215,7 @@ FINDERS = {
 
 
 def find(options: argparse.Namespace) -> Findings:
-    """Return the findings of the measure that was chosen."""
+    """Return the findings of the chosen measure."""
     bar = Bar()
     try:
         return FINDERS[options.what](options, bar)

@@ -1,4 +1,4 @@
-"""Printing: results to stdout, messages and progress to stderr."""
+"""Print results to stdout, messages and progress to stderr."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ OK, FAILED, INTERRUPTED = 0, 1, 130
 
 
 def print_error(text: str) -> None:
-    """One line to stderr."""
+    """Print one line to stderr."""
     print(text, file=sys.stderr, flush=True)
 
 
 def print_line(text: str) -> None:
-    """Print one line of a result, at once."""
+    """Print one line of a result, without buffering."""
     print(text, flush=True)
 
 
 FLAGS = {"story": "--story", "free": "--free"}
-"""The flag whose value a lower layer calls by the key."""
+"""Keys of problems from lower layers -> the flags that set them."""
 
 
 def named_by_flag(problem: Problem) -> Problem:
-    """Return the problem of a key at the flag that sets it."""
+    """Return a problem with the flag as its place, if a flag sets its key."""
     flag = FLAGS.get(problem.place.file)
     return problem if flag is None else replace(problem, place=Place(flag))
 
@@ -48,14 +48,14 @@ def print_problems(problems: Sequence[Problem]) -> None:
 
 
 def print_problem(problem: Problem) -> None:
-    """One line to stderr."""
+    """Print one line for a problem to stderr."""
     print_error(str(named_by_flag(problem)))
 
 
-def print_backup(kept: Path) -> None:
-    """Print a line to stderr for an older file that was kept."""
-    name = str(kept).rpartition("~")[0]
-    print_error(Note.BACKUP.text(name=name, backup=kept.name))
+def print_backup(backup: Path) -> None:
+    """Print a line to stderr about the backup of an older file."""
+    name = str(backup).rpartition("~")[0]
+    print_error(Note.BACKUP.text(name=name, backup=backup.name))
 
 
 def print_json(data: Any) -> None:
@@ -64,19 +64,21 @@ def print_json(data: Any) -> None:
 
 
 def write_result(
-    text: str, output: Path | None, redirected: Path | None = None
+    text: str, output: Path | None, stdout_target: Path | None = None
 ) -> None:
-    """Write a scene to stdout, or the path of the file that has it.
+    """Write a scene to stdout, or the path of its file.
 
-    `redirected` is the file that stdout goes to, as `stdout_file` returns it.
+    `stdout_target` is the target file of stdout, from `stdout_file`.
     """
-    if output is None and redirected is None:
+    if output is None and stdout_target is None:
         _print_assets_place(text)
     sys.stdout.write(text if output is None else f"{output}\n")
 
 
 def _print_assets_place(text: str) -> None:
-    """Print where the assets of a scene on stdout are, and how to save the scene."""
+    """Print the place of the assets for a scene on stdout, and how to save
+    the scene.
+    """
     from physgen.scene.yaml_edit import mark_values
 
     assets = mark_values(text).data()["assets"]
@@ -87,17 +89,19 @@ def _print_assets_place(text: str) -> None:
 
 
 def stdout_file() -> Path | None:
-    """Return the regular file that stdout is redirected to; None for a pipe or terminal.
+    """Return the regular file behind a redirected stdout, or None for a pipe or
+    terminal.
 
-    None, too, if the system does not tell the name of an open file.
+    Also return None if the system does not tell the name of an open file.
     """
     try:
         descriptor = sys.stdout.fileno()
         status = os.fstat(descriptor)
+        # A pipe or a terminal has no folder for assets.
         if not stat.S_ISREG(status.st_mode):
             return None
         path = open_file_path(descriptor)
-        # the file may have been renamed or removed since it was opened
+        # Another process may have renamed or removed the open file.
         if path is None or not os.path.samestat(status, path.stat()):
             return None
         return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
@@ -106,17 +110,21 @@ def stdout_file() -> Path | None:
 
 
 PROGRESS = "PHYSGEN_PROGRESS"
-"""Environment variable: `json` makes progress a line of JSON on stderr, for programs."""
+"""Environment variable for programs: `json` prints progress as lines of JSON
+on stderr.
+"""
 JSON_INTERVAL = 0.1
-"""s between two such lines of one stage, at least."""
+"""Minimum interval between two lines of JSON of one stage, s."""
 TICK = 0.5
-"""s between two looks at how long a stage has taken."""
+"""Interval between updates of a stage's duration, s."""
 SHOWN_FROM = 1.0
-"""s from which a stage's time is shown: most stages are over by then."""
+"""Minimum duration to show, s. Most stages are shorter."""
 
 
 class Bar:
-    """Progress on one line of a terminal; silent in pipes, except for programs that ask."""
+    """Progress on one line of a terminal. In pipes it is silent, unless a program asks
+    for JSON.
+    """
 
     def __init__(self) -> None:
         self.as_json = os.environ.get(PROGRESS) == "json"
@@ -126,10 +134,10 @@ class Bar:
         self._text, self._begun = "", 0.0
         self._lock = threading.RLock()
         self.prefix = ""
-        """Before each text."""
+        """Text before each stage."""
 
     def show(self, stage: str, done: int, total: int) -> None:
-        """Draw the line again."""
+        """Show the progress of a stage."""
         if self.as_json:
             self._print_json(stage, done, total)
         else:
@@ -138,7 +146,7 @@ class Bar:
             )
 
     def write(self, text: str) -> None:
-        """Put a text in the line."""
+        """Write a text to the line."""
         with self._lock:
             if text != self._text:
                 self._text, self._begun = text, time.monotonic()
@@ -154,7 +162,7 @@ class Bar:
 
     @contextmanager
     def ticking(self) -> Iterator[None]:
-        """Show for how many seconds a stage has been at work; clear the line at the end."""
+        """Show the duration of a running stage. Clear the line at the end."""
         stop = threading.Event()
         ticker = threading.Thread(target=self._tick, args=(stop,), daemon=True)
         if self._live:
@@ -168,12 +176,12 @@ class Bar:
             self.clear()
 
     def aside(self, print_one: Callable[[Any], None]) -> Callable[[Any], None]:
-        """Return a function that prints on a line of its own, not behind the progress."""
+        """Return a function that prints on its own line, not behind the progress."""
 
-        def print_aside(what: Any) -> None:
+        def print_aside(item: Any) -> None:
             with self._lock:
                 self.clear()
-                print_one(what)
+                print_one(item)
 
         return print_aside
 
@@ -191,6 +199,7 @@ class Bar:
 
     def _print_json(self, stage: str, done: int, total: int) -> None:
         time_now = time.monotonic()
+        # A fast stage would otherwise print thousands of lines.
         if (
             stage != self._last[0]
             or time_now - self._last[1] >= JSON_INTERVAL

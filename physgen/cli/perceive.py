@@ -1,4 +1,6 @@
-"""`perceive` and `import`: photos, or folders of the paper's code, to scenes."""
+"""Run `perceive` and `import`: turn photos, or folders of the paper's code, into
+scenes.
+"""
 
 from __future__ import annotations
 
@@ -36,9 +38,9 @@ if TYPE_CHECKING:
     from physgen.registry import Backends, Plan
 
 BEGIN = "begin"
-"""Stage that is shown before the packages of perception are loaded, which takes seconds."""
+"""Stage during the import of the perception packages, which takes seconds."""
 LEAST_SIDE = 64
-"""px of --side: in the bundled photos made smaller, nothing is found."""
+"""Minimum of --side, px. In bundled photos scaled down further, no object is found."""
 
 
 def perceive(options: argparse.Namespace) -> int:
@@ -69,15 +71,16 @@ def _perceive(options: argparse.Namespace, bar: Bar) -> int:
 
 
 def perceive_photo(
-    options: argparse.Namespace, bar: Bar, redirected: Path | None = None
+    options: argparse.Namespace, bar: Bar, stdout_target: Path | None = None
 ) -> str:
-    """Perceive one photo, or refresh a scene; return the scene's text.
+    """Perceive one photo, or refresh a scene. Return the scene's text.
 
-    `redirected` is the file that stdout goes to. Raises InputError.
+    `stdout_target` is the target file of stdout. Raise InputError.
     """
     from physgen import pipeline
 
     boxes, output = len(options.box), options.output or options.refresh
+    # Collect the problems of all flags, so that the user sees them at once.
     checks: list[Callable[[], Any]] = [
         partial(crew_of, options),
         partial(check_scene_name, options.output),
@@ -114,12 +117,12 @@ def perceive_photo(
             options.refresh, output, allow_outside=options.allow_outside, **settings
         )
     settings |= {"masks": options.masks, "side": options.side, "story": options.story}
-    settings |= {"stdout": redirected, "makes_cache": True}
+    settings |= {"stdout": stdout_target, "makes_cache": True}
     return pipeline.perceive(options.image[0], output, **settings)
 
 
 def _name_in_folder(options: argparse.Namespace) -> None:
-    """Let -o name the scene of one photo where it names a folder."""
+    """Put the scene of one photo into the folder of -o, if -o is a folder."""
     out = options.output
     if not options.image or out is None or out.name == "-":
         return
@@ -128,7 +131,7 @@ def _name_in_folder(options: argparse.Namespace) -> None:
 
 
 def refuse_scenes(images: Sequence[Path]) -> None:
-    """Raise InputError if a scene file stands where a photo is expected."""
+    """Raise InputError if an argument is a scene file instead of a photo."""
     problems = []
     for image in images:
         if image.suffix in (".yaml", ".yml"):
@@ -151,9 +154,9 @@ class WrittenScenes:
 
 
 def perceive_photos(options: argparse.Namespace, bar: Bar) -> WrittenScenes:
-    """Perceive several photos into one folder, with models loaded once.
+    """Perceive several photos into one folder, and load models once.
 
-    An error in one photo does not stop the others. Raises InputError for wrong flags.
+    An error in one photo does not stop the others. Raise InputError for wrong flags.
     """
     from physgen import pipeline
 
@@ -182,6 +185,7 @@ def perceive_photos(options: argparse.Namespace, bar: Bar) -> WrittenScenes:
         raise InputError(wrong)
     check_folder_name(options.output)
     check_writable(options.output)
+    # Models stay loaded for all photos.
     crew = crew_of(options, keep=True)
     scenes: list[Path] = []
     problems: list[Problem] = []
@@ -211,39 +215,44 @@ def perceive_photos(options: argparse.Namespace, bar: Bar) -> WrittenScenes:
 
 @dataclass
 class PhotoReport:
-    """What is printed about one of several photos: its heading, then its warnings."""
+    """The printed report of one of several photos: its heading, then its warnings."""
 
     image: Path
     bar: Bar
     warnings: list[Problem] = field(default_factory=list)
 
     def warn(self, problem: Problem) -> None:
-        """Hold a warning, at the photo that it is about, until the heading is printed."""
+        """Keep a warning for the time after the heading, and add the photo's name."""
         if problem.place == THIS_PHOTO:
             problem = replace(problem, place=Place(str(self.image)))
         self.warnings.append(problem)
 
     def inform(self, summary: str) -> None:
-        """Print the first line of a summary, and the warnings so far below it."""
+        """Print the first line of a summary, and below it the stored warnings."""
         self.bar.aside(print_error)(summary.partition("\n")[0])
         self.print_warnings()
 
     def print_warnings(self) -> None:
-        """Print the warnings that are held."""
+        """Print the stored warnings."""
         for problem in self.warnings:
             self.bar.aside(print_problem)(problem)
         self.warnings.clear()
 
 
 def _names(images: Sequence[Path]) -> list[str]:
-    """Return the names of the scenes: those of the photos, or of their folders where all photos have the same name."""
+    """Return the names of the scenes: names of the photos, or of their folders if all
+    photos have one name.
+    """
     stems = [image.stem for image in images]
     folders = [image.resolve().parent.name for image in images]
+    # `a/photo.jpg b/photo.jpg`: only the folders tell the photos apart.
     return folders if len(set(stems)) == 1 < len(stems) == len(set(folders)) else stems
 
 
 def crew_of(options: argparse.Namespace, *, keep: bool = False) -> Backends:
-    """The backends that the flags choose to perceive, kept for further photos or not; those that refine stay out."""
+    """Return the perception backends chosen by flags. `keep` keeps models for further
+    photos.
+    """
     from physgen.perceive.perceive import ROLES
     from physgen.registry import Backends
 
@@ -251,7 +260,7 @@ def crew_of(options: argparse.Namespace, *, keep: bool = False) -> Backends:
 
 
 def plan_of(options: argparse.Namespace) -> Plan:
-    """Return the backends that flags and a configuration file choose."""
+    """Return the choice of backends from flags and the configuration file."""
     from physgen.registry import CONFIGURATION, load_plan
 
     if options.config is None and Path(CONFIGURATION).is_file():
@@ -262,7 +271,9 @@ def plan_of(options: argparse.Namespace) -> Plan:
 
 
 def _refuse_beside_refresh(options: argparse.Namespace) -> None:
-    """The scene determines its photo and its masks. Raises InputError."""
+    """Raise InputError for flags that contradict --refresh: the scene determines its
+    photo and masks.
+    """
     if not options.refresh and not options.image:
         raise Message.NO_PHOTO.error("perceive")
     excluded_flags = {
@@ -287,7 +298,9 @@ def _refuse_beside_refresh(options: argparse.Namespace) -> None:
 
 
 def _refuse_push_and_still(options: argparse.Namespace) -> None:
-    """Raise InputError if a push is both given and left out, or a story is no push of a new scene."""
+    """Raise InputError if --push comes with --still, or a story with other pushes or an
+    old scene.
+    """
     others = ["--push"] if options.push else []
     others += ["--still"] if options.still else []
     others += ["--refresh"] if options.refresh else []
@@ -300,7 +313,7 @@ def _refuse_push_and_still(options: argparse.Namespace) -> None:
 
 
 def _refuse_without_point(options: argparse.Namespace) -> None:
-    """Raise InputError where --smallest has no point to refer to."""
+    """Raise InputError for --smallest without a point."""
     if options.smallest and not options.point:
         raise Message.SMALLEST_WITHOUT_POINT.error("perceive", "--smallest")
 
@@ -358,7 +371,7 @@ def add_perceive(parser: Parser) -> None:
 
 
 def add_photo_flags(parser: Parser) -> None:
-    """Add the flags that say how a photo is perceived."""
+    """Add the flags of a photo's perception."""
     help_text = (
         "label map of the photo's size: an id or colour for each object, 0, black or "
         "transparent for none; of one opaque colour, each region is an object"
@@ -390,7 +403,7 @@ def add_photo_flags(parser: Parser) -> None:
 
 
 def add_backends(parser: Parser) -> None:
-    """Add the flags that choose the backends."""
+    """Add the flags of backends."""
     add_backend_choices(parser)
     parser.option(
         "--config", "FILE", Path, "read this in place of ~/.config/physgen/physgen.toml"
@@ -398,7 +411,7 @@ def add_backends(parser: Parser) -> None:
 
 
 def add_backend_choices(parser: Parser) -> None:
-    """Add the flags that choose backends without a configuration file."""
+    """Add the flags of backends, without the configuration file."""
     from physgen.registry import PROFILES
 
     help_text = "the backend of a step, and the hub id or path of its weights; see physgen backends"
@@ -434,7 +447,7 @@ PERCEIVE = Command(
     "physgen perceive photo.png > scene.yaml",
     add_perceive,
     perceive,
-    mixed=True,
+    is_order_free=True,
 )
 IMPORT = Command(
     "import",

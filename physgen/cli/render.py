@@ -1,4 +1,4 @@
-"""`render`: scenes to clips."""
+"""Run `render`: turn scenes into clips."""
 
 from __future__ import annotations
 
@@ -55,15 +55,15 @@ def render(options: argparse.Namespace) -> int:
 
 
 def refuse_stored_video(options: argparse.Namespace, video: Path | None) -> None:
-    """Refuse a store together with the file of a video. Raises InputError."""
+    """Raise InputError for a store together with a video file."""
     if video is not None and options.ship is not None:
         raise Message.VIDEO_FOR_STORE.error("-o", f'"{video}"')
 
 
 def video_file(options: argparse.Namespace) -> Path | None:
-    """Return the file that `-o` names; None for a folder. Sets the format.
+    """Return the video file of `-o`, or None for a folder. Set the format.
 
-    Raises InputError for a file that is no video, or a video that --format excludes.
+    Raise InputError for another kind of file, or if --format excludes the video.
     """
     path = Path(options.output)
     kind = path.suffix.lower()
@@ -85,7 +85,7 @@ def video_file(options: argparse.Namespace) -> Path | None:
 
 
 def _video_job(jobs: list[Job], video: Path) -> Job:
-    """Return the one job, whose clip has the name of the video. Raises InputError."""
+    """Return the only job, with the video's name for its clip. Raise InputError."""
     if len(jobs) > 1:
         raise Message.ONE_FILE_FOR_CLIPS.error("-o", f'"{video}"', count=len(jobs))
     (job,) = jobs
@@ -112,7 +112,7 @@ def add(parser: Parser) -> None:
 
 
 def add_motion_flags(parser: Parser) -> None:
-    """Add the flags that set objects in motion, --push apart."""
+    """Add the flags of motion, without --push."""
     help_text = "lift an object by its own height and let it fall; may be repeated"
     parser.option("--drop", "NAME", str, help_text, [], action="append")
     help_text = (
@@ -130,5 +130,5 @@ RENDER = Command(
     "physgen render scene.yaml --push ball-1=right --format mp4,gif",
     add,
     render,
-    mixed=True,
+    is_order_free=True,
 )

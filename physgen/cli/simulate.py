@@ -1,4 +1,6 @@
-"""`show`, `check` and `simulate`: scenes to tables, problems and trajectories."""
+"""Run `show`, `check` and `simulate`: print tables, problems and trajectories of
+scenes.
+"""
 
 from __future__ import annotations
 
@@ -67,15 +69,15 @@ def show(options: argparse.Namespace) -> int:
     return OK
 
 
-def object_rows(scene: Scene, compiled: CompiledScene) -> list[dict[str, Any]]:
+def object_rows(scene: Scene, compilation: CompiledScene) -> list[dict[str, Any]]:
     """Return the main values of each object, in the order of names."""
     from physgen.compile.warnings import supports
     from physgen.scene.provenance import source
 
     rows = []
-    supports_by_object = supports(scene, compiled)
+    supports_by_object = supports(scene, compilation)
     for item, body, under in zip(
-        scene.objects, compiled.world.bodies, supports_by_object, strict=True
+        scene.objects, compilation.world.bodies, supports_by_object, strict=True
     ):
         speed = hypot(*body.velocity) / scene.world.pixels_per_meter
         confidence = scene.document["objects"][item.name].get("confidence")
@@ -112,6 +114,7 @@ def check(options: argparse.Namespace) -> int:
     lines = []
     for path in options.scenes:
         file_problems = dict.fromkeys(_problems_of_file(path, options))
+        # Variants of one file share most problems.
         report += [problem for problem in file_problems if problem not in report]
         lines.append(f"{path}: {_count_text(file_problems)}")
     has_errors = any(p.severity is Severity.ERROR or options.strict for p in report)
@@ -127,7 +130,7 @@ def check(options: argparse.Namespace) -> int:
 
 
 def _problems_of_file(path: str, options: argparse.Namespace) -> Iterator[Problem]:
-    """Yield errors and warnings of a file, and errors of all its variants."""
+    """Yield the errors and warnings of a file, and the errors of all its variants."""
     from physgen import pipeline
 
     for variant in variants_of(path, options):
@@ -143,7 +146,7 @@ def _problems_of_file(path: str, options: argparse.Namespace) -> Iterator[Proble
 
 
 def _count_text(problems: Iterable[Problem]) -> str:
-    """Return the counts of each kind as text."""
+    """Return the counts of problems by severity as text."""
     kinds = [problem.severity for problem in problems]
     parts = [
         f"{count} {kind.value}{'s' * (count != 1)}"
@@ -192,7 +195,9 @@ def simulate(options: argparse.Namespace) -> int:
 
 
 def _trajectory_kind(output: Path | None) -> str:
-    """Return `npz`, `csv` or `json` by the file's ending; refused before anything is computed or overwritten."""
+    """Return `npz`, `csv` or `json` by the file's suffix. Raise InputError before
+    anything is computed or overwritten.
+    """
     if output is None:
         return ""
     if output.suffix not in (".npz", ".csv", ".json") or output.is_dir():
@@ -246,7 +251,7 @@ CHECK = Command(
     "physgen check scenes/*/scene.yaml --strict",
     add_check,
     check,
-    mixed=True,
+    is_order_free=True,
 )
 SIMULATE = Command(
     "simulate",

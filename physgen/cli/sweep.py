@@ -1,4 +1,4 @@
-"""`sweep`: one scene with varying values to many clips and a table of outcomes."""
+"""Run `sweep`: render one scene with many values, and write a table of outcomes."""
 
 from __future__ import annotations
 
@@ -39,9 +39,11 @@ if TYPE_CHECKING:
 
 TABLE = "sweep.csv"
 TIMELESS = {"objects", "forces", "joints", "light"}
-"""Parts of a scene that change neither its number of frames nor a fixed duration."""
+"""Parts of a scene without influence on the number of frames or a fixed duration."""
 MOST_TRACKED = 32
-"""Objects with seven columns of outcomes each, at most, unless they are named."""
+"""Maximum number of objects with outcomes by default, because each has seven
+columns.
+"""
 
 
 def sweep(options: argparse.Namespace) -> int:
@@ -49,6 +51,7 @@ def sweep(options: argparse.Namespace) -> int:
     from physgen.batch.sweep import check_values, plan_clips
     from physgen.scene.load import OpenedScene
 
+    # The first argument is often forgotten, and then a key is taken for the scene.
     if "=" in options.scene and not Path(options.scene).exists():
         raise Message.SWEEP_WITHOUT_SCENE.error(options.scene)
     check_folder_name(options.output)
@@ -67,7 +70,7 @@ def sweep(options: argparse.Namespace) -> int:
 
 
 def _list_clips(plan: Sweep, options: argparse.Namespace) -> int:
-    """Print all clips with their values; nothing is made."""
+    """Print all clips with their values, and make none."""
     import csv
 
     rows = csv.writer(sys.stdout, lineterminator="\n")
@@ -102,7 +105,8 @@ def _make_sweep(
     if (out / TABLE).is_dir():
         raise Message.TABLE_IS_FOLDER.error("-o", f'"{out}"')
     out.mkdir(parents=True, exist_ok=True)
-    running: deque[Point] = deque()  # jobs end in the order in which they begin
+    # Jobs end in the order of their start, so that a queue matches results and points.
+    running: deque[Point] = deque()
     numbers = range(len(plan))[options.part or slice(None)]
     previews = Previews(plan, options)
 
@@ -119,7 +123,8 @@ def _make_sweep(
                 preview,
             )
 
-    if options.part:  # the table is written by the run that finds all clips
+    if options.part:
+        # A run with all clips writes the table, not a run of one part.
         return make_all(jobs(), len(numbers), options, gallery=False)
     with Table(out / TABLE, table) as rows:
 
@@ -134,7 +139,7 @@ def _make_sweep(
             jobs(),
             len(plan),
             options,
-            on_done=lambda done: rows.add(
+            on_result=lambda done: rows.add(
                 files.table_row(plan, running.popleft(), done)
             ),
             finish=finish,
@@ -142,7 +147,7 @@ def _make_sweep(
 
 
 class Previews:
-    """The edits that make previews of the points of a sweep."""
+    """Edits for previews of a sweep's points."""
 
     def __init__(self, plan: Sweep, options: argparse.Namespace) -> None:
         self._options = options
@@ -151,32 +156,35 @@ class Previews:
         self._shared: dict[str | None, tuple[str, ...]] = {}
 
     def edits(self, point: Point) -> tuple[str, ...]:
-        """Return the edits of a point; points of a variant share them if frames and duration are the same."""
+        """Return the edits of a point. Points of a variant share them if frames and
+        duration are equal.
+        """
         if point.variant in self._shared:
             return self._shared[point.variant]
         edits = preview_edits(
             self._options.scene, point.variant, self._options, point.overrides
         )
         has_own_duration = any(edit.startswith("world.duration=") for edit in edits)
+        # Thousands of points need only one simulation for the length of their previews.
         if self._keeps_timing and edits and not has_own_duration:
             self._shared[point.variant] = edits
         return edits
 
 
 def _tracked_names(
-    objects: tuple[str, ...], chosen: list[str] | None
+    objects: tuple[str, ...], requested_names: list[str] | None
 ) -> tuple[str, ...]:
-    if chosen is None:
+    if requested_names is None:
         return objects if len(objects) <= MOST_TRACKED else ()
     problems = []
-    for name in chosen:
+    for name in requested_names:
         if name not in objects:
             place, fix = Place("--track"), one_of(name, objects)
             wrong = Message.NOT_MOVABLE.problem(place, "", f'"{name}"', fix=fix)
             problems.append(wrong)
     if problems:
         raise InputError(problems)
-    return tuple(chosen)
+    return tuple(requested_names)
 
 
 def add(parser: Parser) -> None:
@@ -212,5 +220,5 @@ SWEEP = Command(
     "physgen sweep scene.yaml objects.ball.velocity.0=100:900:9 'objects.*.elasticity=0.2,0.9' -o sweep",
     add,
     sweep,
-    mixed=True,
+    is_order_free=True,
 )

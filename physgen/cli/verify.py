@@ -1,4 +1,4 @@
-"""`verify`: renders clips again and compares them."""
+"""Run `verify`: render clips again and compare."""
 
 from __future__ import annotations
 
@@ -92,5 +92,5 @@ VERIFY = Command(
     "physgen verify out --jobs 2",
     add,
     verify,
-    mixed=True,
+    is_order_free=True,
 )

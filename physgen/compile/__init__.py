@@ -1,1 +1,3 @@
-"""Scene + masks -> World: everything resolved that the engine needs, and the lints on the way."""
+"""Compile a scene and its masks into a World for the engine, and warn of doubtful
+values.
+"""

@@ -1,4 +1,6 @@
-"""Scene and label map to World: shapes, masses, joints and loads in px, s, g, rad."""
+"""Compile a scene and a label map into a World: shapes, masses, joints and loads in px,
+s, g, rad.
+"""
 
 from __future__ import annotations
 
@@ -67,6 +69,7 @@ def pushes_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Push, ...]:
             else np.array(force.at) - bodies[body].center
         )
         end = force.start
+        # An impulse acts at one time; a force without a duration never ends.
         if force.load is not Load.IMPULSE:
             end += inf if force.duration is None else force.duration
         return Push(
@@ -84,7 +87,9 @@ def pushes_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Push, ...]:
 
 
 def joints_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Joint, ...]:
-    """Joints by name; one that holds nothing that can move is left out (lints tell of it): no engine could solve it."""
+    """Return the joints by name, without joints between bodies that cannot move. No
+    engine could solve those; a warning reports them.
+    """
     index = _index(bodies)
     return tuple(
         _joint(item, [index[name] for name in item.objects], bodies)
@@ -125,7 +130,9 @@ def _joint(item: model.Joint, ends: Sequence[int], bodies: Sequence[Body]) -> Jo
 
 
 def _places(item: model.Joint, body: Body) -> tuple[Array, Array, tuple[Array, ...]]:
-    """Return px of a joint on its first object and on the second side, and `Joint.guide`."""
+    """Return the points of a joint on its first object and on the second side, px, and
+    `Joint.guide`.
+    """
     if item.kind is JointKind.GEAR:
         return body.center, np.zeros(2), ()
     points = np.array(item.points, np.float64)
@@ -134,13 +141,14 @@ def _places(item: model.Joint, body: Body) -> tuple[Array, Array, tuple[Array, .
         return first_point, second_point, tuple(points[1:3])
     if item.kind is not JointKind.SLIDER:
         return first_point, second_point, ()
+    # A slider holds the projection of the body's centre onto the rail.
     direction = second_point - first_point
     part = (body.center - first_point) @ direction / (direction @ direction)
     return first_point + part * direction, first_point, (direction,)
 
 
 def rail_problems(scene: Scene, bodies: Sequence[Body]) -> Iterator[Problem]:
-    """Yield the problems of objects that start beyond an end of their rail."""
+    """Yield problems of objects that start beyond an end of their rail."""
     centers = {body.name: body.center for body in bodies}
     for item in scene.joints:
         if item.kind is not JointKind.SLIDER:
@@ -164,7 +172,7 @@ def rail_problems(scene: Scene, bodies: Sequence[Body]) -> Iterator[Problem]:
 
 
 RAIL_END = 1e-3
-"""px beyond the end of a rail that do not count."""
+"""Tolerance of a start beyond the end of a rail, px."""
 
 
 def _or_infinite(limit: float | None) -> float:
@@ -176,7 +184,9 @@ def _in_radians(limits: model.Point | None) -> tuple[float, float] | None:
 
 
 def fields_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Field, ...]:
-    """Return the fields by name. Raises InputError where they would act on more than a step can look at."""
+    """Return the fields by name. Raise InputError for more pulls than a step can
+    compute.
+    """
     index = _index(bodies)
     dynamic_bodies = tuple(
         k for k, body in enumerate(bodies) if body.motion is Motion.DYNAMIC
@@ -218,13 +228,19 @@ def _index(bodies: Sequence[Body]) -> dict[str, int]:
 
 
 FARTHEST = 1e9
-"""Heaviest by lightest: a contact between the two would be solved with no more than half of a float's digits."""
+"""Maximum mass ratio. A contact between the two bodies loses half of a
+float's digits.
+"""
 LEAST = 1e-150
-"""g and g·px² of a body: an engine multiplies two such numbers, and 1e-308 is the least that a float holds in full."""
+"""Minimum mass and moment of a body, g and g·px². The engine multiplies two of them,
+and 1e-308 is the smallest float with all digits.
+"""
 
 
 def mass_problems(scene: Scene, bodies: Sequence[Body]) -> Iterator[Problem]:
-    """Moments that are 0 or not finite as floats, and masses too far apart; those of dynamic bodies alone count."""
+    """Yield problems of moments that are 0 or infinite as floats, and of masses too far
+    apart. Only dynamic bodies count.
+    """
     dynamic = [body for body in bodies if body.motion is Motion.DYNAMIC]
     sound = True
     for body in dynamic:
@@ -257,42 +273,48 @@ def mass_path(scene: Scene, name: str) -> str:
 
 
 def _usable(value: float) -> bool:
-    """Return whether products of two such numbers, and of what one divided by them is, are floats."""
+    """Return whether products and quotients of two such numbers are floats."""
     return LEAST < value < 1 / LEAST
 
 
 INERTIA = {Solid.SPHERE: 2 / 5, Solid.DISC: 1 / 2, Solid.HOOP: 1.0}
-"""k of I = k m r² about an axis through the centre; any mechanics text."""
+"""Factor k of the moment k m r² about an axis through the centre; any
+mechanics text.
+"""
 
 
 @dataclass(frozen=True)
 class CompiledScene:
-    """What the stages after this one read."""
+    """The input of the later stages: world, outlines and shapes of a scene."""
 
     world: World
     outlines: tuple[Outline, ...]
-    """Of the objects, photo frame, t = 0: those of `shapes`, brought onto what they stand on, and put in place."""
+    """Outlines of the objects at t = 0, photo frame: those of `shapes` on their
+    boundaries, at their `place`.
+    """
     shapes: Shapes
 
     @property
     def labels(self) -> U16:
-        """Return (H, W): id k + 1 is the k-th object; 0 = background."""
+        """Return the label map (H, W): id k + 1 is object k; 0 = background."""
         return self.shapes.labels
 
     @property
     def scenery(self) -> NDArray[np.bool_]:
-        """Return (H, W): pixels that show a boundary; they stay in the picture."""
+        """Return the boundary pixels (H, W), which stay in the picture."""
         return self.shapes.fits.scenery
 
 
 def compile_scene(scene: Scene, labels: U16 | None) -> CompiledScene:
-    """Return the compiled scene; `labels` is the photo's label map, None without one. Raise InputError."""
+    """Return the compiled scene. `labels` is the photo's label map, None without one.
+    Raise InputError.
+    """
     check_steps(scene)
     return compile_shapes(scene, shapes_of(scene, labels))
 
 
 def check_steps(scene: Scene) -> None:
-    """Raises InputError where a simulation would take days."""
+    """Raise InputError if a simulation would take days."""
     steps = scene.world.duration * scene.world.steps_per_second
     if steps > Limit.STEPS.most:
         raise Limit.STEPS.error(
@@ -301,9 +323,9 @@ def check_steps(scene: Scene) -> None:
 
 
 def compile_shapes(scene: Scene, shapes: Shapes) -> CompiledScene:
-    """Return the world of a scene with these `shapes`. Raises InputError."""
+    """Return the world of a scene with these `shapes`. Raise InputError."""
     shown = snapped_to_boundaries(
-        scene, shapes.outlines, [it is None for it in shapes.written]
+        scene, shapes.outlines, [it is None for it in shapes.written_outlines]
     )
     outlines = tuple(map(placed_outline, shown, scene.objects))
     problems: list[Problem] = []
@@ -325,6 +347,7 @@ def compile_shapes(scene: Scene, shapes: Shapes) -> CompiledScene:
                     scene.place(path), path, "the outline", reason=str(error)
                 )
             )
+    # Masses and rails need all bodies: check them only if every body is usable.
     problems = problems or [
         *mass_problems(scene, bodies),
         *rail_problems(scene, bodies),
@@ -355,7 +378,8 @@ def compile_shapes(scene: Scene, shapes: Shapes) -> CompiledScene:
 
 
 def frame_times(scene: Scene, duration: float) -> Array:
-    """(T,) s: k duration / frames where `render.frames` is given, else k / rate for rate x duration frames.
+    """Return the frame times (T,) s: k duration / frames with `render.frames`,
+    otherwise k / rate for rate x duration frames.
 
     The rate is fps times slow: slow motion has more frames of the same motion.
     """
@@ -375,18 +399,20 @@ def frame_times(scene: Scene, duration: float) -> Array:
 
 @dataclass(frozen=True)
 class Form:
-    """The shape of a body in its frame, as `Body` has it."""
+    """The shape of a body in its frame, with the fields of `Body`."""
 
     radius: float | None
     pieces: tuple[Array, ...]
     rings: tuple[Array, ...]
     disc: tuple[Array, float] | None
     moment: float
-    """g·px² about the middle of its area."""
+    """g·px² about the centre of its area."""
 
 
 def _form(item: Object, outline: Outline, center: Array, mass: float) -> Form:
-    """Return the form of an object with its centre of mass (2,) px and mass, g. Raises ValueError if it is too thin."""
+    """Return the form of an object with its centre of mass (2,) px and mass, g. Raise
+    ValueError if it is too thin.
+    """
     if not isinstance(outline, Disc):
         properties = mass_properties(outline)
         pieces = tuple(piece - center for piece in convex_pieces(outline))
@@ -400,6 +426,8 @@ def _form(item: Object, outline: Outline, center: Array, mass: float) -> Form:
     circle = circle_corners(radius)
     if item.center_of_mass is None:
         return Form(radius, (), (circle,), None, moment)
+    # A circle with its mass elsewhere rolls about another point: the engine needs
+    # corners.
     offset = mass_properties(outline).center - center
     moved_circle = circle + offset
     return Form(None, (moved_circle,), (moved_circle,), (offset, radius), moment)
@@ -419,12 +447,15 @@ def _body(item: Object, outline: Outline, scene: Scene) -> Body:
         item.mass if item.mass is not None else (item.density or 1.0) * properties.area
     )
     form = _form(item, outline, center, mass)
+    # The parallel axis theorem moves the moment from the centre of the area to the
+    # centre of mass.
     moment = form.moment + mass * float(np.sum((properties.center - center) ** 2))
     if item.moment is not None:
         moment = item.moment
     radius = form.radius
     moving = item.motion is Motion.DYNAMIC
-    # a stored shape's solid is that of a circle, which a mask that was painted over may no longer be
+    # The solid of a stored shape belongs to a circle. A repainted mask may not be
+    # round.
     has_stored_shape = isinstance(item.shape, Auto) and item.shape.stored is not None
     solid = None if has_stored_shape and radius is None else item.solid
     return Body(
@@ -453,19 +484,23 @@ def _body(item: Object, outline: Outline, scene: Scene) -> Body:
 
 
 def _rocking_lever(item: Object, area: float) -> float:
-    """Return px of the moment by which corners resist turning: of a circle of its area."""
+    """Return the lever of the moment against turning on corners, px: a share of the
+    radius of a circle with the same area.
+    """
     return (item.rocking or 0.0) * sqrt(area / pi)
 
 
 def set_velocity(body: Body, item: Object, view: View) -> Body:
-    """Return a dynamic body that moves, turns and rolls as its object is written."""
+    """Return a dynamic body with the velocity, spin and roll of its object."""
     velocity = np.array(item.velocity, np.float64)
     roll = _roll(item, body.radius, view)
     return replace(body, velocity=velocity, spin=radians(item.spin), roll=roll)
 
 
 def _roll(item: Object, radius: float | None, view: View) -> Array:
-    """Return rad/s about +x and +y by the right hand: a sphere that rolls towards +y turns positively about +x."""
+    """Return the rolling rates about +x and +y, rad/s, by the right-hand rule: a sphere
+    with a velocity towards +y turns positively about +x.
+    """
     if (
         view is not View.TOP
         or item.solid is not Solid.SPHERE
@@ -480,7 +515,9 @@ def _roll(item: Object, radius: float | None, view: View) -> Array:
 
 
 def _path(item: Object, center: Array, scene: Scene) -> Array:
-    """(K, 4): s, x px, y px, rad. Raises InputError where it does not start where the shape is."""
+    """Return the path (K, 4): s, x px, y px, rad. Raise InputError unless it starts at
+    the shape.
+    """
     path = np.array(
         [(w.time, *w.position, radians(w.angle)) for w in item.path], np.float64
     ).reshape(-1, 4)
@@ -496,7 +533,9 @@ def _path(item: Object, center: Array, scene: Scene) -> Array:
 
 
 def _repeat_path(path: Array, scene: Scene) -> Array:
-    """Return a path (K, 4) that begins again until the end of the clip. Raises InputError if it has too many knots."""
+    """Return a path (K, 4) that repeats until the end of the clip. Raise InputError for
+    too many knots.
+    """
     period, turn = path[-1, 0], path[-1, 3] - path[0, 3]
     rounds = int(np.ceil(scene.world.duration / period)) + 1
     if rounds * len(path) > Limit.STEPS.most / 1000:

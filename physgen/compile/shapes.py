@@ -1,7 +1,8 @@
 """Masks and written shapes of a scene: label map, fitted outlines, walls.
 
-Depends on no mass, coefficient, velocity or force: scenes that differ in these alone share one result. Fitted outlines
-are moved onto the boundary that they stand on: the two are often a pixel apart, and a pile would settle at t = 0.
+Shapes do not depend on masses, coefficients, velocities or forces, so that scenes with
+other values share one result. Fitted outlines are moved onto their boundary: the two
+are often a pixel apart, and a pile would settle at t = 0.
 """
 
 from __future__ import annotations
@@ -41,17 +42,19 @@ PixelMask = NDArray[np.bool_]
 
 
 def object_labels(
-    scene: Scene, labels: U16 | None, written: list[Outline | None]
+    scene: Scene, labels: U16 | None, written_outlines: list[Outline | None]
 ) -> U16:
-    """Return (H, W) ids by object: from masks.png, an outline or, with none of these, the written shape.
+    """Return the ids by object, (H, W): from masks.png, from an outline or, without
+    both, from the written shape.
 
-    `written` holds the outline of every explicit shape, None where it is fitted. Nearer layers win shared pixels.
+    `written_outlines` holds the outline of every explicit shape, None for a fitted one. Nearer
+    layers win shared pixels.
     """
     width, height = scene.size
     out = np.zeros((height, width), np.uint16)
     problems = []
     for k in sorted(range(len(scene.objects)), key=lambda k: scene.objects[k].layer):
-        item, outline = scene.objects[k], written[k]
+        item, outline = scene.objects[k], written_outlines[k]
         mask = mask_pixels(item.mask, scene.size, labels)
         if mask is not None:
             out[mask] = k + 1
@@ -66,7 +69,7 @@ def object_labels(
     if not problems:
         hidden_names = (
             k
-            for k, outline in enumerate(written)
+            for k, outline in enumerate(written_outlines)
             if outline is None and not pixel_counts[k + 1]
         )
         problems = [_report_hidden_mask(scene, scene.objects[k]) for k in hidden_names]
@@ -78,7 +81,9 @@ def object_labels(
 def mask_pixels(
     mask: Mask | None, size: tuple[int, int], labels: U16 | None
 ) -> NDArray[np.bool_] | None:
-    """Return (H, W): what a mask covers; None where there is none, or an id without a map to be found in."""
+    """Return the pixels of a mask, (H, W); None without a mask, or for an id without a
+    label map.
+    """
     match mask:
         case MaskId(id=identity):
             return None if labels is None else np.asarray(labels == identity)
@@ -89,8 +94,11 @@ def mask_pixels(
 
 
 def fill_polygon(points: Points, size: tuple[int, int]) -> NDArray[np.bool_]:
-    """Return (H, W): pixels whose centre lies inside, by the even-odd rule."""
+    """Return the pixels with their centre inside a polygon, (H, W), by the even-odd
+    rule.
+    """
     canvas = np.zeros((size[1], size[0]), np.uint8)
+    # OpenCV takes fixed-point coordinates: 4 bits are 1/16 px.
     corners = np.rint(np.asarray(points) * 16).astype(np.int32)
     cv2.fillPoly(canvas, [corners], 1, lineType=cv2.LINE_8, shift=4)
     return canvas > 0
@@ -99,7 +107,9 @@ def fill_polygon(points: Points, size: tuple[int, int]) -> NDArray[np.bool_]:
 def _mask_problem(
     scene: Scene, path: str, item: Object | Boundary, mask: PixelMask | None
 ) -> Problem:
-    """Return the problem of a mask without a pixel; None for an id in a scene without a photo."""
+    """Return the problem of an empty mask; `mask` is None for an id in a scene without
+    a photo.
+    """
     mask_text = str(item.mask.id) if isinstance(item.mask, MaskId) else "it"
     message = Message.ID_WITHOUT_PHOTO if mask is None else Message.MASK_OF_NO_PIXEL
     return message.problem(scene.place(path), path, mask_text)
@@ -112,24 +122,27 @@ def _report_hidden_mask(scene: Scene, item: Object) -> Problem:
 
 @dataclass(frozen=True)
 class FittedOutlines:
-    """What the masks of objects and boundaries became, fitted together so that neighbours touch."""
+    """Outlines of the masks of objects and boundaries, fitted together so that
+    neighbours touch.
+    """
 
-    objects: dict[
-        int, Outline
-    ]  # by id in the objects' label map, those alone whose shape is fitted
-    walls: dict[
-        int, Region
-    ]  # by index in `Scene.boundaries`, those alone that are masks
-    scenery: PixelMask  # (H, W): pixels that show a boundary and no object
+    # By id in the objects' label map, only objects with a fitted shape.
+    objects: dict[int, Outline]
+    # By index in `Scene.boundaries`, only boundaries with a mask.
+    walls: dict[int, Region]
+    # Pixels (H, W) of a boundary without an object in front of it.
+    scenery: PixelMask
 
 
 def fit_masks(
-    scene: Scene, labels: U16 | None, of_objects: U16, fitted: list[int]
+    scene: Scene, labels: U16 | None, of_objects: U16, fitted_ids: list[int]
 ) -> FittedOutlines:
-    """Return the outlines of the objects `fitted` and of every boundary that is a mask. Raises InputError.
+    """Return the outlines of the objects `fitted_ids` and of every boundary with a mask.
+    Raise InputError.
 
-    A boundary shares its lines with what its mask touches. One whose mask lies across another's is fitted alone, as if
-    nothing stood before it: a hole in the shape of the object in front would be a trap around it.
+    A boundary shares its lines with the masks at its border. A boundary across another
+    mask is fitted alone, without a hole for the object in front of it: such a hole
+    would trap the object.
     """
     joint_labels = of_objects.astype(np.int32)
     shared_ids: dict[int, int] = {}
@@ -153,7 +166,7 @@ def fit_masks(
             joint_labels[mask] = shared_ids[k]
     if problems:
         raise InputError(problems)
-    ids = [*fitted, *shared_ids.values()]
+    ids = [*fitted_ids, *shared_ids.values()]
     fits = (
         fit_outlines(joint_labels, ids, never_discs=set(shared_ids.values()))
         if ids
@@ -163,12 +176,14 @@ def fit_masks(
         k: fit for k, i in shared_ids.items() if isinstance(fit := fits[i], Region)
     } | lone_regions
     return FittedOutlines(
-        {i: fits[i] for i in fitted}, walls, scenery & (of_objects == 0)
+        {i: fits[i] for i in fitted_ids}, walls, scenery & (of_objects == 0)
     )
 
 
 def circle_corners(radius: float) -> Array:
-    """Return corners (K, 2) px for drawing, close enough that no chord is off by a twentieth of a pixel."""
+    """Return the corners (K, 2) px of a circle for drawing. The chords deviate by less
+    than 0.05 px.
+    """
     count = np.ceil(np.pi / np.arccos(max(0.0, 1 - 0.05 / max(radius, 0.1))))
     angle = np.arange(int(np.clip(count, 12, 360))) * (2 * np.pi)
     angle /= len(angle)
@@ -183,7 +198,9 @@ def outline_rings(outline: Outline) -> list[Array]:
 
 
 def solid_of(item: Boundary) -> tuple[tuple[Array, ...], tuple[Array, float] | None]:
-    """Return the convex pieces, and the centre and radius, of a boundary that is a solid shape."""
+    """Return the convex pieces, and centre and radius, of a boundary with a solid
+    shape.
+    """
     outline = None if item.shape is None else shape_outline(item.shape)
     if isinstance(outline, Disc):
         return (), (np.asarray(outline.center, np.float64), outline.radius)
@@ -191,7 +208,7 @@ def solid_of(item: Boundary) -> tuple[tuple[Array, ...], tuple[Array, float] | N
 
 
 def walls_of(scene: Scene, regions: dict[int, Region]) -> tuple[Wall, ...]:
-    """Return the boundaries as chains; `regions` are those of masks, by index."""
+    """Return the boundaries as chains. `regions` are the fitted masks, by index."""
     passing = passages(scene)
 
     def chains(k: int, item: Boundary) -> tuple[Array, ...]:
@@ -199,6 +216,7 @@ def walls_of(scene: Scene, regions: dict[int, Region]) -> tuple[Wall, ...]:
             outline = shape_outline(item.shape)
             assert outline is not None
             rings = outline_rings(outline)
+            # Repeat the first point, so that the chain is closed.
             return tuple(np.concatenate([ring, ring[:1]]) for ring in rings)
         if k not in regions:
             return (np.array(item.points, np.float64),)
@@ -221,19 +239,20 @@ def walls_of(scene: Scene, regions: dict[int, Region]) -> tuple[Wall, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Shapes:
-    """Of a scene's N objects, and of those of its boundaries that are masks."""
+    """Shapes of the N objects of a scene, and of its boundaries with masks."""
 
-    written: tuple[Outline | None, ...]
-    """Outlines as the file or the assets have them; None where one is fitted."""
-    labels: U16  # (H, W): id k + 1 is the k-th object; 0 = background
+    written_outlines: tuple[Outline | None, ...]
+    """Outlines from the file or the assets; None for a fitted outline."""
+    # (H, W): id k + 1 is object k; 0 = background.
+    labels: U16
     fits: FittedOutlines
     wholes: tuple[Outline | None, ...] = ()
-    """With the parts that other objects hide, as the assets have them; None if none is known."""
+    """Outlines with hidden parts, from the assets; None if unknown."""
 
     @property
     def drawn(self) -> tuple[Outline, ...]:
-        """Return the outlines with their hidden parts, photo frame, for drawing."""
-        wholes = self.wholes or (None,) * len(self.written)
+        """Return the outlines with their hidden parts for drawing, photo frame."""
+        wholes = self.wholes or (None,) * len(self.written_outlines)
         return tuple(
             outline if whole_outline is None else whole_outline
             for outline, whole_outline in zip(self.outlines, wholes, strict=True)
@@ -241,15 +260,17 @@ class Shapes:
 
     @property
     def outlines(self) -> tuple[Outline, ...]:
-        """Written or fitted, photo frame."""
+        """Return the written or fitted outlines, photo frame."""
         return tuple(
             self.fits.objects[k + 1] if it is None else it
-            for k, it in enumerate(self.written)
+            for k, it in enumerate(self.written_outlines)
         )
 
 
 def shapes_of(scene: Scene, labels: U16 | None) -> Shapes:
-    """Return the shapes; `labels` (H, W) is the photo's label map, None without one. Raise InputError."""
+    """Return the shapes. `labels` (H, W) is the photo's label map, None without one.
+    Raise InputError.
+    """
     written_outlines = [_written_outline(item, labels) for item in scene.objects]
     of_objects = object_labels(scene, labels, written_outlines)
     fits = fit_masks(
@@ -265,14 +286,17 @@ def shapes_of(scene: Scene, labels: U16 | None) -> Shapes:
 
 
 def mask_crc(labels: U16, id_: int) -> int:
-    """Return the CRC-32 of the pixels of an id, by which a stored outline knows its mask."""
+    """Return the CRC-32 of an id's pixels. A stored outline is valid for the mask with
+    the same CRC.
+    """
     return crc32(np.packbits(labels == id_).tobytes())
 
 
 def _written_outline(item: Object, labels: U16 | None) -> Outline | None:
-    """Return the outline of an explicit shape, or the one stored for its mask.
+    """Return the outline of an explicit shape, or the outline stored for the mask.
 
-    None if the outline must be fitted: no shape is given, or the mask was edited.
+    Return None if the outline must be fitted: no shape is given, or the mask was
+    edited.
     """
     shape: Shape | None = item.shape
     if isinstance(shape, Auto):
@@ -281,7 +305,7 @@ def _written_outline(item: Object, labels: U16 | None) -> Outline | None:
 
 
 def _stored_whole_outline(item: Object, labels: U16 | None) -> Outline | None:
-    """Return the whole outline that was stored for an object's mask if it is unchanged."""
+    """Return the stored whole outline of an object if its mask is unchanged."""
     shape = item.shape
     if not isinstance(shape, Auto) or shape.whole is None:
         return None
@@ -291,7 +315,7 @@ def _stored_whole_outline(item: Object, labels: U16 | None) -> Outline | None:
 
 
 def _stored_shape(shape: Auto, mask: Mask | None, labels: U16 | None) -> Shape | None:
-    """Return the shape that was stored for a mask if the mask is unchanged."""
+    """Return the stored shape of a mask if the mask is unchanged."""
     if not isinstance(mask, MaskId) or labels is None or shape.stored is None:
         return None
     is_unchanged = mask_crc(labels, mask.id) == shape.crc
@@ -299,26 +323,32 @@ def _stored_shape(shape: Auto, mask: Mask | None, labels: U16 | None) -> Shape |
 
 
 BAND = 2.0
-"""px between a mask's lowest points and the line that it stands on."""
+"""Maximum distance between the lowest points of a mask and its boundary, px."""
 LEVEL = 0.7
-"""Cosine of the angle between gravity and the normal of a line up to which objects stand on it."""
+"""Minimum cosine of the angle between a boundary's upward normal and the direction
+against gravity.
+"""
 
 
 def snapped_to_boundaries(
-    scene: Scene, outlines: tuple[Outline, ...], fitted: list[bool]
+    scene: Scene, outlines: tuple[Outline, ...], fit_flags: list[bool]
 ) -> tuple[Outline, ...]:
-    """Return the outlines, those that were fitted brought onto the lines within reach of their lowest points."""
-    lines = carrying_lines(scene) if any(fitted) else []
+    """Return the outlines; move fitted ones onto boundaries within reach of their
+    lowest points.
+    """
+    lines = carrying_lines(scene) if any(fit_flags) else []
     if not lines:
         return outlines
     return tuple(
         stand_on_lines(outline, lines) if fit else outline
-        for outline, fit in zip(outlines, fitted, strict=True)
+        for outline, fit in zip(outlines, fit_flags, strict=True)
     )
 
 
 def carrying_lines(scene: Scene) -> list[Line]:
-    """Return the boundaries' segments that carry objects; none seen from above."""
+    """Return the segments of boundaries that can carry objects, or none in a view from
+    above.
+    """
     gravity = np.array(scene.world.gravity, np.float64)
     strength = float(np.hypot(*gravity))
     if scene.world.view is View.TOP or strength == 0:
@@ -327,19 +357,28 @@ def carrying_lines(scene: Scene) -> list[Line]:
         line
         for boundary in scene.boundaries
         for a, b in pairwise(np.array(boundary.points, np.float64).reshape(-1, 2))
-        if (line := Line.of(a, b, gravity / strength)) is not None
+        if (line := Line.between(a, b, gravity / strength)) is not None
     ]
 
 
 class Line:
-    """A segment that carries: its start, the unit vector along it, its length, and its normal upwards."""
+    """A carrying segment: its start, the unit vector along it, its length, and its
+    upward normal.
+    """
 
-    def __init__(self, start: Array, along: Array, length: float, up: Array) -> None:
-        self.start, self.along, self.length, self.up = start, along, length, up
+    def __init__(
+        self, start: Array, direction: Array, length: float, normal: Array
+    ) -> None:
+        self.start, self.direction, self.length, self.normal = (
+            start,
+            direction,
+            length,
+            normal,
+        )
 
     @staticmethod
-    def of(a: Array, b: Array, down: Array) -> Line | None:
-        """Return the line from `a` to `b` px; None if it is too steep to carry."""
+    def between(a: Array, b: Array, down: Array) -> Line | None:
+        """Return the line from `a` to `b` px, or None if it is too steep to carry."""
         length = float(np.hypot(*(b - a)))
         if length == 0:
             return None
@@ -348,28 +387,31 @@ class Line:
         normal = -normal if normal @ down > 0 else normal
         return Line(a, direction, length, normal) if -(normal @ down) >= LEVEL else None
 
-    def near(self, points: Array) -> tuple[NDArray[np.bool_], Array]:
-        """Which points lie along the segment, and the heights of all over its line."""
+    def measure_points(self, points: Array) -> tuple[NDArray[np.bool_], Array]:
+        """Return which points lie along the segment, and the heights of all points over
+        its line, px.
+        """
         offsets = points - self.start
-        distances = offsets @ self.along
+        distances = offsets @ self.direction
         return (distances >= -BAND) & (
             distances <= self.length + BAND
-        ), offsets @ self.up
+        ), offsets @ self.normal
 
 
 def stand_on_lines(outline: Outline, lines: list[Line]) -> Outline:
-    """Return the outline brought onto the lines within reach of its lowest points."""
+    """Return the outline on the lines within reach of its lowest points."""
     for line in lines:
         if isinstance(outline, Disc):
-            is_along, height = line.near(outline.center[None])
+            is_along, height = line.measure_points(outline.center[None])
             gap = float(height[0]) - outline.radius
             if is_along[0] and abs(gap) <= BAND:
-                outline = Disc(outline.center - gap * line.up, outline.radius)
+                outline = Disc(outline.center - gap * line.normal, outline.radius)
             continue
         points = np.concatenate([ring.outer for ring in outline.rings])
-        is_along, height = line.near(points)
+        is_along, height = line.measure_points(points)
         depths = height[is_along]
-        is_above = (mass_properties(outline).center - line.start) @ line.up > BAND
+        # An object beside a ledge, with its centre below, does not stand on it.
+        is_above = (mass_properties(outline).center - line.start) @ line.normal > BAND
         if is_above and len(depths) and -BAND <= depths.min() <= BAND:
             outline = Region(
                 tuple(
@@ -381,9 +423,9 @@ def stand_on_lines(outline: Outline, lines: list[Line]) -> Outline:
 
 
 def _flatten(points: Array, line: Line) -> Array:
-    """Return the points within the band brought onto the line."""
-    is_along, height = line.near(points)
+    """Return the points; move those within the band onto the line."""
+    is_along, height = line.measure_points(points)
     is_touching = is_along & (np.abs(height) <= BAND)
     new_points = points.copy()
-    new_points[is_touching] -= height[is_touching, None] * line.up
+    new_points[is_touching] -= height[is_touching, None] * line.normal
     return new_points

@@ -1,4 +1,4 @@
-"""Velocities at t = 0 of bodies that joints hold."""
+"""Velocities at t = 0 of bodies with joints."""
 
 from __future__ import annotations
 
@@ -13,18 +13,19 @@ from physgen.scene.scene import SPRINGS, JointKind, Motion
 
 PINS = (JointKind.PIVOT, JointKind.MOTOR)
 LOOSE = (*SPRINGS, JointKind.ROPE, JointKind.PULLEY, JointKind.GEAR)
-"""Joints that keep no point of a body in place."""
+"""Joints that do not hold a point of a body in place."""
 
 ROWS_OF = {JointKind.WELD: 3, JointKind.GEAR: 1}
-"""Speeds that a joint keeps at nothing; others keep two."""
+"""Number of speeds that a joint keeps at zero; the default is two."""
 
 
 def swing_about_pins(
     bodies: Sequence[Body], joints: Sequence[Joint]
 ) -> tuple[Body, ...]:
-    """Return the bodies; one that only turns about one fixed pin gets the velocity of its spin.
+    """Return the bodies. A body that can only turn about one fixed pin gets the
+    velocity of its spin.
 
-    Of a rod that is pinned at its end, a spin means that the rod turns about its end.
+    The spin of a rod with a pin at its end means a turn about that end.
     """
     return tuple(_swinging(k, body, bodies, joints) for k, body in enumerate(bodies))
 
@@ -52,7 +53,9 @@ def _swinging(
 
 
 def velocities_that_joints_allow(world: World) -> Array:
-    """Return velocities (N, 3) at t = 0 after the impulses of pins and welds: px/s, px/s, rad/s."""
+    """Return the velocities (N, 3) at t = 0 after the impulses of pins and welds: px/s,
+    px/s, rad/s.
+    """
     bodies = world.bodies
     velocity = np.array([[*body.velocity, body.spin] for body in bodies])
     rows: list[Array] = []
@@ -66,9 +69,12 @@ def velocities_that_joints_allow(world: World) -> Array:
         ):
             if body is not None:
                 x, y = point
+                # The velocity of a point of a body is v + omega x r; the third row is
+                # the spin.
                 block[:, body] = sign * np.array([[1, 0, -y], [0, 1, x], [0, 0, 1]])
         if joint.kind is JointKind.SLIDER:
             (rail,) = joint.guide
+            # A slider keeps the speed across its rail and the spin at zero.
             normal = np.array([-rail[1], rail[0], 0.0]) / np.hypot(*rail)
             block[0] = np.tensordot(normal, block, 1)
             block[1] = block[2]
@@ -83,8 +89,11 @@ def velocities_that_joints_allow(world: World) -> Array:
     is_dynamic = [body.motion is Motion.DYNAMIC for body in bodies]
     weights = np.array([[body.mass, body.mass, body.moment] for body in bodies])
     inverse = np.where(np.array(is_dynamic)[:, None], 1 / weights, 0.0).ravel()
+    # Impulses J along the rows satisfy (J M^-1 J^T) p = J v: afterwards no row has a
+    # speed.
     give = (jacobian * inverse) @ jacobian.T
     excess = jacobian @ velocity.ravel()
+    # Redundant joints make the matrix singular: least squares share the impulse.
     impulse: Array = np.linalg.lstsq(give, excess, rcond=1e-10)[0]
     change = inverse * (jacobian.T @ impulse)
     return np.asarray((velocity.ravel() - change).reshape(-1, 3))

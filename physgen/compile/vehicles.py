@@ -1,4 +1,4 @@
-"""Vehicles: bodies that wheels carry."""
+"""Vehicles: bodies on wheels."""
 
 from __future__ import annotations
 
@@ -30,45 +30,50 @@ from physgen.scene.scene import Motion, Object, Scene, View
 class VehicleConstants:
     """Constants of bodies with wheels."""
 
-    gap: float = 0.06  # of a wheel's radius, between it and the body around it
-    clearance: float = 0.35  # of its radius: the least height of the body over the road
-    corners: int = 24  # of the circle that is cut out of the body
-    speck: float = 0.01  # of the body's area: smaller parts of it are left out
+    # Gap between a wheel and the body around it, in wheel radii.
+    gap: float = 0.06
+    # Minimum height of the body over the road, in wheel radii.
+    clearance: float = 0.35
+    # Corners of the circle cut out of the body.
+    corners: int = 24
+    # Minimum area of a part of the body, in areas of the body.
+    speck: float = 0.01
 
 
 VEHICLE = VehicleConstants()
 
 
 def with_wheels(
-    body: Body, item: Object, outline: Outline, shown: Outline, scene: Scene
+    body: Body, item: Object, outline: Outline, photo_outline: Outline, scene: Scene
 ) -> Body:
-    """Return the body on its wheels; itself if it has none that can turn.
+    """Return the body on its wheels, or unchanged without wheels that can turn.
 
-    `outline` is where the object is put, `shown` where the photo shows it. Raises
-    InputError for a wheel that is not on the object.
+    `outline` is the object at its place, `photo_outline` the object in the photo. Raise
+    InputError for a wheel outside the object.
     """
     if not item.wheels:
         return body
-    check_wheels(item, shown, scene)
+    check_wheels(item, photo_outline, scene)
     if item.motion is not Motion.DYNAMIC or scene.world.view is View.TOP:
         return body
-    wheels = place_wheels(body, item, shown, scene)
+    wheels = place_wheels(body, item, photo_outline, scene)
     pieces = chassis_pieces(outline, body.center, wheels, scene)
     return replace(body, wheels=wheels, pieces=pieces or body.pieces)
 
 
-def check_wheels(item: Object, shown: Outline, scene: Scene) -> None:
-    """Raise InputError for wheels that are not on the object, and for a round object."""
+def check_wheels(item: Object, photo_outline: Outline, scene: Scene) -> None:
+    """Raise InputError for wheels outside the object, and for a round object."""
     problems = []
-    if isinstance(shown, Disc):
+    if isinstance(photo_outline, Disc):
         path = f"objects.{item.name}.wheels"
         raise Message.WHEELS_ON_CIRCLE.error_at(scene.place(path), path, "the wheels")
-    body = _polygon(shown)
+    body = _polygon(photo_outline)
     for index, wheel in enumerate(item.wheels):
         path = f"objects.{item.name}.wheels[{index}]"
         circle = shapely.Point(wheel.center).buffer(wheel.radius)
         if body.distance(shapely.Point(wheel.center)) <= wheel.radius:
             others = item.wheels[:index]
+            # Two wheels within a pixel are one wheel written twice.
             if any(np.hypot(*np.subtract(o.center, wheel.center)) < 1 for o in others):
                 value_text = f"the wheel at {wheel.center[0]:g}, {wheel.center[1]:g}"
                 problems.append(
@@ -94,10 +99,10 @@ def check_wheels(item: Object, shown: Outline, scene: Scene) -> None:
 
 
 def place_wheels(
-    body: Body, item: Object, shown: Outline, scene: Scene
+    body: Body, item: Object, photo_outline: Outline, scene: Scene
 ) -> tuple[Wheel, ...]:
-    """Return the wheels in the body's frame, on the ground that is within reach."""
-    middle = mass_properties(shown).center
+    """Return the wheels in the body's frame, on the ground if it is within reach."""
+    middle = mass_properties(photo_outline).center
     lines = carrying_lines(scene)
     turn = rotation(radians(item.place[2])) if item.place is not None else np.eye(2)
     wheels = []
@@ -114,7 +119,7 @@ def place_wheels(
 def chassis_pieces(
     outline: Outline, center: Array, wheels: tuple[Wheel, ...], scene: Scene
 ) -> tuple[Array, ...]:
-    """Return convex pieces of the body without its wheels and what hangs below them.
+    """Return the convex pieces of the body above the road and without its wheels.
 
     The lowest part of a mask is often a shadow or a far wheel, which would scrape.
     """
@@ -142,7 +147,9 @@ def _road(
     scene: Scene,
     bounds: tuple[float, float, float, float],
 ) -> shapely.Polygon:
-    """Return what is lower than the clearance over the line that the wheels touch."""
+    """Return the region below the clearance over the line through the wheels' lowest
+    points.
+    """
     gravity = np.array(scene.world.gravity, np.float64)
     strength = float(np.hypot(*gravity))
     down = gravity / strength if strength > 0 else np.array([0.0, 1.0])
@@ -152,8 +159,10 @@ def _road(
     first, last = touching[order[0]], touching[order[-1]]
     run = last - first
     length = float(np.hypot(*run))
+    # A single wheel has no line: the road is level.
     way = run / length if length > 1 else direction
     lift = VEHICLE.clearance * min(wheel.radius for wheel in wheels)
+    # The polygon must be larger than the body in every direction.
     distance = 4 * float(np.hypot(bounds[2] - bounds[0], bounds[3] - bounds[1])) + 100
     middle = (first + last) / 2 - lift * down
     corners = [middle - distance * way, middle + distance * way]

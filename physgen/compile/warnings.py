@@ -1,32 +1,30 @@
-"""Warnings about a compiled scene: values that are allowed and probably not intended."""
+"""Warnings about a compiled scene: values that are allowed but probably not
+intended.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from functools import partial
 from math import ceil, sqrt
 
-import cv2
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 from shapely.affinity import translate
 
 from physgen.compile.compile import CompiledScene
-from physgen.compile.shapes import U16
+from physgen.compile.photo_warnings import doubtful_ids, missed_masks, photo_differs
 from physgen.compile.starts import velocities_that_joints_allow
+from physgen.compile.warning_limits import LIMITS, warning
 from physgen.compile.world import Body
 from physgen.geometry.convex import outline_shape, overlap_depth
-from physgen.geometry.polygon import Outline
-from physgen.geometry.raster import coverage_box
-from physgen.maps import U8, Percepts
+from physgen.maps import Percepts
 from physgen.messages import Message
 from physgen.problems import Problem, by_place
 from physgen.scene.construction import EARTH
 from physgen.scene.files import equal
+from physgen.scene.framing import confine_center
 from physgen.scene.scene import (
-    Auto,
     FieldKind,
     JointKind,
     Motion,
@@ -37,72 +35,25 @@ from physgen.scene.scene import (
     Striker,
     View,
     collides,
-    confine_center,
 )
-from physgen.text import listed, percent, quoted
+from physgen.text import listed, quoted
 
-Mask = NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class WarningLimits:
-    """Thresholds of warnings."""
-
-    away: float = 0.5  # px by which a view may be moved without anyone seeing it
-    reach: int = 5  # px beyond a mask's border that its soft coverage may reach
-    pairs: int = (
-        200  # overlapping pairs that are named, about; further ones are counted
-    )
-    overlap: float = (
-        0.25  # px of overlap at t = 0 that the engine resolves without anyone seeing it
-    )
-    near: float = 42 / 512
-    """Of the photo's longer side: around what is covered `background.png` need not be the photo; rims and contact
-    shadows are filled there."""
-    over: int = 5
-    """px a side of the squares over which differences are averaged: what compression leaves of a photo is gone then."""
-    levels: int = (
-        8  # grey levels of such a mean from which on a pixel is not the photo's
-    )
-    least: int = (
-        64  # such pixels in one piece from which on a map counts as different: 8 x 8 px
-    )
-    missed: float = 0.03
-    """Part of a mask that its shape may miss, or by which it may reach beyond what the photo shows of any object."""
-    seen: float = 0.08
-    """Of a mask's size (root of its area): how far it may reach beyond the hull of its shape.
-
-    The photo also shows a top, an inside or a rim nearer the lens."""
-    thin: int = 5  # px: threads and wires narrower than this need no shape
-    frames: int = 1800  # a minute of video at 30 a second: more is seldom meant
-    excluded: float = (
-        0.01  # part of a velocity at t = 0 that joints may change unnoticed
-    )
-    weak: float = 0.1
-    """Of the Earth's gravity: the Moon's is 0.17 of it; a weaker one is m/s² without the unit."""
-    fall: float = 0.2
-    """px by which gravity moves an object within a step, from which on stacks sink by 0.4 px and more."""
-    most_steps: float = 1e5
-    """1/s: steps that a scene may ask for."""
-    visible: float = 0.5  # px from the centre: a smaller object fills no pixel
-    draws: float = (
-        0.03  # s for a frame of 512 x 512 px and its files, about, on two cores of 2020
-    )
-    support: float = 4.0
-    """px below an object in which its support must lie; outlines and floors of photos are off by as much."""
-
-
-LIMITS = WarningLimits()
 PARTS = (1.0, 0.75, 0.5, 0.25, 0.125)
-"""Of the way down to its support, at which an object is tried; 0.5 px is less than any object's height."""
-TOUCH = 1e-6  # px of overlap that rounding makes of none
-SAMPLES = 32  # places along a boundary within an object at which its depth is taken
+"""Shares of the way down to the support for trial positions; the smallest, 0.5 px, is
+less than any object's height.
+"""
+# Overlap from rounding, px.
+TOUCH = 1e-6
+# Number of points along a boundary within an object for its depth.
+SAMPLES = 32
 
 
 def lint(
-    scene: Scene, compiled: CompiledScene, maps: Percepts | None = None
+    scene: Scene, compilation: CompiledScene, maps: Percepts | None = None
 ) -> list[Problem]:
-    """Return every warning, sorted by place; those of the photo's maps where `maps` are given."""
+    """Return all warnings, sorted by place. With `maps`, also return those of the
+    photo's maps.
+    """
     rules = (
         _overlaps,
         _unsupported_objects,
@@ -112,26 +63,23 @@ def lint(
         _weak_gravity,
         _coarse_steps,
         _invisible,
-        _missed_masks,
+        missed_masks,
         _views,
         _outdated_values,
         _long,
     )
-    problems = [problem for rule in rules for problem in rule(scene, compiled)]
+    problems = [problem for rule in rules for problem in rule(scene, compilation)]
     return by_place(
-        [*problems, *photo_differs(scene, compiled, maps), *_doubtful(scene, maps)]
+        [
+            *problems,
+            *photo_differs(scene, compilation, maps),
+            *doubtful_ids(scene, maps),
+        ]
     )
 
 
-def warning(
-    scene: Scene, path: str, found: str, message: Message, **values: object
-) -> Problem:
-    """Return a warning at the place where `path` was written."""
-    return message.warning(scene.place(path), path, found, **values)
-
-
-def _idle_striker(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
-    """Yield a warning of what comes into the picture and has nothing to push."""
+def _idle_striker(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
+    """Yield a warning about a striking hand or finger that has nothing to push."""
     enter = scene.render.enter
     if enter is Striker.NONE:
         return
@@ -148,16 +96,18 @@ def _idle_striker(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
         yield warning(scene, "render.enter", found, message, why=why)
 
 
-def _without_effect(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
-    """Yield warnings of keys that a reader would expect to change the clip, and that do not."""
+def _without_effect(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
+    """Yield warnings about keys that a reader expects to change the clip, but that do
+    not.
+    """
     motion = {item.name: item.motion for item in scene.objects}
     if scene.world.table_friction > 0 and scene.world.view is not View.TOP:
         friction = f"{scene.world.table_friction:g}"
         message = Message.TABLE_FROM_SIDE
         yield warning(scene, "world.table.friction", friction, message)
-    for item, body in zip(scene.objects, compiled.world.bodies, strict=True):
+    for item, body in zip(scene.objects, compilation.world.bodies, strict=True):
         yield from _object_keys_without_effect(scene, item, body)
-    yield from _forces_without_effect(scene, compiled, motion)
+    yield from _forces_without_effect(scene, compilation, motion)
     for joint in scene.joints:
         if all(motion[name] is not Motion.DYNAMIC for name in joint.objects):
             path = f"joints.{joint.name}"
@@ -171,7 +121,7 @@ def _without_effect(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
 
 
 def _belts_without_table(scene: Scene) -> Iterator[Problem]:
-    """Yield warnings of belts and turntables that carry nothing."""
+    """Yield warnings about belts and turntables without a load."""
     is_from_above = scene.world.view is View.TOP
     if is_from_above and scene.world.table_friction > 0:
         return
@@ -184,7 +134,7 @@ def _belts_without_table(scene: Scene) -> Iterator[Problem]:
 def _object_keys_without_effect(
     scene: Scene, item: Object, body: Body
 ) -> Iterator[Problem]:
-    """Yield warnings of keys of one object that have no effect on its motion."""
+    """Yield warnings about keys of one object without effect on its motion."""
     path = f"objects.{item.name}"
     is_dynamic = item.motion is Motion.DYNAMIC
     is_from_above = scene.world.view is View.TOP
@@ -223,10 +173,10 @@ def _object_keys_without_effect(
 
 
 def _forces_without_effect(
-    scene: Scene, compiled: CompiledScene, motion: Mapping[str, Motion]
+    scene: Scene, compilation: CompiledScene, motion: Mapping[str, Motion]
 ) -> Iterator[Problem]:
-    """Yield warnings of forces on objects that cannot move, and of forces after the end."""
-    end = compiled.world.duration
+    """Yield warnings about forces on fixed objects, and about forces after the end."""
+    end = compilation.world.duration
     for k, force in enumerate(scene.forces):
         if motion[force.object] is not Motion.DYNAMIC:
             yield warning(
@@ -246,7 +196,7 @@ def _forces_without_effect(
 def _gears_without_pins(
     scene: Scene, motion: Mapping[str, Motion]
 ) -> Iterator[Problem]:
-    """Yield warnings of gears of dynamic objects that nothing holds in place."""
+    """Yield warnings about gears of dynamic objects without a pin."""
     pinned_names = set[str]()
     for joint in scene.joints:
         if joint.kind in (JointKind.PIVOT, JointKind.MOTOR, JointKind.WELD):
@@ -267,9 +217,11 @@ def _gears_without_pins(
             )
 
 
-def _excluded_starts(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
-    """Yield warnings of velocities at t = 0 that joints exclude, with those that they allow."""
-    world = compiled.world
+def _excluded_starts(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
+    """Yield warnings about velocities at t = 0 that joints exclude, with the allowed
+    velocities.
+    """
+    world = compilation.world
     if not world.joints:
         return
     allowed_velocities = velocities_that_joints_allow(world)
@@ -277,9 +229,10 @@ def _excluded_starts(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]
         if body.motion is not Motion.DYNAMIC or not (any(item.velocity) or item.spin):
             continue
         change = allowed_velocities[k] - (*body.velocity, body.spin)
+        # A spin counts as the speed of the farthest point, so that both have one unit.
         speed = float(np.hypot(*body.velocity)) + abs(body.spin) * body.reach
         change_size = float(np.hypot(*change[:2])) + abs(change[2]) * body.reach
-        if change_size <= LIMITS.excluded * speed:
+        if change_size <= LIMITS.start_change * speed:
             continue
         x, y, spin = (
             allowed_velocities[k, 0],
@@ -291,14 +244,14 @@ def _excluded_starts(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]
         yield warning(scene, path, key, message, x=x, y=y, spin=spin)
 
 
-def _weak_gravity(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
-    """Yield warnings of gravity without a unit that is too weak to be meant in px/s²."""
+def _weak_gravity(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
+    """Yield warnings about gravity without a unit, if it is too weak for px/s²."""
     world = scene.world
     strength = float(np.hypot(*world.gravity)) / world.pixels_per_meter
     is_stated = "world.gravity" in scene.places and not world.gravity_in_units
     if world.view is View.TOP or not is_stated or strength == 0:
         return
-    if strength < LIMITS.weak * EARTH:
+    if strength < LIMITS.min_gravity * EARTH:
         x, y = world.gravity
         yield warning(
             scene,
@@ -311,13 +264,14 @@ def _weak_gravity(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
         )
 
 
-def _coarse_steps(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
-    """Steps in which gravity moves objects so far that stacks sink or fall."""
-    world = compiled.world
+def _coarse_steps(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
+    """Yield warnings about steps with such a long fall that stacks sink or collapse."""
+    world = compilation.world
     strength = float(np.hypot(*world.gravity))
     fall = strength / world.steps_per_second**2
     if fall <= LIMITS.fall:
         return
+    # Suggest a round number of steps.
     steps = 100 * ceil(sqrt(strength / LIMITS.fall) / 100)
     message = Message.STEPS_COARSE
     if steps > LIMITS.most_steps:
@@ -326,9 +280,9 @@ def _coarse_steps(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
     yield warning(scene, path, found, message, fall=fall, steps=steps)
 
 
-def _invisible(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
-    """Yield warnings of objects smaller than a pixel, as sizes in meters are."""
-    for item, body in zip(scene.objects, compiled.world.bodies, strict=True):
+def _invisible(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
+    """Yield warnings about objects smaller than a pixel, a sign of sizes in metres."""
+    for item, body in zip(scene.objects, compilation.world.bodies, strict=True):
         if body.reach >= LIMITS.visible:
             continue
         size_text = f"{item.name} of {2 * body.reach:.2g} px"
@@ -336,8 +290,8 @@ def _invisible(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
         yield warning(scene, path, size_text, Message.SHAPE_INVISIBLE)
 
 
-def _outdated_values(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
-    """Yield warnings of numbers that follow a label or a scale, where the file still has those for another."""
+def _outdated_values(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
+    """Yield warnings about numbers that belong to an earlier label or scale."""
     record, scale = scene.record, scene.world.pixels_per_meter
     stated = "world.pixels_per_meter" in scene.places
     if stated and record.scale is not None and not equal(record.scale, scale):
@@ -364,9 +318,9 @@ def _outdated_values(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]
                 yield warning(scene, key_path, scale_text, message, values=values)
 
 
-def _long(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
-    """Yield the warning of a clip of many frames, which takes long."""
-    frames, (width, height) = len(compiled.world.times), scene.video_size
+def _long(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
+    """Yield a warning about a slow clip with many frames."""
+    frames, (width, height) = len(compilation.world.times), scene.video_size
     if frames > LIMITS.frames:
         minutes = frames * LIMITS.draws * max(width * height / 512**2, 1) / 60
         yield warning(
@@ -380,8 +334,10 @@ def _long(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
         )
 
 
-def _views(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
-    """Yield warnings of views of the camera that would leave the photo, or that are reached when the clip is over."""
+def _views(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
+    """Yield warnings about camera views beyond the photo's border, or after the end of
+    the clip.
+    """
     for index, sight in enumerate(scene.render.camera):
         path = "render.camera"
         if f"{path}[{index}]" in scene.places:
@@ -390,7 +346,10 @@ def _views(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
             x, y = confine_center(
                 sight.center, scene.size, scene.video_size, sight.zoom
             )
-            if max(abs(x - sight.center[0]), abs(y - sight.center[1])) > LIMITS.away:
+            if (
+                max(abs(x - sight.center[0]), abs(y - sight.center[1]))
+                > LIMITS.view_shift
+            ):
                 center_text = f"[{sight.center[0]:g}, {sight.center[1]:g}]"
                 yield warning(
                     scene,
@@ -401,188 +360,16 @@ def _views(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
                     x=x,
                     y=y,
                 )
-        end = compiled.world.duration
+        end = compilation.world.duration
         if sight.time > end:
             time_path, message = f"{path}.time", Message.VIEW_AFTER_END
             yield warning(scene, time_path, f"{sight.time:g}", message, end=end)
 
 
-def maps_cover_masks(maps: Percepts, labels: U16, scenery: Mask) -> bool:
-    """Return whether what was stored of coverage and background was made for masks like the scene's.
-
-    `labels` (H, W) are the scene's objects, 0 = none; `scenery` (H, W) are pixels that show a boundary.
-    """
-    if ((labels > 0) & (maps.cut_out == 0)).any():
-        return False
-    if maps.coverage is None or not scenery.any():
-        return True
-    reachable = _grow(labels > 0, LIMITS.reach)
-    return not (maps.coverage[scenery & ~reachable] > 0.5).any()
-
-
-def photo_differs(
-    scene: Scene, compiled: CompiledScene, maps: Percepts | None
-) -> Iterator[Problem]:
-    """Yield the warning of a photo edited after its maps were made: the clip shows `background.png`.
-
-    Where `clean.png` is more like the photo than like the background, the background was painted on purpose.
-    """
-    if (
-        maps is None
-        or maps.coverage is None
-        or maps.background is None
-        or scene.image is None
-    ):
-        return
-    if not maps_cover_masks(
-        maps, compiled.labels, compiled.scenery
-    ):  # it is made anew, of the photo
-        return
-    background_mask = ~_grow(
-        (maps.coverage > 0) | (maps.cut_out > 0) | (compiled.labels > 0),
-        round(LIMITS.near * max(scene.size)),
-    )
-    if (
-        cv2.norm(
-            maps.rgb, maps.background, cv2.NORM_INF, background_mask.astype(np.uint8)
-        )
-        == 0
-    ):
-        return
-    photo_difference = _mean_difference(maps.rgb, maps.background, background_mask)
-    differs = (np.abs(photo_difference) > LIMITS.levels).any(axis=2) & background_mask
-    if maps.clean is not None:
-        clean_difference = _mean_difference(
-            maps.clean, maps.background, background_mask
-        )
-        differs &= np.abs(clean_difference - photo_difference).sum(axis=2) >= np.abs(
-            clean_difference
-        ).sum(axis=2)
-    _, ids, stats, _ = cv2.connectedComponentsWithStats(differs.astype(np.uint8))
-    large = stats[:, cv2.CC_STAT_AREA] >= LIMITS.least  # compression leaves specks
-    large[0] = False
-    rows, columns = np.nonzero(large[ids])
-    if len(rows):
-        range_text = (
-            f"x {columns.min()} to {columns.max()}, y {rows.min()} to {rows.max()}"
-        )
-        message, count = Message.PHOTO_EDITED, len(rows)
-        name = scene.image.name
-        yield warning(scene, "image", name, message, count=count, place=range_text)
-
-
-def _doubtful(scene: Scene, maps: Percepts | None) -> Iterator[Problem]:
-    """Yield warnings of doubtful ids that no region has, or an object."""
-    owners, named_ids = (
-        {
-            name: entry["mask"]
-            for name, entry in entries.items()
-            if isinstance(entry.get("mask"), int)
-        }
-        for entries in (scene.document["objects"], scene.document.get("doubtful", {}))
-    )
-    owners = {mask: name for name, mask in owners.items()}
-    owners_by_id = (
-        set(np.unique(maps.labels).tolist())
-        if named_ids and maps is not None
-        else set(named_ids.values())
-    )
-    for name, mask in named_ids.items():
-        if mask in owners:
-            mask_path, message = f"doubtful.{name}.mask", Message.DOUBTFUL_IS_OBJECT
-            yield warning(scene, mask_path, str(mask), message, name=owners[mask])
-        elif mask not in owners_by_id:
-            mask_path = f"doubtful.{name}.mask"
-            yield warning(scene, mask_path, str(mask), Message.DOUBTFUL_ID_MISSING)
-
-
-def _mean_difference(one: U8, other: U8, within: Mask) -> NDArray[np.int16]:
-    """Return (H, W, 3) grey levels from the other picture to the one, means over squares of what is `within`."""
-    difference = cv2.subtract(one, other, dtype=cv2.CV_16S)
-    difference[~within] = 0
-    return np.asarray(cv2.blur(difference, (LIMITS.over, LIMITS.over)), np.int16)
-
-
-def _grow(mask: Mask, by: int) -> Mask:
-    """Return (H, W): the mask and all within `by` px of it, along rows, columns and diagonals."""
-    return np.asarray(
-        cv2.dilate(mask.astype(np.uint8), np.ones((2 * by + 1, 2 * by + 1), np.uint8))
-        > 0
-    )
-
-
-def _missed_masks(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
-    """Yield warnings of written shapes that differ from the object's mask."""
-    shapes = zip(scene.objects, compiled.shapes.written, strict=True)
-    for k, (item, outline) in enumerate(shapes):
-        mask = compiled.labels == k + 1
-        area = np.count_nonzero(mask)
-        if outline is None or item.mask is None or not area:
-            continue
-        fix = "correct the outline or the mask"
-        if scene.document["objects"][item.name].get("shape") != "outline":
-            fix = f"write shape: outline, or {fix}"
-        differences = _shape_differences(item, outline, mask, compiled)
-        messages = (Message.SHAPE_MISSES_MASK, Message.SHAPE_BEYOND_MASK)
-        for part, message in zip(differences, messages, strict=True):
-            share = _opened_area(part) / area
-            if share > LIMITS.missed:
-                path = f"objects.{item.name}.shape"
-                values = {"share": percent(share), "fix": fix}
-                yield warning(scene, path, "the shape", message, **values)
-
-
-def _shape_differences(
-    item: Object, outline: Outline, mask: Mask, compiled: CompiledScene
-) -> tuple[Mask, Mask]:
-    """Return the part of a mask outside of its shape, and the part of the shape where the photo shows something else.
-
-    `mask` is (H, W) bool; the results are cut to the surroundings of mask and shape.
-    """
-    reach = LIMITS.seen * np.count_nonzero(mask) ** 0.5
-    hull = outline_shape(outline).convex_hull.buffer(reach)
-    corners = np.rint(shapely.get_coordinates(hull)).astype(np.int32)
-    height, width = mask.shape
-    cover, (x0, y0) = coverage_box(outline, (0, 0, width, height))
-    x1, y1 = x0 + cover.shape[1], y0 + cover.shape[0]
-    x, y, w, h = cv2.boundingRect(mask.astype(np.uint8))
-    # a spike without area is a part of the coverage's box and not of the hull
-    extent = np.concatenate([corners, [[x0, y0], [x1, y1], [x, y], [x + w, y + h]]])
-    left, top = np.maximum(extent.min(axis=0) - LIMITS.thin, 0).tolist()
-    right, bottom = (extent.max(axis=0) + LIMITS.thin).tolist()
-    window = np.s_[top:bottom, left:right]
-    box = np.s_[y0 - top : y1 - top, x0 - left : x1 - left]
-    mask = mask[window]
-    inside_hull = np.zeros(mask.shape, np.uint8)
-    cv2.fillPoly(inside_hull, [corners - np.array([left, top], np.int32)], 1)
-    occupied = compiled.labels[window] > 0
-    occupied |= compiled.scenery[window] | _fill_holes(mask)
-    if isinstance(item.shape, Auto):
-        # perception lays a flat base under what the photo shows from above
-        occupied |= np.logical_or.accumulate(mask, axis=0)
-    return mask & (inside_hull == 0), (cover >= 0.5) & ~occupied[box]
-
-
-def _opened_area(mask: Mask) -> float:
-    """Return the area of a mask without thin parts, px²; 0 for a shape beyond the picture."""
-    if not mask.size:
-        return 0.0
-    kernel = np.ones((LIMITS.thin, LIMITS.thin), np.uint8)
-    opened = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, kernel)
-    return float(opened.sum())
-
-
-def _fill_holes(mask: Mask) -> Mask:
-    """Return (H, W): the mask with its holes, such as the one of a handle."""
-    outside = np.pad((~mask).astype(np.uint8), 1, constant_values=1)
-    cv2.floodFill(outside, None, (0, 0), 2)
-    return np.asarray(outside[1:-1, 1:-1] != 2)
-
-
-def _overlaps(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
-    shapes = [outline_shape(outline) for outline in compiled.outlines]
+def _overlaps(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
+    shapes = [outline_shape(outline) for outline in compilation.outlines]
     tree = shapely.STRtree(shapes)
-    # a wheel may lie before the car that it is joined to
+    # A wheel may lie in front of its car.
     joined_pairs = {
         frozenset(joint.objects) for joint in scene.joints if not joint.collide
     }
@@ -590,6 +377,7 @@ def _overlaps(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
     for i, item in enumerate(scene.objects):
         path = f"objects.{item.name}.shape"
         neighbours = tree.query(shapes[i])
+        # Earlier objects only, so that each pair is named once.
         neighbours = np.sort(neighbours[neighbours < i])
         if named_count >= LIMITS.pairs:
             left_out += len(neighbours)
@@ -599,14 +387,14 @@ def _overlaps(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
             if {item.name, other} not in joined_pairs and collides(
                 item, scene.objects[j]
             ):
-                depth = overlap_depth(compiled.outlines[i], compiled.outlines[j])
+                depth = overlap_depth(compilation.outlines[i], compilation.outlines[j])
                 if depth > LIMITS.overlap:
                     named_count += 1
                     overlap = Message.OVERLAP_AT_START
                     yield warning(
                         scene, path, item.name, overlap, other=other, depth=depth
                     )
-        for edge, wall in zip(scene.boundaries, compiled.world.walls, strict=True):
+        for edge, wall in zip(scene.boundaries, compilation.world.walls, strict=True):
             is_passed = not collides(item, edge) or edge.one_way is not None
             if item.motion is not Motion.DYNAMIC or is_passed:
                 continue
@@ -628,7 +416,9 @@ def _overlaps(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
 
 
 def depth_across(shape: shapely.Geometry, wall: shapely.LineString) -> float:
-    """How far a shape reaches across a wall, px: the greatest distance of the wall within it from its border."""
+    """Return the depth of a shape across a wall, px: the greatest distance from the
+    wall's part inside the shape to its border.
+    """
     inside = shape.intersection(wall)
     if inside.length == 0:
         return 0.0
@@ -638,22 +428,23 @@ def depth_across(shape: shapely.Geometry, wall: shapely.LineString) -> float:
     return float(shapely.distance(points, shape.boundary).max())
 
 
-# Support
+# ---- support
 
 
-def supports(scene: Scene, compiled: CompiledScene) -> list[list[str]]:
-    """Return the names of what each object meets on its way down; all empty without gravity in the photo's plane.
+def supports(scene: Scene, compilation: CompiledScene) -> list[list[str]]:
+    """Return the names of the objects and boundaries in each object's way down; all
+    empty without gravity in the photo's plane.
 
-    What only touches an object's side is no support.
+    A contact at an object's side only is not a support.
     """
-    gravity = compiled.world.gravity
+    gravity = compilation.world.gravity
     if scene.world.view is View.TOP or not gravity.any():
         return [[] for _ in scene.objects]
     down = gravity / float(np.hypot(*gravity)) * LIMITS.support
-    shapes = [outline_shape(outline) for outline in compiled.outlines]
+    shapes = [outline_shape(outline) for outline in compilation.outlines]
     chains = [
         (wall.name, shapely.LineString(chain))
-        for wall in compiled.world.walls
+        for wall in compilation.world.walls
         for chain in wall.chains
     ]
     names = [item.name for item in scene.objects] + [name for name, _ in chains]
@@ -661,6 +452,7 @@ def supports(scene: Scene, compiled: CompiledScene) -> list[list[str]]:
 
     def met(i: int) -> list[str]:
         lowered_shapes = (translate(shapes[i], *(down * part)) for part in PARTS)
+        # The shrunken region leaves out neighbours with a common side.
         way = shapely.union_all(list(lowered_shapes)).buffer(-TOUCH)
         hits = sorted(int(k) for k in others.query(way, "intersects") if k != i)
         return list(dict.fromkeys(names[k] for k in hits))
@@ -668,15 +460,17 @@ def supports(scene: Scene, compiled: CompiledScene) -> list[list[str]]:
     return [met(i) for i in range(len(shapes))]
 
 
-def _unsupported_objects(scene: Scene, compiled: CompiledScene) -> Iterator[Problem]:
-    """Objects of a photo, at rest where they are in it, with nothing under them or under what they are joined to."""
+def _unsupported_objects(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
+    """Yield warnings about objects of a photo at rest without a support below them or
+    below their joined partners.
+    """
     if (
         scene.image is None
         or scene.world.view is View.TOP
-        or not compiled.world.gravity.any()
+        or not compilation.world.gravity.any()
     ):
         return
-    supports_by_object = supports(scene, compiled)
+    supports_by_object = supports(scene, compilation)
     hanging = [
         i
         for group in _joined_groups(scene)
@@ -690,10 +484,13 @@ def _unsupported_objects(scene: Scene, compiled: CompiledScene) -> Iterator[Prob
 
 
 def _joined_groups(scene: Scene) -> list[set[int]]:
-    """Return the dynamic objects that joints hold together; those that are held to what does not fall are left out."""
+    """Return the groups of dynamic objects with joints between them, without groups
+    that hang on fixed things.
+    """
     index = {item.name: k for k, item in enumerate(scene.objects)}
     root = list(range(len(scene.objects) + 1))
-    world_index = len(scene.objects)  # the world, and all that stands in it
+    # The world and all fixed objects.
+    world_index = len(scene.objects)
 
     def find(k: int) -> int:
         while root[k] != k:

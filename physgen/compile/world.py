@@ -1,6 +1,6 @@
-"""The resolved world that the engine simulates: no paths, no defaults; px, s, g, rad; image axes.
+"""The world for the engine, without paths and defaults; px, s, g, rad; image axes.
 
-A body's frame has its origin at the centre of mass and is turned by 0 at t = 0.
+A body's frame has its origin at the centre of mass and the angle 0 at t = 0.
 """
 
 from __future__ import annotations
@@ -45,17 +45,19 @@ from physgen.text import name_ranges
 
 @dataclass(frozen=True)
 class Surface:
-    """Factors of a body's or wall's coefficients: a pair's coefficient is the product of the two factors.
+    """Factors of the coefficients of a body or wall. The coefficient of a pair is the
+    product of its two factors.
 
-    `combine: geometric` puts the square root here, `multiply` the coefficient itself; see `compile.pairs`.
+    The factor is the square root of the coefficient for `combine: geometric`, and the
+    coefficient itself for `multiply`; see `compile.pairs`.
     """
 
     friction: float
     elasticity: float
     static_friction: float | None = None
-    """Factor while nothing slides; None: as friction."""
+    """Factor before sliding starts; None: as `friction`."""
     conveyor: float = 0.0
-    """px/s at which the surface runs around the body or wall, to the right on its top."""
+    """Speed of the surface around the body or wall, px/s, to the right on its top."""
 
 
 EVERY_GROUP = 0xFFFFFFFF
@@ -64,19 +66,19 @@ EVERY_GROUP = 0xFFFFFFFF
 
 @dataclass(frozen=True)
 class Passage:
-    """What passes through a body or a wall."""
+    """Collision groups and the one-way direction of a body or a wall."""
 
     group: int = 1
     """Bit of its own collision group."""
     collides_with: int = EVERY_GROUP
-    """Bits of the groups that it collides with."""
+    """Bits of the groups for collisions."""
     one_way: tuple[float, float] | None = None
-    """Direction in which others pass."""
+    """Direction in which others can pass."""
 
 
 @dataclass(frozen=True)
 class Wheel:
-    """A wheel that turns on a pin of its body."""
+    """A wheel on a pin of its body."""
 
     axle: Array
     """(2,) px in the body's frame."""
@@ -86,32 +88,36 @@ class Wheel:
 
 @dataclass(frozen=True)
 class Body:
-    """One rigid body."""
+    """A rigid body."""
 
     name: str
     motion: Motion
     center: Array
-    """(2,) px: its centre of mass at t = 0."""
+    """(2,) px: centre of mass at t = 0."""
     mass: float
     """g."""
     moment: float
     """g·px², about the centre of mass."""
     radius: float | None
-    """px of a circle; None for pieces."""
+    """Radius of a circle, px; None for pieces."""
     pieces: tuple[Array, ...]
     """Convex pieces, each (K, 2) px in the body's frame; empty for a circle."""
     rings: tuple[Array, ...]
-    """Outline for drawing, outer rings and holes alike, each (K, 2) px in the body's frame."""
+    """Outline for drawing, outer rings and holes alike, each (K, 2) px in the
+    body's frame.
+    """
     surface: Surface
     solid: Solid
     rolling: float
-    """Rolling resistance c: a moment of c x normal force x radius."""
+    """Rolling resistance c, with a moment of c x normal force x radius."""
     patch: float
-    """px: radius of the disc that resists spinning on a table as the body's own area does: 3/2 of the mean distance
-    from its centre of mass."""
+    """Radius of a disc with the body's own resistance against spinning on a table, px:
+    3/2 of the mean distance from its centre of mass.
+    """
     roll: Array
-    """(2,) rad/s at t = 0 about +x and +y by the right hand: how a sphere seen from above rolls; rolling towards +x is
-    negative about +y. Zeros for all others."""
+    """(2,) rad/s at t = 0 about +x and +y by the right-hand rule, for a rolling sphere
+    seen from above. Rolling towards +x is negative about +y. Zeros for other bodies.
+    """
     velocity: Array
     """(2,) px/s at t = 0."""
     spin: float
@@ -119,33 +125,41 @@ class Body:
     path: Array
     """(K, 4): s, x px, y px, rad; empty unless scripted."""
     rest: Array | None = None
-    """(3,) px, px, rad: the pose in which the photo shows it, where it is put elsewhere; None: as it is at t = 0."""
+    """(3,) px, px, rad: pose in the photo, if the scene moves the object to another
+    place; None: the pose at t = 0.
+    """
     disc: tuple[Array, float] | None = None
-    """Centre (2,) px in its frame, and radius px, of a circle with its mass elsewhere; `pieces` has corners."""
+    """Centre (2,) px in the body's frame, and radius px, of a circle with its mass
+    elsewhere; `pieces` has its corners.
+    """
     damping: float = 0.0
     """1/s."""
     gravity_scale: float = 1.0
-    """How many times gravity acts on it."""
+    """Factor of gravity."""
     rocking: float = 0.0
-    """px: lever of the normal force's moment against turning on a corner."""
+    """Lever of the normal force's moment against turning on a corner, px."""
     passage: Passage = Passage()
     wheels: tuple[Wheel, ...] = ()
-    """They carry it instead of its pieces, which end above them; mass and moment include them."""
+    """The wheels carry the body. Its pieces end above them; mass and moment include
+    them.
+    """
     ramp: float = 0.0
-    """s in which it reaches velocity, spin and roll from rest; 0: it has them at t = 0."""
+    """Duration of the smooth start to velocity, spin and roll, s; 0: a sudden start."""
 
     @property
     def reach(self) -> float:
-        """Return the distance of its farthest point from the centre of mass, px."""
+        """Return the distance of the farthest point from the centre of mass, px."""
         if self.radius is not None:
             return self.radius
         return float(max(np.hypot(*piece.T).max() for piece in self.pieces))
 
     @property
     def size(self) -> float:
-        """Return the smallest width of its thinnest limb in any direction, px: what a step may not jump over.
+        """Return the smallest width of the thinnest limb, px. A step must not be
+        longer.
 
-        A piece that lies along wider ones, nowhere farther from them than it is wide, is a sliver and no limb.
+        A piece along a wider piece, never farther from it than its own width, is a
+        sliver and does not count as a limb.
         """
         if self.radius is not None:
             return 2 * self.radius
@@ -156,8 +170,8 @@ class Body:
 def _limb_width(pieces: tuple[bytes, ...]) -> float:
     """Return the smallest width of the thinnest limb of convex pieces, px.
 
-    The pieces are the bytes of (K, 2) arrays: trials of a push simulate the same shapes
-    again and again.
+    The pieces are bytes of (K, 2) arrays, because bytes can be keys of the cache:
+    trials of a push simulate the same shapes many times.
     """
     arrays = [np.frombuffer(piece).reshape(-1, 2) for piece in pieces]
     pairs = [(_width(piece), piece) for piece in arrays]
@@ -175,7 +189,7 @@ def _limb_width(pieces: tuple[bytes, ...]) -> float:
         np.inf,
     )
     for k, (width, _) in enumerate(pairs[1:], 1):
-        # a union takes long, and is needed only for what may be a limb
+        # A union is slow, and only a possible limb needs it.
         if distances[owner == k].min(axis=1).max() > 0.999 * width:
             outer_distances = shapely.distance(
                 points[owner == k], shapely.union_all(shapes[:k])
@@ -185,7 +199,9 @@ def _limb_width(pieces: tuple[bytes, ...]) -> float:
 
 
 def _width(piece: Array) -> float:
-    """Return the least distance of two parallel lines with a convex piece between them; one of them holds an edge."""
+    """Return the smallest distance of two parallel lines around a convex piece. One of
+    the lines contains an edge.
+    """
     edges = np.roll(piece, -1, axis=0) - piece
     length = np.hypot(*edges.T)
     edges = edges[length > 1e-9] / length[length > 1e-9, None]
@@ -199,20 +215,20 @@ class Wall:
 
     name: str
     chains: tuple[Array, ...]
-    """Each (K, 2) px; closed where the last point is the first again."""
+    """Each (K, 2) px. In a closed chain, the last point equals the first."""
     surface: Surface
     passage: Passage = Passage()
     pieces: tuple[Array, ...] = ()
-    """Convex pieces (K, 2) px of solid scenery, of which the chains are the outlines."""
+    """Convex pieces (K, 2) px of solid scenery; the chains are their outlines."""
     disc: tuple[Array, float] | None = None
-    """Centre (2,) and radius, px, of solid scenery that is round."""
+    """Centre (2,) and radius of round solid scenery, px."""
     is_smooth: bool = False
-    """Whether it is a smooth curve, and not the chords that stand for it."""
+    """True for a smooth curve, false for the chords of a curve."""
 
 
 @dataclass(frozen=True)
 class Push:
-    """An impulse (at `start`), or a force or torque (from `start` to `end`)."""
+    """An impulse at `start`, or a force or torque from `start` to `end`."""
 
     body: int
     """Index into `World.bodies`."""
@@ -222,56 +238,57 @@ class Push:
     torque: float
     """g·px²/s²."""
     at: Array
-    """(2,) px in the body's frame, rides on the body."""
+    """(2,) px in the body's frame; the point moves with the body."""
     start: float
     end: float
     profile: Profile | None = None
-    """Factor by the time since start; None: 1."""
+    """Factor over the time since the start; None: 1."""
 
 
 @dataclass(frozen=True)
 class Joint:
-    """Holds two bodies, or one and the world, together."""
+    """A joint of two bodies, or of one body and the world."""
 
     name: str
     kind: JointKind
     first: int
     """Index into `World.bodies`."""
     second: int | None
-    """None: the world."""
+    """None for the world."""
     first_at: Array
     """(2,) px in the first body's frame."""
     second_at: Array
-    """(2,) px in the second body's frame; of the photo for the world."""
+    """(2,) px in the second body's frame, or in the photo for the world."""
     length: float
-    """px at rest, of a spring."""
+    """Length of a spring at rest, px."""
     stiffness: float
     """g/s²."""
     damping: float
     """g/s."""
     speed: float
-    """rad/s of the first against the second."""
+    """Spin of the first body relative to the second, rad/s."""
     limit: float
-    """g·px²/s²; infinite: as much as it takes."""
+    """Maximum torque, g·px²/s²; infinite: no limit."""
     collide: bool
-    """Whether the two bodies also bump into each other."""
+    """True if the two bodies also collide."""
     guide: tuple[Array, ...] = ()
-    """Each (2,) px. Of a slider: the way along its rail from `second_at`, in the second body's frame. Of a pulley: its
-    two points, of the photo."""
+    """Vectors (2,) px. For a slider: its direction along the rail from `second_at`, in
+    the second body's frame. For a pulley: its two points in the photo.
+    """
     ratio: float = 1.0
-    """Turning of the first for each turn of the second."""
+    """Turns of the first body per turn of the second."""
     limits: tuple[float, float] | None = None
-    """rad: least and greatest turning of the first against the second."""
+    """Smallest and greatest angle of the first body relative to the second, rad."""
     friction: float = 0.0
-    """g·px²/s² of dry friction in a pin."""
+    """Torque of dry friction in a pin, g·px²/s²."""
     drive: float | None = None
-    """px/s along the rail."""
+    """Speed along the rail, px/s."""
     force: float = inf
-    """g·px/s² of the drive; infinite: as much as it takes."""
+    """Maximum force of the drive, g·px/s²; infinite: no limit."""
     breaks: float = inf
-    """g·px/s²; infinite: never."""
+    """Breaking force, g·px/s²; infinite: the joint never breaks."""
     knots: Array | None = None
-    """(K, 3) s, px, px of a finger."""
+    """(K, 3) s, px, px: path of a finger."""
 
 
 @dataclass(frozen=True)
@@ -281,9 +298,9 @@ class Field:
     name: str
     kind: FieldKind
     bodies: tuple[int, ...]
-    """Indices into `World.bodies`, dynamic ones only."""
+    """Indices into `World.bodies`, only dynamic ones."""
     vector: Array
-    """(2,) px/s of wind; px of an attractor."""
+    """(2,) px/s for wind; position in px for an attractor."""
     drag: float
     strength: float
     soften: float
@@ -291,16 +308,18 @@ class Field:
     density: float = 0.0
     pull: float = 0.0
     extent: tuple[float, float] = (0.0, 0.0)
-    """px: width and height of water or a belt from the corner `vector`; of a turntable, its radius, twice."""
+    """Width and height of water or a belt from its corner `vector`, px; for a
+    turntable, its radius, twice.
+    """
     velocity: Array | None = None
-    """(2,) px/s of a belt."""
+    """(2,) px/s for a belt."""
     spin: float = 0.0
-    """rad/s of a turntable."""
+    """rad/s for a turntable."""
 
 
 @dataclass(frozen=True)
 class World:
-    """Everything that moves or is bumped into, and the laws."""
+    """All bodies and walls, and the laws of their motion."""
 
     size: tuple[int, int]
     """Width and height of the canvas, px."""
@@ -309,14 +328,16 @@ class World:
     """(2,) px/s²."""
     pixels_per_meter: float
     press: float
-    """px/s² at which the bodies press on the table; 0 seen from the side."""
+    """Acceleration of the bodies onto the table, px/s²; 0 in a side view."""
     table: Surface
-    """Of the table; its pair coefficient with a body is the product of the two factors, as for walls."""
+    """Surface of the table. The pair coefficient with a body is the product of the two
+    factors, as for walls.
+    """
     combine: Combine
     duration: float
     steps_per_second: float
     times: Array
-    """(T,) s: when the video's frames are taken, t = 0 first."""
+    """(T,) s: times of the video's frames, from t = 0."""
     bodies: tuple[Body, ...]
     walls: tuple[Wall, ...]
     pushes: tuple[Push, ...]
@@ -325,13 +346,14 @@ class World:
 
     @property
     def surfaces(self) -> tuple[tuple[str, Surface], ...]:
-        """Name and surface of every body, then of every wall."""
+        """Return name and surface of every body, then of every wall."""
         parts: tuple[Body | Wall, ...] = (*self.bodies, *self.walls)
         return tuple((part.name, part.surface) for part in parts)
 
 
 def surface(friction: float, elasticity: float, combine: Combine) -> Surface:
-    """Return the factors of a surface; the engine multiplies those of a pair, so a mean is a product of square roots.
+    """Return the factors of a surface. The engine multiplies the factors of a pair, so
+    that square roots give the geometric mean.
 
     >>> a, b = surface(0.4, 0.9, Combine.GEOMETRIC), surface(0.1, 0.4, Combine.GEOMETRIC)
     >>> round(a.friction * b.friction, 12), round(a.elasticity * b.elasticity, 12)
@@ -354,7 +376,7 @@ def surface_of(item: Object | Boundary, combine: Combine) -> Surface:
 
 
 def passages(scene: Scene) -> dict[str, Passage]:
-    """Return what passes through each object and boundary that says so, by its path."""
+    """Return the passages of objects and boundaries by path, without default ones."""
     parts: dict[str, Object | Boundary] = {}
     parts |= {f"objects.{item.name}": item for item in scene.objects}
     parts |= {f"boundaries.{item.name}": item for item in scene.boundaries}
@@ -367,13 +389,16 @@ def passages(scene: Scene) -> dict[str, Passage]:
         if item.collides_with is not None:
             mask = sum({bits[name] for name in item.collides_with if name in bits})
         passage = Passage(bits[item.collision_group or MAIN_GROUP], mask, item.one_way)
+        # Most scenes have no groups: no entry means the default passage.
         if passage != Passage():
             passages_by_name[path] = passage
     return passages_by_name
 
 
 TABLE = "the table"
-"""How the table pairs are called; two words, so that nothing in a scene has that name."""
+"""Name of the table in pairs. Names in a scene have no spaces, so that this one is
+unique.
+"""
 
 
 Names = TypeVar("Names")
@@ -381,7 +406,7 @@ Names = TypeVar("Names")
 
 @dataclass(frozen=True)
 class Pairing(Generic[Names]):
-    """What holds between two groups of objects with equal surfaces."""
+    """Coefficients of two groups of objects with equal surfaces."""
 
     first: Names
     second: Names
@@ -390,7 +415,7 @@ class Pairing(Generic[Names]):
 
 
 def pair_table(world: World) -> list[Pairing[str]]:
-    """Return the pair coefficients in use, as they are shown; see `pairings`."""
+    """Return the pair coefficients in use, as text for display; see `pairings`."""
     return [
         Pairing(_names(p.first), _names(p.second), p.friction, p.elasticity)
         for p in pairings(world)
@@ -398,7 +423,9 @@ def pair_table(world: World) -> list[Pairing[str]]:
 
 
 def pairings(world: World) -> list[Pairing[list[str]]]:
-    """The pair coefficients in use; objects with equal surfaces share one. Seen from above, so does the table."""
+    """Return the pair coefficients in use. Objects with equal surfaces share one entry.
+    Views from above include the table.
+    """
     groups: dict[Surface, list[str]] = {}
     movable = len(world.bodies)
     pairs: list[Pairing[list[str]]] = []
@@ -412,6 +439,7 @@ def pairings(world: World) -> list[Pairing[list[str]]]:
     rows = list(groups.items())
     for i, (a, first) in enumerate(rows):
         for b, second in (*rows[i:], *walls.items()):
+            # A group of one object has no pair with itself.
             if second is not first or len(first) > 1:
                 pairs.append(
                     Pairing(
@@ -461,9 +489,10 @@ def placed_outline(outline: Outline, item: Object) -> Outline:
 
 
 def rest_pose(outline: Outline, item: Object, scene: Scene) -> Array | None:
-    """(3,) px, px, rad: the pose in which the photo shows what is put elsewhere; `outline` as the photo shows it.
+    """Return the pose in the photo (3,) px, px, rad, of an object with another `place`.
+    `outline` comes from the photo.
 
-    None without a photo: what is drawn there is drawn where it is.
+    Return None without a photo: the object is drawn at its place only.
     """
     if item.place is None or scene.image is None:
         return None
@@ -471,7 +500,7 @@ def rest_pose(outline: Outline, item: Object, scene: Scene) -> Array | None:
 
 
 def photo_poses(world: World) -> tuple[Pose, ...]:
-    """Return the poses in which the photo shows the bodies; empty where all begin so."""
+    """Return the poses of the bodies in the photo, or nothing if all start there."""
     if all(body.rest is None for body in world.bodies):
         return ()
     poses = (
@@ -482,7 +511,7 @@ def photo_poses(world: World) -> tuple[Pose, ...]:
 
 
 def body_in_photo(body: Body) -> Body:
-    """Return the body as the photo shows it, in a frame turned by 0 there."""
+    """Return the body as in the photo, with the angle 0 there."""
     if body.rest is None:
         return body
     turn = rotation(float(body.rest[2]))
@@ -497,14 +526,14 @@ def body_in_photo(body: Body) -> Body:
 
 
 def world_in_photo(world: World) -> World:
-    """Return the world with all bodies as the photo shows them."""
+    """Return the world with all bodies as in the photo."""
     return replace(world, bodies=tuple(map(body_in_photo, world.bodies)))
 
 
 def world_as_drawn(world: World, shapes: Sequence[Outline]) -> World:
     """Return the world with balls as large as their whole outlines.
 
-    Neighbours that hide a ball keep the engine's disc smaller than it.
+    If neighbours hide a part of a ball, the engine's disc is smaller than the ball.
     """
     bodies = []
     for body, shape in zip(world.bodies, shapes, strict=True):
@@ -520,10 +549,11 @@ def world_as_drawn(world: World, shapes: Sequence[Outline]) -> World:
 
 
 def appearance(scene: Scene, world: World) -> tuple[object, ...]:
-    """Return all values but the photo's maps that a Stage depends on, as plain data for the key of a cache.
+    """Return all values of a Stage without the photo's maps, as plain data for a cache
+    key.
 
-    Masses, coefficients, velocities, forces and times are not among them. A scene without a photo is drawn as large as
-    it is filmed, so its camera counts.
+    Masses, coefficients, velocities, forces and times have no influence. A scene
+    without a photo is drawn in the size of the video, so that its camera counts.
     """
     render, settings = scene.render, scene.world
     camera = (

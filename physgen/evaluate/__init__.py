@@ -1,1 +1,1 @@
-"""Scene files -> how far the simulation is from what is known: the scorecards."""
+"""Measure the distance of the simulation from known facts: the scorecards."""

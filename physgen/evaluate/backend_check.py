@@ -1,6 +1,7 @@
-"""Checks of backends: each one that is ready runs once on a drawn photo; times, memory and faults.
+"""Check backends: each usable one runs once on a drawn photo; times, memory and faults.
 
-`INPUTS` has the arguments of every role. The inputs of a role that other roles compute come from their defaults.
+`INPUTS` has the arguments of every role. Inputs from other roles come from their
+default backends.
 """
 
 from __future__ import annotations
@@ -40,17 +41,19 @@ from physgen.registry import Backend, Choice, Plan, Setup
 from physgen.weights import offline_hub
 
 SIZE = (128, 96)
-"""px, width and height of the photo: a detector finds its shapes, and a model on a CPU takes seconds."""
+"""Width and height of the photo, px: a detector finds its shapes, and a model on a CPU
+takes seconds.
+"""
 HORIZON = 70
-"""px: the first row of the table."""
+"""First row of the table, px."""
 BALL = (36, 60, 16)
-"""px: centre and radius."""
+"""Centre and radius, px."""
 BLOCK = (78, 46, 26, 32)
-"""px: left, top, width and height."""
+"""Left, top, width and height, px."""
 GRAIN = 2.0
-"""Grey levels, standard deviation: a photo is never flat."""
+"""Standard deviation of the grain, grey levels: a photo is never flat."""
 OFFSETS = range(0, 16, 2)
-"""px by which the picture is moved in each frame of the clip."""
+"""Shifts of the picture in the frames of the clip, px."""
 REFINE = RefineSettings(
     strength=0.5,
     stop=1,
@@ -71,28 +74,28 @@ class BackendCheck:
     role: str
     name: str
     weights: str
-    """As the choice names them; `""`: the row's own."""
+    """Weights of the choice; `""`: the row's own."""
     missing: Sequence[str] = ()
-    """The fix of each missing part; the backend did not run unless this is empty."""
+    """The fix of each missing part. The backend runs only without missing parts."""
     fault: str = ""
-    """Why it failed; empty if it did not."""
+    """Reason of a failure; empty after success."""
     load_seconds: float | None = None
     run_seconds: float | None = None
     memory_bytes: int | None = None
     """Growth of the process's memory at its peak."""
     gpu_bytes: int | None = None
-    """Peak of the memory that torch holds on the GPU; None without one."""
+    """Peak of torch's memory on the GPU; None without a GPU."""
 
     @property
     def state(self) -> str:
-        """`ready`, `missing` or `failed`."""
+        """Return `ready`, `missing` or `failed`."""
         if self.missing:
             return "missing"
         return "failed" if self.fault else "ready"
 
     @property
     def setting(self) -> str:
-        """Return the choice, as a flag has it."""
+        """Return the choice in the form of a flag."""
         return f"{self.role}={Choice(self.name, self.weights)}"
 
     def as_json(self) -> dict[str, Any]:
@@ -101,13 +104,15 @@ class BackendCheck:
 
 
 class Sample:
-    """A ball and a block on a table before a wall, with all that roles take, and what rows use by name."""
+    """A ball and a block on a table before a wall, with the inputs of all roles; rows
+    refer to them by name.
+    """
 
     categories = (Category("ball", True), Category("block", True))
     scenery = None
 
     def __init__(self, seed: int = 0) -> None:
-        """`seed` is that of the grain."""
+        """Draw the sample; `seed` belongs to the grain."""
         self.labels: Labels = np.zeros(SIZE[::-1], np.uint16)
         self.rgb = self._draw(seed)
         left, top, width, height = BLOCK
@@ -148,21 +153,21 @@ class Sample:
 
     @cached_property
     def boundary(self) -> BoundaryGuess:
-        """The view and walls."""
+        """Return the view and walls."""
         find = registry.make("boundary")
         guess: BoundaryGuess = find(self.rgb, self.labels, self.objects, None)
         return guess
 
     @cached_property
     def normals(self) -> F32:
-        """(H, W, 3) unit."""
+        """Return unit normals (H, W, 3)."""
         find = registry.make("normals")
         normals: F32 = find(self.rgb, self.labels, self.objects, self.boundary)
         return normals
 
     @cached_property
     def depth(self) -> F32:
-        """(H, W): a table that runs back to a wall, and objects that stand on its middle."""
+        """Return (H, W): a table up to a wall, and objects on its middle."""
         width, height = SIZE
         column = np.interp(np.arange(height), (HORIZON, height - 1), (2, 1))
         depth = np.repeat(column[:, None], width, axis=1)
@@ -171,14 +176,14 @@ class Sample:
 
     @cached_property
     def intrinsics(self) -> Intrinsics:
-        """Albedo and shading."""
+        """Return albedo and shading."""
         split = registry.make("intrinsic")
         intrinsics: Intrinsics = split(self.rgb, self.labels, self.normals)
         return intrinsics
 
     @cached_property
     def light(self) -> LightGuess:
-        """The light."""
+        """Return the light."""
         find = registry.make("light")
         surfaces = self.normals, self.intrinsics
         guess: LightGuess = find(self.rgb, self.labels, self.objects, *surfaces)
@@ -186,14 +191,14 @@ class Sample:
 
     @cached_property
     def matter(self) -> Mapping[int, Matter]:
-        """Properties of the objects."""
+        """Return properties of the objects."""
         judge = registry.make("physics")
         matter: Mapping[int, Matter] = judge(self.rgb, self.objects, None)
         return matter
 
     @property
     def coverage(self) -> F32:
-        """(H, W) of objects: 0 or 1."""
+        """Return the coverage of objects, (H, W): 0 or 1."""
         return (self.labels > 0).astype(np.float32)
 
 
@@ -238,7 +243,9 @@ INPUTS: Mapping[str, Callable[[Sample], tuple[Any, ...]]] = {
 
 
 def read_choices(settings: Sequence[str]) -> list[tuple[str, Choice]]:
-    """Read `ROLE=NAME[:WEIGHTS]` each, several of one role allowed. Raises InputError."""
+    """Read choices `ROLE=NAME[:WEIGHTS]`, also several of one role. Raise
+    InputError.
+    """
     pairs: list[tuple[str, Choice]] = []
     for setting in settings:
         pairs += registry.choices([setting]).items()
@@ -263,7 +270,7 @@ def check_backends(
 
 
 def _all_choices(plan: Plan) -> Iterator[tuple[str, Choice]]:
-    """Yield every row with a program, with the weights that the plan chooses."""
+    """Yield every row with a program, with the plan's weights."""
     for row in registry.BACKENDS:
         if row.target:
             choice = plan.choices.get(row.role)
@@ -277,7 +284,7 @@ def _check(plan: Plan, role: str) -> BackendCheck:
     choice = plan.choices[role]
     check = BackendCheck(role, row.name, choice.weights)
     with tempfile.TemporaryDirectory() as folder:
-        # A server's answers are cached by picture, so each check draws another grain.
+        # Answers of a server are cached by picture: each check draws another grain.
         sample = Sample(time.time_ns() if row.settings else 0)
         if _reads_map(row):
             path = _write_map(role, sample, Path(folder))
@@ -289,7 +296,7 @@ def _check(plan: Plan, role: str) -> BackendCheck:
             return check
         try:
             return replace(check, **_measure(row, plan.setup(role), sample))
-        # Libraries raise errors of every type for weights that are broken.
+        # Libraries raise errors of every type for broken weights.
         except Exception as error:
             return replace(check, fault=registry.describe_error(error))
 
@@ -332,7 +339,7 @@ def _release_after(backend: Any) -> Iterator[Any]:
 def _run(
     role: str, backend: Any, arguments: tuple[Any, ...], extra: Mapping[str, Any]
 ) -> None:
-    """Run a backend once. Raises ValueError for numbers that are not finite."""
+    """Run a backend once. Raise ValueError for infinite numbers."""
     if role == "refine":
         refinement = Refinement(backend, REFINE, SIZE, len(OFFSETS))
         _refuse_infinite(list(refinement.frames(*arguments)))
@@ -344,7 +351,9 @@ def _run(
 
 
 def _refuse_infinite(result: Any) -> None:
-    """Raise ValueError if a result is an array, or a list of some, with numbers that are not finite."""
+    """Raise ValueError if a result is an array, or a list of arrays, with infinite
+    numbers.
+    """
     arrays = result if isinstance(result, list) else [result]
     for array in arrays:
         if isinstance(array, np.ndarray) and not np.isfinite(array).all():
@@ -356,7 +365,7 @@ def _reads_map(row: Backend) -> bool:
 
 
 def _write_map(role: str, sample: Sample, folder: Path) -> Path:
-    """Write the map that the backend `file` of a role reads, as another program would."""
+    """Write the map for the backend `file` of a role, as another program would."""
     if role == "inpaint":
         path = folder / "background.png"
         cv2.imwrite(str(path), np.full_like(sample.rgb, 120))
@@ -370,7 +379,9 @@ def _write_map(role: str, sample: Sample, folder: Path) -> Path:
 
 
 def _cuda() -> Any:
-    """Return `torch.cuda`, or None without a GPU or before any backend has imported torch."""
+    """Return `torch.cuda`, or None without a GPU or before a backend has imported
+    torch.
+    """
     torch = sys.modules.get("torch")
     return torch.cuda if torch is not None and torch.cuda.is_available() else None
 

@@ -18,9 +18,11 @@ from physgen.videos import SUFFIXES, U8, video_frames
 
 VIDEO_SUFFIXES = (".mp4", ".m4v", ".mov", ".mkv", ".webm", ".avi", ".gif")
 CLIP_NAMES = ("video.mp4", "video.gif", "video.webp", "frames")
-"""A clip that physgen rendered: the first of these in the folder of its scene."""
+"""A clip rendered by physgen: the first of these names in the folder of its scene."""
 SHAPE_TOLERANCE = 0.02
-"""Largest relative difference of two aspect ratios that count as one; videos have even sides."""
+"""Largest relative difference of two aspect ratios that count as one; videos
+have even sides.
+"""
 """The fault of a folder."""
 
 
@@ -30,17 +32,19 @@ class Source:
 
     path: Path
     skip: int = 0
-    """First frames that do not count."""
+    """Number of first frames to skip."""
 
     @property
     def is_video(self) -> bool:
-        """Return whether the source is a video or a rendered clip, rather than any folder of pictures."""
+        """Return whether the source is a video or a rendered clip, rather than
+        any folder of pictures.
+        """
         return self.path.name in CLIP_NAMES or not self.path.is_dir()
 
     def frames(self) -> Iterator[U8]:
-        """Yield frames (H, W, 3) sRGB, all of one size.
+        """Yield frames (H, W, 3) sRGB of one size.
 
-        Raise InputError for a frame that cannot be read or differs in size.
+        Raise InputError for an unreadable frame, or for another size.
         """
         size: tuple[int, ...] | None = None
         for frame in islice(video_frames(self.path), self.skip, None):
@@ -57,7 +61,9 @@ class Source:
 
 
 def sources(paths: Iterable[Path]) -> list[Source]:
-    """Return the clips of one side, in order. Raise InputError with every path that has none."""
+    """Return the clips of one side, in order. Raise InputError with every path without
+    clips.
+    """
     clips = []
     for clips_of_path in collect(partial(clips_in, path) for path in paths):
         clips += clips_of_path
@@ -67,9 +73,10 @@ def sources(paths: Iterable[Path]) -> list[Source]:
 def clips_in(path: Path) -> list[Source]:
     """Return the clips in a path.
 
-    A video is one clip. A folder is one rendered clip, or has videos and folders of clips in it; otherwise its
-    pictures are the frames of one clip. Folders of pictures beside videos are no clips: galleries have such. Raise
-    InputError if there is none.
+    A video is one clip. A folder is one rendered clip, or has videos and folders of
+    clips in it; otherwise its pictures are the frames of one clip. Folders of pictures
+    beside videos do not count, because galleries have such folders. Raise InputError if
+    there are no clips.
     """
     if not path.is_dir():
         if not path.is_file():
@@ -94,7 +101,7 @@ def clips_in(path: Path) -> list[Source]:
 
 
 def _clips_in_part(folder: Path) -> list[Source]:
-    """Return the clips in a folder, none if it has no clips."""
+    """Return the clips in a folder, or nothing without clips."""
     try:
         return clips_in(folder)
     except InputError as error:
@@ -110,17 +117,18 @@ def _format_size(shape: tuple[int, ...]) -> str:
 
 @dataclass(frozen=True)
 class Rule:
-    """Selection and size of frames, one for all clips that are compared."""
+    """Selection and size of frames, common to all compared clips."""
 
     side: int = 256
-    """px that the shorter side becomes; all clips must have one aspect ratio."""
+    """New length of the shorter side, px. All clips must have one aspect ratio."""
     count: int | None = None
-    """Frames of a clip, evenly from the first to the last; None: all."""
+    """Number of frames of a clip, evenly from the first to the last; None: all."""
 
     def frames(self, source: Source) -> list[U8]:
         """Return the frames (H, W, 3) sRGB.
 
-        Raise InputError for a clip that cannot be read, is empty, or is shorter than `count`.
+        Raise InputError for an unreadable or empty clip, or for a clip shorter than
+        `count`.
         """
         frames = [self.resize(frame) for frame in source.frames()]
         if not frames:
@@ -142,7 +150,8 @@ class Rule:
     def resize(self, frame: U8) -> U8:
         """Return a frame of the rule's size.
 
-        Areas are averaged if the frame shrinks, so that nothing aliases; the interpolation is cubic if it grows.
+        A smaller frame averages areas, which avoids aliasing; a larger one uses cubic
+        interpolation.
         """
         height, width = frame.shape[:2]
         scale = self.side / min(height, width)

@@ -1,7 +1,9 @@
-"""How the motion of one object answers to the direction and size of a push (the paper's figure 6).
+"""The effect of direction and size of a push on the motion of one object (the paper's
+figure 6).
 
-A push is an impulse at t = 0 through the centre of mass (the paper's F0), in px/s: the speed that it gives. The
-answer is the displacement at the end from the place that the object would reach without the push.
+A push is an impulse at t = 0 through the centre of mass (the paper's F0), given in px/s
+as the resulting speed. The answer is the displacement at the end relative to the motion
+without the push.
 """
 
 from __future__ import annotations
@@ -29,33 +31,33 @@ from physgen.simulate.trajectory import Trajectory, new_touches
 
 @dataclass(frozen=True)
 class Constants:
-    """Of the sweep and its reading."""
+    """Constants of the sweep and its analysis."""
 
     sizes: int = 5
-    """Sizes of pushes, by default."""
+    """Default number of sizes of pushes."""
     reach: float = 1 / 3
-    """Part of the canvas's shorter side that the hardest push takes an object, by default."""
+    """Default travel of the hardest push over the canvas's shorter side."""
     min_length: float = 0.5
-    """px from which on an answer has a direction."""
+    """Minimum length of an answer with a direction, px."""
     tolerance: float = 0.01
-    """px up to which two answers are the same."""
+    """Maximum difference of equal answers, px."""
     plot_side: int = 400
-    """px of the photo's longer side in a plot at most."""
+    """Maximum longer side of the photo in a plot, px."""
     contrast: float = 0.55
-    """Part of the photo's contrast that is left under the paths."""
+    """Remaining contrast of the photo under the paths."""
     plot_width: float = 120.0
-    """mm of a plot."""
+    """Width of a plot, mm."""
     plot_heights: tuple[float, float] = (60.0, 150.0)
-    """mm of a plot, at least and at most."""
+    """Minimum and maximum height of a plot, mm."""
 
 
 CONSTANTS = Constants()
 MM_PER_INCH = 25.4
 ROLL_PART = 5 / 7
-"""Of the speed of a sphere that slides at first, once it rolls."""
+"""Speed of a rolling sphere over its first sliding speed."""
 
 
-# ---- pushes and motions ------------------------------------------------------------------------------------------
+# ---- pushes and motions
 
 
 @dataclass(frozen=True)
@@ -63,13 +65,15 @@ class Course:
     """Path of one object."""
 
     places: Array
-    """(T, 2) px: its centre of mass."""
+    """(T, 2) px: centre of mass."""
     free_samples: int
-    """Number of first samples before it touches an object that it did not touch at the start."""
+    """Number of first samples before a new contact with an object."""
 
 
 def course_of(trajectory: Trajectory, name: str) -> Course:
-    """Return the path of an object. Raise ValueError if the trajectory has no such object."""
+    """Return the path of an object. Raise ValueError if the trajectory has no
+    such object.
+    """
     body = trajectory.names.index(name)
     contacts = trajectory.contacts
     is_own = (contacts.touch_pairs == body).any(axis=1)
@@ -81,7 +85,7 @@ def course_of(trajectory: Trajectory, name: str) -> Course:
 
 @dataclass(frozen=True)
 class Push:
-    """Impulse over mass, px/s, y down."""
+    """A push as impulse over mass, px/s, y down."""
 
     x: float
     y: float
@@ -103,13 +107,15 @@ class Outcome:
     push: Push
     path: Course
     response: Array
-    """(2,) px at the end, from the place without the push."""
+    """(2,) px at the end, relative to the place without the push."""
     free_response: Array
-    """(2,) px: the same at the last sample before it meets an object, at the end if it meets none."""
+    """(2,) px: the response at the last sample before a contact with an object, or at
+    the end.
+    """
 
     @property
     def has_contact(self) -> bool:
-        """Return whether the object meets another."""
+        """Return whether the object meets another one."""
         return self.path.free_samples < len(self.path.places)
 
     @property
@@ -119,7 +125,9 @@ class Outcome:
 
     @property
     def deviation(self) -> float | None:
-        """Return the degrees between the push and the free response; None for a short one."""
+        """Return the degrees between the push and the free response; None for a
+        short one.
+        """
         x, y = self.free_response
         if hypot(x, y) < CONSTANTS.min_length:
             return None
@@ -142,7 +150,7 @@ class PushSweep:
     view: View
     outcomes: tuple[Outcome, ...]
     rest_path: Course
-    """Without a push."""
+    """Path without a push."""
     photo: NDArray[np.uint8] | None = None
     """(H, W, 3) sRGB."""
 
@@ -154,9 +162,10 @@ def sweep(
     sizes: Sequence[float],
     progress: Progress,
 ) -> PushSweep:
-    """Push an object in many ways; `sizes` are px/s, none: chosen by the scene.
+    """Push an object in many ways; `sizes` are in px/s, by default chosen for the
+    scene.
 
-    Raise InputError if no such object can be pushed.
+    Raise InputError if the object does not exist or cannot be pushed.
     """
     maps = pipeline.percepts(scene)
     compiled = pipeline.compile(scene, maps)
@@ -185,8 +194,8 @@ def sweep(
 def choose_object(scene: Scene, world: World, name: str | None) -> int:
     """Return the index of the named object.
 
-    Without a name it is the one that the scene pushes, or that moves first, or the first. Raise InputError if the
-    object cannot be pushed.
+    Without a name, choose the pushed object of the scene, or the first moving one, or
+    the first. Raise InputError if the object cannot be pushed.
     """
     dynamic_names = [
         body.name for body in world.bodies if body.motion is Motion.DYNAMIC
@@ -216,7 +225,9 @@ def _default_object(world: World, dynamic_names: Sequence[str]) -> str:
 
 
 def quiet(world: World, index: int) -> World:
-    """Return the world with that body at rest and without pushes of it; all others move as they do."""
+    """Return the world with this body at rest and without its pushes. All other bodies
+    move as before.
+    """
     bodies = list(world.bodies)
     bodies[index] = replace(
         bodies[index], velocity=np.zeros(2), spin=0.0, roll=np.zeros(2)
@@ -228,7 +239,8 @@ def quiet(world: World, index: int) -> World:
 def directions(count: int, view: View) -> list[float]:
     """Return directions in rad.
 
-    Seen from above they go all round; from the side, from right over up to left, never down into the ground.
+    Seen from above, they go around the circle; from the side, from right over up to
+    left, never down into the ground.
     """
     if view is View.TOP:
         return [2 * pi * k / count for k in range(count)]
@@ -236,7 +248,9 @@ def directions(count: int, view: View) -> list[float]:
 
 
 def usual_sizes(world: World, body: Body) -> list[float]:
-    """Return even steps (px/s) up to a push that takes the body about a third of the canvas, sliding or rolling."""
+    """Return even steps (px/s) up to a push across about a third of the canvas, sliding
+    or rolling.
+    """
     speed_part = 1.0
     if world.view is View.TOP and body.solid is Solid.SPHERE:
         speed_part = ROLL_PART
@@ -256,20 +270,23 @@ def _deceleration(world: World, body: Body) -> float:
         return ROLL_PART * body.rolling * world.press
     if world.view is View.TOP:
         return body.surface.friction * world.table.friction * world.press
-    if body.radius is not None:  # it rolls on a floor
+    # A round body rolls on a floor.
+    if body.radius is not None:
         return 0.0
     ground = max((wall.surface.friction for wall in world.walls), default=0.0)
     return body.surface.friction * ground * float(np.hypot(*world.gravity))
 
 
-# ---- answers -----------------------------------------------------------------------------------------------------
+# ---- answers
 
 Share = tuple[int, int]
 """Number of good cases, and of all."""
 
 
 def count_growth(outcomes: Sequence[Outcome]) -> Share:
-    """Return the steps from a push to the next harder one: those with a larger answer, and all."""
+    """Return the number of steps to a harder push with a larger answer, and of all
+    steps.
+    """
     steps = [b - a for a, b in pairwise(_lengths(outcomes))]
     return sum(step > CONSTANTS.tolerance / 2 for step in steps), len(steps)
 
@@ -284,25 +301,30 @@ class PushGroup:
     """Pushes of one direction, or of all."""
 
     outcomes: tuple[Outcome, ...]
-    """By size."""
+    """Sorted by size."""
     steps: Share
     """See `count_growth`."""
     free_steps: Share
-    """`steps` of the pushes by which it meets no object."""
+    """`steps` of the pushes without contact with objects."""
     spearman: float
-    """Rank correlation of the push's size and the answer's length; 0 of a single push. Of all: the mean."""
+    """Rank correlation of the push's size and the answer's length; 0 for a single push.
+    For all directions: the mean.
+    """
 
     @property
     def deviations(self) -> list[float]:
-        """Return the degrees between pushes and free responses that have a direction."""
+        """Return the angles between pushes and free responses with a direction,
+        degrees.
+        """
         deviations = [outcome.deviation for outcome in self.outcomes]
         return [value for value in deviations if value is not None]
 
     @property
     def sideways(self) -> Share:
-        """Return pushes to the left or right: those with an answer to the same side, and all that have a side.
+        """Return the number of pushes to the left or right with an answer to the same
+        side, and of all sideways pushes.
 
-        Gravity brings down an object that is pushed up, and leaves x alone.
+        Gravity brings down an object pushed up, and does not change x.
         """
         sides = []
         for outcome in self.outcomes:
@@ -347,7 +369,7 @@ def _sum_shares(shares: Sequence[Share]) -> Share:
     return sum(share[0] for share in shares), sum(share[1] for share in shares)
 
 
-# ---- report ------------------------------------------------------------------------------------------------------
+# ---- report
 
 NOTE = (
     "Answer: from where the object would be at the end without the push, to where it is. Spearman: rank correlation "
@@ -365,7 +387,7 @@ HEADS = (
 
 
 def findings(pushes: PushSweep) -> Findings:
-    """Return the findings without the plot, which `plot` makes."""
+    """Return the findings without the plot; see `plot`."""
     groups = group_by_direction(pushes)
     whole = join_groups(groups)
     rest_places = pushes.rest_path.places
@@ -405,7 +427,9 @@ def findings(pushes: PushSweep) -> Findings:
 def _sentences(
     whole: PushGroup, pushes: PushSweep, lowest: float, drift: float
 ) -> Iterator[str]:
-    """Yield the sentences on all pushes; `lowest` is the lowest correlation, `drift` the px without a push."""
+    """Yield the sentences on all pushes. `lowest` is the lowest correlation, `drift`
+    the motion without a push, px.
+    """
     if whole.steps[1]:
         yield (
             f"A harder push takes {pushes.object} farther in {_share_text(whole.steps)} steps; Spearman's correlation "
@@ -510,7 +534,9 @@ def plot(pushes: PushSweep, path: Path) -> None:
 
 
 def _plot_limits(pushes: PushSweep) -> tuple[Array, Array]:
-    """Return the least and largest x and y (px) of a plot: all paths with a margin, and the photo."""
+    """Return the smallest and largest x and y (px) of a plot: all paths with a margin,
+    and the photo.
+    """
     places = np.concatenate([outcome.path.places for outcome in pushes.outcomes])
     low = places.min(axis=0)
     high = places.max(axis=0)
@@ -534,7 +560,7 @@ def _plot_photo(axes: Any, photo: NDArray[np.uint8]) -> None:
 
 
 def _plot_group(axes: Any, group: PushGroup, colour: tuple[float, ...]) -> None:
-    """Draw the paths of one direction, and a dot at the end of each."""
+    """Draw the paths of one direction, with a dot at each end."""
     count = len(group.outcomes)
     for k, outcome in enumerate(group.outcomes, 1):
         strength = k / count
@@ -546,7 +572,7 @@ def _plot_group(axes: Any, group: PushGroup, colour: tuple[float, ...]) -> None:
 
 
 def mean_ranks(values: Array) -> Array:
-    """Return the rank of each of (N,) values; equal values share their mean rank.
+    """Return the rank of each of (N,) values. Equal values share their mean rank.
 
     >>> mean_ranks(np.array([3.0, 1.0, 3.0])).tolist()
     [1.5, 0.0, 1.5]
@@ -557,7 +583,9 @@ def mean_ranks(values: Array) -> Array:
 
 
 def correlation(first: Array, second: Array) -> float:
-    """Return Spearman's rank correlation of two columns (N,); 0 if one of them is constant."""
+    """Return Spearman's rank correlation of two columns (N,); 0 if one of them
+    is constant.
+    """
     if len(first) < 2 or np.ptp(first) == 0 or np.ptp(second) == 0:
         return 0.0
     ranks = np.corrcoef(mean_ranks(first), mean_ranks(second))

@@ -1,9 +1,12 @@
-"""Image-FID and Motion-FID of clips against a reference (paper, section 4.3), with intervals over clips.
+"""Image-FID and Motion-FID of clips against a reference (paper, section 4.3), with
+intervals over clips.
 
-Motion pictures colour the flow between two frames as Baker et al. do (A Database and Evaluation Methodology for
-Optical Flow, IJCV 92, 2011): hue is direction, saturation is speed. Full colour is the speed of the reference's
-fastest pair of frames, for all clips, so that twice the speed looks different and rest is white. Flow is found by
-Dense Inverse Search (Kroeger et al., ECCV 2016), as OpenCV has it, at its medium setting.
+Motion pictures colour the flow between two frames as Baker et al. do (A Database and
+Evaluation Methodology for Optical Flow, IJCV 92, 2011): hue is direction, saturation is
+speed. Full colour is the speed of the reference's fastest pair of frames, for all
+clips, so that rest is white and twice the speed looks different. Dense Inverse Search
+(Kroeger et al., ECCV 2016) computes the flow, in OpenCV's version with its medium
+setting.
 """
 
 from __future__ import annotations
@@ -38,27 +41,31 @@ KINDS = tuple(WORDS)
 
 @dataclass(frozen=True)
 class Constants:
-    """Choices of the measure that a user does not make."""
+    """Fixed choices of the measure."""
 
     level: float = 0.95
-    """Of intervals."""
+    """Level of intervals."""
     peak: float = 99.9
-    """% of pixels that are no faster than the speed of a pair of frames: outliers do not count."""
+    """Percentile of the pixels' speeds for the speed of a pair of frames, %: it ignores
+    outliers.
+    """
     min_full_colour: float = 1.0
-    """px of motion that are full colour, at least."""
+    """Minimum motion with full colour, px."""
     rounding: float = 1e-9
-    """Distances below it are 0."""
+    """Smaller distances are 0."""
 
 
 CONSTANTS = Constants()
 
 
-# ---- distances ---------------------------------------------------------------------------------------------------
+# ---- distances
 
 
 @dataclass(frozen=True)
 class Moments:
-    """Mean (D,) and a root (K, D), K <= D, of the covariance: root' root, divided by N - 1."""
+    """Mean (D,) and a root (K, D), K <= D, of the covariance: root' root,
+    divided by N - 1.
+    """
 
     mean: F64
     root: F64
@@ -82,7 +89,7 @@ def moments(features: F64, weights: F64 | None = None) -> Moments:
     deviations = (features - mean) * np.sqrt(counts / (total - 1))[:, None]
     if len(deviations) <= deviations.shape[1]:
         return Moments(mean, deviations)
-    # of more pictures than features, a triangle with the same moments
+    # With more pictures than features, a triangle has the same moments and is smaller.
     return Moments(mean, np.asarray(np.linalg.qr(deviations, "r"), np.float64))
 
 
@@ -117,7 +124,9 @@ class Cloud:
 
 
 def cloud(clips: Sequence[F64]) -> Cloud:
-    """Return the features (frames, D) of all clips; clips without any are left out."""
+    """Return the features (frames, D) of all clips. Clips without features are left
+    out.
+    """
     clips = [features for features in clips if len(features)]
     frames = [len(features) for features in clips]
     numbers = np.repeat(np.arange(len(clips)), frames)
@@ -130,7 +139,9 @@ class Distance:
 
     value: float
     draws: tuple[float, ...]
-    """With clips drawn again, shifted so that their mean is `value`; empty if a side has a single clip."""
+    """Values for resampled clips, shifted so that their mean is `value`; empty for a
+    side with a single clip.
+    """
 
     @property
     def interval(self) -> tuple[float, float] | None:
@@ -149,13 +160,16 @@ def distances(
     seed: int = 0,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> dict[str, Distance]:
-    """Return the distance of every method, with `draws` resamplings of clips, 0 for no intervals.
+    """Return the distance of every method, with `draws` resamplings of clips, 0 for no
+    intervals.
 
-    Whole clips are drawn with replacement. All methods share the draws of the reference, and methods of as many clips
-    share theirs, so that what methods have in common cancels in differences. A resampled set has fewer different
-    clips, which moves a Fréchet distance up: only deviations of the draws from their own mean are taken.
+    Whole clips are drawn with replacement. All methods share the draws of the
+    reference, and methods with equal numbers of clips share their own draws, so that
+    common errors cancel in differences. A resampled set has fewer different clips,
+    which increases a Fréchet distance: only deviations of the draws from their own mean
+    count.
     """
-    # a common offset would cost digits
+    # A common offset would cost digits.
     center = reference.features.mean(axis=0)
     reference = Cloud(reference.features - center, reference.clips)
     methods = {
@@ -181,7 +195,7 @@ def _resample(
     seed: int,
     progress: Callable[[int, int], None],
 ) -> dict[str, list[float]]:
-    """Return the distances of every method for clips that are drawn again."""
+    """Return the distances of every method for resampled clips."""
     resamplings: dict[str, list[float]] = {name: [] for name in methods}
     random = np.random.default_rng(seed)
     sizes = sorted({method.count for method in methods.values()})
@@ -197,23 +211,23 @@ def _resample(
 
 
 def _draw_counts(random: np.random.Generator, count: int) -> F64:
-    """Return how often each of `count` clips comes in as many draws."""
+    """Return the count of each of `count` clips in as many draws."""
     clips = random.integers(0, count, count)
     return np.bincount(clips, minlength=count).astype(np.float64)
 
 
 def _shift_draws(value: float, draws: Sequence[float]) -> Distance:
-    """Return a distance whose draws have its value as their mean."""
+    """Return a distance with draws around its value."""
     shift = value - float(np.mean(draws)) if draws else 0.0
     return Distance(value, tuple(draw + shift for draw in draws))
 
 
-# ---- pictures of motion, and reading -----------------------------------------------------------------------------
+# ---- pictures of motion, and reading
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Choices of a user, one for all clips that are compared."""
+    """Choices of a user, common to all compared clips."""
 
     rule: Rule = field(default_factory=Rule)
     draws: int = 200
@@ -226,9 +240,9 @@ class Side:
 
     name: str
     lengths: list[int] = field(default_factory=list)
-    """Frames of each clip."""
+    """Number of frames of each clip."""
     features: dict[str, list[F64]] = field(default_factory=dict)
-    """By kind, of each clip."""
+    """Features by kind, of each clip."""
 
     def count(self, kind: str) -> int:
         """Return the number of pictures."""
@@ -242,12 +256,12 @@ class Comparison:
     reference: Side
     methods: Mapping[str, Side]
     distances: Mapping[str, Mapping[str, Distance]]
-    """By kind and method."""
+    """Distances by kind and method."""
     full_colour: float
-    """px of motion that are full colour."""
+    """Motion with full colour, px."""
     features: Inception
     feature_count: int
-    """Of a picture."""
+    """Number of features of a picture."""
     settings: Settings
     warnings: tuple[Problem, ...]
 
@@ -262,7 +276,9 @@ def flows(frames: Iterable[U8]) -> Iterator[F32]:
 
 
 def picture_flow(flow: F32, full_colour: float) -> U8:
-    """Return the picture (H, W, 3) sRGB of a flow (H, W, 2); `full_colour` px and more are full colour."""
+    """Return the picture (H, W, 3) sRGB of a flow (H, W, 2). `full_colour` px and more
+    have full colour.
+    """
     speed = cv2.magnitude(flow[..., 0], flow[..., 1])
     limit = np.minimum(1.0, full_colour / np.maximum(speed, full_colour))
     limited_flow = flow * limit.astype(np.float32)[..., None]
@@ -276,7 +292,9 @@ def measure(
     settings: Settings,
     progress: Progress = lambda stage, done, total: None,
 ) -> Comparison:
-    """Compare methods with a reference. Raise InputError with all clips that cannot be read or compared."""
+    """Compare methods with a reference. Raise InputError with all clips that
+    cannot be read or compared.
+    """
     clips_by_name = {REFERENCE: reference, **methods}
     full_colour = _check_sides(clips_by_name, settings, progress)
     sides = {}
@@ -311,17 +329,17 @@ def measure(
 
 
 class _ClipCheck:
-    """Collects the problems of clips, and the speeds of the reference's."""
+    """Collects the problems of clips, and the speeds of the reference."""
 
     def __init__(self, rule: Rule) -> None:
         self.problems: list[Problem] = []
         self.peaks = [CONSTANTS.min_full_colour]
         self._rule = rule
         self._first: tuple[tuple[int, int], Source] | None = None
-        """Size and clip that all others must resemble."""
+        """Size and clip as a model for all others."""
 
     def read(self, clip: Source, is_reference: bool) -> int | None:
-        """Read a clip, and return its number of frames; None if it cannot be read."""
+        """Read a clip, and return its number of frames; None for an unreadable clip."""
         try:
             frames = self._rule.frames(clip)
         except InputError as error:
@@ -358,9 +376,10 @@ def _shape_problem(
 def _check_sides(
     sides: Mapping[str, Sequence[Source]], settings: Settings, progress: Progress
 ) -> float:
-    """Read every clip once, and return the px that are full colour, by the reference's motion.
+    """Read every clip once, and return the motion with full colour, px, from the
+    reference.
 
-    This is done before anything is computed: all problems are reported at once.
+    This happens before any computation, so that all problems are reported at once.
     """
     check = _ClipCheck(settings.rule)
     for name, clips in sides.items():
@@ -373,13 +392,15 @@ def _check_sides(
         if len(lengths) == len(clips):
             check.problems += _count_problems(name, lengths)
     if check.problems:
-        # a clip of two sides is named once
+        # A clip on two sides is named once.
         raise InputError(dict.fromkeys(check.problems))
     return max(check.peaks)
 
 
 def _count_problems(name: str, lengths: Sequence[int]) -> list[Problem]:
-    """Return a problem unless the clips make two pictures, which a covariance needs."""
+    """Return a problem unless the clips make two pictures, the minimum for a
+    covariance.
+    """
     if sum(length - 1 for length in lengths) >= 2:
         return []
     place = Place("--reference" if name == REFERENCE else name)
@@ -430,7 +451,7 @@ def _warnings(
             )
 
 
-# ---- report ------------------------------------------------------------------------------------------------------
+# ---- report
 
 INTERVAL_NOTE = (
     "Intervals are the middle 95 % of draws in which whole clips are drawn again. A Fréchet distance of few pictures "
@@ -439,7 +460,9 @@ INTERVAL_NOTE = (
 
 
 def findings(comparison: Comparison, skipped_frames: int = 0) -> Findings:
-    """Return the findings; `skipped_frames` at the start do not count, for the record."""
+    """Return the findings. `skipped_frames` at the start do not count; the record names
+    them.
+    """
     features = comparison.features
     tables = tuple(_table(comparison, kind) for kind in comparison.distances)
     return Findings(
@@ -463,7 +486,7 @@ def findings(comparison: Comparison, skipped_frames: int = 0) -> Findings:
 
 
 def rows(comparison: Comparison) -> list[dict[str, Any]]:
-    """Return one row a method: distances and 95 % intervals."""
+    """Return one row per method: distances and 95 % intervals."""
     records = []
     for name, side in comparison.methods.items():
         record: dict[str, Any] = {"method": name, **_counts(side)}

@@ -1,8 +1,10 @@
-"""Frames against truth: the studio's true poses replayed, by physgen and by the paper's compositing.
+"""Compare frames with ground truth: replay the studio's true poses by physgen and by
+the paper's compositing.
 
-Truth videos (`studio/truth/NAME/film`) have poses and path-traced frames of them. The headline uses the maps that
-`perceive` makes of the photo, given the true masks. Beside it are the same with the true maps, and the paper's way:
-objects cut out hard, relit, and pasted over the true background.
+Truth videos (`studio/truth/NAME/film`) have poses and their path-traced frames. The
+headline uses the maps from `perceive` with the true masks. Other ways are the true
+maps, and the paper's compositing: objects with hard borders, relit, over the true
+background.
 """
 
 from __future__ import annotations
@@ -39,19 +41,23 @@ Mask = NDArray[np.bool_]
 REGIONS = ("objects", "shadows", "both", "rest")
 """`both`: objects and shadow regions together."""
 BAR = 3.0
-"""dB that ours is to be better than the paper's compositing with its relighting on shadows, on the test half."""
+"""Minimum advantage over the paper's relit compositing on shadows of the test
+half, dB.
+"""
 SHADOW = 6
-"""Grey levels by which truth differs from the empty background in a shadow or a reflection."""
+"""Minimum difference from the empty background in a shadow or a reflection, grey
+levels.
+"""
 MAX_DB = 60.0
-"""dB of pictures that are equal."""
+"""PSNR of equal pictures, dB."""
 MIN_ERROR = 1e-9
-"""Squared error, 0..1, of pictures that are equal."""
+"""Squared error of equal pictures, 0..1."""
 MIN_SHADE = 0.05
-"""Shading that divides the photo, at least."""
+"""Minimum shading as a divisor of the photo."""
 HALVES = ("test", "tune")
 
 TRUTH = Path("studio/truth")
-"""Of a checkout."""
+"""Folder in a checkout."""
 
 
 @dataclass(frozen=True)
@@ -77,9 +83,9 @@ def read_ids(path: Path) -> U8:
 
 
 def truths(folder: Path, names: Sequence[str] = ()) -> list[Truth]:
-    """Return the truth videos below a folder, by name, all without names.
+    """Return the truth videos below a folder by name; all without names.
 
-    Raise InputError if there are none, or none of a name.
+    Raise InputError for a folder without truth videos, or for an unknown name.
     """
     paths = {}
     for path in sorted(folder.glob("*/film/film.json")):
@@ -108,10 +114,12 @@ def _read_truth(name: str, path: Path, root: Path) -> Truth:
     return Truth(name, scene, maps, film, path.parent)
 
 
-def replay(truth: Truth, compiled: CompiledScene) -> Trajectory:
-    """Return the stored poses as a trajectory, t = 0 first; the roll of balls is simulated again."""
+def replay(truth: Truth, compilation: CompiledScene) -> Trajectory:
+    """Return the stored poses as a trajectory from t = 0. The roll of balls is
+    simulated again.
+    """
     times = np.array([0.0, *truth.film["times_s"]])
-    trajectory = simulate(compiled.world, times)
+    trajectory = simulate(compilation.world, times)
     poses = trajectory.poses.copy()
     for k, name in enumerate(trajectory.names):
         stored_poses = np.array(truth.film["objects"][name])
@@ -121,7 +129,7 @@ def replay(truth: Truth, compiled: CompiledScene) -> Trajectory:
 
 
 def render_own_frames(truth: Truth, scene: Scene, maps: Percepts) -> Iterator[U8]:
-    """Yield physgen's frames after the photo itself."""
+    """Yield the photo itself, and physgen's frames."""
     compiled = pipeline.compile(scene, maps)
     stage = pipeline.stage(scene, compiled, maps)
     frames = pipeline.render(stage, replay(truth, compiled))
@@ -131,7 +139,9 @@ def render_own_frames(truth: Truth, scene: Scene, maps: Percepts) -> Iterator[U8
 
 
 def perceive_truth(truth: Truth) -> tuple[Scene, Percepts]:
-    """Return scene and maps that `perceive` makes of the photo, given the true masks; shapes and motion are true."""
+    """Return scene and maps of `perceive` for the photo with the true masks. Shapes and
+    motion are true.
+    """
     world = truth.scene.world
     perception = perceive(
         truth.maps.rgb,
@@ -152,10 +162,11 @@ def perceive_truth(truth: Truth) -> tuple[Scene, Percepts]:
 
 
 def paper(truth: Truth, background: U8, light: DistantLight | None) -> Iterator[U8]:
-    """Yield frames of hard cut-outs over a background; relit by Lambert's law if there is a light.
+    """Yield frames of hard cut-outs over a background, relit by Lambert's law if there
+    is a light.
 
-    Relighting multiplies the photo by the shading of the turned normals over that of the first ones, with the true
-    light and, for spheres, the true normals.
+    Relighting multiplies the photo by the ratio of the shading of turned and original
+    normals, with the true light and, for spheres, the true normals.
     """
     compiled = pipeline.compile(truth.scene, truth.maps)
     trajectory = replay(truth, compiled)
@@ -175,7 +186,7 @@ def paper(truth: Truth, background: U8, light: DistantLight | None) -> Iterator[
 
 
 def _relight(photo: F32, body: Body, angle: float, light: DistantLight) -> F32:
-    """Return the linear photo with the shading of a sphere that has turned by an angle (rad)."""
+    """Return the linear photo with the shading of a turned sphere; `angle` in rad."""
     if body.radius is None:
         return photo
     height, width = photo.shape[:2]
@@ -190,7 +201,9 @@ def _relight(photo: F32, body: Body, angle: float, light: DistantLight) -> F32:
 
 
 def _paste(canvas: U8, mask: Mask, look: F32, body: Body, pose: F64) -> None:
-    """Paste an object's pixels of a linear picture over a canvas at a pose (x px, y px, angle rad)."""
+    """Paste an object's pixels of a linear picture over a canvas at a pose (x
+    px, y px, angle rad).
+    """
     height, width = mask.shape
     x, y, angle = pose
     turn = rotation(angle)
@@ -236,7 +249,9 @@ def psnr(error: F64, region: Mask) -> float | None:
 
 
 def ssim(a: U8, b: U8) -> F32:
-    """Return the structural similarity of luma, (H, W), with Gaussian windows of 1.5 px (Wang et al., 2004)."""
+    """Return the structural similarity of luma, (H, W), with Gaussian windows of 1.5 px
+    (Wang et al., 2004).
+    """
     x, y = (cv2.cvtColor(p, cv2.COLOR_RGB2GRAY).astype(np.float32) for p in (a, b))
 
     def mean(v: Any) -> F32:
@@ -301,7 +316,9 @@ def evaluate(
     progress: Progress = lambda *_: None,
     ways: Callable[[Truth], Ways] = ways,
 ) -> dict[str, Any]:
-    """Compare every way on every truth video below a folder; means are over the scenes of each half of the split."""
+    """Compare every way on every truth video below a folder; means are over the
+    scenes of each half of the split.
+    """
     films = truths(folder, names)
     path = folder / "../split.json"
     split = json.loads(path.read_text()) if path.exists() else {}
@@ -317,7 +334,7 @@ def evaluate(
 
 
 def _find_half(name: str, split: Mapping[str, Sequence[str]]) -> str:
-    """Return the half of a scene; "" for a scene of no half."""
+    """Return the half of a scene, or "" for a scene outside the split."""
     for half in ("tune", "test"):
         if name in split.get(half, ()):
             return half
@@ -326,14 +343,18 @@ def _find_half(name: str, split: Mapping[str, Sequence[str]]) -> str:
 
 @dataclass(frozen=True)
 class Ahead:
-    """dB by which the headline is better than the paper's relit compositing, on the test half."""
+    """Advantage of the headline over the paper's relit compositing on the test half,
+    dB.
+    """
 
     shadows: float
     objects: float
 
     @property
     def is_enough(self) -> bool:
-        """Return whether ours is better by `BAR` on shadows, and no worse on objects."""
+        """Return whether ours is better by `BAR` on shadows, and not worse on
+        objects.
+        """
         return self.shadows >= BAR and self.objects >= 0
 
     def __str__(self) -> str:
@@ -341,7 +362,7 @@ class Ahead:
 
 
 def ahead(means: Sequence[Mapping[str, Any]]) -> Ahead | None:
-    """Return the advantage of ours; None if either way is missing on the test half."""
+    """Return the advantage of ours, or None without both ways on the test half."""
     by_way = {row["way"]: row for row in means if row["half"] == "test"}
     if "ours" not in by_way or "paper, relit" not in by_way:
         return None
@@ -366,7 +387,7 @@ def means(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _average(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-    """Return the mean of each measure that any row has."""
+    """Return the mean of each measure over the rows."""
     averages = {}
     for key in rows[0]:
         if key in ("scene", "half", "way"):
@@ -377,16 +398,18 @@ def _average(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     return averages
 
 
-# ---- report ------------------------------------------------------------------------------------------------------
+# ---- report
 
 SCENE_WAYS = ("ours", "ours, true maps", "paper, relit")
-"""Of the table scene by scene."""
+"""Columns of the table of scenes."""
 STRIP_WAYS, COLUMNS = ("paper, relit", "ours"), 4
-"""Rows of a strip above the truth, and frames in a row."""
+"""Rows of a strip above the truth, and number of frames in a row."""
 
 
 def findings(result: Mapping[str, Any]) -> Findings:
-    """Return the findings of a result of `evaluate`; without a bar if no scene is of the test half."""
+    """Return the findings of a result of `evaluate`, without a bar if it has no scene
+    of the test half.
+    """
     advantage = result["ahead"]
     sentence = "None of these scenes is of the test half: there is no bar."
     bars: tuple[Bar, ...] = ()
@@ -430,7 +453,7 @@ def _means_table(means: Sequence[Mapping[str, Any]]) -> Table:
 
 
 def _scene_table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """Return the table of PSNR on objects and shadows, one line a scene."""
+    """Return the table of PSNR on objects and shadows, one line per scene."""
     by_scene: dict[str, dict[str, Mapping[str, Any]]] = {}
     for row in rows:
         by_scene.setdefault(row["scene"], {})[row["way"]] = row
@@ -454,7 +477,9 @@ def _cell(row: Mapping[str, Any], key: str) -> str:
 
 
 def write_strips(truth: Truth, path: Path) -> None:
-    """Write a picture with rows of the paper's way, ours and the truth, from above, at the same moments."""
+    """Write a picture with rows of the paper's way, ours and the truth, from
+    above, at the same moments.
+    """
     count = len(truth.film["times_s"])
     columns = range(min(COLUMNS, count))
     frame_numbers = {round((k + 1) * count / COLUMNS) - 1 for k in columns}

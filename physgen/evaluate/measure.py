@@ -1,7 +1,8 @@
 """Result of a measure, and its form as terminal text, JSON and a page.
 
-A measure returns one `Findings`: sentences, tables, the bars to be met, and the same as data. Numbers in
-tables are texts; `rows` has them in full. A value that is not known is "-" in tables and None in data, never NaN.
+A measure returns one `Findings`: sentences, tables, bars, and the same as data. Numbers
+in tables are texts; `rows` has all digits. An unknown value is "-" in tables and None
+in data, never NaN.
 """
 
 from __future__ import annotations
@@ -19,10 +20,10 @@ from physgen.files import back_up, check_writable, write_atomic
 from physgen.report.html import template
 
 Progress = Callable[[str, int, int], None]
-"""Stage, steps done, steps in all."""
+"""Stage, completed steps, all steps."""
 PAGE, RESULT = "index.html", "result.json"
 COLUMNS = 100
-"""Of a terminal that a sentence may take."""
+"""Maximum width of a sentence in a terminal, characters."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,9 @@ class Table:
 
     @property
     def numeric(self) -> list[bool]:
-        """Return for each column whether all cells are numbers, which belong to the right."""
+        """Return for each column whether all cells are numbers, which are aligned
+        right.
+        """
         columns = range(len(self.heads))
         return [all(is_numeric(row[k]) for row in self.rows) for k in columns]
 
@@ -52,7 +55,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Bar:
-    """A limit that a value must reach."""
+    """A limit for a value."""
 
     label: str
     value: str
@@ -78,16 +81,16 @@ class Findings:
     """Result of one measure."""
 
     measure: str
-    """Its name on the command line."""
+    """Name on the command line."""
     title: str
     sentences: tuple[str, ...]
     """The most important first."""
     sections: tuple[Section, ...]
     rows: Sequence[Mapping[str, Any]]
-    """As JSON: numbers in full, None for a value that is not known."""
+    """Data for JSON: numbers with all digits, None for an unknown value."""
     bars: tuple[Bar, ...] = ()
     extra: Mapping[str, Any] = field(default_factory=dict)
-    """Beside `rows` in the JSON: settings, totals, versions."""
+    """Further JSON beside `rows`: settings, totals, versions."""
 
     @property
     def has_passed(self) -> bool:
@@ -106,7 +109,7 @@ class Findings:
 
 
 def as_json(findings: Findings) -> str:
-    """Return the output of `--json`. Raise ValueError for a number that is not finite."""
+    """Return the output of `--json`. Raise ValueError for an infinite number."""
     text = json.dumps(
         findings.as_dict(),
         indent=1,
@@ -134,7 +137,9 @@ def text(findings: Findings) -> str:
 
 
 def columns(table: Table) -> list[str]:
-    """Return the lines of a table, all of one width: words to the left, numbers to the right."""
+    """Return the lines of a table with equal widths: words on the left, numbers on the
+    right.
+    """
     rows = [table.heads, *table.rows]
     widths = []
     for k in range(len(table.heads)):
@@ -182,7 +187,7 @@ def _wrap(sentences: Sequence[str]) -> list[str]:
     return lines
 
 
-# ---- the page ----------------------------------------------------------------------------------------------------
+# ---- the page
 
 
 def check_folder(folder: Path | None) -> None:

@@ -1,7 +1,9 @@
-"""Compare masses, and orders of friction and elasticity, that a backend of physics answers with measured ones.
+"""Compare a physics backend's masses, and its orders of friction and elasticity, with
+measured ones.
 
-As the paper does (appendix, "GPT-4V physical property estimation evaluation"): the mean absolute difference (ADE) and
-the share of masses within 30 %, and pairs in the right order.
+The measures are the paper's (appendix, "GPT-4V physical property estimation
+evaluation"): the mean absolute difference (ADE) and the share of masses within 30 %,
+and pairs in the right order.
 """
 
 from __future__ import annotations
@@ -30,27 +32,27 @@ from physgen.scene.document import Source, decode, read, to_plain_data
 from physgen.simulate.uncertainty import wilson
 
 NEAR = 0.3
-"""Relative error up to which the paper counts a mass as right."""
+"""Maximum relative error of a right mass, as in the paper."""
 REGULATED = 0.05
-"""Relative spread of sizes up to which rules, and not makers, fix the weight of a kind of object."""
+"""Maximum relative spread of sizes for a kind of object with a regulated weight."""
 ROUNDING = 1e-12
-"""Relative error of a float that is exactly at NEAR."""
+"""Relative error of a float at NEAR exactly."""
 
 
-# ---- tables ------------------------------------------------------------------------------------------------------
+# ---- tables
 
 SHIPPED = Path(__file__).with_name("objects.yaml")
 
 
 class Coefficient(Enum):
-    """The property that a ranking orders."""
+    """The property of a ranking."""
 
     FRICTION = "friction"
     ELASTICITY = "elasticity"
 
 
 class Form(Enum):
-    """Shape of an object without a photo, which decides the numbers of its size."""
+    """Shape of an object without a photo, with its kind of size."""
 
     BALL = "ball"
     TURNED = "turned"
@@ -60,7 +62,7 @@ class Form(Enum):
 COEFFICIENTS = tuple(coefficient.value for coefficient in Coefficient)
 NUMBERS = ("mass", *COEFFICIENTS)
 LENGTHS = {Form.BALL: 1, Form.TURNED: 2, Form.BOX: 3}
-"""Numbers of a form's size."""
+"""Number of lengths in a form's size."""
 
 
 @dataclass(frozen=True)
@@ -72,21 +74,23 @@ class Item:
     """The noun in the question to a backend."""
     form: Form = Form.BOX
     size: tuple[float, ...] = ()
-    """mm: diameter of a ball; height and diameter of a turned object; three sides of a box. Empty: not known."""
+    """mm: diameter of a ball; height and diameter of a turned object; three sides of a
+    box. Empty if unknown.
+    """
     mass: float | None = None
-    """g, true."""
+    """True mass, g."""
 
 
 @dataclass(frozen=True)
 class Ranking:
-    """Coefficients that were measured in one way."""
+    """Coefficients from one method of measurement."""
 
     coefficient: str
     """`friction` or `elasticity`."""
     label: str
     source: str
     values: Mapping[str, float]
-    """By the objects' names."""
+    """Values by the objects' names."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +110,7 @@ class Objects:
 
 @dataclass(frozen=True)
 class Answer:
-    """Of one object; None: no answer."""
+    """Answer for one object; None without an answer."""
 
     mass: float | None = None
     """g."""
@@ -116,7 +120,7 @@ class Answer:
 
 
 TABLE_START = "`objects:` and one line per object, e.g. `cup: {label: cup, mass: 118}`"
-"""First keys of a table, as messages name them."""
+"""First keys of a table, for messages."""
 
 
 def read_table(path: Path) -> Objects:
@@ -133,7 +137,7 @@ def read_table(path: Path) -> Objects:
 
 
 def _parse_table(path: Path) -> Objects:
-    """Return a table. Raise an error of Python for a file that is not one."""
+    """Return a table. Raise an error of Python for another kind of file."""
     text = decode(path.read_bytes(), str(path))
     source_file = Source(str(path), path.parent)
     data: Any = to_plain_data(read(text, source_file, start=TABLE_START))
@@ -177,7 +181,9 @@ def _item(
 def _ranked_values(
     file: str, values: Mapping[str, float], objects: Mapping[str, Any]
 ) -> dict[str, float]:
-    """Return values by object. Raise InputError for fewer than two, and for names of no object."""
+    """Return values by object. Raise InputError for fewer than two, and for unknown
+    names.
+    """
     if len(values) < 2 or not values.keys() <= objects.keys():
         raise Message.RANKING_TOO_SHORT.error_at(
             Place(file), "rankings", ", ".join(values)
@@ -185,7 +191,7 @@ def _ranked_values(
     return {name: float(value) for name, value in values.items()}
 
 
-# ---- scores ------------------------------------------------------------------------------------------------------
+# ---- scores
 
 
 @dataclass(frozen=True)
@@ -196,7 +202,7 @@ class Masses:
     ade: float
     """Mean absolute difference, g."""
     near_count: int
-    """Number within 30 % of the truth."""
+    """Number of masses within 30 % of the truth."""
 
     @property
     def share(self) -> float:
@@ -233,15 +239,15 @@ def masses(pairs: Sequence[tuple[float, float]]) -> Masses | None:
 
 @dataclass(frozen=True)
 class Order:
-    """Number of pairs that are answered in the right order."""
+    """Number of pairs in the right order."""
 
     count: int = 0
-    """Pairs with different true values."""
+    """Number of pairs with different true values."""
     right: int = 0
     ties: int = 0
-    """Answered as equal: not right."""
+    """Number of pairs with equal answers, which are not right."""
     wrong_pairs: tuple[tuple[str, str], ...] = ()
-    """(truly larger, truly smaller) of the pairs that are not right."""
+    """(truly larger, truly smaller) of the wrong pairs."""
 
     def __add__(self, other: Order) -> Order:
         return Order(
@@ -272,7 +278,7 @@ def order(true: Mapping[str, float], answers: Mapping[str, float]) -> Order:
     return total
 
 
-# ---- asking ------------------------------------------------------------------------------------------------------
+# ---- asking
 
 
 def ask(
@@ -280,8 +286,8 @@ def ask(
 ) -> dict[str, Answer]:
     """Return answers by name.
 
-    With size, the backend gets each object's size, as from a photo of known scale; else its name alone. Raise
-    InputError if the backend cannot answer.
+    With size, the backend gets each object's size, as from a photo of known scale;
+    otherwise only its name. Raise InputError if the backend cannot answer.
     """
 
     def ask_all(physics: Physics) -> dict[str, Answer]:
@@ -307,7 +313,9 @@ def as_answer(matter: Matter) -> Answer:
 
 
 def scale_by_labels(objects: Sequence[PhotoObject]) -> float | None:
-    """Return px/m as `perceive` finds it, from objects of known size among them; None if there is none."""
+    """Return px/m as `perceive` finds it, from objects of known size, or None without
+    such objects.
+    """
     kinds = {photo_object.id: kind_of(photo_object.label) for photo_object in objects}
     scale = photo_scale(objects, kinds)
     if scale is None or scale.confidence < MIN_SCALE_CONFIDENCE:
@@ -316,9 +324,9 @@ def scale_by_labels(objects: Sequence[PhotoObject]) -> float | None:
 
 
 CANVAS, LONGEST = 512, 256
-"""px: sides of a silhouette's picture and of its object."""
+"""Sides of a silhouette's picture and of its object, px."""
 PAPER, INK = 235, 110
-"""Grey levels."""
+"""Grey levels of paper and object."""
 
 
 UNKNOWN_SIZES = {
@@ -326,7 +334,7 @@ UNKNOWN_SIZES = {
     Form.TURNED: (2.0, 1.0),
     Form.BOX: (1.0, 1.0, 1.0),
 }
-"""Sizes of silhouettes of objects whose size is not known."""
+"""Sizes of silhouettes for objects of unknown size."""
 
 
 def silhouette(item: Item) -> tuple[Rgb, Outline]:
@@ -351,14 +359,14 @@ def silhouette(item: Item) -> tuple[Rgb, Outline]:
     return np.repeat(rgb, 3, axis=2), outline
 
 
-# ---- report ------------------------------------------------------------------------------------------------------
+# ---- report
 
 MASS, ORDER = "Mass", "Order of friction and elasticity"
 PAPER_MASS = ("the paper, GPT-4V on photos", "20", "390 g", "75 %", "[53, 89]")
 PAPER_ORDER = {"friction": (12, 13), "elasticity": (6, 7)}
 HEADS = ("set", "objects", "ADE", "within 30 %", "95 %")
 TABLE_PAIRS = 2
-"""Pairs not in order that a table names; the JSON has all."""
+"""Number of wrongly ordered pairs in a table; the JSON has all."""
 NOTE = (
     "ADE: mean absolute difference. 95 %: interval of the share, since the objects are few. The paper's objects are "
     "others: 20 of Amazon Berkeley Objects."
@@ -443,7 +451,9 @@ def _mass_pairs(table: Objects, answers: Mapping[str, Answer]) -> list[_MassPair
 
 
 def _mass_sets(table: Objects, answers: Mapping[str, Answer]) -> dict[str, Masses]:
-    """Return the errors of all masses, and of those that no rules fix, by name."""
+    """Return the errors of all masses, and of the masses without regulation,
+    by name.
+    """
     pairs = _mass_pairs(table, answers)
     free_pairs = [pair for pair in pairs if not is_regulated(pair.item.label)]
     pairs_by_set = {table.title: pairs}
@@ -484,7 +494,9 @@ def _sections(
 
 
 def is_regulated(label: str) -> bool:
-    """Return whether materials.yaml knows a weight for such an object that rules fix: a golf ball's."""
+    """Return whether materials.yaml has a regulated weight for such an object, as for a
+    golf ball.
+    """
     kind = kind_of(label)
     return kind.mass is not None and kind.spread <= REGULATED and kind.form == "ball"
 
@@ -564,7 +576,9 @@ def _format_grams(grams: float) -> str:
 def _order_section(
     orders: Sequence[tuple[Ranking, Order]], totals: Mapping[str, Order]
 ) -> Section:
-    """Return the table of rankings, with the paper's figures below those of each coefficient."""
+    """Return the table of rankings, with the paper's figures below those of
+    each coefficient.
+    """
     rows = []
     for coefficient in COEFFICIENTS:
         rankings = 0
@@ -591,7 +605,7 @@ def _order_section(
 
 
 def _format_pairs(pairs: Sequence[tuple[str, str]]) -> str:
-    """Return the first of some pairs, and the number of the others."""
+    """Return the first pairs, and the number of the others."""
     texts = [f"{larger} > {smaller}" for larger, smaller in pairs[:TABLE_PAIRS]]
     text = ", ".join(texts)
     if len(pairs) > TABLE_PAIRS:

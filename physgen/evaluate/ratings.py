@@ -1,7 +1,8 @@
 """Read answers to a study, and report means of methods and agreement of raters.
 
-Intervals are bootstraps over raters and scenes, drawn with replacement and apart from each other (A. Owen, The
-pigeonhole bootstrap, Annals of Applied Statistics 2007; it errs on the wide side). All methods share the draws.
+Intervals are bootstraps over raters and scenes, drawn with replacement and
+independently (A. Owen, The pigeonhole bootstrap, Annals of Applied Statistics 2007; the
+intervals tend to be too wide). All methods share the draws.
 """
 
 from __future__ import annotations
@@ -22,22 +23,24 @@ from physgen.text import counted, natural, shown
 
 F64 = NDArray[np.float64]
 Scores = NDArray[np.int64]
-"""(R, M, S): 1 to 5 that R raters gave M methods in S scenes, 0 where a rater gave none."""
+"""(R, M, S): scores 1 to 5 of R raters for M methods in S scenes, 0 for a
+missing one.
+"""
 
 POINTS = 5
 DRAWS, CLIP_DRAWS = 5000, 500
-"""Bootstrap draws of raters and scenes; of clips, for agreement."""
+"""Numbers of bootstrap draws of raters and scenes, and of clips, for agreement."""
 QUANTILES = (0.025, 0.975)
-"""Of intervals."""
+"""Quantiles of intervals."""
 ENOUGH = 5
-"""Raters or videos below which an interval is too narrow."""
+"""Minimum number of raters or videos. Below it, an interval is too narrow."""
 MAX_PATH = 60
-"""Characters of a clip's path in a message."""
+"""Maximum length of a clip's path in a message, characters."""
 MAX_NAME = 80
-"""Characters of names in files of answers."""
+"""Maximum length of names in files of answers, characters."""
 
 
-# ---- reading -----------------------------------------------------------------------------------------------------
+# ---- reading
 
 
 @dataclass(frozen=True)
@@ -47,25 +50,27 @@ class Rater:
     name: str
     file: Path
     session: str
-    """Of one person at one browser: two files of one session are of the same person."""
+    """Id of one person at one browser: two files of one session belong to the same
+    person.
+    """
     save_time: str
-    """ISO 8601; empty if the file does not state it."""
+    """ISO 8601; empty if missing."""
     scores: Mapping[str, Mapping[str, int]]
-    """By clip and question, 1 to 5."""
+    """Scores by clip and question, 1 to 5."""
 
 
 @dataclass(frozen=True)
 class Answers:
-    """Of all raters."""
+    """Answers of all raters."""
 
     key: Key
     raters: tuple[Rater, ...]
     scores: Mapping[str, Scores]
-    """By question."""
+    """Scores by question."""
 
 
 def files_in(paths: Sequence[Path], key: Path) -> list[Path]:
-    """Return each file once; of a folder, its *.json but the key."""
+    """Return each file once. For a folder, return its *.json files without the key."""
     files: set[Path] = set()
     for path in paths:
         candidates = path.glob("*.json") if path.is_dir() else [path]
@@ -75,7 +80,8 @@ def files_in(paths: Sequence[Path], key: Path) -> list[Path]:
 
 
 def read_answers(files: Sequence[Path], key: Key) -> Answers:
-    """Return the answers of all who answered anything; the last file of a person counts.
+    """Return the answers of all raters with an answer. The last file of a person
+    counts.
 
     Raise InputError with all problems.
     """
@@ -151,7 +157,7 @@ def _read_rater(file: Path, key: Key) -> Rater:
 def _read_scores(
     file: Path, clip: str, answer: Mapping[str, Any], problems: list[Problem]
 ) -> dict[str, int]:
-    """Return the scores of a clip by question, and add the problems of others."""
+    """Return the scores of a clip by question, and add the problems of wrong ones."""
     scores = {}
     for question in QUESTIONS:
         value = answer.get(question.key)
@@ -168,12 +174,14 @@ def _read_scores(
     return scores
 
 
-# ---- statistics --------------------------------------------------------------------------------------------------
+# ---- statistics
 
 
 @dataclass(frozen=True)
 class Mean:
-    """With its 95 % interval; None if nothing is known, and no interval of a single answer."""
+    """A mean with its 95 % interval; None if unknown, and no interval for a single
+    answer.
+    """
 
     mean: float | None
     low: float | None = None
@@ -197,7 +205,9 @@ class Draws:
         return np.asarray(scene_sums, np.float64)
 
     def means(self, values: F64, weights: F64) -> list[Mean]:
-        """Return the means of (R, M, S) values by method, over `weights`, with intervals."""
+        """Return the means of (R, M, S) values by method, over `weights`, with
+        intervals.
+        """
         counts = weights.sum(axis=(0, 2))
         totals = values.sum(axis=(0, 2))
         drawn_totals = self.sums(values)
@@ -211,7 +221,7 @@ class Draws:
             if count == 1:
                 means.append(Mean(mean))
                 continue
-            # if answers are missing, a draw may have none
+            # Missing answers can leave a draw without any.
             has_answers = drawn_counts[:, k] > 0
             ratios = drawn_totals[has_answers, k] / drawn_counts[has_answers, k]
             low, high = np.quantile(ratios, QUANTILES).tolist()
@@ -220,21 +230,22 @@ class Draws:
 
 
 def _draw_counts(random: np.random.Generator, count: int) -> F64:
-    """Return how often each of `count` comes in each draw, (B, count)."""
+    """Return the count of each of `count` in each draw, (B, count)."""
     counts = random.multinomial(count, np.full(count, 1 / count), DRAWS)
     return counts.astype(np.float64)
 
 
 def means(scores: Scores, draws: Draws) -> list[Mean]:
-    """Return the mean of each method over all answers that it got."""
+    """Return the mean of each method over all its answers."""
     return draws.means(scores.astype(np.float64), (scores > 0).astype(np.float64))
 
 
 def agreement(scores: Scores, seed: int = 0) -> Mean:
-    """Return Krippendorff's alpha for ordinal data: 1 is perfect agreement, 0 is chance; None if it has no meaning.
+    """Return Krippendorff's alpha for ordinal data: 1 is perfect agreement, 0 is
+    chance; None if undefined.
 
-    Of (R, U) scores 1 to 5 that R raters gave U clips, 0 if a rater gave none. The interval draws clips, not raters: a
-    rater drawn twice would agree with himself.
+    The scores (R, U) are 1 to 5 of R raters for U clips, 0 for a missing one. The
+    interval draws clips, not raters: a rater drawn twice would agree with himself.
     """
     points = range(1, POINTS + 1)
     counts = np.stack([(scores == point).sum(axis=0) for point in points], axis=1)
@@ -251,12 +262,12 @@ def agreement(scores: Scores, seed: int = 0) -> Mean:
 
 
 def _is_meaningless(counts: Scores) -> bool:
-    """Return whether no clip is rated twice, or all scores (U, points) are the same."""
+    """Return whether no clip has two ratings, or all scores (U, points) are equal."""
     return int((counts.sum(axis=0) > 0).sum()) < 2
 
 
 def _alpha(counts: Scores) -> float:
-    """Return Krippendorff's alpha of (U, points) counts; NaN if it has no meaning."""
+    """Return Krippendorff's alpha of (U, points) counts, or NaN if undefined."""
     import krippendorff
 
     if _is_meaningless(counts):
@@ -269,7 +280,7 @@ def _alpha(counts: Scores) -> float:
     return float(alpha)
 
 
-# ---- report ------------------------------------------------------------------------------------------------------
+# ---- report
 
 ALPHA = (
     "Krippendorff's alpha for ordinal data: 1 is perfect agreement, 0 chance. From 0.8 up raters agree well, from "
@@ -329,12 +340,14 @@ def _method_rows(answers: Answers, seed: int) -> list[dict[str, Any]]:
 
 
 def _preference(row: Mapping[str, Any]) -> tuple[float, ...]:
-    """Return a key that sorts methods by their means, the best first."""
+    """Return a sort key for methods by their means, the best first."""
     return tuple(-(row[question.key]["mean"] or 0) for question in QUESTIONS)
 
 
 def _sentences(answers: Answers, rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """Yield the best method by question, the number of answers, and a doubt about few of them."""
+    """Yield the best method by question, the number of answers, and a doubt about a
+    small number.
+    """
     for question in QUESTIONS:
         best_row = max(rows, key=lambda row: row[question.key]["mean"] or 0)
         best = best_row[question.key]

@@ -1,4 +1,5 @@
-"""Compare times of stages, from the records of clips (manifest.json, perceived.json), with the paper's table.
+"""Compare times of stages, from the records of clips (manifest.json, perceived.json),
+with the paper's table.
 
 Clips of different machines are never mixed.
 """
@@ -26,9 +27,9 @@ from physgen.report.record import TIMING
 from physgen.scene.files import RECORD, read_record
 
 MAX_PROBLEMS = 20
-"""Manifests without times that are named, at most."""
+"""Maximum number of named manifests without times."""
 PAPER = 180
-"""s: "around 3 minute for a single generation", on an A40."""
+""""around 3 minute for a single generation", on an A40, s."""
 
 
 @dataclass(frozen=True)
@@ -37,9 +38,9 @@ class Part:
 
     name: str
     paper: float | None
-    """s on an A40 (appendix, runtime analysis); None: not in the paper."""
+    """Time on an A40 (appendix, runtime analysis), s; None if not in the paper."""
     stages: tuple[str, ...]
-    """Our stages that do the same."""
+    """Our stages for the same work."""
 
 
 OTHER_ROLES = (
@@ -67,7 +68,7 @@ PARTS = (
 ORDER = [stage for part in PARTS for stage in part.stages]
 
 Time = tuple[float, float]
-"""s of wall time, and of CPU time of all threads, NaN where that is not recorded."""
+"""Wall time and CPU time of all threads, s; NaN for an unrecorded one."""
 
 
 def total(times: Sequence[Time]) -> Time:
@@ -77,29 +78,31 @@ def total(times: Sequence[Time]) -> Time:
 
 @dataclass(frozen=True)
 class Run:
-    """One clip, or one photo that was perceived and rendered."""
+    """One clip, or one perceived and rendered photo."""
 
     name: str
     stages: Mapping[str, Time]
-    """By the record's names; steps of perceiving by their role, after `perceive `."""
+    """Times by the record's names. Steps of perception have their role after `perceive
+    `.
+    """
     machine: str
-    """With the device that rendered or ran models, unless it is the CPU."""
+    """Machine, with the device for rendering or models, unless it is the CPU."""
     models: tuple[str, ...] = ()
     """Backends with downloaded models, as `role=name`."""
 
     @property
     def has_perception(self) -> bool:
-        """Return whether steps of perceiving are recorded."""
+        """Return whether the steps of perception are recorded."""
         return any(stage.startswith("perceive ") for stage in self.stages)
 
 
-# ---- records -----------------------------------------------------------------------------------------------------
+# ---- records
 
 
 def read_runs(roots: Sequence[Path], warn: Warn = ignore_warning) -> list[Run]:
-    """Return every clip below `roots` that records its times; `warn` is called for others.
+    """Return every clip with recorded times below `roots`; `warn` is called for others.
 
-    Raise InputError without any.
+    Raise InputError if there are none.
     """
     runs: list[Run] = []
     problems: list[Problem] = []
@@ -125,7 +128,7 @@ def read_runs(roots: Sequence[Path], warn: Warn = ignore_warning) -> list[Run]:
 
 
 def _run(name: str, folder: Path, record: Mapping[str, Any]) -> Run | None:
-    """Return the run of a clip; None if the clip has no times."""
+    """Return the run of a clip, or None without times."""
     stages = _read_stages(folder, record)
     if not stages:
         return None
@@ -141,7 +144,7 @@ def _run(name: str, folder: Path, record: Mapping[str, Any]) -> Run | None:
 
 
 def _read_stages(folder: Path, record: Mapping[str, Any]) -> dict[str, Time]:
-    """Return the times of a clip's stages, none if they are missing or are not times."""
+    """Return the times of a clip's stages, or nothing for missing or wrong ones."""
     stages = {}
     try:
         path = folder / TIMING
@@ -170,7 +173,9 @@ def _machine(platform: Mapping[str, Any]) -> str:
 def _read_perception(
     folder: Path, record: Mapping[str, Any]
 ) -> tuple[dict[str, Time], tuple[str, ...]]:
-    """Return the times of steps of perceiving, and the models in them; none if the scene has moved."""
+    """Return the times of the steps of perception, and their models, or nothing for a
+    moved scene.
+    """
     assets = (record.get("document") or {}).get("assets")
     source = str(record.get("source") or "://")
     if not assets or "://" in source:
@@ -193,7 +198,7 @@ def _read_perception(
 
 @cache
 def gpu() -> str:
-    """Return the GPU's model and memory, from nvidia-smi; `""` without one."""
+    """Return the GPU's model and memory from nvidia-smi, or `""` without a GPU."""
     command = ["nvidia-smi", "--query-gpu=name,memory.total", "--format=csv,noheader"]
     with suppress(OSError, subprocess.SubprocessError):
         process = subprocess.run(
@@ -204,7 +209,7 @@ def gpu() -> str:
     return ""
 
 
-# ---- report ------------------------------------------------------------------------------------------------------
+# ---- report
 
 HEADS = ("runs", "wall", "from", "to", "CPU")
 NOTE = (
@@ -213,11 +218,12 @@ NOTE = (
 )
 CACHE_NOTE = "What an earlier run left in the cache counts as long as reading it took: --no-cache runs it."
 OTHER_PART = "asked for besides"
-"""Name of all stages that belong to no part."""
+"""Name of all stages outside the paper's parts."""
 
 
 def spread(times: Sequence[Time]) -> dict[str, Any]:
-    """Return median and range of one time or more, s; the CPU's is None if one is not recorded.
+    """Return median and range of one or more times, s. The CPU's is None if one is not
+    recorded.
 
     >>> spread([(1.0, 2.0), (3.0, 2.0), (2.0, 9.0)])
     {'runs': 3, 'wall': 2.0, 'wall_least': 1.0, 'wall_most': 3.0, 'cpu': 2.0}
@@ -335,13 +341,15 @@ def _place_of_stage(stage: str) -> int:
 
 
 def _select_whole_runs(runs: Sequence[Run]) -> dict[str, Any]:
-    """Return the times of runs with recorded perceiving, if there are any: the others began with a scene."""
+    """Return the times of runs with recorded perception, if any. Other runs began with
+    a scene.
+    """
     whole_runs = [run for run in runs if run.has_perception] or runs
     return spread([total(list(run.stages.values())) for run in whole_runs])
 
 
 def _paper_time(runs: Sequence[Run]) -> float:
-    """Return the s of the paper's table for the parts of these runs."""
+    """Return the time of the paper's table for the parts of these runs, s."""
     stages = {stage for run in runs for stage in run.stages}
     time = 0.0
     for part in PARTS:

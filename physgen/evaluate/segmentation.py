@@ -1,7 +1,9 @@
-"""Compare detections on photos with true masks, matched as COCO does: counts, average precision, calibration.
+"""Compare detections on photos with true masks, with COCO's matching: counts, average
+precision, calibration.
 
-T.-Y. Lin et al., "Microsoft COCO: Common Objects in Context" (2014); pycocotools matches and counts. Truth is read from
-label maps beside photos, or in assets as `perceive` writes them.
+T.-Y. Lin et al., "Microsoft COCO: Common Objects in Context" (2014); pycocotools
+matches and counts. Truth comes from label maps beside photos, or from assets of
+`perceive`.
 """
 
 from __future__ import annotations
@@ -34,21 +36,21 @@ Runs = Mapping[str, Any]
 """A mask as COCO's compressed run lengths."""
 
 THRESHOLDS: tuple[float, ...] = tuple(np.linspace(0.5, 0.95, 10).tolist())
-"""COCO's, of IoU; counts are taken at the first."""
+"""COCO's thresholds of IoU. Counts use the first."""
 BINS = 10
-"""Of confidence."""
+"""Number of bins of confidence."""
 
 
-# ---- truth -------------------------------------------------------------------------------------------------------
+# ---- truth
 
 ENDINGS = (".png", ".jpg", ".jpeg", ".webp")
-"""Of photos."""
+"""Suffixes of photos."""
 LABELS = ".labels.png"
-"""Ends the name of a label map beside its photo."""
+"""End of a label map's name beside its photo."""
 ASSETS = "photo.assets/masks.png"
-"""The label map of a folder that holds one `photo.*`."""
+"""The label map of a folder with one `photo.*`."""
 UNKNOWN_ID = 65535
-"""Id in a 16-bit label map of pixels whose truth is not known."""
+"""Id of pixels with unknown truth in a 16-bit label map."""
 PAIR_FIX = f"put NAME{LABELS} beside each NAME.png, or {ASSETS} beside each photo.png in folders"
 
 
@@ -80,7 +82,7 @@ class Truth:
     """(H, W, 3) sRGB, upright."""
     masks: tuple[Runs, ...]
     unknown_region: Runs
-    """Pixels whose truth is not known."""
+    """Pixels with unknown truth."""
 
 
 @dataclass(frozen=True)
@@ -90,10 +92,12 @@ class Pair:
     photo: Path
     truth: Path
     name: str = ""
-    """Unique in the folder, and fit for a file."""
+    """Unique in the folder, and valid as a file name."""
 
     def read(self) -> Truth:
-        """Return photo and masks. Raise InputError if a file cannot be read, or the sizes differ."""
+        """Return photo and masks. Raise InputError for an unreadable file, or for
+        different sizes.
+        """
         rgb = read_photo(self.photo).rgb
         labels = read_labels(self.truth)
         if labels.shape != rgb.shape[:2]:
@@ -117,9 +121,10 @@ class Pair:
 
 
 def pairs(folder: Path) -> tuple[list[Pair], list[Problem]]:
-    """Return pairs by name, with warnings of photos and label maps without a partner.
+    """Return pairs by name, with warnings about photos and label maps without a
+    partner.
 
-    Raise InputError if there is no pair.
+    Raise InputError if there are no pairs.
     """
     if not folder.exists():
         raise Message.NO_SUCH_PATH.error(str(folder))
@@ -141,7 +146,7 @@ def pairs(folder: Path) -> tuple[list[Pair], list[Problem]]:
 
 
 def _find_pairs(paths: Sequence[Path]) -> tuple[list[Pair], list[Problem]]:
-    """Return the photos that have a label map, and a warning for each other photo."""
+    """Return the photos with a label map, and a warning for each other photo."""
     photo_pairs = list[Pair]()
     warnings = list[Problem]()
     for path in paths:
@@ -178,7 +183,9 @@ def _is_hidden(path: Path, folder: Path) -> bool:
 
 
 def _pair_name(pair: Pair, folder: Path) -> str:
-    """Return a photo's path in the folder, or its own folder's if that has one photo, fit for a file."""
+    """Return a photo's path in the folder, or the name of its own folder with one
+    photo, as a valid file name.
+    """
     path = pair.photo.relative_to(folder)
     parts = path.with_suffix("").parts
     if pair.is_alone:
@@ -187,7 +194,7 @@ def _pair_name(pair: Pair, folder: Path) -> str:
     return name.strip(".-") or "photo"
 
 
-# ---- matching ----------------------------------------------------------------------------------------------------
+# ---- matching
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,19 +206,21 @@ class Photo:
     """Width and height, px."""
     true_masks: Sequence[Runs]
     unknown_regions: Sequence[Runs]
-    """Regions that count for neither side: a detection mostly in one is left out."""
+    """Regions for neither side: a detection mostly in one is left out."""
     detections: Sequence[Runs]
     confidence: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class PhotoMatches:
-    """Matches of one photo at the first threshold, without detections in regions whose truth is not known."""
+    """Matches of one photo at the first threshold, without detections in regions of
+    unknown truth.
+    """
 
     confidence: Floats
     """(N,)."""
     overlap: Floats
-    """(N,): IoU with the match; 0 without."""
+    """(N,): IoU with the match; 0 without a match."""
     true_count: int
     """Number of true masks."""
 
@@ -223,24 +232,28 @@ class PhotoMatches:
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """All photos."""
+    """Matches of all photos."""
 
     photos: tuple[PhotoMatches, ...]
     precision: Floats
-    """(thresholds, 101): the highest precision at COCO's recalls 0, 0.01 .. 1 or larger ones; -1: nothing is true."""
+    """(thresholds, 101): highest precision at COCO's recalls 0, 0.01 .. 1 or larger
+    ones; -1 without true masks.
+    """
 
     @property
     def average_precision(self) -> list[float | None]:
-        """Return COCO's AP at each threshold; None if nothing is true."""
+        """Return COCO's AP at each threshold, or None without true masks."""
         return [None if line[0] < 0 else float(line.mean()) for line in self.precision]
 
 
 Annotation = dict[str, Any]
-"""A mask as pycocotools has it."""
+"""A mask in the form of pycocotools."""
 
 
 def match(photos: Sequence[Photo]) -> Matches:
-    """Match masks by falling confidence, each with the free true mask of largest overlap, a threshold or more."""
+    """Match masks in the order of falling confidence. Each gets the free true mask with
+    the largest overlap above the threshold.
+    """
     true_masks = list[Annotation]()
     detections = list[Annotation]()
     for k, photo in enumerate(photos):
@@ -266,10 +279,10 @@ def _run_coco(
     true_masks: list[Annotation],
     detections: list[Annotation],
 ) -> Any:
-    """Return COCO's judge after its work."""
+    """Return COCO's evaluation object with its results."""
     from pycocotools.cocoeval import COCOeval
 
-    # pycocotools prints its progress
+    # pycocotools prints its progress.
     with contextlib.redirect_stdout(io.StringIO()):
         truth = _dataset(photos, true_masks)
         answers = _dataset(photos, detections)
@@ -291,7 +304,8 @@ def _photo_matches(
     """Return the matches in COCO's result of one photo."""
     from pycocotools import mask as coco
 
-    if result is None:  # there are neither true masks nor detections
+    # The photo has neither true masks nor detections.
+    if result is None:
         return PhotoMatches(np.zeros(0), np.zeros(0), 0)
     is_counted = ~np.asarray(result["dtIgnore"][0], np.bool_)
     ids = np.array(result["dtIds"])[is_counted]
@@ -309,7 +323,7 @@ def _photo_matches(
 
 
 def _dataset(photos: Sequence[Photo], annotations: list[Annotation]) -> Any:
-    """Return annotations as pycocotools has them; ids count from 1."""
+    """Return annotations in the form of pycocotools. Ids count from 1."""
     from pycocotools import mask as coco
     from pycocotools.coco import COCO
 
@@ -331,10 +345,10 @@ def _dataset(photos: Sequence[Photo], annotations: list[Annotation]) -> Any:
 
 
 def counts(photos: Sequence[PhotoMatches]) -> dict[str, Any]:
-    """Return pooled figures; None for a figure that has no meaning.
+    """Return pooled figures, or None for an undefined one.
 
-    They are `said` (detections), `true`, `hit`, `precision`, `recall`, `f` (harmonic mean of the two) and `iou` (mean
-    over hits).
+    They are `said` (detections), `true`, `hit`, `precision`, `recall`, `f` (harmonic
+    mean of the two) and `iou` (mean over hits).
     """
     detections = sum(len(photo.confidence) for photo in photos)
     true_masks = sum(photo.true_count for photo in photos)
@@ -354,9 +368,11 @@ def counts(photos: Sequence[PhotoMatches]) -> dict[str, Any]:
 
 
 def calibration_error(photos: Sequence[PhotoMatches]) -> float | None:
-    """Return the mean distance of confidence from the share that is right, in bins of equal width (Naeini et al. 2015).
+    """Return the mean distance of confidence from the right share, in bins of equal
+    width (Naeini et al. 2015).
 
-    A bin contains its upper edge, the first one 0 as well. None without a detection.
+    A bin contains its upper edge; the first one also contains 0. Return None without a
+    detection.
     """
     confidences = [photo.confidence for photo in photos]
     confidence = np.concatenate(confidences or [np.zeros(0)])
@@ -368,11 +384,11 @@ def calibration_error(photos: Sequence[PhotoMatches]) -> float | None:
     return float(bin_errors.sum() / len(confidence))
 
 
-# ---- the measure -------------------------------------------------------------------------------------------------
+# ---- the measure
 
 
 def as_photo(name: str, truth: Truth, segments: Segments) -> Photo:
-    """Return a segmenter's label map beside the truth; ids without pixels are left out."""
+    """Return a segmenter's label map beside the truth, without ids without pixels."""
     labels = segments.labels
     masks, confidence = [], []
     for object_id in np.unique(labels).tolist():
@@ -391,10 +407,10 @@ def as_photo(name: str, truth: Truth, segments: Segments) -> Photo:
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """Over all photos."""
+    """Scores over all photos."""
 
     rows: list[dict[str, Any]]
-    """One a photo."""
+    """One per photo."""
     total: Mapping[str, Any]
     """Counts at 0.5 of all objects together; average precision `ap50`, `ap`, and `ap_by_iou` at COCO's thresholds;
     `error` of confidences."""
@@ -409,9 +425,10 @@ def evaluate(
     backend: str | Segment | None = None,
     progress: Progress = lambda *_: None,
 ) -> Scores:
-    """Segment every photo by a backend, its name or the default, and judge.
+    """Segment every photo with a backend, and judge; the name is optional.
 
-    Raise InputError with every photo and map that cannot be read or does not fit, before anything is segmented.
+    Raise InputError with every unreadable or unfitting photo and map, before any
+    segmentation.
     """
     require_pycocotools()
     segment: Segment = (
@@ -450,7 +467,7 @@ def evaluate(
     return Scores(rows, total)
 
 
-# ---- report ------------------------------------------------------------------------------------------------------
+# ---- report
 
 HEADS = ("photo", "true", "found", "hit", "precision", "recall", "F", "IoU")
 PAPER = "The paper: precision 0.93 and recall 0.82 at the same IoU, on 10 photos of its own with 118 objects."

@@ -1,10 +1,13 @@
-"""Make a blind page on which people rate clips of several methods, and the key that opens their answers.
+"""Make a blind page on which people rate clips of several methods, and the key for
+their answers.
 
-Every clip is decoded and encoded again, by one encoder with one setting: container, codec, metadata, sound and marks
-of the encoder would reveal the method. Only size, rate and length of a clip stay.
+Every clip is decoded and encoded again, with one encoder and one setting: container,
+codec, metadata, sound and traces of the encoder would reveal the method. Only size,
+rate and length of a clip stay.
 
-Clips are `METHODS/<method>/<scene>.mp4`, or `METHODS/<method>/<scene>/video.mp4` as `physgen render` leaves them;
-`METHODS/photos/<scene>.png` and `METHODS/photos/<scene>.txt` may lie beside them.
+Clips are `METHODS/<method>/<scene>.mp4`, or `METHODS/<method>/<scene>/video.mp4` of
+`physgen render`. `METHODS/photos/<scene>.png` and `METHODS/photos/<scene>.txt` are
+optional.
 """
 
 from __future__ import annotations
@@ -34,33 +37,33 @@ from physgen.text import natural, shown
 from physgen.videos import U8, Video, is_picture, plays, read_video
 
 CLIP_SUFFIXES = (".mp4", ".webm", ".mov", ".m4v", ".mkv", ".avi", ".gif", ".webp")
-"""Of clips, the preferred one first."""
+"""Suffixes of clips, the preferred one first."""
 STILL_SUFFIXES = (".gif", ".webp")
-"""Of files that may be clips or stills."""
+"""Suffixes of clips or stills."""
 MAX_WORDS = 500
-"""Characters of a request to the methods."""
+"""Maximum length of a request to the methods, characters."""
 PICTURES = (".png", ".jpg", ".jpeg", ".webp")
 PHOTOS = "photos"
-"""The folder in METHODS that is no method."""
+"""The folder in METHODS without a method."""
 SIDE = 1024
-"""px of a clip's and a photo's longer side, at most."""
+"""Maximum longer side of a clip and a photo, px."""
 QUALITY = 90
-"""Of a photo's WebP."""
+"""Quality of a photo's WebP."""
 TITLE = "How real are these videos?"
 SCRIPTS = ("keep", "order", "save", "clip", "page")
-"""Parts of the page's script, in the order in which they build on each other."""
+"""Parts of the page's script, in the order of their dependencies."""
 KEY, ANSWERS = "physgen-study-key", "physgen-study-answers"
-"""Kinds of files, with the version of their form."""
+"""Kinds of files; VERSION is the version of their form."""
 VERSION = 1
 
 
 @dataclass(frozen=True)
 class Question:
-    """One statement that a rater agrees with, or not."""
+    """A statement for agreement or disagreement of a rater."""
 
     key: str
     name: str
-    """As the paper has it; raters do not see it."""
+    """The paper's name, invisible to raters."""
     claim: str
     hint: str
 
@@ -82,10 +85,10 @@ QUESTIONS = (
 """The paper, Human evaluation: "whether the content of the generated video is realistic in its dynamics and object
 interactions and accurately reflects the instructed movements"."""
 SCALE = ("strongly disagree", "disagree", "neither", "agree", "strongly agree")
-"""Of scores 1 to 5; the paper names the ends, and calls 4 "Agree"."""
+"""Words for scores 1 to 5. The paper names the ends, and calls 4 "Agree"."""
 
 
-# ---- the methods -------------------------------------------------------------------------------------------------
+# ---- the methods
 
 
 @dataclass(frozen=True)
@@ -94,18 +97,18 @@ class Methods:
 
     folder: Path
     names: tuple[str, ...]
-    """In natural order, as the scenes are."""
+    """In natural order, as the scenes."""
     scenes: tuple[str, ...]
     clips: Mapping[tuple[str, str], Path]
-    """By method and scene."""
+    """Clips by method and scene."""
     photos: Mapping[str, Path]
-    """By scene: the photo that its clips begin with."""
+    """Photos by scene: the first frame of its clips."""
     words: Mapping[str, str]
-    """By scene: the request to the methods."""
+    """Requests to the methods, by scene."""
 
     @property
     def common_scenes(self) -> tuple[str, ...]:
-        """Return the scenes of which every method has a clip."""
+        """Return the scenes with a clip of every method."""
         scenes = []
         for scene in self.scenes:
             if all((name, scene) in self.clips for name in self.names):
@@ -114,9 +117,9 @@ class Methods:
 
 
 def methods_in(folder: Path) -> Methods:
-    """Return the methods in a folder: its folders that have clips in them.
+    """Return the methods in a folder: its folders with clips.
 
-    Raise InputError if there are none, or one scene twice.
+    Raise InputError if there are none, or for a repeated scene.
     """
     if not folder.is_dir():
         raise Message.METHODS_NOT_FOLDER.error(str(folder))
@@ -151,7 +154,9 @@ def _sorted_paths(folder: Path) -> list[Path]:
 
 
 def _clips_of_method(folder: Path) -> dict[str, Path]:
-    """Return the clips of one method by scene. Raise InputError for one scene twice, or for a rendered clip."""
+    """Return the clips of one method by scene. Raise InputError for a repeated scene,
+    or for a rendered clip.
+    """
     if (folder / "manifest.json").is_file() and any(folder.glob("video.*")):
         raise Message.CLIP_FOR_METHOD.error(str(folder))
     clips: dict[str, Path] = {}
@@ -165,7 +170,9 @@ def _clips_of_method(folder: Path) -> dict[str, Path]:
 
 
 def _find_clips(folder: Path) -> Iterator[tuple[str, Path]]:
-    """Yield scene and clip of one method: a file, or in a folder of its own `video.mp4` or the only clip."""
+    """Yield scene and clip of one method: a file, or `video.mp4` or the only clip in a
+    folder of its own.
+    """
     for path in _sorted_paths(folder):
         if path.is_dir():
             clips = [part for part in _sorted_paths(path) if _is_clip(part)]
@@ -181,7 +188,7 @@ def _suffix_order(path: Path) -> int:
 
 
 def _is_clip(path: Path) -> bool:
-    """Return whether a file is a clip; a WebP or GIF may be a poster."""
+    """Return whether a file is a clip. A WebP or GIF may be a poster."""
     suffix = path.suffix.lower()
     if suffix not in CLIP_SUFFIXES or not path.is_file():
         return False
@@ -194,7 +201,9 @@ def _is_clip(path: Path) -> bool:
 
 
 def read_clip(path: Path) -> tuple[Video, float]:
-    """Return a clip and its frames a second. Raise InputError for one that is no video."""
+    """Return a clip and its frames per second. Raise InputError for another kind of
+    file.
+    """
     clip = read_video(path)
     if clip.count < 2:
         raise Message.VIDEO_OF_ONE_FRAME.error(str(path))
@@ -204,7 +213,7 @@ def read_clip(path: Path) -> tuple[Video, float]:
 
 
 def shrink(rgb: U8) -> U8:
-    """Return a picture (H, W, 3) sRGB with no side longer than `SIDE` px."""
+    """Return a picture (H, W, 3) sRGB with sides of at most `SIDE` px."""
     height, width = rgb.shape[:2]
     scale = SIDE / max(height, width)
     if scale >= 1:
@@ -213,12 +222,12 @@ def shrink(rgb: U8) -> U8:
     return np.asarray(cv2.resize(rgb, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
-# ---- the key -----------------------------------------------------------------------------------------------------
+# ---- the key
 
 
 @dataclass(frozen=True)
 class Key:
-    """Method and scene of each clip of a page; a file apart from the page."""
+    """Method and scene of each clip of a page, in a file apart from the page."""
 
     study: str
     """Hexadecimal digits."""
@@ -230,7 +239,7 @@ class Key:
 
     @property
     def is_consistent(self) -> bool:
-        """Return whether every clip is one of a known method and scene."""
+        """Return whether every clip has a known method and scene."""
         pairs = set(self.clips.values())
         known_pairs = set(product(self.methods, self.scenes))
         has_one_clip_a_pair = len(pairs) == len(self.clips)
@@ -275,11 +284,13 @@ def _parse_key(record: Mapping[str, Any]) -> Key:
 
 
 RECORD_FAULTS = {KEY: Message.NOT_STUDY_KEY, ANSWERS: Message.NOT_STUDY_ANSWERS}
-"""Templates for another file, by the kind that was expected."""
+"""Templates for another file, by the expected kind."""
 
 
 def read_record(path: Path, kind: str) -> Mapping[str, Any]:
-    """Return the content of a key or of a rater's answers. Raise InputError for a file that is not of that `kind`."""
+    """Return the content of a key or of a rater's answers. Raise InputError for a file
+    of another kind.
+    """
     message = RECORD_FAULTS[kind]
     if not path.is_file():
         raise Message.NO_SUCH_PATH.error(str(path))
@@ -297,7 +308,7 @@ def read_record(path: Path, kind: str) -> Mapping[str, Any]:
     return record
 
 
-# ---- making ------------------------------------------------------------------------------------------------------
+# ---- making
 
 
 @dataclass(frozen=True)
@@ -305,7 +316,7 @@ class PageClip:
     """One clip on the page."""
 
     name: str
-    """On the page and in the key: c1, c2."""
+    """Name on the page and in the key: c1, c2."""
     method: str
     scene: str
     video: bytes
@@ -326,7 +337,9 @@ class Study:
 
 
 def choose_scenes(methods: Methods, videos: int, seed: int) -> list[str]:
-    """Return at most `videos` of the scenes of all methods, drawn with `seed`. Raise InputError without any."""
+    """Return at most `videos` of the scenes of all methods, drawn with `seed`. Raise
+    InputError without any.
+    """
     scenes = methods.common_scenes
     if not scenes:
         names = ", ".join(methods.names)
@@ -346,7 +359,7 @@ def make(
 ) -> Study:
     """Encode every clip, and return the study; the same bytes on every run.
 
-    Raise InputError with all clips that cannot be read.
+    Raise InputError with all unreadable clips.
     """
     scenes = choose_scenes(methods, videos, seed)
     pairs = [(method, scene) for scene in scenes for method in methods.names]
@@ -405,7 +418,7 @@ def _encode_clip(path: Path) -> tuple[bytes, tuple[int, int]]:
         return (Path(folder) / Format.MP4.file).read_bytes(), size
 
 
-# ---- the page ----------------------------------------------------------------------------------------------------
+# ---- the page
 
 
 def check_page(page: Path) -> None:
@@ -422,19 +435,19 @@ def write_study(
 ) -> Path:
     """Write the page and its key, and return the key's path.
 
-    Those of another study are kept as NAME~, and `report_backup` is called.
+    Files of another study are renamed to NAME~, and `report_backup` is called.
     """
     check_page(page)
     page.parent.mkdir(parents=True, exist_ok=True)
     key_path = page.with_name(f"{page.stem}.key.json")
-    # the key first: no page without its key
+    # The key comes first: a page without its key is worthless.
     write_with_backup(key_path, study.key.text().encode(), report_backup)
     write_with_backup(page, html(study).encode(), report_backup)
     return key_path
 
 
 def html(study: Study) -> str:
-    """Return the page, one file that loads nothing from a network."""
+    """Return the page, one file without network access."""
     scripts = []
     for part in SCRIPTS:
         path = resource("templates", "study", f"{part}.js")
@@ -459,7 +472,7 @@ def html(study: Study) -> str:
 def _page_data(study: Study) -> dict[str, Any]:
     """Return the data of the page's script.
 
-    Scenes are numbers, in the order of the clips: names would reveal them.
+    Scenes are numbers in the order of the clips: names would reveal them.
     """
     scenes = list(dict.fromkeys(clip.scene for clip in study.clips))
     clips = []

@@ -1,1 +1,3 @@
-"""Frames and trajectory -> ground truth in the formats that other tools read, one file a format."""
+"""Write the ground truth of frames and trajectories in the formats of other tools, one
+file per format.
+"""

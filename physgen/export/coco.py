@@ -1,7 +1,8 @@
-"""COCO JSON: masks as compressed run lengths, boxes and tracks (Lin et al., 2014; tracks as in TAO).
+"""COCO JSON: masks as compressed run lengths, boxes and tracks (Lin et al., 2014;
+tracks as in TAO).
 
-x and y count from the picture's corner: pixel i covers i to i + 1. Annotations are written frame by frame; only rows
-about frames, and hidden objects, wait for the end.
+x and y count from the picture's corner: pixel i covers i to i + 1. Annotations are
+written frame by frame. Rows about frames and hidden objects follow at the end.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ SHARE_DIGITS = 6
 
 
 class Coco(Writer):
-    """`annotations.json`, and `images/00000.jpg` ..., which it names."""
+    """Writes `annotations.json` and its pictures `images/00000.jpg` ..."""
 
     def __init__(self, folder: Path, clip: Clip) -> None:
         super().__init__(folder, clip)
@@ -34,11 +35,15 @@ class Coco(Writer):
         parts = [f'"info": {info}']
         for key, rows in _clip_rows(clip).items():
             parts.append(f'"{key}": {_format_rows(map(json.dumps, rows))}')
+        # The list stays open: annotations are appended frame by frame, so that memory
+        # stays small.
         head = ",\n".join([*parts, '"annotations": ['])
         self._path.write_text("{\n" + head, encoding="utf-8")
 
     def add(self, moment: Moment) -> None:
-        """Write visible objects to `annotations`; completely hidden ones go to a list of their own."""
+        """Write visible objects to `annotations`. Completely hidden ones go to their
+        own list.
+        """
         view, clip = moment.view, self._clip
         name = f"images/{view.index:05d}.jpg"
         (self._folder / name).write_bytes(view.jpeg)
@@ -57,6 +62,7 @@ class Coco(Writer):
         with self._path.open("a", encoding="utf-8") as file:
             for presence in view.presences:
                 row = _annotation(clip, view, presence)
+                # COCO's tools cannot read annotations without pixels.
                 if not presence.visible_area:
                     self._hidden.append(json.dumps(row))
                     continue
@@ -65,7 +71,7 @@ class Coco(Writer):
                 file.write(f"{separator}\n" + json.dumps({"id": self._count, **row}))
 
     def close(self) -> None:
-        """Write the frames, and the hidden objects."""
+        """Write the frames and the hidden objects."""
         hidden = _format_rows(self._hidden)
         images = _format_rows(self._images)
         with self._path.open("a", encoding="utf-8") as file:
@@ -75,13 +81,13 @@ class Coco(Writer):
 
 
 def _format_rows(rows: Iterable[str]) -> str:
-    """Return a list with one row a line."""
+    """Return a list with one row per line."""
     lines = ",\n".join(rows)
     return f"[\n{lines}\n]" if lines else "[]"
 
 
 def _clip_rows(clip: Clip) -> dict[str, Sequence[dict[str, Any]]]:
-    """Return the lists that describe a clip."""
+    """Return the lists about a clip."""
     width, height = clip.size
     video = {
         "id": 1,
@@ -90,7 +96,7 @@ def _clip_rows(clip: Clip) -> dict[str, Sequence[dict[str, Any]]]:
         "height": height,
         "length": clip.count,
         "fps": clip.fps,
-        # all objects of all categories are annotated
+        # Empty lists: all objects of all categories are annotated.
         "neg_category_ids": [],
         "not_exhaustive_category_ids": [],
     }
@@ -122,6 +128,7 @@ def _annotation(clip: Clip, view: View, presence: Presence) -> dict[str, Any]:
     }
     if presence.visible_area:
         runs = whole_runs
+        # Most objects are fully visible, and one encoding is enough.
         if presence.visible_area < presence.whole_area:
             runs = _run_lengths(presence.visible_mask, presence.box, view)
         row["segmentation"] = runs
@@ -140,6 +147,7 @@ def _run_lengths(mask: NDArray[np.bool_], box: Box, view: View) -> dict[str, Any
     from pycocotools import mask as coco
 
     (width, height), (x, y, w, h) = view.size, box
+    # pycocotools needs columns in memory order.
     picture = np.zeros((height, width), np.uint8, order="F")
     picture[y : y + h, x : x + w] = mask
     return {

@@ -1,8 +1,9 @@
-"""Map points of one frame to another frame, exactly, from poses and cameras.
+"""Map points of one frame to another frame exactly, from poses and cameras.
 
-Points of a body move with its pose; those of a ball on a table turn with it in space; the background moves with the
-camera alone. The camera scales and shifts, so a rotation in the picture is one similarity, which is two complex
-numbers: x + iy of the one picture -> m (x + iy) + n of the other.
+Points of a body move with its pose. Points of a ball on a table turn with it in space.
+The background moves with the camera only. The camera scales and shifts, so that a
+rotation in the picture is a similarity of two complex numbers: x + iy of one picture ->
+m (x + iy) + n of the other.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from physgen.simulate.trajectory import Trajectory
 Mask = NDArray[np.bool_]
 
 AT_REST = 1e-9
-"""px and rad: rounding of poses that are equal."""
+"""Maximum difference of equal poses after rounding, px and rad."""
 
 
 @dataclass(frozen=True)
@@ -35,13 +36,19 @@ class PosedView:
     poses: Array
     """(N, 3): x px, y px, angle rad, of the centre of mass, in the photo."""
     spaces: Array | None
-    """(N, 3, 3): rotations in space since t = 0, +z into the photo; None: bodies turn in the picture alone."""
+    """(N, 3, 3): rotations in space since t = 0, +z into the photo; None: bodies turn
+    only in the picture.
+    """
     faces: Mapping[int, float]
-    """px by which the front of a body, about whose middle it turns, is below its centre, for bodies that have one."""
+    """Distance of the front face's centre below the body's centre, px, for bodies with
+    a front face. The face turns about its own centre.
+    """
 
 
 def photo_view(trajectory: Trajectory, world: World) -> PosedView:
-    """Return the photo as a view: all of it, before anything moved, or was placed elsewhere."""
+    """Return the view of the whole photo, with the bodies at their places in
+    the photo.
+    """
     known_poses = photo_poses(world)
     poses = np.array(known_poses) if known_poses else trajectory.poses[0]
     rotations = None
@@ -58,12 +65,14 @@ def is_ball(body: Body) -> bool:
 
 
 def turns_in_space(body: int, view: PosedView, world: World) -> bool:
-    """Return whether the far side of a body may come up; -1 is the background."""
+    """Return whether the far side of a body can become visible; -1 is the
+    background.
+    """
     return body >= 0 and view.spaces is not None and is_ball(world.bodies[body])
 
 
 def similarity(body: int, view: PosedView, other: PosedView) -> tuple[complex, complex]:
-    """Return m and n of a body that turns in the picture alone; -1 is the background."""
+    """Return m and n of a body that turns only in the picture; -1 is the background."""
     scale, shift = _lens(view.lens)
     other_scale, other_shift = _lens(other.lens)
     if body < 0 or is_still(body, view, other):
@@ -102,9 +111,10 @@ def spans(box: Slices) -> tuple[Array, Array]:
 def follow_ball(
     x: Array, y: Array, body: int, view: PosedView, other: PosedView, world: World
 ) -> tuple[Array, Array, Mask]:
-    """Return x, y and far side in the other view of video px x and y, which broadcast, of a ball.
+    """Return x, y and far side in the other view for points x and y of a ball, video
+    px. x and y broadcast.
 
-    Both views have rotations in space. Pixels of the mask beyond the rim move with the rim.
+    Both views have rotations in space. Mask pixels beyond the rim move with the rim.
     """
     body_radius = world.bodies[body].radius
     assert body_radius is not None
@@ -119,20 +129,24 @@ def follow_ball(
     other_x, other_y = _video_center(body, other)
     shifted_x = other_x + other_radius * u
     shifted_y = other_y + other_radius * v
+    # From one view back to t = 0 and on to the other view.
     turn = other.spaces[body] @ view.spaces[body].T
     scales = [[other_radius], [other_radius], [1.0]]
+    # Only the change is computed: a ball at rest then moves by exactly zero.
     change = (turn - np.diag([1.0, 1.0, 0.0])) * scales
     change_x, change_y, change_z = _turn_ball(u, v, change)
     return shifted_x + change_x, shifted_y + change_y, change_z > 0
 
 
 def _turn_ball(u: Array, v: Array, matrix: Array) -> tuple[Array, Array, Array]:
-    """Return a matrix (3, 3) times the front points of a unit sphere at u and v, which broadcast.
+    """Return a matrix (3, 3) times the front points of a unit sphere at u and v, which
+    broadcast.
 
     Points beyond the rim are moved to the rim.
     """
     square = u * u + v * v
     depth = np.sqrt(np.maximum(1 - square, 0))
+    # Coverage reaches about a pixel beyond the rim.
     limit = 1 / np.sqrt(np.maximum(square, 1))
     u = u * limit
     v = v * limit

@@ -1,7 +1,7 @@
 """Cryptomatte: ids of objects and their shares of each pixel, in an OpenEXR file.
 
-Friedman and Jones, "Fully automatic ID mattes with support for motion blur and transparency", SIGGRAPH 2015; version
-1.2.0 of the specification.
+Friedman and Jones, "Fully automatic ID mattes with support for motion blur and
+transparency", SIGGRAPH 2015; version 1.2.0 of the specification.
 """
 
 from __future__ import annotations
@@ -15,13 +15,15 @@ import numpy as np
 from physgen.maps import F32
 
 NAME = "physgen"
-"""Of the layer: its channels are `physgen00.R` ..."""
+"""Name of the layer: its channels are `physgen00.R` ..."""
 RANKS = 6
-"""Objects in one pixel, at most, the largest share first; two share a layer of four channels."""
+"""Maximum number of objects in a pixel, the largest share first. Two share a layer of
+four channels.
+"""
 CHANNELS = (("R", "G"), ("B", "A"))
-"""Of an id and its share."""
+"""Channels of an id and its share."""
 KEY_LENGTH = len("cryptomatte/") + 7
-"""Seven digits of the hash of the layer's name."""
+"""Length of a key with seven digits of the hash of the layer's name."""
 WORD = 0xFFFFFFFF
 FACTORS = 0xCC9E2D51, 0x1B873593
 """Multipliers of MurmurHash3."""
@@ -52,16 +54,20 @@ def _rotate(word: int, bits: int) -> int:
 
 
 def object_id(name: str) -> int:
-    """Return the hash of a name whose bits are an ordinary float: neither denormal nor infinite."""
+    """Return the hash of a name as the bits of an ordinary float, neither denormal nor
+    infinite.
+    """
     hash_ = murmur_hash(name)
     exponent = hash_ >> 23 & 255
+    # Denormal and infinite floats do not survive all programs; the specification flips
+    # this bit.
     return hash_ ^ 1 << 23 if exponent in (0, 255) else hash_
 
 
 def write_cryptomatte(
     path: Path, shares: Mapping[str, F32], names: Sequence[str]
 ) -> None:
-    """Write the shares (h, w) of objects by name; `names` are all of the clip."""
+    """Write the shares (h, w) of objects by name; `names` are all names of the clip."""
     import OpenEXR
 
     key = f"cryptomatte/{murmur_hash(NAME):08x}"[:KEY_LENGTH]
@@ -79,12 +85,15 @@ def write_cryptomatte(
 
 
 def ranked_channels(shares: Mapping[str, F32]) -> dict[str, F32]:
-    """Return channels (h, w) of the RANKS largest shares of each pixel, and of their ids."""
+    """Return channels (h, w) of the RANKS largest shares of each pixel, and of their
+    ids.
+    """
     size = next(iter(shares.values())).shape if shares else (1, 1)
     stack = np.zeros((RANKS + len(shares), *size), np.float32)
     ids = np.zeros(len(stack), np.uint32)
     for index, (name, share) in enumerate(shares.items()):
         stack[index], ids[index] = share, object_id(name)
+    # A stable order: equal shares give equal files.
     ranks = np.argsort(-stack, axis=0, kind="stable")[:RANKS]
     coverage = np.take_along_axis(stack, ranks, axis=0)
     ranked_ids = np.where(coverage > 0, ids[ranks], np.uint32(0))

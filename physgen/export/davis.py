@@ -1,4 +1,6 @@
-"""Frames as PNG, and masks as palette PNG in the layout of DAVIS 2017, beside JPEG pictures."""
+"""Frames as PNG, and masks as palette PNG in the layout of DAVIS 2017, beside JPEG
+pictures.
+"""
 
 from __future__ import annotations
 
@@ -36,17 +38,22 @@ FIRST_COLOURS = (
     (0, 64, 128),
     (128, 64, 128),
 )
-"""sRGB of the first indices (Perazzi et al., CVPR 2016); later ones are grey, with their number as level."""
+"""sRGB of the first indices (Perazzi et al., CVPR 2016). Later colours are grey, with
+the index as level.
+"""
 PALETTE = (
     *FIRST_COLOURS,
     *((level, level, level) for level in range(len(FIRST_COLOURS), 256)),
 )
 FULL_SIZE = "Full-Resolution"
-"""DAVIS' name for the folder of pictures in their own size."""
+"""DAVIS' folder name for pictures in their own size."""
 
 
 def palette_png(ids: NDArray[np.uint16]) -> bytes:
-    """A file of (H, W) ids up to 254, 0 the background; 255 means unknown for DAVIS' own measures."""
+    """Return a PNG file of ids (H, W) up to 254, 0 = background; 255 means unknown in
+    DAVIS' own measures.
+    """
+    # DAVIS' tools read the index, and people the colour.
     picture = Image.fromarray(ids.astype(np.uint8)).convert("P")
     picture.putpalette([value for colour in PALETTE for value in colour])
     file = BytesIO()
@@ -55,15 +62,17 @@ def palette_png(ids: NDArray[np.uint16]) -> bytes:
 
 
 class Frames(Writer):
-    """`00000.png` ...: the frames, 8-bit sRGB."""
+    """Writes the frames as `00000.png` ..., 8-bit sRGB."""
 
     def add(self, moment: Moment) -> None:
-        """Write one file a frame."""
+        """Write one file per frame."""
         write_png(self._folder / f"{moment.view.index:05d}.png", moment.view.rgb)
 
 
 class Davis(Writer):
-    """DAVIS 2017 (Pont-Tuset et al., 2017): pictures, masks, and the lists of clips, which name this one."""
+    """Writes DAVIS 2017 (Pont-Tuset et al., 2017): pictures, masks, and lists with this
+    clip.
+    """
 
     def __init__(self, folder: Path, clip: Clip) -> None:
         self._images = folder / "JPEGImages" / FULL_SIZE / clip.name
@@ -71,11 +80,12 @@ class Davis(Writer):
         lists = folder / "ImageSets" / "2017"
         for path in (self._images, self._masks, lists):
             path.mkdir(parents=True)
-        for split in ("train", "val"):  # tools read either list
+        # Tools read either list.
+        for split in ("train", "val"):
             (lists / f"{split}.txt").write_text(f"{clip.name}\n", encoding="utf-8")
 
     def add(self, moment: Moment) -> None:
-        """Write two files a frame."""
+        """Write two files per frame."""
         view = moment.view
         (self._images / f"{view.index:05d}.jpg").write_bytes(view.jpeg)
         (self._masks / f"{view.index:05d}.png").write_bytes(palette_png(view.ids))

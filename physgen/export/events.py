@@ -1,6 +1,7 @@
-"""Find events of a motion and write them as JSON: pushes, starts, collisions, picture borders and rests.
+"""Find events of a motion and write them as JSON: pushes, starts, collisions, picture
+borders and rests.
 
-The number of frames and their rate change nothing: the motion is sampled again, evenly and around impacts.
+The frames have no influence: the motion is sampled again, evenly and around impacts.
 """
 
 from __future__ import annotations
@@ -35,73 +36,82 @@ class EventLimits:
     """Limits of motions and touches, and the sampling of the motion."""
 
     shift: float = 0.005
-    """Of the photo's longer side, by which an object's centre or rim must leave its place at t = 0: less is settling,
-    which is hardly visible."""
+    """Minimum shift of a moving object's centre or rim from t = 0, over the photo's
+    longer side. A smaller shift is invisible settling.
+    """
     rate: float = 240.0
-    """1/s: samples of the motion, at least, but no more than the engine's steps."""
+    """Minimum sampling rate of the motion, 1/s, up to the engine's steps."""
     min_samples: int = 720
-    """Samples of the whole motion."""
+    """Minimum number of samples of the whole motion."""
     max_samples: int = 2_000_000
-    """Samples times objects."""
+    """Maximum number of samples times objects."""
     lead: float = 1e-6
-    """s before the beginning of a touch."""
+    """Time of a sample before the beginning of a touch, s."""
     impact_steps: float = 1.5
-    """Steps of the engine after which an impact is over."""
+    """Duration of an impact in steps of the engine."""
 
 
 LIMITS = EventLimits()
 TIME_TOLERANCE = 1e-9
-"""s by which times of samples may be rounded."""
+"""Rounding error of sample times, s."""
 
 SIDES = ("left", "right", "top", "bottom")
 
 
 class EventKind(Enum):
-    """Kinds of events, in the order in which those of one moment are listed."""
+    """Kinds of events, in the order of simultaneous events."""
 
     MOVING = "moving"
-    """It moves when the clip starts, because the scene says so."""
+    """A motion from the start of the clip, given in the scene."""
     PUSH = "push"
-    """An impulse is given to it, or a force or torque acts until `until`."""
+    """An impulse, or a force or torque until `until`."""
     MOVE = "move"
-    """It starts to move, and leaves its place by more than `LIMITS.shift`."""
+    """The start of a motion by more than `LIMITS.shift`."""
     COLLISION = "collision"
     """An impact between two surfaces."""
     LEAVE = "leave"
-    """The last of it leaves the picture."""
+    """The last part of an object leaves the picture."""
     ENTER = "enter"
-    """The first of it comes into the picture."""
+    """The first part of an object enters the picture."""
     REST = "rest"
-    """It has moved, and rests from then on."""
+    """The final rest after a motion."""
 
 
 @dataclass(frozen=True)
 class Event:
-    """One event. Surfaces are numbered as in `World.surfaces`: bodies, then walls."""
+    """One event. Surfaces have the numbers of `World.surfaces`: bodies, then walls."""
 
     kind: EventKind
     time: float
     """s of the motion."""
     surfaces: tuple[int, ...]
-    """One, or the two of a collision: the one that moves faster towards the other first."""
+    """One surface, or the two of a collision, with the faster approaching one first."""
     place: Point
-    """px of the photo: the point of contact or of a push; else the centre of mass."""
+    """px of the photo: the point of contact or of a push, otherwise the
+    centre of mass.
+    """
     end: float | None = None
-    """s: the end of a lasting push; None: it outlasts the clip, or has no length."""
+    """End of a lasting push, s; None: after the end of the clip, or without
+    duration.
+    """
     impulse: float | None = None
-    """g·px/s: of a collision or an impulse, without lasting pressure."""
+    """Impulse of a collision or a push without lasting pressure, g·px/s."""
     vector: Point | None = None
-    """Of a collision the unit vector in which the second pushes the first; of a push g·px/s or g·px/s²; else px/s."""
+    """For a collision: the unit vector from the second to the first; for a push: g·px/s
+    or g·px/s²; otherwise px/s.
+    """
     torque: float = 0.0
     """g·px²/s²."""
     closing: float | None = None
-    """px/s at which the contact points of a collision approach each other just before."""
+    """Closing speed of the contact points just before a collision, px/s."""
     side: str = ""
-    """Of the picture, at which an object leaves or enters: one of SIDES."""
+    """Side of the picture at which an object leaves or enters: one of SIDES."""
 
 
 def events(clip: Clip) -> tuple[Event, ...]:
-    """Return all events to the end of the motion, by time. Of a clip of one frame, the events at its moment."""
+    """Return all events to the end of the motion, by time. For a clip of one frame,
+    return the events at its time.
+    """
     world, trajectory = clip.world, clip.trajectory
     if not world.bodies or not len(trajectory.times):
         return ()
@@ -119,7 +129,7 @@ def events(clip: Clip) -> tuple[Event, ...]:
 
 
 def collisions(clip: Clip) -> list[Event]:
-    """Return the events of impacts alone, by time, to the end of the motion."""
+    """Return only the events of impacts, by time, to the end of the motion."""
     if not clip.world.bodies or len(clip.trajectory.times) < 2:
         return []
     trajectory = _resample(clip.world, clip.trajectory)
@@ -127,7 +137,7 @@ def collisions(clip: Clip) -> list[Event]:
 
 
 def _collisions(world: World, trajectory: Trajectory) -> list[Event]:
-    """Return the events of impacts; none of a single sample."""
+    """Return the events of impacts, or nothing for a single sample."""
     if len(trajectory.times) < 2:
         return []
     impacts = find_impacts(world, trajectory, 1 / LIMITS.rate)
@@ -135,14 +145,17 @@ def _collisions(world: World, trajectory: Trajectory) -> list[Event]:
 
 
 def _resample(world: World, trajectory: Trajectory) -> Trajectory:
-    """Return even samples, and samples just before and after the beginnings of touches."""
+    """Return even samples, and samples just before and after the beginnings
+    of touches.
+    """
     limit = max(LIMITS.max_samples // len(world.bodies), 2)
     end = world.duration
     rate = max(LIMITS.rate, LIMITS.min_samples / end)
+    # Finer samples than the engine's steps have no new information.
     rate = min(rate, world.steps_per_second)
     steps = min(ceil(end * rate - 1e-6), limit)
     even_times = np.linspace(0.0, end, steps + 1)
-    # the last frame is before the end
+    # The last frame is before the end of the motion.
     whole = trajectory.sampled(np.array([0.0, end]))
     touches = whole.contacts.touch_times[:limit, 0]
     step = LIMITS.impact_steps / world.steps_per_second
@@ -156,7 +169,7 @@ def _resample(world: World, trajectory: Trajectory) -> Trajectory:
 
 
 def _sample(trajectory: Trajectory, time: float) -> int:
-    """Return the first sample at a time (s) or after it."""
+    """Return the first sample at or after a time (s)."""
     sample = int(np.searchsorted(trajectory.times, time - TIME_TOLERANCE))
     return min(sample, len(trajectory.times) - 1)
 
@@ -167,7 +180,7 @@ def _point(values: Array) -> Point:
 
 
 def _pushes(world: World, trajectory: Trajectory) -> Iterator[Event]:
-    """Yield the pushes of bodies that can be pushed."""
+    """Yield the pushes of dynamic bodies."""
     end = float(trajectory.times[-1])
     for push in world.pushes:
         if world.bodies[push.body].motion is not Motion.DYNAMIC or push.start > end:
@@ -189,9 +202,9 @@ def _pushes(world: World, trajectory: Trajectory) -> Iterator[Event]:
 
 
 def _collision(world: World, trajectory: Trajectory, impact: Impact) -> Event:
-    """Return the event of an impact, with the surface first that moves faster towards the other."""
+    """Return the event of an impact, with the faster approaching surface first."""
     step = LIMITS.impact_steps / world.steps_per_second
-    # if other impacts came earlier in the same engine step, the sample just before is after them
+    # After earlier impacts in the same engine step, the sample just before is too late.
     samples = [
         _sample(trajectory, impact.time - LIMITS.lead),
         _sample(trajectory, impact.time - step),
@@ -220,9 +233,8 @@ def _collision(world: World, trajectory: Trajectory, impact: Impact) -> Event:
 def _approach(
     world: World, trajectory: Trajectory, sample: int, impact: Impact
 ) -> tuple[float, float]:
-    """Return the speeds (px/s) at which the contact point of each surface approaches the other.
-
-    They are along the impact's direction.
+    """Return the speeds (px/s) at which the contact point of each surface approaches
+    the other, along the impact's direction.
     """
     speeds = [0.0, 0.0]
     for n, (k, sign) in enumerate(zip(impact.pair, (-1.0, 1.0), strict=True)):
@@ -237,12 +249,13 @@ def _approach(
 
 
 def _motions(world: World, trajectory: Trajectory) -> Iterator[Event]:
-    """Yield starts and rests of each body by itself."""
+    """Yield the starts and rests of each body."""
     is_resting = resting_mask(trajectory)
     rests = rest_times(trajectory)
     min_shift = LIMITS.shift * max(world.size)
     for k, (body, rest) in enumerate(zip(world.bodies, rests, strict=True)):
         poses = trajectory.poses[:, k]
+        # A turn moves the rim, even if the centre rests.
         rim_shift = np.abs(poses[:, 2] - poses[0, 2]) * body.reach
         center_shift = np.hypot(*(poses[:, :2] - poses[0, :2]).T)
         shift = np.maximum(center_shift, rim_shift)
@@ -256,7 +269,9 @@ def _motions(world: World, trajectory: Trajectory) -> Iterator[Event]:
 
 
 def _crossing_time(times: Array, values: Array, sample: int) -> float:
-    """Return the time (s) at which values pass 0 between a sample and the one before."""
+    """Return the time (s) of the zero of values between a sample and the
+    previous one.
+    """
     low = float(values[sample - 1])
     high = float(values[sample])
     step = times[sample] - times[sample - 1]
@@ -270,18 +285,20 @@ def _start(
     moved_sample: int,
     is_resting: NDArray[np.bool_],
 ) -> Event:
-    """Return the start of a motion; `moved_sample` is the first one away from the place at t = 0."""
+    """Return the start of a motion; `moved_sample` is the first one away from the place
+    at t = 0.
+    """
     poses = trajectory.poses[:, k]
     velocities = trajectory.velocities[:, k]
     if _moves_at_start(world.bodies[k], velocities[0]):
         place = _point(poses[0])
         velocity = _point(velocities[0])
         return Event(EventKind.MOVING, 0.0, (k,), place, vector=velocity)
-    # an impulse at t = 0 is visible at once
+    # An impulse at t = 0 is visible at once.
     rests = np.flatnonzero(is_resting[: moved_sample + 1]).tolist()
     sample = max(rests, default=0)
     if sample > 0:
-        # after a rest, the body moves in the first sample that shows it
+        # After a rest, the first different sample shows the motion.
         sample += 1
     time = float(trajectory.times[sample])
     place = _point(poses[sample])
@@ -290,9 +307,12 @@ def _start(
 
 
 def _moves_at_start(body: Body, velocity: Array) -> bool:
-    """Return whether a body moves at t = 0 by the scene; an impulse at t = 0 does not count."""
+    """Return whether the scene makes a body move at t = 0. An impulse at t = 0 does not
+    count.
+    """
     if body.motion is Motion.SCRIPTED:
         return bool(np.abs(velocity).max() > 0)
+    # A push that starts smoothly is a start of motion, not a motion at t = 0.
     if is_ramped(body):
         return False
     is_fast = np.hypot(*body.velocity) >= REST_SPEED
@@ -305,7 +325,7 @@ def _border_crossings(
 ) -> Iterator[Event]:
     """Yield the times at which objects leave and enter the picture.
 
-    An object is in the picture as long as any of its outline is.
+    An object is in the picture if any part of its outline is.
     """
     times = trajectory.times
     lenses = np.stack([shot.affine(float(time)) for time in times])
@@ -313,6 +333,7 @@ def _border_crossings(
         poses = trajectory.poses[:, k]
         centers = np.einsum("tij,tj->ti", lenses[:, :, :2], poses[:, :2])
         centers = centers + lenses[:, :, 2]
+        # A body with its centre always inside cannot be outside: most bodies end here.
         if (_border_distances(centers, centers, shot.video) <= 0).all():
             continue
         distances = _outside_distances(body, poses, lenses, shot.video)
@@ -335,7 +356,8 @@ def _border_crossings(
 def _outside_distances(
     body: Body, poses: Array, lenses: Array, size: tuple[int, int]
 ) -> Array:
-    """Return the video px (T, 4) by which all of a body is beyond each of SIDES; below 0 a part of it is not.
+    """Return the distance (T, 4) of a whole body beyond each of SIDES, video px. A
+    negative distance means that a part is inside.
 
     poses (T, 3), lenses (T, 2, 3).
     """
@@ -358,7 +380,8 @@ def _outside_distances(
 
 
 def _border_distances(low: Array, high: Array, size: tuple[int, int]) -> Array:
-    """Return the distance (T, 4) px of boxes from `low` to `high` (T, 2) beyond each border of a picture.
+    """Return the distance (T, 4) px of boxes from `low` to `high` (T, 2) beyond each
+    border of a picture.
 
     Borders are half a px outside the first centres.
     """
@@ -370,7 +393,7 @@ def _border_distances(low: Array, high: Array, size: tuple[int, int]) -> Array:
     return np.stack([left, right, top, bottom], axis=1)
 
 
-# ---- the file ----
+# ---- the file
 
 UNITS = {
     "time, until": "s of the motion",
@@ -385,7 +408,9 @@ UNITS = {
 
 
 class ClipTimes:
-    """Times of the motion as frames and seconds of the clip; the first time counts if a state is shown twice."""
+    """Times of the motion as frames and seconds of the clip. For a repeated state, the
+    first time counts.
+    """
 
     def __init__(self, clip: Clip) -> None:
         self._times = clip.trajectory.times
@@ -397,7 +422,9 @@ class ClipTimes:
             self._step = float(self._times[1] - self._times[0])
 
     def frame(self, time: float) -> int:
-        """Return the first frame that shows the state after a moment of the motion; played backward, before it."""
+        """Return the first frame with the state after a time of the motion, or before
+        it in a backward clip.
+        """
         if self._is_backward:
             after = np.searchsorted(self._times, time + TIME_TOLERANCE, side="right")
             sample = max(int(after) - 1, 0)
@@ -407,7 +434,9 @@ class ClipTimes:
         return self._order.index(sample)
 
     def clip_time(self, time: float) -> float:
-        """Return the s from the clip's start as it plays; played backward, states after the last sample are at 0."""
+        """Return the time since the clip's start, s. In a backward clip, states after
+        the last sample are at 0.
+        """
         samples = time / self._step
         if self._is_backward:
             samples = max(len(self._times) - 1 - samples, 0.0)
@@ -415,7 +444,7 @@ class ClipTimes:
 
 
 class Events(Writer):
-    """`events.json`."""
+    """Writes `events.json`."""
 
     def close(self) -> None:
         """Write the file."""

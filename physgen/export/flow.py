@@ -13,9 +13,11 @@ from physgen.export.labels import Clip, Moment, Writer, write_png
 from physgen.maps import F32
 
 VISIBLE, HIDDEN, OUTSIDE = 255, 128, 0
-"""Codes of pixels that are visible in the other frame, hidden there, and outside of it."""
+"""Codes of pixels that are visible, hidden, or outside in the other frame."""
 SECTORS = (("RY", 15), ("YG", 6), ("GC", 4), ("CB", 11), ("BM", 13), ("MR", 6))
-"""Hues between two colours (Baker et al., IJCV 92, 2011, figure 4): as many as people can distinguish."""
+"""Hues between two colours (Baker et al., IJCV 92, 2011, figure 4): as many as people
+can distinguish.
+"""
 COLOURS = {
     "R": (1, 0, 0),
     "Y": (1, 1, 0),
@@ -29,10 +31,11 @@ GRID = 256
 
 
 class Flo(Writer):
-    """Middlebury .flo (Baker et al., IJCV 92, 2011): little-endian float32 u, v of all pixels, row by row.
+    """Writes Middlebury .flo (Baker et al., IJCV 92, 2011): little-endian float32 u, v
+    of all pixels, row by row.
 
-    `forward/00000.flo` is from frame 0 to 1, `backward/00001.flo` from 1 to 0; `visible/` has the codes VISIBLE,
-    HIDDEN and OUTSIDE as PNG.
+    `forward/00000.flo` is from frame 0 to 1, `backward/00001.flo` from 1 to 0;
+    `visible/` has the codes VISIBLE, HIDDEN and OUTSIDE as PNG.
     """
 
     def __init__(self, folder: Path, clip: Clip) -> None:
@@ -42,7 +45,7 @@ class Flo(Writer):
             (folder / "visible" / name).mkdir(parents=True)
 
     def add(self, moment: Moment) -> None:
-        """Write one file a frame and direction."""
+        """Write one file per frame and direction."""
         for name, flow in (("forward", moment.forward), ("backward", moment.backward)):
             if flow is None:
                 continue
@@ -60,10 +63,11 @@ class Flo(Writer):
 
 
 def colour_flow(flow: F32, full_colour: float) -> NDArray[np.uint8]:
-    """Return the picture (H, W, 3) sRGB in OpenCV's order of a flow (H, W, 2).
+    """Return the picture (H, W, 3) of a flow (H, W, 2), sRGB in OpenCV's order.
 
-    `full_colour` px are full colour, rest is white.
+    `full_colour` px have full colour; rest is white.
     """
+    # A lookup in a table is faster than the colour formula per pixel.
     place = flow * np.float32(GRID / full_colour)
     place += np.float32(GRID)
     u, v = cv2.split(place)
@@ -75,9 +79,8 @@ def colour_flow(flow: F32, full_colour: float) -> NDArray[np.uint8]:
 
 @cache
 def _colour_disc() -> NDArray[np.uint8]:
-    """Return the colours of all flows up to 1 px in x and y, GRID steps a px, (2 GRID + 1, 2 GRID + 1, 3) sRGB.
-
-    Channels are in OpenCV's order.
+    """Return the colours of all flows up to 1 px in x and y with GRID steps per px, (2
+    GRID + 1, 2 GRID + 1, 3) sRGB in OpenCV's order.
     """
     wheel = _colour_wheel()
     u = np.linspace(-1, 1, 2 * GRID + 1)[None, :]
@@ -89,6 +92,7 @@ def _colour_disc() -> NDArray[np.uint8]:
     part = (place - low)[..., None]
     high = (low + 1) % len(wheel)
     hue = wheel[low] * (1 - part) + wheel[high] * part
+    # Colours beyond the disc are darker, as in the published colour code.
     colour = np.where(radius <= 1, 1 - radius * (1 - hue), hue * 0.75)
     levels = np.floor(255 * colour[..., ::-1])
     return np.ascontiguousarray(levels, np.uint8)

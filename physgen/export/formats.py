@@ -1,4 +1,6 @@
-"""The label formats: their registry, the checks of a request, and the writers of a clip."""
+"""The label formats: their registry, the checks of a request, and the writers of a
+clip.
+"""
 
 from __future__ import annotations
 
@@ -33,16 +35,16 @@ class LabelFormat:
 
     name: str
     maker: Callable[..., Writer]
-    """Takes the folder, which exists and is empty, and the `Clip`; raises InputError."""
+    """Takes the empty folder and the `Clip`; raises InputError."""
     title: str
     needs: str = ""
-    """The map of the photo that it is made of."""
+    """The required map of the photo."""
     library: str = ""
-    """An optional module that it needs, of the extra `labels`."""
+    """A required optional module, from the extra `labels`."""
     max_objects: int | None = None
-    """Objects that it can number."""
+    """Maximum number of objects."""
     has_layers: bool = False
-    """Whether it takes frames apart."""
+    """True if the writer needs frames in layers."""
 
 
 FORMATS = (
@@ -96,12 +98,14 @@ FLAG = "--format"
 
 
 def choose_formats(names: Sequence[str], flag: str = FLAG) -> list[LabelFormat]:
-    """Return the formats of `names`, each once.
+    """Return the formats of `names`, without repetitions.
 
-    Raise InputError with every unknown name and every missing library; `flag` is the flag of the names.
+    Raise InputError with every unknown name and every missing library; `flag` is the
+    flag of the names.
     """
     known = {row.name: row for row in FORMATS}
     problems: list[Problem] = []
+    # All problems of a request are collected, so that the user sees them at once.
     for name in dict.fromkeys(names):
         row = known.get(name)
         if row is None:
@@ -119,7 +123,7 @@ def choose_formats(names: Sequence[str], flag: str = FLAG) -> list[LabelFormat]:
 def check_fits(
     formats: Sequence[LabelFormat], scene: Scene, maps: Percepts | None
 ) -> None:
-    """Raise InputError with every format that has too many objects in the scene, or lacks its map."""
+    """Raise InputError with every format that has too many objects or lacks its map."""
     problems = []
     for row in formats:
         problems += _count_problems(row, scene)
@@ -157,7 +161,7 @@ def _map_problems(
     if getattr(maps, row.needs) is not None:
         return []
     place = scene.place("assets")
-    # `perceive` makes no depth by default
+    # `perceive` does not estimate depth by default.
     option = " --backend depth=NAME" if row.needs == "depth" else ""
     problem = Message.FORMAT_WITHOUT_MAP.problem(
         place,
@@ -174,7 +178,9 @@ def _map_problems(
 def open_writers(
     formats: Sequence[LabelFormat], folder: Path, clip: Clip
 ) -> Iterator[list[Writer]]:
-    """Yield writers of the formats, each into `folder/<name>`; they are closed at the end unless there is an error."""
+    """Yield writers of the formats, each for `folder/<name>`, and close them at the
+    end. After an error they stay open.
+    """
     writers: list[Writer] = []
     for row in formats:
         format_folder = folder / row.name

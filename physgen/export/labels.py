@@ -1,7 +1,8 @@
-"""Exact knowledge of each frame of a clip: views, object ids, poses, scale and optical flow.
+"""Exact data of each frame of a clip: views, object ids, poses, scale and optical flow.
 
-A label format (see `formats.py`) is a writer that gets the `Clip` first and then one `Moment` after the other: a view
-between its neighbours. Video px are those of the frames, photo px those of the scene; pixel centres are whole numbers.
+A label format (see `formats.py`) is a writer. It gets the `Clip` first, and then one
+`Moment` after the other: a view between its neighbours. Video px belong to the frames,
+photo px to the scene; pixel centres are integers.
 """
 
 from __future__ import annotations
@@ -34,16 +35,18 @@ from physgen.scene.scene import Scene
 from physgen.simulate.trajectory import Trajectory, rotation_matrices
 
 JPEG_QUALITY = 95
-"""Errors of about 1 grey level."""
+"""Quality of JPEG, with errors of about 1 grey level."""
 
 
 def write_png(path: Path, picture: U8 | U16) -> None:
-    """Write a picture (H, W) or (H, W, 3) in the order R, G, B; 8 or 16 bits. Raise OSError."""
+    """Write a picture (H, W) or (H, W, 3) in the order R, G, B; 8 or 16 bits. Raise
+    OSError.
+    """
     path.write_bytes(png_bytes(picture))
 
 
 def write_json(path: Path, data: Any) -> None:
-    """Write JSON, indented, UTF-8; numbers as short as they read back exactly."""
+    """Write JSON, indented, UTF-8, with the shortest exact numbers."""
     text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8")
 
@@ -53,18 +56,20 @@ Box = tuple[int, int, int, int]
 """First column, first row, width and height, px."""
 
 OMITTED = 65535
-"""Id of objects of the photo that the scene leaves out, and of pixels outside a frame: no body has it."""
+"""Id of omitted objects of the photo, and of pixels outside a frame. No body has this
+id.
+"""
 
 
 @dataclass(frozen=True)
 class Presence:
-    """One body that reaches into a frame."""
+    """A body with pixels in a frame."""
 
     body: int
     box: Box
-    """The smallest around all of the body inside the frame."""
+    """Smallest box around the body inside the frame."""
     whole_mask: Mask
-    """(h, w) on the box: hidden parts included."""
+    """(h, w) on the box, with hidden parts."""
     visible_mask: Mask
     """(h, w) on the box: the visible part."""
 
@@ -75,7 +80,7 @@ class Presence:
 
     @cached_property
     def visible_area(self) -> int:
-        """Return the visible area, px²; 0 if the body is hidden completely."""
+        """Return the visible area, px²; 0 for a completely hidden body."""
         return int(np.count_nonzero(self.visible_mask))
 
     @property
@@ -85,13 +90,15 @@ class Presence:
 
     @cached_property
     def visible_box(self) -> Box:
-        """Return the smallest box around the visible part; width and height are 0 if there is none."""
+        """Return the smallest box around the visible part, with width and height 0 if
+        it is empty.
+        """
         x, y, w, h = _bounding_box(self.visible_mask)
         return self.box[0] + x, self.box[1] + y, w, h
 
 
 def presences(covers: Iterable[Cover], ids: NDArray[np.uint16]) -> list[Presence]:
-    """Return one presence for each body that covers a pixel, in the order of the ids.
+    """Return one presence for each body with pixels, in the order of the ids.
 
     Visible pixels always belong to their body.
     """
@@ -110,9 +117,12 @@ def presences(covers: Iterable[Cover], ids: NDArray[np.uint16]) -> list[Presence
 def _presence(
     body: int, covers: Sequence[Cover], ids: NDArray[np.uint16]
 ) -> Presence | None:
-    """Return the presence of a body; None if its covers have no pixel in the frame."""
+    """Return the presence of a body, or None if its covers have no pixel in
+    the frame.
+    """
     (rows, columns), mask = _join_covers(covers)
     visible_mask = ids[rows, columns] == body + 1
+    # The threshold of coverage may lose visible pixels at the border.
     whole_mask = mask | visible_mask
     x, y, w, h = _bounding_box(whole_mask)
     if not w:
@@ -124,6 +134,7 @@ def _presence(
 
 def _join_covers(covers: Sequence[Cover]) -> tuple[tuple[slice, slice], Mask]:
     """Return one box and mask (h, w) of all covers."""
+    # Most bodies have one sprite.
     if len(covers) == 1:
         return covers[0].box, covers[0].mask
     top = min(cover.box[0].start for cover in covers)
@@ -146,12 +157,12 @@ def _bounding_box(mask: Mask) -> Box:
 
 @dataclass(frozen=True)
 class View(PosedView):
-    """One frame of a clip; N bodies."""
+    """One frame of a clip with N bodies."""
 
     index: int
-    """In the order in which the clip is played."""
+    """Index in the order of playback."""
     time: float
-    """s of the motion."""
+    """Time of the motion, s."""
     rgb: U8
     """(H, W, 3) sRGB."""
     ids: U16
@@ -165,13 +176,18 @@ class View(PosedView):
 
     @cached_property
     def presences(self) -> Sequence[Presence]:
-        """Return the bodies that reach into the frame, hidden ones too, in the order of their ids."""
+        """Return the bodies with pixels in the frame, also hidden ones, in the order of
+        their ids.
+        """
         return presences(self.find_covers(), self.ids)
 
     @cached_property
     def jpeg(self) -> bytes | memoryview:
-        """Return the frame as a JPEG file, encoded once for all formats; colours are as fine as masks."""
+        """Return the frame as a JPEG file, encoded once for all formats. Colours have
+        full resolution, as masks do.
+        """
         options = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+        # Without subsampling: colours at borders of masks must not bleed.
         options += [
             cv2.IMWRITE_JPEG_SAMPLING_FACTOR,
             cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444,
@@ -182,7 +198,9 @@ class View(PosedView):
 
     @cached_property
     def boxes(self) -> Mapping[int, Slices]:
-        """Return rows and columns of the visible part, by body; only of visible bodies."""
+        """Return rows and columns of the visible part, by body, only for visible
+        bodies.
+        """
         boxes = {}
         for presence in self.presences:
             x, y, w, h = presence.visible_box
@@ -202,14 +220,16 @@ class Scale:
 
     pixels_per_meter: float
     is_known: bool
-    """False: the scene leaves the scale out; 100 px/m is the paper's convention and no measurement."""
+    """False without a scale in the scene; 100 px/m is the paper's convention, not a
+    measurement.
+    """
 
     def meters(self, px: float) -> float | None:
-        """Return m of px, or m/s of px/s; None if the scale is not known."""
+        """Return m of px, or m/s of px/s; None without a known scale."""
         return px / self.pixels_per_meter if self.is_known else None
 
     def newton_seconds(self, impulse: float) -> float | None:
-        """Return N·s of g·px/s, or N of g·px/s²; None if the scale is not known."""
+        """Return N·s of g·px/s, or N of g·px/s²; None without a known scale."""
         return impulse / 1000 / self.pixels_per_meter if self.is_known else None
 
     def as_dict(self) -> dict[str, object]:
@@ -222,29 +242,31 @@ class Scale:
 
 @dataclass(frozen=True)
 class Clip:
-    """Facts that are the same for all frames of a clip."""
+    """Common data of all frames of a clip."""
 
     name: str
     scene: Scene
     world: World
     trajectory: Trajectory
-    """A sample a frame, played forward."""
+    """One sample per frame, in forward order."""
     maps: Percepts | None
-    """Of the photo; None without one."""
+    """Maps of the photo; None without a photo."""
     size: tuple[int, int]
     """Width and height of the frames, px."""
     fps: float
-    """1/s at which it plays."""
+    """Frame rate of playback, 1/s."""
     count: int
-    """Frames."""
+    """Number of frames."""
     shot: Shot
-    """The camera at any time, and the order in which the frames show the samples."""
+    """The camera at any time, and the order of the samples in the frames."""
     source: Mapping[str, str] = field(default_factory=dict)
-    """Inputs: paths and SHA-256."""
+    """Paths and SHA-256 of the inputs."""
     photo_ids: U16 = field(
         default_factory=lambda: np.zeros((0, 0), np.uint16), repr=False
     )
-    """(H, W) of the photo at t = 0: ids of the bodies, and `OMITTED`; empty without a photo."""
+    """(H, W) of the photo at t = 0: ids of the bodies, and `OMITTED`; empty without a
+    photo.
+    """
 
     @cached_property
     def names(self) -> tuple[str, ...]:
@@ -253,22 +275,22 @@ class Clip:
 
     @cached_property
     def labels(self) -> tuple[str, ...]:
-        """Return the labels of the bodies; the name if a label is missing."""
+        """Return the labels of the bodies, or the name for a missing label."""
         return tuple(item.label or item.name for item in self.scene.objects)
 
     @cached_property
     def categories(self) -> tuple[str, ...]:
-        """Return the labels, each once, in alphabetical order."""
+        """Return the labels without repetitions, in alphabetical order."""
         return tuple(sorted(set(self.labels)))
 
     @cached_property
     def classes(self) -> tuple[int, ...]:
-        """Return the number of each body's label among the categories, from 1 on."""
+        """Return the number of each body's label among the categories, from 1."""
         return tuple(self.categories.index(label) + 1 for label in self.labels)
 
     @cached_property
     def scale(self) -> Scale:
-        """Return the scale of the scene, by its file, a variant or `--set`."""
+        """Return the scale of the scene, from its file, a variant or `--set`."""
         return Scale(
             self.scene.world.pixels_per_meter,
             "world.pixels_per_meter" in self.scene.places,
@@ -276,28 +298,35 @@ class Clip:
 
 
 def starting_labels(labels: U16, photo: U16 | None, scenery: Mask) -> U16:
-    """Return `Clip.photo_ids` of the scene's labels (H, W), those of the photo, and pixels that show a boundary."""
+    """Return `Clip.photo_ids` from the scene's labels (H, W), the photo's labels, and
+    boundary pixels.
+    """
     if photo is None:
         return labels
+    # An object removed from the scene is not background: its map values are the
+    # object's.
     is_omitted = (photo > 0) & (labels == 0) & ~scenery
     return np.where(is_omitted, np.uint16(OMITTED), labels)
 
 
 @dataclass(frozen=True)
 class Flow:
-    """From one view to another; H, W."""
+    """Optical flow from one view to another; H, W."""
 
     motion: F32
-    """(H, W, 2) px: x and y by which the point at a pixel has moved, also if it is then hidden or outside."""
+    """(H, W, 2) px: motion of the point at a pixel in x and y, also for points that
+    become hidden or leave the picture.
+    """
     inside: Mask
     """(H, W): the point is still in the picture."""
     visible: Mask
-    """(H, W): the point is in the picture, and nothing hides it."""
+    """(H, W): the point is in the picture, and visible."""
 
 
 def flow(view: View, other: View, world: World) -> Flow:
     """Return the motion of each pixel of `view` to `other`."""
     result = _background_flow(view, other)
+    # Resting bodies under a still camera have the flow of the background already.
     has_still_camera = np.array_equal(view.lens, other.lens)
     for body, box in view.boxes.items():
         if not (has_still_camera and is_still(body, view, other)):
@@ -306,10 +335,13 @@ def flow(view: View, other: View, world: World) -> Flow:
 
 
 def _background_flow(view: View, other: View) -> Flow:
-    """Return the flow if every pixel were background, which moves with the camera alone."""
+    """Return the flow of a picture with background only, which moves with the
+    camera.
+    """
     width, height = view.size
     motion = np.zeros((height, width, 2), np.float32)
     m, n = similarity(-1, view, other)
+    # A still camera is the common case.
     if (m, n) == (1, 0):
         inside = np.ones((height, width), bool)
         return Flow(motion, inside, np.asarray(view.ids == other.ids))
@@ -361,7 +393,7 @@ def _add_body(
 
 @dataclass(frozen=True)
 class Moment:
-    """A view between its neighbours in the clip; None beyond its ends."""
+    """A view between its neighbours in the clip; None at the ends."""
 
     world: World
     before: View | None
@@ -375,17 +407,19 @@ class Moment:
 
     @cached_property
     def backward(self) -> Flow | None:
-        """Return the flow to the view before."""
+        """Return the flow to the previous view."""
         return None if self.before is None else flow(self.view, self.before, self.world)
 
 
 class MomentQueue:
-    """Makes moments of frames, one frame later; it holds three views."""
+    """Makes moments of frames with a delay of one frame. It holds three views."""
 
     def __init__(
         self, world: World, trajectory: Trajectory, samples: Sequence[int], shot: Shot
     ) -> None:
-        """Set the clip; `samples` has for each frame the sample of `trajectory` whose moment it shows."""
+        """Set the clip. `samples` has the index of each frame's sample in
+        `trajectory`.
+        """
         self._world = world
         self._trajectory = trajectory
         self._samples = samples
@@ -398,7 +432,9 @@ class MomentQueue:
         self._view: View | None = None
 
     def put(self, frame: Frame) -> Moment | None:
-        """Add a frame, and return the moment of the frame before; None after the first."""
+        """Add a frame, and return the moment of the previous frame; None after the
+        first.
+        """
         after = self._view_of(frame)
         moment = None
         if self._view is not None:
@@ -430,7 +466,9 @@ class MomentQueue:
 
 
 class Writer:
-    """One format of one clip, written into a folder of its own: made of the folder and the `Clip`."""
+    """Writes one format of one clip into its own folder; made from the folder and the
+    `Clip`.
+    """
 
     def __init__(self, folder: Path, clip: Clip) -> None:
         self._folder, self._clip = folder, clip

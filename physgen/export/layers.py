@@ -1,10 +1,12 @@
-"""Layers for compositing: objects with alpha, a clean plate, and passes for shadows, borders and ids.
+"""Layers for compositing: objects with alpha, a clean plate, and passes for shadows,
+borders and ids.
 
     plate x shadow, then each object over it, the farthest first, then x multiply + add = the frame
 
-All of it is linear light. The last two passes have everything that belongs to no single layer: pixels of the photo
-that mix an object with its background, reflections in a floor, and rounding. `layers.json` names every file, and
-`blender.py` builds the clip from them in Blender.
+All values are linear light. The last two passes hold the remainder outside the layers:
+pixels of the photo that mix an object with its background, reflections in a floor, and
+rounding. `layers.json` names every file, and `blender.py` builds the clip from them in
+Blender.
 """
 
 from __future__ import annotations
@@ -32,7 +34,9 @@ LIGHTEST = 65535
 """Code of 1 in a file of 16 bits."""
 UNSAFE = re.compile(r"[^\w.-]+")
 SPREADS = (3, 9, 33)
-"""px: sizes of the means that continue an object's colours beyond its border, for codecs without premultiplication."""
+"""Sizes of the means that continue an object's colours beyond its border, px, for
+codecs without premultiplication.
+"""
 
 
 @dataclass(frozen=True)
@@ -40,23 +44,23 @@ class Encoding:
     """Encoding of pictures."""
 
     name: str
-    """Its name in `layers.json`."""
+    """Name in `layers.json`."""
     suffix: str
-    """Of a clip; empty for a folder of PNG."""
+    """Suffix of a clip; empty for a folder of PNG."""
 
     @property
     def pattern(self) -> str:
-        """Return the end of a pass' path: a file a frame, or one clip."""
+        """Return the end of a pass's path: a file per frame, or one clip."""
         return self.suffix or "/%05d.png"
 
 
 PNG = Encoding("linear, premultiplied, 16 bits", "")
 PRORES = Encoding("sRGB, premultiplied", ".mov")
-"""Codes are multiplied by alpha, as Blender and editors of films read 10 bits."""
+"""Codes are multiplied by alpha, as Blender and film editors expect for 10 bits."""
 VP9 = Encoding("sRGB, straight alpha", ".webm")
-"""As browsers read it."""
+"""Encoding for browsers."""
 Put = Callable[[F32], None]
-"""Takes one linear picture (h, w, 3), or (h, w, 4) premultiplied."""
+"""A function for one linear picture (h, w, 3), or (h, w, 4) premultiplied."""
 
 
 def quantize(light: F32) -> U16:
@@ -66,12 +70,14 @@ def quantize(light: F32) -> U16:
 
 
 def round_light(light: F32) -> F32:
-    """Return light as a file of 16 bits returns it."""
+    """Return light after rounding in a file of 16 bits."""
     return np.asarray(quantize(light) / np.float32(LIGHTEST), np.float32)
 
 
 class LayerFiles(Writer):
-    """Writes the layers of each frame; `encoding` is PNG, or that of clips with alpha."""
+    """Writes the layers of each frame; `encoding` is PNG, or an encoding of clips with
+    alpha.
+    """
 
     encoding = PNG
 
@@ -103,6 +109,8 @@ class LayerFiles(Writer):
             picture = round_light(objects[body])
             composite = composite * (1 - picture[..., 3:]) + picture[..., :3]
             self._put(self._object_path(body), picture)
+        # The composite of the rounded files must give the frame, so that the
+        # corrections come last.
         multiply, add = corrections(composite, view.rgb)
         self._put("multiply", multiply)
         self._put("add", add)
@@ -148,6 +156,8 @@ class LayerFiles(Writer):
 
         def put(light: F32) -> None:
             colour = straight_srgb(light)
+            # Editors expect premultiplied codes in ProRes, and browsers straight ones
+            # in VP9.
             if encoding is PRORES and light.shape[2] == 4:
                 colour[..., :3] *= colour[..., 3:]
             write(quantize(colour))
@@ -169,7 +179,7 @@ class LayerFiles(Writer):
         write_cryptomatte(file, shares_by_name, self._clip.names)
 
     def _transforms(self, view: View) -> dict[str, Any]:
-        """Return the place of the camera and of each object."""
+        """Return the places of the camera and of each object."""
         scale = float(view.lens[0, 0])
         places = {}
         for body, name in enumerate(self._clip.names):
@@ -239,7 +249,8 @@ class _PngFolder:
 
 
 def shadow_pass(layers: Layers) -> F32:
-    """Return the share of the plate's light that shadows leave, (H, W, 3), at most 1."""
+    """Return the share of the plate's light after shadows, (H, W, 3), at most 1."""
+    # No division by zero in black parts of the plate.
     plate = np.maximum(layers.plate, np.float32(1 / LIGHTEST))
     return np.asarray(np.clip(layers.shaded / plate, 0, 1), np.float32)
 
@@ -247,9 +258,12 @@ def shadow_pass(layers: Layers) -> F32:
 def visible_shares(
     objects: Mapping[int, F32], order: tuple[int, ...]
 ) -> dict[int, F32]:
-    """Return the share (H, W) of each pixel in which an object is visible, by body; the nearest hide the others."""
+    """Return the share (H, W) of each pixel with a visible object, by body. Nearer
+    objects hide farther ones.
+    """
     shares = {}
     free: F32 | None = None
+    # From the nearest to the farthest: each hides a share of those behind it.
     for body in reversed(order):
         coverage = np.clip(objects[body][..., 3], 0, 1)
         shares[body] = coverage if free is None else coverage * free
@@ -258,11 +272,14 @@ def visible_shares(
 
 
 def corrections(composite: F32, frame: U8) -> tuple[F32, F32]:
-    """Return factors and additions (H, W, 3) that make the layers equal to the frame; 1 and 0 if they are equal."""
+    """Return factors and additions (H, W, 3) that make the layers equal to the frame; 1
+    and 0 at equal pixels.
+    """
     difference = encode_u8(composite).astype(np.int16) - frame
     target = decode(frame)
     multiply = np.ones_like(composite)
     is_darker = difference > 0
+    # Too bright pixels are multiplied and too dark ones added to: no value is negative.
     multiply[is_darker] = target[is_darker] / composite[is_darker]
     add = np.zeros_like(composite)
     is_brighter = difference < 0
@@ -273,7 +290,8 @@ def corrections(composite: F32, frame: U8) -> tuple[F32, F32]:
 def straight_srgb(light: F32) -> F32:
     """Return linear light as sRGB.
 
-    Of (h, w, 4) premultiplied, colours are divided by alpha and continued beyond borders.
+    Colours of premultiplied light (h, w, 4) are divided by alpha and continued beyond
+    borders.
     """
     if light.shape[2] == 3:
         return encode(light)
@@ -281,6 +299,7 @@ def straight_srgb(light: F32) -> F32:
     colour = np.zeros_like(light[..., :3])
     is_known = alpha > 0
     colour[is_known] = light[is_known][:, :3] / alpha[is_known][:, None]
+    # Encoders blend neighbours: without colours outside, borders would turn dark.
     for side in SPREADS:
         total = cv2.blur(light[..., :3], (side, side))
         share = cv2.blur(alpha, (side, side))

@@ -1,4 +1,4 @@
-"""Write depth and normals of each frame, made from the maps of the photo, as 16-bit PNG."""
+"""Write depth and normals of each frame as 16-bit PNG, from the maps of the photo."""
 
 from __future__ import annotations
 
@@ -25,11 +25,13 @@ class LayerLimits:
     """Limits of the parts of a map and their fill."""
 
     rim: int = 3
-    """px around an object in which pixels mix it and the background: the background is filled in there, too."""
+    """Width of the mixed pixels around an object, px. The background is also filled
+    there.
+    """
     pad: int = 4
-    """px around an object's mask to which its outermost values are extended."""
+    """Margin around an object's mask for its extended border values, px."""
     fill_error: float = 2e-4
-    """Of a map's range: the largest error of the smooth fill."""
+    """Maximum error of the smooth fill over the map's range."""
 
 
 LIMITS = LayerLimits()
@@ -47,7 +49,9 @@ class Part:
     """(h, w[, C]), extended beyond the object's mask."""
 
     def warp(self, box: Slices, m: complex, n: complex) -> F32:
-        """Return the values (h, w[, C]) on a box of a view; `m` and `n` map its px to those of the photo."""
+        """Return the values (h, w[, C]) on a box of a view; `m` and `n` map its px to
+        the photo's.
+        """
         rows, columns = box
         n += m * complex(columns.start, rows.start) - complex(*self.corner)
         x_row = [m.real, -m.imag, n.real]
@@ -65,7 +69,7 @@ Sample = Callable[[int, Part, View, Slices], F32]
 
 
 class Layers:
-    """A map in layers; `encode` turns its values into the integers of files."""
+    """A map in layers; `encode` converts its values to the integers of files."""
 
     def __init__(
         self,
@@ -74,7 +78,9 @@ class Layers:
         parts: Mapping[int, Part],
         encode: Callable[[F32], U16],
     ) -> None:
-        """Take the `ground` (H, W[, C]) of the photo without objects, and `parts` by body."""
+        """Take the `ground` (H, W[, C]) of the photo without objects, and `parts` by
+        body.
+        """
         self._world, self._size = clip.world, clip.size
         self._photo = photo_view(clip.trajectory, clip.world)
         self._ground, self._parts, self._encode = ground, parts, encode
@@ -84,7 +90,7 @@ class Layers:
     def compose(self, view: View, sample: Sample) -> U16:
         """Return the codes (h, w[, C]) of a view.
 
-        The next view overwrites them, since new memory costs more than a copy.
+        The next view overwrites them, because new memory costs more than a copy.
         """
         ground = self._ground_codes(view.lens)
         if self._frame.shape != ground.shape:
@@ -94,7 +100,7 @@ class Layers:
             if body in self._parts:
                 own_mask = view.ids[box] == body + 1
                 codes = self._encode(sample(body, self._parts[body], view, box))
-                # faster than NumPy with channels
+                # OpenCV copies channels faster than NumPy.
                 cv2.copyTo(codes, own_mask.view(np.uint8), self._frame[box])
         return self._frame
 
@@ -103,7 +109,7 @@ class Layers:
         return part.warp(box, *similarity(body, view, self._photo))
 
     def shift(self, body: int, part: Part, view: View, box: Slices) -> F32:
-        """Return a part that moves with its body and never turns."""
+        """Return a part that moves with its body but does not turn."""
         m, _ = similarity(-1, view, self._photo)
         x, y = view.lens @ [*view.poses[body, :2], 1.0]
         photo_x, photo_y = self._photo.poses[body, :2]
@@ -111,7 +117,9 @@ class Layers:
         return part.warp(box, m, shift)
 
     def _ground_codes(self, lens: Array) -> U16:
-        """Return the codes of the background; they are computed again only if the camera has moved."""
+        """Return the codes of the background. Compute them again only after a motion of
+        the camera.
+        """
         if self._background is None or not np.array_equal(self._background[0], lens):
             values = self._ground
             height, width = values.shape[:2]
@@ -130,19 +138,24 @@ class Layers:
 
 
 def unknown_ground(clip: Clip) -> Mask:
-    """Return the pixels (H, W) of the photo on objects or beside them: the background is not known there."""
+    """Return the pixels (H, W) of the photo on objects or beside them, without known
+    background.
+    """
     return dilate(clip.photo_ids > 0, LIMITS.rim)
 
 
 def fill_map(values: F32, hole: Mask) -> F32:
     """Return values (H, W[, C]) with a harmonic fill of a hole (H, W)."""
     channels = values if values.ndim == 3 else values[..., None]
+    # A constant map has no range.
     error = max(float(np.ptp(channels)), 1e-6) * LIMITS.fill_error
     return harmonic_fill(channels, hole, error).reshape(values.shape)
 
 
 def parts_of(values: F32, clip: Clip) -> dict[int, Part]:
-    """Return each body's part of a map (H, W[, C]) of the photo; bodies that are not in the photo have none."""
+    """Return each body's part of a map (H, W[, C]) of the photo, without bodies outside
+    the photo.
+    """
     parts = {}
     for body in range(len(clip.world.bodies)):
         mask = clip.photo_ids == body + 1
@@ -181,23 +194,26 @@ class MapCodes:
     unit: int = 32767
     """Difference of the codes of 1 and 0 in a normal's component."""
     ball_margin: float = 2.0
-    """px beyond a ball's rim up to which its mask holds the rim; farther out it is a thread or a handle."""
+    """Width of the rim in a ball's mask, px. Mask pixels farther out belong to a thread
+    or a handle.
+    """
 
 
 CODES = MapCodes()
 
 
 class Depth(Writer):
-    """`00000.png` ...: in the photo's unit, larger is farther; `scale.json` has the depths of 0 and 65535.
+    """Writes `00000.png` ... in the photo's unit, larger is farther; `scale.json` has
+    the depths of 0 and 65535.
 
-    Objects move across the view and not in depth, so each keeps its own. It turns with them in the picture, except
-    that of a ball.
+    Objects move across the view and not in depth, so that each keeps its own depth. It
+    turns with the object in the picture, except for balls.
     """
 
     def __init__(self, folder: Path, clip: Clip) -> None:
         assert clip.maps is not None
         assert clip.maps.depth is not None
-        # depths of 0 and 65535, as in the photo's own map
+        # The codes 0 and 65535 mean the same depths as in the photo's own map.
         low, high = clip.scene.maps.get("depth", (0.0, 1.0))
         self._folder, self._world = folder, clip.world
         codes_per_unit = np.float32(CODES.max_code / (high - low))
@@ -214,7 +230,7 @@ class Depth(Writer):
         )
 
     def add(self, moment: Moment) -> None:
-        """Write one file a frame."""
+        """Write one file per frame."""
         codes = self._layers.compose(moment.view, self._sample)
         write_png(self._folder / f"{moment.view.index:05d}.png", codes)
 
@@ -225,9 +241,10 @@ class Depth(Writer):
 
 
 class Normals(Writer):
-    """`00000.png` ...: 32768 + 32767 n of unit normals, +x right, +y down, +z to the viewer.
+    """Writes `00000.png` ...: 32768 + 32767 n of unit normals, +x right, +y down, +z to
+    the viewer.
 
-    They turn with objects in the picture; those of balls are exactly those of a sphere.
+    Normals turn with objects in the picture. Balls have the exact normals of a sphere.
     """
 
     def __init__(self, folder: Path, clip: Clip) -> None:
@@ -248,7 +265,7 @@ class Normals(Writer):
         self._layers = Layers(clip, ground, parts_of(normals, clip), normal_codes)
 
     def add(self, moment: Moment) -> None:
-        """Write one file a frame."""
+        """Write one file per frame."""
         codes = self._layers.compose(moment.view, self._sample)
         write_png(self._folder / f"{moment.view.index:05d}.png", codes)
 
@@ -267,6 +284,7 @@ class Normals(Writer):
         depth = np.sqrt(np.maximum(1 - square, 0))
         components = [u * limit, v * limit, depth]
         normals = np.stack(components, axis=-1).astype(np.float32)
+        # A thread or a handle has no sphere's normals.
         is_outside = square > (1 + CODES.ball_margin / radius) ** 2
         if (is_outside & (view.ids[box] == body + 1)).any():
             other_normals = self._turn(body, part, view, box)
@@ -286,7 +304,9 @@ class Normals(Writer):
 
 
 def normal_codes(normals: F32) -> U16:
-    """Return codes of unit normals of vectors (h, w, 3) of any length; those of length 0 point to the viewer."""
+    """Return the codes of vectors (h, w, 3) as unit normals. Zero vectors point to the
+    viewer.
+    """
     x, y, z = cv2.split(normals)
     length = cv2.sqrt(x * x + y * y + z * z)
     has_no_length = length < 1e-6

@@ -7,15 +7,16 @@ from pathlib import Path
 from physgen.export.labels import Clip, Moment, Writer
 
 FIRST = 1
-"""The MOT Challenge's number of the first column and row of px."""
+"""Number of the first column and row in the MOT Challenge."""
 
 
 class Mot(Writer):
-    """`frame, id, left, top, width, height, 1, class, visibility`, all counted from 1.
+    """Writes `frame, id, left, top, width, height, 1, class, visibility`, all counted
+    from 1.
 
-    The box contains hidden parts and ends at the picture's borders; visibility is the
-    visible share of what is in the picture. `gt/labels.txt` has the classes' names, one a
-    line; line breaks in labels become spaces.
+    The box contains hidden parts and ends at the picture's borders. Visibility is the
+    visible share of the part in the picture. `gt/labels.txt` has the classes' names,
+    one per line; line breaks in labels become spaces.
     """
 
     def __init__(self, folder: Path, clip: Clip) -> None:
@@ -36,13 +37,14 @@ class Mot(Writer):
             "imExt=.jpg",
         ]
         (home / "seqinfo.ini").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        # A line break in a label would shift all later classes.
         names = [" ".join(label.split()) + "\n" for label in clip.categories]
         labels = self._truth.with_name("labels.txt")
         labels.write_text("".join(names), encoding="utf-8")
         self._truth.write_text("", encoding="utf-8")
 
     def add(self, moment: Moment) -> None:
-        """Write a line for each object that reaches into the picture."""
+        """Write a line for each object with pixels in the picture."""
         view = moment.view
         (self._images / f"{view.index + 1:06d}.jpg").write_bytes(view.jpeg)
         with self._truth.open("a", encoding="utf-8") as file:

@@ -39,7 +39,7 @@ UNITS = {
     "friction, elasticity": "of one surface; `pairs` has the values for two",
 }
 RAMP_UNIT = {"ramp": "s in which the velocity is reached, from rest"}
-"""Of objects that a push brings to their velocity by and by."""
+"""Additional unit for objects with a smooth start."""
 SOURCE_KEYS = (
     "mass",
     "density",
@@ -51,11 +51,11 @@ SOURCE_KEYS = (
     "solid",
     "motion",
 )
-"""Keys of an object whose sources are given."""
+"""Keys of an object with sources in the file."""
 
 
 class Physics(Writer):
-    """Writes one file."""
+    """Writes `physics.json`."""
 
     def close(self) -> None:
         """Write the file."""
@@ -75,13 +75,14 @@ CONTACT_KEYS = (
     "rocking",
     "center_of_mass",
 )
-"""Keys by which an object or a boundary differs from most others."""
+"""Rare keys of objects and boundaries, written only if present."""
 
 
 def physics(clip: Clip) -> dict[str, Any]:
     """Return the inputs of the motion for JSON.
 
-    `from` is `written` for a key in the scene file, `default` for a key that it leaves out, or the source of a guess.
+    `from` is `written` for a key in the scene file, `default` for a missing key, or the
+    source of a guess.
     """
     scene = clip.scene
     world = clip.world
@@ -124,8 +125,9 @@ def _objects(clip: Clip) -> list[dict[str, Any]]:
 def _object(
     scene: Scene, item: Object, body: Body, label: str, scale: Scale
 ) -> dict[str, Any]:
-    """Return an object; without mass and moment if it is fixed or scripted."""
+    """Return an object, without mass and moment if it is fixed or scripted."""
     mass = moment = mass_kg = moment_si = None
+    # Fixed and scripted bodies have infinite masses, which JSON cannot hold.
     if isfinite(body.mass):
         mass, moment = body.mass, body.moment
         mass_kg = mass / 1000
@@ -206,7 +208,7 @@ def _belt(field: Field) -> dict[str, Any]:
 def _select_stated(
     item: Field | Object | Boundary, keys: tuple[str, ...], absent: tuple[Any, ...]
 ) -> dict[str, Any]:
-    """Return the values of those keys that are not `absent`."""
+    """Return the values of the keys without those in `absent`."""
     row: dict[str, Any] = {}
     for key in keys:
         value = getattr(item, key, None)
@@ -218,7 +220,7 @@ def _select_stated(
 def _sources(
     scene: Scene, path: str, keys: tuple[str, ...], provenance: Mapping[str, Any]
 ) -> dict[str, str]:
-    """Return the source of each key; of mass and density only the one that is given."""
+    """Return the source of each key; of mass and density only the given one."""
     sources = {}
     for key in keys:
         if key in provenance:
@@ -227,6 +229,7 @@ def _sources(
             sources[key] = "written"
         else:
             sources[key] = "default"
+    # Mass and density exclude each other: only one has a source.
     has_density = sources.get("density") != "default"
     if sources.get("mass") == "default" and has_density:
         del sources["mass"]
@@ -236,7 +239,7 @@ def _sources(
 
 
 def _push(push: Push, world: World) -> dict[str, Any]:
-    """Return a push; its place is the point of the photo at which it acts."""
+    """Return a push. Its place is its point in the photo."""
     body = world.bodies[push.body]
     row: dict[str, Any] = {"object": body.name, "start": push.start}
     if push.load is Load.TORQUE:

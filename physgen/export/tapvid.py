@@ -1,8 +1,11 @@
-"""Write point tracks in the TAP-Vid format (Doersch et al., NeurIPS 2022), an npz without a pickle.
+"""Write point tracks in the TAP-Vid format (Doersch et al., NeurIPS 2022), an npz
+without a pickle.
 
-`video` (T, H, W, 3) uint8; `points` (N, T, 2) float32, x and y, 0 at the left and upper edge of the picture and 1 at
-the other, so that the first pixel's centre is at half a pixel; `occluded` (N, T) bool, true also out of the picture;
-`query_points` (N, 3) float32, frame, y and x in px from the picture's corner, at which each point is first visible.
+`video` (T, H, W, 3) uint8; `points` (N, T, 2) float32, x and y from 0 at the left and
+upper edge of the picture to 1 at the other edge, with the first pixel's centre at half
+a pixel; `occluded` (N, T) bool, also true outside the picture; `query_points` (N, 3)
+float32, frame, y and x of each point's first visible position, in px from the picture's
+corner.
 """
 
 from __future__ import annotations
@@ -34,15 +37,19 @@ class PointLimits:
     """Numbers and places of points."""
 
     points: int = 256
-    """Of a clip by default, as in TAP-Vid's Kubric set; more if an object would not get `min_points`."""
+    """Default number per clip, as in TAP-Vid's Kubric set; more if an object would get
+    fewer than `min_points`.
+    """
     min_points: int = 4
-    """Of each object that is ever visible."""
+    """Minimum number for each object with visible pixels."""
     background: float = 0.25
     """Share of the points on the background."""
     margin: int = 2
-    """px between a point and the border of its object in the frame of its choice; less on thinner objects."""
+    """Distance of a point from the border of its object in the frame of its choice, px;
+    less on thinner objects.
+    """
     far_side: float = 1e-9
-    """Ball radii behind the rim from which on a point is on the far side."""
+    """Minimum depth of the far side behind the rim, in ball radii."""
 
 
 LIMITS = PointLimits()
@@ -50,14 +57,14 @@ LIMITS = PointLimits()
 
 @dataclass(frozen=True)
 class CameraPath:
-    """T views."""
+    """Camera and poses of T views."""
 
     lenses: Array
     """(T, 2, 3): photo px -> video px."""
     poses: Array
     """(T, N, 3): x px, y px, angle rad, of bodies in the photo."""
     spaces: Array | None
-    """(T, N, 3, 3): rotations in space; None: bodies turn in the picture alone."""
+    """(T, N, 3, 3): rotations in space; None: bodies turn only in the picture."""
 
 
 @dataclass(frozen=True)
@@ -67,13 +74,15 @@ class Points:
     body: Index
     """(K,); -1 is the background."""
     frame: Index
-    """(K,): the view in which each was chosen."""
+    """(K,): the view of each point's choice."""
     places: Array
     """(K, 2) px of that view."""
 
 
 class Tapvid(Writer):
-    """Writes tracks of points; of each view it keeps only the poses and the compressed ids."""
+    """Writes tracks of points. It stores only the poses and the compressed ids of each
+    view.
+    """
 
     def __init__(self, folder: Path, clip: Clip) -> None:
         self._folder, self._clip = folder, clip
@@ -89,9 +98,10 @@ class Tapvid(Writer):
         )
 
     def add(self, moment: Moment) -> None:
-        """Write the frame, and keep poses and ids."""
+        """Write the frame, and store poses and ids."""
         view = moment.view
         self._video[view.index] = view.rgb
+        # Points are chosen at the end: until then, only compressed ids fit the memory.
         self._ids.append(compress(view.ids.tobytes(), 1))
         count = len(self._clip.names) + 1
         areas = np.bincount(view.ids.ravel(), minlength=count)
@@ -107,6 +117,8 @@ class Tapvid(Writer):
         camera = CameraPath(np.stack(self._lenses), np.stack(self._poses), spaces)
         points = self._choose_points()
         places, far_side = track_points(points, camera, self._clip.world)
+        # Every point is visible in the frame of its choice, so that a first visible
+        # frame exists.
         occluded = far_side | ~self._find_visible(places, points)
         first = np.argmin(occluded, axis=1)
         x, y = (places[np.arange(len(first)), first] + 0.5).T
@@ -131,7 +143,9 @@ class Tapvid(Writer):
         return ids.reshape(height, width)
 
     def _choose_points(self) -> Points:
-        """Return random points, in each frame in proportion to the visible area; the seed is the clip's name."""
+        """Return random points, in each frame in proportion to the visible area. The
+        seed depends on the clip's name.
+        """
         rng = np.random.default_rng(_seed(self._clip.name))
         areas = np.stack(self._areas)
         counts = point_counts(areas.sum(axis=0), LIMITS.points)
@@ -151,7 +165,9 @@ class Tapvid(Writer):
         return Points(owners - 1, frames, places)
 
     def _find_visible(self, places: Array, points: Points) -> Mask:
-        """Return whether the pixel at a point (K, T, 2) shows the point's object, (K, T)."""
+        """Return whether the pixel at a point (K, T, 2) shows the point's object, (K,
+        T).
+        """
         width, height = self._clip.size
         columns = np.rint(places[..., 0]).astype(np.int64)
         rows = np.rint(places[..., 1]).astype(np.int64)
@@ -172,7 +188,9 @@ def _seed(name: str) -> int:
 
 
 def _choose_frames(areas: Array, counts: Index, rng: np.random.Generator) -> Index:
-    """Return a frame for each point, (K,), by visible areas (T, N + 1) px and numbers of points (N + 1,)."""
+    """Return a frame for each point, (K,), from visible areas (T, N + 1) px and numbers
+    of points (N + 1,).
+    """
     totals = areas.sum(axis=0)
     choices = []
     for k, count in enumerate(counts):
@@ -185,7 +203,9 @@ def _choose_frames(areas: Array, counts: Index, rng: np.random.Generator) -> Ind
 def track_points(
     points: Points, camera: CameraPath, world: World
 ) -> tuple[Array, Mask]:
-    """Return places (K, T, 2) px in each view, hidden ones too, and which (K, T) are on a ball's far side."""
+    """Return places (K, T, 2) px in each view, also of hidden points, and a mask (K, T)
+    of points on a ball's far side.
+    """
     scale = camera.lenses[:, 0, 0]
     shift_x = camera.lenses[:, 0, 2]
     shift_y = camera.lenses[:, 1, 2]
@@ -210,7 +230,9 @@ def track_points(
 def _track_body(
     place: Complex, frame: Index, index: int, camera: CameraPath, world: World
 ) -> tuple[Complex, Mask]:
-    """Return places (K, T) photo px of points of a body, and which are on a ball's far side."""
+    """Return places (K, T) photo px of points of a body, and a mask of points on a
+    ball's far side.
+    """
     poses = camera.poses[:, index]
     body = world.bodies[index]
     center = poses[:, 0] + 1j * poses[:, 1]
@@ -225,24 +247,28 @@ def _track_body(
 
 
 def _roll(place: Complex, frame: Index, spaces: Array) -> tuple[Complex, Mask]:
-    """Return points of a ball in all views, (K, T), and which are on the far side.
+    """Return points of a ball in all views, (K, T), and a mask of points on the far
+    side.
 
-    Points are in radii from the ball's centre in their views. Points of the mask beyond the rim move with the rim, as
-    in `correspondence.follow_ball`.
+    Points are in radii from the ball's centre in their views. Mask points beyond the
+    rim move with the rim, as in `correspondence.follow_ball`.
     """
     rim = place / np.maximum(np.abs(place), 1)
     depth = np.sqrt(np.maximum(1 - np.abs(rim) ** 2, 0))
     normals = np.stack([rim.real, rim.imag, -depth], axis=-1)
-    start_normals = np.einsum("kij,ki->kj", spaces[frame], normals)  # at t = 0
+    # Normals at t = 0.
+    start_normals = np.einsum("kij,ki->kj", spaces[frame], normals)
     turned_normals = np.einsum("tij,kj->kti", spaces, start_normals)
     x, y, z = np.moveaxis(turned_normals, -1, 0)
     return x + 1j * y + (place - rim)[:, None], z > LIMITS.far_side
 
 
 def point_counts(areas: Array, points: int) -> Index:
-    """Return the number of points of each body, (N + 1,), by areas (N + 1,) px, the background's first.
+    """Return the number of points of each body, (N + 1,), from areas (N + 1,) px, the
+    background first.
 
-    The background gets its share, each visible object `min_points`, and the rest goes by area.
+    The background gets its share, each visible object `min_points`. The rest is divided
+    by area.
     """
     objects = areas[1:]
     is_visible = objects > 0
@@ -256,6 +282,7 @@ def point_counts(areas: Array, points: int) -> Index:
         exact = rest * objects / objects.sum()
         whole = np.floor(exact)
         counts[1:] += whole.astype(np.int64)
+        # Largest remainders get the last points, so that the sum is exact.
         missing = rest - int(whole.sum())
         order = np.argsort(whole - exact, kind="stable")
         counts[1:][order[:missing]] += 1
@@ -265,9 +292,12 @@ def point_counts(areas: Array, points: int) -> Index:
 def choose_places(
     ids: U16, requests: Sequence[tuple[int, int]], rng: np.random.Generator
 ) -> list[Array]:
-    """Return places (k, 2) px in a view for each id and number k; away from borders if there is room."""
+    """Return places (k, 2) px in a view for each id and number k, away from borders if
+    possible.
+    """
     side = 2 * LIMITS.margin + 1
     kernel = np.ones((side, side), np.uint8)
+    # Both are equal only if the whole neighbourhood has one id.
     is_inner = cv2.erode(ids, kernel) == cv2.dilate(ids, kernel)
     choices = []
     for number, count in requests:

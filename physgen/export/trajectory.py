@@ -1,4 +1,6 @@
-"""Poses and velocities of objects per frame, in px of photo and video and in SI units, as CSV and npz."""
+"""Poses and velocities of objects per frame, in px of photo and video and in SI units,
+as CSV and npz.
+"""
 
 from __future__ import annotations
 
@@ -29,11 +31,11 @@ COLUMNS = (
 )
 """s, s, px, rad and px/s of the photo; px of the video; m and m/s."""
 CAMERA_STEP = 1e-5
-"""s before and after a moment between which the camera's velocity is measured."""
+"""Time step of the camera's velocity, s."""
 
 
 class TrajectoryTables(Writer):
-    """A row a frame and object."""
+    """Writes a row per frame and object."""
 
     def close(self) -> None:
         """Write both tables."""
@@ -49,7 +51,9 @@ class TrajectoryTables(Writer):
 
 
 def motion_arrays(clip: Clip) -> dict[str, NDArray[np.generic]]:
-    """Return the arrays of the archive, of T frames and N objects; names end in units other than px and rad."""
+    """Return the arrays of the archive, for T frames and N objects. Names end in their
+    units, except px and rad.
+    """
     trajectory = clip.trajectory
     order = np.array(clip.shot.order, np.int64)
     times = trajectory.times[order]
@@ -82,14 +86,16 @@ def motion_arrays(clip: Clip) -> dict[str, NDArray[np.generic]]:
 def video_motion(
     shot: Shot, times: Array, poses: Array, velocities: Array
 ) -> tuple[Array, Array]:
-    """Return places (T, N, 2) video px and velocities of the centres of mass, px a second of the motion.
+    """Return places (T, N, 2) video px and velocities of the centres of mass, video px
+    per second of the motion.
 
-    The camera's motion is in both: an object that it follows hardly moves.
+    Both include the camera's motion: a followed object hardly moves.
     """
     places = np.empty((*poses.shape[:2], 2))
     speeds = np.empty((*poses.shape[:2], 2))
     for t, time in enumerate(times.tolist()):
         lens = shot.affine(time)
+        # The camera has no motion before t = 0.
         early = max(time - CAMERA_STEP, 0.0)
         late = time + CAMERA_STEP
         lens_rate = (shot.affine(late) - shot.affine(early)) / (late - early)
@@ -104,7 +110,7 @@ def video_motion(
 def rows(
     arrays: dict[str, NDArray[np.generic]], names: tuple[str, ...]
 ) -> list[dict[str, Cell]]:
-    """Return cells by the columns' names; metres are empty without a known scale."""
+    """Return cells by column name. Metres are empty without a known scale."""
     keys = (
         "poses",
         "velocities",

@@ -1,4 +1,6 @@
-"""Encode frames as MP4, GIF, WebP or a folder of PNG; streamed, with the same bytes on every run."""
+"""Encode frames as MP4, GIF, WebP or a folder of PNG, as a stream, with the same bytes
+on every run.
+"""
 
 from __future__ import annotations
 
@@ -30,28 +32,31 @@ I16 = NDArray[np.int16]
 SOUND_RATE = 48_000
 """Samples/s of sound tracks."""
 SOUND_BITS = 192_000
-"""bit/s of AAC: no difference is heard."""
+"""Bit rate of AAC, bit/s, without audible loss."""
 
 X264 = {"crf": "14", "preset": "veryfast", "threads": "1"}
-"""At 17 blurred objects had specks. Bytes depend on the number of threads: one serves single clips and batches."""
+"""Settings of x264. At crf 17, blurred objects had specks. Bytes depend on the number
+of threads: one thread serves single clips and batches.
+"""
 if platform.machine().lower() in ("x86_64", "amd64"):
-    # its macroblock tree for AVX-512 reads what lay in memory: one clip, two streams. As fast without, and older
-    # processors write the same bytes
+    # The macroblock tree of x264 for AVX-512 reads uninitialised memory: one clip gave
+    # two
+    # streams. SSE4.2 is as fast, and older processors write the same bytes.
     X264["x264-params"] = "asm=SSE4.2"
 PALETTE_FRAMES = 8
-"""First frames that decide a GIF's palette, since frames are streamed."""
+"""Number of first frames for a GIF's palette; frames are a stream."""
 
 
 SUBSAMPLED = 420
-"""Layout of colours that every browser plays: one value for four pixels."""
+"""Chroma layout of all browsers: one value for four pixels."""
 
 
 @dataclass(frozen=True)
 class Mp4Options:
-    """What an MP4 has beside its frames."""
+    """Options of an MP4."""
 
     chroma: int = SUBSAMPLED
-    """420 or 444: colours at every second pixel of each side, or at all."""
+    """420 or 444: half or full resolution of colours on each side."""
     sound: I16 | None = None
     """(N, 2): left and right, `SOUND_RATE` samples/s."""
 
@@ -69,7 +74,7 @@ class Format(Enum):
 
     @property
     def file(self) -> str:
-        """Return the name inside a scene's output folder."""
+        """Return the file name inside a scene's output folder."""
         return self.file_name("video")
 
     def file_name(self, name: str) -> str:
@@ -80,33 +85,35 @@ class Format(Enum):
 
 
 MAX_SIDES = {Format.MP4: 16384, Format.WEBP: 16383, Format.GIF: 65535}
-"""px of a side that the encoders take, at most."""
+"""Maximum side of the encoders, px."""
 
 MAX_RATES = {Format.GIF: 50, Format.WEBP: 90}
-"""Frames/s that browsers play as they are written. They show a frame for 100 ms if its delay is 10 ms or less. GIF
-counts 10 ms, so its least delay is 20 ms; WebP counts 1 ms, and 90 frames/s give delays of 11 and 12 ms."""
+"""Maximum frame rates in browsers. Browsers show a frame for 100 ms if its delay is 10
+ms or less. GIF counts 10 ms, so that its shortest delay is 20 ms; WebP counts 1 ms, and
+90 frames/s give delays of 11 and 12 ms.
+"""
 
 NO_ROOM = (ENOSPC, EDQUOT, EFBIG)
-"""Errors of a disk that takes no more."""
+"""Errors of a full disk."""
 
 HEADER = 4096
-"""Bytes, more than the header of any format."""
+"""Number of bytes, more than the header of any format."""
 
-# clips with alpha: ProRes 4444, and VP9 in WebM
+# ---- clips with alpha: ProRes 4444, and VP9 in WebM
 PRORES_OPTIONS = {"profile": "4444", "alpha_bits": "16", "vendor": "apl0"}
 VP9_OPTIONS = {"crf": "8", "b": "0", "auto-alt-ref": "0", "cpu-used": "4"}
-"""Quality by which layers reach 40 dB; with alpha, no frame may be hidden."""
+"""With this quality, layers reach 40 dB. Alpha does not allow hidden frames."""
 ALPHA_WAYS = {
     ".mov": ("mov", "prores_ks", ("yuv444p10le", "yuva444p10le"), PRORES_OPTIONS),
     ".webm": ("webm", "libvpx-vp9", ("yuv444p", "yuva420p"), VP9_OPTIONS),
 }
-"""Container, encoder, formats of pixels without and with alpha, and options."""
+"""Container, encoder, pixel formats without and with alpha, and options."""
 BITEXACT = 1 << 23
-"""Flag of an encoder: no version in the stream."""
+"""Encoder flag for a stream without the encoder's version."""
 
 Write = Callable[[U8], None]
 WAITING = 4
-"""Frames between the one that is drawn and the one that is encoded."""
+"""Maximum number of frames between drawing and encoding."""
 
 
 @contextmanager
@@ -118,10 +125,11 @@ def open_video(
     name: str = "video",
     mp4: Mp4Options = PLAIN_MP4,
 ) -> Iterator[Write]:
-    """Yield a function that takes one (H, W, 3) sRGB frame after the other; `size` is (W, H) px, `fps` in 1/s.
+    """Yield a function that takes one (H, W, 3) sRGB frame after the other; `size` is
+    (W, H) px, `fps` in 1/s.
 
-    Above the rate of `MAX_RATES`, frames are left out; the clip's duration stays. `mp4` has
-    the options of an MP4; other formats ignore them.
+    Above the rate of `MAX_RATES`, frames are left out, and the clip's duration stays.
+    `mp4` has the options of an MP4; other formats ignore them.
     """
     max_side = MAX_SIDES.get(kind)
     place = f"--format {kind.value}"
@@ -134,7 +142,7 @@ def open_video(
 
     path = folder / kind.file_name(name)
     if kind is not Format.PNG:
-        # PyAV crashes if a disk has no room for the header
+        # PyAV crashes if a disk has no room for the header: test it first.
         path.write_bytes(bytes(HEADER))
     try:
         open_format: Callable[..., AbstractContextManager[Write]] = partial(
@@ -164,12 +172,15 @@ def _opener(kind: Format) -> Callable[..., AbstractContextManager[Write]]:
 
 
 def _resample(write: Write, source_rate: Fraction, rate: Fraction) -> Write:
-    """Return a function that writes the frames nearest to the times of a lower `rate`, in 1/s."""
+    """Return a function that writes the frames nearest to the times of a lower `rate`,
+    1/s.
+    """
     step = source_rate / rate
     frame_count = written_count = 0
 
     def write_nearest(rgb: U8) -> None:
         nonlocal frame_count, written_count
+        # Fractions: floats would drift over a long clip.
         if frame_count == floor(written_count * step + Fraction(1, 2)):
             write(rgb)
             written_count += 1
@@ -179,9 +190,10 @@ def _resample(write: Write, source_rate: Fraction, rate: Fraction) -> Write:
 
 
 class FormatWriter:
-    """Writes one format of a clip. If that fails, its file is removed and `problems` says why.
+    """Writes one format of a clip. After a failure, its file is removed and `problems`
+    has the reason.
 
-    Formats that are written beside it are not disturbed. A full disk and a lack of memory concern all formats, so
+    Other formats continue. A full disk and a lack of memory affect all formats, so that
     these errors are raised.
     """
 
@@ -208,7 +220,7 @@ class FormatWriter:
         return self
 
     def write(self, rgb: U8) -> None:
-        """Write one (H, W, 3) sRGB frame; does nothing after a failure."""
+        """Write one (H, W, 3) sRGB frame, or nothing after a failure."""
         if self._put is None:
             return
         try:
@@ -253,7 +265,7 @@ class FormatWriter:
         return refused.error(f"--format {self._format}", reason=reason)
 
     def _abandon(self, error: InputError) -> None:
-        """Note why this format failed, and remove its file."""
+        """Store the reason of the failure, and remove the file."""
         self.problems = error.problems
         self._put = None
         if self._path.is_dir():
@@ -263,9 +275,11 @@ class FormatWriter:
 
 @contextmanager
 def encode_in_thread(writes: Sequence[Write]) -> Iterator[Write]:
-    """Yield a function that hands a frame to all `writes` and returns at once: a thread encodes them.
+    """Yield a function that passes a frame to all `writes` and returns at once: a
+    thread encodes the frame.
 
-    No more than `WAITING` frames wait; the error of one is raised by a later call or at the end.
+    At most `WAITING` frames wait. An encoding error is raised by a later call or at the
+    end.
     """
     waiting: deque[Future[None]] = deque()
 
@@ -276,6 +290,8 @@ def encode_in_thread(writes: Sequence[Write]) -> Iterator[Write]:
     with ThreadPoolExecutor(1, "encode") as thread:
 
         def put(rgb: U8) -> None:
+            # Waiting for the oldest frame bounds the memory, and raises its error
+            # early.
             while waiting and (len(waiting) >= WAITING or waiting[0].done()):
                 waiting.popleft().result()
             waiting.append(thread.submit(encode, rgb))
@@ -285,7 +301,8 @@ def encode_in_thread(writes: Sequence[Write]) -> Iterator[Write]:
             for future in waiting:
                 future.result()
         except BaseException:
-            thread.shutdown(cancel_futures=True)  # waiting frames are dropped
+            # Drop the waiting frames.
+            thread.shutdown(cancel_futures=True)
             raise
 
 
@@ -293,7 +310,9 @@ def encode_in_thread(writes: Sequence[Write]) -> Iterator[Write]:
 def _mp4(
     path: Path, size: tuple[int, int], rate: Fraction, mp4: Mp4Options
 ) -> Iterator[Write]:
-    """Yield a writer of H.264, BT.709; odd sizes are padded by repeating the last column and row."""
+    """Yield a writer of H.264, BT.709. For odd sizes, the last column and row are
+    repeated.
+    """
     import av
 
     width = size[0] + size[0] % 2
@@ -347,7 +366,9 @@ class _SoundWriter:
         self._stream.codec_context.flags |= BITEXACT
 
     def write_until(self, time: float) -> None:
-        """Encode the samples up to a time (s), so that both streams stay side by side."""
+        """Encode the samples up to a time (s), so that both streams stay
+        interleaved.
+        """
         end = min(round(time * SOUND_RATE), len(self._sound))
         if end <= self._done:
             return
@@ -360,7 +381,7 @@ class _SoundWriter:
         self._done = end
 
     def close(self) -> None:
-        """Encode what remains."""
+        """Encode the remaining samples."""
         self.write_until(len(self._sound) / SOUND_RATE)
         self._container.mux(self._stream.encode(None))
 
@@ -400,7 +421,7 @@ def _gif(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
         stream.width, stream.height, stream.pix_fmt = *size, "pal8"
         first_frames: list[U8] = []
         palettes: list[tuple[Image.Image, U8]] = []
-        """None before the palette is chosen, then one."""
+        """Empty before the choice of the palette, then one entry."""
 
         def put(rgb: U8) -> None:
             palette, table = palettes[0]
@@ -424,6 +445,7 @@ def _gif(path: Path, size: tuple[int, int], rate: Fraction) -> Iterator[Write]:
                 put(rgb)
                 return
             first_frames.append(rgb)
+            # The palette needs some frames; a clip may also end before.
             if len(first_frames) == PALETTE_FRAMES:
                 flush()
 
@@ -466,9 +488,10 @@ def _padding(size: tuple[int, int]) -> list[tuple[int, int]]:
 def open_alpha_clip(
     path: Path, size: tuple[int, int], fps: float, channels: int
 ) -> Iterator[Callable[[NDArray[np.uint16]], None]]:
-    """Yield a function that takes (h, w, 3) sRGB or (h, w, 4) straight alpha, 16 bits; `size` is (w, h).
+    """Yield a function that takes (h, w, 3) sRGB or (h, w, 4) straight alpha, 16 bits;
+    `size` is (w, h).
 
-    Odd sizes are padded by repeating the last column and row.
+    For odd sizes, the last column and row are repeated.
     """
     import av
 
@@ -505,9 +528,11 @@ def open_alpha_clip(
 
 
 def sample_frames(path: Path, count: int, side: int) -> list[U8]:
-    """Return up to `count` frames (H, W, 3) sRGB of an MP4 that `open_video` wrote, evenly from first to last.
+    """Return up to `count` frames (H, W, 3) sRGB of an MP4 of `open_video`, evenly from
+    first to last.
 
-    None is longer than `side` px; only these are converted, so it is quick. Raise OSError if it cannot be read.
+    Frames are at most `side` px long. Only these frames are converted, which is fast.
+    Raise OSError for an unreadable file.
     """
     import av
 

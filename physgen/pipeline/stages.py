@@ -368,7 +368,7 @@ def filled(
 
     `scenery` are the pixels of boundaries, which stored maps may contain as objects.
     """
-    from physgen.compile.warnings import maps_cover_masks
+    from physgen.compile.photo_warnings import maps_cover_masks
 
     has_same_masks = maps_cover_masks(maps, labels, scenery)
     if has_same_masks and maps.coverage is not None and maps.background is not None:

@@ -27,16 +27,8 @@ from physgen.geometry.polygon import Array
 from physgen.maps import F32, U8
 from physgen.photometry import decode, encode_u8
 from physgen.render.stage import Cover, Frame, Layers, Slices, SpriteLayer
-from physgen.scene.scene import (
-    CameraView,
-    Play,
-    Point,
-    Scene,
-    affine,
-    confine_center,
-    magnification,
-    room,
-)
+from physgen.scene.framing import affine, confine_center, magnification, room
+from physgen.scene.scene import CameraView, Play, Point, Scene
 from physgen.simulate.trajectory import START_TIME, Trajectory
 
 Index = NDArray[np.int64]

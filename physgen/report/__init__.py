@@ -1,1 +1,1 @@
-"""Frames and results -> files: the video, the run record, the page."""
+"""Write frames and results into files: the video, the run record, the page."""

@@ -1,4 +1,6 @@
-"""The line on top of a report: the scale that lengths and speeds follow, and the doubtful regions."""
+"""The line at the top of a report: the scale of lengths and speeds, and the doubtful
+regions.
+"""
 
 from __future__ import annotations
 
@@ -9,16 +11,16 @@ from physgen.scene.scene import Scene
 from physgen.text import listed, rounded
 
 DIGITS = 2
-"""Of a width in metres: a scale is hardly ever known better."""
+"""Digits of a width in metres. Scales are hardly ever known better."""
 
 
 def is_scaled(scene: Scene) -> bool:
-    """Return whether the scene file states a scale, so that lengths can be given in metres."""
+    """Return whether the scene file states a scale, so that lengths can have metres."""
     return "world.pixels_per_meter" in scene.places
 
 
 def assumptions(scene: Scene, world: World) -> list[str]:
-    """Return sentences on the scale and on the doubtful regions of a scene."""
+    """Return sentences about the scale and the doubtful regions of a scene."""
     return [_scale_sentence(scene, world), *_doubt_sentences(scene)]
 
 

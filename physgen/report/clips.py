@@ -1,6 +1,7 @@
-"""Finding the clips below some folders, including records of failed ones.
+"""Find the clips below folders, with records of failed clips.
 
-A run that fails leaves `NAME.failed.json` where the clip's folder would be, until it succeeds.
+A failed run leaves `NAME.failed.json` at the place of the clip's folder, until a run
+succeeds.
 """
 
 from __future__ import annotations
@@ -24,19 +25,19 @@ from physgen.text import natural
 
 ENDING = ".failed.json"
 FILMS = ("video.mp4", "video.webp", "video.gif", "frames/00000.png")
-"""Files that show a clip, the best first."""
+"""Files with the pictures of a clip, in order of preference."""
 UNREFINED = ("unrefined.mp4", "unrefined.webp", "unrefined.gif", "unrefined/00000.png")
-"""The same where its refinement failed."""
+"""The same files after a failed refinement."""
 
 
 @dataclass(frozen=True)
 class Failure:
-    """A record of a run that failed."""
+    """The record of a failed run."""
 
     scene: str
-    """Name of the folder of the clip."""
+    """Folder name of the clip."""
     path: str
-    """The scene's file, as it was given."""
+    """The scene file, as the user wrote it."""
     variant: str | None
     overrides: tuple[str, ...]
     command: tuple[str, ...]
@@ -54,9 +55,9 @@ def write_failure(
     command: Sequence[str],
     problems: Sequence[Problem],
 ) -> None:
-    """Writes a run's inputs, and the problems that it ended with, warnings among them, as `read_failure` reads them.
+    """Write the inputs and problems of a failed run, in the format of `read_failure`.
 
-    In place of an earlier record; a file that is not ours stays.
+    Replace an earlier record, but keep a file from another program.
     """
     file = out / f"{scene}{ENDING}"
     if file.exists() and read_failure(file) is None:
@@ -71,7 +72,7 @@ def write_failure(
 
 
 def remove_failure(out: Path, scene: str) -> None:
-    """Remove the record of a failure, after the clip has succeeded."""
+    """Remove the record of a failure after success."""
     file = out / f"{scene}{ENDING}"
     if read_failure(file) is not None:
         with suppress(OSError):
@@ -79,7 +80,7 @@ def remove_failure(out: Path, scene: str) -> None:
 
 
 def read_failure(file: Path) -> Failure | None:
-    """Read the record of a failure; None if the file is not ours."""
+    """Read the record of a failure. Return None for a file from another program."""
     try:
         data: Mapping[str, Any] = json.loads(file.read_text(encoding="utf-8"))
         if data["failed"] != 1:
@@ -100,15 +101,14 @@ class Clip:
     """One clip of a gallery."""
 
     home: Path
-    """Its folder; of one that failed, the file of its record."""
+    """Folder of the clip, or the record of a failed clip."""
     name: str
     variant: str | None = None
     overrides: tuple[str, ...] = ()
-    document: Mapping[str, Any] = field(
-        default_factory=dict
-    )  # the resolved scene; empty for one that failed
+    # The resolved scene; empty for a failed clip.
+    document: Mapping[str, Any] = field(default_factory=dict)
     photo: str = ""
-    """SHA-256 of the scene's photo; empty without one."""
+    """SHA-256 of the scene's photo; empty without a photo."""
     size: tuple[int, int] = (4, 3)
     """Width and height of the film, px."""
     fps: float = 30.0
@@ -116,22 +116,24 @@ class Clip:
     frames: int = 0
     warnings: tuple[str, ...] = ()
     problems: tuple[str, ...] = ()
-    """Why it failed; empty for one that did not."""
+    """Reasons of the failure; empty after success."""
     film: Path | None = None
     """The video, or the first of its frames."""
     seal: str = ""
-    """Identifies the film: hexadecimal digits."""
+    """Hexadecimal digits that identify the film."""
     report: Path | None = None
     time: float = 0.0
-    """When it was made, s since 1970."""
+    """Time of the render, s since 1970."""
     source: Path | None = None
-    """The scene file; None where it is no longer."""
+    """The scene file; None if it does not exist any more."""
     masks: str = ""
     """Origin of the masks: `perceived`, `hand-made masks`, or empty."""
 
     @property
     def title(self) -> str:
-        """Return the scene's title, or its name in words; a name that holds settings stays."""
+        """Return the scene's title, or its name in words. A name with settings stays
+        unchanged.
+        """
         title = self.document.get("title")
         return title if isinstance(title, str) else title_of(self.scene)
 
@@ -142,7 +144,7 @@ class Clip:
 
     @property
     def slow(self) -> float:
-        """Return how many times slower than the motion the film is."""
+        """Return the factor of slow motion."""
         slow = self.document.get("render", {}).get("slow", 1)
         return float(slow) if isinstance(slow, int | float) else 1.0
 
@@ -153,7 +155,7 @@ class Clip:
 
     @property
     def subject(self) -> object:
-        """Return a name that is the same for clips of one photo, or of the same objects."""
+        """Return a common value of all clips of one photo or of the same objects."""
         return self.photo or tuple(self.document.get("objects", ()))
 
     @property
@@ -163,7 +165,7 @@ class Clip:
 
     @property
     def labels(self) -> Mapping[str, int]:
-        """Label -> number of objects with it, the most common first."""
+        """Return the number of objects by label, the most common first."""
         objects = self.document.get("objects", {}).values()
         return dict(
             Counter(str(o["label"]) for o in objects if o.get("label")).most_common()
@@ -176,11 +178,11 @@ class Clip:
 
 
 def clips_in(roots: Sequence[Path]) -> list[Clip]:
-    """Find every clip in or below `roots`, once, in the natural order of folders.
+    """Find every clip in or below `roots`, without repetitions, in natural order of
+    folders.
 
-    Raises InputError for roots without clips.
-
-    Folders whose names begin with a dot, and files that are not ours, are skipped.
+    Skip folders with a leading dot and files from other programs. Raise InputError for
+    roots that do not exist.
     """
     missing = [
         Message.NOT_A_CLIP_FOLDER.error(str(root))
@@ -193,7 +195,7 @@ def clips_in(roots: Sequence[Path]) -> list[Clip]:
     for root in roots:
         for clip in _find_clips(root):
             found.setdefault(clip.home.resolve(), clip)
-    # a clip whose refinement failed replaces the record of that failure
+    # A clip with a failed refinement exists beside the record: show it once.
     failures = {
         clip.home: clip for clip in found.values() if clip.home.name.endswith(ENDING)
     }
@@ -215,7 +217,8 @@ def _find_clips(root: Path) -> Iterator[Clip]:
         here = Path(place)
         clip = _read_rendered(here) if "manifest.json" in files else None
         if clip is not None:
-            folders.clear()  # folders inside a clip belong to it
+            # Folders inside a clip belong to it.
+            folders.clear()
             yield clip
             continue
         folders[:] = [name for name in folders if not name.startswith(".")]
@@ -228,7 +231,7 @@ def _find_clips(root: Path) -> Iterator[Clip]:
 
 
 def _read_rendered(folder: Path) -> Clip | None:
-    """Read a rendered clip; None if the manifest is not ours."""
+    """Read a rendered clip. Return None for a manifest from another program."""
     path = folder / "manifest.json"
     try:
         data: Mapping[str, Any] = json.loads(path.read_text(encoding="utf-8"))
@@ -239,6 +242,7 @@ def _read_rendered(folder: Path) -> Clip | None:
             data["video"],
         )
         objects = document.get("objects", {}).values()
+        # Other programs also write files named manifest.json.
         if data["manifest"] != 1 or not isfinite(float(video["fps"])):
             return None
         if not all(isinstance(item, dict) for item in objects):
@@ -246,6 +250,7 @@ def _read_rendered(folder: Path) -> Clip | None:
         fault = (data.get("refine") or {}).get(
             "failed"
         ) or "the frames could not be made"
+        # Listed files may have been deleted since.
         films = (
             name
             for name in (*FILMS, *UNREFINED)
@@ -276,7 +281,7 @@ def _read_rendered(folder: Path) -> Clip | None:
 
 
 def _source(folder: Path, data: Mapping[str, Any]) -> Path | None:
-    """Return the scene file of a clip; None if it is no longer there."""
+    """Return the scene file of a clip, or None if it does not exist any more."""
     name = str(data.get("source") or "")
     if not name:
         return None
@@ -285,8 +290,9 @@ def _source(folder: Path, data: Mapping[str, Any]) -> Path | None:
 
 
 def _read_failed(file: Path, failure: Failure) -> Clip:
-    """Read a failed clip, whose problems name the scene's file without its folders."""
+    """Read a failed clip. Its problems name the scene file without folders."""
     name = Path(failure.path).name
+    # The folder of the user's machine is of no interest on a page.
     texts = (
         text.replace(failure.path, name, 1)
         if failure.path and text.startswith(failure.path)
@@ -305,7 +311,10 @@ def _read_failed(file: Path, failure: Failure) -> Clip:
 
 
 def _seal(files: Mapping[str, str], film: str) -> str:
-    """Return a name for the video's hash, or for all hashes of a folder of frames."""
+    """Return the start of the video's hash, or of the hash of all frames in a
+    folder.
+    """
+    # The manifest has the hash already: pages need no second one.
     if not film.endswith("/00000.png"):
         return str(files[film])[:20]
     folder = film.removesuffix("00000.png")

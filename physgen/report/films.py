@@ -13,11 +13,13 @@ from physgen.export.video import U8, sample_frames
 from physgen.report.html import encode_webp, fit_to_side
 
 BEST = (".mp4", ".webp", ".gif")
-"""Films, the best first: only a video plays in step with the player. A folder of frames comes last."""
+"""Film suffixes in order of preference. Only a video plays in step with the player; a
+folder of frames comes last.
+"""
 SIDE = 480
-"""px of the longer side of a poster, at most."""
+"""Maximum longer side of a poster, px."""
 QUALITY = 80
-"""Of WebP. A poster takes about 8 kB."""
+"""Quality of WebP. A poster has about 8 kB."""
 
 
 @dataclass(frozen=True)
@@ -27,17 +29,17 @@ class Film:
     source: str
     """URL of the file, or of the first frame."""
     plays: bool
-    """It is a video; else a picture, which may be animated."""
+    """True for a video, false for a still or animated picture."""
     name: str
     """The file beside the page."""
     frames: str = ""
-    """Folder of the frames beside the page, where there is no film."""
+    """Folder of the frames beside the page, if there is no film."""
 
 
-def linked_film(made: Sequence[str]) -> Film:
-    """Return the best of the films and folders of frames `made` beside the page."""
+def linked_film(names: Sequence[str]) -> Film:
+    """Return the best of the films and folders of frames `names` beside the page."""
     name = min(
-        made, key=lambda name: (*BEST, Path(name).suffix).index(Path(name).suffix)
+        names, key=lambda name: (*BEST, Path(name).suffix).index(Path(name).suffix)
     )
     if "." in name:
         return Film(name, name.endswith(".mp4"), name)
@@ -50,9 +52,9 @@ def _rgb(file: Path) -> U8:
 
 
 def poster(film: Path) -> bytes:
-    """Encode the first frame of a film, which is the photo, as WebP.
+    """Encode the first frame of a film, the photo, as WebP.
 
-    Raise OSError if it cannot be read.
+    Raise OSError for an unreadable film.
     """
     try:
         frame = sample_frames(film, 1, SIDE)[0] if film.suffix == ".mp4" else _rgb(film)
@@ -61,15 +63,16 @@ def poster(film: Path) -> bytes:
         ValueError,
         EOFError,
         IndexError,
-    ) as error:  # SyntaxError: a broken PNG
+    ) as error:
+        # Pillow raises SyntaxError for a broken PNG.
         raise OSError(f"{film} cannot be read: {error}") from error
     return encode_webp(fit_to_side(frame, SIDE), QUALITY)
 
 
 def result_still(film: Path, *, middle: bool = False) -> bytes:
-    """Encode the last frame of an MP4, or the middle one, as WebP.
+    """Encode the last or middle frame of an MP4 as WebP.
 
-    Raise OSError if it cannot be read.
+    Raise OSError for an unreadable film.
     """
     count = 3 if middle else 2
     frames = sample_frames(film, count, SIDE)

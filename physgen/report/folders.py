@@ -1,4 +1,4 @@
-"""Output folders that are completed atomically, and removal of what killed runs leave behind."""
+"""Complete output folders atomically, and remove the remains of killed runs."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _SWEPT: set[Path] = set()
 
 @contextmanager
 def clean_up_after_error(out: Path) -> Iterator[None]:
-    """Remove leftovers of the processes of the block if it raises an error."""
+    """Remove leftovers of the block's processes after an error."""
     try:
         yield
     except BaseException:
@@ -35,12 +35,13 @@ def clean_up_after_error(out: Path) -> Iterator[None]:
 
 
 def remove_leftovers(out: Path) -> None:
-    """Remove what ended processes of this machine left in `out`.
+    """Remove leftovers of dead processes of this machine in `out`.
 
-    What they had moved aside goes back.
+    Move old results of an interrupted replacement back.
     """
     for path in leftovers(out):
-        with suppress(OSError):  # another process may be at it, too
+        # Another process may remove the same files.
+        with suppress(OSError):
             final = _final_folder(path)
             if final is not None:
                 path.rename(final)
@@ -51,7 +52,7 @@ def remove_leftovers(out: Path) -> None:
 
 
 def leftovers(out: Path) -> list[Path]:
-    """Return what ended processes of this machine left in `out`, sorted."""
+    """Return the leftovers of dead processes of this machine in `out`, sorted."""
     try:
         with os.scandir(out) as entries:
             names = sorted(entry.name for entry in entries)
@@ -60,6 +61,7 @@ def leftovers(out: Path) -> list[Path]:
     paths = []
     for name in names:
         match = _LEFT.fullmatch(name)
+        # Process ids of other machines in a shared folder mean nothing here.
         if match is None or match["machine"] != machine_id():
             continue
         if not is_running(int(match["process"])):
@@ -68,13 +70,14 @@ def leftovers(out: Path) -> list[Path]:
 
 
 def unused_leftovers(out: Path) -> list[Path]:
-    """Return the leftovers but for results that were moved aside and go back."""
+    """Return the leftovers without old results, which `remove_leftovers` moves back."""
     return [path for path in leftovers(out) if _final_folder(path) is None]
 
 
 def _final_folder(leftover: Path) -> Path | None:
-    """Return where a folder that was moved aside goes back to; None for all else."""
+    """Return the final path of a moved old folder, or None for other leftovers."""
     match = _LEFT.fullmatch(leftover.name)
+    # A link must not be renamed: its target may be anywhere.
     if match is None or match["kind"] != "old" or leftover.is_symlink():
         return None
     final = leftover.with_name(match["name"])
@@ -88,19 +91,18 @@ OURS = re.compile(
     r"(manifest|timing)\.json|trajectory\.npz|report\.html|refinement\.png|fan\.csv"
     r"|(video|unrefined)\.(mp4|gif|webp)|(frames|unrefined)/\d{5}\.png|truth/.+"
 )
-"""Files of clips, used where a manifest is lost."""
+"""Files of clips, for folders without a readable manifest."""
 
 
 @contextmanager
 def atomic_folder(final: Path) -> Iterator[Path]:
-    """Create a folder beside `final`, renamed to it at the end.
+    """Create a folder beside `final`, and rename it to `final` at the end.
 
-    On any error it is removed, and `final` left as it was.
+    After an error, remove the new folder and leave `final` unchanged.
     """
     final.parent.mkdir(parents=True, exist_ok=True)
-    if (
-        final.parent.resolve() not in _SWEPT
-    ):  # once: listing a folder of 100,000 clips takes long
+    # Once per process: listing a folder of 100,000 clips takes long.
+    if final.parent.resolve() not in _SWEPT:
         _SWEPT.add(final.parent.resolve())
         remove_leftovers(final.parent)
     beside = partial(final)
@@ -118,14 +120,17 @@ def atomic_folder(final: Path) -> Iterator[Path]:
     shutil.rmtree(old, ignore_errors=True)
 
 
-def _replace_folder(beside: Path, final: Path, old: Path) -> None:
-    """Put `beside` in place of `final`, which becomes `old`, also if another command does the same now."""
+def _replace_folder(new_folder: Path, final: Path, old: Path) -> None:
+    """Replace `final` by `new_folder`, and rename `final` to `old`. Another command may do
+    the same at the same time.
+    """
     for left in range(TRIES, 0, -1):
         try:
+            # A folder cannot be replaced in one step: rename the old one first.
             if final.exists():
                 shutil.rmtree(old, ignore_errors=True)
                 final.rename(old)
-            beside.rename(final)
+            new_folder.rename(final)
             return
         except OSError as error:
             if left == 1 or error.errno not in (
@@ -137,9 +142,10 @@ def _replace_folder(beside: Path, final: Path, old: Path) -> None:
 
 
 def output_folder(out: Path, name: str) -> Path:
-    """Return `out/<name>`. Refuses a folder with files that no earlier run of ours wrote: nothing is lost.
+    """Return `out/<name>`. Raise InputError if the folder contains files of other
+    programs, so that nothing is lost.
 
-    Raises OutputError if no file can be written there.
+    Raise OutputError if it is not writable.
     """
     check_writable(out)
     final = out / name
@@ -153,7 +159,9 @@ def output_folder(out: Path, name: str) -> Path:
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
-    """Read the record of an earlier run; empty if it is damaged."""
+    """Read the record of an earlier run, or return an empty mapping for a
+    damaged one.
+    """
     try:
         found = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
         return found if found["manifest"] == 1 and {*found["files"]} else {}
@@ -161,31 +169,32 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         return {}
 
 
-def lost_files(manifest: Mapping[str, Any], again: Iterable[str]) -> str:
-    """Name the files that an earlier run left and a new one, which writes `again`, does not.
+def lost_files(manifest: Mapping[str, Any], new_files: Iterable[str]) -> str:
+    """Return the names of an earlier run's files that the new run does not write;
+    `new_files` are its files.
 
-    "" for none.
+    Return "" if there are none.
     """
     kept, there = (
         {str(name).partition("/")[0] for name in names}
-        for names in (again, manifest.get("files", ()))
+        for names in (new_files, manifest.get("files", ()))
     )
     return listed(sorted(there - kept), "and")
 
 
 def looks_like_clip(names: Iterable[str]) -> bool:
-    """Return whether names in a folder are those of a clip without its manifest."""
+    """Return whether a folder with these names is a clip without a manifest."""
     there = set(names)
-    return (
-        "clip.json" not in there and len(there & CLIPS) > 1
-    )  # data sets have clip.json
+    # Clips in data sets have clip.json instead of a manifest.
+    return "clip.json" not in there and len(there & CLIPS) > 1
 
 
 def _strangers(folder: Path) -> list[str] | None:
-    """Return the files of an earlier run's folder that the run did not write.
+    """Return the files of other programs in the folder of an earlier run.
 
-    None for a folder that no run made.
+    Return None for a folder from another program.
     """
+    # A missing or empty folder has nothing to lose.
     if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
         return []
     if not (folder / "manifest.json").is_file():
@@ -201,5 +210,5 @@ def _strangers(folder: Path) -> list[str] | None:
             for name in names
             if name not in {"manifest.json", TIMING, *manifest["files"]}
         ]
-    # ours, and damaged: a machine that lost its power left it so
+    # A power failure may leave our files with a damaged manifest.
     return None if any(OURS.fullmatch(name) is None for name in names) else []

@@ -1,7 +1,7 @@
 """The gallery page of many clips: cards, filters and sorting.
 
-Posters lie in `<page>.files` beside the page, named by the hash of their film: a page that is made again
-creates only new ones. All text from outside is escaped.
+Posters are in `<page>.files` beside the page, with the hash of their film as a name, so
+that a second gallery makes only new ones. All external text is escaped.
 """
 
 from __future__ import annotations
@@ -32,30 +32,32 @@ from physgen.report.sweep_keys import SweptKey, swept_keys
 from physgen.text import counted, natural, rounded, value_text
 
 KINDS = {".mp4": "video/mp4", ".webp": "image/webp", ".gif": "image/gif"}
-"""Films that a page can play."""
+"""Film formats of browsers."""
 
 
 @dataclass(frozen=True)
 class GalleryLimits:
-    """What the page shows."""
+    """Sizes of the page's parts."""
 
     most_choices: int = 8
-    """Values of a key that are offered one by one; more become a range."""
+    """Maximum number of values of a key with one button each; more become a range."""
     common_labels: int = 6
-    """Labels that are offered at once, the most frequent."""
-    many: int = 200
-    """Cards; of more, those out of sight are laid out as they come, and no card has a picture of its result."""
-    searched: int = 12
-    """Clips from which on search, sorting and filters are shown; a sweep has them always."""
+    """Number of labels without a further click, the most frequent."""
+    max_cards: int = 200
+    """Maximum number of cards with an immediate layout and with pictures of results."""
+    min_searchable: int = 12
+    """Minimum number of clips for search, sorting and filters; sweeps always
+    have them.
+    """
 
 
 LIMITS = GalleryLimits()
 
 MARK = '<meta name="generator" content="physgen gallery">'
 SCRIPTS = ("state", "choose", "shots", "slide", "clock", "sheet", "look", "page")
-"""In the order in which they build on each other."""
+"""Scripts of the page, in the order of their dependencies."""
 NEIGHBOURS = "clips.js"
-"""The list of clips for their reports, beside the pictures."""
+"""File with the list of clips for their reports, beside the pictures."""
 _OURS = re.compile(r"[0-9a-f]{20}\.(photo|result|poster|strip)\.webp").fullmatch
 
 
@@ -67,7 +69,7 @@ class Gallery:
     clips: int
     failures: int
     bytes: int
-    """Of the page itself."""
+    """Size of the page itself."""
 
 
 def write_gallery(
@@ -80,8 +82,8 @@ def write_gallery(
 ) -> Gallery:
     """Write the page of all clips below `roots`.
 
-    A file at `index` that physgen did not write is backed up, and `keep` gets its new path. Raise InputError for
-    roots that are no folders.
+    Back up a file of another program at `index`; `keep` gets its new path. Raise
+    InputError for roots that are not folders.
     """
     if index.is_dir():
         raise Message.FOLDER_FOR_PAGE.error("-o", f'"{index}"')
@@ -107,11 +109,13 @@ def write_gallery(
     title = title or "Gallery"
     listening = write_listening_page(clips, index, title)
     listen = "" if listening is None else quote(listening.name)
+    # The page is made before the old one is touched.
     text = gallery_page(clips, shots, index.parent, title, results, listen)
     if index.exists() and not _has_mark(index):
         back_up(index, keep)
     data = text.encode("utf-8")
     write_atomic(index, data)
+    # Only after the new page: the old one needs its pictures until then.
     sweep_files(files, {Path(shot).name for shot in (*shots, *results)})
     _write_neighbours(clips, files)
     return Gallery(
@@ -120,9 +124,9 @@ def write_gallery(
 
 
 def keep_pictures(home: Path, index: Path) -> None:
-    """Makes the pictures of one clip for a gallery that will be written to `index`.
+    """Make the pictures of one clip for a later gallery at `index`.
 
-    Errors are left to that.
+    Ignore errors: the gallery will report them.
     """
     with suppress(OSError, InputError):
         for clip in clips_in([home]):
@@ -137,10 +141,10 @@ def gallery_page(
     results: Sequence[str] = (),
     listen: str = "",
 ) -> str:
-    """Return the page's HTML; paths are relative to `home`.
+    """Return the page's HTML, with paths relative to `home`.
 
-    `listen` is the page to listen to, if one is written. `results` are pictures of the ends
-    of the clips, empty where there is none.
+    `listen` is the listening page, if any. `results` are pictures of the clips' ends,
+    empty without one.
     """
     keys = swept_keys(clips)
     names = Counter(clip.name for clip in clips)
@@ -149,6 +153,7 @@ def gallery_page(
         values = [key.values[k] for key in keys]
         card = _card(k, clip, shot, keys, values, home)
         card["result"] = results[k] if results and not clip.problems else ""
+        # Clips of several folders may have the same name.
         folder = _folder(clip, home) if names[clip.name] > 1 else ""
         card["where"] = card["data"]["where"] = folder
         cards.append(card)
@@ -162,6 +167,7 @@ def gallery_page(
         "grid": is_sweep and _is_grid(clips, free_keys),
     }
     hero = None
+    # A table of a sweep has no room for a large clip.
     if not data["grid"]:
         hero = next((card for card in cards if card["moves"]), None)
     times = [clip.time for clip in clips]
@@ -175,14 +181,14 @@ def gallery_page(
         latest=_day(max(times, default=0.0)),
         labels=_label_choices(clips),
         common=LIMITS.common_labels,
-        many=LIMITS.many,
+        many=LIMITS.max_cards,
         keys=[_filter(key) for key in keys if _is_filter(key)],
         swept=is_sweep,
         listen=listen,
         sentence=_sentence(clips, free_keys if is_sweep else []),
         hero=hero,
         documents=document_links(home),
-        searchable=is_sweep or len(cards) >= LIMITS.searched,
+        searchable=is_sweep or len(cards) >= LIMITS.min_searchable,
         aspect=_aspect(clips),
         data=script_json(data),
         script=_script(),
@@ -192,7 +198,8 @@ def gallery_page(
 
 
 def _is_grid(clips: Sequence[Clip], free_keys: Sequence[SweptKey]) -> bool:
-    """Return whether a sweep over two keys is shown as a table of both."""
+    """Return whether the page shows a sweep over two keys as a table."""
+    # A table of so few cells says less than cards.
     if len(clips) <= 3 or len(free_keys) != 2:
         return False
     return all(None not in key.values for key in free_keys)
@@ -205,9 +212,9 @@ def _is_filter(key: SweptKey) -> bool:
 
 
 def _label_choices(clips: Sequence[Clip]) -> list[tuple[str, int]]:
-    """Return labels that some clips have and others lack, with their numbers.
+    """Return labels of some but not all clips, with their counts.
 
-    None if there is one alone.
+    Return an empty list for a single label.
     """
     labels = Counter(label for clip in clips for label in clip.labels)
     scene_count = sum(bool(clip.document) for clip in clips)
@@ -219,7 +226,7 @@ def _label_choices(clips: Sequence[Clip]) -> list[tuple[str, int]]:
 
 
 def _script() -> str:
-    """Return the page's script, of several files."""
+    """Return the page's script, joined from several files."""
     texts = []
     for name in SCRIPTS:
         path = resource("templates", "gallery", f"{name}.js")
@@ -304,16 +311,16 @@ def _card_data(
     }
 
 
-def _sentence(clips: Sequence[Clip], swept: Sequence[SweptKey]) -> str:
-    """Describe what the page shows, and how to look at it."""
+def _sentence(clips: Sequence[Clip], swept_keys: Sequence[SweptKey]) -> str:
+    """Return a sentence about the page's clips."""
     failure_count = sum(bool(clip.problems) for clip in clips)
     count, failure_note = counted(len(clips), "clip"), ""
     if failure_count:
         count = f"{len(clips) - failure_count:,} of {count}"
         failure_note = f"; {failure_count:,} failed, as {'its card says' if failure_count == 1 else 'their cards say'}"
-    if swept:
+    if swept_keys:
         ranges = []
-        for key in swept[:3]:
+        for key in swept_keys[:3]:
             texts = [value_text(value) for value in _sorted_values(key)]
             ranges.append(
                 f"{key.name} {' to '.join(dict.fromkeys((texts[0], texts[-1])))} {key.unit}".strip()
@@ -327,7 +334,7 @@ def _sentence(clips: Sequence[Clip], swept: Sequence[SweptKey]) -> str:
 
 
 def _folder(clip: Clip, home: Path) -> str:
-    """Return the folder of a clip, which tells clips with the same name apart."""
+    """Return the folder of a clip, to distinguish clips with the same name."""
     return unquote(link(clip.home.parent, home)).removeprefix("./").removeprefix(".")
 
 
@@ -342,7 +349,10 @@ def _facts(clip: Clip) -> str:
 
 
 def clip_poster(clip: Clip, files: Path) -> str:
-    """Return the URL of the poster, made unless it exists; empty if the film cannot be read."""
+    """Return the URL of the poster. Make it unless it exists. Return "" for an
+    unreadable film.
+    """
+    # The seal becomes a file name, and a manifest is untrusted.
     if clip.film is None or not re.fullmatch("[0-9a-f]{20}", clip.seal):
         return ""
     path = files / f"{clip.seal}.photo.webp"
@@ -357,18 +367,19 @@ def clip_poster(clip: Clip, files: Path) -> str:
 
 
 def clip_result(clip: Clip, files: Path, count: int) -> str:
-    """Return the URL of a picture of the clip's end, made unless it exists.
+    """Return the URL of a picture of the clip's end. Make it unless it exists.
 
-    Empty for one of too many clips, and if the film is not an MP4 that can be read. A clip that ends as it begins is
-    shown by its middle.
+    Return "" in galleries with too many clips, and for films other than readable MP4. A
+    clip with equal ends shows its middle.
     """
     film = clip.film
-    if film is None or film.suffix != ".mp4" or count > LIMITS.many:
+    if film is None or film.suffix != ".mp4" or count > LIMITS.max_cards:
         return ""
     if not re.fullmatch("[0-9a-f]{20}", clip.seal):
         return ""
     path = files / f"{clip.seal}.result.webp"
     if not path.is_file():
+        # Backward clips end at the photo, and clips there and back at their start.
         is_forward = clip.document.get("render", {}).get("play", "forward") == "forward"
         try:
             picture = result_still(film, middle=not is_forward)
@@ -380,9 +391,9 @@ def clip_result(clip: Clip, files: Path, count: int) -> str:
 
 
 def _write_neighbours(clips: Sequence[Clip], files: Path) -> None:
-    """Write the list of clips that a report reads when it is opened from the gallery.
+    """Write the list of clips for reports opened from the gallery.
 
-    A script, since pages that are opened from disk may read nothing else.
+    The list is a script, because pages on disk cannot read other files.
     """
     home = files.parent
     rows = []
@@ -399,12 +410,15 @@ def _write_neighbours(clips: Sequence[Clip], files: Path) -> None:
     write_atomic(files / NEIGHBOURS, text.encode("ascii"))
 
 
-def sweep_files(files: Path, used: set[str]) -> None:
-    """Remove pictures and films of clips that no longer exist, and leftovers of killed processes."""
+def sweep_files(files: Path, used_names: set[str]) -> None:
+    """Remove pictures of clips that no longer exist, and leftovers of killed
+    processes.
+    """
     if files.is_dir():
         remove_leftovers(files)
         for path in files.iterdir():
-            if _OURS(path.name) and path.name not in used:
+            # Files of other programs stay.
+            if _OURS(path.name) and path.name not in used_names:
                 path.unlink(missing_ok=True)
 
 
@@ -457,8 +471,9 @@ def _filter(key: SweptKey) -> dict[str, Any]:
 
 
 def _aspect(clips: Sequence[Clip]) -> str:
-    """Return the aspect ratio of all films; empty if they differ."""
+    """Return the common aspect ratio of all films, or "" if they differ."""
     sizes = {clip.size for clip in clips if clip.document}
+    # Videos have even sizes, so that equal ratios may differ a little.
     ratios = {round(width / height, 2) for width, height in sizes}
     if len(ratios) != 1:
         return ""

@@ -1,4 +1,4 @@
-"""Relative links of pages: to other files, and to physgen's documentation where it lies on this machine."""
+"""Relative links of pages to other files and to the documentation on this machine."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from urllib.parse import quote
 from physgen.files import resource
 
 PAPER = "https://stevenlsw.github.io/physgen/"
-"""The project page of the paper that physgen implements."""
+"""The project page of the PhysGen paper."""
 SITE = ("out", "site", "index.html")
-"""The documentation as `make docs` builds it, from the clone's folder."""
+"""The start page of `make docs`, relative to the clone's folder."""
 DOCUMENTS = {
     "docs": ("docs", "index.md"),
     "scene file": ("docs", "scene.md"),
     "code": ("README.md",),
 }
-"""Words of a link -> the file in a clone."""
+"""Words of a link -> file in a clone."""
 
 
 def link(path: Path, home: Path) -> str:
@@ -29,7 +29,7 @@ def link(path: Path, home: Path) -> str:
 def document_links(home: Path) -> list[tuple[str, str]]:
     """Return words and URLs of the documentation from the folder `home`.
 
-    An installed physgen has no documentation: then only the page of the paper is linked.
+    An installed physgen has no documentation, and only the link to the paper.
     """
     root = resource("templates").parent
     links = []

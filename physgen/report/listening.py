@@ -1,4 +1,6 @@
-"""The sound of clips on pages: a section of the report, and a page of the gallery to listen to."""
+"""The sound of clips on pages: a section of the report, and the gallery's listening
+page.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,7 @@ from physgen.sound.track import SoundTrack
 WAV = "sound.wav"
 CAPTIONS = "sound.vtt"
 MARK = '<meta name="generator" content="physgen sound">'
-"""By which a page is known as ours."""
+"""Mark of our own pages."""
 
 
 @dataclass(frozen=True)
@@ -35,15 +37,15 @@ class SpectrogramTuning:
     """Samples of each spectrum: 21 ms."""
     width: int = 960
     height: int = 160
-    """px."""
+    """Width and height, px."""
     top: float = 12_000.0
-    """Hz at the upper border."""
+    """Frequency at the upper border, Hz."""
     depth: float = 75.0
-    """dB from the loudest tone to black."""
+    """Range from the loudest tone to black, dB."""
     quality: int = 70
-    """Of WebP."""
+    """Quality of WebP."""
     loudest: int = 12
-    """Impacts in the table."""
+    """Number of impacts in the table."""
 
 
 TUNING = SpectrogramTuning()
@@ -67,14 +69,19 @@ def sound_section(track: SoundTrack) -> dict[str, Any]:
 
 
 def text_track(vtt: str) -> str:
-    """Return captions as a data URI: browsers read no text tracks beside a page on disk."""
+    """Return captions as a data URI: browsers do not read text tracks beside a page on
+    disk.
+    """
     data = base64.b64encode(vtt.encode("utf-8")).decode("ascii")
     return f"data:text/vtt;base64,{data}"
 
 
 def spectrogram(track: SoundTrack) -> U8:
-    """Return (H, W, 3) sRGB: time to the right, frequency upwards, in dB below the loudest tone."""
+    """Return (H, W, 3) sRGB: time to the right, frequency upwards, in dB below the
+    loudest tone.
+    """
     heard = track.samples.astype(np.float32).mean(axis=1)
+    # At least one window, for a very short track.
     heard = np.pad(heard, (0, TUNING.window))
     hop = max((len(heard) - TUNING.window) // TUNING.width, 1)
     parts = np.lib.stride_tricks.sliding_window_view(heard, TUNING.window)[::hop]
@@ -82,6 +89,7 @@ def spectrogram(track: SoundTrack) -> U8:
     power = np.abs(np.fft.rfft(parts, axis=1))
     bins = int(TUNING.top * TUNING.window / RATE)
     shown = power[:, :bins].T[::-1]
+    # The small numbers avoid the logarithm of zero in silence.
     level = 20 * np.log10(shown / max(float(shown.max()), 1e-9) + 1e-9)
     codes = np.clip((level / TUNING.depth + 1) * 255, 0, 255).astype(np.uint8)
     size = (TUNING.width, TUNING.height)
@@ -96,14 +104,15 @@ def sounds(clip: Clip) -> bool:
 
 
 def listening_page(index: Path) -> Path:
-    """Return the file of the page to listen to, beside a gallery."""
+    """Return the file of the listening page beside a gallery."""
     return index.with_name(f"{index.stem}.listen.html")
 
 
 def write_listening_page(clips: Sequence[Clip], index: Path, title: str) -> Path | None:
-    """Write a page beside a gallery, with all clips that sound; None without such clips.
+    """Write a listening page of all clips with sound beside a gallery. Return None
+    without such clips.
 
-    A file of that name that physgen did not write is left, and no page is written.
+    Keep a file of another program with this name, and write no page then.
     """
     page = listening_page(index)
     rows = []
@@ -121,6 +130,7 @@ def write_listening_page(clips: Sequence[Clip], index: Path, title: str) -> Path
                 "lines": _caption_lines(vtt),
             }
         )
+    # A page of the user with this name stays.
     if page.exists() and MARK not in page.read_text("utf-8", "replace"):
         return None
     if not rows:
@@ -132,7 +142,7 @@ def write_listening_page(clips: Sequence[Clip], index: Path, title: str) -> Path
 
 
 def _caption_lines(vtt: str) -> list[tuple[str, str]]:
-    """Return time and text of each cue of a WebVTT file that physgen wrote."""
+    """Return time and text of each cue of a WebVTT file of physgen."""
     lines = []
     for cue in vtt.split("\n\n")[1:]:
         time, _, text = cue.strip().partition("\n")

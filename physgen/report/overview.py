@@ -1,4 +1,6 @@
-"""The overview of a perceived photo: objects, doubtful regions, supports and pushes, with their names."""
+"""The overview of a perceived photo: objects, doubtful regions, supports and pushes,
+with their names.
+"""
 
 from __future__ import annotations
 
@@ -29,29 +31,33 @@ from physgen.report.perception import (
 from physgen.text import counted
 
 LONGEST, SHORTEST = 1600, 960
-"""px: longer side of an overview at most, and at least: names on a small photo are as readable."""
+"""Maximum and minimum longer side of an overview, px: names stay readable on a small
+photo.
+"""
 DIM = 0.72
-"""Of the photo's codes that remain, so that lines and names stand out from it."""
+"""Share of the photo's codes, so that lines and names stand out."""
 PEN = 1 / 420
-"""Width of a line, of the picture's longer side."""
+"""Width of a line over the picture's longer side."""
 LETTER = 1 / 52
-"""Size of a letter, of the picture's longer side."""
+"""Size of a letter over the picture's longer side."""
 SMALLEST_LETTER = 17.0
-"""px: the smallest size that is easy to read at the full size of a picture."""
+"""Minimum size of a letter, px, for easy reading at full size."""
 COLOURS = 8
-"""Colours of objects; more cannot be told apart, and each needs a canvas of its own."""
+"""Number of colours of objects. More are hard to distinguish, and each needs its own
+canvas.
+"""
 DASH, GAP = 7.0, 5.0
-"""Widths of a line that a dash and the gap after it are long."""
+"""Lengths of a dash and a gap, in widths of the line."""
 PUSH: Colour = (40, 225, 165)
-"""As the editor draws velocities."""
+"""Colour of velocities, as in the editor."""
 PUSH_TIME = 0.35
-"""s of the push that its arrow shows: most arrows are as long as their object is wide."""
+"""Time of the motion along an arrow, s: most arrows are as long as their object."""
 PUSH_LENGTHS = (0.07, 0.28)
-"""Shortest and longest arrow, of the picture's longer side."""
+"""Shortest and longest arrow over the picture's longer side."""
 ROW = 1.9
-"""Letters that the line of text below the picture is high."""
+"""Height of the text row below the picture, in letters."""
 TAG_ROOM = 0.35
-"""Letters of room around a name."""
+"""Margin around a name, in letters."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +78,7 @@ class _Region:
 
 
 Velocities = Mapping[str, Sequence[float]]
-"""x and y px/s at the beginning, by the name of the object."""
+"""Start velocities x and y, px/s, by the name of the object."""
 
 
 def overview_png(
@@ -85,16 +91,17 @@ def overview_png(
 def draw_overview(
     rgb: U8, labels: U16, document: Mapping[str, Any], velocities: Velocities
 ) -> U8:
-    """Draw what a scene `document` has of a photo (H, W, 3) sRGB.
+    """Draw the objects of a scene `document` over the photo (H, W, 3) sRGB.
 
     `labels` (H, W) has the ids of objects and of doubtful regions. The longer side of
-    the picture is SHORTEST to LONGEST px, with the line of text below the photo.
+    the picture is SHORTEST to LONGEST px, with the text row below the photo.
     """
     height, width = labels.shape
     longer = max(width, height)
     scale = float(np.clip(1.0, SHORTEST / longer, LONGEST / longer))
     letter = max(SMALLEST_LETTER, LETTER * scale * longer)
     row = round(ROW * letter)
+    # The text row counts towards the height of the picture.
     scale = min(scale, (LONGEST - row) / height)
     size = max(1, round(width * scale)), max(1, round(height * scale))
     style = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
@@ -114,7 +121,7 @@ def draw_overview(
 def _regions(
     labels: U16, entries: Mapping[str, Any], scale: float
 ) -> dict[str, _Region]:
-    """Return the regions whose mask is an id that the label map has, by name."""
+    """Return the regions with an id in the label map, by name."""
     boxes = _boxes(labels)
     regions = {}
     for name, entry in entries.items():
@@ -123,6 +130,7 @@ def _regions(
             continue
         left, top, right, bottom = boxes[id_]
         outline = mask_rings(labels[top:bottom, left:right] == id_)
+        # Scaling about the corner of the picture, while pixel centres are integers.
         offset = np.array([left, top]) + 0.5
         rings = [(ring + offset) * scale - 0.5 for ring in outline]
         corners = (left * scale, top * scale, right * scale, bottom * scale)
@@ -132,7 +140,9 @@ def _regions(
 
 
 def _boxes(labels: U16) -> dict[int, tuple[int, int, int, int]]:
-    """Return left, top, right and bottom px of every id; the last two just outside."""
+    """Return left, top, right and bottom px of every id; right and bottom are
+    exclusive.
+    """
     rows, columns = np.nonzero(labels)
     ids = labels[rows, columns]
     count = int(labels.max(initial=0)) + 1
@@ -155,7 +165,7 @@ def _size(picture: U8) -> tuple[int, int]:
 def _draw_supports(
     picture: U8, boundaries: Mapping[str, Any], scale: float, pen: float
 ) -> None:
-    """Draw boundaries, but for the photo's lower border, which is one always."""
+    """Draw boundaries, without the photo's lower border: every scene has it."""
     layer = Layer(_size(picture), 0.6 * pen)
     for name, entry in boundaries.items():
         points = entry.get("segment") or entry.get("polyline")
@@ -175,6 +185,7 @@ def _draw_doubtful(picture: U8, regions: Mapping[str, _Region], pen: float) -> N
 
 
 def _draw_objects(picture: U8, regions: Mapping[str, _Region], pen: float) -> None:
+    # One canvas per colour: a canvas per object would be slow.
     for number in range(COLOURS):
         layer = Layer(_size(picture), 0.6 * pen)
         for region in list(regions.values())[number::COLOURS]:
@@ -190,7 +201,7 @@ def _draw_pushes(
     scale: float,
     pen: float,
 ) -> None:
-    """Draw the velocity of each object that starts to move, from the object's middle."""
+    """Draw the start velocity of each moving object from its centre."""
     longer = max(_size(picture))
     layer = Layer(_size(picture), pen)
     for name, region in regions.items():
@@ -199,6 +210,7 @@ def _draw_pushes(
         if not length:
             continue
         min_length, max_length = (share * longer for share in PUSH_LENGTHS)
+        # Slow pushes stay visible, and fast ones stay inside the picture.
         way *= float(np.clip(length, min_length, max_length)) / length
         tail = region.center
         straight_arrow(layer, tail, tail + way, 2.2 * pen)
@@ -209,7 +221,7 @@ Box = tuple[float, float, float, float]
 
 
 def _write_names(picture: U8, regions: Sequence[_Region], letter: float) -> None:
-    """Write each name on a dark tag near its region, where it covers no other name."""
+    """Write each name on a dark tag near its region, without covering other names."""
     room = TAG_ROOM * letter
     tags, words = Layer(_size(picture), 0.0), Layer(_size(picture), 0.0)
     places: list[Box] = []
@@ -230,12 +242,12 @@ def _place(
     region: _Region,
     size: tuple[float, float],
     picture: tuple[int, int],
-    taken: Sequence[Box],
+    occupied_boxes: Sequence[Box],
 ) -> Box:
     """Return the box of a tag: above, below, inside or beside its region.
 
-    The first place counts that covers no other tag; if each covers some, that which
-    covers least.
+    Choose the first position without overlap, or the position with the smallest
+    overlap.
     """
     (width, high), (left, top, right, bottom) = size, region.box
     x, y = region.center
@@ -252,20 +264,21 @@ def _place(
     )
     best: tuple[float, Box] | None = None
     for a, b in centers:
+        # The whole tag must be inside the picture.
         a = min(max(a, width / 2), picture[0] - width / 2)
         b = min(max(b, high / 2), picture[1] - high / 2)
         box = a - width / 2, b - high / 2, a + width / 2, b + high / 2
-        overlap = sum(_overlap(box, other) for other in taken)
+        overlap = sum(_overlap(box, other) for other in occupied_boxes)
         if best is None or overlap < best[0]:
             best = overlap, box
     assert best is not None
     return best[1]
 
 
-def _overlap(one: Box, other: Box) -> float:
+def _overlap(first: Box, second: Box) -> float:
     """Return the common area of two boxes, px²."""
-    width = min(one[2], other[2]) - max(one[0], other[0])
-    high = min(one[3], other[3]) - max(one[1], other[1])
+    width = min(first[2], second[2]) - max(first[0], second[0])
+    high = min(first[3], second[3]) - max(first[1], second[1])
     return max(width, 0.0) * max(high, 0.0)
 
 
@@ -289,7 +302,9 @@ _VIEWS = {"side": "the side", "top": "above"}
 
 
 def _with_row(picture: U8, text: str, letter: float, row: int) -> U8:
-    """Return the picture with a line of text below it, in smaller letters if it is long."""
+    """Return the picture with a line of text below it. Letters shrink for a
+    long line.
+    """
     width = picture.shape[1]
     band = np.full((row, width, 3), CASING, np.uint8)
     room = 0.96 * width / text_width(text, letter)

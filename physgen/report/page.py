@@ -1,4 +1,6 @@
-"""The HTML report page of a clip, and the page of a scene that failed; all text from outside is escaped."""
+"""The HTML report page of a clip, and the page of a failed scene. All external text is
+escaped.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +46,7 @@ from physgen.scene.scene import Play, Render, Scene, View
 from physgen.text import rounded, value_text
 
 ELSEWHERE = {"failed", *REFINING}
-"""Keys of `RunRecord.refine` that are shown elsewhere."""
+"""Keys of `RunRecord.refine` with other places on the page."""
 
 
 @dataclass(frozen=True)
@@ -52,11 +54,11 @@ class PageLimits:
     """Sizes of the page's parts."""
 
     photo_quality: int = 90
-    """Of the WebP."""
+    """Quality of WebP."""
     photo_side: int = 16_383
-    """px: WebP's most."""
+    """Maximum side, px, of the WebP format."""
     most_contacts: int = 200
-    """Rows of the table of contacts, the strongest."""
+    """Number of rows in the table of contacts, the strongest."""
 
 
 LIMITS = PageLimits()
@@ -75,7 +77,7 @@ SCRIPTS = (
     "compare",
     "page",
 )
-"""Of the player, in the order in which they build on each other."""
+"""Scripts of the player, in the order of their dependencies."""
 
 
 @dataclass(frozen=True)
@@ -83,16 +85,18 @@ class PageParts:
     """Optional sections of the page."""
 
     player: Data | None = None
-    """`player_data`; without it, or without scripts, the page has a picture and the video."""
+    """Result of `player_data`. Without it, or without scripts, the page has a picture
+    and the video.
+    """
     perception: Perception | None = None
     refinement: Comparison | None = None
-    """A frame before and after."""
+    """A frame before and after refinement."""
     uncertainty: dict[str, Any] | None = None
     """Variables of `fan.html.j2`."""
     sound: dict[str, Any] | None = None
     """Variables of `sound.html.j2`."""
     home: Path | None = None
-    """The folder that the page will be in, for links to the documentation."""
+    """The folder of the page, for links to the documentation."""
 
 
 def report_page(
@@ -104,13 +108,15 @@ def report_page(
     scene_text: str,
     parts: PageParts,
 ) -> str:
-    """Return the HTML; `first` is frame 0 `(H, W, 3)` sRGB, shown with outlines, boundaries and forces drawn on it.
+    """Return the HTML. `first` is frame 0 (H, W, 3) sRGB; the page draws outlines,
+    boundaries and forces over it.
 
-    `scene_text` is the scene file with every default filled in.
+    `scene_text` is the scene file with all defaults.
     """
     width, height = scene.size
     player, source_text = parts.player, None
-    with suppress(OSError, ValueError):  # places name files as the user knows them
+    # Places contain the user's own file names.
+    with suppress(OSError, ValueError):
         source_text = (scene.folder / Path(scene.place("").file).name).read_text(
             encoding="utf-8"
         )
@@ -170,8 +176,11 @@ def report_page(
 
 
 def _parameters(scene: Scene, world: World, variant: str | None) -> dict[str, Any]:
-    """Return what all objects share, and rows of what differs; boundaries have rows of their own."""
+    """Return the common parameters of all objects, and rows of differences. Boundaries
+    have their own rows.
+    """
     rows = parameter_rows(scene, world, variant)
+    # Values common to all objects are shown once, and the rows show the differences.
     shared = shared_cells(rows)
     rows = merge_equal_rows(differing(rows, shared))
     return {
@@ -193,6 +202,7 @@ def _script() -> str:
 def _contacts(player: Data, world: World) -> list[dict[str, Any]]:
     """Return rows of the table of contacts, by time."""
     names = [name for name, _ in world.surfaces]
+    # g·px/s to N·s; without a scale there are no newtons.
     newton = player["scale"] and 1000 * player["scale"]
     strongest = sorted(player["touches"], key=lambda touch: -touch[4])[
         : LIMITS.most_contacts
@@ -213,7 +223,7 @@ def _contacts(player: Data, world: World) -> list[dict[str, Any]]:
 
 
 def _engine(record: RunRecord) -> list[str]:
-    """Describe the accuracy of the simulation, in sentences."""
+    """Return sentences about the accuracy of the simulation."""
     effort = record.effort
     if not effort:
         return []
@@ -236,7 +246,9 @@ def _engine(record: RunRecord) -> list[str]:
 
 
 def _world_facts(scene: Scene, world: World) -> list[tuple[str, str, str]]:
-    """Name, value, and the value in px; in metres second if the scene has no scale."""
+    """Return name, value and second value of each fact. The second value is in px, or
+    in metres for a scene without a scale.
+    """
     scale, (width, high) = world.pixels_per_meter, world.size
     gravity = float(np.hypot(*world.gravity))
     gravity_pair = (
@@ -245,6 +257,7 @@ def _world_facts(scene: Scene, world: World) -> list[tuple[str, str, str]]:
     )
     in_meters = [rounded(side / scale, METRIC_DIGITS) for side in world.size]
     canvas_pair = f"{' × '.join(in_meters)} m", f"{width} × {high} px"
+    # Without a scale, metres are only a convention: px come first.
     if not is_scaled(scene):
         gravity_pair, canvas_pair = gravity_pair[::-1], canvas_pair[::-1]
     facts = [
@@ -267,9 +280,9 @@ def _world_facts(scene: Scene, world: World) -> list[tuple[str, str, str]]:
 
 
 def _describe_playback(render: Render) -> str:
-    """Describe how the clip differs from the motion and from the whole photo.
+    """Return the differences of the clip from the motion and the whole photo, in words.
 
-    Empty if it does not.
+    Return "" without differences.
     """
     parts = [
         _speed(render.slow),
@@ -280,26 +293,29 @@ def _describe_playback(render: Render) -> str:
 
 
 def _speed(slow: float) -> str:
-    """Return the speed of a clip that is `slow` times as slow as the motion, in words."""
+    """Return the speed of a clip in words; `slow` is the factor of slow motion."""
     if slow == 1:
         return ""
     return "at half speed" if slow == 2 else f"slowed down {value_text(slow)}x"
 
 
 def provenance(
-    record: RunRecord, resolved: str, written: str | None = None
+    record: RunRecord, resolved_text: str, written_text: str | None = None
 ) -> dict[str, Any]:
-    """Return everything needed to reproduce a run, for `provenance.html.j2`.
+    """Return all facts for reproducing a run, for `provenance.html.j2`.
 
-    `resolved`: the scene with every default; `written`: the file itself, where it can be read. `frames` is one hash of
-    all frames: two runs made the same clip where it is equal.
+    `resolved_text` is the scene with all defaults, `written_text` the file itself, if readable.
+    `frames` is one hash of all frames: equal clips have equal hashes.
     """
-    texts = [] if written is None else [_source_text("Scene file", written)]
+    texts = [] if written_text is None else [_source_text("Scene file", written_text)]
     separator = "" if texts else ","
     texts.append(
-        _source_text(f"Scene file{separator} with every default filled in", resolved)
+        _source_text(
+            f"Scene file{separator} with every default filled in", resolved_text
+        )
     )
     facts = [("platform", f"{platform.system()}, {platform.machine()}")]
+    # The seed of the refinement has no meaning without one.
     seeds = {
         name: seed
         for name, seed in record.seeds.items()
@@ -323,7 +339,7 @@ def provenance(
 
 
 def _source_text(title: str, text: str) -> dict[str, Any]:
-    """Return a text with a button to copy it."""
+    """Return a text for a block with a copy button."""
     return {
         "title": title,
         "text": text,
@@ -332,8 +348,7 @@ def _source_text(title: str, text: str) -> dict[str, Any]:
 
 
 def _refinement(note: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    """Return `RunRecord.refine` for the page: `failed`, lines of a message.
-
+    """Return `RunRecord.refine` for the page: `failed`, the lines of a message, and
     `facts`, names and values of the settings.
     """
     if note is None:

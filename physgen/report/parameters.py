@@ -1,4 +1,6 @@
-"""Tables of the report page, parameters with their sources, joints and fields; outlines and arrows."""
+"""Tables of the report page: parameters with their sources, joints and fields; outlines
+and arrows.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,7 @@ from physgen.text import name_ranges, rounded, value_text
 Array = NDArray[np.float64]
 
 LONGEST_ARROW = 0.14
-"""Of the canvas's diagonal."""
+"""Length of the longest arrow over the canvas's diagonal."""
 COLUMNS = {
     "shape": "",
     "mass": "g",
@@ -39,13 +41,13 @@ COLUMNS = {
     "velocity": "px/s",
     "spin": "°/s",
 }
-"""Of the table of parameters, with units."""
+"""Columns of the table of parameters, with units."""
 METRIC = {"moment": "g·cm²", "velocity": "m/s"}
-"""Units of columns where the scene has a scale."""
+"""Units of columns in a scene with a scale."""
 METRIC_DIGITS = 2
-"""Of values that follow the scale."""
+"""Digits of values with metric units."""
 CENTIMETERS = 100
-"""In a metre."""
+"""Centimetres in a metre."""
 
 
 def svg_points(points: Array) -> str:
@@ -54,7 +56,7 @@ def svg_points(points: Array) -> str:
 
 
 def outlines(world: World, labels: dict[str, str]) -> list[dict[str, str]]:
-    """Return the outlines of the bodies, as the templates draw them."""
+    """Return the outlines of the bodies for the templates."""
     return [
         {
             "name": body.name,
@@ -71,7 +73,7 @@ def outlines(world: World, labels: dict[str, str]) -> list[dict[str, str]]:
 def arrows(world: World) -> list[tuple[str, Array, Array, str]]:
     """Return kind (`velocity` or `force`), tail, tip (px) and title at t = 0.
 
-    Each kind has a scale of its own.
+    Each kind has its own scale.
     """
     arrow_list: dict[str, list[tuple[Array, Array, str]]] = {
         "velocity": [],
@@ -97,6 +99,7 @@ def arrows(world: World) -> list[tuple[str, Array, Array, str]]:
                     f"{title} from {value_text(push.start)} s",
                 )
             )
+    # Velocities and forces have different units: only lengths of one kind compare.
     longest = LONGEST_ARROW * float(np.hypot(*world.size))
     rows = []
     for kind, vectors in arrow_list.items():
@@ -122,7 +125,7 @@ PLACED = (
     FieldKind.BELT,
     FieldKind.TURNTABLE,
 )
-"""Fields that are at one place."""
+"""Fields with a position."""
 
 
 def constraint_rows(scene: Scene) -> list[dict[str, str]]:
@@ -225,17 +228,17 @@ def _strength(field: Field) -> str:
 
 
 BOUNDARY = "boundary"
-"""Kind of a row that is no object's."""
+"""Kind of a boundary's row."""
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One number of the table; `text` has no unit."""
+    """A number of the table; `text` has no unit."""
 
     text: str
     source: Source
     small: str = ""
-    """The same in px."""
+    """The same number in px."""
 
 
 @dataclass(frozen=True)
@@ -250,11 +253,11 @@ class Row:
     also: str
     """Sources of other keys."""
     names: tuple[str, ...] = ()
-    """Objects that share the row."""
+    """Objects of a merged row."""
 
 
 def units_of(scene: Scene) -> dict[str, str]:
-    """Return the columns with their units: metric ones where the scene has a scale."""
+    """Return the columns with their units: metric ones for a scene with a scale."""
     return COLUMNS | (METRIC if is_scaled(scene) else {})
 
 
@@ -282,11 +285,13 @@ def parameter_rows(scene: Scene, world: World, variant: str | None) -> list[Row]
 
 
 def shared_cells(rows: Sequence[Row]) -> dict[str, Cell]:
-    """Return the cells that all objects have in common, but for lines of the file.
+    """Return the common cells of all objects. They may differ in their lines of the
+    file.
 
-    Empty for fewer than two objects; boundaries do not count.
+    Return an empty mapping for fewer than two objects. Boundaries do not count.
     """
     objects = [row for row in rows if row.kind != BOUNDARY]
+    # A single object has no common values.
     if len(objects) < 2:
         return {}
     shared = {}
@@ -297,27 +302,32 @@ def shared_cells(rows: Sequence[Row]) -> dict[str, Cell]:
     return shared
 
 
-def differing(rows: Sequence[Row], shared: Mapping[str, Cell]) -> list[Row]:
-    """Return rows of objects without the cells that all of them share; boundaries stay whole."""
+def differing(rows: Sequence[Row], common_cells: Mapping[str, Cell]) -> list[Row]:
+    """Return rows of objects without the shared cells. Boundaries keep all cells."""
     result = []
     for row in rows:
         cells = row.cells
         if row.kind != BOUNDARY:
-            cells = {name: cell for name, cell in cells.items() if name not in shared}
+            cells = {
+                name: cell for name, cell in cells.items() if name not in common_cells
+            }
         result.append(replace(row, cells=cells))
     return result
 
 
 def _is_equal(first: Cell, second: Cell) -> bool:
-    """Return whether two cells are equal but for the line of the file."""
+    """Return whether two cells are equal without regard to lines of the file."""
     one, other = first.source, second.source
     if (first.text, one.kind, one.sure) != (second.text, other.kind, other.sure):
         return False
+    # Lines of the file differ for each object: they are merged to a range.
     return one.kind == "file" or one.text == other.text
 
 
 def merge_equal_rows(rows: Sequence[Row]) -> list[Row]:
-    """Merge rows that are equal but for the name and the lines of the file, at the place of the first."""
+    """Merge rows with equal values at the place of the first. Names and lines of the
+    file may differ.
+    """
     equal_rows: dict[tuple[object, ...], list[Row]] = {}
     for row in rows:
         cells = [
@@ -346,7 +356,7 @@ def _merge_rows(rows: Sequence[Row]) -> Row:
 
 
 def _merge_cells(cell: Cell, last: Cell) -> Cell:
-    """Return a cell whose source spans the lines from its own to those of `last`."""
+    """Return a cell with a source from its own lines to those of `last`."""
     text, end = cell.source.text, last.source.text
     if text != end:
         text = f"{text} to {end}".replace("line ", "lines ", 1)
@@ -393,6 +403,7 @@ def _object(scene: Scene, index: int, body: Body, sources: Provenance) -> Row:
         "velocity": cell(speed, "velocity", small_speed if body.velocity.any() else ""),
         "spin": cell(value_text(degrees(body.spin)), "spin"),
     }
+    # The mass of a fixed object has no effect.
     if item.motion is Motion.STATIC:
         cells = {
             key: value for key, value in cells.items() if key not in ("mass", "moment")
@@ -406,13 +417,13 @@ def _object(scene: Scene, index: int, body: Body, sources: Provenance) -> Row:
 
 
 def _metric_pair(vector: Array) -> str:
-    """Return a vector in m/s: two digits of each part."""
+    """Return a vector in m/s, with two digits for each component."""
     x, y = (rounded(float(part), METRIC_DIGITS) for part in vector)
     return f"({x}, {y})"
 
 
 def _shape(scene: Scene, body: Body) -> tuple[str, str]:
-    """Return a body's shape in words, and its size in px where the words have it in cm."""
+    """Return a body's shape in words, and its size in px if the words have cm."""
     if body.radius is None:
         corners = sum(len(ring) for ring in body.rings)
         pieces = f", {len(body.pieces)} pieces" if len(body.pieces) > 1 else ""

@@ -1,7 +1,7 @@
-"""Pictures of what was perceived in a photo: masks, shapes, surface maps, light, shadows and background.
+"""Pictures of perception: masks, shapes, surface maps, light, shadows and background.
 
-The report page shows them as a strip of small WebP pictures, with a pair to slide between. Each map that exists gives a
-picture.
+The report page shows them as a strip of small WebP pictures, with a pair to slide
+between. Each existing map gives a picture.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ from physgen.scene.scene import Light, MaskId, Scene, View
 from physgen.text import listed
 
 SIDE, PAIR_SIDE = 480, 800
-"""px: longer side of a picture, and of those that slide over each other, at most."""
+"""Maximum longer side of a picture, and of the pictures of a slider, px."""
 QUALITY, PAIR_QUALITY = 74, 78
-"""Of WebP."""
+"""Qualities of WebP."""
 SUPPORT: Colour = (255, 196, 0)
 DOUBTFUL: Colour = (255, 255, 255)
 
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """One of the strip."""
+    """A picture of the strip."""
 
     name: str
-    """Short, for ids: `masks`."""
+    """Short name for ids: `masks`."""
     title: str
     caption: str
     alt: str
@@ -63,7 +63,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two pictures of one size, to slide between."""
+    """Two pictures of equal size with a slider between them."""
 
     name: str
     title: str
@@ -73,7 +73,9 @@ class Comparison:
 
     @cached_property
     def start(self) -> int:
-        """Return where the slider starts, % from the left: in the middle of the changes."""
+        """Return the start of the slider, % from the left: the middle of the
+        changes.
+        """
         change = np.abs(self.before.rgb.astype(np.float64) - self.after.rgb).sum(
             axis=(0, 2)
         )
@@ -88,20 +90,20 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Perception:
-    """The strip, in the order in which it is shown."""
+    """The strip of pictures in display order."""
 
     pictures: tuple[Picture, ...]
     comparisons: tuple[Comparison, ...]
 
 
 PLAIN = 2
-"""Levels of a map that is of one value, as rounding leaves it."""
+"""Maximum range of a constant map after rounding, levels."""
 Outlines = Sequence[tuple[int, Sequence[Array]]]
 """Number of the colour, and closed rings (K, 2) px of each object."""
 
 
 def doubt_text(name: str, confidence: float | None) -> str:
-    """Return a name with its confidence, if it has one."""
+    """Return a name with its confidence, if any."""
     return name if confidence is None else f"{name} ({confidence:.0%})"
 
 
@@ -125,7 +127,7 @@ class DoubtfulRegion:
 def doubtful_regions(
     labels: U16, document: Mapping[str, Any]
 ) -> Iterator[DoubtfulRegion]:
-    """Yield the doubtful regions of a scene that its label map (H, W) has."""
+    """Yield the doubtful regions of a scene in its label map (H, W)."""
     for name, entry in document.get("doubtful", {}).items():
         rings = mask_rings(labels == entry["mask"])
         if rings:
@@ -135,7 +137,7 @@ def doubtful_regions(
 def perception(
     scene: Scene, compiled: CompiledScene, maps: Percepts | None
 ) -> Perception | None:
-    """Return the section on perception; None for a scene without a photo."""
+    """Return the section on perception, or None for a scene without a photo."""
     if maps is None:
         return None
     world = compiled.world
@@ -157,6 +159,7 @@ def perception(
         text = "Each in the colour of the object that casts it."
         shown = _shadows(maps.rgb, _by_object(scene, maps.shadows))
         pictures.append(_picture("shadows", "Shadows by object", text, shown))
+    # A comparison needs both backgrounds; a single one is a plain picture.
     if maps.background is None or maps.clean is None:
         behind = maps.background if maps.clean is None else maps.clean
         if behind is not None:
@@ -184,9 +187,9 @@ def perception(
 
 
 def written_suitability(assets: Path | None) -> str:
-    """Return whether the photo suits, by the run that wrote these assets.
+    """Return the suitability of the photo, from the record in the assets.
 
-    `""` if they have no record of it.
+    Return "" without a record.
     """
     record = read_recorded(assets, "suitability")
     reasons = record.get("reasons")
@@ -200,7 +203,9 @@ def written_suitability(assets: Path | None) -> str:
 def compare_frames(
     name: str, title: str, caption: str, before: tuple[str, U8], after: tuple[str, U8]
 ) -> Comparison:
-    """Compare two frames (H, W, 3) sRGB of one size, each with a description: `("refined", frame)`."""
+    """Return the comparison of two frames (H, W, 3) sRGB of equal size, each with a
+    description: `("refined", frame)`.
+    """
     if before[1].shape != after[1].shape:
         raise ValueError(
             f"pictures of shapes {before[1].shape} and {after[1].shape} cannot be compared"
@@ -225,10 +230,12 @@ def _photo_pictures(
     labels: U16,
     objects: Outlines,
     walls: Sequence[Array],
-    seen: str,
+    view_text: str,
     doubtful: Sequence[DoubtfulRegion],
 ) -> list[Picture]:
-    """Yield the photo, masks and shapes; `labels` are numbered as `objects` are."""
+    """Return pictures of the photo, masks and shapes. `labels` have the numbers of
+    `objects`.
+    """
     height, width = labels.shape
     photo = fit_to_side(maps.rgb, SIDE)
     count = f"{len(objects)} object{'s' * (len(objects) != 1)}"
@@ -238,26 +245,28 @@ def _photo_pictures(
     _draw_doubtful(outline_picture, photo.shape[1] / width, doubtful)
     if doubtful:
         names = [doubt_text(one.name, one.confidence) for one in doubtful]
-        seen += f". Perhaps objects, too, dashed: {listed(names, 'and')}"
+        view_text += f". Perhaps objects, too, dashed: {listed(names, 'and')}"
     return [
         _picture("photo", "Photo", f"{width} × {height} px.", photo),
         _picture("masks", "Masks", f"{count}, each in its own colour.", mask_picture),
         _picture(
             "shapes",
             "Shapes and supports",
-            f"{count}; {bounds}, in yellow; seen {seen}.",
+            f"{count}; {bounds}, in yellow; seen {view_text}.",
             outline_picture,
         ),
     ]
 
 
 def has_content(rgb: U8) -> bool:
-    """Return whether a picture (H, W, 3) shows anything: its codes differ within a channel."""
+    """Return whether a picture (H, W, 3) has a content: its codes differ within a
+    channel.
+    """
     return bool(np.ptp(rgb, axis=(0, 1)).max(initial=0) > PLAIN)
 
 
 def _map_pictures(maps: Percepts, light: Light | None) -> list[Picture]:
-    """Yield pictures of depth, normals, albedo, shading and light, if they exist."""
+    """Return pictures of depth, normals, albedo, shading and light, if they exist."""
     pictures = []
     if maps.depth is not None:
         pictures.append(
@@ -274,6 +283,7 @@ def _map_pictures(maps: Percepts, light: Light | None) -> list[Picture]:
         text = "Colours without the light on them."
         pictures.append(_picture("albedo", "Albedo", text, encode_u8(maps.albedo)))
     if maps.shading is not None:
+        # A few bright pixels must not darken the picture.
         max_value = max(float(np.percentile(maps.shading, 99.5)), 1e-6)
         grey = np.repeat(
             encode_u8(np.clip(maps.shading / max_value, 0, 1))[..., None], 3, 2
@@ -296,7 +306,8 @@ def _u8(values: NDArray[np.floating[Any]]) -> U8:
 
 
 def colour(number: int) -> Colour:
-    """Return a colour for an id, different from those of neighbouring numbers."""
+    """Return the colour of an id. Neighbouring numbers have different colours."""
+    # The golden ratio spreads the hues of any count of ids.
     r, g, b = colorsys.hsv_to_rgb(number * 0.381966 % 1.0, 0.75, 1.0)
     return round(255 * r), round(255 * g), round(255 * b)
 
@@ -308,7 +319,7 @@ def _grey(rgb: U8) -> NDArray[np.float32]:
 
 
 def _colours(labels: U16) -> NDArray[np.float32]:
-    """Return (H, W, 3): each label's colour; black for 0."""
+    """Return (H, W, 3): the colour of each label; black for 0."""
     table = np.array(
         [(0, 0, 0), *map(colour, range(1, int(labels.max(initial=0)) + 1))], np.float32
     )
@@ -316,19 +327,20 @@ def _colours(labels: U16) -> NDArray[np.float32]:
 
 
 def _draw_masks(rgb: U8, labels: U16, scale: float) -> U8:
-    """Draw the photo in pale grey, objects in colours, white along borders."""
+    """Draw the photo in pale grey, objects in colours, and white borders."""
     grey = _grey(rgb)
     result = np.where(
         (labels > 0)[..., None], 0.4 * grey + 0.6 * _colours(labels), 0.55 * grey
     )
     kernel = np.ones((2 * max(1, round(scale)) + 1,) * 2, np.uint8)
-    ids = labels.astype(np.float32)  # a type that OpenCV can erode
+    # OpenCV erodes float32, but not int32.
+    ids = labels.astype(np.float32)
     result[(labels > 0) & (cv2.dilate(ids, kernel) != cv2.erode(ids, kernel))] = 255
     return _u8(result)
 
 
 def _shadows(rgb: U8, objects: U16) -> U8:
-    """Draw the photo in grey, shadows in the colours of the objects that cast them."""
+    """Draw the photo in grey, and shadows in the colours of their objects."""
     grey = _grey(rgb)
     region = (objects > 0)[..., None]
     return _u8(np.where(region, 0.45 * grey + 0.55 * _colours(objects), 0.8 * grey))
@@ -337,7 +349,7 @@ def _shadows(rgb: U8, objects: U16) -> U8:
 def _draw_outlines(
     picture: U8, scale: float, objects: Outlines, walls: Sequence[Array]
 ) -> U8:
-    """Draw outlines in the colours of the masks, boundaries in yellow."""
+    """Draw outlines in the colours of the masks, and boundaries in yellow."""
     size = picture.shape[1], picture.shape[0]
     pale_photo, lines = _u8(0.62 * picture.astype(np.float32)), Layer(size, 0.8)
     for chain in walls:
@@ -354,7 +366,7 @@ def _draw_outlines(
 def _draw_doubtful(
     picture: U8, scale: float, regions: Sequence[DoubtfulRegion]
 ) -> None:
-    """Draw the outlines of doubtful regions, dashed."""
+    """Draw dashed outlines of doubtful regions."""
     layer = Layer((picture.shape[1], picture.shape[0]), 0.6)
     for region in regions:
         for ring in region.rings:
@@ -366,8 +378,9 @@ def _draw_doubtful(
 def _by_object(scene: Scene, shadows: U16) -> U16:
     """Return (H, W): shadows by the objects' order in the scene.
 
-    0 for objects that are no longer there.
+    0 for objects that are no longer in the scene.
     """
+    # Ids in the map are not in the order of the scene's objects.
     numbers = np.zeros_like(shadows)
     for k, item in enumerate(scene.objects, 1):
         if isinstance(item.mask, MaskId):
@@ -390,6 +403,7 @@ def light_description(light: Light) -> str:
     'From the upper left, in front of the scene; 20 % of it from all around.'
     """
     x, y, z = light.direction
+    # A component below 0.2 is less than 12 degrees, and hardly visible.
     horizontal = "" if abs(x) < 0.2 else "right" if x > 0 else "left"
     vertical = "" if abs(y) < 0.2 else "above" if y < 0 else "below"
     corner = {"above": "upper", "below": "lower"}.get(vertical, "")
@@ -408,7 +422,7 @@ def light_description(light: Light) -> str:
 
 
 def light_picture(light: Light, size: tuple[int, int]) -> U8:
-    """Draw (h, w, 3) of `size` (w, h): a white ball in the light."""
+    """Draw a white ball in the light, (h, w, 3) for `size` (w, h)."""
     width, height = size
     radius, center = 0.26 * min(size), np.array([(width - 1) / 2, (height - 1) / 2])
     normals, inside = sphere_normals(

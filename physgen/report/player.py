@@ -1,11 +1,13 @@
 """Data of the page's interactive player: motion, contacts and cut-out pictures.
 
-Places are px of the photo, with the origin at its top-left pixel's centre. Columns of numbers are whole multiples of a
-step, each given as its difference from the one before; rounded like that, a place is off by at most 1/64 px, an angle
-by 1/8192 rad, a velocity by 1/16000 of the largest. Between samples poses change linearly, and there are samples at the
-beginning of each contact. Shadows are exact at a few moments of an object's path, and shift and cross-fade between
-them. A ball's skin turns in space and its light stays, as in the video; the shading of other objects turns with them,
-and no shadow falls on an object.
+Places are px of the photo, with the origin at its top-left pixel's centre. Columns of
+numbers are integer multiples of a step, stored as differences of neighbours. The
+rounding error of a place is at most 1/64 px, of an angle 1/8192 rad, of a velocity
+1/16000 of the largest. Poses between samples are interpolated linearly, and each
+contact begins at a sample. Shadows are exact at a few moments of an object's path;
+between them, they shift and cross-fade. A ball's skin turns in space under a fixed
+light, as in the video. The shading of other objects turns with them, and no shadow
+falls on an object.
 """
 
 from __future__ import annotations
@@ -41,51 +43,60 @@ class PlayerLimits:
     """Sizes, qualities and rounding of the player's data."""
 
     largest: int = 1280
-    """px of the background's longer side: twice its size on a page."""
+    """Maximum longer side of the background, px: twice its size on a page."""
     quality: int = 86
-    """Of WebP."""
+    """Quality of WebP."""
     keys: int = 9
-    """Moments at which a shadow is computed, at most."""
+    """Maximum number of computed shadows on a path."""
     strays: float = 5.0
-    """px by which an object's border may deviate from a straight path between two of them."""
+    """Maximum deviation of an object's border from a straight path between two shadows,
+    px.
+    """
     balls: int = 90
-    """Of WebP, for the layers of balls."""
+    """Quality of WebP for the layers of balls."""
     large: int = 60_000
-    """px² of a ball's box up to which the page's script rotates it, pixel by pixel."""
+    """Maximum area of a ball's box, px²: the page's script rotates every
+    pixel of it.
+    """
     gamma: float = 2.2
-    """A shadow's share of linear light, to the power of 1 / gamma, is about that of the sRGB codes in browsers."""
+    """Exponent of browsers: a share of linear light to the power of 1 / gamma
+    approximates a share of sRGB codes.
+    """
     faintest: float = 0.012
-    """Of light that a shadow removes, at least."""
+    """Minimum share of light that a visible shadow removes."""
     shadow: int = 72
-    """px of the longer side of a shadow's picture: it is soft."""
+    """Longer side of a shadow's picture, px; shadows are soft."""
     finer: int = 4
-    """Samples a frame in the player."""
-    few: int = 40_000
-    """Samples times objects of such a closer look."""
+    """Samples per frame in the player."""
+    fine_samples: int = 40_000
+    """Maximum number of such samples times objects."""
     effort: int = 200_000
-    """Steps times objects of a run up to which it is looked at so closely: where it must be run again, some seconds."""
+    """Maximum number of steps times objects of a run with extra samples. A second run
+    takes some seconds.
+    """
     most_impacts: int = 500
-    """In a page, the strongest."""
-    most: int = 1_000_000
-    """Samples times objects in a page."""
+    """Maximum number of impacts in a page, the strongest."""
+    max_samples: int = 1_000_000
+    """Maximum number of samples times objects in a page."""
     place: float = 1 / 32
     angle: float = 1 / 4096
     instant: float = 1e-6
-    """px, rad and s: steps to which poses and times are rounded."""
+    """Rounding steps of poses and times, px, rad and s."""
     turn: float = 1 / 2048
-    """Step of the parts of a quaternion."""
+    """Rounding step of a quaternion's components."""
     codes: int = 8000
-    """Steps of the largest speed, and of the range of an energy."""
+    """Number of rounding steps for the largest speed and for the range of an energy."""
     outline: float = 0.05
-    """px to which outlines are rounded."""
+    """Rounding step of outlines, px."""
 
 
 LIMITS = PlayerLimits()
 
 
 def plate(stage: Stage, moving: Sequence[int]) -> str:
-    """Return the background without the shadows of some of its sprites."""
+    """Return the background without the shadows of the moving sprites."""
     background = stage.background
+    # Shadows of moving sprites are separate pictures.
     if stage.lit is not None and moving:
         shadow_share = stage.lit.total.copy()
         for k in moving:
@@ -99,10 +110,11 @@ def plate(stage: Stage, moving: Sequence[int]) -> str:
 
 
 def sprites(stage: Stage) -> list[dict[str, Any]]:
-    """Return `body`, `box` (left, top, width, height), `turns` and `src` of each, the farthest first.
+    """Return `body`, `box` (left, top, width, height), `turns` and `src` of each
+    sprite, the farthest first.
 
-    Of a ball that shows its rotation also `ball`: `center` from the box's corner and `radius`, px, and `skin`, `lit`,
-    `gloss`, each with its `most`.
+    A ball with visible rotation also has `ball`: `center` from the box's corner and
+    `radius`, px, and `skin`, `lit`, `gloss`, each with its `most`.
     """
     return [
         _cut(sprite, _display_scale(stage), stage.scale)
@@ -112,21 +124,21 @@ def sprites(stage: Stage) -> list[dict[str, Any]]:
 
 
 def _display_scale(stage: Stage) -> float:
-    """Return the share of the picture's size at which it is shown."""
+    """Return the scale of the picture on the page."""
     return float(min(1.0, LIMITS.largest / max(stage.background.shape[:2])))
 
 
-def _smaller(pixels: U8, less: float) -> U8:
-    if less >= 1:
+def _smaller(pixels: U8, scale: float) -> U8:
+    if scale >= 1:
         return pixels
-    height, width = (max(1, round(side * less)) for side in pixels.shape[:2])
+    height, width = (max(1, round(side * scale)) for side in pixels.shape[:2])
     return np.asarray(
         cv2.resize(pixels, (width, height), interpolation=cv2.INTER_AREA), np.uint8
     )
 
 
 def _moving(stage: Stage, trajectory: Trajectory) -> list[int]:
-    """Return sprites of bodies that move."""
+    """Return the sprites of moving bodies."""
     if not len(trajectory.poses):
         return []
     moves = (trajectory.poses != trajectory.poses[:1]).any(axis=(0, 2))
@@ -135,8 +147,10 @@ def _moving(stage: Stage, trajectory: Trajectory) -> list[int]:
     return [k for k, sprite in enumerate(stage.sprites) if moves[sprite.body]]
 
 
-def _cut(sprite: Sprite, less: float, scale: float) -> dict[str, Any]:
-    """Cut a sprite with unmultiplied colours on what it covers, and a pixel around."""
+def _cut(sprite: Sprite, display_scale: float, scale: float) -> dict[str, Any]:
+    """Cut a sprite with unmultiplied colours from its covered pixels, with a margin of
+    one pixel.
+    """
     x0, y0, x1, y1 = sprite.within
     h, w = sprite.coverage.shape
     rows, columns = (
@@ -148,7 +162,8 @@ def _cut(sprite: Sprite, less: float, scale: float) -> dict[str, Any]:
     covers = np.rint(255 * np.clip(alpha, 0, 1)).astype(np.uint8)
     pixels = np.dstack([encode_u8(np.clip(colours, 0, 1)), covers])
     left, top = sprite.corner[0] + columns.start, sprite.corner[1] + rows.start
-    # a ball whose skin is of one colour looks the same however it has turned: its shading stays
+    # The rotation of a ball with one colour is invisible, and its shading does not
+    # turn.
     is_equal = (
         sprite.ball is not None
         and float(np.ptp(sprite.ball.skin, axis=(0, 1)).max()) < 1e-6
@@ -160,12 +175,12 @@ def _cut(sprite: Sprite, less: float, scale: float) -> dict[str, Any]:
         ),
         "turns": not is_equal,
         "face": round(sprite.face / scale, 3),
-        "src": webp(_smaller(pixels, less), LIMITS.quality),
+        "src": webp(_smaller(pixels, display_scale), LIMITS.quality),
     }
     if (
         sprite.ball is not None
         and picture["turns"]
-        and less == 1
+        and display_scale == 1
         and alpha.size <= LIMITS.large
     ):
         ball = sprite.ball
@@ -180,11 +195,13 @@ def _cut(sprite: Sprite, less: float, scale: float) -> dict[str, Any]:
 
 
 def _encode_roots(values: F32, *, signed: bool = False) -> dict[str, Any]:
-    """Encode linear light (h, w, 3) as a picture of its roots, which eyes see evenly.
+    """Encode linear light (h, w, 3) as a picture of its roots, which are even steps for
+    the eye.
 
-    Zero is grey if `signed`.
+    With `signed`, zero is grey.
     """
     max_value = max(float(np.abs(values).max()), 1e-6)
+    # Roots give dark tones more of the 256 codes.
     roots = np.sqrt(np.abs(values) / max_value)
     codes = (
         128 + 127 * np.sign(values) * roots if signed else 255 * roots * (values > 0)
@@ -196,7 +213,9 @@ def _encode_roots(values: F32, *, signed: bool = False) -> dict[str, Any]:
 
 
 def _place_box(box: PixelBox, scale: float) -> list[float]:
-    """Return left, top, width, height, px of the photo; (0, 0) is the middle of a pixel."""
+    """Return left, top, width, height, px of the photo; (0, 0) is the centre of a
+    pixel.
+    """
     x0, y0, x1, y1 = box
     return [
         round(v, 3)
@@ -210,7 +229,10 @@ def _place_box(box: PixelBox, scale: float) -> list[float]:
 
 
 def select_keys(path: Array, reach: float) -> list[int]:
-    """Samples of a way (T, 3) px, px, rad between which it is about straight: ends and the most bent between them."""
+    """Return samples of a path (T, 3) px, px, rad with almost straight parts between
+    them: the ends, and the most bent samples.
+    """
+    # An angle counts as the motion of the border.
     scaled_path = path * (1, 1, reach)
     keys = [0, len(scaled_path) - 1] if len(scaled_path) > 1 else [0]
     while len(keys) < LIMITS.keys:
@@ -228,16 +250,15 @@ def select_keys(path: Array, reach: float) -> list[int]:
 def shadows(
     stage: Stage, trajectory: Trajectory, moving: Sequence[int]
 ) -> list[dict[str, Any]]:
-    """Return `body`, `slides` and `keys` of some sprites.
+    """Return `body`, `slides` and `keys` of the moving sprites.
 
     A key has `sample`, `box`, `at` (centre of darkness) and `src`.
     """
     lit = stage.lit
     if lit is None or not moving:
         return []
-    keys: dict[
-        int, list[int]
-    ] = {}  # a shadow that only slides keeps its shape and is computed once
+    # A sliding shadow keeps its shape and is computed once.
+    keys: dict[int, list[int]] = {}
     for k in moving:
         body = stage.sprites[k].body
         reach = max(stage.sprites[k].coverage.shape) / 2
@@ -272,8 +293,11 @@ def shadows(
 def _measure_darkening(
     stage: Stage, lit: LitBackground, stand: SpritePose
 ) -> tuple[PixelBox, F32] | None:
-    """Return a box, which may leave the photo, and -log of the light that an object lets through there."""
+    """Return a box and -log of the light that passes an object there. The box may leave
+    the photo.
+    """
     cast = lit.casts[stand.k]
+    # A sliding shadow keeps its shape.
     if cast.sliding is not None:
         (x, y), dark = cast.sliding
         return (x, y, x + dark.shape[1], y + dark.shape[0]), dark
@@ -291,12 +315,13 @@ def _measure_darkening(
     return joined_pictures(parts) if parts else None
 
 
-def _shadow(box: PixelBox, dark: F32) -> dict[str, Any]:
-    """Return a shadow's picture, black that covers more or less.
+def _shadow(box: PixelBox, darkness: F32) -> dict[str, Any]:
+    """Return a shadow's picture: black with varying coverage.
 
-    Nothing if it is too faint to be seen.
+    Return an empty mapping for an invisible shadow.
     """
-    covers = 1 - np.exp(-np.maximum(dark, 0) / LIMITS.gamma)
+    # The page multiplies codes, not linear light: gamma approximates the difference.
+    covers = 1 - np.exp(-np.maximum(darkness, 0) / LIMITS.gamma)
     rows, columns = (
         np.flatnonzero((covers > LIMITS.faintest).any(axis=axis)) for axis in (1, 0)
     )
@@ -322,7 +347,8 @@ def _shadow(box: PixelBox, dark: F32) -> dict[str, Any]:
     return {
         "box": _place_box(place, 1.0),
         "at": [round(v, 2) for v in offset],
-        "src": webp(black, 0),  # coverage is kept whatever the quality
+        # Alpha is lossless at every quality.
+        "src": webp(black, 0),
     }
 
 
@@ -332,18 +358,20 @@ Data = dict[str, Any]
 def player_data(
     scene: Scene, world: World, trajectory: Trajectory, stage: Stage, shot: Shot
 ) -> Data | None:
-    """Return everything the page's script needs; None without a frame, or for more than a page can carry.
+    """Return all data for the page's script, or None without a frame or with too much
+    data for a page.
 
-    `trajectory` has one sample a frame played forward; heaps of hundreds of objects are shown by their frames alone,
-    without impacts.
+    `trajectory` has one sample per frame, in forward order. Heaps of hundreds of
+    objects have only their frames, without impacts.
     """
     T, N = len(trajectory.times), len(world.bodies)
-    if not T or LIMITS.most < T * N:
+    if not T or LIMITS.max_samples < T * N:
         return None
     seen, impacts = trajectory, list[Impact]()
+    # Contacts between frames need finer samples than the video's.
     if N and T > 1 and trajectory.effort.steps * N <= LIMITS.effort:
         seen = trajectory.sampled(
-            sample_times(trajectory, LIMITS.finer, max(T, LIMITS.few // N))
+            sample_times(trajectory, LIMITS.finer, max(T, LIMITS.fine_samples // N))
         )
         impacts = find_impacts(
             world, seen, world.duration / max(len(world.times), 1) / LIMITS.finer
@@ -388,7 +416,7 @@ def player_data(
 
 
 def fixed_data(scene: Scene, world: World) -> Data:
-    """Return what does not change with time."""
+    """Return the constant data."""
     return {
         "name": scene.name,
         "size": list(world.size),
@@ -406,11 +434,12 @@ def fixed_data(scene: Scene, world: World) -> Data:
 
 
 def column(values: Array, step: float) -> list[int]:
-    """Encode multiples of `step`, each less the one before.
+    """Encode multiples of `step` as differences of neighbours.
 
     >>> column(np.array([1.0, 1.5, 1.5, 0.0]), 0.5)
     [2, 1, 0, -3]
     """
+    # Differences of the rounded values: errors do not add up.
     codes = np.rint(np.asarray(values, np.float64) / step).astype(np.int64)
     return np.diff(codes, prepend=0).tolist()  # type: ignore[no-any-return]
 
@@ -427,13 +456,13 @@ def _round_points(points: Array) -> list[list[float]]:
 
 
 def _body(
-    scene: Scene, k: int, body: Body, seen: Trajectory, steps: dict[str, float]
+    scene: Scene, k: int, body: Body, samples: Trajectory, steps: dict[str, float]
 ) -> Data:
-    pose, velocity = seen.poses[:, k], seen.velocities[:, k]
+    pose, velocity = samples.poses[:, k], samples.velocities[:, k]
     columns = figure(scene, k, body)
-    if seen.turns.size and (seen.turns[:, k] != seen.turns[:1, k]).any():
+    if samples.turns.size and (samples.turns[:, k] != samples.turns[:1, k]).any():
         columns["q"] = [
-            column(part, LIMITS.turn) for part in _steady(seen.turns[:, k]).T
+            column(part, LIMITS.turn) for part in _steady(samples.turns[:, k]).T
         ]
     for name, values, kind in (
         ("x", pose[:, 0], "place"),
@@ -448,7 +477,7 @@ def _body(
 
 
 def figure(scene: Scene, k: int, body: Body) -> Data:
-    """Return a body without its motion; outlines are about its centre of mass."""
+    """Return a body without its motion. Outlines are relative to its centre of mass."""
     figure_data: Data = {
         "name": body.name,
         "label": scene.objects[k].label,
@@ -461,21 +490,27 @@ def figure(scene: Scene, k: int, body: Body) -> Data:
     else:
         figure_data["rings"] = [_round_points(ring) for ring in body.rings]
         figure_data["pieces"] = [_round_points(piece) for piece in body.pieces]
-    if body.rest is not None:  # the pose in which its picture was cut out
+    # The pose of its picture.
+    if body.rest is not None:
         x, y, angle = body.rest.tolist()
         figure_data["rest"] = [round(x, 3), round(y, 3), round(angle, 6)]
     return figure_data
 
 
 def _steady(turns: Array) -> Array:
-    """Return (T, 4) of the two quaternions that mean a turn, the one that is nearer to that before."""
+    """Return quaternions (T, 4) with continuous signs. Both signs mean the same turn;
+    choose the one nearer to the previous.
+    """
+    # The page interpolates components: a change of sign would spin the ball.
     signs = np.cumprod(np.where((turns[1:] * turns[:-1]).sum(axis=1) < 0, -1.0, 1.0))
     return np.asarray(turns * np.concatenate([[1.0], signs])[:, None])
 
 
-def _energy(seen: Trajectory) -> Data:
-    """Return the energy; potential energy counts from its least: only its changes mean anything."""
-    e = seen.energy
+def _energy(samples: Trajectory) -> Data:
+    """Return the energy. Potential energy is relative to its minimum, because only
+    changes have a meaning.
+    """
+    e = samples.energy
     low = float(e.potential.min()) if len(e.potential) else 0.0
     rows = {
         "kinetic": e.kinetic,
@@ -494,12 +529,14 @@ def _energy(seen: Trajectory) -> Data:
     }
 
 
-def touches(seen: Trajectory) -> list[list[float | int | None]]:
-    """Return first and second surface, start and end (null: beyond the clip), s, and their total impulse, g·px/s."""
-    contacts, N = seen.contacts, len(seen.contacts.surfaces)
+def touches(samples: Trajectory) -> list[list[float | int | None]]:
+    """Return first and second surface, start and end (null: beyond the clip), s, and
+    total impulse, g·px/s, of each touch.
+    """
+    contacts, N = samples.contacts, len(samples.contacts.surfaces)
     if not len(contacts.touch_pairs):
         return []
-    when = seen.times[contacts.impulse_rows[:, 0]]
+    when = samples.times[contacts.impulse_rows[:, 0]]
     pair = (
         contacts.impulse_rows[:, 1].astype(np.int64) * N + contacts.impulse_rows[:, 2]
     )
@@ -510,12 +547,11 @@ def touches(seen: Trajectory) -> list[list[float | int | None]]:
     ):
         begins.setdefault(first * N + second, []).append((begin, row))
     total = np.zeros(len(contacts.touch_pairs))
+    # The impulses of a sample belong to the latest touch of the pair before it.
     for (
         key,
         total_rows,
-    ) in (
-        begins.items()
-    ):  # impulses up to a sample belong to the touch begun last before it
+    ) in begins.items():
         indices = np.flatnonzero(pair == key)
         row_indices = (
             np.searchsorted(
@@ -565,7 +601,7 @@ def _walls(world: World) -> list[Data]:
 
 
 def _pushes(world: World) -> list[Data]:
-    """Return forces, impulses and torques of the scene while they act."""
+    """Return the forces, impulses and torques on dynamic bodies, with their times."""
     return [
         {
             "body": push.body,
@@ -584,7 +620,9 @@ def _pushes(world: World) -> list[Data]:
 
 
 def _joints(world: World) -> list[Data]:
-    """Return ends in the frames of the two bodies; of the photo if the second is the world."""
+    """Return the ends of joints in the frames of their bodies, or in the photo for the
+    world.
+    """
     return [
         {
             "name": joint.name,
@@ -611,9 +649,9 @@ def _fields(world: World) -> list[Data]:
 
 
 def _camera(shot: Shot) -> list[list[float]] | None:
-    """Return left, top, width, height, px, of each frame's view of the trajectory.
+    """Return left, top, width, height, px, of each frame's camera view.
 
-    None if that is all of the photo.
+    Return None if all views show the whole photo.
     """
     views: list[list[float]] = []
     for time in shot.times.tolist():

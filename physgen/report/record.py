@@ -1,4 +1,4 @@
-"""The run record: what a run read, did and made, written as manifest.json."""
+"""The run record: inputs, stages and outputs of a run, written as manifest.json."""
 
 from __future__ import annotations
 
@@ -28,70 +28,67 @@ from physgen.scene.scene import Scene
 
 LIBRARIES = ("numpy", "pymunk", "opencv-python-headless", "av", "pillow")
 REFINING = ("torch", "diffusers")
-"""Libraries of models, which tell their versions where they ran."""
+"""Libraries of models, with their versions in the record of a refinement."""
 TIMING = "timing.json"
-"""Times and memory of a run: the one file that differs between equal runs."""
+"""Times and memory of a run: the only file that differs between equal runs."""
 
 
 @dataclass
 class StageTime:
-    """What one stage cost."""
+    """The cost of one stage."""
 
     wall: float = 0.0
     """s."""
     cpu: float = 0.0
-    """s of all threads."""
+    """Wall time, s."""
 
 
 @dataclass
 class RunRecord:
-    """Everything needed to repeat a run and to compare it."""
+    """CPU time of all threads, s."""
 
     scene: str
     command: list[str]
-    alone: list[str] = field(
-        default_factory=list
-    )  # the command that makes this clip and no other
+    # The command for this clip only.
+    alone: list[str] = field(default_factory=list)
     source: str = ""
     """Path of the scene file, relative to the clip's folder."""
-    inputs: dict[str, str] = field(
-        default_factory=dict
-    )  # path relative to the scene's folder -> SHA-256
+    # Path relative to the scene's folder -> SHA-256.
+    inputs: dict[str, str] = field(default_factory=dict)
     overrides: list[str] = field(default_factory=list)
     variant: str | None = None
     seeds: dict[str, int] = field(default_factory=dict)
     stages: dict[str, StageTime] = field(default_factory=dict)
-    samples: list[str] = field(
-        default_factory=list
-    )  # SHA-256 of each trajectory sample
+    # SHA-256 of each trajectory sample.
+    samples: list[str] = field(default_factory=list)
     frames: list[str] = field(default_factory=list)
     """SHA-256 of each frame's RGB bytes."""
-    video: dict[str, Any] = field(
-        default_factory=dict
-    )  # `size`: width and height, px; `fps`: 1/s
+    # `size`: width and height, px; `fps`: 1/s.
+    video: dict[str, Any] = field(default_factory=dict)
     files: dict[str, str] = field(default_factory=dict)
     """Output file -> SHA-256."""
     warnings: list[dict[str, object]] = field(default_factory=list)
     document: Mapping[str, Any] = field(default_factory=dict)
     """The resolved scene."""
     effort: dict[str, float] = field(default_factory=dict)
-    """What the engine did; see `simulate.trajectory.Effort`."""
+    """Work of the engine; see `simulate.trajectory.Effort`."""
     imbalance: float = 0.0
     """Relative error of the energy balance; see `Trajectory.imbalance`."""
     fan: dict[str, Any] | None = None
-    """What draws of the scene's doubts end in, see `pipeline.fanning`.
+    """Outcomes of draws of the scene's doubtful values; see `pipeline.fanning`.
 
-    None where it was not asked for.
+    None if not requested.
     """
     refine: dict[str, Any] | None = None
-    """`backend` and the entries of `Refinement.note`; or `backend` and why it `failed`.
+    """`backend` and the entries of `Refinement.note`; or `backend` and the reason in
+    `failed`.
 
-    None: not requested.
+    None if not requested.
     """
     mark: str = ""
-    """Of all that was asked of the clip; see `batch.finished`."""
+    """Hash of all options of the clip; see `batch.resume`."""
     unrefined: list[str] = field(default_factory=list)
-    """SHA-256 of the RGB bytes of each frame before refinement; empty without one."""
+    """SHA-256 of each frame's RGB bytes before refinement; empty without refinement."""
 
     @contextmanager
     def stage(
@@ -110,7 +107,7 @@ class RunRecord:
             times.cpu += clock() - cpu
 
     def manifest(self) -> dict[str, Any]:
-        """Return the record as JSON data, keys in reading order."""
+        """Return the record as JSON data, with keys in reading order."""
         return {
             "manifest": 1,
             "scene": self.scene,
@@ -146,7 +143,9 @@ class RunRecord:
 
 
 def versions(refine: Mapping[str, Any] | None = None) -> dict[str, str]:
-    """Return versions of physgen, Python and the libraries whose results reach the output, also in `refine`."""
+    """Return the versions of physgen, Python and all libraries with an influence on the
+    output, also in `refine`.
+    """
     return _read_versions() | {
         name: str(refine[name]) for name in REFINING if refine and name in refine
     }
@@ -159,7 +158,10 @@ def _read_versions() -> dict[str, str]:
 
 
 def _installed_version(name: str) -> str:
-    """Read a version from the name of its folder of metadata: to parse that takes as long as to load a scene."""
+    """Read a version from the folder name of the metadata. Parsing the metadata takes
+    as long as loading a scene.
+    """
+    # The first folder of the path has the imported version.
     for place in (place for place in sys.path if place.endswith("-packages")):
         for folder in Path(place).glob(f"{name.replace('-', '_')}-*.dist-info"):
             return folder.stem.partition("-")[2]
@@ -167,9 +169,9 @@ def _installed_version(name: str) -> str:
 
 
 def file_hash(path: Path) -> str:
-    """Compute the SHA-256 of a file, read in blocks.
+    """Compute the SHA-256 of a file in blocks.
 
-    Raise OSError, for what is no plain file too: a pipe never ends.
+    Raise OSError, also for anything but a regular file: reading a pipe never ends.
     """
     if path.exists() and not path.is_file():
         raise OSError(errno.EINVAL, "is no plain file", str(path))
@@ -187,7 +189,8 @@ def frame_hash(rgb: NDArray[np.uint8]) -> str:
 def source_of(path: Path, folder: Path) -> str:
     """Return the path of a scene from a clip's folder.
 
-    Links are followed, except that of the file itself, since its name counts.
+    Links are resolved in the folders, but not for the file itself: its name is the
+    scene's name.
     """
     home = os.path.realpath(path.parent)
     return Path(
@@ -196,17 +199,18 @@ def source_of(path: Path, folder: Path) -> str:
 
 
 def write_json(path: Path, data: object) -> None:
-    """Write indented UTF-8 JSON, under its final name when it is complete."""
+    """Write indented UTF-8 JSON. It appears under its final name when complete."""
     text = json.dumps(data, indent=1, ensure_ascii=False, default=str) + "\n"
-    write_atomic(
-        path, text.encode("utf-8", "backslashreplace")
-    )  # the path of a folder need not be text
+    # Paths may contain bytes without a character.
+    write_atomic(path, text.encode("utf-8", "backslashreplace"))
 
 
 def inputs(
     scene: Scene, path: Path, digest: Callable[[Path], str] = file_hash
 ) -> dict[str, str]:
-    """Hashes of the scene file, the photo and every map, by path relative to the scene's folder."""
+    """Return the hashes of the scene file, the photo and every map, by path relative to
+    the scene's folder.
+    """
     files = [path, *scene.files]
     if scene.image is not None:
         files.append(scene.image)

@@ -1,4 +1,6 @@
-"""Words about a scene for people: its title, its first sentence, and the origin of its masks."""
+"""Words about a scene for people: its title, its first sentence, and the origin of its
+masks.
+"""
 
 from __future__ import annotations
 
@@ -10,14 +12,14 @@ from typing import Any
 from physgen.scene.files import RECORD
 
 HEAD_BYTES = 4096
-"""Of a scene file that are read for its opening comment."""
+"""Number of bytes to read for a scene file's opening comment."""
 LONGEST_SENTENCE = 160
-"""Characters; a longer one is cut at a word."""
+"""Maximum number of characters; a longer sentence is cut at a word."""
 PERCEIVED = "perceived"
 HAND_MADE = "hand-made masks"
 
 _PLAIN = re.compile(r"\w+(?:[-_]\w+)*").fullmatch
-"""Names of which words can be made; those of a sweep hold settings."""
+"""Match a name that can become words. Names in sweeps hold settings."""
 _SENTENCE = re.compile(r".+?[.!?](?=\s|$)")
 
 
@@ -34,7 +36,7 @@ def title_of(name: str) -> str:
 
 
 def first_sentence(text: str) -> str:
-    """Return the first sentence of the comment that opens a scene file; empty without one.
+    """Return the first sentence of a scene file's opening comment; empty without one.
 
     >>> first_sentence("# A break, from\\n# above. It is ours.\\nphysgen: 1\\n")
     'A break, from above.'
@@ -55,7 +57,7 @@ def first_sentence(text: str) -> str:
 
 
 def sentence_of(file: Path) -> str:
-    """Return the first sentence of a scene file; empty if it cannot be read."""
+    """Return the first sentence of a scene file, or "" for an unreadable file."""
     try:
         with file.open("rb") as stream:
             head = stream.read(HEAD_BYTES)
@@ -65,9 +67,10 @@ def sentence_of(file: Path) -> str:
 
 
 def masks_from(document: Mapping[str, Any], inputs: Mapping[str, str]) -> str:
-    """Return the origin of the masks of a rendered scene; empty without masks.
+    """Return the origin of the masks of a rendered scene, or "" without masks.
 
-    `perceive` leaves its record among the assets, which are inputs of the clip; masks without it are hand-made.
+    `perceive` writes its record into the assets, which are inputs of the clip. Masks
+    without a record are hand-made.
     """
     objects = document.get("objects", {}).values()
     if not any(item.get("mask") is not None for item in objects):

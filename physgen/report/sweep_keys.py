@@ -1,4 +1,6 @@
-"""Keys that `--set` gave different values: the axes of a sweep, and the filters of a gallery."""
+"""Keys with different values of `--set`: the axes of a sweep, and the filters of a
+gallery.
+"""
 
 from __future__ import annotations
 
@@ -16,25 +18,27 @@ from physgen.scene.schema import inner, load_expanded_schema
 from physgen.text import KeyPath, dotted
 
 Value = float | str
-"""Of a value in a document: `("objects", "ball", "mass")`."""
+"""A value in a document at a path such as `("objects", "ball", "mass")`."""
 
 MOST_KEYS = 24
-"""Keys that a gallery offers."""
+"""Maximum number of keys in a gallery."""
 
 
 @dataclass(frozen=True)
 class SweptKey:
-    """One key in which clips differ."""
+    """A key with different values in several clips."""
 
     path: str
-    """As `--set` takes it: `objects.*.mass`."""
+    """Path in the syntax of `--set`: `objects.*.mass`."""
     name: str
-    """As short as is unambiguous: `mass`, `ball mass`, `impulse x`."""
+    """Shortest unambiguous name: `mass`, `ball mass`, `impulse x`."""
     unit: str
     values: tuple[Value | None, ...]
-    """One per clip; None where it is not known."""
+    """One per clip; None if unknown."""
     follows: bool
-    """It splits the clips exactly as an earlier key does, as gravity follows the scale."""
+    """True if it splits the clips exactly as an earlier key does, as gravity follows
+    the scale.
+    """
 
     @property
     def numeric(self) -> bool:
@@ -44,9 +48,10 @@ class SweptKey:
 
 
 def swept_keys(clips: Sequence[Clip]) -> list[SweptKey]:
-    """Return keys of `--set`, in its order, whose values differ between clips of one photo.
+    """Return keys of `--set`, in its order, with different values in clips of one
+    photo.
 
-    Clips that were not given one have the value of their scene.
+    Clips without a setting have the value of their scene.
     """
     rows = _differing_keys(clips)
     names = [dotted(path) for path, _ in rows[:MOST_KEYS]]
@@ -58,9 +63,10 @@ def swept_keys(clips: Sequence[Clip]) -> list[SweptKey]:
         for value, clip in zip(values, clips, strict=True):
             if clip.document:
                 distinct_values.append(value)
+        # Two keys with the same split are one axis: the second follows the first.
         split = tuple(distinct_values.index(value) for value in distinct_values)
         short_name = " ".join(parts).replace("_", " ")
-        # A text has a unit of its own.
+        # A text contains its own unit.
         has_text = any(isinstance(value, str) for value in values)
         key_unit = "" if has_text else unit(path)
         follows = split in splits
@@ -70,10 +76,12 @@ def swept_keys(clips: Sequence[Clip]) -> list[SweptKey]:
 
 
 def _differing_keys(clips: Sequence[Clip]) -> list[tuple[KeyPath, list[Value | None]]]:
-    """Return paths that `--set` gave, with the value of each clip, if they differ between clips of one photo."""
+    """Return the paths of `--set` with the value of each clip, if clips of one photo
+    differ.
+    """
     edits = [_edits(clip) for clip in clips]
     subjects = {clip.subject for clip in clips if clip.document}
-    # A clip that failed is of the only subject, too.
+    # A failed clip has no document; assume the only subject.
     only_subject = subjects.pop() if len(subjects) == 1 else ""
     paths = dict.fromkeys(path for edit in edits for path in edit)
     rows = []
@@ -92,9 +100,9 @@ def _differing_keys(clips: Sequence[Clip]) -> list[tuple[KeyPath, list[Value | N
 
 
 def _edits(clip: Clip) -> dict[KeyPath, Value]:
-    """Return values that `--set` gives a clip, with `*` for every name.
+    """Return the values of `--set` for a clip, with `*` for every name.
 
-    The last of a key counts.
+    The last setting of a key counts.
     """
     edits: dict[KeyPath, Value] = {}
     for text in clip.overrides:
@@ -109,7 +117,7 @@ def _edits(clip: Clip) -> dict[KeyPath, Value]:
 
 
 def _leaves(value: Any, path: KeyPath) -> Iterator[tuple[KeyPath, Value]]:
-    """Yield numbers and words below a path; lists by component."""
+    """Yield the numbers and words below a path, with lists by component."""
     if isinstance(value, Mapping | list):
         for key, child in (
             value.items() if isinstance(value, Mapping) else enumerate(value)
@@ -124,7 +132,7 @@ def _leaves(value: Any, path: KeyPath) -> Iterator[tuple[KeyPath, Value]]:
 
 
 def _value(document: Any, path: KeyPath) -> Value | None:
-    """Return the value of a scene at a path; None if it has none."""
+    """Return the value of a scene at a path, or None without one."""
     for key in path:
         try:
             document = document[key]
@@ -134,7 +142,8 @@ def _value(document: Any, path: KeyPath) -> Value | None:
 
 
 def shortest_names(paths: Sequence[str]) -> list[list[str]]:
-    """Return the fewest last parts of each path that are unambiguous; components are x, y and z.
+    """Return the fewest unambiguous last parts of each path, with components as x, y
+    and z.
 
     >>> shortest_names(["objects.*.mass", "objects.cue.velocity.0", "objects.cue.friction", "world.table.friction"])
     [['mass'], ['velocity', 'x'], ['cue', 'friction'], ['table', 'friction']]
@@ -155,7 +164,9 @@ def shortest_names(paths: Sequence[str]) -> list[list[str]]:
 
 
 def _path_parts(path: str) -> list[str]:
-    """Return the parts of a path without `*`; a component at its end as x, y or z."""
+    """Return the parts of a path without `*`; a component at its end becomes
+    x, y or z.
+    """
     parts = [part for part in re.findall(r"[^.\[\]]+", path) if part != "*"]
     if parts[-1] in ("0", "1", "2"):
         parts[-1] = "xyz"[int(parts[-1])]
@@ -163,16 +174,19 @@ def _path_parts(path: str) -> list[str]:
 
 
 def _least_parts(parts: Sequence[str]) -> int:
-    """Return how many last parts mean something at all."""
+    """Return the minimum number of last parts with a meaning."""
     is_component = parts[-1] in ("x", "y", "z")
     count = 2 if is_component or parts[-2:-1] == ["table"] else 1
+    # An index alone says nothing: add the name of the list.
     while count < len(parts) and parts[-count].isdecimal():
         count += 1
     return min(count, len(parts))
 
 
 def unit(path: KeyPath) -> str:
-    """Return the unit of the value at a path of a scene, by the schema; a name may be `*`."""
+    """Return the unit of the value at a path of a scene, from the schema. A name may be
+    `*`.
+    """
     part, result = inner(load_expanded_schema(), path[0]), ""
     for key in path[1:]:
         result = str((part or {}).get("x-unit", result))

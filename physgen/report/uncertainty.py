@@ -28,36 +28,37 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SectionLimits:
-    """What the section shows at most."""
+    """Maximum sizes of the section."""
 
     widest: int = 1000
     quality: int = 80
-    """px of the photo below the paths, and of its JPEG."""
+    """Width of the photo below the paths, px, and quality of its WebP."""
     most_draws: int = 64
     most_points: int = 100_000
-    """Draws whose paths are drawn, and points of all paths; further draws are left out."""
+    """Maximum number of draws with paths, and of points of all paths."""
     path_error: float = 0.25
-    """px of a canvas 640 px wide by which a drawn path may deviate."""
+    """Maximum deviation of a drawn path, px of a canvas 640 px wide."""
     visible: float = 0.01
-    """Of the canvas's longer side: shorter paths are not drawn."""
+    """Minimum length of a visible path over the canvas's longer side."""
 
 
 LIMITS = SectionLimits()
 
 
 def uncertainty_section(
-    fan: Ensemble, found: Sequence[Verdict], world: World, first: U8
+    fan: Ensemble, verdicts: Sequence[Verdict], world: World, first: U8
 ) -> dict[str, Any]:
-    """Return the section on uncertainty; `found` are the ensemble's verdicts.
+    """Return the section on uncertainty; `verdicts` are the ensemble's verdicts.
 
-    `ways` are paths of bodies in draws, `own` those in the clip, `rows` the table.
+    `ways` are paths of bodies in draws, `own` the paths in the clip, `rows` the table.
     """
+    # The page must stay quick with many objects.
     points = len(fan.times) * max(len(fan.names), 1)
     shown = fan.whole[: max(2, min(LIMITS.most_draws, LIMITS.most_points // points))]
     ways = _paths(fan, shown, world)
     fates = {way["fate"] for way in ways}
     return {
-        "headline": headline(fan, found),
+        "headline": headline(fan, verdicts),
         "photo": webp(fit_to_side(first, LIMITS.widest), LIMITS.quality),
         "facts": _facts(fan),
         "ways": ways,
@@ -72,7 +73,7 @@ def uncertainty_section(
             for f in sorted(Fate, reverse=True)
             if f.name.lower() in fates
         ],
-        "rows": [_row(verdict) for verdict in found],
+        "rows": [_row(verdict) for verdict in verdicts],
         "failures": [str(problem) for problem in fan.failures],
     }
 
@@ -89,10 +90,10 @@ def _facts(fan: Ensemble) -> str:
     )
 
 
-def _paths(fan: Ensemble, shown: Sequence[int], world: World) -> list[dict[str, Any]]:
-    """Return the paths, those of rare fates last, so that they stay visible."""
+def _paths(fan: Ensemble, draws: Sequence[int], world: World) -> list[dict[str, Any]]:
+    """Return the paths. Rare fates come last, so that they stay visible."""
     found = []
-    for k in shown:
+    for k in draws:
         path = fan.outcomes[k]
         assert path is not None
         for b in range(len(fan.names)):
@@ -103,7 +104,8 @@ def _paths(fan: Ensemble, shown: Sequence[int], world: World) -> list[dict[str, 
 
 
 def _path(points: Array, world: World) -> str:
-    """Return path data with no more corners than are visible; empty if the body hardly moves."""
+    """Return path data with visible corners only, or "" if the body hardly moves."""
+    # Resting bodies would only add dots.
     if np.hypot(*np.ptp(points, axis=0)) < LIMITS.visible * max(world.size):
         return ""
     error = LIMITS.path_error * max(world.size) / 640

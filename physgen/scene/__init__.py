@@ -1,1 +1,1 @@
-"""Scene file (text) -> frozen Scene, or every problem in it at once."""
+"""Read a scene file into a frozen Scene, or report all of its problems at once."""

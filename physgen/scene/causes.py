@@ -1,8 +1,8 @@
-"""Find the overlay key that made a value wrong, for messages about overlays.
+"""Find the overlay key behind a wrong value, for messages about overlays.
 
-A variant that removes `objects.ball` makes a force on `ball` wrong, in a line that the
-variant does not contain. Such a problem moves to the key of the overlay, and keeps the
-place of the wrong value as its origin.
+If a variant removes `objects.ball`, a force on `ball` is wrong, in a line outside the
+variant. Such a problem moves to the key of the overlay, and keeps the place of the
+wrong value as its origin.
 """
 
 from __future__ import annotations
@@ -21,13 +21,16 @@ Check = Callable[[Node], Iterable[Problem]]
 """Returns the problems of a tree."""
 
 MOST_KEYS = 200
-"""Keys of an extending file that are tried as the cause, each by one check."""
+"""Maximum number of keys of an extending file to try as the cause, each by
+one check.
+"""
 
 
 def name_edits(
     problems: Iterable[Problem], root: Node, edits: Sequence[Edit], check: Check
 ) -> list[Problem]:
     """Return the problems of a tree after `edits`, each at the edit that caused it."""
+    # A value of an edit is its own cause; other problems need checks of partial trees.
     writers = {place: edit for edit in edits for place in _places(edit.value)}
     located_problems = []
     pending = []
@@ -47,7 +50,7 @@ def name_edits(
 
 
 def _dotted_key_advice(edit: Edit) -> str:
-    """Return how to set one value, for an edit that replaces a whole section."""
+    """Return advice on setting one value, for an edit that replaces a whole section."""
     value = edit.value
     path = [edit.key]
     while isinstance(value.value, dict) and value.value:
@@ -61,9 +64,13 @@ def _dotted_key_advice(edit: Edit) -> str:
 def _move_to_cause(
     problem: Problem, causes: dict[Problem, Edit], edits: Sequence[Edit]
 ) -> Problem:
-    """Return the problem at the edit that caused it, where it is if none is known."""
+    """Return the problem at the edit that caused it, or unchanged without a known
+    cause.
+    """
     edit = causes.get(problem)
     if edit is None:
+        # Without a cause, the problem stays at the value. It is the variant's if all
+        # edits are.
         variants = {edit.variant for edit in edits}
         return replace(problem, variant=variants.pop() if len(variants) == 1 else "")
     place = edit.value.key_place
@@ -74,6 +81,7 @@ def _first_edits(
     root: Node, edits: Sequence[Edit], check: Check
 ) -> dict[Problem, Edit]:
     """Return the edit after which each problem first appears."""
+    # A single edit caused all new problems: one check replaces the search.
     if len(edits) == 1:
         last = edits[0]
         return dict.fromkeys(check(apply(root, last)), last)
@@ -81,6 +89,8 @@ def _first_edits(
     for edit in edits:
         root = apply(root, edit)
         current = dict.fromkeys(check(root))
+        # A problem may vanish again by a later edit: only problems of the last tree
+        # count.
         causes = {problem: causes.get(problem, edit) for problem in current}
     return causes
 
@@ -88,17 +98,20 @@ def _first_edits(
 def name_extending_keys(
     problems: Iterable[Problem], chain: Sequence[Node], check: Check
 ) -> list[Problem]:
-    """Return the problems of files that extend each other, each at the key that caused it.
+    """Return the problems of extended files, each at the key that caused it.
 
-    `chain` holds the trees, the file that was opened first. A problem of the last file
-    alone stays at its place.
+    `chain` holds the trees, from the opened file to its last base. Problems of the last
+    file alone keep their places.
     """
     pending = dict.fromkeys(problems)
     located_problems = []
+    # From the last base to the opened file: the first file with the problem is its
+    # cause.
     for number in range(len(chain) - 2, -1, -1):
         inherited_scene = merge_bases(chain[number + 1 :])
         inherited_problems = set(check(inherited_scene))
         own_places = set(_places(chain[number]))
+        # New problems outside this file's own lines: one of its keys must cause them.
         wrong = [
             p for p in check(merge_bases(chain[number:])) if p not in inherited_problems
         ]
@@ -116,21 +129,24 @@ def name_extending_keys(
 
 
 def _causes(
-    problems: Sequence[Problem], over: Node, below: Node, check: Check
+    problems: Sequence[Problem], extension: Node, base: Node, check: Check
 ) -> Iterator[tuple[Problem, Node]]:
-    """Yield each problem that disappears without one key of `over`, and that key."""
+    """Yield each problem that disappears without one key of `extension`, and
+    the key.
+    """
     pending = list(problems)
-    for path, node in islice(_keys(over, (), 3), MOST_KEYS):
+    for path, node in islice(_keys(extension, (), 3), MOST_KEYS):
         if not pending:
             return
-        left = set(check(merge_bases([_remove_key(over, path), below])))
+        # The key is the cause if the problem disappears with it.
+        left = set(check(merge_bases([_remove_key(extension, path), base])))
         solved_problems = [problem for problem in pending if problem not in left]
         pending = [problem for problem in pending if problem in left]
         yield from ((problem, node) for problem in solved_problems)
 
 
 def _keys(node: Node, path: KeyPath, depth: int) -> Iterator[tuple[KeyPath, Node]]:
-    """Yield the keys of a file that replace or remove something of another file."""
+    """Yield the keys of a file that replace or remove a value of another file."""
     if not isinstance(node.value, dict):
         return
     for key, child in node.value.items():
@@ -158,7 +174,7 @@ def _mapping(node: Node) -> dict[str, Node]:
 
 
 def _places(node: Node) -> Iterator[Place]:
-    """Yield the places of a value, of its key and of all that it contains."""
+    """Yield the places of a value, of its key and of all of its content."""
     yield node.place
     yield node.key_place
     for child in (*_mapping(node).values(), *items(node)):

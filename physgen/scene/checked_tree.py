@@ -1,4 +1,4 @@
-"""A tree whose rules are checked, and the checks that several kinds of rules share."""
+"""The tree under check, and the common checks of several kinds of rules."""
 
 from __future__ import annotations
 
@@ -24,16 +24,18 @@ class Ground:
     image: Path | None = None
     assets: Path | None = None
     outlines: dict[int, tuple[int, Any, str | None]] = field(default_factory=dict)
-    """Stored shapes by id in masks.png: the CRC of the mask, the shape as plain data, and its `solid`."""
+    """Stored shapes by id in masks.png: the CRC of the mask, the shape as plain data,
+    and its `solid`.
+    """
     wholes: dict[int, Any] = field(default_factory=dict)
-    """Shapes with their hidden parts, by id in masks.png, as plain data."""
+    """Shapes with their hidden parts as plain data, by id in masks.png."""
     record: Record = field(default_factory=Record)
     perceived_size: tuple[int, int] | None = None
-    """Of the photo that the assets were made of, px, where the photo is another one."""
+    """Size of the photo behind the assets, px, if it is not the scene's photo."""
 
 
 class CheckedTree:
-    """A tree with the problems that the schema found in it, to which rules add theirs."""
+    """A tree with the schema's problems, to which rules add theirs."""
 
     def __init__(self, root: Node, findings: Findings) -> None:
         self.root, self.findings = root, findings
@@ -43,7 +45,7 @@ class CheckedTree:
         self.report = findings.report
 
     def valid_keys(self, node: Node | None) -> dict[str, Node]:
-        """Return the keys of a mapping whose values satisfy the schema."""
+        """Return the keys of a mapping with valid values."""
         return {
             key: part
             for key, part in children(node).items()
@@ -52,7 +54,8 @@ class CheckedTree:
 
 
 def check_rising(tree: CheckedTree, knots: list[Node], path: KeyPath) -> None:
-    """Report the first knot whose time does not start at 0 or rise."""
+    """Report the first knot with a time out of order. Times start at 0 and rise."""
+    # Only the first fault is reported: later knots often repeat it.
     before: Any = None
     for index, knot in enumerate(knots):
         time = items(knot)[0]
@@ -70,7 +73,7 @@ def check_rising(tree: CheckedTree, knots: list[Node], path: KeyPath) -> None:
 def report_time_order(
     tree: CheckedTree, time: Node, path: KeyPath, before: float, kind: str
 ) -> None:
-    """Add the problem of a time that is not after the one before it."""
+    """Report a time that is not after the previous one."""
     problem = Message.TIMES_NOT_RISING.problem(
         time.place, path, shown(time.value), before=number(before), items=kind
     )
@@ -78,9 +81,10 @@ def report_time_order(
 
 
 def check_object_name(tree: CheckedTree, node: Node, path: KeyPath) -> None:
-    """Adds a problem where a value names no object of the scene."""
+    """Report a value that does not name an object of the scene."""
     if str(node.value) in tree.objects:
         return
+    # An empty scene has no similar name to suggest.
     fix = "write it under objects first"
     if tree.objects:
         fix = one_of(str(node.value), list(tree.objects))
@@ -89,7 +93,7 @@ def check_object_name(tree: CheckedTree, node: Node, path: KeyPath) -> None:
 
 
 def report_pixel_count(tree: CheckedTree, size: Node, path: str, example: str) -> None:
-    """Add the problem of a canvas or a video that is too large."""
+    """Report a canvas or a video with too many pixels."""
     width, height = read_integers(size)
     problem = Limit.PIXELS.problem(size.place, path, f"{width} x {height}")
     tree.report(replace(problem, fix=f"{problem.fix}, e.g. {example}"))

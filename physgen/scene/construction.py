@@ -1,4 +1,4 @@
-"""Constructs the frozen Scene from a checked tree."""
+"""Construct the frozen Scene from a checked tree."""
 
 from __future__ import annotations
 
@@ -33,19 +33,24 @@ from physgen.text import KeyPath, dotted, natural
 T = TypeVar("T")
 
 EARTH = 9.8
-"""m/s², the gravity of the paper's code; times pixels_per_meter where a scene names none."""
+"""Gravity of the paper's code, m/s². Multiplied by pixels_per_meter, it is the default
+of scenes.
+"""
 
 
 def scene_from_tree(
     root: Node, record: Record, name: str, source: Source, ground: Ground
 ) -> parts.Scene:
-    """Return the scene of a checked tree, called `name`; `source` is the file that was opened.
+    """Return the scene of a checked tree, with the name `name`; `source` is the opened
+    file.
 
-    `record` is what perception wrote, and what followed from it since.
-
-    Named parts stand in the natural order of their names, so that no number depends on the order of keys in a file.
+    `record` is the record of perception with later consequences. Named parts have the
+    natural order of their names, so that no number depends on the order of keys in a
+    file.
     """
     scene_data = to_plain_data(root)
+    # Defaults come before the construction, so that the manifest's document has them
+    # too.
     data = with_defaults(scene_data)
     for own_name, entry in scene_data.get("objects", {}).items():
         item = data["objects"][own_name]
@@ -55,12 +60,15 @@ def scene_from_tree(
             if isinstance(entry.get("mask"), int)
             else None
         )
+        # The file's own shape has its own solid; the stored one belongs to the stored
+        # shape.
         if (
             stored_shapes is not None
             and stored_shapes[2] is not None
             and "shape" not in entry
         ):
             item.setdefault("solid", stored_shapes[2])
+    # Paths of an extended file start at its own folder.
     for key in ("image", "assets"):
         node = children(root).get(key)
         if node is not None and node.source.folder != source.folder:
@@ -68,6 +76,8 @@ def scene_from_tree(
                 os.path.relpath(node.source.folder / str(node.value), source.folder)
             ).as_posix()
     world = data["world"]
+    # The default of gravity depends on the scale and the view, and cannot be in the
+    # schema.
     if "gravity" not in world:
         down = (
             round(EARTH * world["pixels_per_meter"], 9)
@@ -76,12 +86,14 @@ def scene_from_tree(
         )
         world["gravity"] = [0, down]
     for item in data["objects"].values():
+        # Without mass and density, objects have the density 1 g/px².
         if "mass" not in item and "density" not in item:
             item["density"] = 1
     assert ground.size is not None
     return parts.Scene(
         name=name,
         folder=source.folder,
+        # Real paths: a link that changes later must not change a loaded scene.
         image=None if ground.image is None else Path(os.path.realpath(ground.image)),
         size=ground.size,
         assets=None if ground.assets is None else Path(os.path.realpath(ground.assets)),
@@ -118,17 +130,19 @@ def scene_from_tree(
 
 
 def _has_unit(node: Node | None) -> bool:
-    """Return whether a vector of the file was written with a unit."""
+    """Return whether a vector was written with a unit."""
     return any(item.text is not None for item in items(node))
 
 
 def refinement(item: Mapping[str, Any]) -> parts.Refine:
-    """Return `refine:` as plain data, its defaults filled in."""
+    """Return `refine:` as plain data with defaults."""
     return _make(parts.Refine, item)
 
 
 def _places(node: Node, path: KeyPath) -> Iterator[tuple[str, Place]]:
-    """Yield the place of every key's value and of every mapping in a list; points stand in the place of their list."""
+    """Yield the place of every key's value and of every mapping in a list. Points have
+    the place of their list.
+    """
     yield dotted(path), node.place
     if isinstance(node.value, dict):
         for key, child in node.value.items():
@@ -148,20 +162,23 @@ def _make_named(
     return tuple(make(name, section[name]) for name in sorted(section, key=natural))
 
 
-def _make(made: type[T], item: Mapping[str, Any], /, **given: Any) -> T:
-    """A dataclass of the keys of `item`, converted to the types of its fields; None for a key that is not there."""
-    for name, convert in _readers(made):  # type: ignore[arg-type]
+def _make(dataclass_type: type[T], item: Mapping[str, Any], /, **given: Any) -> T:
+    """Return a dataclass of the keys of `item`, converted to the types of its fields.
+    Missing keys become None.
+    """
+    for name, convert in _readers(dataclass_type):  # type: ignore[arg-type]
         if name not in given:
             value = item.get(name)
             given[name] = None if value is None else convert(value)
-    return made(**given)
+    return dataclass_type(**given)
 
 
 @cache
-def _readers(made: Any) -> tuple[tuple[str, Callable[[Any], Any]], ...]:
-    """Name of each field, and what converts its value."""
+def _readers(dataclass_type: Any) -> tuple[tuple[str, Callable[[Any], Any]], ...]:
+    """Return the name of each field, and the converter of its value."""
     readers = (
-        (field.name, str(field.type).removesuffix(" | None")) for field in fields(made)
+        (field.name, str(field.type).removesuffix(" | None"))
+        for field in fields(dataclass_type)
     )
     return tuple(
         (name, _CONVERSIONS.get(text, getattr(parts, text, lambda value: value)))
@@ -212,7 +229,9 @@ _CONVERSIONS: dict[str, Callable[[Any], Any]] = {
     "tuple[str, ...]": tuple,
     "tuple[int, int]": lambda value: (int(value[0]), int(value[1])),
 }
-"""Type of a field -> what makes it of a value of the file; other types are enums, or stay as they are."""
+"""Type of a field -> converter of a value in the file. Other types are enums, or need
+no conversion.
+"""
 
 
 def _object(name: str, item: Mapping[str, Any]) -> parts.Object:
@@ -235,7 +254,7 @@ def _object(name: str, item: Mapping[str, Any]) -> parts.Object:
 
 
 def _add_stored_shape(item: parts.Object, ground: Ground) -> parts.Object:
-    """Return the object with the shape that is stored for its mask."""
+    """Return the object with the shape stored for its mask."""
     stored_shape = (
         ground.outlines.get(item.mask.id)
         if isinstance(item.mask, parts.MaskId)
@@ -253,6 +272,7 @@ def _add_stored_shape(item: parts.Object, ground: Ground) -> parts.Object:
 
 
 def _prompt(value: Mapping[str, Any]) -> parts.BoxPrompt | parts.PointPrompt:
+    # The schema allows exactly one of the two keys.
     if "point" in value:
         return parts.PointPrompt(_pair(value["point"]))
     x, y, width, height = map(float, value["box"])
@@ -272,33 +292,37 @@ def _boundary(name: str, item: Mapping[str, Any]) -> parts.Boundary:
 
 
 SAG = 0.002
-"""px by which a chord of a curve may leave it: less than contacts overlap."""
+"""Maximum distance of a curve from its chords, px: less than the overlap of
+contacts.
+"""
 
 MOST_CHORDS = 2000
-"""Of one curve."""
+"""Maximum number of chords of one curve."""
 
 
 def arc_points(item: Mapping[str, Any]) -> parts.Points:
-    """Return points along an arc, whose chords are within SAG of it."""
+    """Return points along an arc. The chords are within SAG of it."""
     (x, y), radius = _pair(item["center"]), float(item["radius"])
     begin = radians(float(item.get("from", 0.0)))
     turn = radians(float(item.get("to", 360.0))) - begin
+    # The sagitta of a chord is r (1 - cos(angle/2)). The bound keeps small arcs round.
     chord = 2 * acos(max(1 - SAG / radius, 0.9))
     count = min(max(1, ceil(abs(turn) / chord)), MOST_CHORDS)
     angles = [begin + turn * k / count for k in range(count + 1)]
     points = [(x + radius * cos(a), y + radius * sin(a)) for a in angles]
+    # Rounding must not leave a gap in a full circle.
     if abs(abs(turn) - 2 * pi) < 1e-9:
         points[-1] = points[0]
     return tuple(points)
 
 
 def bezier_points(values: Sequence[Sequence[float]]) -> parts.Points:
-    """Return points along cubic Bézier curves, whose chords are within SAG of them."""
+    """Return points along cubic Bézier curves. The chords are within SAG of them."""
     corners = np.array(values, np.float64)
     points = [corners[0]]
     for k in range(0, len(corners) - 1, 3):
         a, b, c, d = corners[k : k + 4]
-        # a chord over 1/n of the parameter leaves the curve by |p''|/(8 n²) at most
+        # The distance of a chord over 1/n of the parameter is at most |p''|/(8 n²).
         bend = 6 * max(np.hypot(*(a - 2 * b + c)), np.hypot(*(b - 2 * c + d)))
         count = min(max(1, ceil(sqrt(bend / (8 * SAG)))), MOST_CHORDS)
         t = np.arange(1, count + 1)[:, None] / count
@@ -385,6 +409,7 @@ NUMBERS_OF_FIELD = (
 
 def _light(item: Mapping[str, Any]) -> parts.Light:
     x, y, z = (float(value) for value in item["direction"])
+    # The file may have a direction of any length.
     length = (x * x + y * y + z * z) ** 0.5
     direction = (x / length, y / length, z / length)
     return _make(
@@ -394,9 +419,8 @@ def _light(item: Mapping[str, Any]) -> parts.Light:
 
 def _render(item: Mapping[str, Any]) -> parts.Render:
     camera = item.get("camera", ())
-    views = (
-        [{"time": 0, **camera}] if isinstance(camera, dict) else camera
-    )  # one view holds all the time
+    # A single view lasts for the whole clip.
+    views = [{"time": 0, **camera}] if isinstance(camera, dict) else camera
     handheld = camera.get("handheld", 0.0) if isinstance(camera, dict) else 0.0
     return _make(
         parts.Render,
@@ -409,7 +433,7 @@ def _render(item: Mapping[str, Any]) -> parts.Render:
 
 
 def _sound_level(item: bool | Mapping[str, Any]) -> parts.SoundLevel | None:
-    """Return the level of `sound:`; None if it is false."""
+    """Return the level of `sound:`, or None for false."""
     if isinstance(item, Mapping):
         return parts.SoundLevel(item.get("level", "peak"))
     return parts.SoundLevel.PEAK if item else None

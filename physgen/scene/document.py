@@ -1,8 +1,10 @@
-"""Text of a scene file to a tree of nodes in which every value has its file, line and column.
+"""Read the text of a scene file into a tree of nodes. Every value has its file, line
+and column.
 
-A scene file is untrusted input. It is read as a stream of events and never composed by PyYAML, whose C composer calls
-itself for each level and can crash; limits are counted while it is read. Plain scalars follow the core schema of YAML
-1.2 (section 10.3.2): PyYAML follows YAML 1.1, where `on` is true, `1.0e6` is text and `1:30` is 90.
+A scene file is untrusted input. It is read as a stream of events and never composed by
+PyYAML: its C composer recurses for each level and can crash. Limits are checked during
+reading. Plain scalars follow the core schema of YAML 1.2 (section 10.3.2): PyYAML
+follows YAML 1.1, where `on` is true, `1.0e6` is text and `1:30` is 90.
 """
 
 from __future__ import annotations
@@ -33,7 +35,9 @@ from physgen.text import dotted, quoted
 Scalar = bool | int | float | str | None
 
 MAX_NUMBER = 310
-"""Characters of the longest number: more than any float needs, and far below Python's limit on int(text)."""
+"""Maximum number of characters of a number: more than any float needs, and far below
+Python's limit on int(text).
+"""
 
 _WORDS: dict[str, bool | None] = {
     **dict.fromkeys(("", "~", "null", "Null", "NULL")),
@@ -51,14 +55,17 @@ _STARTS = frozenset("+-.0123456789")
 def resolve(text: str) -> Scalar:
     """Return the value of a plain (unquoted) scalar.
 
-    Raises RefusedError for NaN, infinities and numbers too long or too large for a float.
+    Raise RefusedError for NaN, infinities and numbers too long or too large for a
+    float.
 
     >>> [resolve(t) for t in ("on", "1.0e6", "0x1F", "0o17", "~", "True", "1_000", "-.5")]
     ['on', 1000000.0, 31, 15, None, True, '1_000', -0.5]
     """
     if not text or text[0] not in _STARTS:
+        # The longest word is shorter than six letters: most texts need no lookup.
         return _WORDS.get(text, text) if len(text) < 6 else text
     if _NUMBER(text):
+        # Integers stay exact: ids of masks must not become floats.
         if "." not in text and "e" not in text and "E" not in text:
             return int(text) if len(text) < 20 else int(_short(text))
         number = float(text) if len(text) < 30 else float(_short(text))
@@ -80,18 +87,22 @@ def _short(text: str) -> str:
 
 @dataclass(frozen=True)
 class Source:
-    """What a value was written in: a file, or a flag of the command line."""
+    """The origin of a value: a file, or a flag of the command line."""
 
-    name: str  # as messages show it: the path as given, or `--set KEY=VALUE`
-    folder: Path  # where the paths written in it start
+    # Name in messages: the path as given, or `--set KEY=VALUE`.
+    name: str
+    # Start of relative paths in this source.
+    folder: Path
 
 
 @dataclass(slots=True, eq=False, repr=False)
 class Node:
-    """One value with its place: a scalar, a list of Nodes or a dict of Nodes. Nodes are never changed.
+    """One value with its place: a scalar, a list of Nodes or a dict of Nodes. Nodes are
+    never changed.
 
-    `line` and `column` count from 1 and are 0 for a flag; `key` is the line and column of the key that the
-    value belongs to, None in a list. `text` is the quantity that a number was converted from: `5 mm`.
+    `line` and `column` count from 1 and are 0 for a flag. `key` is the line and column
+    of the value's key, None in a list. `text` is the quantity before its conversion to
+    a number: `5 mm`.
     """
 
     value: Scalar | list[Node] | dict[str, Node]
@@ -121,7 +132,7 @@ class Node:
 
 
 def to_plain_data(node: Node) -> Any:
-    """Return the data alone: scalars, lists and dicts."""
+    """Return only the data: scalars, lists and dicts."""
     value = node.value
     if isinstance(value, dict):
         return {key: to_plain_data(child) for key, child in value.items()}
@@ -131,7 +142,7 @@ def to_plain_data(node: Node) -> Any:
 
 
 def children(node: Node | None, *keys: str) -> dict[str, Node]:
-    """Return the mapping below `keys`, empty where there is none."""
+    """Return the mapping below `keys`, or an empty one."""
     for key in keys:
         node = (
             node.value.get(key)
@@ -142,12 +153,12 @@ def children(node: Node | None, *keys: str) -> dict[str, Node]:
 
 
 def items(node: Node | None) -> list[Node]:
-    """Return the items of a list, none where there is no list."""
+    """Return the items of a list, or an empty list."""
     return node.value if node is not None and isinstance(node.value, list) else []
 
 
 def read_integers(node: Node) -> list[int]:
-    """Return the numbers of a list that the schema says holds whole ones."""
+    """Return the numbers of a list of integers, checked by the schema."""
     numbers: Any = items(node)
     return [int(item.value) for item in numbers]
 
@@ -156,12 +167,15 @@ LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 def decode(data: bytes, name: str) -> str:
-    """Return the text of a scene file; refuse too many bytes and anything but UTF-8."""
+    """Return the text of a scene file. Raise InputError for too many bytes and for
+    anything but UTF-8.
+    """
     if len(data) > Limit.BYTES.most:
         raise Limit.BYTES.error(Place(name))
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
+        # A photo or an archive in place of a scene is the most common mistake.
         if data.startswith((b"\x89PNG", b"\xff\xd8\xff", b"RIFF")):
             raise Message.PICTURE_FOR_SCENE.error(name) from None
         if data.startswith(b"PK\x03\x04"):
@@ -172,26 +186,29 @@ def decode(data: bytes, name: str) -> str:
 
 
 SCENE_START = "`physgen: 1` and `image: photo.png`"
-"""First keys of a scene file, as messages name them."""
+"""First keys of a scene file, for messages."""
 
 
 def read(
-    text: str, source: Source, counted: bool = True, start: str = SCENE_START
+    text: str, source: Source, has_lines: bool = True, start: str = SCENE_START
 ) -> Node:
     """Return the tree of the text of a scene file, a mapping at the top.
 
-    Raises InputError: syntax, limits, aliases and tags end the reading with one problem; duplicate keys and
-    numbers that are not finite are collected. `counted` is False for the value of a flag: it may be anything,
-    and has no line. `start` names the first keys of a file of this kind.
+    Raise InputError. Faults of syntax, limits, aliases and tags end the reading with
+    one problem. Duplicate keys and infinite numbers are collected. `has_lines` is False
+    for the value of a flag, which may have any type and has no line. `start` names the
+    first keys of this kind of file.
     """
-    reader = _Reader(source, counted)
+    reader = _Reader(source, has_lines)
     try:
         root = reader.tree(yaml.parse(text, Loader=LOADER))
     except yaml.YAMLError as error:
         raise InputError([_syntax(error, text, source)]) from None
+    # Collected problems are reported together, after the syntax is known to be right.
     if reader.problems:
         raise InputError(reader.problems)
-    if not counted:
+    # The value of a flag may be empty, which is null.
+    if not has_lines:
         return root if root is not None else Node(None, source)
     if root is None or root.value is None:
         empty = Message.SCENE_EMPTY if start is SCENE_START else Message.FILE_EMPTY
@@ -204,24 +221,30 @@ def read(
 
 
 class _Reader:
-    """Events -> Nodes with a stack of its own, so that depth costs no recursion."""
+    """Converts events to Nodes with its own stack, so that deep files need no
+    recursion.
+    """
 
-    def __init__(self, source: Source, counted: bool) -> None:
+    def __init__(self, source: Source, has_lines: bool) -> None:
         self.source = source
-        self.counted = counted
+        self.has_lines = has_lines
         self.problems: list[Problem] = []
 
     def _place(self, event: Any) -> Place:
-        line = event.start_mark.line + 1 if self.counted else 0
+        line = event.start_mark.line + 1 if self.has_lines else 0
         return Place(self.source.name, line, event.start_mark.column + 1 if line else 0)
 
     def tree(self, events: Iterator[Any]) -> Node | None:
-        source, has_lines = self.source, self.counted
+        source, has_lines = self.source, self.has_lines
         root: Node | None = None
         stack: list[Node] = []
-        parent: Any = None  # the children of stack[-1]
-        key: str | None = None  # of a mapping, waits for its value
-        key_place: tuple[int, int] | None = None  # where the key is
+        # The children of stack[-1].
+        parent: Any = None
+        # Key of a mapping, before its value.
+        key: str | None = None
+        # Place of the key.
+        key_place: tuple[int, int] | None = None
+        # Local names are faster than attributes in the loop over all events.
         documents = nodes = line = column = 0
         most_nodes, most_levels = Limit.VALUES.most, Limit.DEPTH.most
         for event in events:
@@ -235,6 +258,8 @@ class _Reader:
                 or kind is SequenceStartEvent
                 or kind is MappingStartEvent
             ):
+                # Aliases can expand to gigabytes, and tags can construct objects: both
+                # are refused.
                 if event.anchor is not None or event.tag is not None:
                     raise self._refusal(event)
             elif kind is AliasEvent:
@@ -259,7 +284,8 @@ class _Reader:
                 continue
             if kind is ScalarEvent:
                 value: Scalar = event.value
-                if event.implicit[0]:  # plain, not quoted
+                # A quoted scalar is text, even if it looks like a number.
+                if event.implicit[0]:
                     try:
                         value = resolve(event.value)
                     except RefusedError as error:
@@ -273,6 +299,7 @@ class _Reader:
                 )
             if key is not None:
                 node.key = key_place
+                # The first of two equal keys counts; the second is reported.
                 parent.setdefault(key, node)
                 key = None
             elif parent is not None:
@@ -287,17 +314,18 @@ class _Reader:
         return root
 
     def _key(self, event: Any, siblings: dict[str, Node], stack: list[Node]) -> str:
-        """Return the text of a key; one that is repeated or not allowed is reported."""
+        """Return the text of a key. Report a repeated or forbidden one."""
         if type(event) is not ScalarEvent:
             raise self._error(Message.KEY_NOT_TEXT, event)
         key: str = event.value
         if key in siblings:
             first = siblings[key].key
-            line = f", first on line {first[0]}" if first and self.counted else ""
+            line = f", first on line {first[0]}" if first and self.has_lines else ""
             place, key_path = self._place(event), _path(stack, key)
             self._collect(Message.KEY_TWICE.problem(place, key_path, first=line))
         elif key == "<<" and event.implicit[0]:
             raise self._error(Message.MERGE_KEY, event)
+        # The limit is checked during reading, before a huge file fills the memory.
         if len(stack) == 2 and len(siblings) == Limit.OBJECTS.most:
             top = stack[0].value
             assert isinstance(top, dict)
@@ -307,7 +335,8 @@ class _Reader:
 
     def _collect(self, problem: Problem) -> None:
         self.problems.append(problem)
-        if len(self.problems) > 100:  # enough for one message
+        # More problems do not help in one message.
+        if len(self.problems) > 100:
             raise InputError(self.problems)
 
     def _error(self, message: Message, event: Any, **values: object) -> InputError:
@@ -322,7 +351,9 @@ class _Reader:
 
 
 def _path(stack: list[Node], key: str | None) -> str:
-    """Return the dotted path of the value that is being read: the last child of each open collection leads to it."""
+    """Return the dotted path of the current value, through the last child of each open
+    collection.
+    """
     parts: list[str | int] = []
     for node in stack:
         value = node.value
@@ -335,11 +366,11 @@ def _path(stack: list[Node], key: str | None) -> str:
 
 
 _OPEN = re.compile(r"""(?<=[:,\[{-] )(?:"[^"\n]*|'[^'\n]*)$""", re.MULTILINE)
-"""A quote that is opened and not closed in its line."""
+"""An unclosed quote at the end of a line."""
 
 
 def _syntax(error: yaml.YAMLError, text: str, source: Source) -> Problem:
-    """Return PyYAML's message as a Problem, without its pictures."""
+    """Return PyYAML's message as a Problem, without its drawings."""
     fix = ""
     if isinstance(error, yaml.MarkedYAMLError):
         mark = error.problem_mark or error.context_mark
@@ -347,6 +378,9 @@ def _syntax(error: yaml.YAMLError, text: str, source: Source) -> Problem:
             Place(source.name, mark.line + 1, mark.column + 1)
             if mark
             else Place(source.name)
+            # PyYAML reports an unclosed quote at the end of the file. The first open
+            # quote
+            # is the better place.
         )
         text_ = error.problem or error.context or "wrong YAML"
         if error.context and error.problem:
@@ -367,6 +401,8 @@ def _syntax(error: yaml.YAMLError, text: str, source: Source) -> Problem:
             text_, fix = fault.expected, fault.fix
     else:
         position = min(getattr(error, "position", 0), len(text))
+        # The error's position may not be an index into the text: find the character
+        # itself.
         control_character = re.search(
             r"[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", text
         )
@@ -376,11 +412,11 @@ def _syntax(error: yaml.YAMLError, text: str, source: Source) -> Problem:
             source.name, text.count("\n", 0, position) + 1, position - start + 1
         )
         text_ = "control characters are not allowed"
+    # A flag has no lines: its text is the place.
     if source.name.startswith("--set "):
         place = Place(source.name)
-    if (
-        "maximum nesting depth" in text_
-    ):  # libyaml's own limit, from 0.2.6 on, is met before ours is seen
+    # libyaml 0.2.6 and later reach their own limit before ours.
+    if "maximum nesting depth" in text_:
         return Limit.DEPTH.error(place).problems[0]
     fix = fix or next(
         (fix for start, fix in _FIXES if start in text_),

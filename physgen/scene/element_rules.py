@@ -56,7 +56,7 @@ NEEDED = {
     "belt": "velocity",
     "turntable": "spin",
 }
-"""Kind of a joint or field -> the key without which it has no effect."""
+"""Kind of a joint or field -> its required key, without which it has no effect."""
 
 OWNER = {
     **dict.fromkeys(("stiffness", "damping"), ("spring", "finger")),
@@ -75,39 +75,40 @@ OWNER = {
     "velocity": ("belt",),
     "spin": ("turntable",),
 }
-"""Key of a joint or field -> the only kinds that it belongs to."""
+"""Key of a joint or field -> the only kinds with this key."""
 
 MOST_GROUPS = 32
-"""Collision groups: the engine has a bit for each."""
+"""Maximum number of collision groups: the engine has a bit for each."""
 
 SAME_POINT = 1e-9
-"""px: to what a float of 10^6 px resolves."""
+"""Maximum distance of equal points, px: the resolution of a float at 10^6 px."""
 
 
 def check_groups(
     tree: CheckedTree,
 ) -> None:
-    """Add problems of collision groups that nothing has, and of friction that grows with sliding."""
+    """Report unknown collision groups, and friction that grows during sliding."""
+    # A dict keeps the order of the names for the message.
     names: dict[str, None] = {MAIN_GROUP: None}
     listings: list[tuple[Node, KeyPath]] = []
     for section in ("objects", "boundaries"):
         for name, node in children(tree.root, section).items():
-            good = tree.valid_keys(node)
+            valid_keys = tree.valid_keys(node)
             path: KeyPath = (section, name)
-            if "collision_group" in good:
-                names[str(good["collision_group"].value)] = None
-            for index, group in enumerate(items(good.get("collides_with"))):
+            if "collision_group" in valid_keys:
+                names[str(valid_keys["collision_group"].value)] = None
+            for index, group in enumerate(items(valid_keys.get("collides_with"))):
                 place: KeyPath = (*path, "collides_with", index)
                 listings.append((group, place))
-            _check_static_friction(tree, good, path)
-            _check_one_way(tree, good, path)
+            _check_static_friction(tree, valid_keys, path)
+            _check_one_way(tree, valid_keys, path)
     _check_group_names(tree, listings, list(names))
 
 
 def _check_group_names(
     tree: CheckedTree, listings: list[tuple[Node, KeyPath]], names: list[str]
 ) -> None:
-    """Add problems of groups that nothing has, and of more groups than the engine knows."""
+    """Report unknown groups, and more groups than the engine has bits."""
     for group, where in listings:
         if str(group.value) not in names and group not in tree.findings.bad:
             fix = one_of(str(group.value), names)
@@ -123,22 +124,25 @@ def _check_group_names(
         tree.report(problem)
 
 
-def _check_one_way(tree: CheckedTree, good: dict[str, Node], path: KeyPath) -> None:
-    """Add a problem if a way has no direction."""
-    way = good.get("one_way")
+def _check_one_way(
+    tree: CheckedTree, valid_keys: dict[str, Node], path: KeyPath
+) -> None:
+    """Report a one-way direction of zero."""
+    way = valid_keys.get("one_way")
     if way is not None and not any(number_of(one) for one in items(way)):
         key: KeyPath = (*path, "one_way")
         tree.report(Message.ONE_WAY_ZERO.problem(way.place, key, "[0, 0]"))
 
 
 def _check_static_friction(
-    tree: CheckedTree, good: dict[str, Node], path: KeyPath
+    tree: CheckedTree, valid_keys: dict[str, Node], path: KeyPath
 ) -> None:
-    """Add a problem if what slides has more friction than what does not."""
-    node = good.get("static_friction")
+    """Report a static friction below the sliding friction."""
+    node = valid_keys.get("static_friction")
     if node is None:
         return
-    friction = good.get("friction")
+    friction = valid_keys.get("friction")
+    # Objects and boundaries have different defaults.
     default = find_schema_part(f"{path[0]}.*")["properties"]["friction"]["default"]
     least = default if friction is None else number_of(friction)
     if number_of(node) < least:
@@ -154,7 +158,9 @@ def _check_static_friction(
 def check_forces(
     tree: CheckedTree,
 ) -> None:
-    """Add problems of forces: unknown objects, kinds, keys without an effect, and times."""
+    """Report faults of forces: unknown objects, kinds, keys without effect,
+    and times.
+    """
     for index, node in enumerate(items(tree.top.get("forces"))):
         if not isinstance(node.value, dict):
             continue
@@ -162,6 +168,7 @@ def check_forces(
         if "object" in tree.valid_keys(node):
             check_object_name(tree, node.value["object"], (*path, "object"))
         kind = _find_kind(tree, node, path, FORCES)
+        # Keys without effect are reported: the user expects an effect.
         if kind == "torque" and "at" in node.value:
             _report_no_effect(
                 tree,
@@ -170,17 +177,17 @@ def check_forces(
                 "a torque turns the body as a whole",
             )
         if kind == "impulse" and "profile" in node.value:
-            why = "an impulse is given at once"
-            _report_no_effect(tree, node.value["profile"], (*path, "profile"), why)
+            reason = "an impulse is given at once"
+            _report_no_effect(tree, node.value["profile"], (*path, "profile"), reason)
         table = children(tree.valid_keys(node).get("profile")).get("table")
         check_rising(tree, items(table), (*path, "profile", "table"))
         if kind == "impulse" and "duration" in node.value:
-            why = "an impulse is given at once"
-            _report_no_effect(tree, node.value["duration"], (*path, "duration"), why)
+            reason = "an impulse is given at once"
+            _report_no_effect(tree, node.value["duration"], (*path, "duration"), reason)
 
 
 def check_joints(tree: CheckedTree, section: str) -> None:
-    """Add problems of the joints, or of the fields, of a scene: `section` is a key of KINDS."""
+    """Report faults of the joints or fields of a scene. `section` is a key of KINDS."""
     for name, node in children(tree.root, section).items():
         path: KeyPath = (section, name)
         bad, objects = tree.findings.bad, items(children(node).get("objects"))
@@ -205,25 +212,25 @@ def check_joints(tree: CheckedTree, section: str) -> None:
 
 
 def _check_magnet(tree: CheckedTree, node: Node, path: KeyPath) -> None:
-    """Add problems of the names of a magnet."""
-    parts, good = children(node), tree.valid_keys(node)
-    names = items(good.get("magnet"))
+    """Report faults of a magnet's names."""
+    parts, valid_keys = children(node), tree.valid_keys(node)
+    names = items(valid_keys.get("magnet"))
     for index, item in enumerate(names):
         check_object_name(tree, item, (*path, "magnet", index))
     if names and "objects" in parts:
-        why = "the magnet names its objects"
-        _report_no_effect(tree, parts["objects"], (*path, "objects"), why)
+        reason = "the magnet names its objects"
+        _report_no_effect(tree, parts["objects"], (*path, "objects"), reason)
     if len({str(item.value) for item in names}) < len(names):
-        place = good["magnet"].place
+        place = valid_keys["magnet"].place
         tree.report(Message.NAMED_TWICE.problem(place, (*path, "magnet")))
     _check_finger(tree, node, path)
 
 
 def _check_finger(tree: CheckedTree, node: Node, path: KeyPath) -> None:
-    """Add problems of the knots of a finger, and of one on two objects."""
-    parts, good = children(node), tree.valid_keys(node)
+    """Report faults of a finger's knots, and a finger on two objects."""
+    parts, valid_keys = children(node), tree.valid_keys(node)
     before: Any = None
-    for index, knot in enumerate(items(good.get("finger"))):
+    for index, knot in enumerate(items(valid_keys.get("finger"))):
         now: Any = items(knot)[0].value
         where: KeyPath = (*path, "finger", index, 0)
         time = items(knot)[0]
@@ -245,48 +252,52 @@ def _check_finger(tree: CheckedTree, node: Node, path: KeyPath) -> None:
 def _check_joint(
     tree: CheckedTree, node: Node, path: KeyPath, names: list[Any]
 ) -> None:
-    """Add problems of a gear of one object, a rail without length, and a drive that is missing."""
-    parts, good = children(node), tree.valid_keys(node)
+    """Report a gear on one object, a rail without length, and a missing drive."""
+    parts, valid_keys = children(node), tree.valid_keys(node)
     if "gear" in parts and len(names) == 1:
         place = parts["objects"].place
         tree.report(Message.GEAR_ON_ONE.problem(place, (*path, "objects")))
-    if "gear" in good and good["gear"].value == 0:
-        place = good["gear"].place
+    if "gear" in valid_keys and valid_keys["gear"].value == 0:
+        place = valid_keys["gear"].place
         tree.report(Message.GEAR_ZERO.problem(place, (*path, "gear"), "0"))
-    _check_joint_ends(tree, good, path)
+    _check_joint_ends(tree, valid_keys, path)
     if "force" in parts and "drive" not in parts and "slider" in parts:
         fix = advice(find_schema_part("joints.*")["properties"]["drive"])
         key: KeyPath = (*path, "drive")
         message = Message.FORCE_WITHOUT_DRIVE
         tree.report(message.problem(node.place, key, fix=fix))
-    _check_rope(tree, good, path)
+    _check_rope(tree, valid_keys, path)
 
 
-def _check_joint_ends(tree: CheckedTree, good: dict[str, Node], path: KeyPath) -> None:
-    """Add a problem if a rail or a pulley's rope has no length."""
-    has_length = "length" in good and number_of(good["length"]) > 0
+def _check_joint_ends(
+    tree: CheckedTree, valid_keys: dict[str, Node], path: KeyPath
+) -> None:
+    """Report a rail or a rope without length."""
+    has_length = "length" in valid_keys and number_of(valid_keys["length"]) > 0
     for kind in ("slider", "pulley", "rope"):
+        # A rope of a stated length may begin at its own end.
         if kind == "rope" and has_length:
             continue
-        ends = points_of(good[kind]) if kind in good else []
+        ends = points_of(valid_keys[kind]) if kind in valid_keys else []
         for one, other in pairwise(ends[:2] if kind == "slider" else ends):
             if max(abs(a - b) for a, b in zip(one, other, strict=True)) < SAME_POINT:
-                place = good[kind].place
+                place = valid_keys[kind].place
                 tree.report(Message.SAME_ENDS.problem(place, (*path, kind)))
                 break
 
 
-def _check_rope(tree: CheckedTree, good: dict[str, Node], path: KeyPath) -> None:
-    """Add a problem if a rope is shorter than the way between its points."""
+def _check_rope(tree: CheckedTree, valid_keys: dict[str, Node], path: KeyPath) -> None:
+    """Report a rope shorter than the distance of its points."""
     for kind in ("rope", "pulley"):
-        if kind not in good or "length" not in good:
+        if kind not in valid_keys or "length" not in valid_keys:
             continue
         least = sum(
             hypot(one[0] - other[0], one[1] - other[1])
-            for one, other in pairwise(points_of(good[kind]))
+            for one, other in pairwise(points_of(valid_keys[kind]))
         )
-        if number_of(good["length"]) < least - SAME_POINT * least:
-            length = good["length"]
+        # The tolerance is relative: lengths may be thousands of px.
+        if number_of(valid_keys["length"]) < least - SAME_POINT * least:
+            length = valid_keys["length"]
             problem = Message.ROPE_SHORT.problem(
                 length.place, (*path, "length"), shown(length.value), least=least
             )
@@ -296,14 +307,17 @@ def _check_rope(tree: CheckedTree, good: dict[str, Node], path: KeyPath) -> None
 def _find_kind(
     tree: CheckedTree, node: Node, path: KeyPath, kinds: tuple[str, ...]
 ) -> str | None:
-    """Return the one kind that a mapping has; a problem where it has none or several."""
+    """Return the only kind of a mapping. Report a mapping without a kind, or with
+    several.
+    """
     given = [key for key in kinds if key in children(node)]
     if len(given) == 1:
         return given[0]
     known = find_schema_part(f"{path[0]}.*" if path[0] in KINDS else "forces")
     known = known.get("items", known)["properties"]
     if not given and any(key not in known for key in children(node)):
-        return None  # the message about the unknown key lists the kinds
+        # The message about the unknown key lists the kinds.
+        return None
     content = f"has {listed(given, 'and')}" if given else f"has no {listed(kinds)}"
     problem = Message.NOT_ONE_KEY.problem(
         node.place, path, content=content, kinds=listed(kinds, "and")
@@ -313,7 +327,9 @@ def _find_kind(
 
 
 def _check_kind(tree: CheckedTree, node: Node, path: KeyPath, section: str) -> None:
-    """A joint or a field has exactly one kind, the key that it needs, and none of other kinds."""
+    """Report a joint or field unless it has one kind, the required key of the kind, and
+    no keys of other kinds.
+    """
     kind = _find_kind(tree, node, path, KINDS[section])
     if kind is None:
         return
@@ -326,18 +342,20 @@ def _check_kind(tree: CheckedTree, node: Node, path: KeyPath, section: str) -> N
     for key, owner in OWNER.items():
         if key in parts and kind not in owner:
             owners = listed([_a(one) for one in owner])
-            why = f"only {owners} has it, and this is {_a(kind)}"
-            _report_no_effect(tree, parts[key], (*path, key), why)
+            reason = f"only {owners} has it, and this is {_a(kind)}"
+            _report_no_effect(tree, parts[key], (*path, key), reason)
 
 
-def _report_no_effect(tree: CheckedTree, node: Node, path: KeyPath, why: str) -> None:
-    """Add the problem of a key without an effect."""
+def _report_no_effect(
+    tree: CheckedTree, node: Node, path: KeyPath, reason: str
+) -> None:
+    """Report a key without effect."""
     message = Message.HAS_NO_EFFECT
-    tree.report(message.problem(node.key_place, path, why=why))
+    tree.report(message.problem(node.key_place, path, why=reason))
 
 
 def _a(word: str) -> str:
-    """Return a word with its article; substances have none."""
+    """Return a word with its article. Substances have none."""
     if word in ("air", "water", "wind"):
         return word
     return f"{'an' if word[0] in 'aeiou' else 'a'} {word}"

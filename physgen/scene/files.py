@@ -1,8 +1,8 @@
-"""Paths written in a scene file -> files that may be read; a scene file is untrusted input.
+"""Resolve paths in a scene file to readable files. A scene file is untrusted input.
 
-The image and the assets of a file stay below that file's own folder. `extends` may also name a file in a
-sibling folder: it stays below the parent of the folder of the scene that was opened. Symbolic links are
-followed first. `--allow-outside` lifts both rules.
+The image and the assets of a file must be below its own folder. `extends` may also name
+a file in a sibling folder, below the parent folder of the opened scene. Symbolic links
+are resolved first. `--allow-outside` lifts both rules.
 """
 
 from __future__ import annotations
@@ -37,59 +37,72 @@ MAPS = (
     "albedo",
     "shading",
 )
-"""The files `NAME.png` of an assets folder."""
+"""Names of the maps `NAME.png` in an assets folder."""
 OUTLINES = "outlines.json"
-"""Of the same folder: id in masks.png -> the CRC-32 of its pixels, and a shape as in scene files."""
+"""File in assets: id in masks.png -> CRC-32 of its pixels, and a shape as in scene
+files.
+"""
 RECORD = "perceived.json"
-"""Of the same folder: which backend did each step of perceiving, and the values that it wrote."""
+"""File in assets: the backend of each step of perception, and the written values."""
 CACHE_FOLDER = "cache"
-"""Of the same folder: decoded maps and sprites; all may be removed."""
+"""Folder in assets: decoded maps and sprites, which may be removed."""
 OVERVIEW = "overview.png"
-"""Of the same folder: a picture of what perception found, for people; nothing reads it."""
+"""File in assets: a picture of the perceived objects for people. No program
+reads it.
+"""
 DATA = (OUTLINES, RECORD)
 ASSETS = (*(f"{name}.png" for name in MAPS), *DATA)
 
 
 def resolve_confined(
-    written: str,
+    path_text: str,
     folder: Path,
-    within: Path,
+    limit_folder: Path,
     allow_outside: bool,
-    what: str = "the scene's folder",
+    folder_name: str = "the scene's folder",
 ) -> Path:
-    """Return the path that `written` means in `folder`; raises RefusedError when it leads out of `within`."""
-    if "\0" in written:
+    """Return the path of `path_text` in `folder`. Raise RefusedError for a path outside
+    `limit_folder`.
+    """
+    # The operating system refuses such names with an exception of Python.
+    if "\0" in path_text:
         raise Message.NOT_IN_PATH.refusal()
-    if max(len(os.fsencode(part)) for part in written.split("/")) > Limit.NAME.most:
+    if max(len(os.fsencode(part)) for part in path_text.split("/")) > Limit.NAME.most:
         raise Limit.NAME.refusal()
-    path = folder / written
+    path = folder / path_text
     if allow_outside:
         return path
-    if os.path.isabs(written) or written[1:3] in (":\\", ":/"):
-        raise Message.PATH_ABSOLUTE.refusal(folder=what)
+    # Windows paths too, so that a file means the same on every system.
+    if os.path.isabs(path_text) or path_text[1:3] in (":\\", ":/"):
+        raise Message.PATH_ABSOLUTE.refusal(folder=folder_name)
     try:
-        real, root = os.path.realpath(path), os.path.realpath(within)
+        # Links are resolved first: a link inside the folder may lead outside.
+        real, root = os.path.realpath(path), os.path.realpath(limit_folder)
     except (OSError, ValueError):
         raise Message.PATH_BROKEN.refusal() from None
     if os.path.commonpath([real, root]) != root:
-        raise Message.PATH_OUTSIDE.refusal(folder=what)
+        raise Message.PATH_OUTSIDE.refusal(folder=folder_name)
     return path
 
 
 def read_scene(path: Path, name: str) -> Node:
-    """Return the tree of one file, `name` being its path as messages show it. Raises InputError."""
+    """Return the tree of one file; `name` is its path for messages. Raise
+    InputError.
+    """
     data = scene_bytes(path, name)
     return read(decode(data, name), Source(name, Path(os.path.abspath(path)).parent))
 
 
 def scene_bytes(path: Path, name: str) -> bytes:
-    """Read a file, up to one byte more than it may have. Raise InputError."""
+    """Read a file, up to one byte more than the limit. Raise InputError."""
     try:
+        # A named pipe may block for ever. The shell's `<(...)` is a pipe below /proc.
         if stat.S_ISFIFO(os.stat(path).st_mode) and not os.path.realpath(
             path
         ).startswith("/proc/"):
             raise Message.IS_PIPE.error(name)
         with open(path, "rb") as stream:
+            # One byte more tells a file at the limit from a larger one.
             return stream.read(Limit.BYTES.most + 1)
     except IsADirectoryError:
         raise Message.IS_FOLDER.error(name) from None
@@ -106,7 +119,9 @@ def scene_bytes(path: Path, name: str) -> bytes:
 
 
 def read_record(path: Path) -> dict[str, Any]:
-    """Return a `perceived.json`; empty where it cannot be read: it only says whose numbers are whose."""
+    """Return a `perceived.json`, or an empty mapping for an unreadable one: it only
+    distinguishes perception's numbers from the user's.
+    """
     try:
         record = json.loads(scene_bytes(path, RECORD))
     except (InputError, ValueError, RecursionError):
@@ -115,7 +130,7 @@ def read_record(path: Path) -> dict[str, Any]:
 
 
 def read_recorded(assets: Path | None, key: str) -> dict[str, Any]:
-    """Return one mapping of the record of these assets; empty where there is none."""
+    """Return one mapping of the record of these assets, or an empty one."""
     record_value = None if assets is None else read_record(assets / RECORD).get(key)
     return record_value if isinstance(record_value, dict) else {}
 
@@ -123,10 +138,12 @@ def read_recorded(assets: Path | None, key: str) -> dict[str, Any]:
 def read_bases(
     root: Node, file: Path, allow_outside: bool, files: dict[Path, Stamp] | None = None
 ) -> list[Node]:
-    """Return the trees of a file and of all that it extends, `root` first.
+    """Return the trees of a file and of its bases, `root` first.
 
-    The files are added to `files`. Raises InputError.
+    Add the files to `files`. Raise InputError.
     """
+    # Bases may be in sibling folders: the limit is the parent folder of the opened
+    # file.
     home = root.source.folder.parent
     chain = [root]
     visited_paths = {os.path.realpath(file)}
@@ -149,7 +166,7 @@ def read_bases(
 
 
 def merge_bases(chain: Sequence[Node]) -> Node:
-    """Return one tree of files that extend each other, without `extends`."""
+    """Return the merged tree of extended files, without `extends`."""
     tree = chain[-1]
     for extension in reversed(chain[:-1]):
         tree = merge(tree, extension)
@@ -164,10 +181,10 @@ def _base(
     home: Path,
     allow_outside: bool,
     depth: int,
-    seen: set[str],
+    visited_paths: set[str],
     files: dict[Path, Stamp],
 ) -> Node:
-    """Return the tree of the file that `extends` names."""
+    """Return the tree of the file at `extends`."""
 
     def refused(refusal: RefusedError) -> InputError:
         return InputError([refusal.problem(link.place, "extends", shown(link.value))])
@@ -189,113 +206,129 @@ def _base(
     if path.suffix.lower() not in SUFFIXES:
         raise refused(Message.NOT_SCENE_FILE.refusal())
     real = os.path.realpath(path)
-    if real in seen:
+    # Real paths find a cycle through links too.
+    if real in visited_paths:
         raise refused(Message.EXTENDS_ITSELF.refusal())
-    seen.add(real)
+    visited_paths.add(real)
     try:
         mode = os.stat(path).st_mode
     except (OSError, ValueError):
         fix = "write the path of a scene file, relative to this one"
-        fix = similar(link.value, path, SUFFIXES, fix, seen)
+        fix = similar(link.value, path, SUFFIXES, fix, visited_paths)
         raise refused(Message.DOES_NOT_EXIST.refusal(fix=fix)) from None
     if not stat.S_ISREG(mode):
         raise refused(Message.EXTENDS_NOT_FILE.refusal())
-    files[path] = file_stamp(path)  # before it is read: a save in between is noticed
+    # The stamp is taken before reading, so that a save in between is noticed.
+    files[path] = file_stamp(path)
     return read_scene(path, name_relative(link.source.name, link.value))
 
 
-def name_relative(name: str, written: str) -> str:
-    """What a path `written` in a file is called that is called `name`.
+def name_relative(name: str, path_text: str) -> str:
+    """Return the name of a path in the file `name`.
 
     >>> name_relative("pool/scene.yaml", "../base/scene.yaml")
     'base/scene.yaml'
     """
-    return os.path.normpath(os.path.join(os.path.dirname(name), written))
+    return os.path.normpath(os.path.join(os.path.dirname(name), path_text))
 
 
 def similar(
-    written: str,
+    path_text: str,
     path: Path,
     ends: tuple[str, ...],
     fix: str,
     besides: Collection[str] = (),
 ) -> str:
-    """The fix where nothing has a `path`: a similar name there with one of the `ends`, / of a folder, else `fix`."""
-    folder, parent_folder = path.parent, os.path.dirname(written.rstrip("/"))
+    """Return the fix for a missing `path`: a similar name in its folder with one of the
+    `ends` (/ for a folder), or `fix`.
+    """
+    folder, parent_folder = path.parent, os.path.dirname(path_text.rstrip("/"))
     names = sorted((*glob("*", root_dir=folder), *glob("*/", root_dir=folder)))
     names = [
         n
         for n in names
         if n.lower().endswith(ends) and os.path.realpath(folder / n) not in besides
     ]
+    # Only names in the same folder: a search elsewhere would reveal names of other
+    # files.
     close = get_close_matches(path.name, names, 1)
     if not close:
         return fix
     return did_you_mean(os.path.join(parent_folder, close[0].rstrip("/")))
 
 
-def image_size(path: Path, written: str) -> tuple[int, int]:
-    """Return the width and height from the header of an image, `written` in a scene; no pixel is decoded.
+def image_size(path: Path, path_text: str) -> tuple[int, int]:
+    """Return the width and height of an image from its header, without decoding pixels.
 
-    Raises RefusedError.
+    `path_text` is the path in the scene. Raise RefusedError.
     """
     from physgen.photos import open_picture, orientation
 
     if not (path.is_file() or path.is_dir()):
         fix = "write the path of an image, relative to this file"
-        fix = similar(written, path, (".png", ".jpg", ".jpeg", ".webp"), fix)
+        fix = similar(path_text, path, (".png", ".jpg", ".jpeg", ".webp"), fix)
         raise Message.DOES_NOT_EXIST.refusal(fix=fix)
     try:
         with open_picture(path, SCENE_FORMATS) as image:
             size, turn = image.size, orientation(image)
     except InputError as error:
         raise error.problems[0].refusal() from None
+    # Maps belong to the stored pixels, without the rotation in EXIF.
     if turn != 1:
         raise Message.PICTURE_TURNED.refusal()
     return size
 
 
 WRITTEN = 1e-5
-"""Relative difference of equal numbers: scenes are written with six digits or more."""
+"""Maximum relative difference of equal numbers. Scenes are written with six digits or
+more.
+"""
 
 
 @dataclass(frozen=True)
 class Record:
-    """What perception wrote, from `perceived.json` in the assets; empty where that is unknown."""
+    """The record of perception from `perceived.json` in the assets; empty if
+    unknown.
+    """
 
     objects: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    """By id in masks.png, an object's entry with its `from`; of older versions by name, without `from`."""
+    """By id in masks.png: an object's entry with its `from`. Older versions wrote it by
+    name, without `from`.
+    """
     world: Mapping[str, Any] = field(default_factory=dict)
     maps: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """What 0 and 65535 stand for in depth.png and shading.png."""
+    """Meaning of 0 and 65535 in depth.png and shading.png."""
     comments: frozenset[str] = frozenset()
-    """All that perception wrote into the file; any other comment is a user's."""
+    """Comments of perception in the file. Any other comment is the user's."""
 
     @property
     def scale(self) -> float | None:
-        """Return px/m for which the values are; None where that is unknown."""
+        """Return the scale behind the values, px/m, or None if unknown."""
         value = self.world.get("pixels_per_meter")
         is_scale = isinstance(value, int | float) and 0 < value < inf
         return float(value) if is_scale else None  # type: ignore[arg-type]
 
-    def entry(self, name: str, own: Mapping[str, Any]) -> Mapping[str, Any]:
-        """What was written of an object, whose data is `own` now."""
-        return self.objects.get(str(own.get("mask"))) or self.objects.get(name) or {}
+    def entry(self, name: str, item_data: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return the recorded entry of an object with the current data `item_data`."""
+        return (
+            self.objects.get(str(item_data.get("mask"))) or self.objects.get(name) or {}
+        )
 
     def sources(
-        self, own: Mapping[str, Any], filled: Mapping[str, Any], name: str
+        self, item_data: Mapping[str, Any], full_data: Mapping[str, Any], name: str
     ) -> dict[str, str]:
-        """Return `from` of an object: its own, or as it was recorded, without values that a user has changed since.
+        """Return `from` of an object: its own, or the recorded one, without values that
+        the user has changed.
 
-        `own` is the object's data as it is written, in numbers; `filled` the same with defaults.
+        `item_data` is the object's data in the file, in numbers; `full_data` also has defaults.
         """
-        wrote = self.entry(name, own)
-        sources = own["from"] if "from" in own else wrote.get("from")
+        wrote = self.entry(name, item_data)
+        sources = item_data["from"] if "from" in item_data else wrote.get("from")
         return {
             key: text
             for key, text in (sources.items() if isinstance(sources, Mapping) else ())
             if isinstance(text, str)
-            and (key not in wrote or equal(filled.get(key), wrote[key]))
+            and (key not in wrote or equal(full_data.get(key), wrote[key]))
         }
 
 
@@ -303,9 +336,10 @@ UNKNOWN = Record()
 
 
 def read_written_record(path: Path) -> Record:
-    """Return the record at a path; what has another form than it should is left out."""
+    """Return the record at a path. Leave out malformed parts."""
     record = read_record(path)
     try:
+        # Earlier versions wrote `values`.
         entries = record.get("objects") or record.get("values") or {}
         objects = {
             key: entry for key, entry in entries.items() if isinstance(entry, dict)
@@ -336,16 +370,18 @@ def read_written_record(path: Path) -> Record:
         return Record()
 
 
-def equal(one: object, other: object, within: float = WRITTEN) -> bool:
-    """Return whether two values are equal; numbers but for the digits that are not written, or `within`."""
-    if isinstance(one, Mapping) and isinstance(other, Mapping):
-        return one.keys() == other.keys() and all(
-            equal(one[key], other[key], within) for key in one
+def equal(first: object, second: object, within: float = WRITTEN) -> bool:
+    """Return whether two values are equal. Numbers may differ by the unwritten digits,
+    or by `within`.
+    """
+    if isinstance(first, Mapping) and isinstance(second, Mapping):
+        return first.keys() == second.keys() and all(
+            equal(first[key], second[key], within) for key in first
         )
-    if isinstance(one, list | tuple) and isinstance(other, list | tuple):
-        return len(one) == len(other) and all(
-            equal(*pair, within) for pair in zip(one, other, strict=True)
+    if isinstance(first, list | tuple) and isinstance(second, list | tuple):
+        return len(first) == len(second) and all(
+            equal(*pair, within) for pair in zip(first, second, strict=True)
         )
-    if isinstance(one, int | float) and isinstance(other, int | float):
-        return isclose(one, other, rel_tol=WRITTEN, abs_tol=within)
-    return one == other
+    if isinstance(first, int | float) and isinstance(second, int | float):
+        return isclose(first, second, rel_tol=WRITTEN, abs_tol=within)
+    return first == second

@@ -1,4 +1,4 @@
-"""Loads a scene file: inheritance, variants, overrides, checks, and the frozen Scene."""
+"""Load a scene file: inheritance, variants, overrides, checks, and the frozen Scene."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ from physgen.text import KeyPath, dotted, quoted
 
 
 class OpenedScene:
-    """A scene file that was read and checked, for any number of its variants.
+    """A checked scene file, for any number of its variants.
 
-    While it is being edited, `text` is its future content.
+    For an edit, `text` is the future content of the file.
     """
 
     def __init__(
@@ -63,6 +63,7 @@ class OpenedScene:
         self.allow_outside = allow_outside
         name = os.fspath(path)
         self._source = Source(name, Path(os.path.abspath(self.file)).parent)
+        # The stamp is taken before reading, so that a save in between is noticed.
         self._stamps = {self.file: file_stamp(self.file)} if text is None else {}
         own_problems = (
             read_scene(self.file, name)
@@ -75,24 +76,24 @@ class OpenedScene:
         self.variants = tuple(name for name, _ in variants_of(self._root))
         self._own = Findings()
         self.ground = _check(in_numbers(self._root), self._own, self._files)
-        """The photo and the assets of the file itself, as far as they can be used."""
+        """The photo and the assets of the file itself, if usable."""
 
     @cached_property
     def variant_problems(self) -> tuple[Problem, ...]:
-        """Return the problems of each variant that the file itself does not have.
+        """Return the problems of each variant, without those of the file itself.
 
-        They do not keep the file and its other variants from being used.
+        A faulty variant does not block the file and its other variants.
         """
         return tuple(_problems_of_variants(self._root, self._own, self._files))
 
     def document(self) -> dict[str, Any]:
-        """As plain YAML data, with what it extends and without any default."""
+        """Return the plain YAML data with the bases, without defaults."""
         data = to_plain_data(self._root)
         assert isinstance(data, dict)
         return data
 
     def place(self, path: KeyPath) -> Place:
-        """Return where the value at a path is written, or the nearest above it."""
+        """Return the place of the value at a path, or of the nearest ancestor."""
         node = self._root
         for key in path:
             child_nodes = children(node).get(str(key))
@@ -102,17 +103,20 @@ class OpenedScene:
         return node.place
 
     def stale(self) -> bool:
-        """Return whether the file, or one that it extends, was written since."""
+        """Return whether the file or one of its bases has changed."""
         return any(file_stamp(file) != stamp for file, stamp in self._stamps.items())
 
     def scene(
         self, overrides: Sequence[str] = (), variant: str | None = None
     ) -> parts.Scene:
-        """With one of its variants and `KEY=VALUE` overrides on top; raises InputError with all problems."""
+        """Return the scene with one variant and `KEY=VALUE` overrides. Raise InputError
+        with all problems.
+        """
         report = Findings()
         edits = _edits(self._root, overrides, variant, self._source)
         edited_root = _apply_edits(self._root, edits)
         ground = _check(in_numbers(edited_root), report, self._files)
+        # The slow search for causes runs only after a fault.
         if report.problems:
             raise InputError(self._at_causes(report, edits))
         scene = scene_from_tree(
@@ -134,6 +138,7 @@ class OpenedScene:
             problem for problem in report.problems if problem in self._own.problems
         ]
         new = [problem for problem in report.problems if problem not in own_problems]
+        # A file without bases is itself the cause.
         if len(self._chain) > 1:
             own_problems = name_extending_keys(own_problems, self._chain, check)
         return [*own_problems, *name_edits(new, self._root, edits, check)]
@@ -145,10 +150,11 @@ def load(
     variant: str | None = None,
     allow_outside: bool = False,
 ) -> parts.Scene:
-    """Return the scene of a file, with what it extends, one of its variants and `KEY=VALUE` overrides on top.
+    """Return the scene of a file with its bases, one variant and `KEY=VALUE` overrides.
 
-    A variant that fails keeps neither the file nor its other variants from being loaded. Paths in the file stay below
-    its folder unless `allow_outside`; see files.py. Raises InputError with all problems, sorted by place.
+    A faulty variant does not block the file and its other variants. Paths in the file
+    must be below its folder unless `allow_outside`; see files.py. Raise InputError with
+    all problems, sorted by place.
     """
     return OpenedScene(path, allow_outside).scene(overrides, variant)
 
@@ -156,9 +162,12 @@ def load(
 def _edits(
     root: Node, overrides: Sequence[str], variant: str | None, source: Source
 ) -> list[Edit]:
-    """Return the edits of a variant and of the overrides; raises InputError with all that are malformed."""
+    """Return the edits of a variant and of the overrides. Raise InputError with all
+    malformed ones.
+    """
     problems: list[Problem] = []
     edits: list[Edit] = []
+    # Malformed variants are missing here; the schema reports them.
     variants = dict(variants_of(root))
     if variant in variants:
         edits += edits_of_variant(variants[variant], variant)
@@ -172,27 +181,29 @@ def _edits(
     if not problems:
         return edits
     try:
+        # Also apply the valid edits, so that all faults appear in one message.
         _apply_edits(root, edits)
     except InputError as error:
         problems += error.problems
     raise InputError(dict.fromkeys(problems))
 
 
-def _unknown_variant(variant: str, known: Sequence[str]) -> Problem:
-    """Return the problem with `--variant`."""
-    fix = one_of(variant, known) if known else "the file has no variants"
+def _unknown_variant(variant: str, names: Sequence[str]) -> Problem:
+    """Return the problem of `--variant`."""
+    fix = one_of(variant, names) if names else "the file has no variants"
     place = Place(f"--variant {quoted(variant, '')}")
     return Message.UNKNOWN_VARIANT.problem(place, "", quoted(variant), fix=fix)
 
 
 def _apply_edits(root: Node, edits: Sequence[Edit]) -> Node:
-    """Return the tree after the edits; raises InputError with every edit that cannot be made."""
+    """Return the tree after the edits. Raise InputError with all impossible edits."""
     problems: list[Problem] = []
     left = Limit.SET.most
     for edit in edits:
         if edit.variant:
             left -= targets(root, edit) * _values(edit.value)
-        if left < 0:  # at once: no other problem may be looked for in such a tree
+        # Stop at once: checking such a large tree would take minutes.
+        if left < 0:
             raise edit.error(Limit.SET.refusal())
         try:
             root = apply(root, edit)
@@ -218,12 +229,17 @@ def _problems(root: Node, files: Files) -> dict[Problem, None]:
     return report.problems
 
 
-def _problems_of_variants(root: Node, own: Findings, files: Files) -> Iterator[Problem]:
-    """Yield problems of each variant that the file itself, whose problems are in `own`, does not have."""
+def _problems_of_variants(
+    root: Node, own_findings: Findings, files: Files
+) -> Iterator[Problem]:
+    """Yield problems of each variant, without the problems `own_findings` of
+    the file itself.
+    """
     variants = list(variants_of(root))
-    if not variants or len(own.problems) > 100:
+    if not variants or len(own_findings.problems) > 100:
         return
     edits = sum(1 + len(children(node)) for _, node in variants)
+    # The work is the product of variants and values: both may be allowed alone.
     if edits * _values(root) > Limit.CHECKS.most:
         place = children(root)["variants"].key_place
         yield from Limit.CHECKS.error(place, "variants").problems
@@ -236,7 +252,7 @@ def _problems_of_variants(root: Node, own: Findings, files: Files) -> Iterator[P
         if left < 0:
             yield from (edits_of_one[-1].error(Limit.SET.refusal()).problems)
             return
-        problems = _problems_of_variant(root, edits_of_one, own, files)
+        problems = _problems_of_variant(root, edits_of_one, own_findings, files)
         yield from problems
         count += len(problems)
         if count > MAX_PROBLEMS:
@@ -244,16 +260,16 @@ def _problems_of_variants(root: Node, own: Findings, files: Files) -> Iterator[P
 
 
 def _problems_of_variant(
-    root: Node, edits: Sequence[Edit], own: Findings, files: Files
+    root: Node, edits: Sequence[Edit], own_findings: Findings, files: Files
 ) -> list[Problem]:
-    """Return the problems of one variant that are not those of the file itself."""
+    """Return the problems of one variant, without those of the file itself."""
     from physgen.scene.causes import name_edits
 
     try:
         problems = _problems(_apply_edits(root, edits), files)
     except InputError as error:
         return error.problems
-    new = [problem for problem in problems if problem not in own.problems]
+    new = [problem for problem in problems if problem not in own_findings.problems]
     return name_edits(new, root, edits, lambda tree: _problems(tree, files))
 
 
@@ -264,7 +280,7 @@ def _values(node: Node) -> int:
 
 
 def scene_name(file: Path) -> str:
-    """Return the file's stem, or its folder's name where the file is called `scene.yaml`."""
+    """Return the file's stem, or its folder's name for a file `scene.yaml`."""
     return (
         Path(os.path.abspath(file)).parent.name
         if file.name == "scene.yaml"
@@ -273,9 +289,11 @@ def scene_name(file: Path) -> str:
 
 
 def _apply_consequences(root: Node, file: Node, ground: Ground) -> tuple[Node, Record]:
-    """Return the tree in numbers, with what follows from labels and scale that a user changed, and the record of that.
+    """Return the tree in numbers, with the consequences of changed labels and scale,
+    and their record.
 
-    What an override, a variant or a file beside the perceived one says never follows; `file` is the tree before edits.
+    Values of overrides, variants and other files than the perceived one stay unchanged.
+    `file` is the tree before edits.
     """
     record, tree = ground.record, in_numbers(root)
     if not record.objects or ground.size is None:
@@ -307,6 +325,8 @@ def _apply_consequences(root: Node, file: Node, ground: Ground) -> tuple[Node, R
         key = dotted(path)
         node = _find_node(root, path)
         written_node = children(root, *path[:-1]).get(path[-1])
+        # Only values of the perceived file follow: an edit or another file states its
+        # value on purpose.
         if written_node is not None and (
             written_node.source != home
             or written_node is not children(file, *path[:-1]).get(path[-1])
@@ -322,7 +342,7 @@ def _apply_consequences(root: Node, file: Node, ground: Ground) -> tuple[Node, R
 
 
 def _find_node(root: Node, path: KeyPath) -> Node:
-    """Return the node at a path, or the nearest above it."""
+    """Return the node at a path, or the nearest ancestor."""
     for key in path:
         root = children(root).get(str(key), root)
     return root

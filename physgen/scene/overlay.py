@@ -1,7 +1,8 @@
-"""Trees -> one tree: what a file inherits (deep merge), and edits by dotted key (variants and `--set`).
+"""Combine trees: inheritance (deep merge), and edits by dotted key (variants and
+`--set`).
 
-The order is extends < file < variant < --set. Trees are never changed: each step shares what it leaves alone,
-so a Node that was checked once needs no second check.
+The order is extends < file < variant < --set. Trees are never changed: each step shares
+unchanged nodes, so that a checked Node needs no second check.
 """
 
 from __future__ import annotations
@@ -18,59 +19,67 @@ from physgen.scene.schema import schema_at
 from physgen.text import KeyPath, counted, dotted, nearest, quoted
 
 SEALED = ("extends", "variants")
-"""Keys that no edit may touch: they are done with before edits apply."""
+"""Keys forbidden in edits: they are resolved before edits apply."""
 
 NAMED = ("objects", "boundaries", "joints", "fields", "variants")
-"""Sections whose keys are names that the file's author chose."""
+"""Sections with names as keys."""
 
 _PART = re.compile(r"([^.\[\]]+)((?:\[(?:\d{1,9}|\*)\])*)(?:\.|$)")
 
 
 @cache
 def rivals(schema_path: KeyPath) -> Mapping[str, frozenset[str]]:
-    """Key -> keys of the same mapping that it rules out: mass and density, kinds of shape, mask and wall."""
+    """Return excluded keys of the same mapping by key: mass and density, kinds of
+    shape, mask and wall.
+    """
     part = schema_at(schema_path)
     if part is None:
         return {}
     groups = [list(group) for group in part.get("x-exclusive", [])]
+    # Kinds of shapes, masks and profiles exclude each other.
     if part.get("maxProperties") == 1:
         groups.append(list(part["properties"]))
     return {key: frozenset(group) - {key} for group in groups for key in group}
 
 
 def kind_of(path: KeyPath) -> KeyPath:
-    """Return the path with names of objects, boundaries and the like made one, so that `rivals` is asked for few."""
+    """Return the path with one common name for objects, boundaries and so on, so that
+    the cache of `rivals` stays small.
+    """
     return tuple(
         0 if isinstance(key, int) else "*" if n == 1 and path[0] in NAMED else key
         for n, key in enumerate(path)
     )
 
 
-def merge(base: Node, over: Node, path: KeyPath = ()) -> Node:
-    """Merge `over` into `base`: mappings merge, anything else replaces, null removes an inherited key.
+def merge(base: Node, extension: Node, path: KeyPath = ()) -> Node:
+    """Merge `extension` into `base`: mappings merge, other values replace, null removes an
+    inherited key.
 
-    A key of `over` drops the inherited keys that it rules out.
+    A key of `extension` drops the inherited keys that it excludes.
     """
-    if not isinstance(base.value, dict) or not isinstance(over.value, dict):
-        return over
+    if not isinstance(base.value, dict) or not isinstance(extension.value, dict):
+        return extension
     children_by_key = dict(base.value)
     rival_keys = rivals(kind_of(path))
-    for key in over.value:
+    for key in extension.value:
         for rival in rival_keys.get(key, ()):
-            if rival not in over.value:
+            # A file with both keys has a fault, which the rules report.
+            if rival not in extension.value:
                 children_by_key.pop(rival, None)
-    for key, child in over.value.items():
+    for key, child in extension.value.items():
         if key not in children_by_key:
             children_by_key[key] = child
         elif child.value is None:
             del children_by_key[key]
         else:
             children_by_key[key] = merge(children_by_key[key], child, (*path, key))
-    return over.with_value(children_by_key)
+    return extension.with_value(children_by_key)
 
 
 def parse_key(text: str) -> KeyPath | None:
-    """Return the parts of `objects.*.mass` or `forces[0].impulse[1]`, None for no dotted key.
+    """Return the parts of `objects.*.mass` or `forces[0].impulse[1]`, or None for
+    another text.
 
     >>> parse_key("forces[0].impulse[*]")
     ('forces', 0, 'impulse', '[*]')
@@ -79,6 +88,7 @@ def parse_key(text: str) -> KeyPath | None:
     position = 0
     while position < len(text):
         match = _PART.match(text, position)
+        # A limit on the parts bounds the recursion of edits.
         if not match or len(parts) > 60:
             return None
         parts.append(match[1])
@@ -89,18 +99,18 @@ def parse_key(text: str) -> KeyPath | None:
 
 
 class Edit:
-    """One dotted key and the value that it sets; `key_node` is where messages about the key point."""
+    """One dotted key and its new value."""
 
     def __init__(self, key: str, value: Node, path: KeyPath) -> None:
         self.key, self.value, self.path = key, value, path
 
     @property
     def variant(self) -> str:
-        """Return the name of the variant that the edit belongs to, or nothing."""
+        """Return the name of the edit's variant, or ""."""
         return str(self.path[1]) if self.path else ""
 
     def error(self, refusal: RefusedError) -> InputError:
-        """Return the error of an edit that cannot be made."""
+        """Return the error of an impossible edit."""
         path = self.key if self.variant else ""
         problem = refusal.problem(self.value.key_place, path)
         return InputError([replace(problem, variant=self.variant)])
@@ -115,60 +125,71 @@ def edits_of_variant(variant: Node, name: str) -> list[Edit]:
 
 
 def edit_of_flag(text: str, folder: Source) -> Edit:
-    """Return the edit of `KEY=VALUE` of one `--set`; an empty VALUE is null and removes the key."""
+    """Return the edit of `KEY=VALUE` of one `--set`. An empty VALUE is null and removes
+    the key.
+    """
     source = Source(quoted(f"--set {text}", "", 80), folder.folder)
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
         part = "key" if equals else "="
         raise Message.SET_INCOMPLETE.error(source.name, part=part)
-    return Edit(key.strip(), read(value, source, counted=False), ())
+    return Edit(key.strip(), read(value, source, has_lines=False), ())
 
 
 def apply(root: Node, edit: Edit) -> Node:
-    """Return the tree with the value at the edit's key set; parents that are missing are made.
+    """Return the tree with the new value at the edit's key. Missing parents are
+    created.
 
-    Raises InputError with one problem when the key is wrong.
+    Raise InputError with one problem for a wrong key.
     """
     path = parse_key(edit.key)
     if path is None:
         raise edit.error(Message.NOT_DOTTED_KEY.refusal(key=quoted(edit.key)))
     if path[0] in SEALED:
         raise edit.error(Message.KEY_SEALED.refusal(key=path[0]))
+    # `ball.mass` instead of `objects.ball.mass` is a common slip.
     if path[0] in children(root, "objects") and schema_at(path[:1]) is None:
         key = quoted(str(path[0]))
         raise edit.error(Message.KEY_OF_OBJECTS.refusal(key=key, rest=edit.key))
-    return _set(root, path, 0, edit, star=False, at=())
+    return _set(root, path, 0, edit, star=False, place_path=())
 
 
 def _set(
-    node: Node | None, path: KeyPath, depth: int, edit: Edit, star: bool, at: KeyPath
+    node: Node | None,
+    path: KeyPath,
+    depth: int,
+    edit: Edit,
+    star: bool,
+    place_path: KeyPath,
 ) -> Node:
-    """Return the node with path[depth:] set to the edit's value. `at` is where we are in the scene."""
+    """Return the node with the edit's value at path[depth:]. `place_path` is the current path
+    in the scene.
+    """
     if depth == len(path):
         return edit.value
     step = path[depth]
     no_mapping = node is None or isinstance(node.value, list)
     if no_mapping and isinstance(step, str) and step.isdecimal():
-        step = int(step[:9])  # pivot.0 says the same as pivot[0]
+        # `pivot.0` means the same as `pivot[0]`.
+        step = int(step[:9])
         path = (*path[:depth], step, *path[depth + 1 :])
     if isinstance(step, int) or step == "[*]":
-        default = (schema_at(kind_of(at)) or {}).get("default")
-        if (
-            node is None and isinstance(default, list) and default
-        ):  # so that velocity.0 alone can be set
+        default = (schema_at(kind_of(place_path)) or {}).get("default")
+        # The default of a list makes single components possible, as in `velocity.0`.
+        if node is None and isinstance(default, list) and default:
             node = edit.value.with_value(
                 [edit.value.with_value(item) for item in default]
             )
-        return _set_item(node, path, depth, edit, star, at)
+        return _set_item(node, path, depth, edit, star, place_path)
     new_children = dict(children(node))
     if step == "*":
         if node is None or not isinstance(node.value, dict):
-            owner = dotted(at) or "the scene"
+            owner = dotted(place_path) or "the scene"
             raise edit.error(Message.STAR_MATCHES_NOTHING.refusal(owner=owner))
         for key in children(node):
-            _put(new_children, key, path, depth, edit, True, at)
+            _put(new_children, key, path, depth, edit, True, place_path)
     else:
-        _put(new_children, step, path, depth, edit, star, at)
+        _put(new_children, step, path, depth, edit, star, place_path)
     place_node = (
         node if node is not None and isinstance(node.value, dict) else edit.value
     )
@@ -182,73 +203,89 @@ def _set(
 
 
 def _put(
-    changed: dict[str, Node],
+    new_children: dict[str, Node],
     key: str,
     path: KeyPath,
     depth: int,
     edit: Edit,
     star: bool,
-    at: KeyPath,
+    place_path: KeyPath,
 ) -> None:
-    """Sets or removes one key of a mapping that is being made."""
+    """Set or remove one key of a new mapping."""
     last = depth + 1 == len(path)
     if last and edit.value.value is None:
-        if key in changed:
-            del changed[key]
+        if key in new_children:
+            del new_children[key]
         elif not star:
-            similar_key = nearest(key, changed)
+            similar_key = nearest(key, new_children)
             fix = did_you_mean(similar_key) if similar_key else "leave it out"
-            path_text = dotted((*at, key))
+            path_text = dotted((*place_path, key))
             raise edit.error(Message.NOTHING_TO_REMOVE.refusal(path=path_text, fix=fix))
         return
+    # `objects.new.shape` starts a new object.
     may_begin = not last and path[depth + 1] in (
         "shape",
         "mask",
-    )  # objects.new.shape makes one
-    if at == ("objects",) and not last and key not in changed and not may_begin:
-        fix = _name_advice(key, list(changed))
+    )
+    if (
+        place_path == ("objects",)
+        and not last
+        and key not in new_children
+        and not may_begin
+    ):
+        fix = _name_advice(key, list(new_children))
         raise edit.error(Message.NO_OBJECT_CALLED.refusal(name=quoted(key), fix=fix))
-    child = _set(changed.get(key), path, depth + 1, edit, star, (*at, key))
-    for rival in rivals(kind_of(at)).get(key, ()):
-        changed.pop(rival, None)
-    changed[key] = child
+    child = _set(new_children.get(key), path, depth + 1, edit, star, (*place_path, key))
+    # Setting `mass` removes `density`: the user wants the new value to count.
+    for rival in rivals(kind_of(place_path)).get(key, ()):
+        new_children.pop(rival, None)
+    new_children[key] = child
 
 
-def _name_advice(name: str, known: Sequence[str]) -> str:
-    """Return which object to name in place of an unknown one."""
-    close = nearest(name, known)
+def _name_advice(name: str, object_names: Sequence[str]) -> str:
+    """Return advice on the right name for an unknown object."""
+    close = nearest(name, object_names)
     if close:
         return did_you_mean(close)
-    if not known:
+    if not object_names:
         return "the scene has no objects"
-    names = ", ".join(known[:8])
+    names = ", ".join(object_names[:8])
     return (
         f"the objects are {names}, ..."
-        if len(known) > 8
+        if len(object_names) > 8
         else f"the objects are {names}"
     )
 
 
 def _set_item(
-    node: Node | None, path: KeyPath, depth: int, edit: Edit, star: bool, at: KeyPath
+    node: Node | None,
+    path: KeyPath,
+    depth: int,
+    edit: Edit,
+    star: bool,
+    place_path: KeyPath,
 ) -> Node:
     step = path[depth]
     if node is None or not isinstance(node.value, list):
-        list_key = edit.key.partition("[")[0] if "[" in edit.key else dotted(at)
-        raise edit.error(Message.NOT_A_LIST.refusal(path=dotted(at), whole=list_key))
+        list_key = edit.key.partition("[")[0] if "[" in edit.key else dotted(place_path)
+        raise edit.error(
+            Message.NOT_A_LIST.refusal(path=dotted(place_path), whole=list_key)
+        )
     new_items = list(node.value)
     if isinstance(step, int) and step >= len(new_items):
         count = counted(len(new_items), "item")
-        raise edit.error(Message.INDEX_TOO_LARGE.refusal(path=dotted(at), items=count))
+        raise edit.error(
+            Message.INDEX_TOO_LARGE.refusal(path=dotted(place_path), items=count)
+        )
     for index in range(len(new_items)) if step == "[*]" else [int(step)]:
         new_items[index] = _set(
-            new_items[index], path, depth + 1, edit, star, (*at, index)
+            new_items[index], path, depth + 1, edit, star, (*place_path, index)
         )
     return node.with_value(new_items)
 
 
 def targets(root: Node, edit: Edit) -> int:
-    """Return the number of places at which an edit sets its value; a place that is made counts as one."""
+    """Return the number of places of an edit. A new place counts as one."""
     nodes: list[Node | None] = [root]
     for step in parse_key(edit.key) or ():
         if step in ("*", "[*]"):
@@ -265,7 +302,7 @@ def targets(root: Node, edit: Edit) -> int:
 
 
 def variants_of(root: Node) -> Iterator[tuple[str, Node]]:
-    """Name and mapping of every variant that is one."""
+    """Yield the name and mapping of every variant."""
     entries = root.value.get("variants") if isinstance(root.value, dict) else None
     if entries is not None and isinstance(entries.value, dict):
         for name, variant in entries.value.items():

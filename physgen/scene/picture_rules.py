@@ -16,7 +16,7 @@ from physgen.scene.checked_tree import (
     report_time_order,
 )
 from physgen.scene.document import Node, children, items, read_integers
-from physgen.scene.scene import video_size
+from physgen.scene.framing import video_size
 from physgen.scene.schema import advice, find_schema_part
 from physgen.text import KeyPath, number, shown
 
@@ -24,7 +24,7 @@ from physgen.text import KeyPath, number, shown
 def check_render(
     tree: CheckedTree,
 ) -> None:
-    """Add problems of `render`: keys that exclude each other, the size, and the cameras."""
+    """Report faults of `render`: exclusive keys, the size, and the cameras."""
     node = tree.top.get("render")
     if node is None:
         return
@@ -46,22 +46,27 @@ def check_render(
             *((index,) if view is not camera else ()),
         )
         _check_exclusive(tree, view, path, "render.camera")
-        good = tree.valid_keys(view)
-        if "time" in good:
-            now: Any = good["time"].value
+        valid_keys = tree.valid_keys(view)
+        # Times of views must rise, as times of knots.
+        if "time" in valid_keys:
+            now: Any = valid_keys["time"].value
             if before is not None and now <= before:
-                report_time_order(tree, good["time"], (*path, "time"), before, "views")
+                report_time_order(
+                    tree, valid_keys["time"], (*path, "time"), before, "views"
+                )
             before = now
-        if "follow" in good:
-            check_object_name(tree, good["follow"], (*path, "follow"))
-        if "center" in good and tree.ground.size is not None:
-            _check_in_photo(tree, good["center"], (*path, "center"), tree.ground.size)
+        if "follow" in valid_keys:
+            check_object_name(tree, valid_keys["follow"], (*path, "follow"))
+        if "center" in valid_keys and tree.ground.size is not None:
+            _check_in_photo(
+                tree, valid_keys["center"], (*path, "center"), tree.ground.size
+            )
 
 
 def _check_exclusive(
     tree: CheckedTree, node: Node, path: KeyPath, schema_path: str
 ) -> None:
-    """Report keys that exclude each other."""
+    """Report exclusive keys of one mapping."""
     parts = children(node)
     for group in find_schema_part(schema_path)["x-exclusive"]:
         first, *rest = [key for key in group if key in parts] or [""]
@@ -70,9 +75,13 @@ def _check_exclusive(
             tree.report(Message.EXCLUDES.problem(place, (*path, key), other=first))
 
 
-def _check_video_size(tree: CheckedTree, good: dict[str, Node]) -> None:
-    """Report a video that is larger than a photo may be."""
-    scale, size, photo = good.get("scale"), good.get("size"), tree.ground.size
+def _check_video_size(tree: CheckedTree, valid_keys: dict[str, Node]) -> None:
+    """Report a video with more pixels than a photo may have."""
+    scale, size, photo = (
+        valid_keys.get("scale"),
+        valid_keys.get("size"),
+        tree.ground.size,
+    )
     if photo is None:
         return
     if size is not None:
@@ -83,6 +92,7 @@ def _check_video_size(tree: CheckedTree, good: dict[str, Node]) -> None:
         factor: Any = scale.value
         width, height = video_size(photo, factor, None)
         if width * height > Limit.PIXELS.most:
+            # Suggest the largest allowed scale, rounded down to two digits.
             most = floor(sqrt(Limit.PIXELS.most / (photo[0] * photo[1])) * 100) / 100
             problem = Message.VIDEO_TOO_LARGE.problem(
                 scale.place,
@@ -100,6 +110,7 @@ def _check_in_photo(
     tree: CheckedTree, node: Node, path: KeyPath, photo: tuple[int, int]
 ) -> None:
     x, y = point_of(node)
+    # The photo begins half a pixel before the centre of its first pixel.
     if not all(-0.5 <= c <= side - 0.5 for c, side in zip((x, y), photo, strict=True)):
         width, height = photo
         problem = Message.POINT_OUTSIDE.problem(
@@ -117,7 +128,7 @@ def _check_in_photo(
 def check_refine(
     tree: CheckedTree,
 ) -> None:
-    """Report an unknown backend, and a strength that leaves no step to run."""
+    """Report an unknown backend, and a strength without a step to run."""
     parts = tree.valid_keys(tree.top.get("refine"))
     backend = parts.get("backend")
     if backend is None or backend.value == "none":
@@ -127,6 +138,7 @@ def check_refine(
         fix = registry.suggestion(str(backend.value), known)
         unknown = Message.UNKNOWN_REFINER.refusal(fix=fix)
         tree.findings.value(backend, ("refine", "backend"), unknown)
+    # Defaults count too: a small strength may need more steps.
     steps, strength = (
         parts[key].value
         if key in parts
@@ -152,7 +164,7 @@ def check_refine(
 def check_light(
     tree: CheckedTree,
 ) -> None:
-    """Add the problem of a light without a direction."""
+    """Report a light without a direction."""
     direction = tree.valid_keys(tree.top.get("light")).get("direction")
     if direction is not None and not any(item.value for item in items(direction)):
         fix = advice(find_schema_part("light.direction"))
@@ -161,7 +173,7 @@ def check_light(
 
 
 def check_map_range(tree: CheckedTree, name: str, node: Node) -> None:
-    """Add the problem of a range of a map whose ends are not in order."""
+    """Report a range of a map with unordered ends."""
     if node in tree.findings.bad:
         return
     low, high = point_of(node)

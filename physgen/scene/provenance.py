@@ -1,4 +1,4 @@
-"""Where each number of a scene comes from, and estimates that follow a changed label or scale."""
+"""Sources of a scene's numbers, and new estimates after a change of label or scale."""
 
 from __future__ import annotations
 
@@ -29,20 +29,22 @@ from physgen.scene.scene import Scene
 from physgen.text import quantity
 
 _SURE = re.compile(r"^(.*?)\s*(?<![\d.])(0(?:\.\d+)?|1(?:\.0+)?)$")
-"""A source, and a confidence in 0..1 behind it: `table 0.4`."""
+"""A source and its confidence from 0 to 1: `table 0.4`."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """Where a number comes from."""
+    """The origin of a number."""
 
-    kind: str  # `flag`, `variant`, `guess`, `file`, `default` or `computed`
+    # `flag`, `variant`, `guess`, `file`, `default` or `computed`.
+    kind: str
     text: str
-    sure: float | None = None  # 0..1
+    # Confidence, 0 to 1.
+    sure: float | None = None
 
 
 def source(text: str) -> Source:
-    """Return the source that an entry of `from` names.
+    """Return the source of an entry of `from`.
 
     >>> source("table 0.4")
     Source(kind='guess', text='table', sure=0.4)
@@ -54,7 +56,7 @@ def source(text: str) -> Source:
 
 
 class Provenance:
-    """Where the values of a scene come from."""
+    """The origins of a scene's values."""
 
     def __init__(self, scene: Scene, variant: str | None) -> None:
         self._scene = scene
@@ -76,9 +78,10 @@ class Provenance:
         written_at: str | None = None,
         near: bool = False,
     ) -> Source:
-        """The source of the value at `path`, or its `provenance`, the text at `written_at`, if that was written later.
+        """Return the source of the value at `path`, or its `provenance` if that is
+        newer. `written_at` is the path of the provenance's text.
 
-        With `near`, a value that is written nowhere by itself stands where what it belongs to does.
+        With `near`, an unwritten value has the source of its parent.
         """
         place = self._scene.places.get(path)
         if place is None and near:
@@ -102,17 +105,18 @@ class Provenance:
         )
 
     def _counts(self, value: Place | None, entry: Place | None) -> bool:
-        """Return whether an entry of `from` still describes a number, which no later place sets again."""
+        """Return whether an entry of `from` still describes a number: no later place
+        sets the number again.
+        """
         if value is None or entry is None:
             return value is None or self._rank(value) < 2
+        # The order of several base files is unknown here.
         if self._rank(value) == self._rank(entry) == 0:
-            return (
-                value.file == entry.file
-            )  # of the files that are extended, which comes later is not known here
+            return value.file == entry.file
         return self._rank(value) <= self._rank(entry)
 
     def _rank(self, place: Place) -> int:
-        """Flags are read after variants, those after the file, and that after what it extends."""
+        """Return the order of reading: base files, the file, variants, flags."""
         if not place.line:
             return 3
         if place in self._edited:
@@ -121,29 +125,36 @@ class Provenance:
 
 
 Entry = Mapping[str, Any]
-"""One object or boundary of the scene's data, or all of it."""
+"""One object or boundary of the scene's data, or all data."""
 SCALED_SECTIONS = ("forces", "joints", "fields", "camera", "extends", "variants")
-"""Sections with numbers in px and s, which the user chose for the scale that the scene had."""
+"""Sections with numbers in px and s, which the user chose for the earlier scale."""
 
 
 def provenance(source: str, confidence: float) -> str:
-    """Return a source and its confidence, as `from` has it: table 0.4."""
+    """Return a source and its confidence as in `from`: table 0.4."""
     return f"{source} {round(confidence, 2):g}"
 
 
-def perceived_keys(was: Entry, only: Collection[str] = ()) -> set[str]:
-    """Keys of an object that its `from` names, but for label and mask; those of `only` some sources, if any."""
-    sources = was.get("from", {}) if isinstance(was.get("from", {}), Mapping) else {}
+def perceived_keys(object_data: Entry, backends: Collection[str] = ()) -> set[str]:
+    """Return the keys in an object's `from`, without label and mask. `backends` limits them
+    to some sources.
+    """
+    sources = (
+        object_data.get("from", {})
+        if isinstance(object_data.get("from", {}), Mapping)
+        else {}
+    )
     keys = {
         key
         for key, source_text in sources.items()
-        if not only or str(source_text).split(" ")[0] in only
+        if not backends or str(source_text).split(" ")[0] in backends
     }
     return (keys | ({"solid"} if "mass" in keys else set())) - {"label", "mask"}
 
 
 def follows_scale(scene: Entry, record: Record, side: int) -> bool:
-    """Return whether the scene's scale is perception's, and no number in the scene was made for it.
+    """Return whether the scale is perception's, and no number in the scene was made for
+    it.
 
     `side` is the photo's longer side, px.
     """
@@ -151,6 +162,7 @@ def follows_scale(scene: Entry, record: Record, side: int) -> bool:
     has_scaled_values = any(
         scene.get(key) for key in SCALED_SECTIONS
     ) or "gravity" in scene.get("world", {})
+    # A number in px was chosen for the scale: a new scale would change its meaning.
     if has_scaled_values or any(
         key in entry
         and not (
@@ -165,7 +177,7 @@ def follows_scale(scene: Entry, record: Record, side: int) -> bool:
 
 
 def _metric(value: object) -> bool:
-    """Return whether a speed is in m/s or the like, and so the same at any scale."""
+    """Return whether a speed has a metric unit, and no px."""
     parts = value if isinstance(value, list) else [value]
     return all(
         part == 0 or (isinstance(part, str) and "px" not in part) for part in parts
@@ -173,7 +185,7 @@ def _metric(value: object) -> bool:
 
 
 def scale_is_given(scene: Entry, record: Record, side: int) -> bool:
-    """Return whether a user set the scale, now or before the scene was perceived again."""
+    """Return whether a user set the scale, now or before an earlier perception."""
     scale = stated_scale(scene)
     if record.world.get("given"):
         return True
@@ -183,7 +195,7 @@ def scale_is_given(scene: Entry, record: Record, side: int) -> bool:
 
 
 def stated_scale(scene: Entry) -> float:
-    """Return px/m, of data as it is written."""
+    """Return the scale of data in the file's form, px/m."""
     scale = scene.get("world", {}).get("pixels_per_meter", PAPER_SCALE)
     return (
         quantity(scale, "px/m", 1.0) or 0.0 if isinstance(scale, str) else float(scale)
@@ -193,17 +205,19 @@ def stated_scale(scene: Entry) -> float:
 def scaled_values(
     scene: Entry, record: Record, pixels_per_meter: float, side: int
 ) -> dict[tuple[str, ...], Any]:
-    """Return the speeds of pushes and the slow motion that perception wrote, for another scale; by path.
+    """Return perception's speeds of pushes and slow motion for another scale, by path.
 
-    `scene` is the data as it is written. A push keeps the speed, in px/s, that suits the scale.
+    `scene` is the data in the file's form. The new speeds suit the scale.
     """
     old = record.scale
     if old is None or equal(old, pixels_per_meter):
         return {}
     values: dict[tuple[str, ...], Any] = {}
+    # Speeds of falls grow with the square root of lengths: the motion looks the same.
     ratio = sqrt(old / pixels_per_meter)
     for name, item in scene.get("objects", {}).items():
         velocity = record.entry(name, item).get("velocity")
+        # A push changed by the user stays.
         if isinstance(velocity, list) and equal(item.get("velocity"), velocity):
             speeds = [
                 quantity(part, "m/s", 1.0) if isinstance(part, str) else 0
@@ -225,42 +239,44 @@ def scaled_values(
 
 
 def meters(speed: float) -> Any:
-    """Return a speed in m/s as perception writes it."""
+    """Return a speed in m/s, in the form of perception."""
     return f"{float(f'{speed:.3g}'):g} m/s" if abs(speed) > 1e-9 else 0
 
 
 def apply_consequences(
-    written: Entry,
-    filled: Entry,
+    written_data: Entry,
+    full_data: Entry,
     record: Record,
     outlines: Mapping[str, Outline],
     size: tuple[int, int],
 ) -> tuple[dict[tuple[str, ...], Any], Record]:
-    """Return the values that labels and scale decide and the record does not have.
+    """Return values that depend on labels and scale but are not in the record, by path,
+    and their new record.
 
-    The first result has them by path, the second is their record. What perception wrote
-    follows, and what a user set stays: the scale if it is perception's, the values of
-    the material table, for another label the values of any backend, pushes and
-    playback. `written` is the scene's data as it is written, `filled` in numbers with
-    defaults; `outlines` are those that are known, by object.
+    Values of perception follow, and values of a user stay: the scale if it is
+    perception's, the values of the material table, for a new label the values of any
+    backend, pushes and playback. `written_data` is the scene's data in the file's form,
+    `full_data` in numbers with defaults; `outlines` are the known ones, by object.
     """
-    objects, side = filled["objects"], max(size)
-    entries_by_name = _labelled_entries(written, objects, record, outlines)
+    objects, side = full_data["objects"], max(size)
+    entries_by_name = _labelled_entries(written_data, objects, record, outlines)
     new_labels = []
     for name, entry in entries_by_name.items():
         if objects[name]["label"] != entry["label"]:
             new_labels.append(name)
-    per_meter = filled["world"]["pixels_per_meter"]
+    per_meter = full_data["world"]["pixels_per_meter"]
     values: dict[tuple[str, ...], Any] = {}
-    if new_labels and follows_scale(written, record, side):
+    if new_labels and follows_scale(written_data, record, side):
         scale = _scale_of_labels(objects, entries_by_name, new_labels, outlines, size)
+        # A doubtful scale would change all masses at once.
         if scale is not None and scale.confidence >= MIN_SCALE_CONFIDENCE:
             per_meter = values["world", "pixels_per_meter"] = scale.pixels_per_meter
     names: Iterable[str] = new_labels
-    if "pixels_per_meter" in written.get("world", {}):
-        values |= scaled_values(written, record, per_meter, side)
+    if "pixels_per_meter" in written_data.get("world", {}):
+        values |= scaled_values(written_data, record, per_meter, side)
         if record.scale is not None and not equal(record.scale, per_meter):
             names = entries_by_name
+    # A mass cannot be more certain than the scale behind it.
     highest_confidence = WEIGHING.unscaled if is_assumed(per_meter, side) else 1.0
     entries = dict(record.objects)
     for name in names:
@@ -269,7 +285,7 @@ def apply_consequences(
             outlines[name], item["label"], per_meter, highest_confidence
         )
         new_values, new_entry = _entry_of_label(
-            item, written["objects"][name], entry, table, is_new=name in new_labels
+            item, written_data["objects"][name], entry, table, is_new=name in new_labels
         )
         for key, value in new_values.items():
             values["objects", name, key] = value
@@ -281,15 +297,17 @@ def apply_consequences(
 
 
 def _labelled_entries(
-    written: Entry,
+    written_data: Entry,
     objects: Mapping[str, Any],
     record: Record,
     outlines: Mapping[str, Outline],
 ) -> dict[str, Entry]:
-    """Return the entries of the record with a label, of objects with a label and an outline."""
+    """Return the recorded entries with a label, for objects with a label and an
+    outline.
+    """
     entries = {}
     for name in outlines:
-        if "label" not in written["objects"][name]:
+        if "label" not in written_data["objects"][name]:
             continue
         entry = record.entry(name, objects[name])
         if isinstance(entry.get("label"), str):
@@ -304,7 +322,9 @@ def _scale_of_labels(
     outlines: Mapping[str, Outline],
     size: tuple[int, int],
 ) -> Scale | None:
-    """Return the scale of the photo by the labels of its objects; a user's label is sure."""
+    """Return the scale of the photo from the labels of its objects. A user's label is
+    certain.
+    """
     photo_objects, kinds, confidences = [], {}, {}
     for k, (name, entry) in enumerate(entries_by_name.items()):
         photo_objects.append(photo_object(k, outlines[name], "", size))
@@ -323,10 +343,11 @@ def _entry_of_label(
     *,
     is_new: bool,
 ) -> tuple[dict[str, Any], Entry]:
-    """Return the values of an object that follow its label, and its entry of the record.
+    """Return the values of an object that follow its label, and its entry of the
+    record.
 
-    `table` has the values of the material table and their sources. After `is_new` label,
-    the values of all backends follow, else those of the table.
+    `table` has the values of the material table and their sources. If `is_new`, the
+    values of all backends follow the label, otherwise only those of the table.
     """
     table_values, table_sources = table
     backends: Sequence[str] = [registry.find("physics").name]
@@ -334,13 +355,14 @@ def _entry_of_label(
         backends = registry.names("physics")
     sources = {"from": written_item.get("from", entry.get("from")) or {}}
     keys = perceived_keys(sources, backends) | ({"solid"} - item.keys())
-    # a text with a unit is a user's, although its number may be that of the record
+    # A text with a unit is the user's, even if its number equals the record's.
     keys = {key for key in keys if key == "solid" or not _is_text(written_item, key)}
-    # the solid of an object that does not state it is in the assets
+    # An object without a solid has it in the assets.
     item = {"solid": entry.get("solid"), **item}
     values = {}
     for key in keys & entry.keys() & table_values.keys():
         new_value = table_values[key]
+        # A value that differs from the record is the user's, and stays.
         if equal(item.get(key), entry[key]) or item.get(key) == new_value:
             values[key] = new_value
     value_sources = dict(entry.get("from", {}))
@@ -355,9 +377,11 @@ def _is_text(written_item: Mapping[str, Any], key: str) -> bool:
 
 
 def _table_values(
-    outline: Outline, label: str, per_meter: float, most: float
+    outline: Outline, label: str, per_meter: float, highest_confidence: float
 ) -> tuple[dict[str, Any], dict[str, str]]:
-    """Return an object's values of the material table, and their sources; `most`: highest confidence of a mass."""
+    """Return an object's values from the material table, and their sources. `highest_confidence` is
+    the highest confidence of a mass.
+    """
     object_kind = kind(label)
     mass, confidence, _ = weigh(outline, object_kind, per_meter)
     material = {
@@ -369,7 +393,7 @@ def _table_values(
     )
     table, confidences = (
         registry.find("physics").name,
-        table_confidences(min(confidence, most)),
+        table_confidences(min(confidence, highest_confidence)),
     )
     return {"mass": mass, **material, **solid}, {
         key: provenance(table, confidence_value)
@@ -385,7 +409,7 @@ def table_confidences(mass: float) -> dict[str, float]:
 
 
 def label_confidence(sources: object) -> float:
-    """Return the confidence that a `from` gives the label, 1 where it gives none."""
+    """Return the label's confidence in a `from`, or 1 without one."""
     text = sources.get("label") if isinstance(sources, Mapping) else None
     confidence = source(text).sure if isinstance(text, str) else None
     return 1.0 if confidence is None else confidence

@@ -1,4 +1,6 @@
-"""Rules between keys of a scene that JSON Schema cannot express, and checks of the files that it names."""
+"""Rules between keys of a scene that JSON Schema cannot express, and checks of its
+files.
+"""
 
 from __future__ import annotations
 
@@ -43,19 +45,24 @@ from physgen.text import KeyPath, quoted, shown
 
 
 class Files:
-    """Image files that a scene names, read once however many variants are checked, until they are written."""
+    """Image files of a scene. Each is read once for all variants, and again after a
+    change.
+    """
 
     def __init__(self, allow_outside: bool) -> None:
         self.allow_outside = allow_outside
         self._sizes: dict[str, tuple[Stamp, tuple[int, int] | RefusedError]] = {}
         self._outlines: dict[str, tuple[Stamp, Node]] = {}
 
-    def size(self, path: Path, written: str) -> tuple[int, int]:
-        """Return the width and height of an image, `written` in a scene, from its header; raises RefusedError."""
+    def size(self, path: Path, path_text: str) -> tuple[int, int]:
+        """Return the width and height of an image from its header. Raise RefusedError.
+        `path_text` is the path in the scene.
+        """
         key, stamp = str(path), file_stamp(path)
+        # Variants share the files: each is read once.
         if key not in self._sizes or self._sizes[key][0] != stamp:
             try:
-                self._sizes[key] = stamp, image_size(path, written)
+                self._sizes[key] = stamp, image_size(path, path_text)
             except RefusedError as error:
                 self._sizes[key] = stamp, error
         size = self._sizes[key][1]
@@ -64,7 +71,7 @@ class Files:
         return size
 
     def outlines(self, path: Path, name: str) -> Node:
-        """Return the tree of `outlines.json`; raises InputError."""
+        """Return the tree of `outlines.json`. Raise InputError."""
         key, stamp = str(path), file_stamp(path)
         if key not in self._outlines or self._outlines[key][0] != stamp:
             self._outlines[key] = stamp, read_scene(path, name)
@@ -72,13 +79,13 @@ class Files:
 
 
 RESTORE_ASSETS = "restore the folder of masks.png, or perceive the photo again"
-"""What to do about assets that are missing."""
+"""Fix for missing assets."""
 RESTORE_PHOTO = "restore the folder, which holds the photo, or perceive the original"
-"""What to do about assets that are missing, and the copy of the photo with them."""
+"""Fix for missing assets with the copy of the photo."""
 
 
 def check_rules(root: Node, findings: Findings, files: Files) -> Ground:
-    """Adds what is wrong between keys; values in which the schema found problems are left out."""
+    """Report faults between keys. Values with problems of the schema are left out."""
     return _Rules(root, findings, files).check()
 
 
@@ -116,6 +123,8 @@ class _Rules:
         image, size = self.tree.top.get("image"), self.tree.top.get("size")
         if image and size:
             self.report(Message.EXCLUDES.problem(size.key_place, "size", other="image"))
+        # `imgae` is reported as unknown already: a missing canvas would be a second
+        # message.
         misspelt = misspelt_keys(self.tree.top, find_schema_part("")["properties"])
         if image is None and size is None and not misspelt & {"image", "size"}:
             self.report(Message.NO_CANVAS.problem(self.tree.root.place, "image"))
@@ -140,14 +149,16 @@ class _Rules:
                 self.ground.size = (width, height)
 
     def is_in_missing_assets(self, image: Node) -> bool:
-        """Return whether the photo was in an assets folder that is not there."""
+        """Return whether the photo was in a missing assets folder."""
         assets = self.tree.valid_keys(self.tree.root).get("assets")
         if assets is None or not str(image.value).startswith(f"{assets.value}/"):
             return False
         return not os.path.lexists(assets.source.folder / str(assets.value))
 
     def _is_own_folder(self, node: Node) -> bool:
-        """Return whether perception made the assets folder: others are of older scenes."""
+        """Return whether perception made the assets folder. Other folders belong to
+        older scenes.
+        """
         stem = re.escape(Path(node.place.file).stem)
         return re.fullmatch(rf"{stem}(-\d+)?\.assets", str(node.value)) is not None
 
@@ -164,6 +175,8 @@ class _Rules:
             if not folder.is_dir():
                 image = self.tree.top.get("image")
                 is_photo_lost = image is not None and self.is_in_missing_assets(image)
+                # The photo of a scene may be in its assets: then the advice must be
+                # another one.
                 fix = RESTORE_PHOTO if is_photo_lost else RESTORE_ASSETS
                 if not self._is_own_folder(node):
                     fix = similar(str(node.value), folder, ("/",), fix)
@@ -173,6 +186,7 @@ class _Rules:
             return
         self.ground.assets = folder
         for file in ASSETS:
+            # A broken link exists for lexists, and is refused below.
             if os.path.lexists(folder / file):
                 data = self.outlines if file == OUTLINES else self.record
                 use = self.map_file if file.endswith(".png") else data
@@ -184,13 +198,16 @@ class _Rules:
         self.check_map_sizes(node)
 
     def check_map_sizes(self, assets: Node) -> None:
-        """Report maps that differ from the photo; once if the photo is another one."""
+        """Report maps with other sizes than the photo; only once if the photo is
+        another one.
+        """
         canvas, sizes = self.ground.size, set(self.map_sizes.values())
         if canvas is None or sizes <= {canvas}:
             return
         canvas_text = _size_text(canvas)
         image = self.tree.valid_keys(self.tree.root).get("image")
         is_perceived = self.ground.record.objects or self.ground.record.world
+        # One other size for all maps means another photo, not faulty maps.
         if image is not None and is_perceived and len(sizes) == 1:
             (size,) = sizes
             self.ground.perceived_size = size
@@ -216,7 +233,7 @@ class _Rules:
                 self.report(problem)
 
     def outlines(self, path: Path) -> None:
-        """Reads the stored shapes; they are checked as those in the file are."""
+        """Read the stored shapes, and check them as shapes in the file."""
         name = os.path.join(
             os.path.dirname(self.tree.root.source.name),
             os.path.relpath(path, self.tree.root.source.folder),
@@ -232,6 +249,7 @@ class _Rules:
                 children(entry).get(part) for part in ("crc", "shape", "solid")
             )
             if not (
+                # Keys are ids of masks.png.
                 key.isdecimal()
                 and crc is not None
                 and type(crc.value) is int
@@ -247,6 +265,7 @@ class _Rules:
             for outline_path, outline, crossing in outlines_of(None, children(shape)):
                 check_outline(self.tree, outline, (key, *outline_path), crossing)
             body = to_plain_data(solid) if solid is not None else None
+            # An unknown solid is ignored.
             known = (
                 body if body in find_schema_part("objects.*.solid")["enum"] else None
             )
@@ -256,7 +275,7 @@ class _Rules:
                 self.whole(whole_node, key)
 
     def whole(self, shape: Node, key: str) -> None:
-        """Read a stored shape with its hidden part; one that is wrong adds a problem."""
+        """Read a stored shape with its hidden part. Report a wrong one."""
         before = len(self.tree.findings.problems)
         check_part(shape, (key, "whole"), "objects.*.shape", self.tree.findings)
         is_sound = len(self.tree.findings.problems) == before
@@ -272,7 +291,7 @@ class _Rules:
         self.map_sizes[path.name] = self.files.size(path, path.name)
 
     def masks(self) -> None:
-        """Report ids that two parts use or that have no masks.png."""
+        """Report repeated ids, and ids without masks.png."""
         owner: dict[int, str] = {}
         assets = self.ground.assets
         has_masks = assets is not None and (assets / "masks.png").is_file()
@@ -308,5 +327,5 @@ class _Rules:
 
 
 def _size_text(size: tuple[int, int]) -> str:
-    """Return a width and height as messages show them."""
+    """Return a width and height for messages."""
     return f"{size[0]} x {size[1]}"

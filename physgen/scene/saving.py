@@ -1,8 +1,8 @@
-"""Scene files as physgen writes them: hashes of what it wrote, backups, unused assets.
+"""Save scene files: hashes of written scenes, backups, unused assets.
 
-An assets folder holds `written.json` with the hashes of the scenes that physgen wrote for
-it, and checksums of its own files. A backup or a folder that is still as it was written
-may be replaced or removed; anything else is the user's and stays.
+An assets folder holds `written.json` with the hashes of the scenes that physgen wrote
+for it, and checksums of its own files. An unchanged backup or folder may be replaced or
+removed. Anything else is the user's and stays.
 """
 
 from __future__ import annotations
@@ -27,25 +27,27 @@ from physgen.problems import Limit
 from physgen.scene.files import CACHE_FOLDER, RECORD, SUFFIXES, read_record
 
 WRITTEN_FILE = "written.json"
-"""Of an assets folder: `scenes`, SHA-256 of texts, and `files`, CRC-32 by name."""
+"""File in assets: `scenes`, SHA-256 of texts, and `files`, CRC-32 by name."""
 MOST_TEXTS = 50
-"""Hashes of scenes that are kept: more than anybody makes backups."""
+"""Maximum number of stored hashes: more than anybody makes backups."""
 TEXT_SUFFIXES = (*SUFFIXES, ".json", ".physgen")
-"""Endings of files that may name an assets folder from another folder."""
+"""Suffixes of files that may name an assets folder from another folder."""
 MOST_FILES = 2_000
-"""Files below a folder that are searched for the name of its assets; with more of
-them, the assets count as used."""
+"""Maximum number of files to search for the name of assets. With more files, the assets
+count as used.
+"""
 
 
 def save_scene(
     path: Path, data: bytes, keep: Callable[[Path], None] = lambda backup: None
 ) -> None:
-    """Write a scene atomically; keep an existing file that differs as `NAME~`.
+    """Write a scene atomically. Keep an existing file with other content as `NAME~`.
 
-    A backup that is exactly as physgen wrote it is replaced, and its assets are removed
-    unless they were changed or another scene names them; the next backup of a file that
-    a user edited is `NAME~2`. `keep` is called with the backup.
+    An unchanged backup of physgen is replaced, and its assets are removed unless they
+    were changed or another scene names them. If a user edited the backup, the next one
+    is `NAME~2`. `keep` is called with the backup.
     """
+    # Find the assets of the replaced backup before it is gone.
     backup = backup_path(path, is_written_scene)
     replaced_assets = assets_of(backup) if backup.is_file() else None
     backups: list[Path] = []
@@ -58,7 +60,7 @@ def save_scene(
 
 
 def assets_of(scene: Path) -> Path | None:
-    """Return the existing assets folder that a scene or a backup names, if any."""
+    """Return the existing assets folder of a scene or a backup, if any."""
     try:
         with scene.open("rb") as stream:
             data = stream.read(Limit.BYTES.most + 1)
@@ -68,20 +70,22 @@ def assets_of(scene: Path) -> Path | None:
 
 
 def named_assets(data: bytes, folder: Path) -> Path | None:
-    """Return the existing folder that the text of a scene in `folder` names, if any."""
+    """Return the existing assets folder in a scene's text, relative to `folder`, if
+    any.
+    """
     assets = _named_path(data, "assets", folder)
     return assets if assets is not None and assets.is_dir() else None
 
 
 def named_photo(data: bytes, folder: Path) -> Path | None:
-    """Return the existing photo that the text of a scene in `folder` names, if any."""
+    """Return the existing photo in a scene's text, relative to `folder`, if any."""
     photo = _named_path(data, "image", folder)
     return photo if photo is not None and photo.is_file() else None
 
 
 def _named_path(data: bytes, key: str, folder: Path) -> Path | None:
-    """Return the path below `folder` that a line of a scene's text names, if any."""
-    # one line is read: a whole scene takes seconds, and may be damaged
+    """Return the path at a key of a scene's text, if it is below `folder`."""
+    # Read one line only: a whole scene takes seconds, and may be damaged.
     line = re.search(rb"^%s:.*$" % key.encode(), data, re.MULTILINE)
     if line is None or len(data) > Limit.BYTES.most:
         return None
@@ -92,6 +96,7 @@ def _named_path(data: bytes, key: str, folder: Path) -> Path | None:
     if not isinstance(name, str) or "\0" in name:
         return None
     path = folder / name
+    # A scene must not lead to the removal of files outside its folder.
     return path if path.resolve().is_relative_to(folder.resolve()) else None
 
 
@@ -103,13 +108,15 @@ def note_scene(path: Path, data: bytes) -> None:
     record = read_record(assets / WRITTEN_FILE)
     digest = sha256(data).hexdigest()
     others = [text for text in _texts(record) if text != digest]
+    # The newest hash is last, and the oldest are dropped.
     record["scenes"] = [*others, digest][-MOST_TEXTS:]
-    with suppress(OSError):  # without a record, backups are only kept for longer
+    # Without a record, backups only live longer.
+    with suppress(OSError):
         _write_record(assets, record)
 
 
 def note_files(assets: Path, names: Collection[str]) -> None:
-    """Record the checksums of files of an assets folder that physgen just wrote."""
+    """Record the checksums of new files of physgen in an assets folder."""
     record = read_record(assets / WRITTEN_FILE)
     files = [assets / name for name in sorted(names)]
     record["files"] = {
@@ -119,9 +126,9 @@ def note_files(assets: Path, names: Collection[str]) -> None:
 
 
 def note_copies(source: Path, assets: Path) -> None:
-    """Record the files of a folder that physgen made of another one.
+    """Record the files that physgen copied from another folder.
 
-    Nothing is recorded if the user changed the other one: the new files are then in part
+    Record nothing if the user changed the other folder: then a part of the new files is
     the user's.
     """
     if is_written_folder(source):
@@ -134,13 +141,13 @@ def _write_record(assets: Path, record: dict[str, Any]) -> None:
 
 
 def _texts(record: dict[str, Any]) -> list[str]:
-    """Return the hashes of the scenes; none if the record is damaged."""
+    """Return the hashes of the scenes, or nothing for a damaged record."""
     texts = record.get("scenes")
     return [str(text) for text in texts] if isinstance(texts, list) else []
 
 
 def is_written_scene(path: Path) -> bool:
-    """Return whether a scene or a backup is exactly as physgen wrote it."""
+    """Return whether a scene or a backup is unchanged since physgen wrote it."""
     assets = assets_of(path) if path.is_file() and not path.is_symlink() else None
     if assets is None:
         return False
@@ -149,8 +156,9 @@ def is_written_scene(path: Path) -> bool:
 
 
 def is_written_folder(assets: Path) -> bool:
-    """Return whether an assets folder holds nothing but what physgen wrote."""
+    """Return whether an assets folder contains only unchanged files of physgen."""
     checksums = _checksums(assets)
+    # A link or a folder without a record is the user's.
     if assets.is_symlink() or not checksums:
         return False
     for file in assets.iterdir():
@@ -170,43 +178,48 @@ def is_written_folder(assets: Path) -> bool:
 def _checksums(assets: Path) -> dict[str, Any]:
     """Return the recorded CRC-32 of each file of an assets folder."""
     files = read_record(assets / WRITTEN_FILE).get("files")
-    if not isinstance(files, dict):  # an earlier version of physgen wrote the folder
+    # An earlier version of physgen wrote the folder.
+    if not isinstance(files, dict):
         files = read_record(assets / RECORD).get("files")
     return files if isinstance(files, dict) else {}
 
 
-def is_unused(assets: Path, ignored: Collection[Path] = ()) -> bool:
-    """Return whether an assets folder is as physgen wrote it, and no file names it.
+def is_unused(assets: Path, ignored_files: Collection[Path] = ()) -> bool:
+    """Return whether an assets folder is unchanged, and no file names it.
 
-    All files in its folder count, copies and backups of scenes among them, and scenes
-    in the folders below and in the one above, except the files in `ignored`.
+    All files in its folder count, also copies and backups of scenes, and scenes in the
+    folders below and in the parent folder, except the files in `ignored_files`.
     """
     try:
         if not is_written_folder(assets):
             return False
         files = list(islice(_files_that_may_name(assets), MOST_FILES + 1))
+        # When in doubt, keep the assets.
         if len(files) > MOST_FILES:
             return False
         return not any(
             _names_folder(file.read_bytes(), assets.name)
             for file in files
-            if file not in ignored
+            if file not in ignored_files
         )
-    except OSError:  # a file that cannot be read may name it
+    except OSError:
+        # An unreadable file may name it.
         return False
 
 
 def _names_folder(data: bytes, name: str) -> bool:
     """Return whether the bytes of a file may name a folder.
 
-    YAML and JSON can write other than ASCII letters as escapes in several ways, so each
-    backslash counts as such a letter.
+    YAML and JSON can escape non-ASCII letters in several ways, so that each backslash
+    counts as such a letter.
     """
     return name.encode() in data or (not name.isascii() and b"\\" in data)
 
 
 def _files_that_may_name(assets: Path) -> Iterator[Path]:
-    """Yield the files that may be scenes, or copies or drafts of scenes, with `assets`."""
+    """Yield the files that may be scenes, or copies or drafts of scenes, with
+    `assets`.
+    """
     home = assets.parent
     for path in home.iterdir():
         if _is_small_file(path):
@@ -216,6 +229,7 @@ def _files_that_may_name(assets: Path) -> Iterator[Path]:
         is_scene = path.suffix.lower() in TEXT_SUFFIXES
         if path.parent != home and is_scene and not is_inside and _is_small_file(path):
             yield path
+    # `extends` reaches scenes in sibling folders and in the parent.
     for path in home.resolve().parent.iterdir():
         is_backup = BACKUP.fullmatch(path.name) is not None
         is_scene = path.suffix.lower() in SUFFIXES or is_backup
@@ -224,29 +238,29 @@ def _files_that_may_name(assets: Path) -> Iterator[Path]:
 
 
 def _is_small_file(path: Path) -> bool:
-    """Return whether a path is a file that is not too large for a scene."""
+    """Return whether a path is a file within the size limit of scenes."""
     return path.is_file() and path.stat().st_size <= Limit.BYTES.most
 
 
-# ---- what is no longer used
+# ---- unused files
 
 
 class UnusedKind(Enum):
-    """Why a file or folder is no longer used."""
+    """The kind of an unused file or folder."""
 
     BACKUP = "backup"
-    """An earlier version of a scene that physgen wrote."""
+    """An earlier version of a scene, written by physgen."""
     ASSETS = "assets"
-    """A folder of maps that no scene names."""
+    """A folder of maps without a scene."""
     PARTIAL = "partial"
-    """Left by a process that was killed."""
+    """A file of a killed process."""
     CACHE = "cache"
     """Decoded maps and sprites, or answers of models, which can be made again."""
 
 
 @dataclass(frozen=True)
 class UnusedPath:
-    """A file or folder that physgen made, and that nothing uses any more."""
+    """A file or folder of physgen without a further use."""
 
     path: Path
     kind: UnusedKind
@@ -260,7 +274,7 @@ class UnusedPath:
         return sum(file.lstat().st_size for file in files)
 
     def remove(self) -> None:
-        """Remove the file, or the folder with all that is in it. Raises OSError."""
+        """Remove the file, or the folder with its content. Raise OSError."""
         if self.path.is_dir():
             shutil.rmtree(self.path)
         else:
@@ -268,9 +282,9 @@ class UnusedPath:
 
 
 def unused_backups(folder: Path) -> list[Path]:
-    """Return the backups in a folder that are as physgen wrote them.
+    """Return the unchanged backups of physgen in a folder.
 
-    The last copy of a scene is not among them: the scene itself has to be there.
+    Keep the last copy of a scene: without the scene itself, its backups are in use.
     """
     backups = []
     for path in sorted(folder.iterdir()):
@@ -283,7 +297,7 @@ def unused_backups(folder: Path) -> list[Path]:
 
 
 def unused_assets(folder: Path, backups: Collection[Path] = ()) -> list[Path]:
-    """Return the assets folders that physgen wrote and that no scene names.
+    """Return the unchanged assets folders without a scene.
 
     `backups` are about to be removed, and do not count.
     """

@@ -1,7 +1,7 @@
-"""A scene's data for its photo at another size: all lengths in pixels are multiplied.
+"""Scale a scene's data for its photo at another size: lengths in pixels are multiplied.
 
-The origin is the centre of the top-left pixel, so that a position x is at
-`factor (x + 1/2) - 1/2` in the other photo, and a length or a speed is multiplied.
+The origin is the centre of the top-left pixel, so that a position x becomes `factor (x
++ 1/2) - 1/2`. A length or a speed is multiplied.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from physgen.scene.schema import Schema, inner, load_expanded_schema, schema_at
 from physgen.text import KeyPath, pixel_power, rescaled_quantity
 
 VIDEO_SIZE: KeyPath = ("render", "size")
-"""The one length in pixels that is not of the photo."""
+"""The only length in pixels that is not of the photo."""
 POSITION_KEYS = {
     *("center", "polygon", "outline", "holes", "point", "place"),
     *("segment", "polyline", "at", "attractor"),
     *("pivot", "weld", "motor", "spring", "slider", "rope", "pulley"),
     *("bezier", "center_of_mass"),
 }
-"""Keys whose numbers in px are positions. Boxes begin at the border of a pixel."""
+"""Keys with positions in px. Boxes begin at the border of a pixel."""
 REGIONS = ("water", "belt", "turntable")
 """Keys with a place and lengths in one list."""
 PATH_KEYS = ("path", "finger")
@@ -48,9 +48,8 @@ def scale_scene(data: dict[str, Any], factor: float) -> dict[str, Any]:
 def scale_part(value: Any, path: KeyPath, factor: float) -> Any:
     """Return the value at a path of a scene for a photo `factor` times as large."""
     unit, parent_path = "", path
-    while parent_path and isinstance(
-        parent_path[-1], int
-    ):  # a list has the unit of its numbers
+    # A list has the unit of its numbers.
+    while parent_path and isinstance(parent_path[-1], int):
         parent_path = parent_path[:-1]
     schema = schema_at(path)
     for candidate in (schema, schema_at(parent_path)):
@@ -59,7 +58,7 @@ def scale_part(value: Any, path: KeyPath, factor: float) -> Any:
 
 
 def _scaled_variant(edits: Any, factor: float) -> Any:
-    """Return the edits of a variant, whose keys are dotted paths."""
+    """Return the scaled edits of a variant. Their keys are dotted paths."""
     if not isinstance(edits, dict):
         return edits
     return {
@@ -75,6 +74,7 @@ def _path_of(key: str) -> KeyPath:
 
 
 def _scale(value: Any, schema: Schema, unit: str, path: KeyPath, factor: float) -> Any:
+    # A bool is an int in Python.
     if path == VIDEO_SIZE or isinstance(value, bool):
         return value
     if isinstance(value, dict):
@@ -93,6 +93,7 @@ def _scale(value: Any, schema: Schema, unit: str, path: KeyPath, factor: float) 
         return value
     if _is_position(unit, path):
         return _round_estimate(factor * (value + 0.5) - 0.5, value)
+    # Torques have px²: the power of px in the unit decides.
     power = pixel_power(unit) if unit else 0
     return value if power == 0 else _round_estimate(value * factor**power, value)
 
@@ -103,12 +104,15 @@ def _is_position(unit: str, path: KeyPath) -> bool:
     if names and names[-1] in PATH_KEYS:
         return path[-1] in (1, 2)
     if names and names[-1] in REGIONS:
-        return path[-1] in (0, 1)  # a corner or a middle, then lengths
+        # A corner or a centre, then lengths.
+        return path[-1] in (0, 1)
     return unit == "px" and bool(names) and names[-1] in POSITION_KEYS
 
 
 def _round_estimate(value: float, before: float) -> float:
-    """Return a value without digits that no estimate has; whole if it was and is."""
+    """Return a value with the digits of an estimate. An integer stays one if
+    possible.
+    """
     rounded = float(f"{value:.{DIGITS}g}")
     is_whole = isinstance(before, int) and rounded.is_integer()
     return int(rounded) if is_whole else rounded
@@ -117,7 +121,7 @@ def _round_estimate(value: float, before: float) -> float:
 def _scaled_child(
     value: Any, schema: Schema, unit: str, path: KeyPath, factor: float
 ) -> Any:
-    """Return a value of a mapping or a list, which has a unit of its own or the list's."""
+    """Return a scaled value of a mapping or a list, with its own unit or the list's."""
     child_schema = inner(schema, path[-1])
     if child_schema is None:
         return value

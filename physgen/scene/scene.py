@@ -1,7 +1,7 @@
-"""A scene as its file describes it, after overlays and defaults: frozen dataclasses in px, s, g and degrees.
+"""A scene after overlays and defaults: frozen dataclasses in px, s, g and degrees.
 
-Image axes: origin at the top-left pixel's centre, +x right, +y down, a positive angle turns +x towards +y.
-Every field is explained once, in `schemas/scene-1.schema.json`.
+Image axes: origin at the top-left pixel's centre, +x right, +y down, a positive angle
+turns +x towards +y. `schemas/scene-1.schema.json` explains every field.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from math import floor, radians
+from math import radians
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -19,83 +19,19 @@ import numpy as np
 
 from physgen.geometry import polygon
 from physgen.problems import UNKNOWN_PLACE, InputError, Place
+from physgen.scene import framing
 from physgen.scene.files import Record
 
-Size = tuple[int, int]
-"""Width and height, px."""
-Point = tuple[float, float]
-
-
+Point = framing.Point
 ADD_OBJECT = "add one: physgen perceive PHOTO --box X,Y,W,H or --point X,Y, or an entry of objects"
-"""What to do where a scene has no object."""
+"""Fix for a scene without objects."""
 
 
-def video_size(photo: Size, scale: float | None, size: Size | None) -> Size:
-    """Return the size of the video by `render.scale` or `render.size`, else that of the photo.
-
-    >>> video_size((960, 541), 0.5, None)
-    (480, 271)
-    """
-    if size is not None:
-        return size
-    width, height = (max(1, floor(side * (scale or 1.0) + 0.5)) for side in photo)
-    return width, height
-
-
-def magnification(photo: Size, video: Size, zoom: float) -> float:
-    """Return the video pixels per photo pixel: the photo covers the video, and more so zoomed in.
-
-    >>> magnification((960, 540), (480, 480), 2.25)
-    2.0
-    """
-    return zoom * max(video[0] / photo[0], video[1] / photo[1])
-
-
-def room(photo: Size, video: Size, zoom: float) -> tuple[Point, Point]:
-    """Return the least and greatest x and y, px, of centres from which the view does not leave the photo.
-
-    >>> room((200, 100), (100, 100), 1.0)
-    ((49.5, 49.5), (149.5, 49.5))
-    """
-    large = magnification(photo, video, zoom)
-    low, high = [], []
-    for side, visible_length in zip(photo, video, strict=True):
-        half_share, middle = visible_length / (2 * large), (side - 1) / 2
-        low.append(
-            min(half_share - 0.5, middle)
-        )  # where there is no room, a rounding must not make less
-        high.append(max(side - 0.5 - half_share, middle))
-    return (low[0], low[1]), (high[0], high[1])
-
-
-def confine_center(center: Point, photo: Size, video: Size, zoom: float) -> Point:
-    """Return the nearest centre to `center` from which the view does not leave the photo.
-
-    >>> confine_center((0.0, 50.0), (200, 100), (100, 100), 1.0)
-    (49.5, 49.5)
-    """
-    low, high = room(photo, video, zoom)
-    x, y = (min(max(c, a), b) for c, a, b in zip(center, low, high, strict=True))
-    return x, y
-
-
-def affine(photo: Size, video: Size, center: Point, zoom: float) -> tuple[float, Point]:
-    """Scale s and shift t of photo px x -> video px s x + t, with `center` in the video's middle.
-
-    >>> affine((100, 50), (200, 100), (49.5, 24.5), 1.0)
-    (2.0, (0.5, 0.5))
-    """
-    large = magnification(photo, video, zoom)
-    x, y = ((side - 1) / 2 - large * c for side, c in zip(video, center, strict=True))
-    return large, (x, y)
-
-
-"""x px, y px."""
 Points = tuple[Point, ...]
 
 
 MAIN_GROUP = "main"
-"""The collision group of what names none."""
+"""The default collision group."""
 
 
 def collides(first: Object | Boundary, second: Object | Boundary) -> bool:
@@ -108,7 +44,7 @@ def collides(first: Object | Boundary, second: Object | Boundary) -> bool:
 
 
 class Solid(Enum):
-    """The body whose outline is shown; sets the moment of inertia."""
+    """The solid behind an outline; sets the moment of inertia."""
 
     SPHERE = "sphere"
     DISC = "disc"
@@ -117,7 +53,7 @@ class Solid(Enum):
 
 
 class Motion(Enum):
-    """Moved by forces, not moved, or moved along a script."""
+    """Motion by forces, no motion, or motion along a script."""
 
     DYNAMIC = "dynamic"
     STATIC = "static"
@@ -151,28 +87,32 @@ class Ring:
 
 @dataclass(frozen=True)
 class Polygon:
-    """`shape: {polygon: ...}` or `{polygons: ...}`: one ring a piece; the pieces move as one body."""
+    """`shape: {polygon: ...}` or `{polygons: ...}`: one ring per piece; the pieces move
+    as one body.
+    """
 
     rings: tuple[Ring, ...]
 
 
 @dataclass(frozen=True)
 class Auto:
-    """`shape: outline`: that of the mask, which is fitted unless it is stored."""
+    """`shape: outline`: the mask's outline, stored or fitted."""
 
     stored: Circle | Box | Polygon | None = None
     """From the assets' outlines.json."""
     crc: int = 0
-    """`mask_crc` of the mask for which it is stored."""
+    """`mask_crc` of the mask of the stored shape."""
     whole: Circle | Box | Polygon | None = None
-    """With the part that other objects hide, for drawing; None if none is known."""
+    """The shape with its hidden part, for drawing; None if unknown."""
 
 
 Shape = Circle | Box | Polygon | Auto
 
 
 def shape_outline(shape: Shape) -> polygon.Outline | None:
-    """Return the outline of an explicit shape, px of the photo; None where it is that of the mask."""
+    """Return the outline of an explicit shape, px of the photo, or None for
+    the mask's.
+    """
     match shape:
         case Circle(center=center, radius=radius):
             return polygon.Disc(np.array(center, np.float64), float(radius))
@@ -237,7 +177,7 @@ class Waypoint:
 
 @dataclass(frozen=True)
 class BoxPrompt:
-    """An object lies in a box."""
+    """The user's box around an object."""
 
     box: tuple[float, float, float, float]
     """Left, top, width, height, px."""
@@ -245,7 +185,7 @@ class BoxPrompt:
 
 @dataclass(frozen=True)
 class PointPrompt:
-    """An object lies at a point."""
+    """The user's point on an object."""
 
     point: Point
     """x, y px."""
@@ -256,13 +196,13 @@ class Wheel:
     """A wheel of a vehicle: a circle of the photo."""
 
     center: Point
-    """px: its axle."""
+    """Position of its axle, px."""
     radius: float
     """px."""
 
 
 class Facing(Enum):
-    """The side of the photo at which the front of a vehicle is."""
+    """The side of the photo with the front of a vehicle."""
 
     LEFT = "left"
     RIGHT = "right"
@@ -299,20 +239,21 @@ class Object:
     provenance: Mapping[str, str]
     """`from`: source and confidence of each number, e.g. `{"mass": "table 0.4"}`."""
     prompt: BoxPrompt | PointPrompt | None = None
-    """Where a user pointed, so that its mask can be found again."""
+    """The user's box or point, for finding the mask again."""
     place: tuple[float, float, float] | None = None
-    """px, px, degrees: where its centre of mass is at t = 0, and how far it is turned from what the photo shows; None:
-    as the photo shows it."""
+    """px, px, degrees: centre of mass at t = 0, and rotation relative to the photo;
+    None: as in the photo.
+    """
     wheels: tuple[Wheel, ...] = ()
-    """They turn on pins of the object; empty unless it is a vehicle."""
+    """Wheels on pins of the object; empty unless it is a vehicle."""
     facing: Facing | None = None
-    """Where its front is; None: unknown."""
+    """Side of its front; None: unknown."""
     loop: bool = False
-    """Whether its path begins again."""
+    """True if its path repeats."""
     center_of_mass: Point | None = None
-    """px, as the photo shows it; None: of its shape."""
+    """px in the photo; None: computed from the shape."""
     moment: float | None = None
-    """g·px² about its centre of mass; None: of its shape."""
+    """g·px² about its centre of mass; None: computed from the shape."""
     damping: float | None = None
     """1/s; None: none."""
     gravity_scale: float | None = None
@@ -322,9 +263,9 @@ class Object:
     static_friction: float | None = None
     """None: as friction."""
     conveyor: float | None = None
-    """px/s at which its surface runs around it, to the right on its top; None: not at all."""
+    """Speed of its surface around it, px/s, to the right on its top; None: 0."""
     one_way: Point | None = None
-    """Direction in which others pass through it; None: nothing passes."""
+    """Direction in which others can pass through it; None: no passage."""
     collision_group: str | None = None
     """None: MAIN_GROUP."""
     collides_with: tuple[str, ...] | None = None
@@ -333,20 +274,20 @@ class Object:
 
 @dataclass(frozen=True)
 class Boundary:
-    """Fixed lines that objects collide with: a chain of segments, or the outlines of a mask."""
+    """A fixed line for collisions: a chain of segments, or the outlines of a mask."""
 
     name: str
     points: Points
-    """(K, 2) px, K >= 2; empty where a mask or a shape is given."""
+    """(K, 2) px, K >= 2; empty with a mask or a shape."""
     mask: Mask | None
     friction: float
     elasticity: float
     static_friction: float | None = None
     """None: as friction."""
     conveyor: float | None = None
-    """px/s at which its surface runs around it, to the right on its top; None: not at all."""
+    """Speed of its surface, px/s, to the right on its top; None: 0."""
     one_way: Point | None = None
-    """Direction in which others pass through it; None: nothing passes."""
+    """Direction in which others can pass through it; None: no passage."""
     collision_group: str | None = None
     """None: MAIN_GROUP."""
     collides_with: tuple[str, ...] | None = None
@@ -354,34 +295,34 @@ class Boundary:
     shape: Circle | Box | Polygon | None = None
     """Solid scenery."""
     is_smooth: bool = False
-    """Whether the points are of an arc or of Bézier curves."""
+    """True for points of an arc or of Bézier curves."""
 
 
 class JointKind(Enum):
-    """How a joint holds."""
+    """The kind of a joint."""
 
     PIVOT = "pivot"
-    """A pin through one point; both sides turn freely about it."""
+    """A pin through one point. Both sides turn freely."""
     SPRING = "spring"
     """A spring with a damper between two points."""
     WELD = "weld"
-    """Held in place and in angle."""
+    """A rigid connection, in position and angle."""
     MOTOR = "motor"
-    """A pin whose two sides are turned against each other at a speed, with at most a limit of torque."""
+    """A pin with a relative speed of its two sides and a maximum torque."""
     SLIDER = "slider"
-    """A rail on which the first side slides without turning, between two ends."""
+    """A rail with two ends. The first side slides without turning."""
     ROPE = "rope"
-    """A greatest distance between two points."""
+    """A maximum distance between two points."""
     PULLEY = "pulley"
     """A rope over two points of the world."""
     GEAR = "gear"
-    """Two sides that turn at a ratio."""
+    """A fixed ratio of two rotations."""
     FINGER = "finger"
-    """A spring whose other end moves along knots."""
+    """A spring with a moving end along knots."""
 
 
 SPRINGS = (JointKind.SPRING, JointKind.FINGER)
-"""Joints that are forces: they keep no point in place."""
+"""Joints that are only forces and do not hold a point in place."""
 
 
 @dataclass(frozen=True)
@@ -393,34 +334,36 @@ class Joint:
     objects: tuple[str, ...]
     """One name (joined to the world) or two."""
     points: Points
-    """Points of the photo at t = 0: where it is pinned; a spring and a rope have two, their ends on the first and the
-    second side, a slider the ends of its rail, a pulley four along its rope, a gear none."""
+    """Points of the photo at t = 0: a pin's point; the ends of a spring or rope on the
+    first and second side; the ends of a slider's rail; four points along a pulley's
+    rope; none for a gear.
+    """
     length: float | None
-    """px at rest, or of a rope; None: as long as at t = 0."""
+    """Length at rest or of a rope, px; None: the length at t = 0."""
     stiffness: float
     """g/s²."""
     damping: float
     """g/s."""
     speed: float
-    """degrees/s of the first object against the second, or the world."""
+    """Speed of the first object relative to the second or the world, degrees/s."""
     limit: float | None
     """g·px²/s²; None: unlimited."""
     collide: bool
-    """Whether the two objects also bump into each other."""
+    """True if the two objects also collide."""
     gear: float = 1.0
-    """Turning of the first object for each turn of the second."""
+    """Turns of the first object per turn of the second."""
     limits: Point | None = None
-    """degrees: least and greatest turning since t = 0, of a pin."""
+    """Smallest and largest rotation of a pin since t = 0, degrees."""
     friction: float = 0.0
-    """g·px²/s² of dry friction in a pin."""
+    """Torque of dry friction in a pin, g·px²/s²."""
     drive: float | None = None
-    """px/s along a rail; None: it slides freely."""
+    """Speed along a rail, px/s; None: free sliding."""
     force: float | None = None
-    """g·px/s² of a drive; None: unlimited."""
+    """Maximum force of a drive, g·px/s²; None: unlimited."""
     breaks: float | None = None
-    """g·px/s²; None: never."""
+    """Breaking force, g·px/s²; None: never breaks."""
     knots: tuple[tuple[float, float, float], ...] = ()
-    """s, px, px: the way of a finger."""
+    """s, px, px: path of a finger."""
 
 
 class FieldKind(Enum):
@@ -446,11 +389,18 @@ class Field:
     vector: Point
     """Wind: its velocity, px/s. Attractor: its place, px."""
     drag: float
-    """Wind, g/px²: the force is drag x width x |u| u, u being the wind's velocity against the object."""
+    """Wind, g/px²: the force is drag x width x
+
+    u
+
+     u, with the wind's velocity u relative to the object.
+    """
     strength: float
-    """Attractor, px³/s²: the acceleration is strength x distance / (distance² + soften²)^1.5; negative repels."""
+    """Attractor, px³/s²: the acceleration is strength x distance / (distance² +
+    soften²)^1.5; negative repels.
+    """
     soften: float
-    """px, of an attractor or a magnet (Plummer's softening)."""
+    """Plummer's softening of an attractor or a magnet, px."""
     linear: float = 0.0
     """Air and water, g/(px·s): linear drag."""
     density: float = 0.0
@@ -458,7 +408,9 @@ class Field:
     pull: float = 0.0
     """Magnet, g·px³/s²."""
     extent: Point = (0.0, 0.0)
-    """Water and belt, px: width and height from the corner `vector`. Turntable: twice its radius."""
+    """Water and belt, px: width and height from the corner `vector`. Turntable: twice
+    its radius.
+    """
     velocity: Point = (0.0, 0.0)
     """Belt, px/s."""
     spin: float = 0.0
@@ -466,7 +418,7 @@ class Field:
 
 
 class ProfileKind(Enum):
-    """How a force changes with time."""
+    """The change of a force with time."""
 
     RAMP = "ramp"
     SINE = "sine"
@@ -476,11 +428,13 @@ class ProfileKind(Enum):
 
 @dataclass(frozen=True)
 class Profile:
-    """Factor of a force by the time since its start."""
+    """Factor of a force over the time since its start."""
 
     kind: ProfileKind
     numbers: Points
-    """Ramp: ((s, 0),). Sine: ((1/s, 0),). Pulse: ((s on, s off),). Table: (s, factor) of each point."""
+    """Ramp: ((s, 0),). Sine: ((1/s, 0),). Pulse: ((s on, s off),). Table: (s, factor)
+    of each point.
+    """
 
 
 class Load(Enum):
@@ -504,33 +458,33 @@ class Force:
     """The impulse or the force, in image axes; (0, 0) for a torque."""
     torque: float
     at: Point | None
-    """Point of the photo at t = 0 where it acts, rides on the body; None: the centre of mass."""
+    """Point of the photo at t = 0; it moves with the body. None: the centre of mass."""
     start: float
     duration: float | None
-    """s; None: to the end of the clip. Of no meaning for an impulse."""
+    """s; None: to the end of the clip. Impulses ignore it."""
     profile: Profile | None = None
-    """How it changes with time; None: not at all."""
+    """Change with time; None: constant."""
 
 
 class Overlay(Enum):
-    """Drawn over finished frames, for teaching."""
+    """Marks over finished frames, for teaching."""
 
     OUTLINES = "outlines"
-    """Of the objects' shapes."""
+    """Outlines of the objects' shapes."""
     VELOCITY = "velocity"
     """Arrows from the centres."""
     FORCES = "forces"
-    """The scene's forces, impulses and torques while they act."""
+    """Forces, impulses and torques of the scene during their action."""
     WEIGHT = "weight"
-    """Arrows from the centres, on the forces' scale."""
+    """Arrows from the centres, in the forces' scale."""
     TRAILS = "trails"
-    """Where the centres have been."""
+    """Paths of the centres so far."""
     CONTACTS = "contacts"
     """Contact points, and rings at impacts."""
     BOUNDARIES = "boundaries"
     """Walls and floors."""
     NAMES = "names"
-    """At the centres."""
+    """Names at the centres."""
     JOINTS = "joints"
     """Pins, ropes, rails, springs and pulleys."""
     FIELDS = "fields"
@@ -546,12 +500,12 @@ class Play(Enum):
 
 
 class SoundLevel(Enum):
-    """How the loudness of the sound track is set."""
+    """The rule for the loudness of the sound track."""
 
     PEAK = "peak"
     """The loudest moment reaches -3 dB of full scale."""
     FIXED = "fixed"
-    """The same pressure gives the same sample in all clips."""
+    """Equal pressures give equal samples in all clips."""
 
 
 class Noise(Enum):
@@ -562,7 +516,7 @@ class Noise(Enum):
 
 
 class Striker(Enum):
-    """What comes into the picture and pushes."""
+    """The hand or tool that enters the picture and pushes."""
 
     NONE = "none"
     FINGER = "finger"
@@ -572,12 +526,12 @@ class Striker(Enum):
 
 @dataclass(frozen=True)
 class CameraView:
-    """One view of the camera; one alone holds from the first frame to the last."""
+    """One view of the camera. A single one lasts for the whole clip."""
 
     time: float
-    """s of the motion at which it is reached."""
+    """Time of the motion at this view, s."""
     center: Point | None
-    """px of the photo; None: its middle, or the object that it follows."""
+    """px of the photo; None: its middle, or the followed object."""
     follow: str | None
     """Name of an object."""
     zoom: float
@@ -589,7 +543,9 @@ class Render:
 
     fps: float
     frames: int | None
-    """None: fps x duration x slow, rounded. Given: t_k = k duration / frames, and fps only says how fast it plays."""
+    """None: fps x duration x slow, rounded. Given: t_k = k duration / frames, and fps
+    only sets the speed of playback.
+    """
     relight: bool
     shadows: bool
     motion_blur: float
@@ -608,14 +564,14 @@ class Render:
     handheld: float = 0.0
     """px of the video, standard deviation of the camera's drift."""
     chroma: int = 420
-    """420 or 444: colours of an mp4 at every second pixel of each side, or at all."""
+    """420 or 444: colour resolution of an mp4, half or full on each side."""
     contact_shade: bool = False
     squash: bool = False
-    """Soft objects are flat for two frames after an impact."""
+    """True if soft objects are flat for two frames after an impact."""
     first_blur: bool = False
-    """What is in the air at t = 0 is blurred in the first frame, too."""
+    """True if objects in the air at t = 0 are also blurred in the first frame."""
     enter: Striker = Striker.NONE
-    """What pushes the objects that move at t = 0."""
+    """The hand or tool that pushes the objects at t = 0."""
     sound: SoundLevel | None = None
     """None: silent."""
 
@@ -630,23 +586,25 @@ class Refine:
     steps: int
     seed: int
     prompt: str | None
-    """None: made of the objects' labels."""
+    """None: the labels of the objects."""
     negative: str
     guidance: float | None
-    """None: as the model's authors advise."""
+    """None: the advice of the model's authors."""
     lock: float
     detail: float
 
 
 class View(Enum):
-    """`SIDE`: gravity points down the photo. `TOP`: seen from above, gravity presses on the tabletop."""
+    """`SIDE`: gravity points down the photo. `TOP`: seen from above, gravity
+    presses on the tabletop.
+    """
 
     SIDE = "side"
     TOP = "top"
 
 
 class Combine(Enum):
-    """How the coefficients of two surfaces make the pair's."""
+    """The rule for a pair's coefficient from two surfaces."""
 
     GEOMETRIC = "geometric"
     MULTIPLY = "multiply"
@@ -664,48 +622,52 @@ class Settings:
     combine: Combine
     duration: float
     until_rest: bool
-    """`duration: auto`: a clip ends when all rests; `duration` is the longest that it may take."""
+    """`duration: auto`: a clip ends at rest; `duration` is its maximum."""
     steps_per_second: float
     tilt: float
-    """degrees by which the camera looks down on the floor, seen from the side."""
+    """Angle of the camera towards the floor in a side view, degrees."""
     backdrop: float | None
-    """px from the objects back to an upright wall; None: none is near."""
+    """Distance from the objects back to an upright wall, px; None: no near wall."""
     ramp: float = 0.0
-    """s in which objects reach their velocity and spin; 0: at once."""
+    """Duration of the smooth start to velocity and spin, s; 0: a sudden start."""
     gravity_in_units: bool = False
-    """Whether gravity was written with a unit, such as 9.81 m/s²."""
+    """True for gravity with a unit, such as 9.81 m/s²."""
 
 
 @dataclass(frozen=True)
 class Light:
-    """`light:`: unit vector towards the light (+x right, +y down, +z to the viewer), and two strengths."""
+    """`light:`: unit vector towards the light (+x right, +y down, +z to the viewer),
+    and two strengths.
+    """
 
     direction: tuple[float, float, float]
     intensity: float
     ambient: float
     softness: float
-    """degrees: half its width as the objects see it."""
+    """Half its angular width, degrees."""
     provenance: str = ""
     """`from`: source and confidence of its direction; may be empty."""
 
 
 @dataclass(frozen=True)
 class Scene:
-    """One scene file, with its overlays applied and every default filled in."""
+    """A scene file with overlays and defaults."""
 
     name: str
-    """The file's stem, or its folder's name where the file is called `scene.yaml`."""
+    """The file's stem, or its folder's name for `scene.yaml`."""
     folder: Path
-    """Where relative paths start."""
+    """Start of relative paths."""
     image: Path | None
-    """The photo, resolved; None for a scene without one."""
+    """Resolved path of the photo; None for a scene without a photo."""
     size: tuple[int, int]
     """Width and height of the canvas, px: the photo's, or as given."""
     assets: Path | None
-    """Folder of the maps, resolved; None when the scene names none."""
+    """Resolved folder of the maps; None without one."""
     world: Settings
     objects: tuple[Object, ...]
-    """In the natural order of their names, as boundaries, joints and fields are; the document keeps the file's."""
+    """In natural order of names, as boundaries, joints and fields; the document keeps
+    the file's order.
+    """
     boundaries: tuple[Boundary, ...]
     forces: tuple[Force, ...]
     joints: tuple[Joint, ...]
@@ -714,28 +676,32 @@ class Scene:
     render: Render
     refine: Refine
     maps: Mapping[str, tuple[float, float]]
-    """What 0 and 65535 stand for in a 16-bit map: `{"depth": (lo, hi), "shading": (lo, hi)}`."""
+    """Meaning of 0 and 65535 in a 16-bit map: `{"depth": (lo, hi), "shading": (lo,
+    hi)}`.
+    """
     record: Record = field(default_factory=Record, compare=False, repr=False)
-    """What perception wrote of it."""
+    """The record of perception."""
     places: Mapping[str, Place] = field(
         default_factory=lambda: MappingProxyType({}), compare=False, repr=False
     )
-    """Dotted path -> where it was written; the nearest written ancestor's place is used for a default."""
+    """Dotted path -> place in the file. A default has the place of its nearest written
+    ancestor.
+    """
     document: Mapping[str, Any] = field(
         default_factory=lambda: MappingProxyType({}), compare=False, repr=False
     )
-    """The resolved document as plain YAML data, defaults filled in: what a clip's manifest has."""
+    """The resolved document as plain YAML data with defaults, for a clip's manifest."""
     variants: tuple[str, ...] = ()
-    """Names of the variants that the file offers."""
+    """Names of the variants in the file."""
     title: str | None = None
-    """Of the clip; None: made of the name."""
+    """Title of the clip; None: made from the name."""
     files: tuple[Path, ...] = field(default=(), compare=False, repr=False)
-    """The file and those that it extends, as they were opened."""
+    """The file and its bases."""
 
     @property
     def video_size(self) -> tuple[int, int]:
         """Return the width and height of the video, px."""
-        return video_size(self.size, self.render.scale, self.render.size)
+        return framing.video_size(self.size, self.render.scale, self.render.size)
 
     def place(self, path: str) -> Place:
         """Return the place of a value, or of its nearest ancestor."""
@@ -747,7 +713,7 @@ class Scene:
 
     @contextmanager
     def located(self) -> Iterator[None]:
-        """Give problems of a simulation the places where their values were written."""
+        """Give problems of a simulation the places of their values."""
         try:
             yield
         except InputError as error:

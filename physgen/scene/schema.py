@@ -1,4 +1,4 @@
-"""The JSON Schema of scene files, its defaults, and the advice that messages derive from it."""
+"""The JSON Schema of scene files, its defaults, and the advice for messages."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Schema = dict[str, Any]
 
 @cache
 def load_published_schema() -> Schema:
-    """Return the schema as it is published."""
+    """Return the published schema."""
     schema: Schema = json.loads(
         resource("schemas", "scene-1.schema.json").read_text(encoding="utf-8")
     )
@@ -25,9 +25,10 @@ def load_published_schema() -> Schema:
 
 @cache
 def load_expanded_schema() -> Schema:
-    """Return the schema without $ref: what stands beside a $ref (unit, default) wins over what it points to.
+    """Return the schema without $ref. Keys beside a $ref (unit, default) win over those
+    of its target.
 
-    Shared and cached: read it, never change it.
+    The result is cached and shared: never change it.
     """
     return expand(load_published_schema())
 
@@ -52,11 +53,11 @@ def _expand(part: Any, defs: Schema) -> Any:
         part.get("type") in (["number", "string"], ["array", "number", "string"])
         and "if" not in part
     ):
-        own_keys["type"] = part["type"][
-            0
-        ]  # texts with units are numbers before the schema is asked
+        # Texts with units are numbers before the check by the schema.
+        own_keys["type"] = part["type"][0]
         own_keys.pop("pattern", None)
-        if own_keys["type"] == "array":  # one number has become a vector by then
+        # One number for a vector is a list before the check.
+        if own_keys["type"] == "array":
             own_keys.pop("minimum", None)
             own_keys.pop("maximum", None)
     if "$ref" not in part:
@@ -66,7 +67,9 @@ def _expand(part: Any, defs: Schema) -> Any:
 
 
 def find_schema_part(path: str) -> Schema:
-    """Return the part of the schema for a dotted path, a name in it as `*`: `at("objects.*.mass")`."""
+    """Return the part of the schema at a dotted path, with `*` for a name:
+    `objects.*.mass`.
+    """
     part = load_expanded_schema()
     for key in path.split(".") if path else ():
         part = part["additionalProperties"] if key == "*" else part["properties"][key]
@@ -74,7 +77,7 @@ def find_schema_part(path: str) -> Schema:
 
 
 def inner(schema: Schema | None, key: str | int) -> Schema | None:
-    """Return the schema of a key's value, or of an item of a list; None where there is none."""
+    """Return the schema of a key's value or of a list's item, or None."""
     if schema is None:
         return None
     if isinstance(key, int):
@@ -86,7 +89,7 @@ def inner(schema: Schema | None, key: str | int) -> Schema | None:
 
 
 def schema_at(path: KeyPath) -> Schema | None:
-    """Return the schema of the value at a path of a scene; None where it has none."""
+    """Return the schema of the value at a path of a scene, or None."""
     part: Schema | None = load_expanded_schema()
     for key in path:
         part = inner(part, key)
@@ -95,7 +98,7 @@ def schema_at(path: KeyPath) -> Schema | None:
 
 @cache
 def parents() -> Mapping[str, tuple[str, ...]]:
-    """Key of the schema -> dotted paths of the mappings that it belongs to.
+    """Return the dotted paths of mappings with a key, by key of the schema.
 
     >>> parents()["gravity"], parents()["impulse"]
     (('world',), ('forces[]',))
@@ -120,7 +123,7 @@ def _index_keys(schema: Schema, path: str, index: dict[str, list[str]]) -> None:
 
 
 def with_defaults(data: Any, schema: Schema | None = None) -> Any:
-    """Return a copy of plain data in which every key that has a default is written out, in the schema's order.
+    """Return a copy of plain data with all default values, in the schema's order.
 
     >>> with_defaults({"physgen": 1, "objects": {"a": {"mask": 1}}})["objects"]["a"]["friction"]
     0.5
@@ -139,6 +142,7 @@ def with_defaults(data: Any, schema: Schema | None = None) -> Any:
         if key in data:
             values[key] = with_defaults(data[key], part)
         elif "default" in part:
+            # A copy: callers may change the result, and the schema is shared.
             values[key] = with_defaults(copy.copy(part["default"]), part)
     rest = schema.get("additionalProperties")
     for key, value in data.items():
@@ -150,14 +154,16 @@ def with_defaults(data: Any, schema: Schema | None = None) -> Any:
 
 
 def bounds(schema: Schema) -> tuple[float, float, bool]:
-    """Return the least and greatest value, and whether the least itself is left out."""
+    """Return the smallest and largest value, and whether the smallest itself is
+    excluded.
+    """
     open_ = "exclusiveMinimum" in schema
     lowest = schema["exclusiveMinimum"] if open_ else schema["minimum"]
     return lowest, schema["maximum"], open_
 
 
 def limit(value: float) -> str:
-    """Return a bound as a person writes it.
+    """Return a bound in a person's form.
 
     >>> [limit(v) for v in (10, 0.01, 1.0e6, 1.0e15)]
     ['10', '0.01', '1000000', '1.0e15']
@@ -167,14 +173,17 @@ def limit(value: float) -> str:
     return number(value)
 
 
-def measure(schema: Schema, unit: str, ranged: bool) -> str:
-    """What to write for a number: `grams above 0`, `a number from 0 to 10`; the unit alone where not `ranged`."""
+def measure(schema: Schema, unit: str, has_range: bool) -> str:
+    """Return the form of a number: `grams above 0`, `a number from 0 to 10`; only the
+    unit if not `has_range`.
+    """
     lowest, greatest, open_ = bounds(schema)
     kind = "a whole number" if schema["type"] == "integer" else "a number"
     if unit:
         kind = UNITS.get(unit, unit)
-        if not ranged:
+        if not has_range:
             return kind
+    # Bounds against overflow are no help for a user.
     huge = greatest >= 1e9
     if open_:
         return f"{kind} above {limit(lowest)}" + (
@@ -186,13 +195,13 @@ def measure(schema: Schema, unit: str, ranged: bool) -> str:
 
 
 def advice(schema: Schema) -> str:
-    """Return the fix of a part of the schema that is missing or of the wrong kind."""
+    """Return the fix for a missing or wrong part of the schema."""
     if "enum" in schema or "const" in schema:
         return f"write {listed(example(choice) for choice in schema.get('enum', [schema.get('const')]))}"
     hint = f", e.g. {example(schema['examples'][0])}" if "examples" in schema else ""
     kind, unit = schema["type"], schema.get("x-unit", "")
     if kind in ("number", "integer"):
-        return f"write {measure(schema, unit, ranged=False)}{hint}"
+        return f"write {measure(schema, unit, has_range=False)}{hint}"
     if kind == "array":
         return f"write a list{f' in {UNITS.get(unit, unit)}' if unit else ''}{hint}"
     what = (

@@ -1,4 +1,6 @@
-"""Tests of values against parts of the schema: a quick one, and jsonschema's with its errors."""
+"""Tests of values against parts of the schema: a quick one, and jsonschema's with its
+errors.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ if TYPE_CHECKING:
 
 
 def _part(schema_path: str, shallow: bool) -> Schema:
-    """Return the part of the schema at a path; `shallow`: without the schemas of a mapping's values."""
+    """Return the part of the schema at a path. `shallow` leaves out the schemas of a
+    mapping's values.
+    """
     schema = find_schema_part(schema_path)
     if shallow:
         schema = {
@@ -34,7 +38,9 @@ def _part(schema_path: str, shallow: bool) -> Schema:
 
 @cache
 def schema_validator(schema_path: str, shallow: bool) -> Validator:
-    """Return jsonschema's validator of a part of the schema, quick for lists of numbers and points."""
+    """Return jsonschema's validator of a part of the schema, quick for lists of numbers
+    and points.
+    """
     from jsonschema import Draft202012Validator
     from jsonschema.validators import extend
 
@@ -48,8 +54,11 @@ def schema_validator(schema_path: str, shallow: bool) -> Validator:
 def _items(
     validator: Any, part: Schema, instance: Any, schema: Schema
 ) -> Iterator[ValidationError]:
-    """The keyword `items`: numbers and points in range are most of a file and pass without a call of jsonschema."""
+    """Yield the errors of the keyword `items`. Most of a file are valid numbers and
+    points, which pass without a call of jsonschema.
+    """
     if isinstance(instance, list):
+        # A call of jsonschema per number is slow, and outlines have thousands of numbers.
         accepts = _quick_test(part)
         for index, item in enumerate(instance):
             if not accepts(item):
@@ -59,7 +68,9 @@ def _items(
 def _pattern(
     validator: Any, pattern: str, instance: Any, schema: Schema
 ) -> Iterator[ValidationError]:
-    """Yield the errors of the keyword `pattern`: in JSON Schema, $ is the very end, not before a last line break."""
+    """Yield the errors of the keyword `pattern`. In JSON Schema, $ is the very end, not
+    before a last line break.
+    """
     from jsonschema import ValidationError
 
     if isinstance(instance, str) and not _compile_pattern(pattern).search(instance):
@@ -78,18 +89,20 @@ Test = Callable[[Any], bool]
 def quick_check(schema_path: str, shallow: bool) -> Test:
     """Return the quick test of a part of the schema.
 
-    A part that it accepts needs no jsonschema, whose import alone takes a fifth of the time of `physgen check`.
+    An accepted part needs no jsonschema: its import alone takes a fifth of the time of
+    `physgen check`.
     """
     return _quick_test(_part(schema_path, shallow))
 
 
 def _quick_test(schema: Schema) -> Test:
-    """Return a test that accepts only values that satisfy the schema; jsonschema decides where it is false."""
+    """Return a test that accepts only valid values. If it fails, jsonschema decides."""
     kinds = schema.get("type")
     if isinstance(kinds, list):
         return _quick_choice(schema, kinds)
     if "enum" in schema or "const" in schema:
         choices = schema.get("enum", [schema.get("const")])
+        # In Python, 1 == True: the types must agree too.
         return lambda value: type(value) is type(choices[0]) and value in choices
     if kinds == "boolean":
         return lambda value: isinstance(value, bool)
@@ -118,7 +131,7 @@ def _quick_test(schema: Schema) -> Test:
 
 
 def _quick_choice(schema: Schema, kinds: list[str]) -> Test:
-    """Return a value of one of several types."""
+    """Return a test of a value with several possible types."""
     types = {
         "object": dict,
         "array": list,

@@ -20,22 +20,28 @@ from physgen.scene.schema import find_schema_part
 from physgen.text import KeyPath, dotted, listed, nearest, quoted, shown
 
 LEAST_AREA = 0.01
-"""px² of an outline: a box of the schema's least size; the engine drops smaller pieces."""
+"""Minimum area of an outline, px²: a box of the schema's smallest size. The engine
+drops smaller pieces.
+"""
 
 LONGEST_EXTENT = 20
-"""Longer sides of the photo: a body that is longer covers the whole photo, and its collisions take minutes."""
+"""Maximum extent of a body, in longer sides of the photo. A larger one covers the
+photo, and its collisions take minutes.
+"""
 
 BLOCK = 16
-"""Lines that are compared with all others at a time: bounds the memory where every line is near every other."""
+"""Number of lines compared with all others at a time. It bounds the memory if all lines
+are near each other.
+"""
 
 REMEMBERED = 1000
-"""Outlines whose crossings are known: variants share theirs."""
+"""Number of cached outlines with known crossings: variants share them."""
 
 Corner = tuple[float, float]
 
 
 def check_object(tree: CheckedTree, name: str, node: Node) -> None:
-    """Add problems of the mask, shape and motion of an object."""
+    """Report faults of the mask, shape and motion of an object."""
     path: KeyPath = ("objects", name)
     parts, valid_keys = children(node), tree.valid_keys(node)
     mask, shape = parts.get("mask"), parts.get("shape")
@@ -44,8 +50,10 @@ def check_object(tree: CheckedTree, name: str, node: Node) -> None:
         density_path: KeyPath = (*path, "density")
         tree.report(Message.EXCLUDES.problem(place, density_path, other="mass"))
     is_bad = shape is not None and "shape" not in valid_keys
+    # `circle:` directly in the object is reported as unknown already.
     kinds_of_shape = find_schema_part("objects.*.shape")["properties"]
     is_misplaced = shape is None and any(key in kinds_of_shape for key in parts)
+    # `shape: outline` needs a mask, as no shape does.
     needs_shape = shape is None or isinstance(shape.value, str)
     if mask is None and needs_shape and not (is_bad or is_misplaced):
         fix = (
@@ -63,6 +71,7 @@ def check_object(tree: CheckedTree, name: str, node: Node) -> None:
     for density_path, outline, crossing in outlines_of(valid_keys.get("mask"), kinds):
         check_outline(tree, outline, (*path, *density_path), crossing)
     _check_areas(tree, kinds, path)
+    # Static and scripted objects may be as large as a landscape.
     if "motion" not in parts:
         _check_extents(tree, kinds, path)
     _check_holes(tree, kinds, path)
@@ -74,7 +83,7 @@ def check_object(tree: CheckedTree, name: str, node: Node) -> None:
 def _check_solid(
     tree: CheckedTree, node: Node | None, kinds: dict[str, Node], path: KeyPath
 ) -> None:
-    """Add the problem of a round solid whose shape is not a circle."""
+    """Report a round solid without a circle as its shape."""
     if node is None or not kinds or "circle" in kinds or node.value == "plate":
         return
     solid_path: KeyPath = (*path, "solid")
@@ -83,14 +92,16 @@ def _check_solid(
 
 
 def check_outline(tree: CheckedTree, node: Node, path: KeyPath, crossing: bool) -> None:
-    """Add the problem of an outline that is no simple polygon; `crossing`: whether lines that cross are one."""
+    """Report an outline that is not a simple polygon. `crossing` tells whether crossing
+    lines are a fault.
+    """
     refusal = outline_fault(points_of(node), crossing)
     if refusal is not None:
         tree.report(refusal.problem(node.place, dotted(path)))
 
 
 def _check_areas(tree: CheckedTree, kinds: dict[str, Node], path: KeyPath) -> None:
-    """Add a problem for each outline of a shape that is too small to simulate."""
+    """Report outlines too small to simulate."""
     for outline_path, node, crossing in outlines_of(None, kinds):
         points = points_of(node)
         area = abs(_signed_area(points))
@@ -105,7 +116,7 @@ def _check_areas(tree: CheckedTree, kinds: dict[str, Node], path: KeyPath) -> No
 
 
 def _check_extents(tree: CheckedTree, kinds: dict[str, Node], path: KeyPath) -> None:
-    """Add a problem if the shape is far larger than the photo."""
+    """Report a shape far larger than the photo."""
     if tree.ground.size is None:
         return
     longest = LONGEST_EXTENT * max(tree.ground.size)
@@ -124,7 +135,7 @@ def _check_extents(tree: CheckedTree, kinds: dict[str, Node], path: KeyPath) -> 
 
 
 def _extent(tree: CheckedTree, kind: str, node: Node) -> float:
-    """Return the length of a shape, px; 0 if its numbers are not valid."""
+    """Return the length of a shape, px, or 0 for invalid numbers."""
     parts = children(node)
     if kind == "circle" and "radius" in parts:
         return 2.0 * number_of(parts["radius"])
@@ -134,7 +145,8 @@ def _extent(tree: CheckedTree, kind: str, node: Node) -> float:
     for _, outline, crossing in outlines_of(None, {kind: node}):
         points = points_of(outline)
         if outline_fault(points, crossing) is not None:
-            return 0.0  # it has a problem of its own
+            # It has its own problem.
+            return 0.0
         sides += [max(axis) - min(axis) for axis in zip(*points, strict=True)]
     return max(sides, default=0.0)
 
@@ -161,7 +173,7 @@ def _check_holes(tree: CheckedTree, kinds: dict[str, Node], path: KeyPath) -> No
 
 
 def _check_loop(tree: CheckedTree, motion: dict[str, Node], path: KeyPath) -> None:
-    """Add a problem if a path that begins again does not end where it began."""
+    """Report a repeated path with different ends."""
     knots = items(motion.get("path"))
     if "loop" not in motion or motion["loop"].value is not True or not knots:
         return
@@ -179,7 +191,7 @@ def _check_loop(tree: CheckedTree, motion: dict[str, Node], path: KeyPath) -> No
 
 
 def check_boundary(tree: CheckedTree, node: Node, path: KeyPath) -> None:
-    """Add problems of the line of a boundary, of which it has exactly one."""
+    """Report faults of the line of a boundary. It must have exactly one."""
     parts = children(node)
     kinds = ("segment", "polyline", "arc", "bezier", "shape", "mask")
     given_kinds = [key for key in kinds if key in parts]
@@ -215,7 +227,7 @@ def check_boundary(tree: CheckedTree, node: Node, path: KeyPath) -> None:
 
 
 def _check_distinct_points(tree: CheckedTree, line: Node, path: KeyPath) -> None:
-    """Add the problem of the first point that repeats the one before it."""
+    """Report the first point equal to the previous one."""
     for index, (before, point) in enumerate(pairwise(points_of(line)), start=1):
         distance = max(abs(a - b) for a, b in zip(before, point, strict=True))
         if distance < SAME_POINT:
@@ -225,7 +237,7 @@ def _check_distinct_points(tree: CheckedTree, line: Node, path: KeyPath) -> None
 
 
 def _check_arc(tree: CheckedTree, parts: dict[str, Node], path: KeyPath) -> None:
-    """Add a problem if an arc has no length or goes round more than once."""
+    """Report an arc without length, or with more than one turn."""
     begin, end = (
         number_of(parts[key]) if key in parts else default
         for key, default in (("from", 0.0), ("to", 360.0))
@@ -241,7 +253,9 @@ def _check_arc(tree: CheckedTree, parts: dict[str, Node], path: KeyPath) -> None
 def outlines_of(
     mask: Node | None, kinds: dict[str, Node]
 ) -> Iterator[tuple[KeyPath, Node, bool]]:
-    """Yield every outline of an object or a boundary, its path, and whether it may not cross itself."""
+    """Yield every outline of an object or a boundary, its path, and whether crossing
+    lines are a fault.
+    """
     if "polygon" in children(mask):
         yield ("mask", "polygon"), children(mask)["polygon"], False
     if "polygon" in kinds:
@@ -254,14 +268,17 @@ def outlines_of(
 
 
 def outline_fault(points: Sequence[Corner], crossing: bool) -> RefusedError | None:
-    """Return why an outline is wrong, None for a good one; `crossing`: its lines may not cross.
+    """Return the fault of an outline, or None for a valid one. `crossing` tells whether
+    crossing lines are a fault.
 
-    Only lines that properly cross are refused; an outline may touch itself, as contours of masks do.
+    Only proper crossings are refused. An outline may touch itself, as contours of masks
+    do.
     """
     xs = [x for x, _ in points]
     ys = [y for _, y in points]
     area = _signed_area(points)
     extent = (max(xs) - min(xs)) * (max(ys) - min(ys))
+    # The tolerance is relative to the box, so that small outlines count.
     flat = abs(area) < 1e-12 * extent
     if extent > 0 and crossing and (pair := _crossing(tuple(points))) is not None:
         if pair == (-1, -1):
@@ -274,6 +291,8 @@ def outline_fault(points: Sequence[Corner], crossing: bool) -> RefusedError | No
 
 def _signed_area(points: Sequence[Corner]) -> float:
     """Return the area of an outline, px², positive if it turns +x towards +y."""
+    # Coordinates relative to the first point keep the digits of a small, distant
+    # outline.
     x0, y0 = points[0]
     xs = [x - x0 for x, _ in points]
     ys = [y - y0 for _, y in points]
@@ -282,7 +301,9 @@ def _signed_area(points: Sequence[Corner]) -> float:
 
 @lru_cache(REMEMBERED)
 def _crossing(points: tuple[Corner, ...]) -> tuple[int, int] | None:
-    """Return the first pair of lines that properly cross, by their first corners; (-1, -1) beyond Limit.CROSSINGS."""
+    """Return the first pair of properly crossing lines, by their first corners; (-1,
+    -1) beyond Limit.CROSSINGS.
+    """
     import numpy as np
     import shapely
 
@@ -290,6 +311,7 @@ def _crossing(points: tuple[Corner, ...]) -> tuple[int, int] | None:
     lines = shapely.linestrings(
         np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
     )
+    # The tree finds candidates in n log n instead of n².
     tree = shapely.STRtree(lines)
     compared = 0
     for start in range(0, len(lines), BLOCK):

@@ -1,4 +1,4 @@
-"""What a person most likely meant by a text in place of a number or a list.
+"""Guess the number or list that a person meant by a text.
 
 >>> meant_number("1,5", ""), meant_number("170 grams", "g"), meant_number("30%", "")
 ('1.5', '170 g', '0.3')
@@ -16,10 +16,10 @@ import unicodedata
 from physgen.text import quantity
 
 LONGEST_SLIP = 200
-"""Characters of the longest text that is looked at: a list of some ten numbers."""
+"""Maximum length of a text to interpret, characters: a list of some ten numbers."""
 _QUOTES = "\"'‘’‚“”„«»`´"
 _SIGNS = {"\u2212": "-", "\u2013": "-", "\u2014": "-", "\u00d7": "x"}
-"""Signs that look like those of YAML, and those: minus, dashes and times."""
+"""Signs that look like minus, dashes and times -> the signs of YAML."""
 _NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _is_number = re.compile(_NUMBER).fullmatch
 _amount = re.compile(rf"({_NUMBER})\s*(\D.*)").fullmatch
@@ -40,27 +40,29 @@ _UNITS = {
     "fps": "Hz",
     "hz": "Hz",
 }
-"""Names of units, in the singular -> units that a scene file has."""
+"""Names of units in the singular -> units of a scene file."""
 _WORD = re.compile(r"[A-Za-z]+")
 _PER_SECOND = ("degrees/s", "px/s")
-"""Units of a rate whose `/s` people leave out."""
+"""Units of a rate, often written without `/s`."""
 
 
 def normalize_text(text: str) -> str:
-    """Return a text with the signs and digits of a keyboard, without quotes around it."""
+    """Return a text with the signs and digits of a keyboard, without surrounding
+    quotes.
+    """
     signs = "".join(_keyboard_sign(char) for char in text)
     return unicodedata.normalize("NFKC", signs).strip().strip(_QUOTES).strip()
 
 
 def _keyboard_sign(char: str) -> str:
-    """Return the ASCII digit or sign that a character stands for."""
+    """Return the ASCII digit or sign of a similar character."""
     if char.isdecimal():
         return str(unicodedata.decimal(char))
     return _SIGNS.get(char, char)
 
 
 def meant_number(text: str, unit: str) -> str | None:
-    """Return the number, with its unit if one was written, that a text stands for."""
+    """Return the intended number of a text, with its unit if written."""
     if len(text) > LONGEST_SLIP:
         return None
     text = normalize_text(text).split("#")[0].rstrip(" ,;.")
@@ -69,6 +71,7 @@ def meant_number(text: str, unit: str) -> str | None:
         return meant_number(point_text, unit) or point_text
     if _is_number(text):
         return text
+    # Thousands separators of several languages.
     if re.fullmatch(r"[-+]?\d{1,3}(?:[_' ]\d{3})+", text):
         return re.sub(r"[_' ]", "", text)
     if text.endswith("%") and _is_number(text[:-1].strip()) and not unit:
@@ -77,7 +80,7 @@ def meant_number(text: str, unit: str) -> str | None:
 
 
 def has_decimal_comma(text: str) -> bool:
-    """Return whether a text is a number with a comma for the decimal point.
+    """Return whether a text is a number with a decimal comma.
 
     >>> has_decimal_comma("0,5"), has_decimal_comma("1,5 kg"), has_decimal_comma("1,2,3")
     (True, True, False)
@@ -89,7 +92,7 @@ def has_decimal_comma(text: str) -> bool:
 
 
 def _meant_quantity(text: str, unit: str) -> str | None:
-    """Return a number with a unit that fits, None if no such is meant."""
+    """Return a number with a fitting unit, or None for another text."""
     parts = _amount(text)
     if not unit or parts is None:
         return None
@@ -102,13 +105,13 @@ def _meant_quantity(text: str, unit: str) -> str | None:
 
 
 def _known_unit(word: str) -> str:
-    """Return the unit that a word names, the word itself if it names none."""
+    """Return the unit with this name, or the word itself."""
     lower = word.lower()
     return _UNITS.get(lower) or _UNITS.get(lower.removesuffix("s")) or word
 
 
 def meant_list(text: str) -> str | None:
-    """Return the list of numbers that a text stands for, None if it is none."""
+    """Return the intended list of numbers of a text, or None for another text."""
     if len(text) > LONGEST_SLIP:
         return None
     inner = normalize_text(text).strip("()[]{} ")

@@ -1,7 +1,7 @@
-"""Faults of YAML that PyYAML reports at a later place, or without the fix.
+"""Explain faults of YAML that PyYAML reports at a later place, or without the fix.
 
-Each rule looks at the text around PyYAML's mark and returns the fault with the place,
-the reason and the fix of the line that is wrong, or None.
+Each rule looks at the text around PyYAML's mark. It returns the fault with place,
+reason and fix of the wrong line, or None.
 """
 
 from __future__ import annotations
@@ -29,7 +29,10 @@ _HAS_KEY = re.compile(r":(?:\s|$)").search
 
 
 def explain_syntax(error: yaml.MarkedYAMLError, text: str) -> SyntaxFault | None:
-    """Return the fault behind an error of PyYAML, None if its own words are right."""
+    """Return the fault behind an error of PyYAML, or None if PyYAML's own message is
+    right.
+    """
+    # Some errors of PyYAML have no place.
     mark = error.problem_mark
     if mark is None:
         return None
@@ -45,8 +48,8 @@ def explain_syntax(error: yaml.MarkedYAMLError, text: str) -> SyntaxFault | None
 def _tab(
     error: yaml.MarkedYAMLError, mark: yaml.Mark, lines: list[str]
 ) -> SyntaxFault | None:
-    """Find a line that is indented by a tab, which YAML does not allow."""
-    # PyYAML marks the tab itself, or the key behind it
+    """Find a line with a tab in its indentation, which YAML forbids."""
+    # PyYAML marks the tab itself, or the key after it.
     for number in (mark.line, mark.line - 1):
         line = _line(lines, number)
         indent = line[: _indent(line)]
@@ -77,6 +80,7 @@ def _missing_colon(
         return SyntaxFault(number + 1, column, "a colon without a space after it", fix)
     if _HAS_KEY(line) or not line.strip():
         return None
+    # Comments of other languages.
     if line.lstrip().startswith("//"):
         return SyntaxFault(number + 1, column, "not a comment", "begin it with #")
     fix = "put a colon and a space behind the key, as in key: value"
@@ -86,7 +90,7 @@ def _missing_colon(
 def _wrong_indent(
     error: yaml.MarkedYAMLError, mark: yaml.Mark, lines: list[str]
 ) -> SyntaxFault | None:
-    """Find a line whose indentation is that of no line above."""
+    """Find a line with another indentation than all lines above."""
     if "did not find expected key" not in (error.problem or ""):
         return None
     line = _line(lines, mark.line)
@@ -110,7 +114,7 @@ def _wrong_indent(
 def _quote_in_quotes(
     error: yaml.MarkedYAMLError, mark: yaml.Mark, lines: list[str]
 ) -> SyntaxFault | None:
-    """Find a quoted text that ends within its line, at a quote of its own."""
+    """Find a quoted text that ends within its line, at an inner quote."""
     if "did not find expected" not in (error.problem or ""):
         return None
     before = _line(lines, mark.line)[: mark.column].rstrip()
@@ -125,7 +129,7 @@ def _quote_in_quotes(
 def _open_bracket(
     error: yaml.MarkedYAMLError, mark: yaml.Mark, lines: list[str]
 ) -> SyntaxFault | None:
-    """Find a bracket that is not closed, or a comma that is missing within."""
+    """Find an unclosed bracket, or a missing comma inside."""
     problem, context = error.problem or "", error.context_mark
     if "did not find expected ','" not in problem or context is None:
         return None
@@ -146,7 +150,9 @@ def _line(lines: list[str], number: int) -> str:
 
 
 def _line_before(lines: list[str], number: int) -> int:
-    """Return the number of the last line before one that is neither empty nor a comment."""
+    """Return the number of the last line with content before a line. Comments do not
+    count.
+    """
     number -= 1
     while number > 0 and not lines[number].split("#")[0].strip():
         number -= 1
@@ -159,5 +165,5 @@ def _indent(line: str) -> int:
 
 
 def _key_column(line: str) -> int:
-    """Return the column of the key of a line, behind the - of a list item."""
+    """Return the column of a line's key, after the - of a list item."""
     return len(line) - len(line.lstrip(" \t-")) + 1

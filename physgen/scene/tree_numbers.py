@@ -1,4 +1,4 @@
-"""Converts the quantities of a scene's tree to numbers in px, s, g and degrees."""
+"""Convert the quantities of a scene's tree to numbers in px, s, g and degrees."""
 
 from __future__ import annotations
 
@@ -19,30 +19,31 @@ from physgen.scene.schema import (
 from physgen.text import KeyPath, quantity
 
 ONE_FOR_TWO = ("gravity", "velocity", "force", "impulse", "wind")
-"""Vectors for which one number with its unit may stand."""
+"""Vectors that a single number with its unit can replace."""
 
 LARGEST_SCALE = 1e6
-"""px/m, as the schema allows."""
+"""Maximum scale of the schema, px/m."""
 
 LONGEST = 10.0
-"""s of a clip that ends when all rests."""
+"""Maximum duration of a clip that ends at rest, s."""
 
 
 class OpenDuration(float):
-    """The number that stands for `auto`."""
+    """The number for `auto`."""
 
 
 def in_numbers(root: Node) -> Node:
-    """Return the tree with numbers in place of texts with units that fit.
+    """Return the tree with numbers in place of texts with fitting units.
 
-    The schema reports the other texts. One number in place of a vector, with or without
-    a unit, points to the right, and gravity down.
+    The schema reports the other texts. A single number for a vector, with or without a
+    unit, points to the right; for gravity, it points down.
     """
     return _NumberTree(_scale(root)).convert(root, load_expanded_schema(), (), "")
 
 
 def _scale(root: Node) -> float:
-    """Return the scale of the file, px/m, the default if it has none that is valid."""
+    """Return the scale of the file, px/m, or the default without a valid one."""
+    # A wrong scale is reported by the schema; conversions continue with the default.
     default = float(find_schema_part("world.pixels_per_meter")["default"])
     node = children(root, "world").get("pixels_per_meter")
     if node is None:
@@ -73,6 +74,7 @@ class _NumberTree:
         if isinstance(value, dict):
             changes = self._children(value.items(), part, path, unit)
             return node.with_value({**value, **changes}) if changes else node
+        # Lists of names have no numbers.
         if isinstance(value, list) and not _has_names(part):
             changes = self._children(enumerate(value), part, path, unit)
             if changes:
@@ -81,7 +83,7 @@ class _NumberTree:
         return node
 
     def _text(self, node: Node, part: Schema, path: KeyPath, unit: str) -> Node:
-        """Return the number or vector that a text stands for, else the node itself."""
+        """Return the number or vector of a text, or the node itself."""
         text = str(node.value)
         if path == ("world", "duration") and text.strip() == "auto":
             return node.with_value(OpenDuration(LONGEST))
@@ -99,10 +101,10 @@ class _NumberTree:
         path: KeyPath,
         unit: str,
     ) -> dict[Any, Node]:
-        """Return the converted children that differ, by key or index."""
+        """Return the changed children after conversion, by key or index."""
         changes: dict[Any, Node] = {}
         for key, child in children:
-            # single numbers need no conversion, apart from those that stand for vectors
+            # Single numbers need no conversion, except for numbers in place of vectors.
             if key not in ONE_FOR_TWO and not isinstance(
                 child.value, str | list | dict
             ):
@@ -110,7 +112,7 @@ class _NumberTree:
             schema = inner(part, key)
             if schema is None:
                 continue
-            # the items of a list have the unit of the list
+            # The items of a list have the unit of the list.
             inherited_unit = unit if isinstance(key, int) else ""
             unit_of_child = schema.get("x-unit", inherited_unit)
             converted = self.convert(child, schema, (*path, key), unit_of_child)
@@ -120,12 +122,12 @@ class _NumberTree:
 
 
 def _has_names(part: Schema) -> bool:
-    """Return whether a schema is that of a list of names."""
+    """Return whether a schema describes a list of names."""
     return bool(part.get("items", {}).get("type") == "string")
 
 
 def _vector(node: Node, length: float, key: str | int, text: str | None = None) -> Node:
-    """Return the vector that one number stands for, the node itself if none may."""
+    """Return the vector of a single number, or the node itself for other keys."""
     if key not in ONE_FOR_TWO:
         return node
     ends = (0.0, length) if key == "gravity" else (length, 0.0)

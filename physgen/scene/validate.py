@@ -1,7 +1,9 @@
-"""Checks a scene document against the JSON Schema; every problem has its line and its fix.
+"""Check a scene document against the JSON Schema. Every problem has its line and its
+fix.
 
-The library `jsonschema` finds what is wrong. Here each of its errors becomes a message in the words of the schema:
-where it is, what was found, and what to write instead. It is not imported for scenes that a quick test accepts.
+The library `jsonschema` finds the faults. This module turns each error into a message
+with place, value and fix, in the words of the schema. The library is not imported for
+scenes accepted by a quick test.
 """
 
 from __future__ import annotations
@@ -50,9 +52,11 @@ if TYPE_CHECKING:
 
 
 MAX_PROBLEMS = 200
-"""Messages of one file; more are not read."""
+"""Maximum number of messages for one file; nobody reads more."""
 MAX_ERRORS = 10 * MAX_PROBLEMS
-"""Errors of one part of the file that are looked at: several can lead to the same message."""
+"""Maximum number of errors of one part of the file: several can lead to the same
+message.
+"""
 
 
 class TooManyError(Exception):
@@ -60,7 +64,7 @@ class TooManyError(Exception):
 
 
 class Findings:
-    """Collects problems, and remembers which parts of the tree are wrong somewhere inside."""
+    """Collects problems and the faulty parts of the tree."""
 
     def __init__(self) -> None:
         self.problems: dict[Problem, None] = {}
@@ -68,12 +72,15 @@ class Findings:
         self.bad: set[Node] = set()
 
     def report(self, problem: Problem) -> None:
-        """Keep a problem; the same one of the same place is kept once. Raises TooManyError after MAX_PROBLEMS."""
+        """Add a problem, without repetitions at one place. Raise TooManyError after
+        MAX_PROBLEMS.
+        """
         place = problem.place
         key = problem.path.rpartition(".")[2]
         text = key, problem.found, problem.expected, problem.fix
+        # One wrong key with a star reaches many objects, but is one mistake.
         if text in self._texts.setdefault(place, set()):
-            return  # of a key with a star: one mistake, in many objects
+            return
         if len(self.problems) >= MAX_PROBLEMS:
             self.problems[Message.TOO_MANY_PROBLEMS.problem(place)] = None
             raise TooManyError
@@ -81,7 +88,9 @@ class Findings:
         self.problems[problem] = None
 
     def value(self, node: Node, path: KeyPath, refusal: RefusedError) -> None:
-        """A problem with a value; one that an overlay wrote into many objects is reported once."""
+        """Report the problem of a value. A value that an overlay wrote into many
+        objects is reported once.
+        """
         if node not in self.bad:
             self.bad.add(node)
             value_text = shown(node.value) if node.text is None else quoted(node.text)
@@ -89,7 +98,7 @@ class Findings:
 
 
 def check_schema(root: Node, findings: Findings) -> None:
-    """Adds every violation of the schema in a tree."""
+    """Report every violation of the schema in a tree."""
     check_part(root, (), "", findings, shallow=True)
     if not isinstance(root.value, dict):
         return
@@ -110,7 +119,10 @@ def check_part(
     findings: Findings,
     shallow: bool = False,
 ) -> None:
-    """Adds the violations in one part of the tree; `shallow`: in the keys of a mapping alone."""
+    """Report the violations in one part of the tree. `shallow` checks only the keys of
+    a mapping.
+    """
+    # Values of a mapping are checked one by one, so that each has its own errors.
     data: Any = (
         dict.fromkeys(node.value)
         if isinstance(node.value, dict) and shallow
@@ -131,11 +143,12 @@ def check_part(
         error_path = tuple(error.path)
         if any(
             len(error_path) > len(other) and error_path[: len(other)] == other
+            # A list of the wrong length needs no messages about its items.
             for other in short
         ):
             continue
         if error.validator == "type" and error_path and isinstance(error_path[-1], int):
-            # numbers in a list of points: one message about the first of them
+            # Numbers in a list of points: one message about the first number is enough.
             is_number = isinstance(error.instance, int | float)
             if is_number and error.validator_value == "array":
                 if error_path[:-1] in shallow_paths:
@@ -145,7 +158,7 @@ def check_part(
 
 
 class _Fault:
-    """One error of jsonschema, with the node and the part of the schema that it belongs to."""
+    """One error of jsonschema, with its node and its part of the schema."""
 
     def __init__(
         self, error: ValidationError, node: Node, path: KeyPath, schema: Schema
@@ -168,7 +181,7 @@ class _Fault:
         )
 
     def report(self, findings: Findings) -> None:
-        """Adds the message, and marks the values that rules between keys cannot rely on."""
+        """Report the message, and mark the values that other rules cannot use."""
         keyword = str(self.error.validator)
         if "propertyNames" in self.error.schema_path:
             self._name(findings)
@@ -179,8 +192,10 @@ class _Fault:
             findings.bad.update(self.chain)
 
     def _type(self, findings: Findings) -> None:
-        """Report a value of another type than those of the schema."""
+        """Report a value with a type outside the schema's."""
         value, kinds = self.node.value, self.kinds
+        # A wrong type is also a wrong choice, and the list of choices is the better
+        # advice.
         if "enum" in self.schema:
             return self._choice(findings)
         may_be_list = "array" in kinds
@@ -202,7 +217,7 @@ class _Fault:
         return findings.value(self.node, self.path, refusal)
 
     def _mapping_fix(self) -> str:
-        """Return the fix of a value in place of a mapping."""
+        """Return the fix for a value in place of a mapping."""
         value = self.node.value
         if value is None:
             mapping = advice({**self.schema, "type": "object"})
@@ -211,7 +226,7 @@ class _Fault:
         return spaced_text or advice({**self.schema, "type": "object"})
 
     def _list_fix(self) -> tuple[str, str]:
-        """Return the kind of a list, and the fix of a value in its place."""
+        """Return the kind of a list, and the fix for a value in its place."""
         item_name, count = self._count()
         kind = f"a list of {count}"
         meaning = self._meant_list(item_name)
@@ -220,14 +235,14 @@ class _Fault:
         return kind, f"write {kind}{self._in_unit(item_name)}{self.hint}"
 
     def _text_fix(self) -> str:
-        """Return the fix of a value in place of text."""
+        """Return the fix for a value in place of text."""
         value = self.node.value
         if isinstance(value, int | float):
             return f'write it in quotes: "{shown(value)}"'
         return f"write text{self.hint}"
 
     def _not_a_number(self, findings: Findings) -> None:
-        """Report a value in place of a number, with the number that it stands for."""
+        """Report a value in place of a number, with the intended number."""
         value = self.node.value
         kind = "a whole number" if "integer" in self.kinds else "a number"
         meaning = meant_number(value, self.unit) if isinstance(value, str) else None
@@ -238,24 +253,28 @@ class _Fault:
             fix = f"write {meaning}"
             fix += ", without quotes" if meaning == value else ""
         else:
-            form = measure(self._numeric(), self.unit, ranged=isinstance(value, float))
+            form = measure(
+                self._numeric(), self.unit, has_range=isinstance(value, float)
+            )
             fix = f"write {form}{self._units()}{self.hint}"
         refusal = Message.WRONG_TYPE.refusal(kind=kind, fix=fix)
         return findings.value(self.node, self.path, refusal)
 
-    def _meant_list(self, what: str) -> str | None:
-        """Return the list that a text stands for, None if it is none."""
+    def _meant_list(self, noun: str) -> str | None:
+        """Return the intended list of a text, or None for another text."""
         value = self.node.value
         if not isinstance(value, str):
             return None
-        if what == "names":
+        if noun == "names":
             names = [plain_text(part) for part in value.split(",")]
             is_names = all(re.fullmatch(r"[A-Za-z][\w-]*", name) for name in names)
             return f"[{', '.join(names)}]" if is_names else None
-        return meant_list(value) if what in ("numbers", "whole numbers") else None
+        return meant_list(value) if noun in ("numbers", "whole numbers") else None
 
     def _ways(self) -> list[str]:
-        """Return the words, numbers, keys or lists that a part of several types takes."""
+        """Return the accepted words, numbers, keys or lists of a part with several
+        types.
+        """
         words = self.schema.get("then", {}).get("enum", [])
         ways = [*words]
         if "boolean" in self.kinds:
@@ -269,7 +288,9 @@ class _Fault:
         return {**self.schema, "type": kind}
 
     def _count(self) -> tuple[str, str]:
-        """Return the noun of a list's items, `points`, and with their number, `2 points`."""
+        """Return the noun of a list's items, `points`, and with their number, `2
+        points`.
+        """
         part = inner(self.schema, 0) or {}
         kinds = {
             "number": "numbers",
@@ -283,15 +304,15 @@ class _Fault:
         minimum, maximum = self.schema.get("minItems", 0), self.schema.get("maxItems")
         return item_name, f"{minimum} {item_name}" if minimum == maximum else item_name
 
-    def _in_unit(self, what: str) -> str:
+    def _in_unit(self, noun: str) -> str:
         return (
             f" in {UNITS.get(self.unit, self.unit)}"
-            if self.unit and what != "mappings"
+            if self.unit and noun != "mappings"
             else ""
         )
 
     def _units(self) -> str:
-        """Return the units that a text may have here."""
+        """Return the units for texts at this place."""
         auto = ", or auto" if self.path == ("world", "duration") else ""
         return (
             f", or a number with {ALLOWED[self.unit]} behind it{auto}"
@@ -331,10 +352,11 @@ class _Fault:
         else:
             side = "not above" if value == lowest else "below"
             limit_text = limit(lowest)
-        fix = measure(schema, self.unit, ranged=True)
+        fix = measure(schema, self.unit, has_range=True)
         if value > greatest and limit(greatest) not in fix:
-            fix = f"{measure(schema, self.unit, ranged=False)} of at most {limit(greatest)}"
+            fix = f"{measure(schema, self.unit, has_range=False)} of at most {limit(greatest)}"
         fix = f"write {fix}{self.hint}"
+        # A tiny length in px is probably in metres.
         if self.unit == "px" and 0 < value < lowest and self.node.text is None:
             fix += f"; did you mean meters? write {number(value)} m"
         refusal = Message.OUT_OF_RANGE.refusal(side=side, bound=limit_text, fix=fix)
@@ -398,13 +420,15 @@ class _Fault:
             kinds = listed(parts)
             refusal = Message.NOT_ONE_KEY.refusal(content=content, kinds=kinds)
         else:
-            return  # the message is that of the unknown key
+            # The message about the unknown key is enough.
+            return
         findings.report(refusal.problem(self.node.place, dotted(self.path)))
 
     def _name(self, findings: Findings) -> None:
         key, names = str(self.error.instance), self.schema["propertyNames"]
         assert isinstance(self.node.value, dict)
         fix = f"write {names['x-pattern']}, e.g. {example(names['examples'][0])}"
+        # No-break spaces come from web pages and are invisible.
         if "\u00a0" in key:
             fix = "write plain spaces in place of no-break spaces"
         place, key_path = self.node.value[key].key_place, (*self.path, key)
@@ -430,15 +454,17 @@ class _Fault:
             findings.bad.update(self.chain)
 
     def _fix_of_key(self, key: str, siblings: dict[str, Node]) -> str:
-        """Return what to write in place of an unknown key."""
+        """Return the replacement for an unknown key."""
         known_keys = list(self.schema["properties"])
         spaced_text = add_space(key)
         if spaced_text is not None:
             return spaced_text
+        # A key below an empty one often has too little indentation.
         parent_key = _empty_above(key, siblings)
         if parent_key is not None and inner(self.schema, parent_key):
             return f"indent it by two spaces more, so that it belongs to {parent_key}"
         aliases = _ALIASES.get(dotted(kind_of(self.path)), {})
+        # Users of other engines write their names.
         alias = aliases.get(key.replace("-", "_").lower())
         close = alias or nearest(key, known_keys)
         likeness = 1.0 if alias else similarity(key, close or "")
@@ -459,13 +485,13 @@ class _Fault:
         return f"write {listed(islice(kinds or known_keys, 30))}"
 
     def _nearest_of(self, homes: Iterable[str]) -> list[str]:
-        """Return names of mappings: those below this one if there are any."""
+        """Return names of mappings, preferably of those below this one."""
         prefix = f"{dotted(kind_of(self.path))}.".replace("*", "NAME")
         homes_within = [home for home in homes if home.startswith(prefix)]
         return [home or "the top level of the file" for home in homes_within or homes]
 
     def _missing_kinds(self, siblings: dict[str, Node]) -> list[str]:
-        """Return the kinds of a joint, field or force that has none of them yet."""
+        """Return the possible kinds of a joint, field or force without a kind."""
         if not self.path or self.path[0] not in ("joints", "fields", "forces"):
             return []
         if len(self.path) != 2:
@@ -475,7 +501,7 @@ class _Fault:
 
 
 def _empty_above(key: str, siblings: dict[str, Node]) -> str | None:
-    """Return the key right above one, if it has no value."""
+    """Return the previous key, if it has no value."""
     keys = list(siblings)
     number = keys.index(key)
     if number == 0:
@@ -484,15 +510,16 @@ def _empty_above(key: str, siblings: dict[str, Node]) -> str | None:
     return parent_key if siblings[parent_key].value is None else None
 
 
-def misspelt_keys(keys: Iterable[str], known: Iterable[str]) -> set[str | None]:
-    """Return the known keys that unknown ones are probably meant to be."""
-    known = list(known)
-    return {nearest(key, known) for key in keys if key not in known}
+def misspelt_keys(keys: Iterable[str], known_keys: Iterable[str]) -> set[str | None]:
+    """Return the known keys that are probably meant by unknown ones."""
+    known_keys = list(known_keys)
+    return {nearest(key, known_keys) for key in keys if key not in known_keys}
 
 
 SURE = 0.8
-"""Similarity of two words from which on one is taken for a misspelling of the other,
-even if the misspelt word is a key elsewhere: `force` for `forces` is 0.91."""
+"""Minimum similarity of two words to count as a misspelling, even if the word is a key
+elsewhere: `force` for `forces` is 0.91.
+"""
 
 
 _ALIASES: dict[str, dict[str, str]] = {
@@ -521,7 +548,7 @@ _ALIASES: dict[str, dict[str, str]] = {
         "bodies": "objects",
     },
 }
-"""Kind of mapping -> names of other engines -> ours."""
+"""Kind of mapping -> names in other engines -> our names."""
 BOOLEAN_WORDS = {
     "yes": "true",
     "on": "true",
@@ -530,7 +557,7 @@ BOOLEAN_WORDS = {
     "off": "false",
     "n": "false",
 }
-"""Words that stand for true and false, which YAML 1.2 reads as text."""
+"""Words for true and false in YAML 1.1, which YAML 1.2 reads as text."""
 _MESSAGES: dict[str, Callable[[_Fault, Findings], None]] = {
     "type": _Fault._type,
     "const": _Fault._choice,
@@ -547,4 +574,4 @@ _MESSAGES: dict[str, Callable[[_Fault, Findings], None]] = {
     "minProperties": _Fault._several,
     "maxProperties": _Fault._several,
 }
-"""Keyword of the schema -> the message that its violation gets."""
+"""Keyword of the schema -> message about its violation."""

@@ -1,4 +1,4 @@
-"""Writes scene files: documents to readable YAML."""
+"""Write scene files: documents as readable YAML."""
 
 from __future__ import annotations
 
@@ -13,9 +13,12 @@ from physgen.scene.schema import Schema, inner, load_expanded_schema, schema_at
 from physgen.text import KeyPath, dotted, number
 
 WIDTH = 112
-"""Columns after which a list of points goes on in the next line, and a mapping is written a key a line."""
+"""Maximum number of columns of a line before a list of points is wrapped and a mapping
+is written in block style.
+"""
 
-_LONGEST_KEY = 1000  # YAML takes 1024 characters before the colon
+# YAML takes 1024 characters before the colon.
+_LONGEST_KEY = 1000
 _BLOCK = re.compile(
     r"world|objects(\.[^.]+)?|boundaries|doubtful|joints|fields|variants|"
 ).fullmatch
@@ -31,9 +34,10 @@ def scene_text(
 ) -> str:
     """Return the document in the schema's order of keys.
 
-    `schema` is the path from the scene to its JSON Schema, for the modeline from which editors complete and check;
-    None leaves the line out. `comments` maps dotted paths (`objects.ball.mass`) to what to say about the value; a
-    short one stands behind it, a long one above. Raises ValueError for infinities, NaN and keys that are no text.
+    `schema` is the path from the scene to its JSON Schema, for the modeline of editors;
+    None leaves the line out. `comments` maps dotted paths (`objects.ball.mass`) to
+    comments; a short one is written after the value, a long one above. Raise ValueError
+    for infinities, NaN and keys that are not text.
     """
     lines = [f"# yaml-language-server: $schema={schema}"] if schema else []
     lines += _comment_lines(header, "") if header else []
@@ -45,7 +49,8 @@ def scene_text(
 
 
 def entry_lines(value: Any, start: str, indent: str, path: KeyPath) -> list[str]:
-    """The lines of `start` (a key with its colon, or a dash) and its value, as `scene_text` writes what is at `path`.
+    """Return the lines of `start` (a key with its colon, or a dash) and its value, as
+    `scene_text` writes the value at `path`.
 
     >>> entry_lines({"object": "ball", "force": [0, -4.0e5]}, "  -", "    ", ("forces", 0))
     ['  - {object: ball, force: [0, -4.0e5]}']
@@ -54,12 +59,12 @@ def entry_lines(value: Any, start: str, indent: str, path: KeyPath) -> list[str]
 
 
 def flow_text(value: Any, path: KeyPath) -> str:
-    """Return the value that is at `path` on one line."""
+    """Return the value at `path` on one line."""
     return _flow(value, schema_at(path))
 
 
 def edit_texts(edits: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return edits by dotted key as KEY=VALUE; None removes a key.
+    """Return edits by dotted key as KEY=VALUE. None removes a key.
 
     >>> edit_texts({"objects.ball.mass": 5, "objects.cup": None})
     ('objects.ball.mass=5', 'objects.cup=')
@@ -99,7 +104,9 @@ class _Writer:
     def entry(
         self, value: Any, start: str, indent: str, path: KeyPath, schema: Schema | None
     ) -> Iterator[str]:
-        """Yield the lines of `start` (a key with its colon, or a dash) and its value; `indent`: of lines below."""
+        """Yield the lines of `start` (a key with its colon, or a dash) and its value.
+        `indent` belongs to the lines below.
+        """
         key_path = dotted(path)
         comment = self.comments.get(key_path, "")
         value = _data(value)
@@ -118,9 +125,8 @@ class _Writer:
             or (isinstance(value, list) and isinstance(value[0], Mapping))
         )
         first = start if block else f"{start} {text}"
-        dash = (
-            block and isinstance(value, Mapping) and start.endswith("-")
-        )  # its first key stands behind the dash
+        # The first key of a mapping follows the dash of its item.
+        dash = block and isinstance(value, Mapping) and start.endswith("-")
         if comment and (
             dash or "\n" in comment or len(first) + len(comment) + 4 > WIDTH + 8
         ):
@@ -156,7 +162,9 @@ def _comment_lines(text: str, indent: str) -> list[str]:
 
 
 def _wrap_line(first: str, start: str, indent: str, text: str) -> Iterator[str]:
-    """A line with a value's `text`, over several lines where it is long: broken between points, keys or numbers."""
+    """Yield a line with a value's `text`. A long line is broken between points, keys or
+    numbers.
+    """
     comment = first[len(start) + 1 + len(text) :]
     if len(first) - len(comment) <= WIDTH + 8 or text[:1] not in "[{":
         yield first
@@ -173,7 +181,9 @@ def _wrap_line(first: str, start: str, indent: str, text: str) -> Iterator[str]:
 
 
 def _points(value: Any) -> bool:
-    """Return whether a value is a long list of numbers or points, which may be broken anywhere."""
+    """Return whether a value is a long list of numbers or points, which can be broken
+    anywhere.
+    """
     return (
         isinstance(value, list)
         and len(value) > 2
@@ -188,7 +198,7 @@ def _points(value: Any) -> bool:
 
 
 def _data(value: Any) -> Any:
-    """Convert tuples and numpy's scalars and arrays to plain data."""
+    """Convert tuples, and numpy's scalars and arrays, to plain data."""
     if hasattr(value, "tolist"):
         value = value.tolist()
     return list(value) if isinstance(value, tuple) else value
@@ -218,6 +228,7 @@ def _flow(value: Any, schema: Schema | None) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, int | float):
+        # YAML has .inf and .nan, but scenes do not.
         if not math.isfinite(value):
             raise ValueError(f"a scene cannot hold {value}")
         return number(value)
@@ -227,16 +238,19 @@ def _flow(value: Any, schema: Schema | None) -> str:
 
 
 def key_text(key: Any) -> str:
-    """Return a key as it is written. Raises ValueError where it is no text, or too long."""
+    """Return a key as YAML. Raise ValueError unless it is a short text."""
     if not isinstance(key, str) or len(key) > _LONGEST_KEY:
         raise ValueError("a scene's keys are short texts")
     return _text(key)
 
 
 def _text(text: str) -> str:
-    """Text, in double quotes only where it would be read as something else."""
+    """Return text as YAML, in double quotes only if plain text would be read as
+    something else.
+    """
     if _PLAIN(text) and text.isprintable():
         try:
+            # `on`, `1e3` and `null` would be read as other types.
             if resolve(text) == text:
                 return text
         except RefusedError:

@@ -1,4 +1,4 @@
-"""Comments of a scene file: those of physgen are kept true when values change."""
+"""Keep physgen's comments in a scene file true after changes of values."""
 
 from __future__ import annotations
 
@@ -21,26 +21,33 @@ from physgen.scene.yaml_edit import (
 from physgen.text import KeyPath, listed
 
 LONGEST = 116
-"""Columns of a line with a comment behind its value."""
+"""Maximum number of columns of a line with a comment after its value."""
 DEEP = {"objects": 3, "world": 2, "boundaries": 2, "render": 1}
-"""Keys of a path to a value with a comment of perception, by section."""
+"""Number of keys in a path to a value with a comment of perception, by section."""
 
 
 def without_comments(
-    text: str, paths: Sequence[Sequence[str | int]], ours: Collection[str]
+    text: str, paths: Sequence[Sequence[str | int]], own_comments: Collection[str]
 ) -> str:
-    """Return the text without the comments that are `ours` behind or above values that a user has set; others stay."""
+    """Return the text without the comments in `own_comments` after or above the values at
+    `paths`, which a user has set. Other comments stay.
+    """
     for path in paths:
         if depth := DEEP.get(str(path[0]), 0):
-            text = _without_comment(text, tuple(path[:depth]), ours)
+            text = _without_comment(text, tuple(path[:depth]), own_comments)
     return text
 
 
 def with_comments(
-    text: str, comments: Mapping[str, str], ours: Collection[str], new: Collection[str]
+    text: str,
+    comments: Mapping[str, str],
+    own_comments: Collection[str],
+    new: Collection[str],
 ) -> str:
-    """The text with comments at dotted keys, behind short values and above others, in the place of those that are
-    `ours`; where none is, at keys that are `new` alone."""
+    """Return the text with comments at dotted keys, after short values and above
+    others. They replace comments in `own_comments`; without one, only keys in `new` get a
+    comment.
+    """
     for key, comment in comments.items():
         try:
             parent, index = parent_of(text, tuple(key.split(".")))
@@ -49,16 +56,18 @@ def with_comments(
         begin, words = entry(text, parent, index), " ".join(comment.split())
         there = set(dict(_comments(text, begin)).values())
         if (
+            # A comment in a line of several values could belong to any of them.
             parent.is_flow
             or not leads(text, begin)
             or words in there
-            or not (key in new or any(_is_ours(one, ours) for one in there))
+            or not (key in new or any(_is_ours(one, own_comments) for one in there))
         ):
             continue
-        text = without_comments(text, [key.split(".")], ours)
+        text = without_comments(text, [key.split(".")], own_comments)
         parent, index = parent_of(text, tuple(key.split(".")))
         begin = entry(text, parent, index)
         first, stop = line_begin(text, begin), line_end(text, begin)
+        # A user's own comment on the line stays alone there.
         short = stop - first + len(words) <= LONGEST and "#" not in text[first:stop]
         child = parent.children[index]
         if short and (child.end <= stop or not (child.is_flow or child.kind is str)):
@@ -75,25 +84,27 @@ _COUNTS = re.compile(
     r"|as the scene had them(?:, and where you pointed)?)"
     r", counted from left to right(?:; \d+ specks of under \d+ px left out)?)"
 )
-"""What perception says of all objects: 2 x ball, 1 x block, found by ..."""
+"""Perception's comment on all objects: 2 x ball, 1 x block, found by ..."""
 
 _SUPPORTED = re.compile(r"under \d+ objects?")
-"""What perception says of a boundary."""
+"""Perception's comment on a boundary."""
 
 _HIDING = "in front: it hides parts of "
-"""What perception says of a layer, before the names of objects."""
+"""Start of perception's comment on a layer, before the names of objects."""
 
 _HIDDEN = re.compile(_HIDING + r"([\w-]+(?:, [\w-]+)*(?: and [\w-]+)?)")
 
 
 def with_true_comments(
-    text: str, old: Mapping[str, Any], renamed: Mapping[str, str]
+    text: str, old: Mapping[str, Any], new_names: Mapping[str, str]
 ) -> str:
-    """Update or remove comments of perception on objects that came, went or changed.
+    """Update or remove comments of perception after objects were added, removed or
+    changed.
 
-    `old` is the data before the change; `renamed` are new names of objects by the old.
+    `old` is the data before the change; `new_names` maps old to new names of objects.
     """
     labels, labels_before = _labels(mark_values(text).data()), _labels(old)
+    # Most edits do not change labels.
     if labels == labels_before:
         return text
     counts = _label_counts(labels)
@@ -110,15 +121,15 @@ def with_true_comments(
         text = _with_comment(
             text,
             ("objects", name, "layer"),
-            lambda words: _hidden_names(words, labels, renamed),
+            lambda words: _hidden_names(words, labels, new_names),
         )
     return text
 
 
-def _is_ours(words: str, ours: Collection[str]) -> bool:
-    """Return whether perception wrote a comment, or an edit brought it up to date."""
+def _is_ours(words: str, own_comments: Collection[str]) -> bool:
+    """Return whether perception wrote a comment, or an edit updated it."""
     is_updated = _HIDDEN.fullmatch(words) or _COUNTS.fullmatch(words)
-    return words in ours or is_updated is not None
+    return words in own_comments or is_updated is not None
 
 
 def _labels(data: Mapping[str, Any]) -> dict[str, str]:
@@ -139,7 +150,7 @@ def _label_counts(labels: Mapping[str, str]) -> str:
 
 
 def _count_objects(words: str, counts: str) -> str:
-    """Return perception's comment on all objects with other counts."""
+    """Return perception's comment on all objects with new counts."""
     match = _COUNTS.fullmatch(words)
     if match is None:
         return words
@@ -147,14 +158,14 @@ def _count_objects(words: str, counts: str) -> str:
 
 
 def _without_support(words: str) -> str:
-    """Return a comment on a boundary; none if it counts the objects on it."""
+    """Return a comment on a boundary, or "" if it counts the objects on it."""
     return "" if _SUPPORTED.fullmatch(words) else words
 
 
 def _hidden_names(
     words: str, names: Collection[str], renamed: Mapping[str, str]
 ) -> str:
-    """Return a comment on a layer with the names that hidden objects have now."""
+    """Return a comment on a layer with the current names of hidden objects."""
     match = _HIDDEN.fullmatch(words)
     if match is None:
         return words
@@ -165,7 +176,7 @@ def _hidden_names(
 
 
 def _with_comment(text: str, path: KeyPath, change: Callable[[str], str]) -> str:
-    """Change the words of the comments behind and above a key; "" removes a comment."""
+    """Change the words of the comments after and above a key. "" removes a comment."""
     try:
         parent, index = parent_of(text, path)
     except EditError:
@@ -181,7 +192,7 @@ def _with_comment(text: str, path: KeyPath, change: Callable[[str], str]) -> str
 
 
 def _with_words(text: str, number: int, words: str) -> str:
-    """Give the comment in a line other words, or remove it."""
+    """Replace the words of the comment in a line, or remove the comment."""
     lines = text.split("\n")
     line = lines[number]
     end = "\r" if line.endswith("\r") else ""
@@ -195,7 +206,9 @@ def _with_words(text: str, number: int, words: str) -> str:
 
 
 def _comments(text: str, place: int) -> Iterator[tuple[int, str]]:
-    """Yield the index and words of the comment that ends the line of a place, and of the lines of comments above it."""
+    """Yield the index and words of the comment at the end of a place's line, and of the
+    comment lines above it.
+    """
     lines, line_number = text.split("\n"), text.count("\n", 0, place)
     _, mark, words = lines[line_number].rpartition(" #")
     if mark:
@@ -205,7 +218,7 @@ def _comments(text: str, place: int) -> Iterator[tuple[int, str]]:
         yield line_number, " ".join(lines[line_number].lstrip(" #").split())
 
 
-def _without_comment(text: str, path: KeyPath, ours: Collection[str]) -> str:
+def _without_comment(text: str, path: KeyPath, own_comments: Collection[str]) -> str:
     try:
         parent, index = parent_of(text, path)
     except EditError:
@@ -215,9 +228,9 @@ def _without_comment(text: str, path: KeyPath, ours: Collection[str]) -> str:
         return text
     lines = text.split("\n")
     for line, words in _comments(text, begin):
-        if _is_ours(words, ours) and lines[line].lstrip().startswith("#"):
+        if _is_ours(words, own_comments) and lines[line].lstrip().startswith("#"):
             del lines[line]
-        elif _is_ours(words, ours):
+        elif _is_ours(words, own_comments):
             lines[line] = lines[line].rpartition(" #")[0].rstrip() + "\r" * lines[
                 line
             ].endswith("\r")

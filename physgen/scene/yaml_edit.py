@@ -1,12 +1,13 @@
-"""Changes of YAML text that keep all other lines and the comments as they are.
+"""Change YAML text, and keep all other lines and the comments.
 
-Positions come from the parser of scenes, so that a position holds what the scene has there; new values are written in
-the style of `physgen.scene.write`, or as JSON in a file that is JSON. The new text is read back: one that does not hold
-the intended data is never returned.
+Positions come from the parser of scenes, so that a position holds the scene's value.
+New values have the style of `physgen.scene.write`, or of JSON in a JSON file. The new
+text is read again: a text without the intended data is never returned.
 
-Comments belong to an entry if they end its line, if they are indented deeper than it and follow it, or if they stand
-directly above it, indented as it is and with no blank line between; an entry that is removed takes them along. Comments
-at the very top belong to the file, and one behind the key of a section to the section.
+A comment belongs to an entry at the end of its line, in deeper lines after it, or
+directly above it with the same indentation and no blank line between. A removed entry
+takes its comments along. Comments at the very top belong to the file, and a comment
+after the key of a section belongs to the section.
 """
 
 from __future__ import annotations
@@ -31,30 +32,37 @@ from physgen.text import KeyPath, dotted, number
 _NOWHERE = Path()
 
 Patch = tuple[int, int, str]
-"""First and last character of what is removed, and what replaces it."""
+"""First and last character of the removed text, and the new text."""
 BREAK = re.compile("\r\n|[\n\r\x85\u2028\u2029]")
 
 
 @dataclass
 class MarkedValue:
-    """One value. `begin` and `end` are indices into the text; of a block, `end` is the end of its last value."""
+    """A value with its position. `begin` and `end` are indices into the text; the `end`
+    of a block is the end of its last value.
+    """
 
-    kind: type  # `dict`, `list`, or `str` for any scalar
-    is_flow: bool  # whether it is written in brackets
+    # `dict`, `list`, or `str` for any scalar.
+    kind: type
+    # True for a value in brackets.
+    is_flow: bool
     begin: int
     end: int
     column: int
-    value: Any = None  # of a scalar
+    # Value of a scalar.
+    value: Any = None
     style: str = ""
-    """Of a scalar: `""` plain, or its quote, `|` or `>`."""
+    """Style of a scalar: `""` plain, or its quote, `
+
+    ` or `>`.
+    """
     keys: list[tuple[str, int, int]] = field(default_factory=list)
-    """Of a mapping: each key, and where it stands."""
-    children: list[MarkedValue] = field(
-        default_factory=list
-    )  # values of a mapping, or items
+    """Keys of a mapping, with their positions."""
+    # Values of a mapping, or items of a list.
+    children: list[MarkedValue] = field(default_factory=list)
 
     def place(self, key: str | int) -> int | None:
-        """Return the index of the child at a key or an index; None where there is none."""
+        """Return the index of the child at a key or an index, or None."""
         if isinstance(key, int):
             return key if self.kind is list and 0 <= key < len(self.children) else None
         return self._places.get(key)
@@ -82,7 +90,9 @@ class MarkedValue:
 
 @lru_cache(maxsize=4)
 def mark_values(text: str) -> MarkedValue:
-    """The tree of a file's text. Raises EditError where it is not YAML of scenes, which can only be edited as text."""
+    """Return the tree of a file's text. Raise EditError for invalid YAML, which can
+    only be edited as text.
+    """
     try:
         read(text, Source("", _NOWHERE))
     except InputError as error:
@@ -104,6 +114,7 @@ def _mark_tree(node: Any, text: str) -> MarkedValue:
     if isinstance(node, yaml.ScalarNode):
         style = node.style if node.style in ("'", '"', "|", ">") else ""
         if style in ("|", ">"):
+            # PyYAML counts the empty lines after a block scalar.
             end = begin + len(text[begin:end].rstrip())
         value = node.value if style else resolve(node.value)
         return MarkedValue(str, False, begin, end, column, value, style)
@@ -129,15 +140,15 @@ def _mark_tree(node: Any, text: str) -> MarkedValue:
     )
 
 
-def entry(text: str, parent: MarkedValue, at: int) -> int:
-    """Start of the entry of a child: its key, or its dash."""
+def entry(text: str, parent: MarkedValue, index: int) -> int:
+    """Return the start of a child's entry: its key, or its dash."""
     if parent.kind is dict:
-        return parent.keys[at][1]
+        return parent.keys[index][1]
     if parent.is_flow:
-        return parent.children[at].begin
-    if at == 0:
+        return parent.children[index].begin
+    if index == 0:
         return parent.begin
-    place = line_after(text, parent.children[at - 1].end)
+    place = line_after(text, parent.children[index - 1].end)
     while (
         text[place : place + parent.column].strip(" ")
         or text[place + parent.column] != "-"
@@ -147,7 +158,7 @@ def entry(text: str, parent: MarkedValue, at: int) -> int:
 
 
 def line_begin(text: str, place: int) -> int:
-    """Return the begin of the line of a place."""
+    """Return the start of the line of a place."""
     while place and not BREAK.match(text[place - 1]):
         place -= 1
     return place
@@ -160,7 +171,7 @@ def line_end(text: str, place: int) -> int:
 
 
 def line_after(text: str, place: int) -> int:
-    """Return the begin of the next line."""
+    """Return the start of the next line."""
     line_break = BREAK.search(text, place)
     return line_break.end() if line_break else len(text)
 
@@ -177,13 +188,15 @@ def newline(text: str) -> str:
 
 
 def patch_below(text: str, place: int, lines: Sequence[str]) -> Patch:
-    """Return the lines after that of a place."""
+    """Return the patch that adds lines after the line of a place."""
     stop, line = line_end(text, place), newline(text)
     return stop, stop, line + line.join(lines)
 
 
 def joint(text: str, node: MarkedValue, before: MarkedValue) -> str:
-    """Return the separator of a new entry in brackets: with a line break where each entry has a line of its own."""
+    """Return the separator before a new entry in brackets, with a line break if each
+    entry has its own line.
+    """
     begin = (
         node.keys[node.children.index(before)][1] if node.kind is dict else before.begin
     )
@@ -193,7 +206,7 @@ def joint(text: str, node: MarkedValue, before: MarkedValue) -> str:
 
 
 def find(text: str, path: Sequence[str | int]) -> MarkedValue:
-    """Return the value at a path. Raises EditError where there is none."""
+    """Return the value at a path. Raise EditError if there is no value."""
     node = mark_values(text)
     for key in path:
         child = node.child(key)
@@ -203,21 +216,23 @@ def find(text: str, path: Sequence[str | int]) -> MarkedValue:
     return node
 
 
-def are_equal(one: Any, other: Any) -> bool:
+def are_equal(first: Any, second: Any) -> bool:
     """Return whether two values are equal; true and 1 are not."""
-    if isinstance(one, dict) and isinstance(other, dict):
-        return one.keys() == other.keys() and all(
-            are_equal(one[key], other[key]) for key in one
+    if isinstance(first, dict) and isinstance(second, dict):
+        return first.keys() == second.keys() and all(
+            are_equal(first[key], second[key]) for key in first
         )
-    if isinstance(one, list) and isinstance(other, list):
-        return len(one) == len(other) and all(map(are_equal, one, other))
-    if isinstance(one, bool) or isinstance(other, bool):
-        return one is other
-    return bool(one == other)
+    if isinstance(first, list) and isinstance(second, list):
+        return len(first) == len(second) and all(map(are_equal, first, second))
+    if isinstance(first, bool) or isinstance(second, bool):
+        return first is second
+    return bool(first == second)
 
 
 def parent_of(text: str, path: KeyPath) -> tuple[MarkedValue, int]:
-    """Return the collection that holds what is at a path, and which of its children that is."""
+    """Return the parent collection of the value at a path, and the index of the value
+    in it.
+    """
     parent = find(text, path[:-1])
     index = parent.place(path[-1])
     if index is None:
@@ -226,21 +241,22 @@ def parent_of(text: str, path: KeyPath) -> tuple[MarkedValue, int]:
 
 
 def apply_patches(text: str, *patches: Patch) -> str:
-    """Return the text with patches, which do not overlap."""
+    """Return the text with patches. They must not overlap."""
     for begin, end, new in sorted(patches, reverse=True):
         text = text[:begin] + new + text[end:]
     return text
 
 
-# Values
+# ---- values
 
 
 def write(text: str, data: dict[str, Any]) -> str:
-    """Return the text of a file such that it holds `data`. Raises EditError."""
+    """Return the text of a file with the content `data`. Raise EditError."""
     try:
         new_text = put(text, (), data)
         if is_json(text) and not is_json(new_text):
             new_text = json.dumps(data, indent=2, ensure_ascii=False) + "\n"
+        # The result is read again: a wrong text must never replace a user's file.
         if are_equal(mark_values(new_text).data(), data):
             return new_text
     except EditError:
@@ -249,15 +265,18 @@ def write(text: str, data: dict[str, Any]) -> str:
 
 
 def written_anew(text: str, path: KeyPath, value: Any) -> str:
-    """Return the text with the value at a path as a new file has it; as it is where a comment stands in brackets."""
+    """Return the text with the value at a path in the form of a new file. Keep a value
+    with a comment in brackets.
+    """
     node = find(text, path)
+    # A rewrite would lose the comment.
     if "#" in text[node.begin : line_after(text, node.end - 1)]:
         return text
     return apply_patches(text, *_rewritten(text, path, value))
 
 
 def put(text: str, path: KeyPath, value: Any) -> str:
-    """Set the value at a path whose holder is there."""
+    """Set the value at a path with an existing parent."""
     if path and find(text, path[:-1]).place(path[-1]) is None:
         return _make_entry(text, path, value)
     return (
@@ -276,39 +295,39 @@ def _drop(text: str, path: KeyPath) -> str:
     first, stop = _first_line(text, parent, index), _last_line(text, parent, index)
     if _is_blank_line(text, stop) and first and _is_blank_line(text, first - 1):
         stop = line_after(text, stop)
-    if stop == len(text) and not BREAK.search(
-        text[-1:]
-    ):  # nor does the new last line end
+    # Without a break at the end of the file, the new last line needs none.
+    if stop == len(text) and not BREAK.search(text[-1:]):
         first -= 2 if text[:first].endswith("\r\n") else 1
     patches = [(first, stop, "")]
     is_last = index > 0 and index + 1 == len(parent.children)
-    if is_last and is_json(text):  # which has no comma behind the last entry
+    # JSON has no comma after the last entry.
+    if is_last and is_json(text):
         end = parent.children[index - 1].end
         patches.append((end, text.index(",", end) + 1, ""))
     return apply_patches(text, *patches)
 
 
-def _ends_line(text: str, parent: MarkedValue, at: int) -> bool:
-    """Return whether nothing but a comma and a comment follows an entry on its line."""
+def _ends_line(text: str, parent: MarkedValue, index: int) -> bool:
+    """Return whether only a comma and a comment follow an entry on its line."""
     if not parent.is_flow:
         return True
-    end = parent.children[at].end
+    end = parent.children[index].end
     rest = text[end : line_end(text, end)]
     return re.fullmatch(r"\s*,?\s*(#.*)?", rest) is not None
 
 
 def _is_blank_line(text: str, place: int) -> bool:
-    """Return whether the line of a place has a break and nothing else."""
+    """Return whether the line of a place has only a break."""
     stop = line_end(text, place)
     return stop < len(text) and not text[line_begin(text, place) : stop].strip()
 
 
-def _first_line(text: str, parent: MarkedValue, at: int) -> int:
+def _first_line(text: str, parent: MarkedValue, index: int) -> int:
     """Return the start of an entry's lines: of the comments directly above it."""
-    begin = entry(text, parent, at)
+    begin = entry(text, parent, index)
     first = line_begin(text, begin)
     column = begin - first
-    end_above = parent.children[at - 1].end if at else 0
+    end_above = parent.children[index - 1].end if index else 0
     top = first
     while top > end_above:
         line = line_begin(text, top - len(_break_before(text, top)))
@@ -317,22 +336,23 @@ def _first_line(text: str, parent: MarkedValue, at: int) -> int:
         if line < end_above or not is_comment or words.index("#") != column:
             return top
         top = line
-    return first  # comments at the top of the file are about the file
+    # Comments at the top of the file belong to the file.
+    return first
 
 
 def _break_before(text: str, place: int) -> str:
-    """Return the line break that ends at a place; empty if none does."""
+    """Return the line break before a place, or ""."""
     if text.endswith("\r\n", 0, place):
         return "\r\n"
     before = text[max(place - 1, 0) : place]
     return before if BREAK.match(before) else ""
 
 
-def _last_line(text: str, parent: MarkedValue, at: int) -> int:
-    """Return the end of an entry's lines: of the deeper comments that follow it."""
-    begin = entry(text, parent, at)
+def _last_line(text: str, parent: MarkedValue, index: int) -> int:
+    """Return the end of an entry's lines: of the deeper comments after it."""
+    begin = entry(text, parent, index)
     column = begin - line_begin(text, begin)
-    stop = line_after(text, parent.children[at].end)
+    stop = line_after(text, parent.children[index].end)
     return _after_deeper_comments(text, stop, column)
 
 
@@ -350,21 +370,22 @@ def _after_deeper_comments(text: str, place: int, column: int) -> int:
     return stop
 
 
-def _cut(text: str, parent: MarkedValue, at: int, begin: int) -> Patch:
-    """Return the patch that removes one of several entries in brackets, and no comments of others."""
-    child = parent.children[at]
-    is_last = at + 1 == len(parent.children)
-    if at and leads(text, begin):
-        # behind a comment the comma before it stays: YAML lets one stand at the end
-        before = parent.children[at - 1].end
+def _cut(text: str, parent: MarkedValue, index: int, begin: int) -> Patch:
+    """Return the patch that removes one of several entries in brackets, without
+    comments of others.
+    """
+    child = parent.children[index]
+    is_last = index + 1 == len(parent.children)
+    if index and leads(text, begin):
+        # After a comment, keep the comma before it: YAML allows a comma at the end.
+        before = parent.children[index - 1].end
         if is_last:
             return begin if "#" in text[before:begin] else before, child.end, ""
-    elif at:
-        return parent.children[at - 1].end, child.end, ""
-    after = entry(text, parent, at + 1)
-    if (
-        not parent.is_flow and "#" in text[line_end(text, child.end) : after]
-    ):  # behind a dash, comments below
+    elif index:
+        return parent.children[index - 1].end, child.end, ""
+    after = entry(text, parent, index + 1)
+    # Keep the comments below an item after a dash.
+    if not parent.is_flow and "#" in text[line_end(text, child.end) : after]:
         return begin, line_end(text, child.end), ""
     return begin, after, ""
 
@@ -394,12 +415,12 @@ def _insert(text: str, path: KeyPath, value: Any) -> str:
     )
 
 
-def _rename(text: str, path: KeyPath, to: str) -> str:
+def _rename(text: str, path: KeyPath, new_name: str) -> str:
     """Rename a key."""
     parent, index = parent_of(text, path)
     _, begin, end = parent.keys[index]
     return apply_patches(
-        text, (begin, end, _quoted_as(text, text[begin], to, key_text(to)))
+        text, (begin, end, _quoted_as(text, text[begin], new_name, key_text(new_name)))
     )
 
 
@@ -429,7 +450,9 @@ def _make_entry(text: str, path: KeyPath, value: Any) -> str:
 
 
 def _before(node: MarkedValue, path: KeyPath, key: str) -> int:
-    """Return the index of the key after which a new one is written: in the schema's order, else the last."""
+    """Return the index of the key before a new one: in the schema's order, or
+    the last.
+    """
     order = list((schema_at(path) or {}).get("properties", {}))
     if key not in order:
         return len(node.keys) - 1
@@ -441,7 +464,7 @@ def _before(node: MarkedValue, path: KeyPath, key: str) -> int:
 
 
 def _replace_value(text: str, path: KeyPath, value: Any) -> str:
-    """Replace a value; of a collection only what differs."""
+    """Replace a value; in a collection only the differences."""
     node = find(text, path)
     is_block = bool(node.children) and not node.is_flow
     if path and is_block and isinstance(value, node.kind) and not value:
@@ -469,7 +492,9 @@ def _replace_value(text: str, path: KeyPath, value: Any) -> str:
 
 
 def _empty_collection(text: str, path: KeyPath) -> str | None:
-    """Remove all entries of a section; its own comments stay. None if it is an item."""
+    """Remove all entries of a section, and keep the section's own comments. Return None
+    for an item.
+    """
     parent, index = parent_of(text, path)
     node = parent.children[index]
     if parent.kind is not dict or not leads(text, entry(text, node, 0)):
@@ -484,24 +509,28 @@ def _empty_collection(text: str, path: KeyPath) -> str | None:
 
 
 def _are_filled(node: MarkedValue, value: Any) -> bool:
-    """Return whether two values are mappings, or lists, that are not empty."""
+    """Return whether two values are non-empty mappings or lists."""
     is_same_kind = node.kind is not str and isinstance(value, node.kind)
     return is_same_kind and bool(node.children) and bool(value)
 
 
 def _entries(text: str, path: KeyPath, node: MarkedValue, value: dict[str, Any]) -> str:
-    """Return a mapping key by key; a key that is gone whose value is that of a new one is renamed."""
+    """Return the text with a new mapping, key by key. A removed key with the value of a
+    new key is renamed.
+    """
     old: dict[str, Any] = node.data()
     new = [key for key in value if key not in old]
     for key in old:
         if key in value:
             continue
+        # A rename keeps the comments and the position of the entry.
         name = next((name for name in new if are_equal(old[key], value[name])), None)
         if name is not None:
             new.remove(name)
             text = _rename(text, (*path, key), name)
             continue
-        if len(find(text, path).children) == 1:  # an empty mapping would lose its style
+        # An empty mapping would lose its style.
+        if len(find(text, path).children) == 1:
             first = next(iter(value))
             text = put(text, (*path, first), value[first])
         text = _drop(text, (*path, key))
@@ -512,7 +541,9 @@ def _entries(text: str, path: KeyPath, node: MarkedValue, value: dict[str, Any])
 
 
 def _items(text: str, path: KeyPath, old: list[Any], new: list[Any]) -> str:
-    """A list item by item between its ends that stay; from the last, so that numbers of items stay what they are."""
+    """Return the text with a new list, item by item between the unchanged ends. Work
+    from the last item, so that the indices of earlier items stay valid.
+    """
     shorter_length = min(len(old), len(new))
     head = next(
         (
@@ -543,7 +574,9 @@ def _items(text: str, path: KeyPath, old: list[Any], new: list[Any]) -> str:
 def _differences(
     text: str, node: MarkedValue, value: Any, path: KeyPath
 ) -> list[Patch] | None:
-    """Patches that change values inside brackets; None if keys or the number of items differ, at any depth."""
+    """Return patches for values inside brackets, or None if keys or the number of items
+    differ, at any depth.
+    """
     if (
         node.kind is dict
         and isinstance(value, dict)
@@ -586,20 +619,20 @@ def _inside(text: str, node: MarkedValue, value: Any, path: KeyPath) -> Patch:
 
 
 SIMPLE = re.compile(r"[\w][\w .-]*").fullmatch
-"""Text that may stand in either kind of quotes as it is."""
+"""Text without characters to escape in either kind of quotes."""
 
 
-def _quoted_as(text: str, quote: str, value: str, plain: str) -> str:
-    """Return text as it is written in these quotes, or `plain`; in JSON as JSON."""
+def _quoted_as(text: str, quote: str, value: str, plain_text: str) -> str:
+    """Return text in these quotes, or `plain_text`; in a JSON file, as JSON."""
     if is_json(text):
         return _json(value)
     is_quoted = quote in ("'", '"') and SIMPLE(value) is not None
-    return f"{quote}{value}{quote}" if is_quoted else plain
+    return f"{quote}{value}{quote}" if is_quoted else plain_text
 
 
 @lru_cache(maxsize=4)
 def is_json(text: str) -> bool:
-    """Return whether a file is JSON, apart from an empty one."""
+    """Return whether a file is JSON with content."""
     try:
         data = json.loads(text)
     except (ValueError, RecursionError):
@@ -608,12 +641,12 @@ def is_json(text: str) -> bool:
 
 
 def _inline(text: str, value: Any, path: KeyPath) -> str:
-    """Return a value on one line: as JSON in a file that is JSON, else as YAML."""
+    """Return a value on one line: as JSON in a JSON file, otherwise as YAML."""
     return _json(value) if is_json(text) else flow_text(value, path)
 
 
 def _key(text: str, key: str) -> str:
-    """Return a key as it is written: as JSON in a file that is JSON, else as YAML."""
+    """Return a key: as JSON in a JSON file, otherwise as YAML."""
     return _json(key) if is_json(text) else key_text(key)
 
 
@@ -631,9 +664,10 @@ def _json(value: Any) -> str:
 
 
 def _rewritten(text: str, path: KeyPath, value: Any) -> list[Patch]:
-    """Return the patches that write the value of a key or an item anew.
+    """Return the patches that rewrite the value of a key or an item.
 
-    A comment behind the key or behind a value on its line stays, entries lose theirs.
+    A comment after the key or after a value on its line stays. Comments of entries are
+    lost.
     """
     parent, index = parent_of(text, path)
     node = parent.children[index]

@@ -1,4 +1,4 @@
-"""Noise of sliding and rolling, by friction power and speed."""
+"""Noise of sliding and rolling, from friction power and speed."""
 
 from __future__ import annotations
 
@@ -20,11 +20,13 @@ class FrictionTuning:
     sliding_efficiency: float = 3e-7
     """Sound power over friction power."""
     rolling_efficiency: float = 3e-6
-    """Sound power over the power that rolling resistance takes."""
+    """Sound power over the power of rolling resistance."""
     roughness: float = 0.0006
-    """m between the bumps of a surface: speed over it is the middle frequency."""
+    """Distance of a surface's bumps, m. The middle frequency is the speed divided by
+    it.
+    """
     bands: tuple[float, ...] = (350.0, 1400.0, 5600.0)
-    """Hz, middles of the bands of noise."""
+    """Middle frequencies of the bands of noise, Hz."""
     octaves: float = 1.2
     """Half width of a band."""
     seed: int = 7
@@ -42,13 +44,15 @@ class Rubbing:
     power: F64
     """(T,) W of sound."""
     speed: F64
-    """(T,) m/s over each other."""
+    """(T,) relative speed of the surfaces, m/s."""
     place: F64
-    """(T,) 0 (left) to 1."""
+    """(T,) position from 0 (left) to 1 (right)."""
 
 
 def friction_noise(rubbings: Sequence[Rubbing], count: int) -> F64:
-    """Return (count, 2) Pa at 1 m. Powers of different pairs add."""
+    """Return (count, 2) Pa at 1 m. Powers of different pairs add, because their noises
+    are independent.
+    """
     sound = np.zeros((count, 2))
     if not rubbings:
         return sound
@@ -59,13 +63,17 @@ def friction_noise(rubbings: Sequence[Rubbing], count: int) -> F64:
             continue
         noise = band_noise(count, center, TUNING.seed + band)
         for channel in (0, 1):
+            # A point source of power P has the mean square pressure P rho c / (4 pi) at
+            # 1 m.
             pressure = np.sqrt(powers[:, channel] * AIR_DENSITY * AIR_SPEED / (4 * pi))
             sound[:, channel] += noise * np.interp(moments, times, pressure, right=0.0)
     return sound
 
 
 def _band_powers(rubbings: Sequence[Rubbing], center: float) -> tuple[F64, F64]:
-    """Return times (T,) and the power (T, 2) of both channels in the band about `center` Hz."""
+    """Return times (T,) and the power (T, 2) of both channels in the band around
+    `center` Hz.
+    """
     times = rubbings[0].times
     powers = np.zeros((len(times), 2))
     low, high = TUNING.bands[0], TUNING.bands[-1]
@@ -73,6 +81,7 @@ def _band_powers(rubbings: Sequence[Rubbing], center: float) -> tuple[F64, F64]:
         frequency = np.clip(rubbing.speed / TUNING.roughness, low, high)
         distance = np.log2(frequency / center) / TUNING.octaves
         share = np.exp(-(distance**2))
+        # Constant power panning: the squares of sine and cosine add up to 1.
         angle = np.clip(rubbing.place, 0, 1) * pi / 2
         powers[:, 0] += rubbing.power * share * np.cos(angle) ** 2
         powers[:, 1] += rubbing.power * share * np.sin(angle) ** 2
@@ -80,7 +89,8 @@ def _band_powers(rubbings: Sequence[Rubbing], center: float) -> tuple[F64, F64]:
 
 
 def band_noise(count: int, center: float, seed: int) -> F64:
-    """Return noise (count,) of mean square 1 in a band about `center` Hz."""
+    """Return noise (count,) with mean square 1 in a band around `center` Hz."""
+    # A power of two keeps the Fourier transform fast.
     size = 1 << max(count - 1, 1).bit_length()
     noise = np.random.default_rng(seed).standard_normal(size)
     frequencies = np.fft.rfftfreq(size, 1 / RATE)

@@ -1,4 +1,4 @@
-"""Hertz's contact of two bodies: how long an impact lasts and which tones it excites."""
+"""Hertz contact of two bodies: duration and spectrum of an impact."""
 
 from __future__ import annotations
 
@@ -12,9 +12,11 @@ from physgen.arrays import F64
 HERTZ = 2.868
 """Factor of the contact time; Johnson, Contact Mechanics, equation 11.24."""
 MIN_SPEED = 1e-4
-"""m/s: slower contacts are counted as this fast, since Hertz's time grows without end."""
+"""Minimum speed in Hertz's formula, m/s. Its contact time has no limit at
+slow speeds.
+"""
 MAX_CONTACT = 0.02
-"""s: softer contacts make no tone that can be heard."""
+"""Maximum contact time, s. Softer contacts have no audible tone."""
 
 
 @dataclass(frozen=True)
@@ -24,18 +26,19 @@ class Surface:
     mass: float
     """kg; infinite for scenery."""
     radius: float
-    """m of curvature; infinite for a plane."""
+    """Radius of curvature, m; infinite for a plane."""
     young: float
     """Pa."""
     poisson: float
 
 
 def contact_time(first: Surface, second: Surface, speed: float) -> float:
-    """Return the time (s) of an elastic impact at a closing speed (m/s).
+    """Return the time of an elastic impact (s) at a closing speed (m/s).
 
     Hertz: 2.87 (m² / (R E² v))^(1/5), with m, R and E of the pair.
     """
     mass = pair_mass(first, second)
+    # Two planes have no curvature; the bound avoids a division by zero.
     radius = 1 / max(_inverse(first.radius) + _inverse(second.radius), 1e-9)
     compliance = 0.0
     for side in (first, second):
@@ -47,7 +50,7 @@ def contact_time(first: Surface, second: Surface, speed: float) -> float:
 
 
 def pair_mass(first: Surface, second: Surface) -> float:
-    """Return the mass (kg) that two surfaces have in an impact."""
+    """Return the effective mass of two surfaces in an impact (kg)."""
     return 1 / max(_inverse(first.mass) + _inverse(second.mass), 1e-12)
 
 
@@ -56,12 +59,15 @@ def _inverse(value: float) -> float:
 
 
 def pulse_spectrum(frequencies: F64, time: float) -> F64:
-    """Return the share of an impulse that excites each frequency (Hz), for a half-sine of `time` s.
+    """Return the share of an impulse at each frequency (Hz), for a half-sine of `time`
+    s.
 
-    1 for slow modes; a longer contact excites fewer high tones.
+    The share is 1 for slow modes. A longer contact excites fewer high tones.
     """
     phase = frequencies * time
     difference = 1 - (2 * phase) ** 2
+    # The formula is 0 / 0 at the frequency of the half-sine itself; its limit is pi /
+    # 4.
     is_pole = np.abs(difference) < 1e-6
     share = np.cos(pi * phase) / np.where(is_pole, 1.0, difference)
     return np.asarray(np.where(is_pole, pi / 4, np.abs(share)))

@@ -15,33 +15,37 @@ import numpy as np
 from physgen.arrays import F64
 
 BAR_ROOTS = (4.730041, 7.853205, 10.995608, 14.137165)
-"""Roots of cosh(x) cos(x) = 1; later ones are (k + 1/2) pi to seven digits."""
+"""Roots of cosh(x) cos(x) = 1. Later roots equal (k + 1/2) pi to seven digits."""
 SQUARE_TORSION = 0.92
-"""Speed of torsional waves in a square bar over that of shear waves."""
+"""Speed of torsional waves in a square bar over the speed of shear waves."""
 PLATE_TERMS = 6
-"""Powers of the radius in Rayleigh's and Ritz's method: four digits of each mode."""
+"""Number of powers of the radius in the Rayleigh-Ritz method: four digits of
+each mode.
+"""
 PLATE_DIAMETERS = 6
-"""Modes of a circular plate have fewer nodal diameters."""
+"""Number of nodal diameters of a circular plate, from 0."""
 SPHERE_ORDERS = (0, 2, 3, 4, 5, 6)
-"""Orders of spheroidal modes; order 1 is a motion of the whole sphere at low frequencies."""
+"""Orders of spheroidal modes. Order 1 moves the whole sphere at low frequencies."""
 SPHERE_OVERTONES = 3
-"""Modes of each order."""
+"""Number of modes of each order."""
 ROOT_STEP = 0.02
-"""Step in which roots of Lamb's equation are searched; neighbours are farther apart."""
+"""Step of the search for roots of Lamb's equation. The distance of neighbours is
+larger.
+"""
 ROOT_LIMIT = 12.0
-"""Largest dimensionless frequency that is searched."""
+"""Largest dimensionless frequency of the search."""
 REFINEMENTS = 3
-"""Of a root's interval."""
+"""Number of refinements of a root's interval."""
 GRID_POINTS = 33
-"""Of each refinement: together ten digits."""
+"""Number of points of each refinement; three of them give ten digits."""
 BESSEL_TERMS = 40
-"""Of the power series: more change no digit up to x = 12."""
+"""Number of terms of the power series. More terms change no digit up to x = 12."""
 BEAM_ORDERS = 5
-"""Orders of a rectangular plate's modes along each side."""
+"""Number of orders of a rectangular plate's modes along each side."""
 RING_ORDERS = range(2, 9)
-"""Waves around a shell; with one wave it moves as a whole."""
+"""Numbers of waves around a shell. With one wave, the shell moves as a whole."""
 BLOCK_OVERTONES = 4
-"""Modes of a block along each side."""
+"""Number of modes of a block along each side."""
 
 
 @dataclass(frozen=True)
@@ -93,8 +97,8 @@ def bar_frequencies(
 def long_bar_frequencies(solid: Elasticity, length: float, count: int) -> F64:
     """Return the longitudinal and torsional modes of a free bar: half waves along it.
 
-    Fletcher and Rossing, section 2.18 and 2.20; the torsion of a square section is
-    0.92 of the speed of shear waves.
+    Fletcher and Rossing, sections 2.18 and 2.20. Torsional waves of a square section
+    have 0.92 of the speed of shear waves.
     """
     halves = np.arange(1, count + 1) / (2 * length)
     torsion = SQUARE_TORSION * solid.shear_speed * halves
@@ -114,8 +118,8 @@ def disc_frequencies(
 def disc_roots(poisson: float) -> tuple[float, ...]:
     """Return omega radius² sqrt(density thickness / D) of a free disc, rising.
 
-    Rayleigh's and Ritz's method with powers of the radius (Leissa, Vibration of Plates,
-    NASA SP-160, section 2.1.3, gives 5.253, 9.084, 12.23 for a Poisson's ratio of .33).
+    The Rayleigh-Ritz method with powers of the radius. Leissa (Vibration of Plates,
+    NASA SP-160, section 2.1.3) gives 5.253, 9.084, 12.23 for a Poisson's ratio of .33.
     """
     roots: list[float] = []
     for diameters in range(PLATE_DIAMETERS):
@@ -124,7 +128,9 @@ def disc_roots(poisson: float) -> tuple[float, ...]:
 
 
 def _disc_roots_of(diameters: int, poisson: float) -> list[float]:
-    """Return the roots of the modes with so many nodal diameters, without rigid motions."""
+    """Return the roots of the modes with this number of nodal diameters, without rigid
+    motions.
+    """
     powers = diameters + 2.0 * np.arange(PLATE_TERMS)
     p, q = powers[:, None], powers[None, :]
     n = float(diameters)
@@ -133,9 +139,11 @@ def _disc_roots_of(diameters: int, poisson: float) -> list[float]:
     twisting = 2 * n**2 * (p - 1) * (q - 1)
     energy = laplacian - (1 - poisson) * (bending - twisting)
     degree = p + q - 2
+    # Rigid motions have no strain: their terms would divide by zero.
     strain = np.where(degree > 0, energy / np.maximum(degree, 1), 0.0)
     inertia = 1 / (p + q + 2)
     squares = np.linalg.eigvals(np.linalg.solve(inertia, strain)).real
+    # Only the lower half of the Ritz values has converged.
     roots = np.sqrt(np.sort(squares[squares > 1.0]))
     converged: list[float] = roots[: PLATE_TERMS // 2].tolist()
     return converged
@@ -152,6 +160,7 @@ def plate_frequencies(
     ratio = length / width
     squares = []
     for m, n in product(range(BEAM_ORDERS), repeat=2):
+        # Orders below 2 are rigid motions.
         if m + n < 2:
             continue
         (g, h, j), (other_g, other_h, other_j) = _beam_factors(m), _beam_factors(n)
@@ -163,7 +172,7 @@ def plate_frequencies(
 
 
 def _beam_factors(order: int) -> tuple[float, float, float]:
-    """Return Warburton's G, H and J of a free beam that has so many nodes."""
+    """Return Warburton's G, H and J of a free beam with this number of nodes."""
     if order == 0:
         return 0.0, 0.0, 0.0
     if order == 1:
@@ -179,7 +188,7 @@ def _beam_factors(order: int) -> tuple[float, float, float]:
 def ring_frequencies(
     solid: Elasticity, radius: float, thickness: float, count: int
 ) -> F64:
-    """Return the modes of the wall of a cup or cylinder, whose length stays.
+    """Return the modes of the wall of a cup or cylinder with constant length.
 
     Rayleigh, Theory of Sound, section 233: waves around the wall.
     """
@@ -193,8 +202,8 @@ def block_frequencies(
 ) -> F64:
     """Return the shear and longitudinal modes of a block.
 
-    Lamé's modes of a cube (Auld, Acoustic Fields and Waves, section 10.D) and those of
-    a bar, along each side.
+    Lamé's modes of a cube (Auld, Acoustic Fields and Waves, section 10.D) and the modes
+    of a bar, along each side.
     """
     modes = []
     for side, k in product(sides, range(1, BLOCK_OVERTONES + 1)):
@@ -211,7 +220,8 @@ def sphere_frequencies(solid: Elasticity, radius: float, count: int) -> F64:
 
 @cache
 def sphere_roots(poisson: float) -> tuple[float, ...]:
-    """Return omega radius / shear speed of the spheroidal modes of a free sphere, rising.
+    """Return omega radius / shear speed of the spheroidal modes of a free sphere,
+    rising.
 
     Lamb, Proc. London Math. Soc. 13, 189, 1882; in the form of Eringen and Suhubi,
     Elastodynamics II, section 8.14.
@@ -220,7 +230,8 @@ def sphere_roots(poisson: float) -> tuple[float, ...]:
     grid = np.arange(ROOT_STEP, ROOT_LIMIT, ROOT_STEP)
     for order in SPHERE_ORDERS:
         values = _lamb_determinant(grid, order, poisson)
-        # below the order, a mode does not exist and rounding hides the sign
+        # Modes do not exist far below the order, and rounding gives changes of sign
+        # there.
         is_change = (values[1:] * values[:-1] < 0) & (grid[1:] > order / 2)
         for index in np.flatnonzero(is_change)[:SPHERE_OVERTONES].tolist():
             low, high = float(grid[index]), float(grid[index + 1])
@@ -229,7 +240,9 @@ def sphere_roots(poisson: float) -> tuple[float, ...]:
 
 
 def _refine_root(low: float, high: float, order: int, poisson: float) -> float:
-    """Return the root between two frequencies, by ever finer grids and a last straight line."""
+    """Return the root between two frequencies, from finer and finer grids and a linear
+    interpolation.
+    """
     for _ in range(REFINEMENTS):
         grid = np.linspace(low, high, GRID_POINTS)
         values = _lamb_determinant(grid, order, poisson)
@@ -240,7 +253,9 @@ def _refine_root(low: float, high: float, order: int, poisson: float) -> float:
 
 
 def _lamb_determinant(shear: F64, order: int, poisson: float) -> F64:
-    """Return the determinant that is 0 at a mode, for frequencies omega radius / shear speed."""
+    """Return the determinant with zeros at the modes, for frequencies omega radius /
+    shear speed.
+    """
     n = float(order)
     ratio = sqrt((1 - 2 * poisson) / (2 - 2 * poisson))
     pressure = shear * ratio
@@ -248,6 +263,7 @@ def _lamb_determinant(shear: F64, order: int, poisson: float) -> F64:
     j_p, next_p = _bessel(order, pressure), _bessel(order + 1, pressure)
     j_s, next_s = _bessel(order, shear), _bessel(order + 1, shear)
     radial_p = (n**2 - n - half) * j_p + 2 * pressure * next_p
+    # Breathing modes (order 0) have no tangential motion.
     if order == 0:
         return np.asarray(radial_p)
     radial_s = n * (n + 1) * ((n - 1) * j_s - shear * next_s)
@@ -257,7 +273,7 @@ def _lamb_determinant(shear: F64, order: int, poisson: float) -> F64:
 
 
 def _bessel(order: int, x: F64) -> F64:
-    """Return the spherical Bessel function of the first kind by its power series.
+    """Return the spherical Bessel function of the first kind from its power series.
 
     The series (Abramowitz and Stegun 10.1.2) keeps ten digits up to x = 12.
     """

@@ -28,7 +28,7 @@ GIGA = 1e9
 AIR_DENSITY = 1.2
 """kg/m³."""
 AIR_SPEED = 343.0
-"""m/s of sound in air."""
+"""Speed of sound in air, m/s."""
 
 
 @dataclass(frozen=True)
@@ -36,36 +36,41 @@ class ResonatorLimits:
     """Shape classes and the damping of touched objects."""
 
     lowest: float = 40.0
-    """Hz: lower modes are not heard."""
+    """Lowest audible mode, Hz."""
     highest: float = 18_000.0
-    """Hz: higher modes are not heard, and would alias."""
+    """Highest audible mode, Hz. Higher modes would alias."""
     modes: int = 16
-    """Of a body, at most."""
+    """Maximum number of modes of a body."""
     bar: float = 0.35
-    """Second longest side over the longest, up to which a solid is a bar."""
+    """Maximum ratio of the second longest side to the longest, for a bar."""
     hollow: float = 0.5
-    """Share of its volume that is material, up to which an object is a shell."""
+    """Maximum share of material in the volume, for a shell."""
     wall: float = 0.06
-    """Thickness of a shell's wall over its radius, if the filled share is unknown."""
+    """Thickness of a shell's wall over its radius, if the share of material
+    is unknown.
+    """
     disc: float = 0.1
     """Thickness of a disc or coaster seen from its face, over its radius."""
     edge: float = 0.003
-    """m: radius of the edges and corners of what is not round; estimate."""
+    """Radius of edges and corners, m; estimate."""
     support_thickness: float = 0.025
-    """m of a table top, a shelf or a panel."""
+    """Thickness of a table top, a shelf or a panel, m."""
     support_depth: float = 0.6
-    """m of a support, which the photo does not show, and least length."""
+    """Depth of a support, invisible in the photo, and minimum length, m."""
     support_efficiency: float = 0.05
-    """Radiation efficiency of a panel below its critical frequency, where air flows from
-    its hills to its valleys; Fahy, chapter 3."""
+    """Radiation efficiency of a panel below its critical frequency: air flows from its
+    hills to its valleys; Fahy, chapter 3.
+    """
     support_loss: float = 0.04
-    """Loss factor that the joints of furniture add; Cremer, Heckl and Petersson."""
+    """Additional loss factor from the joints of furniture; Cremer, Heckl and
+    Petersson.
+    """
     content_loss: float = 0.05
-    """Loss factor that the content of a can or bottle adds; estimate."""
+    """Additional loss factor from the content of a can or bottle; estimate."""
     touch_loss: float = 0.03
-    """Loss factor that lying on another object adds; estimate."""
+    """Additional loss factor from contact with another object; estimate."""
     modal_mass: float = 0.25
-    """Of the mass: that of a mode which is 1 at its ends; exact for bars."""
+    """Modal mass over mass, for a mode with amplitude 1 at its ends; exact for bars."""
 
 
 LIMITS = ResonatorLimits()
@@ -80,31 +85,31 @@ SUPPORT_MATERIALS = {
     "ice": "ice",
     "rink": "ice",
 }
-"""Materials of supports by the words of their names; others are of wood."""
+"""Materials of supports by words in their names; the default is wood."""
 
 
 @dataclass(frozen=True)
 class Resonator:
-    """One body or support that sounds."""
+    """A body or support as a source of sound."""
 
     name: str
     material: Material
     frequencies: F64
     """(M,) Hz."""
     mass: float
-    """kg of the part that vibrates."""
+    """Mass of the vibrating part, kg."""
     area: float
-    """m² that radiate."""
+    """Radiating area, m²."""
     surface: Surface
-    """As a contact meets it."""
+    """The surface in contacts."""
     loss: float
-    """Loss factor of its modes."""
+    """Loss factor of the modes."""
     efficiency: float = 1.0
     """Largest radiation efficiency."""
 
     @property
     def radius(self) -> float:
-        """Return the radius (m) of the sphere with the same area."""
+        """Return the radius of a sphere with the same area, m."""
         return sqrt(self.area / (4 * pi))
 
     def decay_rates(self, is_touched: bool) -> F64:
@@ -115,8 +120,8 @@ class Resonator:
     def radiation(self) -> F64:
         """Return (M,) Pa at 1 m for each m/s of a mode's velocity.
 
-        A vibrating body radiates rho c S sigma v² (Fahy, Sound and Structural Vibration,
-        chapter 3); sigma falls with the fourth power below k a = 1.
+        A vibrating body radiates rho c S sigma v² (Fahy, Sound and Structural
+        Vibration, chapter 3); sigma falls with the fourth power below k a = 1.
         """
         size = 2 * pi * self.frequencies / AIR_SPEED * self.radius
         efficiency = self.efficiency * size**4 / (1 + size**4)
@@ -126,7 +131,9 @@ class Resonator:
 
 
 def world_resonators(scene: Scene, world: World) -> list[Resonator]:
-    """Return the resonators of all bodies, then of all walls, in the order of `World.surfaces`."""
+    """Return the resonators of all bodies, then of all walls, in the order of
+    `World.surfaces`.
+    """
     meters = 1 / world.pixels_per_meter
     resonators = []
     for item, body in zip(scene.objects, world.bodies, strict=True):
@@ -159,6 +166,7 @@ def body_resonator(body: Body, label: Kind, meters: float) -> Resonator:
         area = 2 * width * height
     is_audible = (frequencies > LIMITS.lowest) & (frequencies < LIMITS.highest)
     curvature = radius if is_round else LIMITS.edge
+    # Scenes have g, acoustics kg.
     mass = body.mass / 1000
     surface = Surface(mass, curvature, solid.young, solid.poisson)
     loss = material.loss
@@ -170,9 +178,10 @@ def body_resonator(body: Body, label: Kind, meters: float) -> Resonator:
 
 
 def solid_frequencies(solid: Elasticity, width: float, height: float) -> F64:
-    """Return the modes of a solid with a box (m) around its outline, as deep as it is thick.
+    """Return the modes of a solid from the box around its outline (m). Its depth equals
+    its thickness.
 
-    It is a bar or a block by its proportions.
+    The proportions decide between a bar and a block.
     """
     long, short = max(width, height), min(width, height)
     if short > LIMITS.bar * long:
@@ -187,7 +196,7 @@ def _shell_frequencies(
 ) -> F64:
     """Return the modes of a hollow object: waves around its wall."""
     radius = min(width, height) / 2
-    # a wall of thickness t fills 2 t / radius of a cylinder
+    # A wall of thickness t fills 2 t / radius of a cylinder.
     thickness = radius * label.filled / 2 if label.filled > 0 else radius * LIMITS.wall
     return ring_frequencies(solid, radius, thickness, LIMITS.modes)
 
@@ -220,7 +229,7 @@ def support_resonator(wall: Wall, meters: float) -> Resonator:
 
 
 def support_material(name: str) -> Material:
-    """Return the material of a support by its name."""
+    """Return the material of a support from its name."""
     words = name.lower().replace("-", " ").replace("_", " ").split()
     for word in words:
         for key, material in SUPPORT_MATERIALS.items():
@@ -235,7 +244,9 @@ def _elasticity(material: Material) -> Elasticity:
 
 
 def _sides(body: Body, meters: float) -> tuple[float, float]:
-    """Return width and height (m) of the box about a body's outline, in the body's frame."""
+    """Return width and height of the box around a body's outline (m), in the body's
+    frame.
+    """
     if body.radius is not None:
         return 2 * body.radius * meters, 2 * body.radius * meters
     width, height = _extent(body.rings)
@@ -243,10 +254,10 @@ def _sides(body: Body, meters: float) -> tuple[float, float]:
 
 
 MIN_SIDE = 1e-4
-"""m: thinner outlines are counted as this thick."""
+"""Minimum side of an outline, m."""
 
 
 def _extent(lines: Sequence[Points]) -> tuple[float, float]:
-    """Return width and height of the box about all points."""
+    """Return width and height of the box around all points."""
     width, height = np.ptp(np.concatenate(lines), axis=0).tolist()
     return width, height

@@ -1,4 +1,4 @@
-"""Impacts and friction become pressure at the listener, Pa, stereo."""
+"""Impacts and friction as stereo pressure at the listener, Pa."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ Complex = NDArray[np.complex128]
 RATE = SOUND_RATE
 """Samples/s."""
 BLOCK = 256
-"""Samples in which modes ring between two changes of their states."""
+"""Number of samples between two updates of the modes' states."""
 SILENCE = 1e-5
-"""Of the loudest state of a resonator: a quieter one is not continued."""
+"""Minimum state of a resonator, over its loudest state. A quieter state ends."""
 OVERSAMPLING = 4
-"""Finer samples of the click of an impact, which lasts few of them."""
+"""Finer samples for the click of an impact, because it has only a few samples."""
 CLICK_TAIL = 6.0
-"""Decay times for which the click of a sphere is computed."""
+"""Duration of the click of a sphere, in decay times."""
 LARGEST_RADIUS = 0.5
-"""m: larger bodies, whose clicks are rumbles, click as this one."""
+"""Maximum radius for clicks, m. Clicks of larger bodies would be rumbles."""
 DIRECTIVITY = 1 / sqrt(3)
 """Mean of a dipole's pressure over all directions, relative to its axis."""
 
@@ -39,18 +39,19 @@ class Strike:
     time: float
     """s of the clip."""
     resonator: int
-    """Index."""
+    """Index of the resonator."""
     impulse: float
     """N·s."""
     contact_time: float
     """s."""
     gains: tuple[float, float]
-    """Of the left and the right channel."""
+    """Gains of the left and the right channel."""
     is_touched: bool
-    """Whether the resonator lies on something else."""
+    """True if the resonator lies on something else."""
     polarity: float = 1.0
-    """1 or -1: whether the impulse points down or up. Clicks of different impacts at one
-    moment then add by chance, as those of many directions do."""
+    """1 for an impulse that points down, -1 for up. Clicks of simultaneous impacts then
+    add at random, as sounds from many directions do.
+    """
 
 
 def pan(place: float) -> tuple[float, float]:
@@ -82,8 +83,8 @@ def _add_modes(
 ) -> None:
     """Add the modes of one resonator to (count, 2) Pa.
 
-    A mode's state is a complex number that turns and shrinks; it is continued block by
-    block, and an impact changes it at once.
+    The state of a mode is a rotating and decaying complex number. It is computed block
+    by block, and an impact adds to it at once.
     """
     omega = 2 * pi * resonator.frequencies
     rates = resonator.decay_rates(is_touched)
@@ -105,8 +106,8 @@ def _strike_modes(
     exponents: Complex,
     strike: Strike,
 ) -> None:
-    """Add one strike: the rest of its own block, and the state at the next one."""
-    # half of the pulse is over when the mode has, on the mean, been struck
+    """Add one strike: the samples of its own block, and the state at the next block."""
+    # The centre of the pulse is its mean time.
     start = (strike.time + strike.contact_time / 2) * RATE
     first = ceil(start)
     if first >= len(sound):
@@ -114,7 +115,7 @@ def _strike_modes(
     velocity = strike.impulse / (resonator.mass * LIMITS.modal_mass)
     share = pulse_spectrum(resonator.frequencies, strike.contact_time)
     pressure = velocity * share * resonator.radiation()
-    # a sine: displacement and pressure start at zero
+    # A sine: displacement and pressure start at zero.
     state = -1j * pressure * np.exp(exponents * (first - start))
     gains = np.array(strike.gains)
     block = first // BLOCK
@@ -144,7 +145,8 @@ def _continue_states(changes: Complex, per_block: Complex) -> Complex:
 
 
 def _add_blocks(sound: F64, states: Complex, waves: Complex) -> None:
-    """Add the blocks that begin with the states (blocks, M, 2); `waves` is (M, BLOCK)."""
+    """Add the blocks with the start states (blocks, M, 2); `waves` is (M, BLOCK)."""
+    # Most blocks of a clip are silent.
     active: Indices = np.flatnonzero(np.abs(states).max(axis=(1, 2), initial=0.0) > 0)
     if not len(active):
         return
@@ -162,14 +164,17 @@ def _add_blocks(sound: F64, states: Complex, waves: Complex) -> None:
 def click(
     resonators: Sequence[Resonator], strikes: Sequence[Strike], count: int
 ) -> F64:
-    """Return (count, 2) Pa at 1 m: the air that a body displaces when its speed jumps.
+    """Return (count, 2) Pa at 1 m: the sound of the displaced air of suddenly
+    accelerated bodies.
 
-    Of a sphere that is accelerated for the contact time (Koss and Alfredson, J. Sound
-    Vib. 27, 59, 1973). Billiard balls are heard by this sound alone.
+    The sound is that of a sphere with an acceleration during the contact time (Koss and
+    Alfredson, J. Sound Vib. 27, 59, 1973). It is the only audible sound of billiard
+    balls.
     """
     sound = np.zeros((count, 2))
     for strike in strikes:
         resonator = resonators[strike.resonator]
+        # Scenery does not move, and makes no click.
         if np.isinf(resonator.surface.mass):
             continue
         speed = strike.impulse / resonator.surface.mass
@@ -182,17 +187,18 @@ def click(
 
 
 def click_of_sphere(radius: float, contact_time: float) -> F64:
-    """Return Pa at 1 m for 1 m/s of a sphere (m), at RATE, from the start of its contact (s).
+    """Return Pa at 1 m for 1 m/s of a sphere (m), at RATE, from the start of its
+    contact (s).
 
     A step of speed gives rho c (a / r) e^(-x) (cos x - sin x) with x = c t / a, the far
-    field of a sphere that is moved (Pierce, Acoustics, section 4.2); it is convolved with
-    the half-sine of the acceleration.
+    field of a moving sphere (Pierce, Acoustics, section 4.2). It is convolved with the
+    half-sine of the acceleration.
     """
     rate = RATE * OVERSAMPLING
     radius = min(radius, LARGEST_RADIUS)
     decay = AIR_SPEED / radius / rate
     steps = np.arange(ceil(CLICK_TAIL / decay) + 1)
-    # the mean of e^(-x) (cos x - sin x) over each sample, by its integral e^(-x) sin x
+    # The mean of e^(-x) (cos x - sin x) over each sample, by its integral e^(-x) sin x.
     phases = decay * np.append(steps, steps[-1] + 1)
     response = np.diff(np.exp(-phases) * np.sin(phases)) / decay
     pulse_count = max(ceil(contact_time * rate), 1)
@@ -205,24 +211,27 @@ def click_of_sphere(radius: float, contact_time: float) -> F64:
 
 
 ROOM_DECAY = 0.35
-"""s in which the sound of the room falls by 60 dB: a furnished room."""
+"""Time for a fall of the room's sound by 60 dB, s: a furnished room."""
 ROOM_LENGTH = 0.3
-"""s of it that are computed."""
+"""Computed duration of the room's sound, s."""
 ROOM_DELAY = 0.008
-"""s until the first reflection: a wall 1.4 m farther than the object."""
+"""Delay of the first reflection, s: a wall 1.4 m farther than the object."""
 ROOM_LEVEL = 0.16
-"""Energy of the room's sound, the direct one's being 1, at 1 m; estimate."""
+"""Energy of the room's sound over that of the direct sound at 1 m; estimate."""
 ROOM_SEED = 20260101
 
 
 def add_room(sound: F64) -> F64:
-    """Return (count, 2) with the reverberation of a small room, the same for both channels."""
+    """Return (count, 2) with the reverberation of a small room, equal in both
+    channels.
+    """
     length = int(ROOM_LENGTH * RATE)
     delay = int(ROOM_DELAY * RATE)
     noise = np.random.default_rng(ROOM_SEED).standard_normal(length)
     fall = exp(-3 * np.log(10) / (ROOM_DECAY * RATE))
     response = noise * fall ** np.arange(length)
     response *= sqrt(ROOM_LEVEL / float((response**2).sum()))
+    # The padding avoids the wrap-around of the circular convolution.
     size = 1 << (len(sound) + length + delay - 1).bit_length()
     spectrum = np.fft.rfft(response, size)
     reflected = np.fft.irfft(

@@ -1,4 +1,4 @@
-"""The sound track of a clip: its contacts, synthesised, as stereo samples with captions."""
+"""The sound track of a clip: stereo samples of its contacts, with captions."""
 
 from __future__ import annotations
 
@@ -28,22 +28,28 @@ from physgen.sound.synthesis import RATE, Strike, add_room, click, pan, ring
 I16 = NDArray[np.int16]
 
 PEAK = 10 ** (-3 / 20)
-"""Of full scale, of the loudest event: -3 dBFS."""
+"""Peak of the loudest event over full scale: -3 dBFS."""
 FULL_SCALE = 6.3
-"""Pa that `level: fixed` writes as full scale: 110 dB at 1 m."""
+"""Pressure at full scale for `level: fixed`, Pa: 110 dB at 1 m."""
 FRICTION_RATE = 120.0
-"""1/s: samples of the motion for sliding and rolling."""
+"""Samples of the motion for sliding and rolling, 1/s."""
 MAX_LOAD = 4.0
-"""Times a body's weight, up to which a contact presses; more is an impact, which sounds by itself."""
+"""Maximum load of a contact, in weights of the body. Higher loads are impacts with
+their own sound.
+"""
 TOUCH_DELAY = 0.03
 TOUCH_LENGTH = 0.08
-"""s after an impact in which a touch begins, and that it lasts, so that it damps the impact's modes."""
+"""Interval after an impact for a damping touch, s: the touch must start before
+TOUCH_DELAY and end after TOUCH_LENGTH.
+"""
 MAX_CUES = 400
-"""Captions of a clip; the loudest ones."""
+"""Maximum number of captions of a clip, the loudest impacts."""
 LONGEST = 300.0
-"""s: a longer clip has no sound; all samples of a track are in memory, 2 MB a second."""
+"""Maximum duration of a clip with sound, s. All samples are in memory, 2 MB a
+second.
+"""
 CUE_LENGTH = 0.6
-"""s for which a caption stays."""
+"""Duration of a caption, s."""
 
 
 @dataclass(frozen=True)
@@ -64,10 +70,10 @@ class SoundTrack:
     samples: I16
     """(N, 2): left and right, RATE samples/s."""
     captions: tuple[Caption, ...]
-    """By time."""
+    """Sorted by time."""
 
     def delayed(self, seconds: float) -> SoundTrack:
-        """Return the track after a silence, as long as the photo is held."""
+        """Return the track after a silence, for the time of the held photo."""
         if not seconds:
             return self
         silence = np.zeros((round(seconds * RATE), 2), np.int16)
@@ -107,7 +113,8 @@ def _timestamp(seconds: float) -> str:
 def sound_track(clip: Clip, level: SoundLevel) -> SoundTrack | None:
     """Return the sound of a clip.
 
-    None if it plays backward, is silent, has one frame or lasts more than `LONGEST` s.
+    Return None for a backward or silent clip, for one frame, and for more than
+    `LONGEST` s.
     """
     has_motion = clip.count > 1 and len(clip.world.bodies) > 0
     if not has_motion or clip.scene.render.play is Play.BACKWARD:
@@ -130,7 +137,7 @@ def sound_track(clip: Clip, level: SoundLevel) -> SoundTrack | None:
 
 
 def _as_samples(pressure: F64, level: SoundLevel) -> I16 | None:
-    """Return 16-bit samples of Pa; None if all is silent."""
+    """Return 16-bit samples of Pa, or None if all samples are silent."""
     peak = float(np.abs(pressure).max(initial=0.0))
     if peak <= 0:
         return None
@@ -149,7 +156,7 @@ def event_strikes(
     sides = [resonators[k].surface for k in event.surfaces]
     speed = (event.closing or 0.0) / world.pixels_per_meter
     impulse = _newton_seconds(clip, event)
-    # bodies that others press together do not close in; the impulse has their force
+    # Bodies under pressure from others have no closing speed, but an impulse.
     speed = max(speed, impulse / (2 * pair_mass(sides[0], sides[1])))
     duration = contact_time(sides[0], sides[1], speed)
     place = clip.shot.affine(event.time) @ (*event.place, 1.0)
@@ -171,16 +178,19 @@ def event_strikes(
 
 
 def _newton_seconds(clip: Clip, event: Event) -> float:
-    """Return the impulse of a collision, N·s; an assumed scale counts as a known one."""
+    """Return the impulse of a collision, N·s. An assumed scale counts as a
+    known one.
+    """
     return (event.impulse or 0.0) / 1000 / clip.world.pixels_per_meter
 
 
 def _is_touched(
     world: World, trajectory: Trajectory, surface: int, event: Event
 ) -> bool:
-    """Return whether something other than the impact touches a surface during and after it."""
+    """Return whether another contact touches a surface during and after the impact."""
     if surface >= len(world.bodies):
         return False
+    # Seen from above, every body lies on the table.
     if world.view is View.TOP:
         return True
     contacts = trajectory.contacts
@@ -194,7 +204,9 @@ def _is_touched(
 
 
 def rubbings(clip: Clip, times: ClipTimes) -> list[Rubbing]:
-    """Return sliding and rolling of all pairs, with the table's if seen from above."""
+    """Return sliding and rolling of all pairs; in a view from above, with the
+    table's.
+    """
     world = clip.world
     count = max(int(world.duration * FRICTION_RATE), 2)
     moments = np.linspace(0.0, world.duration, count + 1)
@@ -207,7 +219,9 @@ def rubbings(clip: Clip, times: ClipTimes) -> list[Rubbing]:
 
 
 def _places(clip: Clip, motion: Trajectory, body: int) -> F64:
-    """Return (T,) 0 to 1: where a body is between the left and the right border."""
+    """Return (T,) positions of a body from the left border (0) to the right
+    border (1).
+    """
     centers = motion.poses[:, body, :2]
     if not clip.shot.moves:
         scale, _, shift = clip.shot.affine(0.0)[0].tolist()
@@ -249,7 +263,7 @@ def _table_velocities(world: World, motion: Trajectory) -> F64:
 
 
 def _pair_rubbings(clip: Clip, motion: Trajectory, clip_times: F64) -> list[Rubbing]:
-    """Return sliding and rolling of all pairs that touch."""
+    """Return sliding and rolling of all pairs with contacts."""
     rows = motion.contacts.impulse_rows
     if not len(rows):
         return []
@@ -278,6 +292,7 @@ def _pair_rubbing(
     is_rolling_vehicle = any(
         k < len(world.bodies) and bool(world.bodies[k].wheels) for k in pair
     )
+    # A vehicle rolls on its wheels: its surface does not slide over the road.
     slip = np.zeros(len(samples))
     if not is_rolling_vehicle:
         slip = np.abs(_slip_speeds(world, motion, samples, pair, normals)) * meters
@@ -298,14 +313,14 @@ def _pair_rubbing(
 def _center_velocities(
     world: World, motion: Trajectory, samples: NDArray[np.int32], k: int
 ) -> F64:
-    """Return (K, 2) px/s of a surface's centre; scenery rests."""
+    """Return (K, 2) px/s of a surface's centre. Scenery rests."""
     if k >= len(world.bodies):
         return np.zeros((len(samples), 2))
     return np.asarray(motion.velocities[samples, k, :2])
 
 
 def _rolling(world: World, pair: tuple[int, int]) -> float:
-    """Return the rolling resistance of the partner that rolls; 0 if none does."""
+    """Return the rolling resistance of the rolling partner, or 0 without one."""
     values = [0.0]
     for k in pair:
         if k < len(world.bodies):
@@ -316,14 +331,16 @@ def _rolling(world: World, pair: tuple[int, int]) -> float:
 
 
 def _mover(world: World, pair: tuple[int, int]) -> int:
-    """Return the lighter of the bodies of a pair: it moves, and is heard from its place."""
+    """Return the lighter body of a pair. It moves, and the sound comes from its
+    position.
+    """
     bodies = [k for k in pair if k < len(world.bodies)]
     dynamic = [k for k in bodies if world.bodies[k].motion is Motion.DYNAMIC]
     return min(dynamic or bodies, key=lambda k: world.bodies[k].mass)
 
 
 def _max_load(world: World, pair: tuple[int, int]) -> float:
-    """Return the force (g·px/s²) up to which a contact of two surfaces counts as pressing."""
+    """Return the maximum load of a contact of two surfaces, g·px/s²."""
     masses = []
     for k in pair:
         if k < len(world.bodies) and world.bodies[k].motion is Motion.DYNAMIC:
@@ -339,10 +356,12 @@ def _slip_speeds(
     pair: tuple[int, int],
     normals: F64,
 ) -> F64:
-    """Return (K,) px/s of the two surfaces along each other; normals (K, 2) point to the first."""
+    """Return (K,) px/s of the two surfaces along each other; normals (K, 2) point to
+    the first.
+    """
     tangents = np.stack([-normals[:, 1], normals[:, 0]], axis=1)
     surfaces = [surface for _, surface in world.surfaces]
-    # a conveyor runs clockwise around each of the two surfaces
+    # A conveyor runs clockwise around each of the two surfaces.
     belts = surfaces[pair[0]].conveyor + surfaces[pair[1]].conveyor
     speeds = np.full(len(samples), -belts)
     for k, sign in zip(pair, (1.0, -1.0), strict=True):
@@ -350,14 +369,14 @@ def _slip_speeds(
             continue
         x, y, spin = motion.velocities[samples, k].T
         along = x * tangents[:, 0] + y * tangents[:, 1]
-        # the rim is on the side of the partner: the second body's is in the normal's direction
+        # The rim is on the partner's side: along the normal for the second body.
         rim_speed = -sign * spin * _rim(world, k)
         speeds += sign * (along + rim_speed)
     return speeds
 
 
 def _rim(world: World, k: int) -> float:
-    """Return the distance (px) from a body's centre to the faces on which it lies."""
+    """Return the distance (px) from a body's centre to its resting faces."""
     body = world.bodies[k]
     if body.radius is not None:
         return body.radius
@@ -367,7 +386,7 @@ def _rim(world: World, k: int) -> float:
 def _captions(
     clip: Clip, impacts: Sequence[Event], times: ClipTimes
 ) -> tuple[Caption, ...]:
-    """Return the loudest impacts in words, by time."""
+    """Return the loudest impacts in words, sorted by time."""
     names = _spoken_names(clip)
     captions = []
     for event in impacts:
@@ -380,7 +399,9 @@ def _captions(
 
 
 def _spoken_names(clip: Clip) -> list[str]:
-    """Return the names of all surfaces: labels, but names if objects share a label."""
+    """Return the names of all surfaces: labels, or names for objects with a common
+    label.
+    """
     counts = Counter(clip.labels)
     names = []
     for name, label in zip(clip.names, clip.labels, strict=True):

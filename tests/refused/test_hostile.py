@@ -21,7 +21,7 @@ import pytest
 
 from physgen.batch.clips import find_clips
 from physgen.cli.main import main
-from physgen.compile.warnings import LIMITS
+from physgen.compile.warning_limits import LIMITS
 from physgen.problems import InputError
 from physgen.scene.load import load
 

@@ -45,7 +45,7 @@ def mixed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     failure(home, "broken", 'broken.yaml:3:1: "<b>heavy</b>" is not a number')
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(gallery, "LIMITS", replace(gallery.LIMITS, searched=1))
+        patch.setattr(gallery, "LIMITS", replace(gallery.LIMITS, min_searchable=1))
         write_gallery([home], home / "index.html")
     return home / "index.html"
 

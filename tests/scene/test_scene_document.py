@@ -119,7 +119,7 @@ def test_anything_as_the_value_of_a_flag() -> None:
         ("heavy", "heavy"),
         ("# x", None),
     ):
-        node = read(text, source, counted=False)
+        node = read(text, source, has_lines=False)
         assert to_plain_data(node) == value
         assert node.place == ("--set a=1", 0, 0)
 

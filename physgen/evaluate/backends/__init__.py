@@ -1,1 +1,1 @@
-"""Models that measures ask."""
+"""Models for measures."""

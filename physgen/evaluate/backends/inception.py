@@ -1,4 +1,6 @@
-"""Compute the features of published FIDs by a user's own file of the Inception network."""
+"""Compute the features of published FIDs with a user's own file of the Inception
+network.
+"""
 
 from __future__ import annotations
 
@@ -19,19 +21,21 @@ from physgen.videos import U8
 
 FLAG = "--inception"
 FEATURES = 2048
-"""Of a picture."""
+"""Number of features of a picture."""
 KEY = "return_features"
 BATCH = 16
-"""Pictures that the network takes at a time."""
+"""Number of pictures in one call of the network."""
 FIX = "name inception-2015-12-05.pt, the TorchScript file that NVIDIA published with StyleGAN2-ADA"
 
 
 class Inception:
-    """The 2048 features of the network of Heusel et al., by a user's own file `inception-2015-12-05.pt`.
+    """The 2048 features of the network of Heusel et al., from a user's own file
+    `inception-2015-12-05.pt`.
 
-    The network takes (N, 3, H, W) uint8, 0 to 255, of any size, resizes to 299 x 299 px as TensorFlow 1 did, and gives
-    (N, 2048) if `return_features=True`. A TorchScript file is a program: loading one runs it. Raise InputError if
-    there is no file; the file is loaded when first needed.
+    The network takes (N, 3, H, W) uint8, 0 to 255, of any size, resizes to 299 x 299 px
+    as TensorFlow 1 did, and gives (N, 2048) with `return_features=True`. A TorchScript
+    file is a program: loading runs it. Raise InputError for a missing file. The file is
+    loaded on first use.
     """
 
     name = "inception"
@@ -66,7 +70,9 @@ class Inception:
         return np.concatenate(features)
 
     def _run(self, batch: torch.Tensor) -> NDArray[np.float64]:
-        """Return the features of a batch. Raise InputError if the network gives others."""
+        """Return the features of a batch. Raise InputError if the network gives
+        others.
+        """
         with torch.inference_mode():
             answer = self._model(batch.to(self._device), return_features=True)
         expected_shape = (len(batch), FEATURES)
@@ -83,7 +89,7 @@ class Inception:
         return np.asarray(answer.double().cpu().numpy(), np.float64)
 
     def note(self) -> Mapping[str, Any]:
-        """Return the file, by its content, and the device."""
+        """Return the file's hash and the device."""
         digest = hashlib.sha256(self._path.read_bytes()).hexdigest()
         return run_note(
             self._device, torch.float32, str(self._path), {"sha256": digest}

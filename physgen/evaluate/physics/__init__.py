@@ -1,4 +1,4 @@
-"""The closed forms that the engine is held to, by number: `physgen evaluate physics` runs them."""
+"""The closed forms for the engine, by number. `physgen evaluate physics` runs them."""
 
 from __future__ import annotations
 
@@ -52,7 +52,9 @@ ROWS: tuple[Row, ...] = tuple(
 
 
 def examples() -> Iterator[tuple[str, str]]:
-    """Yield file name and text of every scene of the first draws: the files of scenes/physics/."""
+    """Yield file name and text of every scene of the first draws: the files of
+    scenes/physics/.
+    """
     for row in ROWS:
         for case in row.draw(0):
             yield scene_file(row, case, 0), scene_of(row, case)

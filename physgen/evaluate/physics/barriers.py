@@ -1,4 +1,4 @@
-"""Rows of barriers that hold bodies in: thin walls that fast balls hit, and a hollow that a ball falls into."""
+"""Rows of barriers: thin walls against fast balls, and a ball in a hollow."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from physgen.evaluate.physics.scorecard import (
 from physgen.evaluate.physics.staging import FLOATING, box, circle, scene, segment
 
 FAST = (2, 5, 10, 15, 20)
-"""Radii a step of 1/960 s, a draw each."""
+"""Speeds in radii per step of 1/960 s, one per draw."""
 LEFT, MIDDLE, RIGHT = 20.0, 250.0, 480.0
-"""px: walls of the rooms, and the partition between their halves."""
+"""Walls of the rooms, and the partition between their halves, px."""
 ROOM_HEIGHT = 160.0
 """px."""
 ROOM_TOPS = (20.0, 200.0)
 """px."""
 ELASTICITIES = (1.0, 0.5)
-"""Of the rooms."""
+"""Elasticities of the rooms."""
 
 
 @dataclass(frozen=True)
 class _HalfRoom:
-    """The part of the picture that a ball must not leave."""
+    """Room for a ball in the picture."""
 
     left: float
     """px."""
@@ -70,7 +70,9 @@ def _room_corners(top: float) -> list[list[float]]:
 
 
 def _fast_ball(draw: Draw, side: int, top: float, surface: Document) -> Document:
-    """Return a ball in the half at the left (-1) or the right (1) that flies towards the partition."""
+    """Return a ball in the left (-1) or right (1) half, with a velocity towards the
+    partition.
+    """
     radius = draw.number(3, 6)
     angle = np.radians(draw.number(-70, 70, 1))
     speed = FAST[draw.index] * radius * 960
@@ -93,7 +95,7 @@ def _escape_error(halves: Mapping[str, _HalfRoom], run: Run) -> Errors:
 
 @dataclass(frozen=True)
 class _Hollow:
-    """An outline like a U that stands on the floor."""
+    """An outline like a U on the floor."""
 
     width: float
     """px between its walls."""
@@ -138,7 +140,7 @@ class _Hollow:
 
 
 def _hollow_outline(draw: Draw) -> list[Case]:
-    """Return the case of a ball that falls into a U, which is fixed or loose."""
+    """Return the case of a ball that falls into a fixed or loose U."""
     hollow = _Hollow(
         width=draw.number(70, 120, 0),
         depth=draw.number(60, 110, 0),
@@ -164,7 +166,7 @@ def _hollow_outline(draw: Draw) -> list[Case]:
 
 
 def _rest_error(hollow: _Hollow, radius: float, run: Run) -> Errors:
-    """Return 1 unless the ball ends inside the U, on its floor, to half a pixel."""
+    """Return 1 unless the ball ends on the floor of the U, to half a pixel."""
     ball = run.track("ball")
     body = run.track("hollow")
     x, y = ball.positions[-1] - body.displacements[-1]

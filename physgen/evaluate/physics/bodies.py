@@ -1,4 +1,6 @@
-"""Rows of bodies with their own centre of mass, moment, damping and gravity, round scenery, and repeated paths."""
+"""Rows of bodies with their own centre of mass, moment, damping and gravity,
+round scenery, and repeated paths.
+"""
 
 from __future__ import annotations
 
@@ -23,10 +25,11 @@ Array = NDArray[np.float64]
 
 
 def _roly_poly(draw: Draw) -> list[Case]:
-    """Largest deviation of the angle over the swing, against the Lagrange equation of a disc that rolls.
+    """Return the case of a roly-poly. Error: largest deviation of the angle over the
+    swing from the Lagrange equation of a rolling disc.
 
-    (I + m (R² + d² - 2 R d cos a)) a'' + m R d sin a a'² + m g d sin a = 0, the centre of
-    mass being d below the middle.
+    (I + m (R² + d² - 2 R d cos a)) a'' + m R d sin a a'² + m g d sin a = 0, with the
+    centre of mass d below the middle.
     """
     radius, mass = draw.number(40, 70, 1), draw.mass()
     low, swing = draw.number(0.25, 0.6) * radius, draw.number(15, 50, 1)
@@ -68,7 +71,9 @@ def _roly_poly(draw: Draw) -> list[Case]:
 
 
 def _own_numbers(draw: Draw) -> list[Case]:
-    """Largest deviation of each motion over its size: damped, light, heavy, and turned with its own moment."""
+    """Return the case of damped, light, heavy and turning bodies, the last with its own
+    moment. Error: largest deviation of each motion over its size.
+    """
     damping, scale = draw.number(0.5, 4), draw.number(-0.4, 0.6)
     speed, spin = draw.number(80, 160, 0), draw.sign() * draw.number(200, 600, 0)
     mass, gain, time = draw.mass(), draw.number(3, 9), 1.0
@@ -103,9 +108,11 @@ def _own_numbers(draw: Draw) -> list[Case]:
 
 
 def _round_hill(draw: Draw) -> list[Case]:
-    """Deviation of the horizontal speed at the end over its closed form: what slides off a round hill leaves it.
+    """Return the case of bodies on a round hill. Error: deviation of the horizontal
+    speed at the end over its closed form.
 
-    It leaves at cos a = 2/3 + v0²/(3 g R), R to its middle, with the speed sqrt(g R cos a).
+    A sliding body leaves the hill at cos a = 2/3 + v0²/(3 g R), R to its middle, with
+    the speed sqrt(g R cos a).
     """
     radius, ball = draw.number(100, 150, 1), draw.number(8, 16)
     side = draw.sign()
@@ -132,7 +139,9 @@ def _round_hill(draw: Draw) -> list[Case]:
 
 
 def _shuttle(draw: Draw) -> list[Case]:
-    """Largest deviation of a shuttle's place over its way: knots that begin again."""
+    """Return the case of a shuttle with repeated knots. Error: largest deviation of its
+    place over its path.
+    """
     period, way = draw.number(0.3, 0.7, 3), draw.number(60, 200, 1)
     turn = draw.number(-90, 90, 0)
     knots = [

@@ -1,4 +1,4 @@
-"""Rows of objects that belts and turntables carry, seen from above."""
+"""Rows of objects on belts and turntables, seen from above."""
 
 from __future__ import annotations
 
@@ -20,13 +20,15 @@ from physgen.evaluate.physics.staging import GRAVITY, circle, scene
 Array = NDArray[np.float64]
 
 MIDDLE = np.array([320.0, 320.0])
-"""px of the turntable."""
+"""Centre of the turntable, px."""
 BALL_RATE = 2 / 7
-"""Of the turntable's turning: that of the circle in which a solid sphere rolls on it."""
+"""Angular velocity of a rolling sphere's circle over the turntable's."""
 
 
 def _belt(draw: Draw) -> Case:
-    """Largest deviation of a puck's way over the pick-up distance, and of the belt's work over m u²."""
+    """Return the case of a puck on a belt. Errors: largest deviation of its path over
+    the pick-up distance, and of the belt's work over m u².
+    """
     mu, mass = draw.number(0.15, 0.6), draw.mass()
     angle, speed = draw.angle(), draw.number(80, 240, 0)
     way = np.array([cos(angle), sin(angle)])
@@ -51,9 +53,11 @@ def _belt(draw: Draw) -> Case:
 
 
 def _turntable(draw: Draw) -> Case:
-    """Largest deviation of two places over their circles: of a ball that rolls, and of a puck that rides.
+    """Return the case of a rolling ball and a riding puck. Errors: largest deviations
+    of their places over their circles.
 
-    The ball's velocity turns with 2/7 of the table (Earnshaw 1844), whatever it is.
+    The ball's velocity turns with 2/7 of the table's rate (Earnshaw 1844), for every
+    initial velocity.
     """
     turning = draw.sign() * draw.number(1.5, 3.0)
     rate = BALL_RATE * turning

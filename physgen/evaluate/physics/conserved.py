@@ -1,4 +1,6 @@
-"""Rows of quantities that hits leave unchanged: energy of an elastic gas, momentum and angular momentum."""
+"""Rows of conserved quantities in collisions: energy of an elastic gas, momentum and
+angular momentum.
+"""
 
 from __future__ import annotations
 
@@ -23,9 +25,9 @@ from physgen.evaluate.physics.scorecard import (
 from physgen.evaluate.physics.staging import FLOATING, Point, box, circle, scene
 
 WALL = 20.0
-"""px from the picture's edges to the walls."""
+"""Distance of the walls from the picture's edges, px."""
 ROOM = (400.0, 300.0)
-"""px: width and height between the walls."""
+"""Width and height between the walls, px."""
 BALLS = 10
 ELASTIC = {"friction": 0.0, "elasticity": 1.0}
 
@@ -53,7 +55,9 @@ def _gas(draw: Draw) -> list[Case]:
 
 
 def _place_balls(draw: Draw) -> list[tuple[Point, float]]:
-    """Return centres and radii (px) of balls that do not touch each other or a wall."""
+    """Return centres and radii (px) of balls without contact to each other or
+    a wall.
+    """
     width, height = ROOM
     balls: list[tuple[Point, float]] = []
     while len(balls) < BALLS:
@@ -67,7 +71,9 @@ def _place_balls(draw: Draw) -> list[tuple[Point, float]]:
 
 
 def _energy_error(names: Sequence[str], run: Run) -> Errors:
-    """Return the largest change of kinetic energy over its first value; 1 if a ball gets out."""
+    """Return the largest change of kinetic energy over its first value; 1 if a ball
+    escapes.
+    """
     half_room = np.array(ROOM) / 2
     kinetic = np.zeros(len(run.trajectory.times))
     for name in names:
@@ -82,7 +88,9 @@ def _energy_error(names: Sequence[str], run: Run) -> Errors:
 
 
 def _polygon(draw: Draw, corners: int, radius: float) -> list[list[float]]:
-    """Return corners on a circle about the origin, at uneven angles, so that the polygon is convex."""
+    """Return corners of a convex polygon: uneven angles on a circle about the
+    origin.
+    """
     steps = np.array([draw.number(0.6, 1.4) for _ in range(corners)])
     angles = np.cumsum(steps) / steps.sum() * 2 * np.pi
     return [[round(radius * cos(a), 3), round(radius * sin(a), 3)] for a in angles]
@@ -96,15 +104,17 @@ ELL = [
     [-4.0, 24.0],
     [-24.0, 24.0],
 ]
-"""px: an L about its corner."""
+"""Corners of an L about its inner corner, px."""
 MEETING_POINT = (220, 220)
-"""px: centre of the picture and of the body that is hit."""
+"""Centre of the picture and of the struck body, px."""
 NO_SPIN = 1e-3
-"""rad/s: bodies whose spins change less have missed each other."""
+"""Minimum change of spin in a hit, rad/s. Bodies with smaller changes have missed each
+other.
+"""
 
 
 def _momenta(draw: Draw) -> list[Case]:
-    """Return the case of two bodies that hit each other off-centre."""
+    """Return the case of two bodies in an off-centre collision."""
     surface = {"friction": draw.number(0.2, 0.8), "elasticity": draw.number(0.1, 1.0)}
     shapes = _draw_shapes(draw)
     first = draw.index % 4
@@ -143,7 +153,7 @@ def _draw_shapes(draw: Draw) -> list[Document]:
 
 
 def _move_shape(object: Document, center: Point) -> Document:
-    """Return an object whose shape is moved from the origin to a centre (px)."""
+    """Return an object with its shape moved from the origin to a centre (px)."""
     [(kind, shape)] = object["shape"].items()
     if kind == "polygon":
         x, y = center
@@ -153,9 +163,10 @@ def _move_shape(object: Document, center: Point) -> Document:
 
 
 def _momenta_error(names: Sequence[str], run: Run) -> Errors:
-    """Return the largest change of momentum or angular momentum over the sum of the bodies' own at first.
+    """Return the largest change of momentum or angular momentum over the sum of the
+    bodies' first values.
 
-    Angular momentum is about MEETING_POINT. Bodies that miss each other count as 100 %.
+    Angular momentum is about MEETING_POINT. A miss counts as 100 %.
     """
     momentum: Array = np.zeros(2)
     angular_momentum: Array = np.zeros(1)

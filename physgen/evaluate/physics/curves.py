@@ -1,4 +1,4 @@
-"""Rows of what slides and rolls along smooth curves."""
+"""Rows of sliding and rolling along smooth curves."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ SMOOTH = {"friction": 0.0, "elasticity": 0.0}
 
 
 def _loop(draw: Draw) -> list[Case]:
-    """Deviation of v²/2 + g h over v0²/2 after two turns round a loop, and of the distance to its middle.
+    """Return the case of a puck in a loop. Errors: deviation of v²/2 + g h over v0²/2
+    after two turns, and of the distance to the loop's middle.
 
     A puck without friction keeps its energy. It needs v0² > 5 g R at the bottom.
     """
@@ -49,7 +50,9 @@ def _loop(draw: Draw) -> list[Case]:
 
 
 def _slide(draw: Draw) -> list[Case]:
-    """Deviation of the speed at the end of a slide of Bézier curves over sqrt(v0² + 2 g h)."""
+    """Return the case of a slide of Bézier curves. Error: deviation of the speed at its
+    end over sqrt(v0² + 2 g h).
+    """
     ball, speed = draw.number(8, 14), draw.number(40, 120, 0)
     drop, side = draw.number(120, 200, 1), draw.sign()
     top = 120.0

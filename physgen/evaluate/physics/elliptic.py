@@ -1,4 +1,6 @@
-"""Complete elliptic integrals by the arithmetic-geometric mean, and an integrator of fourth order."""
+"""Complete elliptic integrals by the arithmetic-geometric mean, and an
+integrator of fourth order.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 MEAN_TOLERANCE = 1e-9
-"""Difference of the two means at which they count as equal: each turn squares it."""
+"""Maximum difference of equal means; each iteration squares it."""
 
 
 def integrate_ellipse(k: float) -> tuple[float, float]:
@@ -40,9 +42,8 @@ def integrate_ellipse(k: float) -> tuple[float, float]:
 def runge_kutta(
     rate: Callable[[Array], Array], start: Array, duration: float, steps: int
 ) -> Array:
-    """Return the solution of y' = rate(y) from `start` (D,) at even times, (steps + 1, D).
-
-    The method is the classical one of fourth order.
+    """Return the solution of y' = rate(y) from `start` (D,) at even times, (steps + 1,
+    D), by the classical method of fourth order.
     """
     h = duration / steps
     states = [np.asarray(start, np.float64)]

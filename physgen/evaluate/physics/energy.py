@@ -1,4 +1,6 @@
-"""The row of the energy balance: kinetic, potential and lost energy against work, in scenes of every kind."""
+"""The row of the energy balance: kinetic, potential and lost energy against
+work, in scenes of every kind.
+"""
 
 from __future__ import annotations
 
@@ -20,11 +22,13 @@ from physgen.evaluate.physics.scorecard import (
 from physgen.evaluate.physics.staging import GRAVITY, Slope, box, circle, scene, segment
 
 DURATION = 1.5
-"""s of every scene."""
+"""Duration of every scene, s."""
 
 
 def measure_balance(run: Run) -> Errors:
-    """Return the largest change of kinetic + potential + dissipated - work, over the largest change of one of them."""
+    """Return the largest change of kinetic + potential + dissipated - work, over the
+    largest change of one term.
+    """
     energy = run.trajectory.energy
     parts = (energy.kinetic, energy.potential, energy.dissipated, energy.work)
     flow = max(float(np.ptp(part)) for part in parts)
@@ -35,7 +39,7 @@ def measure_balance(run: Run) -> Errors:
 def _case(
     label: str, size: tuple[int, int], objects: dict[str, Document], **sections: Any
 ) -> Case:
-    """Return a case whose energy is balanced."""
+    """Return a case with a balance of energy."""
     document = scene(size, DURATION, objects, **sections)
     return Case(document, measure_balance, label)
 
@@ -45,7 +49,7 @@ def _surface(draw: Draw) -> Document:
 
 
 def _bouncing(draw: Draw) -> Case:
-    """Return the case of balls and a box that bounce on a floor between two walls, and off each other."""
+    """Return the case of bouncing balls and a box between a floor and two walls."""
     objects = {}
     for k in range(4):
         objects[f"ball-{k}"] = circle(
@@ -69,7 +73,9 @@ def _bouncing(draw: Draw) -> Case:
 
 
 def _tumbling(draw: Draw) -> Case:
-    """Return the case of a box that tumbles down a slope, one that slides, and a ball that rolls with resistance."""
+    """Return the case of a tumbling box, a sliding box, and a ball with rolling
+    resistance on a slope.
+    """
     slope = Slope((40, 60), 0.5, 1, 330)
     surface = {"friction": 0.6, "elasticity": draw.number(0.1, 0.5)}
     objects = {
@@ -102,7 +108,7 @@ def _tumbling(draw: Draw) -> Case:
 
 
 def _stack_hit(draw: Draw) -> Case:
-    """Return the case of a stack of five boxes and the ball that knocks it over."""
+    """Return the case of a stack of five boxes and a ball against it."""
     surface = _surface(draw)
     height = draw.number(24, 34, 0)
     objects = {}
@@ -124,7 +130,7 @@ def _stack_hit(draw: Draw) -> Case:
 
 
 def _dominoes(draw: Draw) -> Case:
-    """Return the case of seven dominoes, the first of them pushed."""
+    """Return the case of seven dominoes with a push on the first."""
     surface = {"friction": draw.number(0.3, 0.6), "elasticity": draw.number(0, 0.3)}
     height = draw.number(60, 80, 0)
     mass = draw.mass()
@@ -144,7 +150,9 @@ def _dominoes(draw: Draw) -> Case:
 
 
 def _table(draw: Draw) -> Case:
-    """Return the case, from above, of a struck ball, other balls, pucks that slide and spin, and cushions."""
+    """Return the case, from above, of a struck ball, other balls, sliding and spinning
+    pucks, and cushions.
+    """
     corners = [[20.0, 20.0], [500.0, 20.0], [500.0, 340.0], [20.0, 340.0], [20.0, 20.0]]
     ball = {
         "solid": "sphere",
@@ -185,7 +193,9 @@ def _table(draw: Draw) -> Case:
 
 
 def _machine(draw: Draw) -> Case:
-    """Return the case of a double pendulum, a damped spring, a motor's wheel under a ball, and two welded boxes."""
+    """Return the case of a double pendulum, a damped spring, a motor's wheel
+    under a ball, and two welded boxes.
+    """
     surface = _surface(draw)
     mass = draw.mass()
     objects = {
@@ -226,7 +236,9 @@ PADDLE_PATH = [[0, 500, 250], [0.4, 500, 250], [0.8, 430, 250, -20], [1.5, 480, 
 
 
 def _driven_bodies(draw: Draw) -> Case:
-    """Return the case of pushes, a torque, a wind, an attractor, and a scripted paddle that strikes."""
+    """Return the case of pushes, a torque, a wind, an attractor, and a
+    scripted paddle.
+    """
     surface = _surface(draw)
     floor = {"floor": segment((-300, 290), (900, 290), **surface)}
     return _case(
@@ -294,7 +306,7 @@ KINDS = (_bouncing, _tumbling, _stack_hit, _dominoes, _table, _machine, _driven_
 
 
 def _energies(draw: Draw) -> list[Case]:
-    """Return one or two of the seven kinds, so that five draws have them all."""
+    """Return one or two of the seven kinds, so that five draws contain all."""
     return [kind(draw) for kind in KINDS[draw.index :: 5]]
 
 

@@ -1,4 +1,4 @@
-"""Times of events in a body's motion, from samples of it: passages through a value, and bounces."""
+"""Times of events in a body's motion, from its samples: zero crossings and bounces."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ import numpy as np
 from physgen.evaluate.physics.scorecard import Array, Track
 
 BISECTIONS = 60
-"""Halvings of an interval: more than the digits of a float."""
+"""Number of bisections of an interval: more than the digits of a float."""
 
 
 def find_crossings(times: Array, values: Array, rates: Array) -> Array:
-    """Return the times (C,) s at which a smooth quantity passes zero, from samples of it and of its rate.
+    """Return the times (C,) s of the zeros of a smooth quantity, from samples of it and
+    of its rate.
 
-    Between two samples the quantity is the cubic that has their values and rates (Hermite); its error is of fourth
-    order in the sampling interval.
+    Between two samples, the quantity is the cubic with the samples' values and rates
+    (Hermite). Its error is of fourth order in the sampling interval.
     """
     has_value = values[:-1] != 0
     changes_sign = np.sign(values[1:]) != np.sign(values[:-1])
@@ -35,7 +36,9 @@ def find_crossings(times: Array, values: Array, rates: Array) -> Array:
 def _cubic_root(
     first: float, last: float, first_rate: float, last_rate: float
 ) -> float:
-    """Return the root between 0 and 1 of the cubic with these values and rates at 0 and 1."""
+    """Return the root between 0 and 1 of the cubic with these values and rates at 0 and
+    1.
+    """
     cubic = 2 * first - 2 * last + first_rate + last_rate
     square = -3 * first + 3 * last - 2 * first_rate - last_rate
     low, high = 0.0, 1.0
@@ -51,32 +54,35 @@ def _cubic_root(
 
 @dataclass(frozen=True)
 class Flight:
-    """A piece of free fall between two contacts with one floor, from one sample of it."""
+    """A free fall between two contacts with one floor, from one sample."""
 
     begin: float
-    """s at which the body left the floor; of the first drop, when it would have."""
+    """Time of departure from the floor, s; for the first drop, a virtual one."""
     end: float
-    """s at which the body comes back."""
+    """Time of return, s."""
     start_speed: float
-    """px/s upwards as it leaves."""
+    """Upward speed at departure, px/s."""
     impact_speed: float
-    """px/s downwards as it comes back."""
+    """Downward speed at return, px/s."""
     apex: float
-    """px of height above the floor."""
+    """Greatest height above the floor, px."""
 
 
 def find_flights(track: Track, floor: float, gravity: float) -> list[Flight]:
-    """Return the free falls onto the height `floor` (px, of the centre at contact), in order, the first drop first.
+    """Return the free falls onto the height `floor` (px, of the centre at contact),
+    from the first drop on.
 
-    A bounce is at a jump of the velocity from down to up. Times and speeds at the ends of a flight follow exactly
-    from one sample: the begin from an early one, the end from a late one, the height from the highest.
+    A jump of the velocity from down to up is a bounce. Times and speeds at the ends of
+    a flight follow exactly from one sample: the beginning from an early one, the end
+    from a late one, the height from the highest.
     """
     vy = track.velocities[:, 1]
     bounces = np.flatnonzero((vy[:-1] > 0) & (vy[1:] < 0)) + 1
     edges = [0, *bounces.tolist(), len(vy)]
     flights = []
     for k, (begin, end) in enumerate(pairwise(edges)):
-        # samples next to a bounce do not count: an engine may still push the body there
+        # Samples next to a bounce do not count: an engine may still push the body
+        # there.
         is_after_bounce = k > 0
         is_before_bounce = end < len(vy)
         early = begin + is_after_bounce
@@ -90,7 +96,7 @@ def find_flights(track: Track, floor: float, gravity: float) -> list[Flight]:
 def _flight(
     track: Track, early: int, late: int, floor: float, gravity: float
 ) -> Flight:
-    """Return the flight that contains the samples from `early` to `late`."""
+    """Return the flight around the samples from `early` to `late`."""
     vy = track.velocities[:, 1]
     y = track.y
     times = track.times

@@ -1,4 +1,4 @@
-"""Rows of free flight: falling, thrown, bouncing, and falling through air."""
+"""Rows of free flight: falls, throws, bounces, and falls through air."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from physgen.evaluate.physics.staging import (
 
 
 def _free_fall(draw: Draw) -> list[Case]:
-    """Return the case of a ball, a box and a hoop that fall freely."""
+    """Return the case of a ball, a box and a hoop in free fall."""
     gravity = draw.number(300, 1500, 0)
     objects = {
         "ball": circle(
@@ -61,7 +61,7 @@ def _free_fall(draw: Draw) -> list[Case]:
 
 
 def _fall_error(names: tuple[str, ...], gravity: float, run: Run) -> Errors:
-    """Return the largest deviation from g t²/2 at any time, as a part of the whole fall."""
+    """Return the largest deviation from g t²/2 at any time over the whole fall."""
     errors = []
     for name in names:
         track = run.track(name)
@@ -78,7 +78,7 @@ class _Throw:
     speed: float
     """px/s."""
     degrees: float
-    """Above the horizontal to the right."""
+    """Angle above the horizontal to the right, degrees."""
 
     def velocity(self) -> tuple[float, float]:
         """Return the velocity to the right and upwards, px/s."""
@@ -87,7 +87,7 @@ class _Throw:
 
 
 def _projectile(draw: Draw) -> list[Case]:
-    """Return the case of a ball and a box that are thrown."""
+    """Return the case of a thrown ball and a thrown box."""
     throws = {
         "ball": _Throw(draw.number(300, 600, 0), draw.number(35, 75, 0)),
         "box": _Throw(draw.number(300, 600, 0), draw.number(105, 145, 0)),
@@ -109,7 +109,7 @@ def _projectile(draw: Draw) -> list[Case]:
 
 
 def _path_error(throws: Mapping[str, _Throw], run: Run) -> Errors:
-    """Return the largest distance from the parabola, as a part of the path flown by then."""
+    """Return the largest distance from the parabola over the path so far."""
     errors = []
     for name, throw in throws.items():
         track = run.track(name)
@@ -124,11 +124,11 @@ def _path_error(throws: Mapping[str, _Throw], run: Run) -> Errors:
 
 @dataclass(frozen=True)
 class _Drop:
-    """A ball that is dropped onto a pad of the same elasticity."""
+    """A ball above a pad of the same elasticity."""
 
     elasticity: float
     height: float
-    """px that the ball falls."""
+    """Height of the fall, px."""
     radius: float
     """px."""
 
@@ -139,16 +139,16 @@ class _Drop:
 
 @dataclass(frozen=True)
 class _Pads:
-    """Places of pads, one a ball."""
+    """Places of pads, one per ball."""
 
     left: int
-    """px: the middle of the first."""
+    """Middle of the first, px."""
     distance: int
-    """px from one to the next."""
+    """Distance of neighbours, px."""
     half_width: int
     """px."""
     floor: int
-    """px: their height."""
+    """Height of the pads, px."""
 
 
 def _place_drops(
@@ -172,7 +172,7 @@ BOUNCE_ELASTICITIES = (0.3, 0.5, 0.8, 1.0)
 
 
 def _bounce(draw: Draw) -> list[Case]:
-    """Return the case of four balls that bounce."""
+    """Return the case of four bouncing balls."""
     drops = {}
     for elasticity in BOUNCE_ELASTICITIES:
         drop = _Drop(elasticity, draw.number(100, 260, 1), draw.number(8, 26))
@@ -184,7 +184,9 @@ def _bounce(draw: Draw) -> list[Case]:
 
 
 def _bounce_errors(drops: Mapping[str, _Drop], run: Run) -> Errors:
-    """Return the errors of speed and height after the first bounce, at the height of contact."""
+    """Return the errors of speed and height after the first bounce, at the
+    height of contact.
+    """
     speeds, heights = [], []
     for name, drop in drops.items():
         floor = ONE_BOUNCE.floor - drop.radius
@@ -201,11 +203,11 @@ def _bounce_errors(drops: Mapping[str, _Drop], run: Run) -> Errors:
 BOUNCES = 4
 SEVERAL_BOUNCES = _Pads(left=80, distance=150, half_width=60, floor=330)
 LOWEST_ELASTICITIES = (0.5, 0.6, 0.7)
-"""Of the three balls; each draw adds up to 0.1."""
+"""Elasticities of the three balls; each draw adds up to 0.1."""
 
 
 def _bounces(draw: Draw) -> list[Case]:
-    """Return the case of three balls that bounce several times."""
+    """Return the case of three balls with several bounces."""
     drops = {}
     for k, low in enumerate(LOWEST_ELASTICITIES, 1):
         drops[f"ball-{k}"] = _Drop(
@@ -220,13 +222,13 @@ def _bounces(draw: Draw) -> list[Case]:
 
 
 def _time_of_bounces(drop: _Drop) -> float:
-    """Return the time to the end of the last flight that counts, s."""
+    """Return the time to the end of the last counted flight, s."""
     flights = sum(drop.elasticity**n for n in range(1, BOUNCES + 1))
     return drop.fall_time() * (1 + 2 * flights)
 
 
 def _bounces_error(drops: Mapping[str, _Drop], run: Run) -> Errors:
-    """Return the largest error of the length of a flight, from landing to landing."""
+    """Return the largest error of a flight's duration, from landing to landing."""
     errors = []
     for name, drop in drops.items():
         floor = SEVERAL_BOUNCES.floor - drop.radius
@@ -242,17 +244,18 @@ def _bounces_error(drops: Mapping[str, _Drop], run: Run) -> Errors:
 
 @dataclass(frozen=True)
 class _Air:
-    """Air that slows down a body, or a wind that takes it along."""
+    """Air as a brake, or a wind as a drive of a body."""
 
     drag: float
-    """g/px²: force over width times squared speed."""
+    """Force over width times squared speed, g/px²."""
     wind: float | None
-    """px/s in place of gravity; None for a fall."""
+    """Wind in place of gravity, px/s; None for a fall."""
 
     def motion(self, mass: float, width: float, times: Array) -> tuple[Array, Array]:
         """Return the speeds (px/s) and distances (px) of a body (g, px) from rest."""
         k = self.drag * width / mass
-        if self.wind is not None:  # u' = -k u², u = wind - v
+        # For u = wind - v: u' = -k u².
+        if self.wind is not None:
             fading = self.wind * k * times
             speeds = self.wind - self.wind / (1 + fading)
             return speeds, self.wind * times - np.log1p(fading) / k
@@ -263,7 +266,9 @@ class _Air:
 
 
 def _air(draw: Draw) -> list[Case]:
-    """Return the case of a ball and a box in air; in every other draw a wind blows in place of gravity."""
+    """Return the case of a ball and a box in air; in every other draw a wind
+    blows in place of gravity.
+    """
     has_wind = draw.index % 2 == 1
     wind = draw.number(150, 400, 0)
     drag = draw.number(0.02, 0.08, 4)
@@ -271,7 +276,7 @@ def _air(draw: Draw) -> list[Case]:
     ball_mass = draw.mass()
     side = draw.number(20, 40)
     box_mass = draw.mass()
-    # the box is as wide as the disc of the same area
+    # The box is as wide as the disc of the same area.
     bodies = {"ball": (ball_mass, 2 * radius), "box": (box_mass, 2 * side / sqrt(pi))}
     ball = circle((60, 60), radius, mass=ball_mass)
     if has_wind:
@@ -294,7 +299,9 @@ def _air(draw: Draw) -> list[Case]:
 def _air_error(
     air: _Air, bodies: Mapping[str, tuple[float, float]], run: Run
 ) -> Errors:
-    """Return the largest deviation of speed and distance at any time, over their last values."""
+    """Return the largest deviation of speed and distance at any time, over their last
+    values.
+    """
     axis = 1 if air.wind is None else 0
     errors = []
     for name, (mass, width) in bodies.items():

@@ -1,4 +1,4 @@
-"""Rows of impulses, forces and torques of a scene, and of a centre that attracts."""
+"""Rows of impulses, forces and torques of a scene, and of an attracting centre."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from physgen.evaluate.physics.scorecard import (
 from physgen.evaluate.physics.staging import FLOATING, Point, box, circle, scene
 
 DURATION = 0.6
-"""s of the row of pushes."""
+"""Duration of the row of pushes, s."""
 
 
 def _unit(angle: float) -> Array:
@@ -35,7 +35,7 @@ def _unit(angle: float) -> Array:
 
 @dataclass(frozen=True)
 class _Block:
-    """A box that is pushed, and the numbers that its push is made of."""
+    """A pushed box, and the numbers of its push."""
 
     center: Array
     """(2,) px."""
@@ -46,11 +46,11 @@ class _Block:
     tilt: float
     """degrees."""
     start: float
-    """s at which the push begins."""
+    """Start of the push, s."""
     duration: float
-    """s of the push."""
+    """Duration of the push, s."""
     arm: Array
-    """(2,) px from the centre to the point that is pushed, along the box's long side."""
+    """(2,) px from the centre to the pushed point, along the box's long side."""
     direction: Array
     """(2,) unit vector of the push."""
 
@@ -60,7 +60,7 @@ class _Block:
         mass = draw.mass()
         size = (draw.number(40, 70), draw.number(20, 40))
         tilt = draw.number(0, 180, 0)
-        # times that are not on the engine's steps
+        # Times between the engine's steps.
         start = draw.number(0.05, 0.2, 3)
         duration = draw.number(0.2, 0.35, 3)
         arm = draw.number(0.3, 0.5) * size[0] * _unit(radians(tilt))
@@ -75,13 +75,13 @@ class _Block:
         return self.mass * (width**2 + height**2) / 12
 
     def point(self) -> list[float]:
-        """Return the point that is pushed, px."""
+        """Return the pushed point, px."""
         return [float(value) for value in self.arm + self.center]
 
 
 @dataclass(frozen=True)
 class _Gain:
-    """The velocity and spin that a push gives."""
+    """The gain of velocity and spin from a push."""
 
     velocity: Array
     """(2,) px/s."""
@@ -90,7 +90,7 @@ class _Gain:
 
 
 _Push = tuple[Document, _Gain]
-"""A push as the scene file has it, and its closed form."""
+"""A push in the scene file's form, and its closed form."""
 
 
 def _strike(draw: Draw, block: _Block) -> _Push:
@@ -126,7 +126,7 @@ def _twist(draw: Draw, block: _Block) -> _Push:
 
 @dataclass(frozen=True)
 class _Ride:
-    """A force at a point of a body, with which its point moves; the spin depends on the motion."""
+    """A force at a moving point of a body. The spin depends on the motion."""
 
     force: Array
     """(2,) g·px/s²."""
@@ -136,7 +136,9 @@ class _Ride:
     """g·px²."""
 
     def spin(self, track: Track) -> float:
-        """Return the last spin (rad/s) of a motion by the work done: I w²/2 = F x (displacement of the point)."""
+        """Return the last spin (rad/s) of a motion from the work of the force: I w²/2 =
+        F x (displacement of the point).
+        """
         c = cos(track.angle[-1])
         s = sin(track.angle[-1])
         rotation = np.array([[c, -s], [s, c]])
@@ -149,7 +151,9 @@ _PUSHES = {"struck": _strike, "pushed": _shove, "turned": _twist}
 
 
 def _pushes(draw: Draw) -> list[Case]:
-    """Return the case of an impulse, a force, a torque and a force that moves with its point."""
+    """Return the case of an impulse, a force, a torque and a force at a
+    moving point.
+    """
     objects: dict[str, Any] = {}
     forces: list[dict[str, Any]] = []
     gains: dict[str, _Gain] = {}
@@ -170,7 +174,7 @@ def _pushes(draw: Draw) -> list[Case]:
 
 
 def _push_error(gains: Mapping[str, _Gain], ride: _Ride, run: Run) -> Errors:
-    """Return the largest deviation of a velocity or spin over itself, at the end."""
+    """Return the largest relative deviation of a velocity or spin at the end."""
     errors = []
     for name, gain in gains.items():
         track = run.track(name)
@@ -186,14 +190,15 @@ def _push_error(gains: Mapping[str, _Gain], ride: _Ride, run: Run) -> Errors:
 
 
 NEWTON_STEPS = 60
-"""More than any eccentricity of the draws requires."""
+"""Number of Newton steps: more than any eccentricity of the draws needs."""
 
 
 def kepler(axis: float, eccentricity: float, strength: float, times: Array) -> Array:
-    """Return places (T, 2) px from the centre, along the first place's direction and the first velocity's.
+    """Return places (T, 2) px from the centre, along the directions of the first place
+    and the first velocity.
 
-    The motion begins at the farthest place. `axis` is the half long axis, px; `strength` px³/s². Newton's method
-    solves Kepler's equation M = E - e sin E.
+    The motion begins at the farthest place. `axis` is the half long axis, px;
+    `strength` px³/s². Newton's method solves Kepler's equation M = E - e sin E.
     """
     mean = pi + times * sqrt(strength / axis**3)
     anomaly = mean.copy()
@@ -206,7 +211,7 @@ def kepler(axis: float, eccentricity: float, strength: float, times: Array) -> A
 
 
 CENTER = np.array([260.0, 260.0])
-"""px: the attractor."""
+"""Place of the attractor, px."""
 
 
 @dataclass(frozen=True)
@@ -214,7 +219,7 @@ class _Orbit:
     """An ellipse about the attractor."""
 
     axis: float
-    """px: half the long axis."""
+    """Half the long axis, px."""
     eccentricity: float
     frame: Array
     """(2, 2): unit vectors of the first place and of the first velocity."""
@@ -257,7 +262,9 @@ def _orbits(draw: Draw) -> list[Case]:
 
 
 def _orbit_errors(orbits: Mapping[str, _Orbit], run: Run) -> Errors:
-    """Return the distance from Kepler's place at any time over the half axis, and the relative change of energy."""
+    """Return the distance from Kepler's place at any time over the half axis, and the
+    relative change of energy.
+    """
     distances, changes = [], []
     for name, orbit in orbits.items():
         track = run.track(name)

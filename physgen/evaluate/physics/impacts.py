@@ -1,4 +1,4 @@
-"""Rows of bodies that hit each other or a wall, without gravity."""
+"""Rows of collisions with bodies and walls, without gravity."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def vector(angle: float, length: float) -> Point:
 
 
 def _four_centers(distance: float) -> list[Point]:
-    """Return the centers (px) of four fields, two beside two."""
+    """Return the centres (px) of four fields, two beside two."""
     first = distance / 2
     places = (first, first + distance)
     return [(x, y) for y in places for x in places]
@@ -61,10 +61,10 @@ def _four_centers(distance: float) -> list[Point]:
 
 @dataclass(frozen=True)
 class _Collision:
-    """A light ball that meets one of three times its mass at rest."""
+    """A light ball against a resting ball of three times its mass."""
 
     angle: float
-    """rad: its direction."""
+    """Direction, rad."""
     speed: float
     """px/s."""
     elasticity: float
@@ -80,7 +80,7 @@ class _Collision:
 
 
 def _head_on(draw: Draw) -> list[Case]:
-    """Return the case of four pairs that meet head-on, in any direction."""
+    """Return the case of four head-on collisions in any direction."""
     objects, collisions = {}, []
     elasticities = (0.0, 0.3, draw.number(0.4, 0.9), 1.0)
     for k, center in enumerate(_four_centers(260.0)):
@@ -119,22 +119,23 @@ def _head_on_error(collisions: Sequence[_Collision], run: Run) -> Errors:
 
 GAPS = {"touching": 0.0, "apart": 1e-6, "pressed": -1e-6, "overlapping": -0.5}
 DIRECTIONS = (0.0, 90.0, 37.0)
-"""degrees; the last two draws take one at random, and 0 again."""
+"""Directions in degrees. The last two draws take a random one, and 0 again."""
 CUE_DISTANCE = 40
-"""px from the struck row to the ball that strikes it, beyond its place in the row."""
+"""Distance from the row to the cue ball, beyond its place in the row, px."""
 
 
 def _row_of_balls(draw: Draw) -> list[Case]:
-    """Return the case of rows of balls in four lanes, one a gap.
+    """Return the case of rows of balls in four lanes, one per gap.
 
-    Three draws send a ball into a row of five at rest; in two, the first of the five itself has the speed at t = 0.
+    Three draws send a ball into a row of five at rest. In two draws, the first of the
+    five has the speed at t = 0.
     """
     has_cue = draw.index < len(DIRECTIONS)
     if has_cue:
         angle = DIRECTIONS[draw.index]
     else:
         angle = (float(draw.count(0, 359)), 0.0)[draw.index - len(DIRECTIONS)]
-    # along an axis, whole px and a rounded direction: a gap of 0 is 0 to the last bit
+    # With whole px along an axis, a gap of 0 is 0 to the last bit.
     c = round(float(np.cos(np.radians(angle))), 15)
     s = round(float(np.sin(np.radians(angle))), 15)
     speed = draw.number(200, 350, 0)
@@ -172,7 +173,9 @@ def _row_of_balls(draw: Draw) -> list[Case]:
 def _row_error(
     names: Sequence[str], direction: Array, speed: float, run: Run
 ) -> Errors:
-    """Return the largest deviation of a ball's velocity, over the first speed: the last ball takes all of it."""
+    """Return the largest deviation of a ball's velocity, over the first speed. The last
+    ball takes all of the speed.
+    """
     errors = []
     for name in names:
         expected = direction * (speed if name.endswith("-5") else 0)
@@ -182,7 +185,7 @@ def _row_error(
 
 
 def _oblique(draw: Draw) -> list[Case]:
-    """Return the case of four pairs of equal balls that hit each other off-centre."""
+    """Return the case of four off-centre collisions of equal balls."""
     objects, center_lines = {}, []
     for k, center in enumerate(_four_centers(300.0)):
         angle = draw.angle()
@@ -201,7 +204,9 @@ def _oblique(draw: Draw) -> list[Case]:
 
 
 def _oblique_errors(center_lines: Sequence[Point], run: Run) -> Errors:
-    """Return the degrees between the paths and a right angle, and between the struck ball's and the line of centres."""
+    """Return the deviation of the angle between the paths from a right angle, and of
+    the struck ball's path from the line of centres, degrees.
+    """
     right_angles, lines = [], []
     for k, center_line in enumerate(center_lines):
         cue_velocity = run.track(f"cue-{k}").velocity[-1]
@@ -220,7 +225,7 @@ def _angle(first: Any, second: Any) -> float:
 
 @dataclass(frozen=True)
 class _RoundBody:
-    """A round body that another one or a wall touches."""
+    """A round body in contact with another body or a wall."""
 
     mass: float
     """g."""
@@ -241,7 +246,7 @@ class _RoundBody:
         return INERTIA[self.solid]
 
     def keys(self) -> Document:
-        """Return mass and solid as the scene file has them."""
+        """Return mass and solid in the scene file's form."""
         return {"solid": self.solid, "mass": self.mass}
 
 
@@ -258,18 +263,18 @@ class _Change:
 
 @dataclass(frozen=True)
 class _Hit:
-    """Impulses of a hit with friction, at a sliding speed that friction stops or does not stop."""
+    """Impulses of a hit with friction. Friction may or may not stop the sliding."""
 
     body: _RoundBody
     partner: _RoundBody | None
-    """None: a wall."""
+    """None for a wall."""
     friction: float
     elasticity: float
     speed: float
     """px/s towards the partner."""
 
     def tangential_mass(self) -> float:
-        """Return the impulse that changes the sliding speed by 1 px/s, g."""
+        """Return the impulse for a change of the sliding speed by 1 px/s, g."""
         m = self.body.mass
         k = self.body.inertia
         if self.partner is None:
@@ -294,9 +299,10 @@ class _Hit:
 
 
 def _spin_transfer(draw: Draw) -> list[Case]:
-    """Return the case of a ball against a wall, and two spinning balls head-on.
+    """Return the case of a ball against a wall, and of two spinning balls head-on.
 
-    The sliding speed u at the contact is once too high for friction to stop it, once low enough.
+    In one hit, the sliding speed u at the contact is too high for friction to stop it;
+    in the other, it is low enough.
     """
     objects: dict[str, Document] = {}
     walls: dict[str, Document] = {}
@@ -332,7 +338,9 @@ def _stage_hit(
     objects: dict[str, Document],
     walls: dict[str, Document],
 ) -> list[_Change]:
-    """Add the bodies of a hit at the height `y` (px), and return their changes of motion; spin in degrees/s."""
+    """Add the bodies of a hit at the height `y` (px), and return their changes
+    of motion; spin in degrees/s.
+    """
     body, partner = hit.body, hit.partner
     surface = {"friction": hit.friction, "elasticity": hit.elasticity}
     impulse = hit.friction_impulse(spin)
@@ -357,13 +365,17 @@ def _stage_hit(
 
 
 def _change(name: str, body: _RoundBody, push: float, twist: float) -> _Change:
-    """Return the change by an impulse at the edge: `push` moves the body and `twist` turns it, g·px/s."""
+    """Return the change by an impulse at the edge, g·px/s: `push` moves the body and
+    `twist` turns it.
+    """
     moment = body.inertia * body.mass * body.radius
     return _Change(name, push / body.mass, twist / moment)
 
 
 def _transfer_errors(changes: Mapping[str, Sequence[_Change]], run: Run) -> Errors:
-    """Return the largest error of a change of spin or of speed along the surface, for either kind of hit."""
+    """Return the largest error of a change of spin or of speed along the surface, for
+    each kind of hit.
+    """
     errors: dict[str, float] = {}
     for kind, kind_changes in changes.items():
         deviations = []

@@ -1,4 +1,4 @@
-"""Rows of bodies held by pins, springs, welds and motors."""
+"""Rows of bodies on pins, springs, welds and motors."""
 
 from __future__ import annotations
 
@@ -35,17 +35,17 @@ from physgen.evaluate.physics.staging import (
 )
 
 PASSES = 3
-"""Passes of a pendulum through its lowest point that count."""
+"""Number of counted passes of a pendulum through its lowest point."""
 
 
 @dataclass(frozen=True)
 class _Swing:
-    """A pendulum that is released at rest."""
+    """A pendulum with a start at rest."""
 
     period: float
     """s."""
     angle: float
-    """rad at which it is released."""
+    """Angle at the start, rad."""
 
 
 def _pendulum(draw: Draw) -> list[Case]:
@@ -79,11 +79,13 @@ def _pendulum(draw: Draw) -> list[Case]:
 
 
 def _period_error(swings: Mapping[str, _Swing], run: Run) -> Errors:
-    """Return the largest error of the time of a pass through the lowest point, over the period."""
+    """Return the largest error of the time of a pass through the lowest point, over the
+    period.
+    """
     errors = []
     for name, swing in swings.items():
         track = run.track(name)
-        # a pendulum that hangs down has turned back by its swing
+        # At the lowest point, a pendulum has turned back by its swing.
         angle = track.angle - swing.angle
         passes = find_crossings(track.times, angle, track.spin)
         if len(passes) < PASSES:
@@ -94,7 +96,7 @@ def _period_error(swings: Mapping[str, _Swing], run: Run) -> Errors:
 
 
 ANCHOR_X = 60.0
-"""px: the fixed ends of springs."""
+"""Fixed ends of springs, px."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,7 @@ class _Spring:
     """A swing on a spring."""
 
     length: float
-    """px at rest."""
+    """Length at rest, px."""
     decay: float
     """d = c/(2 m), 1/s."""
     omega: float
@@ -153,8 +155,8 @@ def _springs(draw: Draw) -> list[Case]:
 def _spring_errors(springs: Mapping[str, _Spring], run: Run) -> Errors:
     """Return the errors of frequency and amplitude at the end.
 
-    With x the stretch, the pair x and (x' + d x)/w goes round a circle that shrinks as e to the -d t: its angle is
-    the phase and its radius the amplitude, at any time.
+    With the stretch x, the pair x and (x' + d x)/w moves on a spiral that shrinks with
+    e^(-d t): its angle is the phase and its radius the amplitude, at any time.
     """
     frequencies, amplitudes = [], []
     for lane, spring in springs.items():
@@ -176,7 +178,7 @@ def _spring_errors(springs: Mapping[str, _Spring], run: Run) -> Errors:
 
 
 SEESAW_TIME = 0.4
-"""s after which angle and spin are compared."""
+"""Time of the comparison of angle and spin, s."""
 
 
 @dataclass(frozen=True)
@@ -184,9 +186,9 @@ class _Weight:
     """A box on one arm of a see-saw."""
 
     arm: float
-    """px from the pin, to the left or right."""
+    """Distance from the pin to the left or right, px."""
     height: float
-    """px of its centre above the pin."""
+    """Height of its centre above the pin, px."""
     side: float
     """px."""
     mass: float
@@ -222,7 +224,7 @@ def _seesaw(draw: Draw) -> list[Case]:
     joints, tilts = {}, {}
     surface = {"friction": 0.9, "elasticity": 0.0}
     for k, name in enumerate(("light", "heavy", "far")):
-        # drawn for each see-saw, so that all have the same number of draws
+        # Drawn for each see-saw, so that all have the same number of draws.
         parts = (0.99, 1.01, draw.number(1.1, 1.25))
         pin = np.array([180.0 + 320 * k, 150.0])
         plank = (draw.number(220, 260, 0), draw.number(8, 14, 0))
@@ -246,7 +248,9 @@ def _seesaw(draw: Draw) -> list[Case]:
 
 
 def _draw_weights(draw: Draw, thickness: float, part: float) -> tuple[_Weight, _Weight]:
-    """Return the weights at the left and right of a plank; the right one has `part` times the left one's torque."""
+    """Return the weights at the left and right of a plank. The right torque is `part`
+    times the left one.
+    """
     left_arm = draw.number(60, 90, 1)
     left_side = draw.number(22, 34, 0)
     right_side = draw.number(22, 34, 0)
@@ -266,7 +270,9 @@ def _tilt(left: _Weight, right: _Weight, moment: float) -> _Tilt:
 
 
 def _seesaw_errors(tilt: _Tilt, run: Run) -> Errors:
-    """Return the error of angle and spin against one rigid body, and whether a balance tips to the wrong side."""
+    """Return the error of angle and spin against one rigid body, and whether a balance
+    tips to the wrong side.
+    """
     angle, spin = runge_kutta(tilt.rate, np.zeros(2), SEESAW_TIME, 400)[-1]
     track = run.track("far-plank")
     end = track.sample(SEESAW_TIME)
@@ -279,21 +285,22 @@ def _seesaw_errors(tilt: _Tilt, run: Run) -> Errors:
 
 @dataclass(frozen=True)
 class _Ramp:
-    """A spin that grows evenly up to the motor's speed."""
+    """A spin with a linear rise to the motor's speed."""
 
     speed: float
     """rad/s."""
     time: float
-    """s until the speed is reached."""
+    """Time to the full speed, s."""
 
 
 MOTOR_SOLIDS = ("disc", "hoop", "sphere")
 
 
 def _motor(draw: Draw) -> list[Case]:
-    """Return the case of two motors: one wheel is on the world, the other on a base that turns too.
+    """Return the case of two motors: one wheel on the world, the other on a turning
+    base.
 
-    The second motor's moment acts on wheel and base, with 1/I = 1/I1 + 1/I2.
+    The second motor's torque acts on wheel and base, with 1/I = 1/I1 + 1/I2.
     """
     objects = {}
     joints = {}
@@ -327,7 +334,9 @@ def _motor(draw: Draw) -> list[Case]:
 
 
 def _ramp_error(ramps: Mapping[str, _Ramp], run: Run) -> Errors:
-    """Return the largest deviation of the spin at any time, over the speed of the motor."""
+    """Return the largest deviation of the spin at any time, over the speed of the
+    motor.
+    """
     errors = []
     for name, ramp in ramps.items():
         track = run.track(name)
@@ -340,21 +349,21 @@ def _ramp_error(ramps: Mapping[str, _Ramp], run: Run) -> Errors:
 
 
 WELD_X, SEAM_Y = 260.0, 180.0
-"""px: the flush side of the welded boxes, and the seam between them."""
+"""The flush side of the welded boxes, and the seam between them, px."""
 BALL_DISTANCE = 120
-"""px from the ball's centre to the flush side at t = 0."""
+"""Distance of the ball's centre from the flush side at t = 0, px."""
 
 
 @dataclass(frozen=True)
 class _WeldedPair:
-    """Two boxes that are welded above each other, with one flush side."""
+    """Two boxes welded above each other, with one flush side."""
 
     sizes: tuple[Point, Point]
     """px."""
     masses: tuple[float, float]
     """g."""
     side: int
-    """1: the flush side is at the left, -1: at the right."""
+    """1 for a flush side at the left, -1 at the right."""
 
     @property
     def mass(self) -> float:
@@ -376,7 +385,9 @@ class _WeldedPair:
         return mass_moment / self.mass
 
     def moment(self) -> float:
-        """Return the moment of inertia about the common centre by the parallel-axis theorem, g·px²."""
+        """Return the moment of inertia about the common centre by the
+        parallel-axis theorem, g·px².
+        """
         moment = 0.0
         bodies = zip(self.masses, self.sizes, self.centers(), strict=True)
         for mass, (width, height), center in bodies:
@@ -386,7 +397,7 @@ class _WeldedPair:
         return moment
 
     def seam_center(self) -> list[float]:
-        """Return the middle of the surface that both boxes share, px."""
+        """Return the middle of the common surface of both boxes, px."""
         width = min(self.sizes[0][0], self.sizes[1][0])
         return [WELD_X + self.side * width / 2, SEAM_Y]
 
@@ -396,17 +407,21 @@ class _WeldHit:
     """Motion of the welded boxes after the hit."""
 
     time: float
-    """s: after the hit, and before the boxes can swing into the ball again."""
+    """Time after the hit and before a second contact of the swinging boxes with the
+    ball, s.
+    """
     velocity: float
-    """px/s of the common centre, to the right."""
+    """Velocity of the common centre to the right, px/s."""
     spin: float
     """rad/s."""
 
 
 def _weld(draw: Draw) -> list[Case]:
-    """Return the case of a ball that hits the flush side of two welded boxes off-centre, without friction.
+    """Return the case of a ball against the flush side of two welded boxes, off-centre
+    and without friction.
 
-    A ball of mass m at v hits boxes of M at b beside their centre: the impulse is (1 + e) v/(1/m + 1/M + b²/I).
+    A ball of mass m at v hits boxes of M at b beside their centre: the impulse is (1 +
+    e) v/(1/m + 1/M + b²/I).
     """
     elasticity = draw.number(0.2, 1.0)
     speed = draw.number(150, 300, 0)
@@ -451,7 +466,9 @@ def _weld(draw: Draw) -> list[Case]:
 
 
 def _weld_errors(welded: _WeldedPair, hit: _WeldHit, run: Run) -> Errors:
-    """Return the errors of both spins, and of the velocity of the common centre, over one rigid body's."""
+    """Return the errors of both spins, and of the velocity of the common centre, over
+    one rigid body's.
+    """
     upper = run.track("upper")
     lower = run.track("lower")
     sample = upper.sample(hit.time)

@@ -1,4 +1,6 @@
-"""Rows of rails, ropes, pulleys, gears, and of pins with limits and friction, and of pins that break."""
+"""Rows of rails, ropes, pulleys, gears, and of pins with limits, friction and breaking
+forces.
+"""
 
 from __future__ import annotations
 
@@ -25,10 +27,11 @@ FLOATING = {"gravity": [0, 0]}
 
 
 def _slider(draw: Draw) -> list[Case]:
-    """Deviation of the way over the way to the rail's end, and of the resting place, likewise.
+    """Return the case of sliders. Errors: deviation of the path over the path to the
+    rail's end, and of the resting place.
 
     A block slides down a rail by g sin a t²/2 to its end. A cart with a drive of at
-    most F runs at F t/m, then at the drive's speed.
+    most F moves at F t/m, then at the drive's speed.
     """
     angle, length, mass = draw.number(15, 60, 1), draw.number(180, 260, 1), draw.mass()
     side = draw.sign()
@@ -71,10 +74,12 @@ def _slider(draw: Draw) -> list[Case]:
 
 
 def _rope(draw: Draw) -> list[Case]:
-    """Deviation of the velocity after the rope's catch over that before, and of the energy lost over the kinetic one.
+    """Return the case of a ball on a rope. Errors: deviation of the velocity after the
+    rope's catch over the velocity before, and of the energy loss over the kinetic
+    energy.
 
-    A ball is thrown; when its rope is tight, the velocity along the rope is lost and
-    the one across it stays: m (v·e)²/2 of the energy.
+    The tight rope of a thrown ball removes the velocity along the rope, m (v·e)²/2 of
+    the energy, and keeps the velocity across it.
     """
     mass, length = draw.mass(), draw.number(120, 170, 1)
     start = np.array([draw.number(20, 50, 1) * draw.sign(), draw.number(10, 40, 1)])
@@ -108,7 +113,7 @@ def _rope(draw: Draw) -> list[Case]:
     def measure(run: Run) -> Errors:
         track = run.track("ball")
         late = track.sample(low + 2 / 240)
-        # the speed along the circle, by the energy since the catch
+        # The speed along the circle follows from the energy since the catch.
         height = track.y[late] - (anchor + flight(low))[1]
         square = float(after @ after) + 2 * GRAVITY * height
         speed = sqrt(max(square, 0.0))
@@ -123,7 +128,9 @@ def _rope(draw: Draw) -> list[Case]:
 
 
 def _atwood(draw: Draw) -> list[Case]:
-    """Largest deviation of the way over the way at the end: a = g (m2 - m1)/(m1 + m2)."""
+    """Return the case of an Atwood machine. Error: largest deviation of the path over
+    the path at the end: a = g (m2 - m1)/(m1 + m2).
+    """
     light, heavy = draw.number(50, 150, 0), draw.number(160, 400, 0)
     side, apart = draw.sign(), draw.number(60, 120, 0)
     left, right = (light, heavy) if side > 0 else (heavy, light)
@@ -151,9 +158,9 @@ def _atwood(draw: Draw) -> list[Case]:
 
 
 def _gears(draw: Draw) -> list[Case]:
-    """Deviation of both spins over their closed form.
+    """Return the case of gears. Error: deviation of both spins over their closed form.
 
-    M = (I1 + I2/r²) a of the first, which turns r times for one turn of the second.
+    M = (I1 + I2/r²) a of the first gear; it turns r times for one turn of the second.
     """
     ratio = draw.sign() * draw.number(0.4, 2.5)
     radius = draw.number(30, 60, 1)
@@ -198,9 +205,10 @@ def _gears(draw: Draw) -> list[Case]:
 
 
 def _pins(draw: Draw) -> list[Case]:
-    """Deviation of a flywheel's spin over its first one, and of a rod's resting angle over its limit.
+    """Return the case of pins with friction and limits. Errors: deviation of a
+    flywheel's spin over its first one, and of a rod's resting angle over its limit.
 
-    Dry friction of torque M slows the wheel by M t/I until it stops; the rod falls onto
+    Dry friction of torque M slows the wheel by M t/I until it stops. The rod falls onto
     the limit of its hinge and rests there.
     """
     radius, mass = draw.number(30, 60, 1), draw.mass()
@@ -233,11 +241,12 @@ def _pins(draw: Draw) -> list[Case]:
 
 
 def _breaking(draw: Draw) -> list[Case]:
-    """Deviation of the force at which a pendulum's pin breaks over the stated one.
+    """Return the case of a breaking pin. Error: deviation of a pendulum's breaking
+    force over the stated one.
 
-    A ball on a rod, released level, presses on its pin by m g s + m L w² along the rod,
-    s the sine of the angle fallen and w² = 2 m g L s/J, and by m g c (1 - m L²/J)
-    across it. The spin that it keeps when it is free gives s.
+    A ball on a rod, with a horizontal start, presses on its pin by m g s + m L w² along
+    the rod, with s the sine of the fallen angle and w² = 2 m g L s/J, and by m g c (1 -
+    m L²/J) across it. The final spin of the free ball gives s.
     """
     mass, arm, radius = draw.mass(), draw.number(90, 150, 1), draw.number(12, 25, 1)
     side, part = draw.sign(), draw.number(1.2, 2.6)
@@ -264,7 +273,9 @@ def _breaking(draw: Draw) -> list[Case]:
 
 
 def fall_time(part: float, arm: float) -> float:
-    """Return at least the s in which a pendulum of `arm` px, released level, falls to where it pulls `part` weights."""
+    """Return an upper bound of the time (s) until a falling pendulum of `arm` px, with
+    a horizontal start, pulls with `part` weights.
+    """
     sine = min(part / 3, 0.95)
     return sqrt(2 * arm / GRAVITY) * atan2(sine, sqrt(1 - sine**2)) * 2 / pi * 1.5
 

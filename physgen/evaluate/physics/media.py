@@ -1,4 +1,6 @@
-"""Rows of forces that change with time, of still air, water and magnets, and of a finger that pulls."""
+"""Rows of forces that change with time, of still air, water and magnets, and of a
+pulling finger.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ FLOATING = {"gravity": [0, 0]}
 
 
 def _profiles(draw: Draw) -> list[Case]:
-    """Largest deviation of the velocity at the end over the greatest one: the integral of the force over the mass."""
+    """Return the case of force profiles. Error: largest deviation of the velocity at
+    the end over the greatest one, the integral of the force over the mass.
+    """
     duration = 1.0
     start, gain = draw.number(0.05, 0.2, 3), draw.number(80, 160, 0)
     span = duration - start
@@ -75,10 +79,11 @@ def _profiles(draw: Draw) -> list[Case]:
 
 
 def _terminal(draw: Draw) -> list[Case]:
-    """Largest deviation of the fall's speed over the terminal one, at any time.
+    """Return the case of falls through air. Error: largest deviation of the speed over
+    the terminal one, at any time.
 
-    With linear drag v = u (1 - e to the -g t/u), u = m g/(b w); with drag by the square
-    v = u tanh(g t/u), u² = m g/(c w); with both u follows from m g = b w u + c w u².
+    Linear drag: v = u (1 - e^(-g t/u)), u = m g/(b w). Quadratic drag: v = u tanh(g
+    t/u), u² = m g/(c w). With both, u follows from m g = b w u + c w u².
     """
     objects, fields, finals = {}, {}, {}
     for k, name in enumerate(("linear", "square", "both")):
@@ -113,10 +118,11 @@ def _terminal(draw: Draw) -> list[Case]:
 
 
 def _buoyancy(draw: Draw) -> list[Case]:
-    """Deviation of a raft's place over its swing, and of a sunken ball's rise, from their closed forms.
+    """Return the case of a raft and a sunken ball. Errors: deviation of the raft's
+    place over its swing, and of the ball's rise, from their closed forms.
 
-    A box of width w swings with W² = r w g/m about the depth m/(r w); a ball below the
-    surface rises with (r A - m) g/m. Nothing brakes them.
+    A box of width w swings with W² = r w g/m about the depth m/(r w). A ball below the
+    surface rises with (r A - m) g/m. There is no damping.
     """
     density, wide, high = draw.number(0.5, 2), draw.number(120, 180, 0), 60.0
     mass = density * wide * high * draw.number(0.35, 0.6)
@@ -150,7 +156,9 @@ def _buoyancy(draw: Draw) -> list[Case]:
 
 
 def _magnets(draw: Draw) -> list[Case]:
-    """Deviation of the places after one turn over the distance: T = 2 pi sqrt(r³/(p (1/m1 + 1/m2)))."""
+    """Return the case of magnets. Error: deviation of the places after one turn over
+    the distance: T = 2 pi sqrt(r³/(p (1/m1 + 1/m2))).
+    """
     apart, masses = draw.number(120, 200, 1), [draw.mass(), draw.mass()]
     period = draw.number(0.8, 1.6, 3)
     ease = 1 / masses[0] + 1 / masses[1]
@@ -185,7 +193,9 @@ def _magnets(draw: Draw) -> list[Case]:
 
 
 def _finger(draw: Draw) -> list[Case]:
-    """Largest deviation of the place over the way: v t - (v/w) sin w t while it pulls, then straight on."""
+    """Return the case of a finger. Error: largest deviation of the place over the path:
+    v t - (v/w) sin w t during the pull, then a straight line.
+    """
     mass, frequency = draw.mass(), draw.number(1.5, 4)
     time, speed = draw.number(0.3, 0.6, 3), draw.sign() * draw.number(100, 200, 0)
     rate = 2 * pi * frequency

@@ -1,4 +1,4 @@
-"""Rows of blocks that rock on their corners until they stand."""
+"""Rows of blocks that rock on their corners to rest."""
 
 from __future__ import annotations
 
@@ -23,17 +23,19 @@ from physgen.evaluate.physics.staging import GRAVITY, box, scene, segment
 Array = NDArray[np.float64]
 
 FLOOR = 240.0
-"""px."""
+"""Height of the floor, px."""
 IMPACTS = 5
 SWING_STEPS = 600
-"""Of a swing: its end is right to 1e-4."""
+"""Steps of a swing. The error of its end is below 1e-4."""
 LONGEST_SWING = 1.5
 """s."""
 
 
 @dataclass(frozen=True)
 class _Block:
-    """A block of width and height, px, that starts tilted about its lower right corner."""
+    """A block of width and height, px, with a tilt about its lower right corner at the
+    start.
+    """
 
     width: float
     height: float
@@ -53,11 +55,15 @@ class _Block:
 
     @property
     def restitution(self) -> float:
-        """Return the speed after an impact over that before: angular momentum about the new corner is kept."""
+        """Return the speed after an impact over the speed before. Angular momentum
+        about the new corner is conserved.
+        """
         return 1 - 1.5 * sin(self.slenderness) ** 2
 
     def rate(self, state: Array) -> Array:
-        """Return the change of tilt and speed, with the moment of the normal force at the corner."""
+        """Return the change of tilt and speed, with the moment of the normal
+        force at the corner.
+        """
         tilt, speed = state
         arm = self.slenderness - tilt
         lever = self.rocking * sqrt(self.width * self.height / pi)
@@ -85,7 +91,9 @@ class _Block:
 
 
 def _rocking(draw: Draw) -> list[Case]:
-    """Largest deviation of the times of the first impacts over the last, of two blocks on one floor."""
+    """Return the case of two rocking blocks on one floor. Error: largest deviation of
+    the times of the first impacts over the last.
+    """
     objects, blocks = {}, {}
     for k, name in enumerate(("free", "resisted")):
         width, height = draw.number(26, 44, 1), draw.number(80, 110, 1)
@@ -123,7 +131,7 @@ def _rocking(draw: Draw) -> list[Case]:
 
 
 def _crossings(values: Array, times: Array) -> list[float]:
-    """Return the times, s, at which samples change sign."""
+    """Return the times, s, of changes of sign between samples."""
     before = np.flatnonzero(values[:-1] * values[1:] < 0)
     part = values[before] / (values[before] - values[before + 1])
     found: list[float] = (times[before] + part * np.diff(times)[before]).tolist()

@@ -1,4 +1,6 @@
-"""Rows of round objects that roll: down slopes, out of a slide, to rest, and on a platform that speeds up."""
+"""Rows of rolling objects: down slopes, out of a slide, to rest, and on an accelerating
+platform.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,7 @@ from physgen.evaluate.physics.staging import (
 
 @dataclass(frozen=True)
 class _Roll:
-    """A body that rolls down a slope without slip."""
+    """A body rolling down a slope without slip."""
 
     slope: Slope
     acceleration: float
@@ -74,7 +76,7 @@ def _rolling_error(rolls: Mapping[str, _Roll], run: Run) -> Errors:
 
 
 def _slide_to_roll(draw: Draw) -> list[Case]:
-    """Return the case of three round bodies that slide at first."""
+    """Return the case of three round bodies with a sliding start."""
     objects = {}
     walls = {}
     final_velocities = {}
@@ -112,10 +114,10 @@ def _final_speed_error(final_velocities: Mapping[str, float], run: Run) -> Error
 
 @dataclass(frozen=True)
 class _Brake:
-    """A body that rolling resistance stops."""
+    """A body with rolling resistance up to rest."""
 
     side: int
-    """1: to the right, -1: to the left."""
+    """1 for a motion to the right, -1 to the left."""
     speed: float
     """px/s at t = 0."""
     deceleration: float
@@ -127,7 +129,7 @@ class _Brake:
 
 
 def _rolling_resistance(draw: Draw) -> list[Case]:
-    """Return the case of three round bodies that roll to rest."""
+    """Return the case of three round bodies rolling to rest."""
     objects = {}
     walls = {}
     brakes = {}
@@ -158,7 +160,9 @@ def _rolling_resistance(draw: Draw) -> list[Case]:
 
 
 def _resistance_error(brakes: Mapping[str, _Brake], run: Run) -> Errors:
-    """Return the largest error of the distance to rest, and of the speed after half the time over the first speed."""
+    """Return the largest error of the distance to rest, and of the speed after half the
+    time over the first speed.
+    """
     errors = []
     for name, brake in brakes.items():
         side = brake.side
@@ -174,17 +178,18 @@ def _resistance_error(brakes: Mapping[str, _Brake], run: Run) -> Errors:
 
 
 KNOT = 1 / 60
-"""s between the knots of the platform's script."""
+"""Time between the knots of the platform's script, s."""
 KNOTS = 48
 LATE = 0.8
-"""Part of an interval after which the balls have caught up with the platform."""
+"""Part of an interval after which the balls have the platform's motion."""
 
 
 def _platform(draw: Draw) -> list[Case]:
     """Return the case of three round bodies on a scripted platform.
 
-    The script's speed rises by a x KNOT at each knot. Friction of over twice a k/(1 + k) lets the balls catch up in
-    less than half an interval, and then they have exactly k/(1 + k) of the platform's speed.
+    The script's speed rises by a x KNOT at each knot. Friction of over twice a k/(1 +
+    k) lets the balls catch up in less than half an interval. Then they have exactly
+    k/(1 + k) of the platform's speed.
     """
     acceleration = draw.number(200, 500, 0)
     side = draw.sign()
@@ -208,7 +213,9 @@ def _platform(draw: Draw) -> list[Case]:
 
 
 def _platform_error(acceleration: float, run: Run) -> Errors:
-    """Return the largest deviation of a speed late in each interval of the script, over the last speed."""
+    """Return the largest deviation of a speed late in each interval of the script, over
+    the last speed.
+    """
     errors = []
     for solid, k in INERTIA.items():
         track = run.track(solid)

@@ -1,7 +1,8 @@
-"""What the rows of closed forms are made of, and how they are run.
+"""The parts of the rows of closed forms, and their runs.
 
-A row states one closed form, the scenes that test it, and the largest error that passes. Its scenes are drawn with
-seeded parameters and run by the public path. `Track` and `Run` give readable access to the motion of a body.
+A row has one closed form, test scenes, and the largest passing error. Its scenes have
+seeded random parameters and run by the public path. `Track` and `Run` give readable
+access to the motion of a body.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from physgen.simulate.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 Document = dict[str, Any]
-"""A scene as plain data, as the YAML file holds it."""
+"""A scene as plain data, as in the YAML file."""
 Errors = Mapping[str, float]
 """Name of a measure -> error, in the measure's unit."""
 Simulate = Callable[[World, float], Trajectory]
@@ -41,29 +42,29 @@ Simulate = Callable[[World, float], Trajectory]
 DRAWS = 5
 """Random draws of each row."""
 STEPS = (240, 480, 960, 1920)
-"""1/s: engine steps at which the first draw shows convergence."""
+"""Engine steps of the first draw for convergence, 1/s."""
 DEFAULT_STEPS = 960
-"""1/s: engine steps of a scene that sets none."""
+"""Default engine steps of a scene, 1/s."""
 TIME_TOLERANCE = 1e-9
-"""s by which the times of samples may be rounded."""
+"""Rounding error of sample times, s."""
 SEED = 20241
-"""Of all draws."""
+"""Seed of all draws."""
 
 
 class Unit(Enum):
     """Unit of an error."""
 
     PART = "part"
-    """Fraction of the exact value; shown in percent."""
+    """Fraction of the exact value, in percent on the page."""
     PX = "px"
     DEGREES = "degrees"
     SWITCH = "switch"
-    """0: as required, 1: not."""
+    """0 for a fulfilled requirement, otherwise 1."""
 
 
 @dataclass(frozen=True)
 class Measure:
-    """One error of a row, and the largest value that passes."""
+    """One error of a row, and its largest passing value."""
 
     name: str
     bar: float
@@ -119,13 +120,13 @@ class Track:
         return self.velocities[:, 2]
 
     def sample(self, time: float) -> int:
-        """Return the index of the last sample that is not after `time` (s)."""
+        """Return the index of the last sample at or before `time` (s)."""
         return int(np.searchsorted(self.times, time + TIME_TOLERANCE, side="right")) - 1
 
 
 @dataclass(frozen=True)
 class Run:
-    """A world and its motion, by any engine that simulated this world."""
+    """A world and its motion, from any engine."""
 
     world: World
     trajectory: Trajectory
@@ -144,7 +145,9 @@ class Run:
         return next(body for body in self.world.bodies if body.name == name)
 
     def impulse(self, receiver: str, giver: str, begin: float, end: float) -> Array:
-        """Return the impulse (2,) g·px/s of one surface on another, after the sample at `begin` (s) up to `end` (s)."""
+        """Return the impulse (2,) g·px/s of one surface on another, after the
+        sample at `begin` (s) up to `end` (s).
+        """
         contacts = self.trajectory.contacts
         first = contacts.surfaces.index(receiver)
         second = contacts.surfaces.index(giver)
@@ -170,9 +173,11 @@ class Case:
     label: str = ""
     """Distinguishes the cases of one draw; part of the file's name."""
     variants: tuple[str | None, ...] = (None,)
-    """Variants of the scene that are run, None for the scene itself."""
+    """Variants of the scene to run, None for the scene itself."""
     rate: float = 240.0
-    """1/s: samples. Divides every rate of steps, so that samples fall on steps."""
+    """Sampling rate, 1/s. It divides every rate of steps, so that samples fall on
+    steps.
+    """
 
 
 @dataclass(frozen=True)
@@ -181,13 +186,13 @@ class Row:
 
     number: int
     name: str
-    """Short, for files: `free-fall`."""
+    """Short name for files: `free-fall`."""
     title: str
     closed_form: str
     ranges: str
-    """What the draws vary, and between which limits."""
+    """The parameters of the draws, and their limits."""
     why: str
-    """How the error is counted, why the bar is where it is, and the source."""
+    """The definition of the error, the reason of the bar, and the source."""
     measures: tuple[Measure, ...]
     cases: Callable[[Draw], Sequence[Case]]
 
@@ -197,7 +202,9 @@ class Row:
 
 
 def choose(rows: Sequence[Row], numbers: Sequence[int]) -> tuple[Row, ...]:
-    """Return the rows with those numbers, all for none. Raise InputError for a number that no row has."""
+    """Return the rows with these numbers, or all rows. Raise InputError for an unknown
+    number.
+    """
     if not numbers:
         return tuple(rows)
     known_numbers = [row.number for row in rows]
@@ -210,9 +217,11 @@ def choose(rows: Sequence[Row], numbers: Sequence[int]) -> tuple[Row, ...]:
 
 
 class Draw:
-    """One seeded draw of a row's parameters, rounded so that the scene file shows them in full.
+    """One seeded draw of a row's parameters, rounded so that the scene file has all
+    their digits.
 
-    `index` selects among a row's named cases; more draws than five go through them again.
+    `index` selects among a row's named cases. After the fifth draw, the cases start
+    again.
     """
 
     def __init__(self, row: int, index: int) -> None:
@@ -220,11 +229,11 @@ class Draw:
         self._rng = np.random.default_rng((SEED, row, index))
 
     def number(self, low: float, high: float, digits: int = 2) -> float:
-        """Return an even random number, rounded to digits."""
+        """Return a uniform random number, rounded to digits."""
         return round(float(self._rng.uniform(low, high)), digits)
 
     def count(self, low: int, high: int) -> int:
-        """Return a random whole number from `low` to `high`."""
+        """Return a random integer from `low` to `high`."""
         return int(self._rng.integers(low, high + 1))
 
     def sign(self) -> int:
@@ -232,7 +241,7 @@ class Draw:
         return 1 if self._rng.random() < 0.5 else -1
 
     def angle(self) -> float:
-        """Return an angle of any whole number of degrees, rad."""
+        """Return an angle of an integer number of degrees, rad."""
         return float(np.radians(int(self._rng.integers(0, 360))))
 
     def mass(self) -> float:
@@ -245,7 +254,7 @@ def worst(errors: Sequence[float]) -> float:
     return float(np.max(errors))
 
 
-# ---- running -----------------------------------------------------------------------------------------------------
+# ---- running
 
 
 def scene_file(row: Row, case: Case, index: int) -> str:
@@ -262,7 +271,9 @@ def scene_file(row: Row, case: Case, index: int) -> str:
 
 
 def scene_of(row: Row, case: Case) -> str:
-    """Return the text of the case's scene file, with the closed form and the bar above it."""
+    """Return the text of the case's scene file, with the closed form and the
+    bar above it.
+    """
     bars = ", ".join(f"{measure.name} {bar_text(measure)}" for measure in row.measures)
     title = f"{row.title} ({case.label})" if case.label else row.title
     header = f"Row {row.number} of the physics scorecard: {title}\n{row.closed_form}\nbar: {bars}"
@@ -281,13 +292,13 @@ class LargestError:
     """The largest error of one measure over some cases."""
 
     error: float
-    """Infinite if a scene could not be run."""
+    """Infinite if a scene failed to run."""
     place: str
     """`draw 3`, `draw 5, lifted`."""
 
     @property
     def size(self) -> float:
-        """Return the error for comparison: NaN counts as the largest."""
+        """Return the error for comparison. NaN counts as the largest."""
         return self.error if isfinite(self.error) else inf
 
 
@@ -296,9 +307,9 @@ class DrawResult:
     """Result of one draw."""
 
     errors: Mapping[str, LargestError]
-    """By measure, of those that any case takes."""
+    """Largest errors by measure."""
     problems: tuple[str, ...]
-    """Why a case could not be run."""
+    """Reasons of failed cases."""
 
 
 def run_draw(
@@ -308,7 +319,9 @@ def run_draw(
     steps: float | None = None,
     simulate: Simulate = pipeline.simulate,
 ) -> DrawResult:
-    """Return the result of one draw, from its files in `folder`; `steps` a second override the scene's."""
+    """Return the result of one draw, from its files in `folder`; `steps` a
+    second override the scene's.
+    """
     overrides = [] if steps is None else [f"world.steps_per_second={steps}"]
     largest: dict[str, LargestError] = {}
     problems: list[str] = []
@@ -344,24 +357,25 @@ def _run_variants(
 
 
 class _Job(NamedTuple):
-    """One draw of one row, for a process of its own."""
+    """One draw of one row, for a separate process."""
 
     row: int
     draw: int
     steps: int | None
-    """1/s; None: those of the scene."""
+    """Steps per second; None for the scene's own."""
     folder: Path
 
 
 def _run_job(job: _Job) -> DrawResult:
-    # the package, which imports this module, has the rows: functions are not sent to processes
+    # Functions cannot be sent to processes: the job has a number, and the package has the
+    # rows. The package imports this module, so that an import here would be a cycle.
     rows = sys.modules["physgen.evaluate.physics"].ROWS
     row = next(row for row in rows if row.number == job.row)
     return run_draw(row, job.draw, job.folder, job.steps)
 
 
 _Results = dict[tuple[int, int | None], DrawResult]
-"""Of one row, by draw and steps a second (None: the default)."""
+"""Results of one row, by draw and steps per second (None: the default)."""
 
 
 def evaluate(
@@ -372,9 +386,10 @@ def evaluate(
     keep: Path | None = None,
     progress: pipeline.Progress = pipeline.silent,
 ) -> list[dict[str, Any]]:
-    """Return one record a row, in the form of the JSON; the same for any number of workers.
+    """Return one record per row, in the form of the JSON; the same for any number of
+    workers.
 
-    `steps` are those of the convergence columns, none to leave them out. With `keep`, scene files stay there.
+    `steps` are those of the convergence columns. With `keep`, scene files stay there.
     """
     if keep is not None and keep.exists() and not keep.is_dir():
         raise Message.OUTPUT_IS_FILE.error(str(keep))
@@ -421,11 +436,11 @@ def _run_jobs(jobs: Sequence[_Job], workers: int) -> Iterator[DrawResult]:
 
 
 def _ignore_interrupts() -> None:
-    """Leave Ctrl-C to the process that started this worker."""
+    """Leave Ctrl-C to the parent process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-# ---- result ------------------------------------------------------------------------------------------------------
+# ---- result
 
 
 def record(
@@ -434,7 +449,9 @@ def record(
     steps: Sequence[int],
     results: Mapping[tuple[int, int | None], DrawResult],
 ) -> dict[str, Any]:
-    """Return a row's record for JSON, from results by draw and steps a second (None: the default)."""
+    """Return a row's record for JSON, from results by draw and steps per second (None:
+    the default).
+    """
     draw_results = [results[index, None] for index in range(draws)]
     first_results = {}
     for rate in steps:
@@ -466,7 +483,9 @@ def _record_measure(
     draw_results: Sequence[DrawResult],
     first_results: Mapping[int, DrawResult],
 ) -> dict[str, Any]:
-    """Return the record of one measure, from all draws and from the first draw by steps a second."""
+    """Return the record of one measure, from all draws, and from the first draw by
+    steps per second.
+    """
     largest = LargestError(nan, "never measured")
     for result in draw_results:
         error = result.errors.get(measure.name)
@@ -484,7 +503,8 @@ def _record_measure(
         "bar": measure.bar,
         "error": _round_error(largest.error),
         "worst": largest.place,
-        "passed": largest.error <= measure.bar,  # NaN passes no bar
+        # NaN passes no bar.
+        "passed": largest.error <= measure.bar,
         "convergence": convergence,
     }
 
@@ -501,7 +521,7 @@ def bar_text(measure: Measure) -> str:
 
 
 def quantity(value: float | None, unit: str) -> str:
-    """Return an error or a bar with its unit: percent, pixels, degrees, or whether it is as required.
+    """Return an error or a bar with its unit: percent, pixels, degrees, or yes and no.
 
     >>> quantity(0.00123, "part"), quantity(3e-12, "part"), quantity(0.5, "px"), quantity(1.0, "switch")
     ('0.12 %', '< 1e-6 %', '0.5 px', 'no')
@@ -545,7 +565,7 @@ def findings(rows: Sequence[Mapping[str, Any]]) -> Findings:
 
 
 def _convergence_rates(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return the steps a second at which any measure was taken, the smallest first."""
+    """Return the steps per second of any measure, in rising order."""
     rates: set[str] = set()
     for row in rows:
         for measure in row["measures"]:
@@ -556,7 +576,9 @@ def _convergence_rates(rows: Sequence[Mapping[str, Any]]) -> list[str]:
 def _lines_of_row(
     row: Mapping[str, Any], rates: Sequence[str]
 ) -> list[tuple[str, ...]]:
-    """Return the lines of the table for one row; only the first has its number and title."""
+    """Return the lines of the table for one row. Only the first line has number and
+    title.
+    """
     lines = []
     number_and_title = (str(row["row"]), row["title"])
     for measure in row["measures"]:

@@ -1,4 +1,6 @@
-"""Rows of blocks that slide, hold or tip: on floors, on slopes, over seams and on one another."""
+"""Rows of sliding, sticking and tipping blocks: on floors, on slopes, over seams and on
+one another.
+"""
 
 from __future__ import annotations
 
@@ -25,12 +27,12 @@ from physgen.evaluate.physics.scorecard import (
 from physgen.evaluate.physics.staging import GRAVITY, Slope, box, scene, segment
 
 CREEP = 0.1
-"""px: a block that holds moves less."""
+"""Maximum motion of a holding block, px."""
 
 
 @dataclass(frozen=True)
 class _Slide:
-    """A block that friction stops."""
+    """A block stopped by friction."""
 
     displacement: float
     """px to the right."""
@@ -39,7 +41,9 @@ class _Slide:
 
 
 def _to_rest(draw: Draw) -> list[Case]:
-    """Return the case of two blocks that slide to rest, one to the right and one to the left."""
+    """Return the case of two blocks that slide to rest, one to the right and
+    one to the left.
+    """
     objects = {}
     floors = {}
     slides = {}
@@ -62,7 +66,7 @@ def _to_rest(draw: Draw) -> list[Case]:
 
 
 def _slide_error(slides: Mapping[str, _Slide], run: Run) -> Errors:
-    """Return the largest error of a distance; a block that still moves counts as 100 %."""
+    """Return the largest error of a distance. A block in motion counts as 100 %."""
     errors = []
     for name, slide in slides.items():
         track = run.track(name)
@@ -78,18 +82,18 @@ class _Slopes:
     """Places of the slopes of one row."""
 
     left: int
-    """px: upper end of the first, if it goes down to the right."""
+    """Upper end of the first slope, if it goes down to the right, px."""
     distance: int
-    """px from one to the next."""
+    """Distance of neighbours, px."""
     width: int
-    """px from the left end to the right end."""
+    """Width from the left end to the right end, px."""
     top: int
-    """px: height of the upper ends."""
+    """Height of the upper ends, px."""
     length: int
     """px."""
 
     def slope(self, k: int, tangent: float, side: int) -> Slope:
-        """Return slope number `k`, which goes down to the right (1) or to the left (-1)."""
+        """Return slope number `k`, down to the right (1) or to the left (-1)."""
         left = self.left + self.distance * k
         if side < 0:
             left += self.width
@@ -100,7 +104,9 @@ INCLINES = _Slopes(left=60, distance=300, width=240, top=60, length=260)
 
 
 def _incline(draw: Draw) -> list[Case]:
-    """Return the case of blocks on slopes of 0.99, 1.01 and 1.5 to 2.5 times the friction."""
+    """Return the case of blocks on slopes of 0.99, 1.01 and 1.5 to 2.5 times
+    the friction.
+    """
     mu = draw.number(0.2, 0.45, 3)
     steep = draw.number(1.5, 2.5)
     surface = {"friction": mu, "elasticity": draw.number(0, 0.5)}
@@ -125,12 +131,14 @@ def _incline(draw: Draw) -> list[Case]:
 
 
 def _incline_errors(slopes: Mapping[str, Slope], mu: float, run: Run) -> Errors:
-    """Return whether a block holds or slips wrongly, and the error of the distance on the steep slope."""
+    """Return whether a block holds or slips wrongly, and the error of the distance on
+    the steep slope.
+    """
     distances, expected = {}, {}
     for name, slope in slopes.items():
         track = run.track(name)
         excess = slope.tangent / mu - 1
-        # g (sin a - mu cos a), in which cos a is sin a / tan a
+        # The acceleration is g (sin a - mu cos a) with cos a = sin a / tan a.
         acceleration = GRAVITY * mu * excess * slope.direction[1] / slope.tangent
         expected[name] = acceleration * track.times[-1] ** 2 / 2
         distances[name] = track.displacements[-1] @ slope.direction
@@ -146,7 +154,9 @@ TIPPING_SLOPES = _Slopes(left=60, distance=340, width=260, top=110, length=290)
 
 
 def _tipping(draw: Draw) -> list[Case]:
-    """Return the case of tall blocks on slopes of 0.99 and 1.01 times their width over height."""
+    """Return the case of tall blocks on slopes of 0.99 and 1.01 times their
+    width over height.
+    """
     size = (draw.number(14, 24), draw.number(40, 60))
     ratio = size[0] / size[1]
     surface = {"friction": 1.5, "elasticity": draw.number(0, 0.3)}
@@ -161,7 +171,7 @@ def _tipping(draw: Draw) -> list[Case]:
             **surface,
         )
         walls[f"{name}-slope"] = slope.wall(**surface)
-    # a block falls about its lower edge as cosh(t sqrt(3 g/(4 r))), from the small angle beyond its balance
+    # Tipping about the lower edge follows cosh(t sqrt(3 g/(4 r))) from a small angle.
     radius = sqrt(size[0] ** 2 + size[1] ** 2) / 2
     excess_angle = np.arctan(1.01 * ratio) - np.arctan(ratio)
     fall_time = acosh(1 + 0.4 / excess_angle) / sqrt(3 * GRAVITY / (4 * radius))
@@ -179,15 +189,17 @@ def _tipping_error(run: Run) -> Errors:
 
 
 SEAMS = (0.0, 0.1, 0.3, 0.5)
-"""px between the parts of a floor; the fifth draw takes a gap at random."""
+"""Gaps between the parts of a floor, px. The fifth draw takes a random gap."""
 SEAM_EDGES = (20.0, 420.0)
-"""px: ends of the floors."""
+"""Ends of the floors, px."""
 RIDERS = {"on-segments": 80, "on-pieces": 180, "on-one-outline": 280}
-"""px: the floor below each block."""
+"""Heights of the floor below each block, px."""
 
 
 def _seams(draw: Draw) -> list[Case]:
-    """Return the case of floors made of segments, of separate pieces, and of one outline that is cut into pieces."""
+    """Return the case of floors from segments, from separate pieces, and from one
+    outline that is cut into pieces.
+    """
     gap = SEAMS[draw.index] if draw.index < len(SEAMS) else draw.number(0, 0.5, 3)
     mu = draw.number(0.25, 0.4, 3)
     speed = draw.number(280, 330, 0)
@@ -216,7 +228,9 @@ def _seams(draw: Draw) -> list[Case]:
 
 
 def _floor_spans(cuts: Sequence[float], gap: float) -> list[tuple[float, float]]:
-    """Return left and right ends (px) of the parts of a floor, with a gap behind each but the last."""
+    """Return left and right ends (px) of the parts of a floor, with a gap after each
+    but the last.
+    """
     first, last = SEAM_EDGES
     spans = list(pairwise([first, *cuts, last]))
     return [spans[0], *((left + gap, right) for left, right in spans[1:])]
@@ -232,7 +246,9 @@ def _shelf(spans: Sequence[tuple[float, float]], surface: Document) -> Document:
 
 
 def _comb(cuts: Sequence[float], surface: Document) -> Document:
-    """Return a fixed object of one outline, whose notches from below make the program cut it into pieces."""
+    """Return a fixed object of one outline. Notches in its lower side make the program
+    cut it into pieces.
+    """
     left, right = cuts
     begin, end = SEAM_EDGES
     outline = [
@@ -258,11 +274,11 @@ def _seam_error(distance: float, run: Run) -> Errors:
 PULL_TIME = 0.6
 """s."""
 SLAB_WIDTH = 360.0
-"""px: the lowest block is wide enough not to leave the others before PULL_TIME."""
+"""Width of the lowest block, px: it stays below the others until PULL_TIME."""
 
 
 def _pulled_slab(draw: Draw) -> list[Case]:
-    """Return the case of a stack whose lowest block is pulled out."""
+    """Return the case of a stack with a pull on its lowest block."""
     mu = draw.number(0.15, 0.35, 3)
     upper_blocks = draw.count(2, 3)
     surface = {"friction": mu, "elasticity": draw.number(0, 0.3)}
@@ -288,7 +304,7 @@ def _pulled_slab(draw: Draw) -> list[Case]:
 
 
 def _script_slab(slab: dict[str, Any], side: int, mu: float, draw: Draw) -> None:
-    """Move a block by a script, at a speed that friction does not reach in time."""
+    """Move a block by a script, too fast for friction to reach its speed in time."""
     speed = side * draw.number(1.2, 1.6) * mu * GRAVITY * PULL_TIME
     x, y = slab["shape"]["box"]["center"]
     slab["motion"] = {"path": [[0, x, y], [1, x + speed, y]]}
@@ -296,7 +312,9 @@ def _script_slab(slab: dict[str, Any], side: int, mu: float, draw: Draw) -> None
 
 
 def _slab_force(masses: Sequence[float], mu: float, draw: Draw) -> float:
-    """Return a force (g·px/s²) that moves the slab at 2 to 3 times mu g, in spite of friction on both sides."""
+    """Return a force (g·px/s²) that moves the slab at 2 to 3 times mu g, in spite of
+    friction on both sides.
+    """
     friction = mu * GRAVITY * (sum(masses[1:]) + sum(masses))
     return masses[0] * draw.number(2, 3) * mu * GRAVITY + friction
 
@@ -339,7 +357,9 @@ def _friction_rules(draw: Draw) -> list[Case]:
 
 
 def _rules_error(speed: float, frictions: Sequence[float], *runs: Run) -> Errors:
-    """Return the largest error of the distance to rest, of one run for each coefficient."""
+    """Return the largest error of the distance to rest, from one run for each
+    coefficient.
+    """
     errors = []
     for run, mu in zip(runs, frictions, strict=True):
         distance = run.track("block").displacements[-1, 0]

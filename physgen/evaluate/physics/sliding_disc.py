@@ -1,8 +1,10 @@
-"""A uniform disc that slides and spins on a table: friction's force and moment, and the motion to rest.
+"""A uniform disc sliding and spinning on a table: force and moment of friction, and the
+motion to rest.
 
-Farkas, Bartels, Unger and Wolf, Frictional coupling between sliding and spinning motion, Phys. Rev. Lett. 90, 248302
-(2003). With epsilon = v/(R w), the force is mu m g F(epsilon) against the sliding, the moment mu m g R T(epsilon)
-against the spin; F and T come from integrating the direction of slip over the disc, with pressure even all over.
+Farkas, Bartels, Unger and Wolf, Frictional coupling between sliding and spinning
+motion, Phys. Rev. Lett. 90, 248302 (2003). With epsilon = v/(R w), the force is mu m g
+F(epsilon) against the sliding, the moment mu m g R T(epsilon) against the spin. F and T
+integrate the direction of slip over the disc, with even pressure.
 """
 
 from __future__ import annotations
@@ -18,13 +20,13 @@ from physgen.evaluate.physics.elliptic import integrate_ellipse, runge_kutta
 Array = NDArray[np.float64]
 
 SPIN_ONLY, SLIDE_ONLY = 1e-6, 1e6
-"""Ratios below and above which the limits of F and T are exact to a float's last digits."""
+"""Ratios with exact limits of F and T: below the first and above the second."""
 NO_SPIN = 1e-12
-"""Surface speed over sliding speed below which the ratio is set to its inverse."""
+"""Ratio of surface speed to sliding speed at which epsilon is set to the inverse."""
 REST = 1e-5
-"""Part of the first motion at which the disc counts as at rest."""
+"""Remaining part of the first motion of a resting disc."""
 STEP_PART = 0.01
-"""Of the time that is left to rest: the length of a step."""
+"""Length of a step over the time left to rest."""
 
 
 def couple(epsilon: float) -> tuple[float, float]:
@@ -53,7 +55,7 @@ def couple(epsilon: float) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Stop:
-    """The motion of a disc that comes to rest."""
+    """The motion of a disc to rest."""
 
     times: Array
     """(K,) s, 0 to the end."""
@@ -68,13 +70,16 @@ class Stop:
 
 
 def stop(speed: float, spin: float, radius: float, mu: float, gravity: float) -> Stop:
-    """Return the motion from `speed` (px/s) and `spin` (rad/s) to rest, with I = m R²/2; exact to about 1e-5.
+    """Return the motion from `speed` (px/s) and `spin` (rad/s) to rest, with I = m
+    R²/2; exact to about 1e-5.
 
-    Steps shrink with the motion that is left: speed and spin vanish at once, with epsilon tending to 0.653.
+    Steps shrink with the remaining motion: speed and spin vanish together, with epsilon
+    tending to 0.653.
     """
 
     def rate(state: Array) -> Array:
-        sliding, surface = max(state[0], 0.0), max(state[1], 0.0)  # v and R w
+        # The state is v and R w.
+        sliding, surface = max(state[0], 0.0), max(state[1], 0.0)
         ratio = 1 / NO_SPIN
         if surface > NO_SPIN * sliding:
             ratio = sliding / surface

@@ -1,4 +1,4 @@
-"""Rows of boxes that stand, fall over and knock each other down."""
+"""Rows of standing, falling and toppling boxes."""
 
 from __future__ import annotations
 
@@ -31,16 +31,18 @@ REMOVALS = {
     "right-under-top": (("box-5-2",), "box-6-1"),
     "lifted": ((), "box-6-1"),
 }
-"""A draw each: boxes that are removed from the pyramid, and the box that must fall. The last lifts the top instead."""
+"""One draw each: removed boxes of the pyramid, and the box that must fall. The last
+draw lifts the top instead.
+"""
 LEVELS = 6
 LIFT = 5.0
-"""px by which the top is lifted; a box that loses its support falls farther."""
+"""Height of the lifted top, px. A box without support falls farther."""
 HALF_PIXEL = 0.5
 """px."""
 
 
 def _pyramid(draw: Draw) -> list[Case]:
-    """Return the cases of a pyramid at rest, and of one in which a box loses its support."""
+    """Return the cases of a pyramid at rest, and of one with an unsupported box."""
     size = (draw.number(30, 44, 0), draw.number(18, 32, 0))
     distance = size[0] + draw.number(4, 8, 0)
     surface = {"friction": draw.number(0.4, 0.8), "elasticity": draw.number(0, 0.4)}
@@ -100,15 +102,16 @@ def _fall_error(name: str, is_lifted: bool, run: Run) -> Errors:
 
 DOMINOES = 10
 FALL_ANGLE = 3
-"""degrees by which a domino has turned as the wave reaches it."""
+"""Minimum turn of a domino in the wave, degrees."""
 FIRST_TIMED, LAST_TIMED = 4, 8
-"""Dominoes between which the wave's speed is taken."""
+"""Dominoes at the start and end of the timed wave."""
 
 
 def _dominoes(draw: Draw) -> list[Case]:
     """Return the case of a domino wave under g and 4 g.
 
-    The first domino leans beyond its balance and falls from rest, so that gravity alone sets the time.
+    The first domino leans beyond its balance and falls from rest, so that only gravity
+    sets the time.
     """
     size = _draw_domino(draw)
     thickness, height = size
@@ -116,7 +119,7 @@ def _dominoes(draw: Draw) -> list[Case]:
     surface = {"friction": draw.number(0.3, 0.5), "elasticity": draw.number(0, 0.2)}
     mass = draw.number(10, 60, 0)
     floor_y = 160.0
-    # between balance and touching the second
+    # The lean is between balance and contact with the second domino.
     lean = (atan2(thickness, height) + asin((distance - thickness) / height)) / 2
     objects = {}
     for k in range(1, DOMINOES + 1):
@@ -127,7 +130,7 @@ def _dominoes(draw: Draw) -> list[Case]:
             center = _leaning_center((corner_x, floor_y), size, lean)
             tilt = degrees(lean)
         objects[f"domino-{k}"] = box(center, size, tilt, mass=mass, **surface)
-    # the wave runs at over 0.8 sqrt(g L)
+    # The wave is faster than 0.8 sqrt(g L).
     duration = 0.5 + 13 * distance / sqrt(GRAVITY * height)
     width = 100 + 11 * int(distance)
     document = scene(
@@ -148,7 +151,9 @@ def _draw_domino(draw: Draw) -> Point:
 
 
 def _leaning_center(corner: Point, size: Point, lean: float) -> Point:
-    """Return the centre (px) of a domino that stands on its lower right corner and leans by an angle (rad)."""
+    """Return the centre (px) of a domino on its lower right corner with a
+    lean (rad).
+    """
     half_thickness = size[0] / 2
     half_height = size[1] / 2
     x = corner[0] - half_thickness * cos(lean) + half_height * sin(lean)
@@ -157,7 +162,7 @@ def _leaning_center(corner: Point, size: Point, lean: float) -> Point:
 
 
 def _wave_error(plain: Run, heavy: Run) -> Errors:
-    """Return the error of the wave's speed under 4 g over that under g, against 2."""
+    """Return the error of the ratio of wave speeds under 4 g and g, against 2."""
     ratio = _wave_time(plain) / _wave_time(heavy)
     return {"ratio": abs(ratio / 2 - 1)}
 
@@ -168,7 +173,7 @@ def _wave_time(run: Run) -> float:
 
 
 def _start_of_fall(run: Run, k: int) -> float:
-    """Return the time (s) at which a domino has turned by FALL_ANGLE, infinite if it never has."""
+    """Return the time (s) of a turn by FALL_ANGLE, or infinity if a domino stays up."""
     track = run.track(f"domino-{k}")
     angle = track.angle - np.radians(FALL_ANGLE)
     passes = find_crossings(track.times, angle, track.spin)
@@ -190,7 +195,9 @@ def _weights(draw: Draw) -> list[Case]:
 
 
 def _weight_error(masses: Sequence[float], run: Run) -> Errors:
-    """Return the largest error of the mean force below a box, from contact impulses in the second half."""
+    """Return the largest error of the mean force below a box, from contact
+    impulses in the second half.
+    """
     errors = []
     for k in range(1, len(masses) + 1):
         support = "floor" if k == 1 else f"box-{k - 1}"
@@ -201,17 +208,19 @@ def _weight_error(masses: Sequence[float], run: Run) -> Errors:
 
 
 LAST_ANGLE = np.radians(80)
-"""rad up to which the fall of a plank counts."""
+"""Maximum counted angle of a falling plank, rad."""
 SHORT_FALL = 1.0
-"""rad: a plank whose fall ends before has not fallen over."""
+"""Minimum final angle of a fallen plank, rad."""
 
 
 @dataclass(frozen=True)
 class _Plank:
-    """A plank that glides on its lower corner as it falls over; angles against the upright, rad."""
+    """A falling plank on a gliding lower corner. Angles are relative to the upright,
+    rad.
+    """
 
     half_size: Point
-    """px: half its thickness and half its length."""
+    """Half its thickness and half its length, px."""
     lean: float
     """rad at t = 0."""
     side: int
@@ -223,13 +232,15 @@ class _Plank:
         return np.asarray(length * np.cos(angle) + thickness * np.sin(angle))
 
     def lever(self, angle: Array) -> Array:
-        """Return the horizontal distance from the corner to the centre, px: the height's derivative without sign."""
+        """Return the horizontal distance from the corner to the centre, px: the
+        absolute derivative of the height.
+        """
         thickness, length = self.half_size
         return np.asarray(thickness * np.cos(angle) - length * np.sin(angle))
 
 
 def _falling_plank(draw: Draw) -> list[Case]:
-    """Return the case of a plank that leans beyond its balance."""
+    """Return the case of a plank with a lean beyond its balance."""
     size = (draw.number(10, 24), draw.number(80, 130))
     lean = draw.number(5, 20) + degrees(atan2(size[0], size[1]))
     side = draw.sign()
@@ -243,11 +254,13 @@ def _falling_plank(draw: Draw) -> list[Case]:
 
 
 def _plank_error(plank: _Plank, run: Run) -> Errors:
-    """Return the largest error of the spin over its last value, and of the way aside over the length."""
+    """Return the largest error of the spin over its last value, and of the sideways
+    motion over the length.
+    """
     track = run.track("plank")
     body = run.body("plank")
     angle = plank.lean + plank.side * track.angle
-    # only the samples up to the first one that is beyond the last angle
+    # Only samples up to the first one beyond the last angle count.
     is_beyond = ~(angle < LAST_ANGLE)
     end = int(np.argmax(is_beyond)) or len(angle)
     angle = angle[:end]

@@ -1,4 +1,6 @@
-"""Parts of a scene as plain data: bodies, walls and slopes with every number where the scene file has it."""
+"""Parts of a scene as plain data: bodies, walls and slopes with every number as in the
+scene file.
+"""
 
 from __future__ import annotations
 
@@ -17,19 +19,19 @@ Position = Sequence[float] | NDArray[np.float64]
 """x px, y px."""
 
 GRAVITY = 980.0
-"""px/s²: 9.8 m/s² at the default of 100 px a meter."""
+"""Gravity, px/s²: 9.8 m/s² at the default of 100 px per metre."""
 
 MIN_VIDEO_TIME = 2.0
-"""s of video: a shorter motion is too fast to watch."""
+"""Minimum duration of a video, s. Faster motion is hard to watch."""
 FRAME_RATE = 30
-"""1/s: frames of such a video."""
+"""Frame rate of such a video, 1/s."""
 DECIMALS = 9
-"""Of numbers in scene files: short enough to read, and finer than any gap that a row draws."""
+"""Decimals of numbers in scene files: readable, and finer than any gap of a row."""
 
 INERTIA = {"disc": 1 / 2, "sphere": 2 / 5, "hoop": 1.0}
 """k of I = k m r²."""
 FLOATING = {"gravity": [0, 0]}
-"""The world of bodies that nothing pulls down."""
+"""The world of floating bodies."""
 
 
 def scene(
@@ -40,9 +42,10 @@ def scene(
     world: Mapping[str, Any] | None = None,
     **sections: Any,
 ) -> Document:
-    """Return a whole scene; `world` and `sections` have further keys.
+    """Return a complete scene; `world` and `sections` have further keys.
 
-    The duration (s) is rounded up to a tenth. A motion of less than MIN_VIDEO_TIME is slowed down to it.
+    The duration (s) is rounded up to a tenth. A motion shorter than MIN_VIDEO_TIME is
+    slowed down to it.
     """
     duration = round_up(duration)
     if duration < MIN_VIDEO_TIME:
@@ -77,13 +80,13 @@ def round_up(duration: float) -> float:
 
 
 def circle(center: Position, radius: float, **keys: Any) -> Document:
-    """Return an object whose shape is a circle."""
+    """Return an object with a circle as its shape."""
     shape = {"center": list_floats(center), "radius": radius}
     return {"shape": {"circle": shape}, **keys}
 
 
 def box(center: Position, size: Point, angle: float = 0.0, **keys: Any) -> Document:
-    """Return an object whose shape is a rectangle; `angle` in degrees."""
+    """Return an object with a rectangle as its shape; `angle` in degrees."""
     shape: Document = {"center": list_floats(center), "size": list(size)}
     if angle:
         shape["angle"] = angle
@@ -96,20 +99,22 @@ def segment(begin: Position, end: Position, **keys: Any) -> Document:
 
 
 def list_floats(position: Position) -> list[float]:
-    """Return a point as the file has it: floats of Python."""
+    """Return a point in the file's form, as Python floats."""
     return [float(value) for value in position]
 
 
 @dataclass(frozen=True)
 class Slope:
-    """A straight way down, from its upper end `top` (px) to the right (`side` 1) or to the left (-1)."""
+    """A straight slope, from its upper end `top` (px) down to the right (`side` 1) or
+    to the left (-1).
+    """
 
     top: Point
     tangent: float
-    """Of its angle against the horizontal."""
+    """Tangent of its angle to the horizontal."""
     side: int
     length: float
-    """px from end to end."""
+    """Length from end to end, px."""
 
     @property
     def angle(self) -> float:
@@ -118,7 +123,7 @@ class Slope:
 
     @property
     def box_angle(self) -> float:
-        """Return the degrees by which a box that lies on the slope is turned."""
+        """Return the rotation of a box on the slope, degrees."""
         return self.side * degrees(self.angle)
 
     @property
@@ -127,7 +132,9 @@ class Slope:
         return self.side * cos(self.angle), sin(self.angle)
 
     def point(self, distance: float, height: float = 0.0) -> Point:
-        """Return the point (px) at a distance from the upper end and a height above the surface."""
+        """Return the point (px) at a distance from the upper end and a height
+        above the surface.
+        """
         (dx, dy), (x, y) = self.direction, self.top
         return (
             x + distance * dx + height * dy * self.side,

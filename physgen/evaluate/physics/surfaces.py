@@ -1,4 +1,4 @@
-"""Rows of belts, static friction, bumpers, and of what passes in one direction or by its group."""
+"""Rows of belts, static friction, bumpers, and of one-way and group passages."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ from physgen.evaluate.physics.staging import GRAVITY, box, circle, scene, segmen
 
 
 def _conveyor(draw: Draw) -> list[Case]:
-    """Largest deviation of the way over the pick-up distance u²/(2 mu g), and of the work over m u².
+    """Return the case of a conveyor. Errors: largest deviation of the path over the
+    pick-up distance u²/(2 mu g), and of the work over m u².
 
-    Of the work, one half is lost to friction and one half becomes kinetic energy.
+    One half of the work is lost to friction, and one half becomes kinetic energy.
     """
     mu, mass = draw.number(0.15, 0.6), draw.mass()
     speed, side = draw.number(80, 240, 0), draw.sign()
@@ -48,10 +49,12 @@ def _conveyor(draw: Draw) -> list[Case]:
 
 
 def _stick_slip(draw: Draw) -> list[Case]:
-    """Deviation of the spring's largest and least stretch over their difference.
+    """Return the case of stick-slip motion. Error: deviation of the spring's largest
+    and smallest stretch over their difference.
 
-    A block on a spring whose end moves at v sticks up to a stretch of mu_s N/k. It then
-    swings about mu_k N/k by R, R² = ((mu_s - mu_k) N/k)² + (v/w)², until its speed is 0.
+    A block on a spring with an end moving at v sticks up to a stretch of mu_s N/k. It
+    then swings about mu_k N/k by R, R² = ((mu_s - mu_k) N/k)² + (v/w)², until its speed
+    is 0.
     """
     mass, kinetic = draw.mass(), draw.number(0.15, 0.3)
     static = kinetic + draw.number(0.12, 0.25)
@@ -74,7 +77,7 @@ def _stick_slip(draw: Draw) -> list[Case]:
             "stiffness": stiffness,
         }
     }
-    # as deep as the engine lets it stand: it need not settle
+    # At the engine's resting depth, the block need not settle.
     floor = segment((0, 214.995), (640, 214.995), **surface)
     swing = np.hypot((static - kinetic) * weight, pull / (2 * np.pi * frequency))
     high, low = kinetic * weight + swing, kinetic * weight - swing
@@ -101,7 +104,9 @@ def _stick_slip(draw: Draw) -> list[Case]:
 
 
 def _bumper(draw: Draw) -> list[Case]:
-    """Deviation of the height after a bounce over e² h, and of the work over m g h (e² - 1)."""
+    """Return the case of a bumper. Errors: deviation of the height after a bounce over
+    e² h, and of the work over m g h (e² - 1).
+    """
     e, height, mass = draw.number(1.05, 1.6), draw.number(40, 90, 1), draw.mass()
     radius = draw.number(10, 20)
     objects = {
@@ -132,10 +137,11 @@ def _bumper(draw: Draw) -> list[Case]:
 
 
 def _passing(draw: Draw) -> list[Case]:
-    """Deviation of the flight from y0 - v t + g t²/2 over its height, and whether all end where they must.
+    """Return the case of one-way shelves and groups. Errors: deviation of the flight
+    from y0 - v t + g t²/2 over its height, and wrong final places.
 
-    A ball passes up through a one-way shelf as if it were not there, and lands on it; a
-    ball of another group falls through floor and block onto a floor of its group.
+    A ball passes up through a one-way shelf without contact, and lands on it. A ball of
+    another group falls through floor and block onto a floor of its group.
     """
     radius, mass = draw.number(8, 20), draw.mass()
     rise, side = draw.number(70, 120, 0), draw.sign()

@@ -1,4 +1,6 @@
-"""Rows of objects seen from above, on a table: pucks that slide and spin, balls that are struck, a break."""
+"""Rows of objects on a table, seen from above: sliding and spinning pucks, struck
+balls, a break.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,7 @@ from physgen.evaluate.physics.sliding_disc import Stop, stop
 from physgen.evaluate.physics.staging import GRAVITY, box, circle, scene
 
 STILL = 1e-3
-"""Part of its first speed that an object at rest has at most."""
+"""Maximum remaining speed of a resting object over its first speed."""
 
 
 def _table(mu: float) -> Document:
@@ -34,16 +36,16 @@ def _table(mu: float) -> Document:
 
 
 AXIS_Y = 300.0
-"""px: the axis of symmetry of the rack."""
+"""Axis of symmetry of the rack, px."""
 RACK_ROWS = 5
 BROKEN_CORNERS = ("ball-5-1", "ball-5-5")
-"""Balls that a break moves by more than their radius."""
+"""Balls that move by more than their radius in a break."""
 UNBROKEN = 1000.0
-"""px: the error of a rack that is not hit."""
+"""Error of an untouched rack, px."""
 
 
 def _break(draw: Draw) -> list[Case]:
-    """Return the case of a cue ball that hits a rack of 15 on its axis."""
+    """Return the case of a cue ball against a rack of 15 on its axis."""
     overlap = 0.0 if draw.index in (0, 3) else 0.5
     has_friction = draw.index % 2 == 0
     radius = draw.number(12, 16, 0)
@@ -76,7 +78,9 @@ def _break(draw: Draw) -> list[Case]:
 def _mirror_error(
     mirror_pairs: Sequence[tuple[str, str]], radius: float, run: Run
 ) -> Errors:
-    """Return the largest distance at any time between a ball and the mirror image of its partner."""
+    """Return the largest distance at any time between a ball and the mirror image of
+    its partner.
+    """
     for name in BROKEN_CORNERS:
         if np.hypot(*run.track(name).displacements[-1]) <= radius:
             return {"mirror": UNBROKEN}
@@ -91,7 +95,7 @@ def _mirror_error(
 
 
 def _puck(draw: Draw) -> list[Case]:
-    """Return the case of a disc and a plate that slide without spin."""
+    """Return the case of a disc and a plate sliding without spin."""
     mu = draw.number(0.2, 0.5, 3)
     objects, displacements = {}, {}
     for k, name in enumerate(("disc", "plate")):
@@ -113,7 +117,9 @@ def _puck(draw: Draw) -> list[Case]:
 
 
 def _puck_error(displacements: Mapping[str, Array], run: Run) -> Errors:
-    """Return the largest distance of an end from its closed form, over the way; a body that moves counts as 100 %."""
+    """Return the largest distance of an end from its closed form, over the path. A body
+    in motion counts as 100 %.
+    """
     errors = []
     for name, expected in displacements.items():
         track = run.track(name)
@@ -128,7 +134,7 @@ def _puck_error(displacements: Mapping[str, Array], run: Run) -> Errors:
 def mean_distance(width: float, height: float) -> float:
     """Return the mean distance (px) of a rectangle's points from its centre.
 
-    Times mu m g it is friction's moment, as 2/3 R is for a disc.
+    Times mu m g, it is the moment of friction, as 2/3 R is for a disc.
     """
     diagonal = sqrt(width**2 + height**2)
     horizontal = width**2 / (2 * height) * log((height + diagonal) / width)
@@ -138,7 +144,7 @@ def mean_distance(width: float, height: float) -> float:
 
 @dataclass(frozen=True)
 class _SpinDown:
-    """A spin that friction stops."""
+    """A spin stopped by friction."""
 
     spin: float
     """rad/s at t = 0."""
@@ -147,7 +153,7 @@ class _SpinDown:
 
 
 def _spinning(draw: Draw) -> list[Case]:
-    """Return the case of a disc and a plate that spin in place."""
+    """Return the case of a disc and a plate spinning in place."""
     mu = draw.number(0.1, 0.3, 3)
     radius = draw.number(16, 32)
     width = draw.number(30, 60)
@@ -172,7 +178,9 @@ def _spinning(draw: Draw) -> list[Case]:
 
 
 def _spin_down_error(spin_downs: Mapping[str, _SpinDown], run: Run) -> Errors:
-    """Return the largest error of the angle to rest, and of the spin after half the time over the first."""
+    """Return the largest error of the angle to rest, and of the spin after half
+    the time over the first.
+    """
     errors = []
     for name, motion in spin_downs.items():
         spin, deceleration = motion.spin, motion.deceleration
@@ -189,7 +197,7 @@ def _spin_down_error(spin_downs: Mapping[str, _SpinDown], run: Run) -> Errors:
 
 @dataclass(frozen=True)
 class _Puck:
-    """A disc that slides and spins."""
+    """A sliding and spinning disc."""
 
     speed: float
     """px/s."""
@@ -198,11 +206,13 @@ class _Puck:
     radius: float
     """px."""
     angle: float = 0.0
-    """rad: its direction."""
+    """Direction, rad."""
 
     @classmethod
     def random(cls, draw: Draw) -> _Puck:
-        """Return a disc whose sliding speed and surface speed have a ratio of 0.3 to 3."""
+        """Return a disc with a ratio of sliding speed and surface speed from
+        0.3 to 3.
+        """
         speed = draw.number(120, 300, 0)
         radius = draw.number(15, 30)
         angle = radians(draw.number(-60, 60, 0))
@@ -211,7 +221,7 @@ class _Puck:
 
 FARKAS = _Puck(speed=300.0, spin=15.0, radius=20.0)
 FARKAS_FRICTION = 0.25
-"""The first disc of the first draw: it slides 234 px."""
+"""The first disc of the first draw slides 234 px."""
 
 
 @dataclass(frozen=True)
@@ -224,7 +234,7 @@ class _CoupledStop:
 
 
 def _coupled_discs(draw: Draw) -> list[Case]:
-    """Return the case of two discs that slide and spin."""
+    """Return the case of two sliding and spinning discs."""
     is_first = draw.index == 0
     mu = FARKAS_FRICTION if is_first else draw.number(0.15, 0.4, 3)
     objects, stops = {}, {}
@@ -248,7 +258,9 @@ def _coupled_discs(draw: Draw) -> list[Case]:
 
 
 def _coupled_error(stops: Mapping[str, _CoupledStop], run: Run) -> Errors:
-    """Return the largest error of distance, angle and times to rest, and of speed and spin over their first values."""
+    """Return the largest error of distance, angle and times to rest, and of
+    speed and spin over their first values.
+    """
     errors: list[float] = []
     for name, end in stops.items():
         track = run.track(name)
@@ -267,14 +279,18 @@ def _coupled_error(stops: Mapping[str, _CoupledStop], run: Run) -> Errors:
 def _decay_errors(
     times: Array, values: Array, exact_times: Array, exact_values: Array
 ) -> list[float]:
-    """Return the error of the time to rest, which speed and spin share, and of all values over the first."""
+    """Return the error of the common time to rest of speed and spin, and of all values
+    over the first.
+    """
     time_error = _rest_time(times, values) / exact_times[-1] - 1
     expected = np.interp(times, exact_times, exact_values, right=0)
     return [time_error, np.abs(values - expected).max() / values[0]]
 
 
 def _rest_time(times: Array, motion: Array) -> float:
-    """Return the time (s) at which a motion ends: it falls evenly at last, so its last two samples give the time."""
+    """Return the time (s) of the end of a motion. Its last decay is linear, so that the
+    last two samples give the time.
+    """
     last = int(np.flatnonzero(motion > STILL * motion[0])[-1])
     fall = (motion[last - 1] - motion[last]) / (times[last] - times[last - 1])
     if fall > 0:
@@ -283,7 +299,7 @@ def _rest_time(times: Array, motion: Array) -> float:
 
 
 def _struck_shots(draw: Draw) -> list[Case]:
-    """Return the cases of balls that are struck, and of a follow shot."""
+    """Return the cases of struck balls, and of a follow shot."""
     return [_struck_balls(draw), _follow_shot(draw)]
 
 
@@ -292,9 +308,9 @@ class _Strike:
     """The roll of a struck ball, in parts of its speed, and its lane."""
 
     along: float
-    """Along its way."""
+    """Roll along its path."""
     across: float
-    """To its side."""
+    """Roll to its side."""
     lane: int
 
 
@@ -306,7 +322,9 @@ STRIKES = {
 
 
 def _struck_balls(draw: Draw) -> Case:
-    """Return the case of back spin, top spin, and a roll across the way, which bends it, in three lanes."""
+    """Return the case of back spin, top spin, and a roll across the path, which bends
+    it, in three lanes.
+    """
     mu = draw.number(0.15, 0.3, 3)
     lane_angle = draw.angle()
     c, s = cos(lane_angle), sin(lane_angle)
@@ -318,7 +336,7 @@ def _struck_balls(draw: Draw) -> Case:
         part = draw.number(0.4, 1.0)
         velocity = speed * np.array([cos(angle), sin(angle)])
         sideways = velocity[::-1] * (-1, 1)
-        # the velocity at which the ball's spin would be a roll without slip
+        # The velocity of a roll without slip at the ball's spin.
         roll_velocity = part * strike.along * velocity + part * strike.across * sideways
         roll_x = degrees(roll_velocity[1] / radius)
         roll_y = degrees(-roll_velocity[0] / radius)
@@ -350,10 +368,11 @@ def _roll_error(last_velocities: Mapping[str, Array], run: Run) -> Errors:
 
 
 def _follow_shot(draw: Draw) -> Case:
-    """Return the case of a rolling cue ball that meets another head-on.
+    """Return the case of a rolling cue ball head-on against another ball.
 
-    A pair's coefficient is a geometric mean, so a table of 10 and balls of mu²/10 give mu on the table and next to
-    nothing between the balls, which would spoil the closed form by mu²/10.
+    A pair's coefficient is a geometric mean, so that a table of 10 and balls of mu²/10
+    give mu on the table and a tiny friction between the balls. A larger one would spoil
+    the closed form by mu²/10.
     """
     mu = draw.number(0.15, 0.3, 3)
     angle = radians(draw.number(-25, 25, 0))
@@ -379,7 +398,9 @@ def _follow_shot(draw: Draw) -> Case:
 
 
 def _follow_error(speed: float, direction: Array, run: Run) -> Errors:
-    """Return the largest deviation of a velocity from 2/7 and 5/7 of the cue ball's, over its first speed."""
+    """Return the largest deviation of a velocity from 2/7 and 5/7 of the cue
+    ball's, over its first speed.
+    """
     errors = []
     for name, part in (("cue", 2 / 7), ("object-ball", 5 / 7)):
         deviation = run.track(name).velocity[-1] - part * speed * direction

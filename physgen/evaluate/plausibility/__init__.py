@@ -1,1 +1,3 @@
-"""Plausibility of motion without a truth: tracks, their stretches of constant acceleration, and questions to them."""
+"""Plausibility of motion without ground truth: tracks, their segments of constant
+acceleration, and questions about them.
+"""

@@ -9,22 +9,24 @@ import numpy as np
 from physgen.evaluate.plausibility.tracks import Array, Tracks
 
 POLYGON_SIDES = 64
-"""Of the polygon that stands for a disc beside other shapes."""
+"""Number of sides of the polygon for a disc beside other shapes."""
 MIN_SIDE = 1e-9
-"""px: shorter sides of a piece have no direction."""
+"""Minimum side of a piece with a direction, px."""
 SAFE_SIDE = 1e-12
-"""px: divisor of such sides."""
+"""Divisor of shorter sides, px."""
 
 
 class Distances:
-    """Gaps between bodies of tracks, each measured once."""
+    """Gaps between bodies of tracks. Each is computed once."""
 
     def __init__(self, tracks: Tracks) -> None:
         self.tracks = tracks
         self._gaps: dict[tuple[int, int], Array] = {}
 
     def gap(self, first: int, second: int) -> Array:
-        """Return the gap between two bodies, (T,) px: negative if they overlap, NaN if one is not visible."""
+        """Return the gap between two bodies, (T,) px: negative if they overlap,
+        NaN if one is not visible.
+        """
         key = (min(first, second), max(first, second))
         if key not in self._gaps:
             self._gaps[key] = self._measure_gap(*key)
@@ -38,7 +40,7 @@ class Distances:
         gap = np.hypot(*offsets.T) - outline.reach - other_outline.reach
         if outline.is_round and other_outline.is_round:
             return np.asarray(gap)
-        # the circles about the bodies are enough for frames in which the bodies are far from each other
+        # Circles around distant bodies are enough for their gap.
         close = np.flatnonzero(gap < 0.5 * (outline.reach + other_outline.reach))
         separations = []
         for piece in self._shapes[first]:
@@ -49,7 +51,9 @@ class Distances:
 
     @cached_property
     def _shapes(self) -> list[list[Array]]:
-        """Return the convex pieces (T, K, 2) of each body in the picture; of a disc one polygon."""
+        """Return the convex pieces (T, K, 2) of each body in the picture, with a
+        polygon for a disc.
+        """
         angles = np.linspace(0, 2 * np.pi, POLYGON_SIDES, endpoint=False)
         circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
         shapes = []
@@ -84,7 +88,8 @@ def _separate(first: Array, second: Array) -> Array:
         lengths = np.hypot(sides[..., 0], sides[..., 1])
         normals = np.stack([sides[..., 1], -sides[..., 0]], axis=1)
         normals = normals / np.maximum(lengths, SAFE_SIDE)[:, None]
-        first_extent, second_extent = first @ normals, second @ normals  # (T, K, sides)
+        # The shape is (T, K, sides).
+        first_extent, second_extent = first @ normals, second @ normals
         gaps = np.maximum(
             second_extent.min(1) - first_extent.max(1),
             first_extent.min(1) - second_extent.max(1),

@@ -1,7 +1,8 @@
 """Judge tracks: evidence against each law of motion, one score, and the report.
 
-A deviation is 0 if noise explains all of it, and grows with the fault, in parts of the right value. Each question
-finds the deviations of all its instances: of a flight, an impact, a pair, a body.
+A deviation is 0 if noise explains the whole fault, and grows with the fault, as a part
+of the right value. Each question finds the deviations of all its instances: flights,
+impacts, pairs, bodies.
 """
 
 from __future__ import annotations
@@ -22,37 +23,39 @@ from physgen.scene.scene import View
 from physgen.text import counted
 
 EVEN = 0.5
-"""Score below which a clip is called wrong."""
+"""Maximum score of a wrong clip."""
 MIN_FRAMES = 8
-"""With fewer frames, motion cannot be distinguished from noise."""
+"""Minimum number of frames. In shorter clips, noise hides the motion."""
 MIN_TRACK = 6
-"""Frames of a track that can jump."""
+"""Minimum number of frames in a track with jumps."""
 SHOWN_EVIDENCE = 20
-"""Instances of a question in the JSON, the worst first."""
+"""Number of instances of a question in the JSON, the worst first."""
 
 
 @dataclass(frozen=True)
 class Tuning:
-    """Chosen on the calibration in benchmarks/plausibility."""
+    """Constants from the calibration in benchmarks/plausibility."""
 
     certainty: float = 2.5
-    """Standard deviations that noise may account for."""
+    """Standard deviations that noise can explain."""
     exponent: float = 3.0
-    """The score falls to 1/9 at twice the middle."""
+    """Exponent of the score: it falls to 1/9 at twice the middle."""
     lift: float = 0.5
-    """Of gravity: a body that is pulled upwards by less may lean on something."""
+    """Minimum upward acceleration of a fault over gravity. A body with less may lean on
+    something.
+    """
     mass_factor: float = 1.05
-    """By which a ratio of known masses may be off."""
+    """Maximum error factor of a ratio of known masses."""
     area_factor: float = 12.0
-    """By which a ratio of masses may be off if areas stand for them."""
+    """Maximum error factor of a ratio of masses from areas."""
     spin: float = 0.1
-    """Of its energy, at most, that a round body is taken to get out of its spin."""
+    """Maximum gain of a round body from its spin, over its energy."""
     slow_part: float = 0.3
-    """Of the speeds that a body has at all: slower impacts are measured by it."""
+    """Share of a body's usual speeds. Slower impacts are compared with it."""
     jump: float = 6.0
-    """Standard deviations of a step: four places, extrapolated."""
+    """Standard deviations of a step from four extrapolated places."""
     rough_weight: float = 0.4
-    """Weight of a jump if the motion around it is not smooth: two impacts in one frame look like a jump."""
+    """Weight of a jump in rough motion: two impacts in one frame look like a jump."""
 
 
 TUNING = Tuning()
@@ -64,14 +67,14 @@ class Evidence:
 
     deviation: float
     frame: int
-    """The worst one."""
+    """The worst frame."""
     bodies: tuple[int, ...]
-    """Indices."""
+    """Indices of bodies."""
     text: str
     """The instance and its size, in words."""
 
 
-# ---- questions ---------------------------------------------------------------------------------------------------
+# ---- questions
 
 
 def ask_gravity(motion: Motion) -> list[Evidence]:
@@ -104,7 +107,9 @@ def ask_gravity(motion: Motion) -> list[Evidence]:
 def _has_hidden_impact(
     motion: Motion, body: int, flight: Segment, gravity: Array
 ) -> bool:
-    """Return whether a fall like all others with one small impact in it explains the places as well."""
+    """Return whether a normal fall with a small impact in it also explains
+    the places.
+    """
     rows = slice(flight.first, flight.last + 1)
     path = motion.tracks.places[rows, body]
     s = motion.tracks.times[rows] - flight.middle
@@ -121,16 +126,20 @@ def _has_hidden_impact(
 
 
 def _few_frames_factor(segment: Segment) -> float:
-    """Return a factor of errors: few frames show little of their own noise; Student's t grows about so."""
+    """Return a factor of errors: few frames reveal little of their own noise. Student's
+    t grows similarly.
+    """
     return 1 + 4 / max(segment.count - 3, 1)
 
 
 MASS_RATIOS = 121
-"""Ratios of masses that are tried."""
+"""Number of mass ratios to try."""
 
 
 def ask_momentum(motion: Motion) -> list[Evidence]:
-    """Return the momentum that is missing, over the momentum that passes, in each impact of two free bodies."""
+    """Return the missing momentum over the passing momentum in each impact of two free
+    bodies.
+    """
     evidence = []
     for impact in motion.impacts:
         is_measured = all(_is_measured(motion, part) for part in impact.parts)
@@ -145,7 +154,9 @@ def ask_momentum(motion: Motion) -> list[Evidence]:
 
 
 def _missing_momentum(tracks: Tracks, impact: Impact) -> float:
-    """Return the least part of the momentum that is missing, for any ratio of the masses that may be."""
+    """Return the smallest missing share of momentum for any possible ratio of the
+    masses.
+    """
     first, second = impact.parts
     factor, masses = TUNING.mass_factor, tracks.masses
     if masses is None:
@@ -164,8 +175,8 @@ def _join_names(tracks: Tracks, bodies: Sequence[int]) -> str:
 
 
 def _is_measured(motion: Motion, part: Turn) -> bool:
-    """Return whether nothing else acts on a body, and its velocities are known."""
-    # frames between the segments may contain another impact
+    """Return whether no other force acts on a body, and its velocities are known."""
+    # Frames between the segments may contain another impact.
     is_continuous = part.after.first <= part.before.last + 1
     is_one_segment = part.before is part.after
     if not motion.is_movable(part.body) or is_one_segment or not is_continuous:
@@ -182,7 +193,7 @@ def _is_measured(motion: Motion, part: Turn) -> bool:
 
 
 def _is_free_fall(segment: Segment, time: float, gravity: Array) -> bool:
-    """Return whether an acceleration is known well, and is that of gravity."""
+    """Return whether an acceleration is precise and equals gravity."""
     size = float(np.hypot(*gravity))
     error = segment.error(time, 2)
     deviation = np.hypot(*(segment.acceleration - gravity))
@@ -204,7 +215,9 @@ NO_GAIN = _Gain(0.0, 0.0, 0.0)
 
 
 def ask_energy(motion: Motion) -> list[Evidence]:
-    """Compare speeds before and after each impact of round bodies, less the energy that spin may give."""
+    """Compare speeds before and after each impact of round bodies, less the
+    energy that spin may give.
+    """
     evidence = []
     for impact in motion.impacts:
         visible_parts = [part for part in impact.parts if part.is_visible]
@@ -215,7 +228,8 @@ def ask_energy(motion: Motion) -> list[Evidence]:
             continue
         gain = max(_own_gain(motion, part) for part in visible_parts)
         if len(impact.parts) == 2:
-            # they touched each other, or each something without a track: the kinder reading counts
+            # They may have hit each other, or untracked bodies: the smaller gain
+            # counts.
             gain = min(gain, _relative_gain(motion, impact))
         names = _join_names(motion.tracks, impact.bodies)
         parting = max(gain.parting, 0)
@@ -226,7 +240,7 @@ def ask_energy(motion: Motion) -> list[Evidence]:
 
 
 def _own_gain(motion: Motion, part: Turn) -> _Gain:
-    """Return the gain of one body against something at rest."""
+    """Return the gain of one body against a resting partner."""
     return _gain(
         part.velocity_before,
         part.velocity_after,
@@ -260,7 +274,8 @@ def _gain(
 ) -> _Gain:
     """Return the gain from the velocities (2,) px/s before and after an impact.
 
-    `error` is that of the change, px/s; `spin_energy` px²/s² may be added; `usual_speed` px/s is that of the body.
+    `error` belongs to the change, px/s; `spin_energy` px²/s² may be added;
+    `usual_speed` px/s is the body's.
     """
     change = after - before
     size = float(np.hypot(*change))
@@ -275,13 +290,15 @@ def _gain(
 
 
 def _usual_speed(motion: Motion, body: int) -> float:
-    """Return a speed that a body reaches at times, px/s."""
+    """Return a high but repeated speed of a body, px/s."""
     lengths = np.hypot(*motion.steps[:, body].T)
     return max(float(np.nanquantile(lengths, 0.9)), 1.0) / motion.tracks.step
 
 
 def ask_overlap(motion: Motion) -> list[Evidence]:
-    """Return the depth of each pair that comes near, beyond that of the first frames, in parts of the smaller width."""
+    """Return the depth of each close pair beyond the depth of the first frames, over
+    the smaller width.
+    """
     tracks = motion.tracks
     evidence = []
     paths = [_dense_path(motion, k) for k in range(len(tracks.names))]
@@ -323,13 +340,13 @@ def _excess_depth(
 
 
 MOMENTS = 4
-"""Moments that are compared from frame to frame."""
+"""Number of compared moments per frame."""
 
 
 def _dense_path(motion: Motion, body: int) -> Array:
-    """Return places between frames, too, (MOMENTS (T - 1) + 1, 2) px.
+    """Return places at and between frames, (MOMENTS (T - 1) + 1, 2) px.
 
-    They are NaN at the end of a segment, since a body that is hit turns there.
+    They are NaN at the end of a segment, because a hit body turns there.
     """
     path = motion.tracks.places[:, body]
     frames = np.arange(len(path))
@@ -373,7 +390,9 @@ def _worst_step(motion: Motion, body: int, first: int, last: int) -> Evidence:
 def _step_deviation(
     motion: Motion, body: int, first: int, k: int, steps: Array, offset: float
 ) -> float:
-    """Return the deviation of step `k` after frame `first`, whose place is `offset` px from where it could be."""
+    """Return the deviation of step `k` after frame `first`; `offset` is the distance
+    from possible places, px.
+    """
     sigma = float(motion.sigma[body])
     outline = motion.tracks.forms[body]
     lengths = np.hypot(*steps.T)
@@ -395,7 +414,7 @@ def _step_deviation(
 
 
 def _is_in_segment(motion: Motion, body: int, frame: int) -> bool:
-    """Return whether a frame belongs to a segment that has a velocity."""
+    """Return whether a frame belongs to a segment with a velocity."""
     return any(
         segment.has_velocity and segment.first <= frame <= segment.last
         for segment in motion.segments[body]
@@ -403,7 +422,9 @@ def _is_in_segment(motion: Motion, body: int, frame: int) -> bool:
 
 
 def _step_offset(steps: Array, k: int) -> float:
-    """Return the distance (px) of a step from any that the velocities before and after, or a change of them, make."""
+    """Return the distance (px) of a step from all steps possible with the velocities
+    before and after, or a change of them.
+    """
     steps_before = [steps[k - 1]]
     if k >= 2:
         steps_before.append(2 * steps[k - 1] - steps[k - 2])
@@ -421,7 +442,9 @@ def _step_offset(steps: Array, k: int) -> float:
 
 
 def _hidden_push(motion: Motion, body: int, frame: int, usual_length: float) -> float:
-    """Return the px by which a body nearby, or a push, may have moved a body faster for less than a frame."""
+    """Return the possible motion of a body from a near body or a push within a frame,
+    px.
+    """
     fastest = 0.0
     begin = max(frame - 1, 0)
     for other in range(len(motion.tracks.names)):
@@ -440,18 +463,20 @@ def _hidden_push(motion: Motion, body: int, frame: int, usual_length: float) -> 
     return max(0.0, 2 * fastest - usual_length)
 
 
-# ---- verdict -----------------------------------------------------------------------------------------------------
+# ---- verdict
 
 
 class Question(NamedTuple):
-    """A law of motion, and the function that finds evidence against it."""
+    """A law of motion, and the function for evidence against it."""
 
     text: str
     middle: float
-    """Deviation at which right and wrong are separated: the best of the calibration in benchmarks/plausibility."""
+    """Deviation between right and wrong: the best one of the calibration in
+    benchmarks/plausibility.
+    """
     ask: Callable[[Motion], list[Evidence]]
     obstacle: str
-    """Why a clip has no instance of the question."""
+    """Reason of a clip without an instance of the question."""
 
 
 QUESTIONS = {
@@ -495,15 +520,15 @@ def score(question: str, deviation: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """On one clip."""
+    """The verdict on one clip."""
 
     tracks: Tracks
     motion: Motion
     answers: dict[str, list[Evidence]]
-    """The worst first; empty if a clip has no instance of a question."""
+    """The worst first; empty without an instance of a question."""
 
     def score(self, question: str) -> float | None:
-        """Return a score from 0 to 1; None for a question without an instance."""
+        """Return a score from 0 to 1, or None without an instance of the question."""
         evidence = self.answers.get(question)
         if not evidence:
             return None
@@ -511,23 +536,23 @@ class Verdict:
 
     @property
     def overall(self) -> float | None:
-        """Return the lowest score; None if no question has an instance."""
+        """Return the lowest score, or None without any instance."""
         scores = [self.score(name) for name in self.answers]
         return min((s for s in scores if s is not None), default=None)
 
     @property
     def is_wrong(self) -> bool | None:
-        """Return whether the clip is called wrong; None if no question has an instance."""
+        """Return whether the clip is called wrong, or None without any instance."""
         overall = self.overall
         return None if overall is None else overall < EVEN
 
     @property
     def word(self) -> str:
-        """Return the verdict as tables have it."""
+        """Return the verdict for tables."""
         return {True: "wrong", False: "right", None: "not asked"}[self.is_wrong]
 
     def faults(self) -> list[tuple[str, Evidence]]:
-        """Return question and evidence of all that is called wrong, the worst first."""
+        """Return question and evidence of all faults, the worst first."""
         scored_evidence = list(self._scored_evidence())
         scored_evidence.sort(key=lambda item: item[0])
         return [
@@ -587,7 +612,9 @@ class Verdict:
 
 
 def judge(tracks: Tracks, skip: Collection[str] = ()) -> Verdict:
-    """Ask all questions but those to skip. Raise InputError for fewer than MIN_FRAMES frames."""
+    """Ask all questions except `skip`. Raise InputError for fewer than MIN_FRAMES
+    frames.
+    """
     if len(tracks.times) < MIN_FRAMES:
         raise Message.MOTION_TOO_SHORT.error(
             tracks.name, f"{len(tracks.times)} frames", least=MIN_FRAMES
@@ -602,7 +629,7 @@ def judge(tracks: Tracks, skip: Collection[str] = ()) -> Verdict:
     return Verdict(tracks, motion, answers)
 
 
-# ---- report ------------------------------------------------------------------------------------------------------
+# ---- report
 
 SCORE_NOTE = (
     "1: nothing wrong is seen. Below 0.5 a clip is called wrong; its score is that of its worst question. "

@@ -24,50 +24,62 @@ from physgen.scene.scene import View
 
 @dataclass(frozen=True)
 class Tuning:
-    """Chosen on the calibration in benchmarks/plausibility."""
+    """Constants from the calibration in benchmarks/plausibility."""
 
     certainty: float = 4.0
     """Standard deviations of a change of velocity."""
     smoothness: float = 3.0
-    """Times what accelerations around it make in the same time: a change of velocity beyond it is sudden."""
+    """Minimum sudden change of velocity, in changes by the accelerations around it in
+    the same time.
+    """
     max_gap: int = 4
-    """Frames between two segments, at most, that still are one impact."""
+    """Maximum number of frames between two segments of one impact."""
     split_frames: int = 12
-    """Frames on each side of an impact that did not show, at most, that show how much it can have been."""
+    """Maximum number of frames on each side of an invisible impact for its
+    upper bound.
+    """
     same_time: float = 1.0
-    """Frames within which turns of two bodies are one impact."""
+    """Maximum time between turns of two bodies in one impact, frames."""
     late_time: float = 2.5
-    """Frames within which they may have been one, if they are not known well."""
+    """Maximum time between uncertain turns of two bodies in one possible impact,
+    frames.
+    """
     path_gap: float = 0.12
-    """Of what the change of velocity makes in a frame: by so much paths may miss each other."""
+    """Maximum distance of the paths, over the effect of the change of velocity in a
+    frame.
+    """
     rest_part: float = 0.3
-    """Of the speed after an impact: what came slower was probably hit by something."""
+    """Minimum speed before an impact over the speed after. A slower body was probably
+    hit.
+    """
     flight_frames: int = 6
-    """Frames of a flight, at least."""
+    """Minimum number of frames in a flight."""
     flight_time: float = 0.18
-    """s of a flight, at least."""
+    """Minimum duration of a flight, s."""
     vertical_sine: float = 0.17
-    """Sine of the angle to the vertical within which what falls straight may fly; else it may slide."""
+    """Maximum sine of the angle to the vertical for a straight flight. Other straight
+    motion may be sliding.
+    """
 
 
 TUNING = Tuning()
 TICKS = 41
-"""Moments at which the paths before and after an impact are compared."""
+"""Number of compared moments of the paths before and after an impact."""
 
 
 @dataclass(frozen=True, eq=False)
 class Turn:
-    """A body between two segments: its velocity changes, suddenly or not."""
+    """A body between two segments, with a sudden or smooth change of velocity."""
 
     body: int
     before: Segment
     after: Segment
     time: float
-    """s: the segments are nearest to each other."""
+    """Time of the segments' smallest distance, s."""
     is_sudden: bool = False
-    """Far faster than any acceleration before or after, and surely."""
+    """True for a certain change, far faster than any acceleration before or after."""
     is_visible: bool = True
-    """Whether the tracks show that the body turned at all."""
+    """True if the tracks show a turn of the body."""
 
     @property
     def velocity_before(self) -> Array:
@@ -81,7 +93,7 @@ class Turn:
 
     @property
     def change(self) -> Array:
-        """Return the change of velocity, (2,) px/s; exactly 0 if one segment goes on."""
+        """Return the change of velocity, (2,) px/s; exactly 0 within one segment."""
         return self.velocity_after - self.velocity_before
 
     @property
@@ -90,7 +102,9 @@ class Turn:
         return (self.before.value(self.time) + self.after.value(self.time)) / 2
 
     def error(self, order: int = 1) -> float:
-        """Return the error of the change, px/s, or of the distance between both segments (`order` 0), px."""
+        """Return the error of the change, px/s, or of the distance between both
+        segments (`order` 0), px.
+        """
         error_before = self.before.error(self.time, order)
         if self.before is self.after:
             return error_before
@@ -99,7 +113,7 @@ class Turn:
 
 @dataclass(frozen=True, eq=False)
 class Impact:
-    """Of one body alone, or of two and no other."""
+    """An impact of one body, or of two bodies without others."""
 
     frame: int
     parts: tuple[Turn, ...]
@@ -111,7 +125,7 @@ class Impact:
 
 
 class Motion:
-    """Segments, turns, flights and impacts of tracks: all that questions are about."""
+    """Segments, turns, flights and impacts of tracks, for all questions."""
 
     def __init__(self, tracks: Tracks) -> None:
         self.tracks = tracks
@@ -122,7 +136,9 @@ class Motion:
 
     @cached_property
     def segments(self) -> list[list[Segment]]:
-        """Return the segments of each body, by time; a gap in its track ends one."""
+        """Return the segments of each body, by time. A gap in its track ends
+        a segment.
+        """
         return [self._segments_of(k) for k in range(len(self.tracks.names))]
 
     def _segments_of(self, body: int) -> list[Segment]:
@@ -135,11 +151,11 @@ class Motion:
             segments += split_segments(path, times, first, sigma)
         return segments
 
-    # turns
+    # ---- turns
 
     @cached_property
     def turns(self) -> list[list[Turn]]:
-        """Return the turns of each body, between segments that have velocities."""
+        """Return the turns of each body, between segments with velocities."""
         return [self._turns_of(k) for k in range(len(self.tracks.names))]
 
     def _turns_of(self, body: int) -> list[Turn]:
@@ -162,7 +178,9 @@ class Motion:
         return replace(turn, is_sudden=self._is_sudden(turn))
 
     def _is_sudden(self, turn: Turn) -> bool:
-        """Return whether a velocity changes by more than noise and smooth accelerations explain."""
+        """Return whether a velocity changes by more than noise and smooth accelerations
+        explain.
+        """
         step = self.tracks.step
         a = turn.before.acceleration
         b = turn.after.acceleration
@@ -172,7 +190,7 @@ class Motion:
         limit = max(
             TUNING.certainty * turn.error(),
             TUNING.smoothness * smooth_change * frames,
-            # px/s: smaller changes are not visible
+            # Smaller changes are invisible (px/s).
             max(6 * self.sigma[turn.body], 0.4) / step,
         )
         return bool(np.hypot(*turn.change) > limit)
@@ -180,9 +198,10 @@ class Motion:
     def split(
         self, body: int, segment: Segment, time: float
     ) -> tuple[Segment, Segment] | None:
-        """Return one segment as two that meet at a time (s), None for few frames.
+        """Return one segment as two with a border at a time (s), or None for few
+        frames.
 
-        Their difference limits an impact that did not show.
+        Their difference limits an invisible impact.
         """
         tracks = self.tracks
         frames = np.arange(segment.first, segment.last + 1)
@@ -209,11 +228,11 @@ class Motion:
                 return True
         return False
 
-    # flights
+    # ---- flights
 
     @cached_property
     def flights(self) -> list[tuple[int, Segment]]:
-        """Return bodies and their segments that are surely flights, seen from the side."""
+        """Return bodies and their certain flights, seen from the side."""
         if self.tracks.view is View.TOP or self.tracks.is_weightless:
             return []
         flights = []
@@ -227,7 +246,9 @@ class Motion:
 
     @cached_property
     def gravity(self) -> Array | None:
-        """Return the median acceleration of falls, each as heavy as it is long, (2,) px/s²; None without a fall."""
+        """Return the median acceleration of falls, weighted by length, (2,) px/s², or
+        None without a fall.
+        """
         accelerations = []
         for _, segment in self.flights:
             if segment.acceleration[1] > 0:
@@ -238,7 +259,9 @@ class Motion:
         return np.asarray(ordered[(len(ordered) - 1) // 2])
 
     def _is_guided(self, body: int) -> bool:
-        """Return whether accelerations change twice without an impact, as on a rope: gravity may change once."""
+        """Return whether accelerations change twice without an impact, as on a rope.
+        Gravity may change once.
+        """
         smooth_turns = 0
         for turn in self.turns[body]:
             if not turn.is_sudden and self._changes_acceleration(turn):
@@ -246,7 +269,7 @@ class Motion:
         return smooth_turns >= 2
 
     def _changes_acceleration(self, turn: Turn) -> bool:
-        """Return whether a fast body's acceleration surely changes."""
+        """Return whether a fast body's acceleration certainly changes."""
         a, b = turn.before, turn.after
         change = float(np.hypot(*(a.acceleration - b.acceleration)))
         error = float(np.hypot(a.error(turn.time, 2), b.error(turn.time, 2)))
@@ -256,7 +279,9 @@ class Motion:
         return bool(is_fast and change > max(3 * error, 0.15 * size))
 
     def _is_flight(self, body: int, segment: Segment) -> bool:
-        """Return whether a segment is curved or vertical, smooth all along, and no known body touches its body."""
+        """Return whether a segment is curved or vertical, smooth, and without contact
+        to known bodies.
+        """
         times = self.tracks.times
         begin = times[segment.first]
         end = times[segment.last]
@@ -272,7 +297,9 @@ class Motion:
         return _is_fall(segment, error) and self.is_alone(body, segment, 1.0)
 
     def is_alone(self, body: int, segment: Segment, margin: float) -> bool:
-        """Return whether other bodies are farther away than a margin (px) in all but the first and last frame."""
+        """Return whether other bodies are farther away than a margin (px) in all frames
+        but the first and last.
+        """
         inner_frames = slice(segment.first + 1, segment.last)
         for k, outline in enumerate(self.tracks.forms):
             if k == body or outline.reach <= 0 or self.passes(body, k):
@@ -282,10 +309,10 @@ class Motion:
                 return False
         return True
 
-    # bodies
+    # ---- bodies
 
     def is_movable(self, body: int) -> bool:
-        """Return whether a body ever moves: a body that never does may be nailed down."""
+        """Return whether a body ever moves. A body at rest may be fixed."""
         path = self.tracks.places[self.tracks.visible[:, body], body]
         if not len(path):
             return False
@@ -293,7 +320,7 @@ class Motion:
         return bool(np.quantile(distances, 0.95) > max(2.0, 6 * self.sigma[body]))
 
     def is_free(self, body: int) -> bool:
-        """Return whether nothing but gravity and contacts acts on a body."""
+        """Return whether only gravity and contacts act on a body."""
         return body not in self.tracks.guided_bodies
 
     def passes(self, first: int, second: int) -> bool:
@@ -301,18 +328,22 @@ class Motion:
         pair = (min(first, second), max(first, second))
         return pair in self.tracks.passing_pairs
 
-    # distances
+    # ---- distances
 
     def distance_noise(self, first: int, second: int) -> float:
         """Return the noise of the distance of two bodies, px."""
         return float(np.hypot(self.sigma[first], self.sigma[second]))
 
     def gap(self, first: int, second: int) -> Array:
-        """Return the gap between two bodies, (T,) px: negative if they overlap, NaN if one is not visible."""
+        """Return the gap between two bodies, (T,) px: negative if they overlap,
+        NaN if one is not visible.
+        """
         return self._distances.gap(first, second)
 
     def neighbours(self, body: int, first: int, last: int) -> list[int]:
-        """Return the bodies that may have touched a body between two frames, however fast they were."""
+        """Return the bodies with a possible contact to a body between two frames, for
+        any speed.
+        """
         first = max(first, 0)
         last = min(last, len(self.tracks.times) - 1)
         neighbours = []
@@ -326,15 +357,19 @@ class Motion:
         return neighbours
 
     def margin(self, body: int, other: int, first: int, last: int) -> float:
-        """Return the distance (px) that two bodies may have in every frame although they touch in between."""
+        """Return the maximum distance (px) in all frames of two bodies with a contact
+        between frames.
+        """
         gap = self.gap(body, other)[max(first - 1, 0) : last + 2]
-        # bodies that hit half-way between two frames are half a step away in both
+        # After a hit half-way between two frames, bodies are half a step apart in both.
         rate = float(np.nanmax(np.abs(np.diff(gap)), initial=0.0))
         return 1.5 + 0.65 * rate + 3 * self.distance_noise(body, other)
 
     @cached_property
     def impacts(self) -> list[Impact]:
-        """Return the impacts of one or two bodies that are free, measured and not in a crowd; each once."""
+        """Return the measured impacts of one or two free bodies outside crowds, without
+        repetitions.
+        """
         impacts: list[Impact] = []
         for turn in self._sudden_turns():
             impact = _impact(self, turn)
@@ -352,7 +387,9 @@ class Motion:
 
 
 def _is_fall(segment: Segment, error: float) -> bool:
-    """Return whether an acceleration (error in px/s²) is vertical, or not along the velocity."""
+    """Return whether an acceleration (error in px/s²) is vertical, or not along
+    the velocity.
+    """
     x, y = segment.acceleration
     size = float(np.hypot(x, y))
     if abs(x) < TUNING.vertical_sine * size + 2 * error:
@@ -366,7 +403,9 @@ def _is_fall(segment: Segment, error: float) -> bool:
 
 
 def _nearest_time(ticks: Array, parts: Sequence[tuple[Segment, Segment]]) -> float:
-    """Return the tick (s) at which the segments before and after are nearest to each other."""
+    """Return the tick (s) of the smallest distance between the segments before and
+    after.
+    """
     distances = []
     for time in ticks:
         squares = [
@@ -377,7 +416,7 @@ def _nearest_time(ticks: Array, parts: Sequence[tuple[Segment, Segment]]) -> flo
     return float(ticks[int(np.argmin(distances))])
 
 
-# ---- impacts -----------------------------------------------------------------------------------------------------
+# ---- impacts
 
 
 def _contains_pair(impacts: Sequence[Impact], impact: Impact, step: float) -> bool:
@@ -393,7 +432,9 @@ def _contains_pair(impacts: Sequence[Impact], impact: Impact, step: float) -> bo
 
 
 def _is_single(impact: Impact, step: float) -> bool:
-    """Return whether one impact explains the turns: after two impacts in one frame, paths do not meet at its time."""
+    """Return whether one impact explains the turns. After two impacts in one frame,
+    paths do not meet at its time.
+    """
     change = max(float(np.hypot(*part.change)) for part in impact.parts)
     for part in impact.parts:
         gap = np.hypot(*(part.after.value(part.time) - part.before.value(part.time)))
@@ -403,7 +444,7 @@ def _is_single(impact: Impact, step: float) -> bool:
 
 
 def _impact(motion: Motion, turn: Turn) -> Impact | None:
-    """Return the impact of a turn; None if the bodies in it are not known, or more than two."""
+    """Return the impact of a turn, or None for unknown bodies or more than two."""
     first = turn.before.last
     last = turn.after.first
     partners = []
@@ -446,7 +487,7 @@ def _has_third_body(motion: Motion, turn: Turn, partner: Turn) -> bool:
 
 
 def _partner(motion: Motion, body: int, turn: Turn) -> Turn | None:
-    """Return the turn of another body at the same time; None if it is not known."""
+    """Return the turn of another body at the same time, or None if unknown."""
     for partner in motion.turns[body]:
         delay = abs(partner.time - turn.time)
         if delay <= TUNING.same_time * motion.tracks.step:
@@ -462,7 +503,9 @@ def _partner(motion: Motion, body: int, turn: Turn) -> Turn | None:
 
 
 def _have_met(motion: Motion, turn: Turn, partner: Turn) -> bool | None:
-    """Return whether two bodies were near enough at the impact to touch; None if that is not known."""
+    """Return whether two bodies were near enough at the impact for a contact, or None
+    if unknown.
+    """
     forms = motion.tracks.forms
     reach = forms[turn.body].reach + forms[partner.body].reach
     noise = motion.distance_noise(turn.body, partner.body)

@@ -13,21 +13,25 @@ from physgen.evaluate.plausibility.tracks import Array, Tracks
 
 @dataclass(frozen=True)
 class Tuning:
-    """Chosen on the calibration in benchmarks/plausibility."""
+    """Constants from the calibration in benchmarks/plausibility."""
 
     price: float = 30.0
-    """Of a segment, in squared noise: six numbers are fitted, and its border is chosen among many."""
+    """Price of a segment, in squared noise: six fitted numbers, and a border chosen
+    among many.
+    """
     max_frames: int = 90
-    """Frames of a segment."""
+    """Maximum number of frames of a segment."""
     min_frames: int = 4
-    """Frames that give a velocity: one more than an acceleration's three numbers."""
+    """Minimum number of frames for a velocity: one more than the three numbers of a
+    parabola.
+    """
 
 
 TUNING = Tuning()
 MEDIAN_TO_SIGMA = 1.4826
-"""Standard deviation of a normal distribution, over its median deviation."""
+"""Standard deviation of a normal distribution over its median deviation."""
 DIFFERENCE_VARIANCE = 20
-"""Variance of a third difference, over that of a value: 1 + 9 + 9 + 1."""
+"""Variance of a third difference over the variance of a value: 1 + 9 + 9 + 1."""
 
 
 def find_runs(visible: NDArray[np.bool_]) -> list[tuple[int, int]]:
@@ -41,14 +45,16 @@ def find_runs(visible: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-# ---- noise -------------------------------------------------------------------------------------------------------
+# ---- noise
 
 
 def measure_noise(tracks: Tracks) -> Array:
-    """Return the standard deviation of each body along each axis, (N,) px, at least `tracks.noise_floor`.
+    """Return the standard deviation of each body along each axis, (N,) px, at least
+    `tracks.noise_floor`.
 
-    The median takes no notice of impacts, as long as they are few. A body at rest gives nothing: centroids of pixels
-    shake only as they move. If nothing is known of a body, the median of the others is taken.
+    The median ignores impacts, if they are rare. A body at rest gives no estimate:
+    centroids of pixels shake only in motion. A body without an estimate gets the median
+    of the others.
     """
     sigma = np.array([_body_noise(tracks, k) for k in range(len(tracks.names))])
     is_known = np.isfinite(sigma)
@@ -61,7 +67,7 @@ def measure_noise(tracks: Tracks) -> Array:
 
 
 def _body_noise(tracks: Tracks, body: int) -> float:
-    """Return the noise of one body from third differences, px; NaN if nothing is known."""
+    """Return the noise of one body from third differences, px; NaN if unknown."""
     parts = [np.empty((0, 2))]
     for first, last in find_runs(tracks.visible[:, body]):
         path = tracks.places[first:last, body]
@@ -74,24 +80,24 @@ def _body_noise(tracks: Tracks, body: int) -> float:
     return float(to_sigma * float(np.median(differences)))
 
 
-# ---- segments ----------------------------------------------------------------------------------------------------
+# ---- segments
 
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """Frames in which a body moved with one acceleration."""
+    """Frames of a motion with constant acceleration."""
 
     first: int
     last: int
-    """Frames, both in it."""
+    """First and last frame, both inclusive."""
     middle: float
-    """s."""
+    """Time of the middle, s."""
     terms: Array
     """(3, 2): place px, velocity px/s, acceleration px/s², at the middle."""
     spread: Array
-    """(3, 3): covariance of the terms, along each axis; infinite if frames are too few."""
+    """(3, 3): covariance of the terms, along each axis; infinite for too few frames."""
     residual: float = 0.0
-    """Root mean square of the deviations, over the noise; 0 if frames are too few."""
+    """Root mean square of the deviations, over the noise; 0 for too few frames."""
 
     @property
     def count(self) -> int:
@@ -100,7 +106,7 @@ class Segment:
 
     @property
     def has_velocity(self) -> bool:
-        """Return whether the frames are enough for a velocity."""
+        """Return whether the number of frames is enough for a velocity."""
         return self.count >= TUNING.min_frames
 
     @property
@@ -109,7 +115,9 @@ class Segment:
         return np.asarray(self.terms[2])
 
     def value(self, time: float, order: int = 0) -> Array:
-        """Return the place px, velocity px/s or acceleration px/s² (`order` 0, 1, 2), (2,)."""
+        """Return the place px, velocity px/s or acceleration px/s² (`order` 0,
+        1, 2), (2,).
+        """
         return np.asarray(_factors(time - self.middle, order) @ self.terms)
 
     def error(self, time: float, order: int = 0) -> float:
@@ -128,9 +136,10 @@ def _factors(s: float, order: int) -> Array:
 def split_segments(
     path: Array, times: Array, first: int, sigma: float
 ) -> list[Segment]:
-    """Return the segments of frames without a gap, `path` (n, 2) px at `times` (n,) s; `first` is their first frame.
+    """Return the segments of frames without a gap, `path` (n, 2) px at `times` (n,) s;
+    `first` is their first frame.
 
-    The borders have the least sum of squared errors and prices, by dynamic programming.
+    The borders minimise the sum of squared errors and prices, by dynamic programming.
     """
     n = len(path)
     costs = _parabola_costs((path - path.mean(0)) / sigma)
@@ -153,13 +162,16 @@ def split_segments(
 
 
 def _parabola_costs(path: Array) -> Array:
-    """Return [length, first]: squared errors of the best parabola through `length` frames from `first` on."""
+    """Return [length, first]: squared errors of the best parabola through `length`
+    frames from `first`.
+    """
     n = len(path)
     longest = min(n, TUNING.max_frames)
     costs = np.zeros((longest + 1, n))
     for length in range(TUNING.min_frames, longest + 1):
         windows = np.lib.stride_tricks.sliding_window_view(path, length, axis=0)
-        offsets = windows - windows[..., :1]  # (m, 2, length)
+        # The shape is (m, 2, length).
+        offsets = windows - windows[..., :1]
         explained = ((offsets @ _parabola_basis(length)) ** 2).sum(axis=2)
         errors = (offsets**2).sum(axis=2) - explained
         costs[length, : n - length + 1] = np.maximum(errors, 0.0).sum(axis=1)
@@ -175,7 +187,9 @@ def _parabola_basis(length: int) -> Array:
 
 
 def fit_segment(path: Array, times: Array, first: int, sigma: float) -> Segment:
-    """Return the segment of all frames of a path, (n, 2) px at (n,) s; `sigma` is their noise, px."""
+    """Return the segment of all frames of a path, (n, 2) px at (n,) s; `sigma`
+    is their noise, px.
+    """
     n = len(path)
     middle = float(times.mean())
     s = times - middle

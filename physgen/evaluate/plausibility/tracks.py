@@ -1,4 +1,6 @@
-"""Tracks of the objects of a clip over its frames, and their readers: clips and scenes of physgen, and CSV tables."""
+"""Tracks of the objects of a clip over its frames, and their readers: clips and scenes
+of physgen, and CSV tables.
+"""
 
 from __future__ import annotations
 
@@ -29,33 +31,35 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Limits:
-    """Of what is read."""
+    """Limits of the input."""
 
     fps: float = 30.0
-    """1/s, of tracks without a rate."""
+    """Default frame rate of tracks, 1/s."""
     cells: int = 5_000_000
-    """Frames times bodies of a table."""
+    """Maximum number of frames times bodies of a table."""
     pose_noise: float = 0.02
-    """px: least noise of the engine's poses."""
+    """Minimum noise of the engine's poses, px."""
     table_noise: float = 0.05
-    """px: least noise of measured places."""
+    """Minimum noise of measured places, px."""
 
 
 LIMITS = Limits()
 WIDTH_DIRECTIONS = 36
-"""Directions in which the width of an outline is measured."""
+"""Number of directions for the width of an outline."""
 
 
 @dataclass(frozen=True)
 class Outline:
-    """The form of a body about its tracked place. px."""
+    """The form of a body about its tracked place, px."""
 
     reach: float
-    """Distance of its farthest point from the place; 0: a point."""
+    """Distance of its farthest point from the place; 0 for a point."""
     width: float
     """Its smallest width."""
     pieces: tuple[Array, ...] = ()
-    """Convex pieces, each (K, 2) about the place, turned by its angle; none for discs and points."""
+    """Convex pieces, each (K, 2) about the place, turned by its angle; empty for discs
+    and points.
+    """
 
     @property
     def is_round(self) -> bool:
@@ -64,38 +68,46 @@ class Outline:
 
 
 def disc(radius: float) -> Outline:
-    """Return the outline of a disc; of a point for a radius of 0."""
+    """Return the outline of a disc, or of a point for a radius of 0."""
     return Outline(radius, 2 * radius)
 
 
 @dataclass(frozen=True)
 class Tracks:
-    """Of N bodies in T frames."""
+    """Tracks of N bodies in T frames."""
 
     name: str
     times: Array
     """(T,) s, evenly spaced."""
     names: tuple[str, ...]
     places: Array
-    """(T, N, 2) px, image axes: of the centre of mass or a point in its place; NaN if it is not visible."""
+    """(T, N, 2) px, image axes: centre of mass, or a point in its place; NaN for an
+    invisible body.
+    """
     angles: Array | None
-    """(T, N) rad, a positive one turns +x towards +y; None: not known, nor are pieces."""
+    """(T, N) rad, a positive one turns +x towards +y; None without known angles and
+    pieces.
+    """
     forms: tuple[Outline, ...]
     view: View
     noise_floor: float
-    """px: noise is never taken to be less."""
+    """Minimum noise, px."""
     source: str
     """The kind of the file, in words."""
     masses: Array | None = None
-    """(N,) in any unit; None: not known."""
+    """(N,) in any unit; None if unknown."""
     guided_bodies: frozenset[int] = frozenset()
-    """Moved by a hand, joints, wind, a script or pushes, or struck with spin: only jumps and overlap are asked."""
+    """Bodies under a hand, joints, wind, a script or pushes, or with an initial spin:
+    only questions about jumps and overlap apply.
+    """
     is_weightless: bool = False
-    """Whether gravity is known to be none, as in a scene that says so."""
+    """True for a scene without gravity."""
     passing_pairs: frozenset[tuple[int, int]] = frozenset()
-    """Bodies that pass through each other, the lesser first: their collision groups differ."""
+    """Pairs of bodies that pass through each other, the smaller index first: their
+    collision groups differ.
+    """
     bumped_bodies: frozenset[int] = frozenset()
-    """They meet a surface of an elasticity above 1, which gives them energy."""
+    """Bodies with contacts of an elasticity above 1, which adds energy."""
 
     @property
     def step(self) -> float:
@@ -108,7 +120,9 @@ class Tracks:
         return np.asarray(np.isfinite(self.places).all(axis=2))
 
     def hold(self, names: Sequence[str]) -> Tracks:
-        """Return the tracks with these bodies guided. Raise InputError for unknown names."""
+        """Return the tracks with these bodies guided. Raise InputError for
+        unknown names.
+        """
         if unknown_names := set(names) - set(self.names):
             raise Message.UNKNOWN_BODIES.error(
                 self.name,
@@ -122,7 +136,9 @@ class Tracks:
 def read(
     path: Path, fps: float | None = None, view: View = View.SIDE
 ) -> Iterator[Tracks]:
-    """Yield the tracks of every clip in a path; `fps` and `view` are those of tables. Raise InputError."""
+    """Yield the tracks of every clip in a path. `fps` and `view` belong to tables.
+    Raise InputError.
+    """
     from physgen.batch.clips import clip_folders
 
     ending = path.suffix.lower()
@@ -139,11 +155,11 @@ def read(
         raise Message.NOT_TRACKS.error(str(path))
 
 
-# ---- clips and scenes of physgen ---------------------------------------------------------------------------------
+# ---- clips and scenes of physgen
 
 
 def from_scene(path: Path, variant: str | None = None) -> Tracks:
-    """Return the tracks of a scene file, simulated at its video's frames."""
+    """Return the tracks of a scene file from a simulation at its video's frames."""
     from physgen import pipeline
 
     scene = pipeline.load(path, (), variant)
@@ -156,9 +172,10 @@ def from_scene(path: Path, variant: str | None = None) -> Tracks:
 
 
 def from_clip(folder: Path) -> Tracks:
-    """Return the tracks of a clip: its `trajectory.npz`, with outlines and pushes if its scene is unchanged.
+    """Return the tracks of a clip: its `trajectory.npz`, with outlines and pushes if
+    its scene is unchanged.
 
-    Raise InputError if the motion cannot be read.
+    Raise InputError for an unreadable motion.
     """
     from physgen.batch.clips import read_manifest
 
@@ -183,7 +200,9 @@ def from_clip(folder: Path) -> Tracks:
 
 
 def _read_motion(path: Path) -> tuple[Array, tuple[str, ...], Array]:
-    """Return times (T,) s, names and poses (T, N, 3) of a trajectory. Raise InputError."""
+    """Return times (T,) s, names and poses (T, N, 3) of a trajectory. Raise
+    InputError.
+    """
     try:
         with np.load(path, allow_pickle=False) as file:
             times, names, poses = (file[key] for key in ("times", "names", "poses"))
@@ -193,7 +212,7 @@ def _read_motion(path: Path) -> tuple[Array, tuple[str, ...], Array]:
 
 
 def _world_of_clip(folder: Path, manifest: Manifest) -> World | None:
-    """Return the world of a clip's scene; None if the scene is not there or has faults now."""
+    """Return the world of a clip's scene, or None for a missing or faulty scene."""
     from physgen import pipeline
 
     source = Path(folder.resolve(), manifest.source or "")
@@ -204,12 +223,15 @@ def _world_of_clip(folder: Path, manifest: Manifest) -> World | None:
             source, manifest.overrides, manifest.variant, allow_outside=True
         )
         return pipeline.compile(scene, pipeline.percepts(scene)).world
-    except InputError:  # the scene was changed since: its motion alone is judged
+    except InputError:
+        # The scene has changed: judge only its motion.
         return None
 
 
 def from_world(name: str, world: World, times: Array, poses: Array) -> Tracks:
-    """Return the tracks of a world's bodies; `poses` (T, N, 3) are those of a trajectory."""
+    """Return the tracks of a world's bodies; `poses` (T, N, 3) are those of a
+    trajectory.
+    """
     return Tracks(
         name=name,
         times=times,
@@ -229,7 +251,9 @@ def from_world(name: str, world: World, times: Array, poses: Array) -> Tracks:
 
 
 def _passing_pairs(world: World) -> frozenset[tuple[int, int]]:
-    """Return the pairs of bodies that their collision groups or one-way surfaces let pass."""
+    """Return the pairs that pass through each other, from collision groups or one-way
+    surfaces.
+    """
     found = []
     for pair in combinations(range(len(world.bodies)), 2):
         one, other = (world.bodies[k].passage for k in pair)
@@ -240,7 +264,7 @@ def _passing_pairs(world: World) -> frozenset[tuple[int, int]]:
 
 
 def _bumped_bodies(world: World) -> frozenset[int]:
-    """Return the bodies of which a pair with another body or a wall has an elasticity above 1."""
+    """Return the bodies with a pair elasticity above 1."""
     factors = [surface.elasticity for _, surface in world.surfaces]
     found = set()
     for k in range(len(world.bodies)):
@@ -261,7 +285,7 @@ def _outline(body: Body) -> Outline:
 
 
 def _guided_bodies(world: World) -> frozenset[int]:
-    """Return the bodies on which more acts than gravity and contacts."""
+    """Return the bodies under more than gravity and contacts."""
     bodies: set[int] = set()
     for k, body in enumerate(world.bodies):
         is_scripted = body.motion is not Motion.DYNAMIC
@@ -280,7 +304,9 @@ def _guided_bodies(world: World) -> frozenset[int]:
 
 
 def _has_extra_spin(body: Body) -> bool:
-    """Return whether a ball slips at its start: (wx, wy) rolls at (R wy, -R wx), signs as in `Body.roll`."""
+    """Return whether a ball slips at its start: (wx, wy) rolls at (R wy, -R
+    wx), signs as in `Body.roll`.
+    """
     if body.solid is not Solid.SPHERE or body.radius is None or not np.any(body.roll):
         return False
     roll_velocity = body.radius * np.array([-body.roll[1], body.roll[0]])
@@ -288,7 +314,7 @@ def _has_extra_spin(body: Body) -> bool:
     return not np.allclose(roll_velocity, body.velocity, rtol=0, atol=tolerance)
 
 
-# ---- tables ------------------------------------------------------------------------------------------------------
+# ---- tables
 
 RANGES = {
     "frame": (0.0, 1e6),
@@ -299,13 +325,14 @@ RANGES = {
 """Columns beside `name`, with their lowest and highest values: frames, px."""
 REQUIRED_COLUMNS = ("frame", "x", "y")
 MAX_LISTED_BODIES = 8
-"""Bodies that a message names."""
+"""Maximum number of bodies in a message."""
 
 
 def from_csv(path: Path, fps: float | None, view: View) -> Tracks:
     """Return the tracks of a table.
 
-    Raise InputError for missing columns and for cells that are not numbers, with their lines.
+    Raise InputError for missing columns and for cells without numbers, with their
+    lines.
     """
     lines = _read_lines(path)
     rows = [_parse_row(path, number, line) for number, line in enumerate(lines, 2)]
@@ -348,12 +375,14 @@ def from_csv(path: Path, fps: float | None, view: View) -> Tracks:
 
 
 def _disc_of(radii: Sequence[float]) -> Outline:
-    """Return a disc of the median radius; a point if no radius is known."""
+    """Return a disc of the median radius, or a point without a known radius."""
     return disc(float(np.median(radii or [0.0])))
 
 
 def _read_lines(path: Path) -> list[dict[str, str]]:
-    """Return the lines of a table by column. Raise InputError for a file that is not a table of tracks."""
+    """Return the lines of a table by column. Raise InputError for another
+    kind of file.
+    """
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.DictReader(file)
@@ -375,7 +404,9 @@ def _read_lines(path: Path) -> list[dict[str, str]]:
 
 
 def _parse_row(path: Path, number: int, line: dict[str, str]) -> dict[str, float]:
-    """Return the numbers of a line by column; a radius may be missing. Raise InputError for a wrong number."""
+    """Return the numbers of a line by column; a radius may be missing. Raise
+    InputError for a wrong number.
+    """
     values = {}
     for column, (low, high) in RANGES.items():
         cell = (line.get(column) or "").strip()
