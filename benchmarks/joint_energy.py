@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil, floor
 from pathlib import Path
@@ -113,6 +113,7 @@ def chart(left: float, title: str, curves: Mapping[str, Curve]) -> list[str]:
         return round(x, 1), round(y, 1)
 
     parts = [f'<text x="{left}" y="{TOP - 14}" fill="#222">{title}</text>']
+    parts += [_polyline(name, curve, place) for name, curve in curves.items()]
     for energy in ticks(low, high):
         x, y = place(0, energy)
         amount = f"{energy:g}".replace("-", "−")
@@ -123,12 +124,16 @@ def chart(left: float, title: str, curves: Mapping[str, Curve]) -> list[str]:
         x, y = place(time, low)
         label = f'<text x="{x}" y="{y + 18}" text-anchor="middle" fill="#444">'
         parts.append(f"{label}{time:g} s</text>")
-    for name, curve in curves.items():
-        points = zip(curve.times, curve.energy, strict=True)
-        line = " ".join("{},{}".format(*place(*point)) for point in points)
-        stroke = f'fill="none" stroke="{COLOURS[name]}" stroke-width="1.6"'
-        parts.append(f'<polyline points="{line}" {stroke}/>')
     return parts
+
+
+def _polyline(
+    name: str, curve: Curve, place: Callable[[float, float], tuple[float, float]]
+) -> str:
+    """Return a curve as an element of SVG, with the place of each sample in px."""
+    samples = zip(curve.times, curve.energy, strict=True)
+    line = " ".join("{},{}".format(*place(*sample)) for sample in samples)
+    return f'<polyline points="{line}" fill="none" stroke="{COLOURS[name]}"/>'
 
 
 def plot(charts: Sequence[tuple[str, Mapping[str, Curve]]]) -> str:

@@ -201,9 +201,9 @@ def _refine(rows: list[dict]) -> list[str]:
     return [
         *prose(
             "Tiny models of the real classes with random weights show which pixels must stay. They show no quality,",
-            f"which is not measured yet. {models[0]['frames']} frames of {small[0]} x {small[1]} px, 25 of 50 steps. Grey",
-            "levels by which frames differ, at most: all from the guidance, where all is object; the first from the",
-            "photo; a second run from the first; and on average another seed from it. All but the network, for",
+            f"which is not measured yet. {models[0]['frames']} frames of {small[0]} x {small[1]} px, 25 of 50 steps.",
+            "Grey levels by which frames differ, at most: all from the guidance, where all is object; the first from",
+            "the photo; a second run from the first; and on average another seed from it. All but the network, for",
             f"{ours['frames']} frames of {wide} x {high} px in 25 steps: {ours['cpu']:.1f} s of one core.",
         ),
         "",
