@@ -72,6 +72,19 @@ def board(rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
     return np.asarray((0.8 * is_edge)[..., None].repeat(3, axis=2))
 
 
+def mat(rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Return a dark mat with sharp edges under the object, as wide as the object."""
+    is_mat = (rows >= FOOT) & (rows < FOOT + 15) & (columns >= 110) & (columns < 210)
+    return np.asarray((0.8 * is_mat)[..., None].repeat(3, axis=2))
+
+
+def coaster(rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Return a flat ellipse below the object, with the blur of a lens at its edge."""
+    radius = np.hypot((rows - FOOT + 5) / 25, (columns - 160) / 70)
+    share = np.clip(0.5 + 12 * (1 - radius), 0, 1)
+    return np.asarray((0.6 * share)[..., None].repeat(3, axis=2))
+
+
 def distant(rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Return a painted spot that does not touch the object."""
     spot = (np.hypot(rows - FOOT - 30, columns - 160) < 8) * 0.8
@@ -94,7 +107,7 @@ def test_light_at_feet_is_removed(depth: Depth, channel: int) -> None:
     assert (clean[FOOT + 60 :] == rgb[FOOT + 60 :]).all()
 
 
-@pytest.mark.parametrize("depth", [nothing, carpet, board, distant])
+@pytest.mark.parametrize("depth", [nothing, carpet, board, mat, coaster, distant])
 def test_other_surfaces_stay(depth: Depth) -> None:
     rgb, labels, _ = drawing(depth)
     assert found(rgb, labels) is None
@@ -108,3 +121,27 @@ def test_mirrored_photos_have_mirrored_shade() -> None:
     assert mirrored is not None
     difference = shade[0].astype(int) - mirrored[0][:, ::-1]
     assert np.abs(difference).mean() < 0.2
+
+
+@pytest.mark.parametrize("gap", [12, 30])
+def test_order_of_objects_does_not_matter(gap: int) -> None:
+    labels = np.zeros((SIZE[1], SIZE[0]), np.uint16)
+    rows, columns = np.mgrid[: SIZE[1], : SIZE[0]].astype(np.float32)
+    light = np.full(labels.shape, 0.3)
+    for number, left in enumerate((155 - gap - 90, 155)):
+        labels[70:FOOT, left : left + 90] = number + 1
+        beside = np.exp(-(((columns - left - 45) / 60) ** 4))
+        reach = 9 + 3 * number
+        light *= np.exp(-0.7 * np.exp(-(((rows - FOOT) / reach) ** 2)) * beside)
+    light = np.where(labels > 0, 0.15, light)
+    rgb = encode_u8(np.repeat(light[..., None], 3, axis=2).astype(np.float32))
+    coverage = (labels > 0).astype(np.float32)
+    outlines = fit_outlines(labels, [1, 2])
+    items = [photo_object(number, outlines[number], "", SIZE) for number in (1, 2)]
+    result = find_foot_shade(rgb, coverage, labels, items)
+    swapped = find_foot_shade(rgb, coverage, labels, items[::-1])
+    assert result is not None
+    assert swapped is not None
+    assert set(np.unique(result[1])) == {0, 1, 2}
+    for picture, other in zip(result, swapped, strict=True):
+        assert np.array_equal(picture, other)
