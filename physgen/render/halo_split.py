@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from physgen.arrays import F32
 from physgen.geometry.shadows import Silhouette, floor_contact
-from physgen.render.foot_halos import FOOT_HALO, FootHalo
+from physgen.render.foot_halos import FOOT_HALO, FootHalo, Slices
 from physgen.render.sprites import Sprite
+
+TINY = 1e-9
+"""Linear light: less missing light is none."""
 
 
 def split_halos(
@@ -25,43 +29,92 @@ def split_halos(
     """Return the sprites of a side view with the floor's part of their halos apart.
 
     `tilt`: rise of a floor's point in the picture per px of distance. `behind`: linear
-    light of the background, (H, W, 3). `is_mirror`:
-    whether the background lacks mirror images, so that halos contain them.
+    light of the background, (H, W, 3). `is_mirror`: whether the background lacks
+    mirror images, so that halos contain them.
     """
-    result = []
-    for sprite, start in zip(sprites, starts, strict=True):
+    moving: dict[int, _Moving] = {}
+    for k, (sprite, start) in enumerate(zip(sprites, starts, strict=True)):
         contact = floor_contact(start, tilt)
         lift = FOOT_HALO.lift * start.coverage.shape[0]
         is_standing = contact is not None and contact.low < max(lift, 1)
-        if is_standing and sprite.halo is not None:
-            sprite = _split(sprite, start.ends, behind, is_mirror=is_mirror)
-        result.append(sprite)
+        part = _moving_part(sprite, start.ends, is_mirror) if is_standing else None
+        if part is not None:
+            moving[k] = part
+    # Shade multiplies the light of the next ground, and so keeps its grain. Where
+    # shades overlap, their product is the shade of the photo.
+    total_dark = np.zeros(behind.shape[:2], np.float32)
+    for part in moving.values():
+        total_dark[part.box] += part.dark
+    brightness = np.maximum(behind.mean(axis=2), FOOT_HALO.darkest)
+    total_left = np.maximum(
+        1 + total_dark / brightness, np.float32(np.exp(-FOOT_HALO.deepest))
+    )
+    result = list(sprites)
+    for k, part in moving.items():
+        dark = np.minimum(total_dark[part.box], np.float32(-TINY))
+        share = (part.dark / dark)[..., None]
+        left = total_left[part.box][..., None]
+        shade = np.repeat(-np.log(left) * share, 3, axis=2).astype(np.float32)
+        ends = starts[k].ends
+        foot_halo = FootHalo(part.corner, part.light, shade, ends, part.side)
+        # The halo keeps what shade and light do not explain: frame 0 is the photo.
+        removed_light = behind[part.box] * (1 - left) * share
+        rest = np.asarray(part.halo - part.light + removed_light, np.float32)
+        halo = (part.corner, rest, part.neighbours)
+        result[k] = replace(sprites[k], halo=halo, foot_halo=foot_halo)
     return result
 
 
-def _split(
-    sprite: Sprite, ends: tuple[float, float], behind: F32, *, is_mirror: bool
-) -> Sprite:
-    """Return a sprite with a foot halo, which its halo then lacks."""
-    assert sprite.halo is not None
+@dataclass(frozen=True)
+class _Moving:
+    """The moving light of one halo."""
+
+    corner: tuple[int, int]
+    """Column and row of the photo."""
+    halo: F32
+    """The whole halo, (h, w, 3)."""
+    neighbours: NDArray[np.int32]
+    light: F32
+    """Added light, (h, w, 3)."""
+    dark: F32
+    """Light that is missing, (h, w), at most 0."""
+    side: float
+    """Smaller side of the object, px."""
+
+    @property
+    def box(self) -> Slices:
+        """Return the rows and columns of the photo."""
+        x, y = self.corner
+        height, width = self.dark.shape
+        return np.s_[y : y + height, x : x + width]
+
+
+def _moving_part(
+    sprite: Sprite, ends: tuple[float, float], is_mirror: bool
+) -> _Moving | None:
+    """Return the part of a halo that moves with its object; None without any.
+
+    `ends`: columns of both ends of the floor, px.
+    """
+    if sprite.halo is None:
+        return None
     corner, halo, neighbours = sprite.halo
     weight = _floor_weight(sprite, corner, halo.shape[:2])
-    if weight is None or not weight.any():
-        return sprite
+    if weight is None:
+        return None
+    # Light beyond the floor stays: `FootHalo.moved` does not draw it there.
+    columns = corner[0] + np.arange(halo.shape[1])
+    weight = weight * ((columns >= ends[0]) & (columns <= ends[1]))
+    if not weight.any():
+        return None
     side = float(max(min(sprite.coverage.shape), 1))
     moving = _moving_light(halo, sprite.halo_reach, side, is_mirror=is_mirror)
     moving *= weight[..., None]
-    light = moving if is_mirror else np.maximum(moving, 0)
-    # Shade multiplies the light of the next ground, and so keeps its grain.
-    x, y = corner
-    ground = behind[y : y + halo.shape[0], x : x + halo.shape[1]]
-    dark = np.minimum(moving - light, 0).mean(axis=2, keepdims=True)
-    brightness = np.maximum(ground.mean(axis=2, keepdims=True), FOOT_HALO.darkest)
-    left = np.maximum(1 + dark / brightness, np.exp(-FOOT_HALO.deepest))
-    left = np.repeat(left, 3, axis=2).astype(np.float32)
-    foot_halo = FootHalo(corner, light, -np.log(left), ends, side)
-    rest = np.asarray(halo - light - ground * (left - 1), np.float32)
-    return replace(sprite, halo=(corner, rest, neighbours), foot_halo=foot_halo)
+    light = np.maximum(moving, 0)
+    if is_mirror:
+        light = moving
+    dark = np.minimum(moving - light, 0).mean(axis=2)
+    return _Moving(corner, halo, neighbours, light, np.asarray(dark, np.float32), side)
 
 
 def _moving_light(halo: F32, distance: F32, side: float, *, is_mirror: bool) -> F32:

@@ -124,8 +124,6 @@ class StagingTuning:
 
 
 STAGING = StagingTuning()
-GUESSED_LIGHT = "shading"
-"""Source of a light without visible shadows, in `from`: no shadow is explained."""
 
 
 def enlarged_world(
@@ -382,7 +380,12 @@ def lit_stage(
             silhouette(shadow_floors, picture, corner, center, actor, setting.tilt)
         )
     veils: list[F32 | None] = [None] * len(sprites)
-    if scene.render.shadows and maps.clean is not None:
+    clean, halo_reach = maps.clean, None
+    is_mirror = _has_mirrors_alone(maps)
+    if is_mirror and clean is not None:
+        # The difference consists of no shadows, and stays in the halos.
+        background, clean, halo_reach = clean, None, 1.0
+    if scene.render.shadows and clean is not None:
         # A clean picture exists, so shadows of this light are visible in the photo.
         actors, veils = _visible_veils(sprites, actors, starts, setting)
     if not setting.top:
@@ -402,11 +405,6 @@ def lit_stage(
     difference = cv2.absdiff(maps.rgb, background)
     is_equal = cv2.inRange(difference, (0, 0, 0), (0, 0, 0)) > 0
     is_changed = ~is_equal & (coverage == 0)
-    clean, halo_reach = maps.clean, None
-    is_guess = scene.light.provenance.startswith(GUESSED_LIGHT)
-    if is_guess and clean is not None:
-        # It lacks mirror images alone, which are no shadows: they stay in the halos.
-        background, clean, halo_reach = clean, None, 1.0
     lit, ghost_shadows = decompose_shadows(
         background, clean, coverage, starts, rounds, setting, ghosts, is_changed
     )
@@ -419,9 +417,8 @@ def lit_stage(
     if not setting.top:
         mirror = floor_mirror(sprites, starts, photo - behind, coverage, setting.tilt)
     sprites = anchored(sprites, photo, behind, absent, lit.owner, halo_reach)
-    is_soft = bool(scene.light.provenance) and _is_soft(setting.light)
-    if not setting.top and mirror is None and (is_guess or is_soft):
-        is_mirror = halo_reach is not None
+    has_loose_shade = clean is None or _is_soft(setting.light)
+    if not setting.top and mirror is None and has_loose_shade:
         sprites = split_halos(
             sprites, starts, setting.tilt, behind, is_mirror=is_mirror
         )
@@ -431,9 +428,19 @@ def lit_stage(
         lit,
         actors,
         shadow_floors,
-        None if maps.clean is None else veils,
+        None if clean is None else veils,
         mirror=mirror,
         contact_depth=contact_depth(scene),
+    )
+
+
+def _has_mirrors_alone(maps: Percepts) -> bool:
+    """Check whether the clean background lacks mirror images, but no shadows.
+
+    A map of shadows without any id says so; without a map, nothing is known.
+    """
+    return (
+        maps.clean is not None and maps.shadows is not None and not maps.shadows.any()
     )
 
 

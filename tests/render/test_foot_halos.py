@@ -7,9 +7,13 @@ import pytest
 
 from physgen.geometry.polygon import Pose
 from physgen.geometry.shadows import Silhouette
+from physgen.photometry import decode, encode_u8
 from physgen.render.foot_halos import FootHalo
+from physgen.render.frames import render_frames
 from physgen.render.halo_split import split_halos
-from physgen.render.sprites import MARGIN, Sprite
+from physgen.render.sprites import MARGIN, Sprite, anchored, cut_sprites
+from physgen.render.stage import Stage
+from physgen.simulate.trajectory import Contacts, Effort, Energy, Trajectory
 
 SIZE = (200, 160)
 """Width and height of the canvas, px."""
@@ -104,3 +108,91 @@ def test_only_mirrors_carry_light_at_the_outline() -> None:
 def test_objects_in_the_air_keep_their_halos() -> None:
     whole, sprite = standing(-0.2, floor=FOOT + 30.0)
     assert sprite is whole
+
+
+BLOCKS = [slice(50, 90), slice(96, 136)]
+"""Columns of two blocks whose shades overlap."""
+
+
+def two_blocks(
+    order: tuple[int, int], grain: float, is_mirror: bool
+) -> tuple[Stage, np.ndarray]:
+    """Return a stage and a photo with two blocks and light below both that the background lacks."""
+    rng = np.random.default_rng(3)
+    rows, columns = np.mgrid[: SIZE[1], : SIZE[0]]
+    ground = 0.4 * np.exp(rng.normal(0, grain, (SIZE[1], SIZE[0], 1)))
+    background = encode_u8(np.repeat(ground, 3, axis=2).astype(np.float32))
+    labels = np.zeros((SIZE[1], SIZE[0]), np.uint16)
+    depth = np.zeros(labels.shape)
+    for number, block in enumerate(BLOCKS, 1):
+        labels[60:FOOT, block] = number
+        middle = (block.start + block.stop) / 2
+        beside = np.exp(-(((columns - middle) / 32) ** 4))
+        depth += 0.8 * np.exp(-(((rows - FOOT) / 10) ** 2)) * beside * (rows >= 80)
+    visible = decode(background) * np.exp(-depth)[..., None] + 0.02 * (
+        rows[..., None] < 60
+    )
+    visible = np.where(labels[..., None] > 0, 0.2, visible)
+    photo = encode_u8(visible.astype(np.float32))
+    coverage = (labels > 0).astype(np.float32)
+    absent = np.zeros(labels.shape, np.bool_)
+    sprites = cut_sprites(
+        photo, labels, absent, coverage, background, dict.fromkeys(order, 0)
+    )
+    behind = decode(background)
+    sprites = anchored(sprites, decode(photo), behind, absent, reach=1.0)
+    starts = []
+    for sprite in sprites:
+        middle = (BLOCKS[sprite.body].start + BLOCKS[sprite.body].stop) / 2
+        starts.append(
+            Silhouette(
+                sprite.coverage,
+                sprite.corner,
+                (middle, 80.0),
+                None,
+                40.0,
+                FOOT - 0.5,
+                ends=(60.0, 150.0),
+            )
+        )
+    sprites = split_halos(sprites, starts, 0.1, behind, is_mirror=is_mirror)
+    return Stage(background, sprites), photo
+
+
+def resting() -> Trajectory:
+    """Return two bodies at rest."""
+    poses = np.array([[[69.5, 79.5, 0], [115.5, 79.5, 0]]])
+    none = Contacts(
+        (),
+        np.zeros((0, 2), np.int32),
+        np.zeros((0, 2)),
+        np.zeros((0, 3), np.int32),
+        np.zeros((0, 2)),
+    )
+    zero = np.zeros(1)
+    return Trajectory(
+        zero,
+        ("a", "b"),
+        poses,
+        np.zeros_like(poses),
+        np.zeros((1, 0, 2)),
+        np.zeros((1, 0, 4)),
+        none,
+        Energy(zero, zero, zero, zero),
+        Effort(1, 0, 0, 0, 0, 0.0),
+    )
+
+
+@pytest.mark.parametrize("is_mirror", [True, False])
+@pytest.mark.parametrize("grain", [0.0, 0.02])
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_the_first_frame_is_the_photo(
+    order: tuple[int, int], grain: float, is_mirror: bool
+) -> None:
+    stage, photo = two_blocks(order, grain, is_mirror)
+    shades = [foot_halo_of(sprite) for sprite in stage.sprites]
+    if not is_mirror:
+        # Both shade the ground between the blocks.
+        assert all(halo.shade.max() > 0.1 for halo in shades)
+    [frame] = render_frames(stage, resting())
+    assert np.array_equal(frame.rgb, photo)
