@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -40,6 +40,16 @@ def split_halos(
         part = _moving_part(sprite, start.ends, is_mirror) if is_standing else None
         if part is not None:
             moving[k] = part
+    return _apart(sprites, starts, moving, behind)
+
+
+def _apart(
+    sprites: Sequence[Sprite],
+    starts: Sequence[Silhouette],
+    moving: Mapping[int, _Moving],
+    behind: F32,
+) -> list[Sprite]:
+    """Return sprites with their `moving` light, by index, in foot halos."""
     # Shade multiplies the light of the next ground, and so keeps its grain. Where
     # shades overlap, their product is the shade of the photo.
     total_dark = np.zeros(behind.shape[:2], np.float32)
@@ -55,8 +65,7 @@ def split_halos(
         share = (part.dark / dark)[..., None]
         left = total_left[part.box][..., None]
         shade = np.repeat(-np.log(left) * share, 3, axis=2).astype(np.float32)
-        ends = starts[k].ends
-        foot_halo = FootHalo(part.corner, part.light, shade, ends, part.side)
+        foot_halo = FootHalo(part.corner, part.light, shade, starts[k].ends, part.side)
         # The halo keeps what shade and light do not explain: frame 0 is the photo.
         removed_light = behind[part.box] * (1 - left) * share
         rest = np.asarray(part.halo - part.light + removed_light, np.float32)
