@@ -114,10 +114,10 @@ BLOCKS = [slice(50, 90), slice(96, 136)]
 """Columns of two blocks whose shades overlap."""
 
 
-def two_blocks(
-    order: tuple[int, int], grain: float, is_mirror: bool
-) -> tuple[Stage, np.ndarray]:
-    """Return a stage and a photo with two blocks and light below both that the background lacks."""
+def drawing(grain: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return a photo of two blocks with light below both, its labels, and the
+    background without that light.
+    """
     rng = np.random.default_rng(3)
     rows, columns = np.mgrid[: SIZE[1], : SIZE[0]]
     ground = 0.4 * np.exp(rng.normal(0, grain, (SIZE[1], SIZE[0], 1)))
@@ -134,6 +134,14 @@ def two_blocks(
     )
     visible = np.where(labels[..., None] > 0, 0.2, visible)
     photo = encode_u8(visible.astype(np.float32))
+    return photo, labels, background
+
+
+def two_blocks(
+    order: tuple[int, int], grain: float, is_mirror: bool
+) -> tuple[Stage, np.ndarray]:
+    """Return a stage with two blocks, and the photo."""
+    photo, labels, background = drawing(grain)
     coverage = (labels > 0).astype(np.float32)
     absent = np.zeros(labels.shape, np.bool_)
     sprites = cut_sprites(
