@@ -155,8 +155,10 @@ class _Ground:
     """(h, w, 3): -log of the light relative to the ground below the foot."""
 
 
-def _shade_at_foot(background: Rgb, free: F32, own_mask: Mask) -> _FootShade | None:
-    """Return the shade at an object's foot, or None without any."""
+def _search_window(own_mask: Mask) -> tuple[Window, int, int]:
+    """Return the searched window around an object (H, W), the first row of its foot,
+    and the smaller side of its box, px.
+    """
     left, top, width, height = cv2.boundingRect(own_mask.astype(np.uint8))
     side = min(width, height)
     margin = round(2 * FOOT.reach * side)
@@ -165,6 +167,12 @@ def _shade_at_foot(background: Rgb, free: F32, own_mask: Mask) -> _FootShade | N
         slice(max(first - margin, 0), top + height + margin),
         slice(max(left - margin, 0), left + width + margin),
     )
+    return window, first, side
+
+
+def _shade_at_foot(background: Rgb, free: F32, own_mask: Mask) -> _FootShade | None:
+    """Return the shade at an object's foot, or None without any."""
+    window, first, side = _search_window(own_mask)
     foot = own_mask[window].copy()
     foot[: first - window[0].start] = False
     rows = np.arange(window[0].start, window[0].start + len(foot))
