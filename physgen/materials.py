@@ -230,6 +230,92 @@ def is_billiard_ball(label: str) -> bool:
     return kind(label).noun in PAINTED_BALLS
 
 
+OPEN_VESSELS = frozenset(
+    [
+        "mug",
+        "cup",
+        "espresso cup",
+        "paper cup",
+        "plastic cup",
+        "drinking glass",
+        "bowl",
+        "jug",
+        "milk jug",
+        "sugar bowl",
+        "vase",
+        "pot",
+        "jar",
+        "bucket",
+        "basket",
+        "flower pot",
+    ]
+)
+"""Nouns of upright vessels with an opening at their top."""
+CLOSED = re.compile(
+    r"\b(?:closed|sealed|corked|covered|lidded|inverted|overturned|upturned)\b"
+    r"|\bupside[ -]down\b|\bwith (?:a |an |its |the |\w+ )?(?:lid|cover|cap|cork)\b"
+    r"|\b(?:cup|mug|glass|bowl|jug|vase|pot|jar|bucket|basket)s? of\b"
+)
+"""Words for a vessel that is closed, full or the wrong way up."""
+
+
+def is_open_vessel(label: str) -> bool:
+    """Return whether a label names a vessel that is open without its lid.
+
+    >>> is_open_vessel("sugar bowl"), is_open_vessel("tin of tomatoes")
+    (True, False)
+    >>> is_open_vessel("jar with a lid"), is_open_vessel("upside-down cup")
+    (False, False)
+    """
+    is_closed = CLOSED.search(label.lower()[:LONGEST_LABEL]) is not None
+    return not is_closed and kind(label).noun in OPEN_VESSELS
+
+
+MIRROR = 0.6
+"""Gloss from which a bare metal mirrors its surroundings."""
+METAL_NOUNS = frozenset(["", "ball", "steel ball", "ball bearing"])
+"""Nouns of objects that are of bare metal if their label names a metal."""
+DULL = re.compile(
+    r"\b(?:painted|lacquered|enamell?ed|coated|anodi[sz]ed|brushed|matte?|rust(?:y|ed)"
+    r"|dull|patterned|striped)\b"
+)
+"""Words for metal that is no mirror."""
+
+
+def is_polished_metal(label: str) -> bool:
+    """Return whether a label names an object of polished, bare metal.
+
+    >>> is_polished_metal("brass ball"), is_polished_metal("iron ball"), is_polished_metal("marble")
+    (True, False, False)
+    >>> is_polished_metal("painted metal ball"), is_polished_metal("steel football")
+    (False, False)
+    """
+    metal_kind = kind(label)
+    is_dull = DULL.search(label.lower()[:LONGEST_LABEL]) is not None
+    material = metal_kind.material
+    is_mirror = material.density > METAL and material.gloss >= MIRROR
+    return is_mirror and metal_kind.noun in METAL_NOUNS and not is_dull
+
+
+BOOKS = frozenset(["book", "notebook"])
+"""Nouns of objects with pages between two covers."""
+
+
+def is_book(label: str) -> bool:
+    """Return whether a label names a book.
+
+    >>> is_book("old dictionary"), is_book("toaster")
+    (True, False)
+    """
+    return kind(label).noun in BOOKS
+
+
+def drawn_kinds(label: str) -> tuple[bool, ...]:
+    """Return all properties of a label that decide how its object is drawn."""
+    properties = (is_billiard_ball, is_open_vessel, is_polished_metal, is_book)
+    return tuple(has_property(label) for has_property in properties)
+
+
 def is_living(label: str) -> bool:
     """Return whether a label names a person or an animal, not a toy or a picture of one.
 

@@ -24,7 +24,7 @@ from physgen.geometry.polygon import (
     mass_properties,
     rotation,
 )
-from physgen.materials import is_billiard_ball
+from physgen.materials import drawn_kinds
 from physgen.scene.scene import (
     MAIN_GROUP,
     Auto,
@@ -568,7 +568,7 @@ def appearance(scene: Scene, world: World) -> tuple[object, ...]:
         (settings.view, settings.tilt, settings.backdrop),
         (render.relight, render.shadows, render.supersample, camera),
         render.contact_shade,
-        [(item.layer, is_billiard_ball(item.label)) for item in scene.objects],
+        [(item.layer, drawn_kinds(item.label)) for item in scene.objects],
         [item.shape.whole for item in scene.objects if isinstance(item.shape, Auto)],
         (world.size, world.view, bodies, [wall.chains for wall in world.walls]),
     )

@@ -317,7 +317,14 @@ def stage(scene: Scene, compiled: CompiledScene, maps: Percepts | None) -> Stage
             light_direction,
         )
         prepared_stage = lit_stage(
-            scene, world, sprites, maps, background, coverage, absent_pixels
+            scene,
+            world,
+            sprites,
+            maps,
+            background,
+            coverage,
+            absent_pixels,
+            compiled.labels,
         )
     return replace(prepared_stage, supersample=supersample, starts=start_poses)
 

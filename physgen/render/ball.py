@@ -153,16 +153,22 @@ def ball_from_photo(
     light: DistantLight,
     view: View,
     is_painted: bool = True,
+    is_mirror: bool = False,
 ) -> Ball:
     """Separate a ball into skin, gloss and shading.
 
     `colour` (h, w, 3) is its linear light on a box at `corner`. In the top view a ball
     turns its far side up; in the side view it turns in the picture, and its near side
     suffices. If `is_painted`, the far side has the pattern of billiard balls; otherwise
-    it continues the texture.
+    it continues the texture. If `is_mirror`, the ball shows only its surroundings, and
+    nothing on it turns.
     """
     normals = _Normals(*normals_within(colour.shape, corner, center, radius))
     inner_light = _carry_light_inwards(colour, corner, center, radius, normals)
+    if is_mirror:
+        no_gloss = np.zeros_like(colour)
+        ball = Ball(corner, center, radius, inner_light, no_gloss, light, inner_light)
+        return _with_one_colour(ball, colour, normals.inside)
     shine = _gloss(inner_light, *normals.parts, radius, light)
     trust = _measure_shading_strength(
         inner_light - shine, sphere_shading(light, *normals.parts), normals.inside
@@ -179,16 +185,21 @@ def ball_from_photo(
         has_pattern = view is View.TOP and is_painted
         ball, smooth_light = _with_paints(ball, paints, normals, use, has_pattern)
     if _plain(ball.skin, *normals.parts, normals.inside):
-        # A ball of one colour looks the same after any rotation: all unevenness is
-        # light,
-        # and stays.
-        median = np.median(ball.skin[normals.inside], axis=0)
-        skin = np.broadcast_to(median, ball.skin.shape).copy()
-        ball = replace(ball, skin=skin, pattern=None)
-        return replace(ball, gloss=colour - ball.skin * ball.lit)
+        return _with_one_colour(ball, colour, normals.inside)
     if view is View.TOP and not is_painted:
         ball = _without_highlights(ball, normals.inside)
     return replace(ball, fade=_rim_light(ball, colour, normals, smooth_light))
+
+
+def _with_one_colour(ball: Ball, colour: F32, inside: Mask) -> Ball:
+    """Return a ball of one colour.
+
+    It looks the same after any rotation: all unevenness is light, and stays.
+    """
+    median = np.median(ball.skin[inside], axis=0)
+    skin = np.broadcast_to(median, ball.skin.shape).copy()
+    ball = replace(ball, skin=skin, pattern=None)
+    return replace(ball, gloss=colour - ball.skin * ball.lit)
 
 
 def _carry_light_inwards(

@@ -841,14 +841,17 @@ def _add_block_sides(
     `others`: boxes and coverages of the other fronts.
     """
     coverage = picture.coverage
+    matrix = picture.where.matrix
+    assert matrix is not None
     side, shade = sides.drawn(coverage, picture.where.turn)
+    side, colours = sides.painted(side, shade, matrix, picture.where.turn)
     # The light of border pixels mixes front and side and is uncertain: give them to the
     # side.
     border_share = np.minimum(2 * side, coverage)
     front_share = np.asarray(1 - border_share / np.maximum(coverage, 1e-3), np.float32)
     light = cv2.multiply(picture.light, three_channels(front_share))
     side, coverage = side + border_share, coverage - border_share
-    side_light = np.broadcast_to(shade, side.shape).copy()
+    light_share = np.ones_like(side)
     blur = 2 * round(sides.depth) + 1
     for box, front in others:
         overlap = _overlap(picture.where.box, box)
@@ -862,10 +865,9 @@ def _add_block_sides(
             darkness = np.float32(CUT.side_hidden) * cv2.blur(
                 front_coverage, (blur, blur)
             )
-            side_light[block_part] *= 1 - darkness
-    side_light *= side
-    side_colours = cv2.merge([side_light * part for part in sides.colour])
-    picture.light = np.asarray(cv2.add(light, side_colours), np.float32)
+            light_share[block_part] *= 1 - darkness
+    colours *= (light_share * side)[..., None]
+    picture.light = np.asarray(cv2.add(light, colours), np.float32)
     picture.coverage = coverage + side
 
 

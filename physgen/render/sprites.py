@@ -25,6 +25,7 @@ from physgen.maps import F32, U8, U16
 from physgen.perceive.inpaint.poisson import dilate, harmonic_fill
 from physgen.photometry import DistantLight, decode
 from physgen.render.ball import Ball
+from physgen.render.block_tops import BlockTop
 from physgen.render.foot_halos import FootHalo
 from physgen.render.wheel_sprites import WheelSprite
 
@@ -74,6 +75,16 @@ class SpriteTuning:
     """Error in log light that a fill of shading may leave."""
     faces: float = 0.5
     """Cosine to the light above which a gap deprives a border of light."""
+    brightest: float = 2.0
+    """Largest light of a border pixel relative to that inside."""
+    stray: float = 0.03
+    """Linear light that a border pixel may have beyond that."""
+    leak: float = 2.0
+    """Light that a border may lose, relative to what its background lacks."""
+    unsure: float = 0.3
+    """Error of a border's coverage: the share of the light outside it may lose."""
+    gap_shade: float = 0.25
+    """Darkness in log light by which a gap beside a border shows."""
     seen: float = 0.2
     """Share of an object's mask that must be apart from others, so that pixels near
     others' rims can be left out of continuation.
@@ -219,11 +230,15 @@ class Sides:
     """Linear light of its top in the photo, (3,)."""
     light: DistantLight | None
     """Light on the sides; None: every side has the colour of the top."""
+    top: BlockTop | None = None
+    """The photo's own top, if it is not of one colour."""
 
     def share(self, turn: float) -> float:
         """Return the share 0..1 of the sides in place of the photo's top, after `turn`
         rad.
         """
+        if self.top is not None:
+            return float(turn != 0.0)
         share = min(abs(turn) / CUT.leans, 1.0)
         return share if share * self.depth >= 0.5 else 0.0
 
@@ -264,6 +279,25 @@ class Sides:
         shade = np.where(is_left_side, left, right) / max(top, 1e-3)
         return sides, np.maximum(shade, CUT.side_light).astype(np.float32)
 
+    def painted(
+        self, side: F32, shade: F32, matrix: NDArray[np.float64], turn: float
+    ) -> tuple[F32, F32]:
+        """Return the coverage (h, w) and the colours (h, w, 3) of drawn sides.
+
+        `side` and `shade` are those of `drawn`; `matrix` (2, 3) leads from the picture
+        to the sprite.
+        """
+        colours = np.empty((*side.shape, 3), np.float32)
+        colours[:] = shade[:, None] * self.colour
+        if self.top is None or not self.top.is_visible(turn):
+            return side, colours
+        colour, coverage = self.top.warp(matrix, side.shape, turn)
+        is_top = coverage > 0
+        colours[is_top] = colour[is_top]
+        # The covers rise above the pages: between them, the background is visible.
+        is_band = coverage.max(axis=0) > BAND
+        return np.where(is_band, np.minimum(side, coverage), side), colours
+
     def _face_light(self, angle: float) -> tuple[float, float, float]:
         """Return the light on the left and the right upper side of a rotated block, and
         on its top.
@@ -287,6 +321,31 @@ def _top_corner(block: F32, is_left: bool) -> int:
     return int(columns[0]) if is_left else int(columns[-1]) + 1
 
 
+@dataclass(frozen=True)
+class Gloss:
+    """Highlights of a round object, which move with it and do not turn."""
+
+    light: F32
+    """Linear light at the start, on the sprite's box, (h, w, 3)."""
+    center: tuple[float, float]
+    """Centre of rotation, px of the sprite."""
+
+    def drawn(self, matrix: NDArray[np.float64], size: tuple[int, int]) -> F32:
+        """Return the light (h, w, 3) on a picture of `size` (w, h).
+
+        `matrix` (2, 3) leads from the picture to the sprite.
+        """
+        to_picture = cv2.invertAffineTransform(matrix)
+        x, y = to_picture @ [*self.center, 1.0]
+        scale = float(np.sqrt(abs(np.linalg.det(to_picture[:, :2]))))
+        shift_x, shift_y = x - scale * self.center[0], y - scale * self.center[1]
+        move = np.array([[scale, 0.0, shift_x], [0.0, scale, shift_y]])
+        picture = cv2.warpAffine(self.light, move, size, flags=cv2.INTER_LINEAR)
+        return np.asarray(picture, np.float32)
+
+
+BAND = 0.9
+"""Coverage from which a column belongs to a book's top and not to its other side."""
 MARGIN = 2
 """Empty border of a sprite, px, so that interpolation fades to nothing."""
 
@@ -330,6 +389,13 @@ class Sprite:
     sides: Sides | None = None
     wheels: tuple[WheelSprite, ...] = ()
     """Wheels that turn on it."""
+    gloss: Gloss | None = None
+    """Its highlights, which do not turn with it."""
+
+    @property
+    def turning_light(self) -> F32:
+        """Return the linear light times coverage (h, w, 3) that turns with it."""
+        return self.light if self.gloss is None else self.light - self.gloss.light
 
     @cached_property
     def hull(self) -> list[tuple[float, float]]:
@@ -392,7 +458,7 @@ class Sprite:
         moves a picture exactly; OpenCV's own cubic (a = -0.75) is wrong by up to 0.05
         px.
         """
-        return double_resolution(np.dstack([self.light, self.coverage]))
+        return double_resolution(np.dstack([self.turning_light, self.coverage]))
 
     @cached_property
     def within(self) -> tuple[int, int, int, int]:
@@ -761,7 +827,11 @@ def _complete_hidden_part(
     edge = np.clip(2 * _blur_mask(object_mask) - 0.5, 0, 1)
     full_cover = np.maximum(alpha, np.minimum(edge, together))
     cover = np.where(zone, full_cover, alpha).astype(np.float32)
-    is_new = (zone | (mask & dilate(part.by, CUT.clean))) & ~is_reliable
+    is_new = zone | (mask & dilate(part.by, CUT.clean))
+    # The gap between two objects darkens more of their borders in places.
+    darkness = (filled_level - level).mean(axis=2)
+    is_new |= mask & dilate(part.by, CUT.clean + 1) & (darkness > CUT.gap_shade)
+    is_new &= ~is_reliable
     result = np.where(is_new[..., None], filling * cover[..., None], light)
     return np.asarray(result, np.float32), cover
 
@@ -1036,10 +1106,30 @@ def _foreground(
         ((1 + is_disc) * opacity - lowest_trust) / (full_trust - lowest_trust), 0, 1
     )
     trust = trust * np.clip(10 * share - 9, 0, 1)[..., None]
+    # A thread has no inside: the light of what it hangs on says nothing about it.
+    is_border = (alpha > 0) & (alpha < 1) & dilate(is_reliable, CUT.clean + 2)
+    most_light = opacity * (CUT.brightest * inner_light + np.float32(CUT.stray))
+    most_light = np.maximum(
+        most_light, own_light - _leak(photo, behind, alpha, is_border)
+    )
+    own_light[is_border] = np.minimum(own_light, most_light)[is_border]
     mixed_light = trust * own_light + (1 - trust) * opacity * inner_light
     light = np.where(opacity > 0, mixed_light, 0)
     least_light = gain[..., None] * opacity * inner_light
     return np.asarray(np.maximum(light, least_light), np.float32)
+
+
+def _leak(photo: F32, behind: F32, alpha: F32, border: Mask) -> F32:
+    """Return the light (h, w, 3) that a wrong background leaves in an object's border.
+
+    It is what the background behind the border lacks of the light just outside, of a
+    neighbour too, and light from outside that wrong coverage leaves. A rim brighter
+    than that is the object's own.
+    """
+    outside = _carried_light(photo, ~dilate(alpha > 0, 1), border)
+    lack = np.maximum(outside - behind, 0)
+    leak = CUT.leak * (1 - alpha[..., None]) * lack + CUT.unsure * outside
+    return np.asarray(leak, np.float32)
 
 
 def _carried_light(photo: F32, reliable: Mask, needed: Mask) -> F32:

@@ -175,6 +175,8 @@ def draw_sprite(sprite: Sprite, placement: Placement, fine: int = 1) -> tuple[F3
         ratio = sprite.relief.ratio(placement.turn)
         ratio = _warp_picture(ratio, matrix, fine_size, cv2.BORDER_REPLICATE)
         light *= three_channels(ratio)
+    if sprite.gloss is not None:
+        light += sprite.gloss.drawn(matrix, fine_size)
     for wheel, turn in zip(sprite.wheels, placement.wheel_turns, strict=False):
         wheel.draw(light, coverage, matrix, turn)
     if sprite.sides is not None and sprite.sides.share(placement.turn) > 0:

@@ -22,12 +22,21 @@ from physgen.geometry.polygon import Array, Disc, Outline, Region, Ring, bounds
 from physgen.geometry.raster import coverage_box
 from physgen.geometry.shadows import ShadowSetting, Silhouette, floor_contact
 from physgen.maps import U8, Percepts
-from physgen.materials import is_billiard_ball
+from physgen.materials import (
+    is_billiard_ball,
+    is_book,
+    is_open_vessel,
+    is_polished_metal,
+)
 from physgen.photometry import DistantLight, decode
 from physgen.render.ball import ball_from_photo, sphere_shading
 from physgen.render.ball_light import in_one_light
+from physgen.render.block_tops import TOPS, top_of_book
+from physgen.render.box_faces import with_closed_faces
 from physgen.render.contact_shade import contact_depth
 from physgen.render.halo_split import split_halos
+from physgen.render.hanging_ball import has_one_hue, without_eyelet
+from physgen.render.highlights import DiscPicture, shared_highlights
 from physgen.render.occlusion import (
     SUNK,
     ground_below,
@@ -40,6 +49,7 @@ from physgen.render.sprites import (
     CUT,
     MARGIN,
     MOST_RELIGHTING,
+    Gloss,
     Relief,
     Sides,
     Sprite,
@@ -47,6 +57,7 @@ from physgen.render.sprites import (
     relief_of,
 )
 from physgen.render.stage import Frame, Mirror, ShadowBody, Stage, three_channels
+from physgen.render.vessels import open_vessel, with_room_for_opening
 from physgen.render.wheel_sprites import drawn_wheel, wheel_from_photo
 from physgen.scene.scene import Scene, Solid, View
 
@@ -324,7 +335,10 @@ def _white(sprite: Sprite) -> Sprite:
             fade=None,
         )
     white_sides = sprite.sides and replace(
-        sprite.sides, colour=np.ones(3, np.float32), light=None
+        sprite.sides,
+        colour=np.ones(3, np.float32),
+        light=None,
+        top=sprite.sides.top and sprite.sides.top.white_copy(),
     )
     return replace(
         sprite,
@@ -334,6 +348,7 @@ def _white(sprite: Sprite) -> Sprite:
         foot_halo=None,
         ball=ball,
         relief=None,
+        gloss=None,
         sides=white_sides,
         wheels=(),
     )
@@ -354,15 +369,20 @@ def lit_stage(
     background: U8,
     coverage: F32,
     absent: Mask,
+    labels: U16,
 ) -> Stage:
     """Create the stage of a photo, with sprites that react to light and shadows.
 
     `background` (H, W, 3) sRGB with the objects' shadows; `coverage` (H, W) of all
-    objects, also of `absent` ones.
+    objects, also of `absent` ones; `labels` (H, W): id k + 1 is body k.
     """
     photo = decode(maps.rgb)
     sprites = [_on_wheels(sprite, world) for sprite in sprites]
+    sprites = _with_room_for_openings(scene, world, sprites, labels)
+    if world.view is not View.TOP:
+        sprites = _with_closed_faces(world, sprites, labels)
     if scene.light is None:
+        sprites = _with_openings(scene, world, sprites, labels)
         return Stage(background, anchored(sprites, photo, decode(background), absent))
     setting = _shadow_setting(scene, world)
     shadow_floors = _shadow_floors(world, maps, setting)
@@ -388,9 +408,16 @@ def lit_stage(
     if scene.render.shadows and clean is not None:
         # A clean picture exists, so shadows of this light are visible in the photo.
         actors, veils = _visible_veils(sprites, actors, starts, setting)
+    # Shadows in the photo are those of vessels with their lids on.
+    sprites = _with_openings(scene, world, sprites, labels)
     if not setting.top:
         sprites = [
-            _add_front_face(sprite, world.bodies[sprite.body], setting.light)
+            _add_front_face(
+                sprite,
+                world.bodies[sprite.body],
+                setting.light,
+                is_book(scene.objects[sprite.body].label),
+            )
             for sprite in sprites
         ]
     if scene.render.relight:
@@ -449,6 +476,59 @@ def _is_soft(light: DistantLight) -> bool:
     return light.intensity < STAGING.soft * light.ambient
 
 
+def _with_room_for_openings(
+    scene: Scene, world: World, sprites: Sequence[Sprite], labels: U16
+) -> list[Sprite]:
+    """Return the sprites; those of hidden vessels have room for their openings."""
+    tilt = tan(radians(scene.world.tilt))
+    result = []
+    for k, sprite in enumerate(sprites):
+        if _may_be_open(scene, world, sprite):
+            body, bodies = world.bodies[sprite.body], _bodies(sprites[k:])
+            sprite = with_room_for_opening(sprite, body, labels, tilt, bodies)
+        result.append(sprite)
+    return result
+
+
+def _with_openings(
+    scene: Scene, world: World, sprites: Sequence[Sprite], labels: U16
+) -> list[Sprite]:
+    """Return the sprites; vessels whose opening another object hides are open."""
+    tilt = tan(radians(scene.world.tilt))
+    result = []
+    for k, sprite in enumerate(sprites):
+        if _may_be_open(scene, world, sprite):
+            body = world.bodies[sprite.body]
+            sprite = open_vessel(sprite, body, labels, tilt, _bodies(sprites[k:]))
+        result.append(sprite)
+    return result
+
+
+def _with_closed_faces(
+    world: World, sprites: Sequence[Sprite], labels: U16
+) -> list[Sprite]:
+    """Return the sprites; faces of boxes behind other objects reach both ends."""
+    result = []
+    for k, sprite in enumerate(sprites):
+        body = world.bodies[sprite.body]
+        result.append(with_closed_faces(sprite, body, labels, _bodies(sprites[k:])))
+    return result
+
+
+def _bodies(sprites: Sequence[Sprite]) -> list[int]:
+    """Return the bodies of sprites.
+
+    Those drawn before a bowl may lie in it, and do not hide it.
+    """
+    return [sprite.body for sprite in sprites]
+
+
+def _may_be_open(scene: Scene, world: World, sprite: Sprite) -> bool:
+    """Check whether a sprite shows a vessel from the side."""
+    label = scene.objects[sprite.body].label
+    return world.view is not View.TOP and is_open_vessel(label)
+
+
 def _shadow_setting(scene: Scene, world: World) -> ShadowSetting:
     """Return the surroundings for shadows: light, floor and wall."""
     light = scene.light
@@ -488,7 +568,13 @@ def _split_balls(
             continue
         if world.view is View.TOP and not is_billiard_ball(label):
             lumpiness = STAGING.lumpy
-        parts += _parted(sprite, world.bodies[sprite.body], lumpiness)
+        body = world.bodies[sprite.body]
+        own_parts = _parted(sprite, body, lumpiness)
+        if len(own_parts) == 2 and is_polished_metal(label):
+            thread, ball = own_parts
+            bare_ball = without_eyelet(ball[0], thread[0], body)
+            own_parts = [thread, (bare_ball, False)]
+        parts += own_parts
     return parts
 
 
@@ -542,8 +628,8 @@ def _relit_sprites(
     for sprite, actor, veil in zip(sprites, actors, veils, strict=True):
         if actor.radius is not None:
             body = world.bodies[sprite.body]
-            is_painted = is_billiard_ball(scene.objects[sprite.body].label)
-            sprite = _add_sphere_skin(sprite, body, light, world.view, veil, is_painted)
+            label = scene.objects[sprite.body].label
+            sprite = _add_sphere_skin(sprite, body, light, world.view, veil, label)
         new_sprites.append(sprite)
     # Skins first, one by one; then balls of a set share their light.
     new_sprites = _in_one_light(new_sprites)
@@ -552,6 +638,7 @@ def _relit_sprites(
             _add_relief(sprite, maps.normals, light) for sprite in new_sprites
         ]
     elif is_top:
+        new_sprites = _part_highlights_of_discs(new_sprites, world)
         new_sprites = [
             _turned_disc(sprite, world.bodies[sprite.body]) for sprite in new_sprites
         ]
@@ -856,11 +943,14 @@ def _actor(sprite: Sprite, body: Body, loose: bool, top: bool) -> ShadowBody:
     return ShadowBody(body.radius if ball else None, thickness(body, top))
 
 
-def _add_front_face(sprite: Sprite, body: Body, light: DistantLight) -> Sprite:
+def _add_front_face(
+    sprite: Sprite, body: Body, light: DistantLight, has_pages: bool
+) -> Sprite:
     """Return the sprite with its `face`: the height of its picture below its shape.
 
     It counts only if the picture also reaches as far above the shape. A block with a
-    visible top also gets its `sides`.
+    visible top also gets its `sides`; one that may have pages (`has_pages`), the
+    photo's.
     """
     is_solid = sprite.coverage >= 0.5
     rows = np.flatnonzero(is_solid.any(axis=1))
@@ -880,8 +970,38 @@ def _add_front_face(sprite: Sprite, body: Body, light: DistantLight) -> Sprite:
     if not (has_four_corners and top.any() and is_level):
         return replace(sprite, face=face)
     colour = np.median(sprite.light[top], axis=0)
-    sides = Sides(first, STAGING.back * 2 * face, colour, light)
+    depth = STAGING.back * 2 * face
+    columns = _columns(sprite, body)
+    pages = None
+    if has_pages:
+        pages = top_of_book(sprite.light, sprite.coverage, first, columns, light)
+    if pages is not None:
+        first = pages.edge
+        depth = max(2 * face, first - rows[0])
+        colour = _cover_colour(sprite, first, columns)
+    sides = Sides(first, depth, colour, light, pages)
     return replace(sprite, face=face, sides=sides)
+
+
+def _columns(sprite: Sprite, body: Body) -> tuple[int, int]:
+    """Return the first and the last column of a body's shape, px of its sprite."""
+    x = np.concatenate(body.rings)[:, 0] + body.center[0] - sprite.corner[0]
+    return max(round(x.min()), 0), min(round(x.max()), sprite.coverage.shape[1] - 1)
+
+
+def _cover_colour(sprite: Sprite, first: float, columns: tuple[int, int]) -> F32:
+    """Return the linear light (3,) of a book's covers above the first row of
+    its front.
+    """
+    band = np.zeros_like(sprite.coverage, np.bool_)
+    left, right = columns
+    width = max(round(TOPS.cover * (right - left)), 1)
+    for start in (left, right + 1 - width):
+        band[: ceil(first), start : start + width] = True
+    is_cover = band & (sprite.coverage >= 1)
+    if not is_cover.any():
+        is_cover = sprite.coverage >= 1
+    return np.asarray(np.median(sprite.light[is_cover], axis=0), np.float32)
 
 
 def _is_lump(sprite: Sprite, body: Body) -> bool:
@@ -943,11 +1063,12 @@ def _add_sphere_skin(
     light: DistantLight,
     view: View,
     veil: F32 | None,
-    is_painted: bool,
+    label: str,
 ) -> Sprite:
     """Return a sphere's sprite with its skin.
 
-    `veil` (h, w): -log of the light that remains behind other objects.
+    `veil` (h, w): -log of the light that remains behind other objects; `label`: the
+    ball's noun.
     """
     assert body.radius is not None
     x, y = body.center.tolist()
@@ -958,7 +1079,14 @@ def _add_sphere_skin(
     if veil is not None:
         colour *= np.exp(veil)[..., None]
     ball = ball_from_photo(
-        colour, sprite.corner, (x, y), body.radius, light, view, is_painted
+        colour,
+        sprite.corner,
+        (x, y),
+        body.radius,
+        light,
+        view,
+        is_painted=is_billiard_ball(label),
+        is_mirror=is_polished_metal(label) and has_one_hue(sprite),
     )
     return replace(sprite, ball=ball)
 
@@ -1103,6 +1231,32 @@ def _edge_relief(toward: F32, across: F32) -> Relief:
     )
 
 
+def _part_highlights_of_discs(sprites: Sequence[Sprite], world: World) -> list[Sprite]:
+    """Return the sprites; discs of one size get the `gloss` of their set."""
+    groups: dict[int, list[int]] = {}
+    for k, sprite in enumerate(sprites):
+        body = world.bodies[sprite.body]
+        if body.radius is not None and body.solid is not Solid.SPHERE:
+            groups.setdefault(round(body.radius), []).append(k)
+    result = list(sprites)
+    for group in groups.values():
+        pictures = [_disc_picture(sprites[k], world) for k in group]
+        highlights = shared_highlights(pictures)
+        for k, picture, light in zip(group, pictures, highlights, strict=False):
+            if light.any():
+                gloss = Gloss(light, picture.center)
+                result[k] = replace(sprites[k], gloss=gloss)
+    return result
+
+
+def _disc_picture(sprite: Sprite, world: World) -> DiscPicture:
+    """Return the picture of a disc's sprite."""
+    body = world.bodies[sprite.body]
+    assert body.radius is not None
+    x, y = (body.center - sprite.corner).tolist()
+    return DiscPicture(sprite.light, sprite.coverage >= 1, (x, y), body.radius)
+
+
 def _turned_disc(sprite: Sprite, body: Body) -> Sprite:
     """Return a turning disc in the top view with light from a fixed direction.
 
@@ -1120,7 +1274,7 @@ def _turned_disc(sprite: Sprite, body: Body) -> Sprite:
     # brightness on each ring of 1 px: a + b cos(angle) + c sin(angle).
     rings = np.minimum(distance, max(body.radius - 2, 0)).astype(int)
     is_known = (sprite.coverage >= 1) & (distance < body.radius)
-    brightness = sprite.light.mean(axis=2)
+    brightness = sprite.turning_light.mean(axis=2)
     sums = []
     for term in (np.ones_like(cosine), 2 * cosine, 2 * sine):
         sums.append(

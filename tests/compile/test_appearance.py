@@ -7,10 +7,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from written import world
+from written import loaded, world
 
 from physgen import pipeline
-from physgen.compile.world import body_in_photo
+from physgen.compile.world import appearance, body_in_photo
 from physgen.export.correspondence import photo_view
 from physgen.render.stage import Frame
 
@@ -54,6 +54,19 @@ def test_to_put_it_is_to_write_its_corners_there(tmp_path: Path) -> None:
     )
     assert np.abs(one.poses[-1, 1] - one.poses[0, 1]).max() > 20
     np.testing.assert_allclose(one.poses, other.poses, atol=1e-5)
+
+
+def test_a_label_changes_what_an_object_looks_like(tmp_path: Path) -> None:
+    """Labels of one kind have one picture: a metal ball mirrors, a wooden one does not."""
+    scenes = [
+        loaded(tmp_path, SCENE % "", f"objects.ball.label={label}")
+        for label in ("wooden ball", "brass ball", "oak ball", "mug", "book")
+    ]
+    first, metal, other, mug, book = (
+        appearance(one, pipeline.compile(one, None).world) for one in scenes
+    )
+    assert str(first) == str(other)
+    assert len({str(one) for one in (first, metal, mug, book)}) == 4
 
 
 @pytest.fixture(scope="module")

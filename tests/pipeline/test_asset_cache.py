@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import shutil
 from dataclasses import dataclass, fields, replace
+from enum import Enum
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 import cv2
 import numpy as np
@@ -15,12 +16,15 @@ import pytest
 from physgen.maps import Percepts
 from physgen.pipeline import stages
 from physgen.pipeline.asset_cache import (
+    CLASSES,
     AssetCache,
     decode_value,
     encode_value,
     make_cache,
 )
 from physgen.pipeline.stages import Stages
+from physgen.render.sprites import Sprite
+from physgen.render.squash import Squashes
 from physgen.render.stage import Stage
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -169,6 +173,22 @@ def test_unknown_classes_are_not_encoded() -> None:
     for value in (Path(), {1, 2}, np.array([{}]), SimpleNamespace()):
         with pytest.raises(TypeError):
             encode_value(value, [])
+
+
+def classes_of(hint: Any) -> set[type]:
+    """Return the dataclasses and named tuples that values of a type are made of."""
+    inner = set().union(*map(classes_of, get_args(hint)))
+    if not isinstance(hint, type) or hint.__module__.partition(".")[0] != "physgen":
+        return inner
+    parts = get_type_hints(hint).values() if not issubclass(hint, Enum) else ()
+    return inner | {hint} | set().union(*map(classes_of, parts))
+
+
+def test_the_cache_knows_all_classes_of_a_stage() -> None:
+    # A film adds its impacts to the stage, and they are never cached.
+    needed = classes_of(Stage) - {Squashes}
+    assert Sprite in needed
+    assert {one.__name__: one for one in needed}.items() <= CLASSES.items()
 
 
 def test_shared_arrays_stay_shared() -> None:
