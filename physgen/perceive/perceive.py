@@ -309,7 +309,7 @@ def perceive(
         )
         backgrounds = filling.result()
         # Mirror images are removed last, from the filled background.
-        clean_background = backgrounds.clean
+        clean_background, owners = backgrounds.clean, shadows.owners
         if boundaries.view is View.SIDE:
             standing_ids = [t.id for t in objects if t.id not in boundaries.held]
             visible_background = (
@@ -318,12 +318,27 @@ def perceive(
             mirrorless = run.without_mirror_images(
                 visible_background, found.labels, coverage, standing_ids
             )
-            clean_background = clean_background if mirrorless is None else mirrorless
+            if mirrorless is not None:
+                owners = _owners_beside_mirrors(shadows, found.labels)
+                clean_background = mirrorless
         run.crew.release("inpaint")
         percepts = replace(
-            scene_draft.percepts, background=backgrounds.shaded, clean=clean_background
+            scene_draft.percepts,
+            background=backgrounds.shaded,
+            clean=clean_background,
+            shadows=owners,
         )
         return run.signed(replace(scene_draft, percepts=percepts))
+
+
+def _owners_beside_mirrors(shadows: Shadows, labels: Labels) -> Labels | None:
+    """Return the owners of shadows for a clean background without mirror images.
+
+    An empty map says that the background still contains its shadows.
+    """
+    if shadows.clean is None and shadows.owners is None:
+        return np.zeros_like(labels)
+    return shadows.owners
 
 
 def check_size(rgb: Rgb, file: str = "the photo") -> None:

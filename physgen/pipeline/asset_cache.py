@@ -30,6 +30,7 @@ from physgen.pipeline.cache_keys import CODE, code_version, key
 from physgen.render.ball import Ball
 from physgen.render.ball_patterns import Border, Pattern
 from physgen.render.block_tops import BlockTop
+from physgen.render.foot_halos import FootHalo
 from physgen.render.shadow_decomposition import CastShadow, LitBackground
 from physgen.render.sprites import Gloss, Relief, Sides, Sprite
 from physgen.render.stage import Mirror, ShadowBody, Stage
@@ -45,9 +46,9 @@ Range = tuple[float, float]
 CLASSES: Mapping[str, type] = {
     one.__name__: one
     for one in (
-        Ball, BlockTop, Border, CastShadow, DistantLight, Gloss, LitBackground, Mirror,
-        Pattern, Pose, Relief, ShadowBody, ShadowSetting, Sides, Silhouette, Sprite,
-        Stage, WheelSprite,
+        Ball, BlockTop, Border, CastShadow, DistantLight, FootHalo, Gloss,
+        LitBackground, Mirror, Pattern, Pose, Relief, ShadowBody, ShadowSetting, Sides,
+        Silhouette, Sprite, Stage, WheelSprite,
     )
 }  # fmt: skip
 """Classes of cached values, by name."""

@@ -44,6 +44,7 @@ from physgen.render.stage import (
     Stage,
     borders_left,
     draw_border,
+    draw_foot_halo,
     draw_halo,
     draw_sprite,
     enlarged_poses,
@@ -402,7 +403,7 @@ class _Painter:
         """Paint reflections and halos of objects below the objects; return the changed
         boxes.
         """
-        boxes = []
+        boxes = self._paint_foot_halos(pictures)
         shares = halos_left(self._stage.sprites, stands)
         for picture in pictures:
             reflection = _draw_floor_reflection(self._stage, picture, shares)
@@ -416,6 +417,23 @@ class _Painter:
                 self._shadows.add_border(self._canvas, *halo)
                 boxes.append(halo[0])
         return boxes
+
+    def _paint_foot_halos(self, pictures: Sequence[Picture]) -> list[Slices]:
+        """Paint contact shadows and mirror images that move with their objects; return
+        the changed boxes.
+        """
+        halos = []
+        for picture in pictures:
+            sprite = self._stage.sprites[picture.stand.k]
+            halo = draw_foot_halo(sprite, picture.stand, self.size)
+            if halo is not None:
+                halos.append(halo)
+        # All shade comes first: it dims the ground, not the light of others.
+        for box, factor, _ in halos:
+            self._canvas[box] *= factor
+        for box, _, light in halos:
+            self._canvas[box] += light
+        return [box for box, _, _ in halos]
 
     def _paint_objects(
         self,
@@ -794,6 +812,8 @@ def _flatten(stage: Stage, pictures: Sequence[Picture], time: float) -> None:
             continue
         box, picture.light, picture.coverage = flat
         picture.where = replace(picture.where, box=box)
+        # The photo's border pixels fit the round outline alone.
+        picture.rest = None
         picture.is_flat = True
 
 

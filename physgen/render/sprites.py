@@ -26,6 +26,7 @@ from physgen.perceive.inpaint.poisson import dilate, harmonic_fill
 from physgen.photometry import DistantLight, decode
 from physgen.render.ball import Ball
 from physgen.render.block_tops import BlockTop
+from physgen.render.foot_halos import FootHalo
 from physgen.render.wheel_sprites import WheelSprite
 
 MOST_RELIGHTING = 3.0
@@ -373,6 +374,8 @@ class Sprite:
     halo: tuple[tuple[int, int], F32, NDArray[np.int32]] | None = None
     """The same around the object: column and row of the photo, linear light (h, w, 3),
     and (h, w) 1 + another near body, with which the halo fades, too; 0 without one."""
+    foot_halo: FootHalo | None = None
+    """The part of the halo on the floor, which moves with the object."""
     ball: Ball | None = None
     """A sphere's skin, turning in space; `light` is then valid only at t = 0."""
     relief: Relief | None = None
@@ -890,14 +893,16 @@ def anchored(
     behind: F32,
     absent: Mask,
     owner: NDArray[np.int32] | None = None,
+    reach: float | None = None,
 ) -> list[Sprite]:
     """Return sprites with `rest` and `halo`, such that the frame at t = 0 equals the
     photo.
 
     `behind` (H, W, 3) linear is the background. A pixel's rest belongs to the object
     that shows most there; outside all objects, to its `owner` (H, W), 1 + an index, or
-    for 0 to the nearest object.
+    for 0 to the nearest object, up to `reach` shares of the photo's longer side.
     """
+    reach = CUT.halo if reach is None else reach
     height, width = behind.shape[:2]
     boxes = [_SpriteBox.of(sprite) for sprite in sprites]
     # Draw all sprites over the background as in the first frame. The difference to the
@@ -910,7 +915,7 @@ def anchored(
     # Light at absent objects belongs to them, and vanishes with them.
     if absent.any():
         rest[_blur_mask(absent) > CUT.least] = 0.0
-    near_numbers = _nearest(top, absent, round(CUT.halo * max(height, width)))
+    near_numbers = _nearest(top, absent, round(reach * max(height, width)))
     if owner is not None:
         near_numbers = np.where(owner > 0, owner, near_numbers)
     largest = np.maximum.reduce(cv2.split(np.abs(rest)))

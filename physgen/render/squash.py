@@ -130,10 +130,21 @@ def _share(world: World, body: Body, change: float, softness: float) -> float:
         return 0.0
     # An elastic bounce turns the speed round.
     speed = change / 2 / world.pixels_per_meter
-    radius = (body.radius or body.size / 2) / world.pixels_per_meter
+    radius = _radius(body) / world.pixels_per_meter
     pressed = SQUASH.hertz * body.mass / GRAMS * speed**2 * softness
     share = float((pressed / radius**3) ** 0.4) / 2
     return min(share, SQUASH.most)
+
+
+def _radius(body: Body) -> float:
+    """Return the radius of a body, or of the disc with its area, px.
+
+    Its size is that of its thinnest limb, which may be a tip of the outline.
+    """
+    if body.radius is not None:
+        return body.radius
+    pieces = [piece.astype(np.float32) for piece in body.pieces]
+    return float(np.sqrt(sum(map(cv2.contourArea, pieces)) / np.pi))
 
 
 def _of_frames(

@@ -316,6 +316,20 @@ def draw_halo(
     return box, picture * three_channels(pixel_shares)
 
 
+def draw_foot_halo(
+    sprite: Sprite, stand: SpritePose, size: tuple[int, int]
+) -> tuple[Slices, F32, F32] | None:
+    """Draw the part of a halo that moves with its object on a canvas of `size` (W, H):
+    a box, a factor and added light (h, w, 3); None without any.
+    """
+    if sprite.foot_halo is None or stand.where is None:
+        return None
+    turn = stand.pose.angle - stand.start.angle
+    if sprite.ball is not None:
+        turn = 0.0  # the picture of a ball never turns
+    return sprite.foot_halo.moved(stand.start, stand.pose, turn, size)
+
+
 def sprite_coverage(sprite: Sprite, placement: Placement) -> F32:
     """Return (h, w) the coverage of `draw_sprite` alone."""
     if placement.own is not None:

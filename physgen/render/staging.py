@@ -34,6 +34,7 @@ from physgen.render.ball_light import in_one_light
 from physgen.render.block_tops import TOPS, top_of_book
 from physgen.render.box_faces import with_closed_faces
 from physgen.render.contact_shade import contact_depth
+from physgen.render.halo_split import split_halos
 from physgen.render.hanging_ball import has_one_hue, without_eyelet
 from physgen.render.highlights import DiscPicture, shared_highlights
 from physgen.render.occlusion import (
@@ -127,6 +128,8 @@ class StagingTuning:
     """Rows of these that objects' blurred rims and contact shadows may disturb, px."""
     alike: float = 0.7
     """Correlation with the upside-down object above which a floor mirrors it."""
+    soft: float = 0.1
+    """Direct over ambient light below which a light is soft."""
     joined: float = 9.0
     """Gap between two boundaries of one floor, px."""
 
@@ -342,6 +345,7 @@ def _white(sprite: Sprite) -> Sprite:
         light=three_channels(sprite.coverage),
         rest=None,
         halo=None,
+        foot_halo=None,
         ball=ball,
         relief=None,
         gloss=None,
@@ -396,7 +400,12 @@ def lit_stage(
             silhouette(shadow_floors, picture, corner, center, actor, setting.tilt)
         )
     veils: list[F32 | None] = [None] * len(sprites)
-    if scene.render.shadows and maps.clean is not None:
+    clean, halo_reach = maps.clean, None
+    is_mirror = _has_mirrors_alone(maps)
+    if is_mirror and clean is not None:
+        # The difference consists of no shadows, and stays in the halos.
+        background, clean, halo_reach = clean, None, 1.0
+    if scene.render.shadows and clean is not None:
         # A clean picture exists, so shadows of this light are visible in the photo.
         actors, veils = _visible_veils(sprites, actors, starts, setting)
     # Shadows in the photo are those of vessels with their lids on.
@@ -424,7 +433,7 @@ def lit_stage(
     is_equal = cv2.inRange(difference, (0, 0, 0), (0, 0, 0)) > 0
     is_changed = ~is_equal & (coverage == 0)
     lit, ghost_shadows = decompose_shadows(
-        background, maps.clean, coverage, starts, rounds, setting, ghosts, is_changed
+        background, clean, coverage, starts, rounds, setting, ghosts, is_changed
     )
     if ghost_shadows is not None:
         # Remove the shadows of left-out objects from the photo, too.
@@ -434,16 +443,37 @@ def lit_stage(
     mirror = None
     if not setting.top:
         mirror = floor_mirror(sprites, starts, photo - behind, coverage, setting.tilt)
+    sprites = anchored(sprites, photo, behind, absent, lit.owner, halo_reach)
+    has_loose_shade = clean is None or _is_soft(setting.light)
+    if not setting.top and mirror is None and has_loose_shade:
+        sprites = split_halos(
+            sprites, starts, setting.tilt, behind, is_mirror=is_mirror
+        )
     return Stage(
         background,
-        anchored(sprites, photo, behind, absent, lit.owner),
+        sprites,
         lit,
         actors,
         shadow_floors,
-        None if maps.clean is None else veils,
+        None if clean is None else veils,
         mirror=mirror,
         contact_depth=contact_depth(scene),
     )
+
+
+def _has_mirrors_alone(maps: Percepts) -> bool:
+    """Check whether the clean background lacks mirror images, but no shadows.
+
+    A map of shadows without any id says so; without a map, nothing is known.
+    """
+    return (
+        maps.clean is not None and maps.shadows is not None and not maps.shadows.any()
+    )
+
+
+def _is_soft(light: DistantLight) -> bool:
+    """Check whether a light has hardly a direction: geometry predicts few shadows."""
+    return light.intensity < STAGING.soft * light.ambient
 
 
 def _with_room_for_openings(

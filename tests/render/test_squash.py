@@ -71,6 +71,39 @@ def test_hard_objects_stay_round(tmp_path: Path, label: str) -> None:
     assert not _squashes(_film(tmp_path, label))
 
 
+SPIKE = """\
+physgen: 1
+size: [400, 240]
+world: {pixels_per_meter: 1400, duration: 0.5}
+objects:
+  toy:
+    label: toy
+    shape:
+      polygons:
+        - outline: [[50, 100], [150, 100], [150, 101], [170, 101], [150, 102],
+                    [150, 190], [50, 190]]
+    velocity: [1 m/s, 0]
+    friction: 0
+boundaries:
+  floor: {segment: [[0, 190], [400, 190]]}
+  stop: {segment: [[250, 0], [250, 240]], elasticity: 0.5}
+render: {squash: true}
+"""
+
+
+def test_thin_parts_do_not_soften_objects(tmp_path: Path) -> None:
+    path = tmp_path / "scene.yaml"
+    path.write_text(SPIKE)
+    stages = Stages(Keep.NOTHING)
+    scene = pipeline.load(path)
+    world = stages.compile(scene, stages.maps(scene)).world
+    assert world.bodies[0].size < 2
+    motion = simulate(world)
+    # The toy of hard plastic meets the stop and bounces.
+    assert motion.velocities[:, 0, 0].min() < 0
+    assert not any(map(find_squashes(world, ["toy"], motion).find, motion.times))
+
+
 def _extents(film: Film, frame: int) -> tuple[int, int, int]:
     """Return width, height and lowest row of the ball."""
     trajectory = film.simulated(lambda *_: None)

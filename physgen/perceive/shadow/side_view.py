@@ -23,6 +23,7 @@ from physgen.perceive.roles import (
     Shadows,
 )
 from physgen.perceive.shadow.ambient_shade import find_ambient_shade
+from physgen.perceive.shadow.foot_shade import find_foot_shade
 from physgen.perceive.shadow.reduced import ReducedPhoto, reduce_photo, restore_size
 from physgen.perceive.shadow.shadow_fit import (
     COARSE,
@@ -174,9 +175,14 @@ def side_view_shadows(
         shade = find_smooth_shade(background, coverage, labels, objects)
     if shade is not None:
         return _soft_light(*shade, guess, boundaries.tilt)
-    return restore_size(
+    shadows = restore_size(
         _reduced_shadows(photo, guess), reduced_photo, background, coverage
     )
+    if shadows.clean is None:
+        shade = find_foot_shade(background, coverage, labels, objects)
+    if shade is not None:
+        return _soft_light(*shade, guess, boundaries.tilt)
+    return shadows
 
 
 def _reduced_shadows(photo: _Photo, guess: LightGuess) -> Shadows:

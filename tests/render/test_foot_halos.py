@@ -1,0 +1,206 @@
+"""Light on the floor moves with its object; light elsewhere stays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from physgen.geometry.polygon import Pose
+from physgen.geometry.shadows import Silhouette
+from physgen.photometry import decode, encode_u8
+from physgen.render.foot_halos import FootHalo
+from physgen.render.frames import render_frames
+from physgen.render.halo_split import split_halos
+from physgen.render.sprites import MARGIN, Sprite, anchored, cut_sprites
+from physgen.render.stage import Stage
+from physgen.simulate.trajectory import Contacts, Effort, Energy, Trajectory
+
+SIZE = (200, 160)
+"""Width and height of the canvas, px."""
+FOOT = 100
+"""Row below the lowest one of the object."""
+GROUND = np.full((SIZE[1], SIZE[0], 3), 0.5, np.float32)
+START = Pose(90.0, 80.0, 0.0)
+
+
+def standing(
+    light: float, *, is_mirror: bool = False, floor: float = FOOT - 0.5
+) -> tuple[Sprite, Sprite]:
+    """Return a block with a strip of `light` below its foot and one of 0.3 above its
+    top, before and after its halo is split.
+    """
+    coverage = np.zeros((60 + 2 * MARGIN, 40 + 2 * MARGIN), np.float32)
+    coverage[MARGIN:-MARGIN, MARGIN:-MARGIN] = 1
+    corner = (70 - MARGIN, 40 - MARGIN)
+    halo = np.zeros((SIZE[1], SIZE[0], 3), np.float32)
+    halo[FOOT : FOOT + 12, 70:110] = light
+    halo[32:40, 70:110] = 0.3
+    near = np.zeros(halo.shape[:2], np.int32)
+    picture = 0.5 * coverage[..., None].repeat(3, axis=2)
+    sprite = Sprite(0, corner, picture, coverage, halo=((0, 0), halo, near))
+    start = Silhouette(
+        coverage, corner, (90.0, 70.0), None, 40.0, floor, ends=(0.0, 150.0)
+    )
+    split = split_halos([sprite], [start], 0.1, GROUND, is_mirror=is_mirror)
+    return sprite, split[0]
+
+
+def foot_halo_of(sprite: Sprite) -> FootHalo:
+    assert sprite.foot_halo is not None
+    return sprite.foot_halo
+
+
+@pytest.mark.parametrize("is_mirror", [True, False])
+def test_both_parts_are_the_whole_halo(is_mirror: bool) -> None:
+    whole, sprite = standing(-0.2, is_mirror=is_mirror)
+    assert whole.halo is not None
+    assert sprite.halo is not None
+    foot_halo = foot_halo_of(sprite)
+    total = GROUND * np.exp(-foot_halo.shade) + foot_halo.light + sprite.halo[1]
+    assert total == pytest.approx(GROUND + whole.halo[1], abs=1e-6)
+    # What is above the object stays.
+    assert not foot_halo.light[:60].any()
+    assert not foot_halo.shade[:60].any()
+
+
+def drawn(foot_halo: FootHalo, pose: Pose) -> np.ndarray:
+    """Return the change of the ground at a pose, (H, W, 3)."""
+    moved = foot_halo.moved(START, pose, 0.0, SIZE)
+    assert moved is not None
+    place, factor, light = moved
+    canvas = GROUND.copy()
+    canvas[place] = canvas[place] * factor + light
+    return np.asarray(canvas - GROUND)
+
+
+def test_a_contact_shadow_moves_along_the_floor() -> None:
+    foot_halo = foot_halo_of(standing(-0.2)[1])
+    canvas = drawn(foot_halo, START._replace(x=115.0))
+    columns = np.arange(SIZE[0])
+    weight = -canvas[FOOT + 1 : FOOT + 4].sum(axis=(0, 2))
+    assert weight @ columns / weight.sum() == pytest.approx(89.5 + 25, abs=0.3)
+    # It is as dark as in the photo at the outline, and fades away from it.
+    depths = canvas[FOOT : FOOT + 8, 105:125].mean(axis=(1, 2))
+    assert -0.2 <= depths[0] < -0.16
+    assert (np.diff(depths) > 0).all()
+
+
+def test_it_vanishes_if_the_object_leaves_the_floor() -> None:
+    foot_halo = foot_halo_of(standing(-0.2)[1])
+    assert foot_halo.moved(START, START._replace(y=40.0), 0.0, SIZE) is None
+    assert foot_halo.moved(START, START, 1.0, SIZE) is None
+
+
+def test_it_ends_at_the_end_of_the_floor() -> None:
+    foot_halo = foot_halo_of(standing(-0.2)[1])
+    canvas = drawn(foot_halo, START._replace(x=140.0))
+    assert not canvas[:, 151:].any()
+    assert canvas[:, :151].min() < -0.1
+
+
+def test_only_mirrors_carry_light_at_the_outline() -> None:
+    strip = np.s_[FOOT : FOOT + 2, 80:100]
+    assert foot_halo_of(standing(0.2, is_mirror=True)[1]).light[strip].min() > 0.15
+    carried = standing(0.2)[1].foot_halo
+    assert carried is None or carried.light[strip].max() < 0.05
+
+
+def test_objects_in_the_air_keep_their_halos() -> None:
+    whole, sprite = standing(-0.2, floor=FOOT + 30.0)
+    assert sprite is whole
+
+
+BLOCKS = [slice(50, 90), slice(96, 136)]
+"""Columns of two blocks whose shades overlap."""
+
+
+def drawing(grain: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return a photo of two blocks with light below both, its labels, and the
+    background without that light.
+    """
+    rng = np.random.default_rng(3)
+    rows, columns = np.mgrid[: SIZE[1], : SIZE[0]]
+    ground = 0.4 * np.exp(rng.normal(0, grain, (SIZE[1], SIZE[0], 1)))
+    background = encode_u8(np.repeat(ground, 3, axis=2).astype(np.float32))
+    labels = np.zeros((SIZE[1], SIZE[0]), np.uint16)
+    depth = np.zeros(labels.shape)
+    for number, block in enumerate(BLOCKS, 1):
+        labels[60:FOOT, block] = number
+        middle = (block.start + block.stop) / 2
+        beside = np.exp(-(((columns - middle) / 32) ** 4))
+        depth += 0.8 * np.exp(-(((rows - FOOT) / 10) ** 2)) * beside * (rows >= 80)
+    visible = decode(background) * np.exp(-depth)[..., None] + 0.02 * (
+        rows[..., None] < 60
+    )
+    visible = np.where(labels[..., None] > 0, 0.2, visible)
+    photo = encode_u8(visible.astype(np.float32))
+    return photo, labels, background
+
+
+def two_blocks(
+    order: tuple[int, int], grain: float, is_mirror: bool
+) -> tuple[Stage, np.ndarray]:
+    """Return a stage with two blocks, and the photo."""
+    photo, labels, background = drawing(grain)
+    coverage = (labels > 0).astype(np.float32)
+    absent = np.zeros(labels.shape, np.bool_)
+    sprites = cut_sprites(
+        photo, labels, absent, coverage, background, dict.fromkeys(order, 0)
+    )
+    behind = decode(background)
+    sprites = anchored(sprites, decode(photo), behind, absent, reach=1.0)
+    starts = []
+    for sprite in sprites:
+        middle = (BLOCKS[sprite.body].start + BLOCKS[sprite.body].stop) / 2
+        starts.append(
+            Silhouette(
+                sprite.coverage,
+                sprite.corner,
+                (middle, 80.0),
+                None,
+                40.0,
+                FOOT - 0.5,
+                ends=(60.0, 150.0),
+            )
+        )
+    sprites = split_halos(sprites, starts, 0.1, behind, is_mirror=is_mirror)
+    return Stage(background, sprites), photo
+
+
+def resting() -> Trajectory:
+    """Return two bodies at rest."""
+    poses = np.array([[[69.5, 79.5, 0], [115.5, 79.5, 0]]])
+    none = Contacts(
+        (),
+        np.zeros((0, 2), np.int32),
+        np.zeros((0, 2)),
+        np.zeros((0, 3), np.int32),
+        np.zeros((0, 2)),
+    )
+    zero = np.zeros(1)
+    return Trajectory(
+        zero,
+        ("a", "b"),
+        poses,
+        np.zeros_like(poses),
+        np.zeros((1, 0, 2)),
+        np.zeros((1, 0, 4)),
+        none,
+        Energy(zero, zero, zero, zero),
+        Effort(1, 0, 0, 0, 0, 0.0),
+    )
+
+
+@pytest.mark.parametrize("is_mirror", [True, False])
+@pytest.mark.parametrize("grain", [0.0, 0.02])
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_the_first_frame_is_the_photo(
+    order: tuple[int, int], grain: float, is_mirror: bool
+) -> None:
+    stage, photo = two_blocks(order, grain, is_mirror)
+    shades = [foot_halo_of(sprite) for sprite in stage.sprites]
+    if not is_mirror:
+        # Both shade the ground between the blocks.
+        assert all(halo.shade.max() > 0.1 for halo in shades)
+    [frame] = render_frames(stage, resting())
+    assert np.array_equal(frame.rgb, photo)
