@@ -308,19 +308,13 @@ def perceive(
             )
         )
         backgrounds = filling.result()
-        # Mirror images are removed last, from the filled background.
         clean_background, owners = backgrounds.clean, shadows.owners
         if boundaries.view is View.SIDE:
+            # Mirror images are removed last, from the filled background.
             standing_ids = [t.id for t in objects if t.id not in boundaries.held]
-            visible_background = (
-                backgrounds.shaded if clean_background is None else clean_background
+            clean_background, owners = run.without_mirror_images(
+                backgrounds, shadows, found.labels, coverage, standing_ids
             )
-            mirrorless = run.without_mirror_images(
-                visible_background, found.labels, coverage, standing_ids
-            )
-            if mirrorless is not None:
-                owners = _owners_beside_mirrors(shadows, found.labels)
-                clean_background = mirrorless
         run.crew.release("inpaint")
         percepts = replace(
             scene_draft.percepts,
@@ -408,13 +402,26 @@ class _Run:
         return replace(backgrounds, clean=clean_background)
 
     def without_mirror_images(
-        self, clean: Rgb, labels: Labels, coverage: F32, ids: Sequence[int]
-    ) -> Rgb | None:
-        """Return a background without mirror images of objects, or None if it has
-        none.
+        self,
+        backgrounds: Backgrounds,
+        shadows: Shadows,
+        labels: Labels,
+        coverage: F32,
+        ids: Sequence[int],
+    ) -> tuple[Rgb | None, Labels | None]:
+        """Return the clean background without mirror images of objects, and the owners
+        of its shadows.
+
+        Without mirror images in the photo, both stay as they are.
         """
         inpaint = partial(self.crew.call, "inpaint")
-        return remove_mirror_images(self.rgb, clean, labels, coverage, ids, inpaint)
+        visible = backgrounds.shaded if backgrounds.clean is None else backgrounds.clean
+        mirrorless = remove_mirror_images(
+            self.rgb, visible, labels, coverage, ids, inpaint
+        )
+        if mirrorless is None:
+            return backgrounds.clean, shadows.owners
+        return mirrorless, _owners_beside_mirrors(shadows, labels)
 
     def detect(self, nouns: Sequence[str]) -> tuple[Detections, Scenery | None]:
         """Segment the photo into detections and scenery."""
