@@ -828,9 +828,11 @@ def _complete_hidden_part(
     full_cover = np.maximum(alpha, np.minimum(edge, together))
     cover = np.where(zone, full_cover, alpha).astype(np.float32)
     is_new = zone | (mask & dilate(part.by, CUT.clean))
-    # The gap between two objects darkens more of their borders in places.
-    darkness = (filled_level - level).mean(axis=2)
-    is_new |= mask & dilate(part.by, CUT.clean + 1) & (darkness > CUT.gap_shade)
+    if not is_disc:
+        # The gap between two objects darkens more of their borders in places. Stripes
+        # of a ball may end at its border: they are no shade.
+        darkness = (filled_level - level).mean(axis=2)
+        is_new |= mask & dilate(part.by, CUT.clean + 1) & (darkness > CUT.gap_shade)
     is_new &= ~is_reliable
     result = np.where(is_new[..., None], filling * cover[..., None], light)
     return np.asarray(result, np.float32), cover
