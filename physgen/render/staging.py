@@ -7,7 +7,7 @@ and size as in the frames.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import ceil, inf, radians, tan
@@ -378,11 +378,11 @@ def lit_stage(
     """
     photo = decode(maps.rgb)
     sprites = [_on_wheels(sprite, world) for sprite in sprites]
-    sprites = _with_room_for_openings(scene, world, sprites, labels)
+    sprites = _with_vessels(with_room_for_opening, scene, world, sprites, labels)
     if world.view is not View.TOP:
         sprites = _with_closed_faces(world, sprites, labels)
     if scene.light is None:
-        sprites = _with_openings(scene, world, sprites, labels)
+        sprites = _with_vessels(open_vessel, scene, world, sprites, labels)
         return Stage(background, anchored(sprites, photo, decode(background), absent))
     setting = _shadow_setting(scene, world)
     shadow_floors = _shadow_floors(world, maps, setting)
@@ -409,7 +409,7 @@ def lit_stage(
         # A clean picture exists, so shadows of this light are visible in the photo.
         actors, veils = _visible_veils(sprites, actors, starts, setting)
     # Shadows in the photo are those of vessels with their lids on.
-    sprites = _with_openings(scene, world, sprites, labels)
+    sprites = _with_vessels(open_vessel, scene, world, sprites, labels)
     if not setting.top:
         sprites = [
             _add_front_face(
@@ -476,30 +476,22 @@ def _is_soft(light: DistantLight) -> bool:
     return light.intensity < STAGING.soft * light.ambient
 
 
-def _with_room_for_openings(
-    scene: Scene, world: World, sprites: Sequence[Sprite], labels: U16
+def _with_vessels(
+    change: Callable[[Sprite, Body, U16, float, Sequence[int]], Sprite],
+    scene: Scene,
+    world: World,
+    sprites: Sequence[Sprite],
+    labels: U16,
 ) -> list[Sprite]:
-    """Return the sprites; those of hidden vessels have room for their openings."""
+    """Return the sprites; those of vessels that may be open are changed by `change`."""
     tilt = tan(radians(scene.world.tilt))
     result = []
     for k, sprite in enumerate(sprites):
         if _may_be_open(scene, world, sprite):
-            body, bodies = world.bodies[sprite.body], _bodies(sprites[k:])
-            sprite = with_room_for_opening(sprite, body, labels, tilt, bodies)
-        result.append(sprite)
-    return result
-
-
-def _with_openings(
-    scene: Scene, world: World, sprites: Sequence[Sprite], labels: U16
-) -> list[Sprite]:
-    """Return the sprites; vessels whose opening another object hides are open."""
-    tilt = tan(radians(scene.world.tilt))
-    result = []
-    for k, sprite in enumerate(sprites):
-        if _may_be_open(scene, world, sprite):
+            # Only objects that are drawn later are nearer and may hide an opening.
+            nearer_bodies = _bodies(sprites[k:])
             body = world.bodies[sprite.body]
-            sprite = open_vessel(sprite, body, labels, tilt, _bodies(sprites[k:]))
+            sprite = change(sprite, body, labels, tilt, nearer_bodies)
         result.append(sprite)
     return result
 
