@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from physgen.compile.world import World
     from physgen.perceive.roles import PerceivedScene
-    from physgen.pipeline.push_trials import Outcome
+    from physgen.pipeline.push_outcomes import Outcome
     from physgen.pipeline.pushes import Push
     from physgen.pipeline.refusals import Refusals
     from physgen.pipeline.story import Telling

@@ -15,13 +15,8 @@ import numpy as np
 
 from physgen.geometry.scale import push_speed
 from physgen.messages import Message, one_of
-from physgen.pipeline.push_trials import (
-    NO_MOTION,
-    Outcome,
-    choose_push,
-    choose_speed,
-    compile_trials,
-)
+from physgen.pipeline.push_outcomes import NO_MOTION, Outcome
+from physgen.pipeline.push_trials import choose_push, choose_speed, compile_trials
 from physgen.problems import collect
 from physgen.scene.files import equal
 from physgen.scene.provenance import meters

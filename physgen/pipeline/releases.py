@@ -36,7 +36,7 @@ from physgen.perceive.support.ground_contact import (
     needs_base,
     straighten_foot,
 )
-from physgen.pipeline.push_trials import TRIAL
+from physgen.pipeline.push_outcomes import TRIAL
 from physgen.pipeline.trial_scenes import open_trial
 from physgen.problems import InputError
 from physgen.scene.scene import View

@@ -14,7 +14,7 @@ from physgen.materials import is_living, kind
 from physgen.messages import Message, Note
 from physgen.perceive.roles import PerceivedScene, Suitability
 from physgen.perceive.support.viewpoint import fine_detail
-from physgen.pipeline.push_trials import Grade, Outcome
+from physgen.pipeline.push_outcomes import Grade, Outcome
 from physgen.pipeline.refusals import WATERCRAFT
 from physgen.problems import Problem
 from physgen.text import listed, percent

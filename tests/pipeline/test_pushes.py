@@ -17,7 +17,8 @@ from physgen.cli.main import main
 from physgen.compile.shapes import shapes_of
 from physgen.compile.world import World
 from physgen.geometry.scale import push_speed
-from physgen.pipeline.push_trials import TRIAL, Grade, compile_trials, simulate_push
+from physgen.pipeline.push_outcomes import TRIAL, Grade
+from physgen.pipeline.push_trials import compile_trials, simulate_push
 from physgen.pipeline.pushes import (
     Push,
     default_push,

@@ -10,7 +10,7 @@ import pytest
 from physgen.maps import Percepts
 from physgen.materials import LIVING, is_living, nouns
 from physgen.perceive.roles import PerceivedScene, Suitability
-from physgen.pipeline.push_trials import Grade, Outcome
+from physgen.pipeline.push_outcomes import Grade, Outcome
 from physgen.pipeline.verdicts import (
     living_doubts,
     outcome_doubts,

@@ -1,0 +1,147 @@
+"""The order in which pushes are tried, by the room and the objects ahead."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import hypot
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from physgen.materials import is_living
+from physgen.pipeline.push_outcomes import (
+    SIDES,
+    TRIAL,
+    Array,
+    Direction,
+    TrialScene,
+)
+from physgen.scene.scene import Motion, Object, Scene, View
+
+if TYPE_CHECKING:
+    from physgen.compile.world import Body
+
+
+@dataclass(frozen=True)
+class RankWeights:
+    """Weights for the surroundings of an object; lengths are shares of the
+    longer side.
+    """
+
+    room: float = 0.3
+    """Free distance ahead with full weight."""
+    beyond: float = 0.1
+    """Weight of the room behind the last object ahead, for its fall."""
+    ahead: float = 1.5
+    """Weight of objects ahead, relative to a free path: they will be struck."""
+    loaded: float = 0.5
+    """Weight of an object jammed under others in the side view."""
+    beside: float = 0.1
+    """Smallest share of an object's width in the path to be ahead."""
+    touch: float = 2.0
+    """Gap between objects on each other, px."""
+
+
+RANK = RankWeights()
+
+
+def rank_pushes(
+    trials: TrialScene, confidence: Mapping[str, float]
+) -> list[tuple[Object, Direction]]:
+    """Return objects with directions of pushes, the most promising first."""
+    scene, bodies = trials.scene, trials.world.bodies
+    corners = [np.concatenate(body.rings) + body.center for body in bodies]
+    scored_pushes: list[tuple[float, int, Object, Direction]] = []
+    for k, item in enumerate(scene.objects):
+        object_confidence = confidence.get(item.name, 1.0)
+        if item.motion is not Motion.DYNAMIC or object_confidence < TRIAL.confidence:
+            continue
+        if is_living(item.label):
+            continue
+        # Prefer objects without others on top, which would fall with them.
+        weight = object_confidence * (
+            RANK.loaded if is_loaded(scene, corners, k) else 1.0
+        )
+        barred_side = SIDES.get(trials.barred.get(item.name, ""), 0.0)
+        for direction in _directions(scene, bodies, k):
+            if barred_side * direction[0] > 0:
+                continue
+            score = weight * _room_score(trials, corners, k, direction)
+            scored_pushes.append((score, -len(scored_pushes), item, direction))
+    scored_pushes.sort(key=lambda one: one[:2], reverse=True)
+    return [(item, direction) for _, _, item, direction in scored_pushes]
+
+
+def is_loaded(scene: Scene, corners: Sequence[Array], k: int) -> bool:
+    """Check whether another object lies on an object in the side view."""
+    if scene.world.view is not View.SIDE:
+        return False
+    left, top = corners[k].min(axis=0)
+    right = corners[k][:, 0].max()
+    for n, points in enumerate(corners):
+        (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)
+        # Boxes around outlines meet only roughly: allow a tenth of the upper object's
+        # height.
+        is_near = abs(y1 - top) < RANK.touch + 0.1 * (y1 - y0)
+        if n != k and is_near and x0 < right and x1 > left:
+            return True
+    return False
+
+
+def _directions(scene: Scene, bodies: Sequence[Body], k: int) -> list[Direction]:
+    """Return the unit directions of possible pushes of an object.
+
+    In the side view they are level; in the top view they point to the nearest object,
+    to the centre of all objects, and to the centre of the photo.
+    """
+    if scene.world.view is View.SIDE:
+        return [(1.0, 0.0), (-1.0, 0.0)]
+    center = bodies[k].center
+    others = [body.center for n, body in enumerate(bodies) if n != k]
+    middle = (np.array(scene.size) - 1) / 2
+    # From above, push towards the nearest object, the middle of all others and the
+    # middle of the photo.
+    goals = [middle]
+    if others:
+        distances = [float(np.hypot(*(other - center))) for other in others]
+        goals = [others[int(np.argmin(distances))], np.mean(others, axis=0), middle]
+    directions: list[Direction] = []
+    for goal in goals:
+        x, y = (float(part) for part in goal - center)
+        length = hypot(x, y)
+        directions.append((x / length, y / length) if length > 1 else (1.0, 0.0))
+    return list(dict.fromkeys(directions))
+
+
+def _room_score(
+    trials: TrialScene, corners: Sequence[Array], k: int, direction: Direction
+) -> float:
+    """Return a score of the free path and the objects ahead of an object."""
+    # In axes along and across the push, the picture's end and other objects are
+    # intervals.
+    frame = np.array([direction, (-direction[1], direction[0])])
+    turned_corners = [points @ frame.T for points in corners]
+    lower_corners = np.array([points.min(axis=0) for points in turned_corners])
+    upper_corners = np.array([points.max(axis=0) for points in turned_corners])
+    overlaps = np.minimum(upper_corners, upper_corners[k]) - np.maximum(
+        lower_corners, lower_corners[k]
+    )
+    is_in_path = overlaps[:, 1] > RANK.beside * (upper_corners - lower_corners)[:, 1]
+    is_ahead = is_in_path & (lower_corners[:, 0] > upper_corners[k, 0] - RANK.touch)
+    objects_ahead = [n for n in np.flatnonzero(is_ahead).tolist() if n != k]
+    picture_end = max(np.array([[0, 0], trials.scene.size]) @ frame[0])
+    full_room = RANK.room * trials.side
+    center = trials.world.bodies[k].center
+    gaps = [
+        picture_end - center @ frame[0],
+        *(lower_corners[n, 0] - upper_corners[k, 0] for n in objects_ahead),
+    ]
+    free_share = float(np.clip(min(gaps) / full_room, 0, 1))
+    last_edge = max(upper_corners[n, 0] for n in (k, *objects_ahead))
+    room_beyond = float(np.clip((picture_end - last_edge) / full_room, 0, 1))
+    return (
+        free_share
+        + RANK.beyond * room_beyond
+        + RANK.ahead * (1 - 0.5 ** len(objects_ahead))
+    )
