@@ -139,27 +139,28 @@ def merge_pieces(pieces: Sequence[Array], depth: float) -> tuple[Array, ...]:
 
     Fewer pieces of nearly the same form: the engine then takes less time.
     """
-    merged = list(pieces)
-    count = len(merged) + 1
-    while len(merged) < count:
-        count = len(merged)
-        merged = _merge_once(merged, depth)
-    return tuple(merged)
+    polygons = list(pieces)
+    count = len(polygons) + 1
+    while len(polygons) < count:
+        count = len(polygons)
+        polygons = _merge_once(polygons, depth)
+    return tuple(polygons)
 
 
 def _merge_once(pieces: list[Array], depth: float) -> list[Array]:
     """Merge each piece with the first other one that permits it."""
-    rest, merged = list(pieces), []
-    while rest:
-        piece = rest.pop(0)
-        for k, other_piece in enumerate(rest):
+    candidates = list(pieces)
+    result: list[Array] = []
+    while candidates:
+        piece = candidates.pop(0)
+        for k, other_piece in enumerate(candidates):
             hull = _shallow_hull(piece, other_piece, depth)
             if hull is not None:
-                rest[k] = hull
+                candidates[k] = hull
                 break
         else:
-            merged.append(piece)
-    return merged
+            result.append(piece)
+    return result
 
 
 def _shallow_hull(a: Array, b: Array, depth: float) -> Array | None:
@@ -173,9 +174,9 @@ def _shallow_hull(a: Array, b: Array, depth: float) -> Array | None:
     hull = _hull(points)
     if (_depth_inside(hull, points) > depth).any():
         return None
-    longest = float(np.hypot(*np.ptp(points, axis=0)))
+    extent = float(np.hypot(*np.ptp(points, axis=0)))
     added_area = _area(hull) - _area(a) - _area(b)
-    return hull if added_area <= depth * longest else None
+    return hull if added_area <= depth * extent else None
 
 
 def _depth_inside(hull: Array, points: Array) -> Array:
