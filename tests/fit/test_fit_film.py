@@ -13,7 +13,8 @@ from PIL import Image
 from physgen.arrays import F64, U8
 from physgen.cli.main import main
 from physgen.fit import run
-from physgen.fit.film import Follower, Template, Window, follow_film
+from physgen.fit.film import Follower, follow_film
+from physgen.fit.template import Template, Window
 from physgen.fit.tracks import Tracks
 from physgen.photometry import decode, encode_u8
 from physgen.pipeline import stages
@@ -142,7 +143,7 @@ def spoked_follower() -> tuple[Follower, Template, U8]:
 
 
 def frame_of(template: Template, pose: F64, background: U8, seed: int) -> U8:
-    paint = template.drawn(pose, Window((0, 0), (100, 100)))
+    paint = template.draw(pose, Window((0, 0), (100, 100)))
     light = paint[..., :3] + (1 - paint[..., 3:]) * decode(background)
     noise = np.random.default_rng(seed).normal(size=light.shape) * NOISE
     codes = encode_u8(light) + noise
