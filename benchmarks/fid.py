@@ -105,7 +105,7 @@ def perceived(folder: Path) -> Path:
         read_image(photo),
         from_masks(labels),
         renames=renames,
-        known=KnownFacts(pixels_per_meter=true["pixels_per_meter"]),
+        facts=KnownFacts(pixels_per_meter=true["pixels_per_meter"]),
     )
     write_scene(found, photo, "photo", folder / "scene.yaml")
     return folder / "scene.yaml"

@@ -9,20 +9,22 @@ scene file and its assets.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from physgen.geometry.polygon import Outline
 from physgen.geometry.scale import (
+    Scale,
     assumed_scale,
     scale_entry,
     slow_motion,
     slow_motion_comment,
 )
-from physgen.maps import Percepts
+from physgen.maps import F32, Percepts
 from physgen.messages import Message
 from physgen.perceive import document, naming, shape_entries
 from physgen.perceive.hidden_parts import continue_outlines
@@ -41,19 +43,24 @@ from physgen.perceive.roles import (
     BoundaryGuess,
     Detections,
     Intrinsics,
+    Labels,
     LightGuess,
+    Matter,
     PerceivedScene,
+    PhotoObject,
     Rgb,
     Scenery,
     Shadows,
     Suitability,
 )
 from physgen.perceive.shadow.backgrounds import (
+    Backgrounds,
+    Surroundings,
     find_scenery,
 )
 from physgen.perceive.support.viewpoint import judge_suitability
-from physgen.perceive.wheels import find_vehicles
-from physgen.problems import Place
+from physgen.perceive.wheels import Vehicle, find_vehicles
+from physgen.problems import Place, Problem
 from physgen.progress import Progress, silent
 from physgen.registry import Backends
 from physgen.scene.scene import View
@@ -74,213 +81,407 @@ class KnownFacts:
 NOTHING_KNOWN = KnownFacts()
 
 
+@dataclass(frozen=True)
+class _SceneEstimate:
+    """Estimates about the objects, the scene and its light."""
+
+    objects: Sequence[PhotoObject]
+    names: naming.Names
+    wholes: Mapping[int, Outline]
+    """Outlines with their hidden parts, by id."""
+    matter: Mapping[int, Matter]
+    scale: Scale | None
+    boundaries: BoundaryGuess
+    depth: F32 | None
+    normals: F32
+    intrinsics: Intrinsics
+    light: LightGuess
+
+
 def perceive(
     rgb: Rgb,
-    found: Detections | None = None,
+    detections: Detections | None = None,
     *,
     renames: Sequence[str] = (),
-    crew: Backends | None = None,
-    asked: Sequence[str] = (),
-    known: KnownFacts = NOTHING_KNOWN,
+    backends: Backends | None = None,
+    nouns: Sequence[str] = (),
+    facts: KnownFacts = NOTHING_KNOWN,
     progress: Progress = silent,
     meanwhile: Callable[[PerceivedScene], PerceivedScene] = lambda scene: scene,
 ) -> PerceivedScene:
-    """Perceive a photo; segment it if `found` is None.
+    """Perceive a photo; segment it if `detections` is None.
 
     `renames` are `NAME=TEXT`: NAME is an object's name without renaming, its mask id,
-    or a pattern (`ball-*`). `crew` fills the roles; `asked` are nouns for segmenters
-    that take nouns; `known` facts are not estimated. `meanwhile` completes the scene
+    or a pattern (`ball-*`). `backends` fill the roles; `nouns` are for segmenters
+    that take nouns; known `facts` are not estimated. `meanwhile` completes the scene
     while its backgrounds are computed, so that the scene passed to it has no
     backgrounds yet. Raises InputError if no scene is possible.
     """
     check_size(rgb)
-    view, pixels_per_meter = known.view, known.pixels_per_meter
-    run = PerceptionRun(rgb, crew or Backends(), progress)
+    run = PerceptionRun(rgb, backends or Backends(), progress)
     scenery: Scenery | None = None
     doubtful_parts: Sequence[Remain] = ()
-    if found is None:
-        found, scenery = run.detect(asked)
-        ids = [int(i) for i in np.unique(found.labels) if i > 0]
-        # Thin parts and rims missed by the segmenter would stay behind when their
-        # object moves.
-        extended_labels, doubtful_parts = attach_remains(
-            found.labels, find_remains(rgb, found.labels, ids)
-        )
-        extended_labels = attach_outgrowths(rgb, extended_labels)
-        found = replace(found, labels=extended_labels)
-        found = attach_loose_parts(rgb, found, view)
-    objects, specks = fit_objects(rgb, found)
+    if detections is None:
+        detections, scenery, doubtful_parts = _detect_objects(run, nouns, facts.view)
+    objects, speck_count = fit_objects(rgb, detections)
     if not objects:
         naming.relabel_objects(objects, renames, {})
-        return run.signed(meanwhile(_empty_scene(rgb, found, pixels_per_meter)))
-    if found.source != "given":
-        new = [item for item in objects if item.id not in found.mask_sources]
-        found = replace(found, labels=replace_by_discs(found.labels, new))
-    # Regions deleted by the user are filled like objects.
-    filled_labels = (
-        found.labels
-        if found.gone is None
-        else np.where(found.labels > 0, found.labels, found.gone)
-    )
+        empty_scene = _empty_scene(rgb, detections, facts.pixels_per_meter)
+        return run.signed(meanwhile(empty_scene))
+    detections = _extend_to_discs(detections, objects)
+    filled_labels = _labels_to_fill(detections)
     # The matte and the fill run in a second thread, beside stages without need for
     # them.
     with ThreadPoolExecutor(1) as executor:
-        is_core = run.core("matte")
-        cutting = executor.submit(run.cut_out, filled_labels) if is_core else None
-        # Labels decide about outlines, materials and sizes, so they come first.
-        names = run.name(found, objects, renames)
-        outlined_objects = outline_as_named(rgb, found.labels, names.objects)
-        outlined_objects, wholes = continue_outlines(found.labels, outlined_objects)
-        names = replace(names, objects=outlined_objects)
-        matter, scale = run.weigh(names, pixels_per_meter)
-        boundaries, depth, normals = run.find_boundaries(
-            found, names.objects, view, scenery
-        )
-        objects = [
-            replace(t, outline=boundaries.outlines.get(t.id, t.outline))
-            for t in names.objects
-        ]
-        # The default normals depend on the boundaries, so they are computed again.
-        if normals is None or run.core("normals"):
-            normals = run.role("normals", rgb, found.labels, objects, boundaries)
-        run.crew.release("normals")
-        intrinsics: Intrinsics = run.role("intrinsic", rgb, found.labels, normals)
-        light: LightGuess = run.role(
-            "light", rgb, found.labels, objects, normals, intrinsics
-        )
+        cutting = None
+        if run.core("matte"):
+            cutting = executor.submit(run.cut_out, filled_labels)
+        estimate = _estimate_scene(run, detections, objects, renames, facts, scenery)
         surroundings = cutting.result() if cutting else run.cut_out(filled_labels)
-        coverage = surroundings.coverage
-        shadows: Shadows = run.role(
-            "shadow",
-            surroundings.guess,
-            coverage,
-            found.labels,
-            objects,
-            matter,
-            boundaries,
-            light,
-        )
-        # Only floors seen from the side mirror the objects on them.
-        standing = found.labels if boundaries.view is View.SIDE else None
+        shadows = _find_shadows(run, detections, estimate, surroundings)
         run.progress("inpaint", ROLES.index("inpaint"), len(ROLES))
-        # Objects cut off by the border do not move: they are scenery for the others.
-        cut = [item.id for item in objects if item.cut]
-        fixed_ids = find_scenery(filled_labels, cut)
-        scenery_mask = nearest_labels(filled_labels, fixed_ids) & (coverage > 0)
         filling = executor.submit(
-            run.fill, surroundings, shadows, standing, scenery_mask
+            _fill_background,
+            run,
+            detections,
+            estimate,
+            surroundings,
+            shadows,
+            filled_labels,
         )
-        labels, doubtful, reasons = document.with_doubtful(found.labels, found.doubtful)
-        # Names in an existing scene stay, except for objects with a new label.
-        kept_names = {
-            i: n
-            for i, n in names.before.items()
-            if i in found.object_names or i not in names.renamed
-        }
-        names_by_id = naming.object_names(objects, kept_names)
-        vehicles = (
-            find_vehicles(rgb, found.labels, objects, names.labels, boundaries.walls)
-            if boundaries.view is View.SIDE
-            else {}
+        draft = _draft_scene(
+            run,
+            detections,
+            estimate,
+            surroundings,
+            shadows,
+            facts,
+            speck_count,
+            doubtful_parts,
         )
-        entries, comments = document.object_entries(
-            found,
-            objects,
-            names_by_id,
-            matter,
-            boundaries,
-            document.ObjectLabels(names.labels, names.sources),
-            run.crew.name("physics"),
-            vehicles,
-        )
-        side = max(rgb.shape[:2])
-        per_meter, comments["world.pixels_per_meter"] = scale_entry(
-            side, pixels_per_meter, scale
-        )
-        scene: dict[str, Any] = {
-            "physgen": 1,
-            "image": "photo.png",
-            "assets": "photo.assets",
-            "world": _world(boundaries, per_meter, shadows),
-            "objects": entries,
-            "boundaries": {
-                w.name: shape_entries.wall_entry(w) for w in boundaries.walls
-            },
-            **({"doubtful": doubtful} if doubtful else {}),
-            "light": _light(light, shadows),
-        }
-        slow = slow_motion(side, per_meter)
-        # Clips of small objects at true scale would last a fraction of a second: slow
-        # them down.
-        scene["render"] = ({"slow": slow} if slow > 1 else {}) | {
-            "motion_blur": document.MOTION_BLUR,
-            "grain": "match",
-            "hold": document.HOLD,
-            "contact_shade": True,
-            "squash": True,
-            "sound": True,
-        }
-        if boundaries.view is View.SIDE and scene["light"]["direction"][1] > 0:
-            scene["render"]["relight"] = False
-            comments["render.relight"] = (
-                "unsure: the light seems to come from below, which is unlikely"
-            )
-        if slow > 1:
-            comments["render"] = slow_motion_comment(slow)
-        comments |= document.scene_comments(found, objects, specks, boundaries)
-        comments |= reasons
-        unknown = (
-            naming.unknown_label(t.label) for t in objects if t.id in names.renamed
-        )
-        # A label missing in the material table gives one warning, not one per object.
-        warnings = tuple(dict.fromkeys(problem for problem in unknown if problem))
-        warnings += tuple(
-            remain_problem(remain, names_by_id[remain.owner])
-            for remain in doubtful_parts
-            if remain.owner in names_by_id
-        )
-        if changes := [
-            f"{names.before[i]} is {name}"
-            for i, name in names_by_id.items()
-            if names.before[i] != name
-        ]:
-            warnings += (
-                Message.NAMES_FOLLOW_LABELS.warning(
-                    Place("--label"), "", listed(changes, "and")
-                ),
-            )
-        suits = judge_suitability(rgb, found, objects, boundaries)
-        percepts = Percepts(
-            rgb=rgb, labels=labels, coverage=coverage, shadows=shadows.owners,
-            depth=depth, normals=normals, albedo=intrinsics.albedo, shading=intrinsics.shading,
-        )  # fmt: skip
-        reason = document.provenance(boundaries.reason, boundaries.confidence)
         # The caller completes the scene while the fill runs.
-        scene_draft = meanwhile(
-            PerceivedScene(
-                percepts, scene, comments, warnings, (), suits, reason, wholes=wholes
-            )
-        )
+        draft = meanwhile(draft)
         backgrounds = filling.result()
-        clean_background, owners = backgrounds.clean, shadows.owners
-        if boundaries.view is View.SIDE:
-            # Mirror images are removed last, from the filled background.
-            standing_ids = [t.id for t in objects if t.id not in boundaries.held]
-            clean_background, owners = run.without_mirror_images(
-                backgrounds, shadows, found.labels, coverage, standing_ids
-            )
-        run.crew.release("inpaint")
-        percepts = replace(
-            scene_draft.percepts,
-            background=backgrounds.shaded,
-            clean=clean_background,
-            shadows=owners,
+        scene = _with_backgrounds(
+            run, draft, detections, estimate, surroundings, backgrounds, shadows
         )
-        return run.signed(replace(scene_draft, percepts=percepts))
+        run.crew.release("inpaint")
+        return run.signed(scene)
+
+
+def _detect_objects(
+    run: PerceptionRun, nouns: Sequence[str], view: BoundaryGuess | None
+) -> tuple[Detections, Scenery | None, Sequence[Remain]]:
+    """Segment a photo; return detections, scenery and doubtful parts of objects."""
+    detections, scenery = run.detect(nouns)
+    ids = [int(i) for i in np.unique(detections.labels) if i > 0]
+    # Thin parts and rims missed by the segmenter would stay behind when their
+    # object moves.
+    remains = find_remains(run.rgb, detections.labels, ids)
+    labels, doubtful_parts = attach_remains(detections.labels, remains)
+    labels = attach_outgrowths(run.rgb, labels)
+    detections = replace(detections, labels=labels)
+    detections = attach_loose_parts(run.rgb, detections, view)
+    return detections, scenery, doubtful_parts
+
+
+def _extend_to_discs(
+    detections: Detections, objects: Sequence[PhotoObject]
+) -> Detections:
+    """Return the detections, with masks of round objects extended to their discs.
+
+    Masks of the user stay.
+    """
+    if detections.source == "given":
+        return detections
+    new_objects = [item for item in objects if item.id not in detections.mask_sources]
+    labels = replace_by_discs(detections.labels, new_objects)
+    return replace(detections, labels=labels)
+
+
+def _labels_to_fill(detections: Detections) -> Labels:
+    """Return the ids (H, W) of objects and of regions that the user deleted."""
+    if detections.gone is None:
+        return detections.labels
+    return np.where(detections.labels > 0, detections.labels, detections.gone)
+
+
+def _estimate_scene(
+    run: PerceptionRun,
+    detections: Detections,
+    objects: Sequence[PhotoObject],
+    renames: Sequence[str],
+    facts: KnownFacts,
+    scenery: Scenery | None,
+) -> _SceneEstimate:
+    """Estimate labels, matter, boundaries, maps and light."""
+    rgb, labels = run.rgb, detections.labels
+    # Labels decide about outlines, materials and sizes, so they come first.
+    names = run.name(detections, objects, renames)
+    outlined_objects = outline_as_named(rgb, labels, names.objects)
+    outlined_objects, wholes = continue_outlines(labels, outlined_objects)
+    names = replace(names, objects=outlined_objects)
+    matter, scale = run.weigh(names, facts.pixels_per_meter)
+    boundaries, depth, normals = run.find_boundaries(
+        detections, names.objects, facts.view, scenery
+    )
+    objects = []
+    for item in names.objects:
+        outline = boundaries.outlines.get(item.id, item.outline)
+        objects.append(replace(item, outline=outline))
+    # The default normals depend on the boundaries, so they are computed again.
+    if normals is None or run.core("normals"):
+        normals = run.role("normals", rgb, labels, objects, boundaries)
+    run.crew.release("normals")
+    intrinsics: Intrinsics = run.role("intrinsic", rgb, labels, normals)
+    light: LightGuess = run.role("light", rgb, labels, objects, normals, intrinsics)
+    return _SceneEstimate(
+        objects=objects,
+        names=names,
+        wholes=wholes,
+        matter=matter,
+        scale=scale,
+        boundaries=boundaries,
+        depth=depth,
+        normals=normals,
+        intrinsics=intrinsics,
+        light=light,
+    )
+
+
+def _find_shadows(
+    run: PerceptionRun,
+    detections: Detections,
+    estimate: _SceneEstimate,
+    surroundings: Surroundings,
+) -> Shadows:
+    """Find the shadows of the objects, and their light."""
+    shadows: Shadows = run.role(
+        "shadow",
+        surroundings.guess,
+        surroundings.coverage,
+        detections.labels,
+        estimate.objects,
+        estimate.matter,
+        estimate.boundaries,
+        estimate.light,
+    )
+    return shadows
+
+
+def _fill_background(
+    run: PerceptionRun,
+    detections: Detections,
+    estimate: _SceneEstimate,
+    surroundings: Surroundings,
+    shadows: Shadows,
+    filled_labels: Labels,
+) -> Backgrounds:
+    """Fill the background behind all objects and deleted regions."""
+    # Only floors seen from the side mirror the objects on them.
+    is_side = estimate.boundaries.view is View.SIDE
+    standing_labels = detections.labels if is_side else None
+    # Objects cut off by the border do not move: they are scenery for the others.
+    cut_ids = [item.id for item in estimate.objects if item.cut]
+    fixed_ids = find_scenery(filled_labels, cut_ids)
+    nearest_mask = nearest_labels(filled_labels, fixed_ids)
+    scenery_mask = nearest_mask & (surroundings.coverage > 0)
+    return run.fill(surroundings, shadows, standing_labels, scenery_mask)
+
+
+def _with_backgrounds(
+    run: PerceptionRun,
+    draft: PerceivedScene,
+    detections: Detections,
+    estimate: _SceneEstimate,
+    surroundings: Surroundings,
+    backgrounds: Backgrounds,
+    shadows: Shadows,
+) -> PerceivedScene:
+    """Return the scene with its backgrounds."""
+    clean_background, owners = backgrounds.clean, shadows.owners
+    if estimate.boundaries.view is View.SIDE:
+        # Mirror images are removed last, from the filled background.
+        standing_ids = []
+        for item in estimate.objects:
+            if item.id not in estimate.boundaries.held:
+                standing_ids.append(item.id)
+        clean_background, owners = run.without_mirror_images(
+            backgrounds,
+            shadows,
+            detections.labels,
+            surroundings.coverage,
+            standing_ids,
+        )
+    percepts = replace(
+        draft.percepts,
+        background=backgrounds.shaded,
+        clean=clean_background,
+        shadows=owners,
+    )
+    return replace(draft, percepts=percepts)
+
+
+def _draft_scene(
+    run: PerceptionRun,
+    detections: Detections,
+    estimate: _SceneEstimate,
+    surroundings: Surroundings,
+    shadows: Shadows,
+    facts: KnownFacts,
+    speck_count: int,
+    doubtful_parts: Sequence[Remain],
+) -> PerceivedScene:
+    """Return the scene without backgrounds."""
+    boundaries, objects = estimate.boundaries, estimate.objects
+    labels, doubtful, doubt_reasons = document.with_doubtful(
+        detections.labels, detections.doubtful
+    )
+    names_by_id = _name_objects(detections, estimate)
+    entries, comments = _object_entries(run, detections, estimate, names_by_id)
+    side = max(run.rgb.shape[:2])
+    per_meter, comments["world.pixels_per_meter"] = scale_entry(
+        side, facts.pixels_per_meter, estimate.scale
+    )
+    scene: dict[str, Any] = {
+        "physgen": 1,
+        "image": "photo.png",
+        "assets": "photo.assets",
+        "world": _world(boundaries, per_meter, shadows),
+        "objects": entries,
+        "boundaries": {w.name: shape_entries.wall_entry(w) for w in boundaries.walls},
+    }
+    if doubtful:
+        scene["doubtful"] = doubtful
+    scene["light"] = _light(estimate.light, shadows)
+    scene["render"], render_comments = _render_settings(
+        boundaries.view, scene["light"], slow_motion(side, per_meter)
+    )
+    comments |= render_comments
+    comments |= document.scene_comments(detections, objects, speck_count, boundaries)
+    comments |= doubt_reasons
+    percepts = Percepts(
+        rgb=run.rgb,
+        labels=labels,
+        coverage=surroundings.coverage,
+        shadows=shadows.owners,
+        depth=estimate.depth,
+        normals=estimate.normals,
+        albedo=estimate.intrinsics.albedo,
+        shading=estimate.intrinsics.shading,
+    )
+    return PerceivedScene(
+        percepts,
+        scene,
+        comments,
+        _scene_warnings(estimate, names_by_id, doubtful_parts),
+        (),
+        judge_suitability(run.rgb, detections, objects, boundaries),
+        document.provenance(boundaries.reason, boundaries.confidence),
+        wholes=estimate.wholes,
+    )
+
+
+def _name_objects(detections: Detections, estimate: _SceneEstimate) -> dict[int, str]:
+    """Return the names of the objects by id.
+
+    Names in an existing scene stay, except for objects with a new label.
+    """
+    kept_names = {}
+    for i, name in estimate.names.before.items():
+        if i in detections.object_names or i not in estimate.names.renamed:
+            kept_names[i] = name
+    return naming.object_names(estimate.objects, kept_names)
+
+
+def _object_entries(
+    run: PerceptionRun,
+    detections: Detections,
+    estimate: _SceneEstimate,
+    names_by_id: Mapping[int, str],
+) -> tuple[dict[str, Any], dict[str, str]]:
+    """Return the entries of the objects, and the comments by dotted path."""
+    names, boundaries = estimate.names, estimate.boundaries
+    vehicles: Mapping[int, Vehicle] = {}
+    if boundaries.view is View.SIDE:
+        vehicles = find_vehicles(
+            run.rgb,
+            detections.labels,
+            estimate.objects,
+            names.labels,
+            boundaries.walls,
+        )
+    return document.object_entries(
+        detections,
+        estimate.objects,
+        names_by_id,
+        estimate.matter,
+        boundaries,
+        document.ObjectLabels(names.labels, names.sources),
+        run.crew.name("physics"),
+        vehicles,
+    )
+
+
+def _render_settings(
+    view: View, light: Mapping[str, Any], slow: float
+) -> tuple[dict[str, Any], dict[str, str]]:
+    """Return `render:` of a new scene, and the comments by dotted path.
+
+    `slow` is the slow motion of the clip. Clips of small objects at true scale would last
+    a fraction of a second.
+    """
+    settings: dict[str, Any] = {}
+    comments = {}
+    if slow > 1:
+        settings["slow"] = slow
+        comments["render"] = slow_motion_comment(slow)
+    settings |= {
+        "motion_blur": document.MOTION_BLUR,
+        "grain": "match",
+        "hold": document.HOLD,
+        "contact_shade": True,
+        "squash": True,
+        "sound": True,
+    }
+    if view is View.SIDE and light["direction"][1] > 0:
+        settings["relight"] = False
+        comments["render.relight"] = (
+            "unsure: the light seems to come from below, which is unlikely"
+        )
+    return settings, comments
+
+
+def _scene_warnings(
+    estimate: _SceneEstimate,
+    names_by_id: Mapping[int, str],
+    doubtful_parts: Sequence[Remain],
+) -> tuple[Problem, ...]:
+    """Return warnings of unknown labels, doubtful parts of objects and new names."""
+    names = estimate.names
+    warnings: list[Problem] = []
+    for item in estimate.objects:
+        if item.id in names.renamed:
+            problem = naming.unknown_label(item.label)
+            # One label gives one warning, not one for each object.
+            if problem and problem not in warnings:
+                warnings.append(problem)
+    for part in doubtful_parts:
+        if part.owner in names_by_id:
+            warnings.append(remain_problem(part, names_by_id[part.owner]))
+    changes = []
+    for i, name in names_by_id.items():
+        if names.before[i] != name:
+            changes.append(f"{names.before[i]} is {name}")
+    if changes:
+        message = Message.NAMES_FOLLOW_LABELS
+        text = listed(changes, "and")
+        warnings.append(message.warning(Place("--label"), "", text))
+    return tuple(warnings)
 
 
 def _empty_scene(
-    rgb: Rgb, found: Detections, pixels_per_meter: float | None
+    rgb: Rgb, detections: Detections, pixels_per_meter: float | None
 ) -> PerceivedScene:
     """Return a scene without objects: the unchanged photo."""
     scene: dict[str, Any] = {
@@ -294,7 +495,7 @@ def _empty_scene(
         "objects": f"no region of the photo looks like a whole object that could be moved; {POINT}"
     }
     labels, scene["doubtful"], reasons = document.with_doubtful(
-        np.zeros(rgb.shape[:2], np.uint16), found.doubtful
+        np.zeros(rgb.shape[:2], np.uint16), detections.doubtful
     )
     comments |= reasons
     no_coverage = np.zeros(labels.shape, np.float32)

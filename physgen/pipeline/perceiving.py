@@ -247,9 +247,9 @@ def _perceive_photo(
         rgb,
         detections,
         renames=options.labels,
-        crew=crew,
-        asked=options.asked,
-        known=KnownFacts(_given_view(options)),
+        backends=crew,
+        nouns=options.asked,
+        facts=KnownFacts(_given_view(options)),
         progress=progress,
         meanwhile=set_in_motion,
     )
@@ -562,8 +562,8 @@ def _refresh(opened: OpenedScene, text: str, run: _Refresh) -> str:
         photo.rgb,
         replace(selection.found, layers=layer_of, gone=removed_pixels),
         renames=options.labels,
-        crew=crew,
-        known=KnownFacts(
+        backends=crew,
+        facts=KnownFacts(
             _given_view(options) or old_and_new.known_view(scene),
             None if has_default_scale else scene.world.pixels_per_meter,
         ),

@@ -195,7 +195,7 @@ def test_told_things_win():
     rgb, labels = desk()
     view = BoundaryGuess(View.TOP, 1.0, "as given", ())
     found = perceive(
-        rgb, from_masks(labels, {7: "tennis ball"}), known=KnownFacts(view, 600)
+        rgb, from_masks(labels, {7: "tennis ball"}), facts=KnownFacts(view, 600)
     )
     assert found.document["world"]["view"] == "top"
     assert found.document["world"]["table"] == {"friction": 0.2}
@@ -240,7 +240,7 @@ def test_a_light_from_below_relights_nothing(up: float, view: View, relit: bool)
         normals, np.full((*labels.shape, 3), (0.8, 0.3, 0.2), np.float32), light
     )
     document = perceive(
-        rgb, from_masks(labels), known=KnownFacts(setting(view))
+        rgb, from_masks(labels), facts=KnownFacts(setting(view))
     ).document
     assert document["light"]["direction"][1] * up > 0
     assert document["render"].get("relight", True) is relit
