@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -49,6 +50,9 @@ SCHEMA = "scene-1.schema.json"
 path.
 """
 
+HEAD_KEYS = ("physgen", "image", "assets", "maps")
+"""Keys at the head of a file, with paths."""
+
 BARE = {"mask", "from", "confidence"}
 """Keys of an object that the user took from `doubtful:` or gave by its mask alone; a
 refresh adds the other keys.
@@ -61,15 +65,15 @@ def write_scene(
     name: str,
     output: Path | None,
     keep: Keep = ignore_kept_file,
-    before: str | None = None,
-    known: Record = UNKNOWN,
+    old_text: str | None = None,
+    record: Record = UNKNOWN,
     stdout: Path | None = None,
 ) -> str:
     """Write the assets, and the scene file if `output` is given; return the scene's
     text.
 
-    `before` is the text of a refreshed scene: its lines, comments and shapes stay
-    unless their values are new; `known` is its record.
+    `old_text` is the text of a refreshed scene: its lines, comments and shapes stay
+    unless their values are new; `record` is the record of that scene.
 
     Assets go to `OUTPUT-STEM.assets/` beside the scene. Without `output` they go to the
     folder of the file `stdout`, which the caller writes, or to `NAME.assets/` in the
@@ -82,118 +86,17 @@ def write_scene(
     other content are kept as `NAME~`, and `keep` is called with them.
     """
     target = output or stdout or Path(f"{name}.yaml")
-    folder = target.parent
-    inside = photo is not None and photo.resolve().is_relative_to(folder.resolve())
-    # A copy of the pixels does not contain the photo's metadata, such as the place.
-    copy = "" if inside else _free_of_maps(f"{name}.png")
-    heads = ("physgen", "image", "assets", "maps")
-    body = {key: value for key, value in perceived.document.items() if key not in heads}
-    old: dict[str, Any] = {} if before is None else mark_values(before).data()
-    body["objects"], outlines = short_entries(
-        body["objects"],
-        perceived.percepts.labels,
-        old.get("objects", {}),
-        perceived.wholes,
-    )
-
-    def written(assets: Path) -> str:
-        """Return the scene's text with the assets in this folder."""
-        image = assets / copy if copy or photo is None else photo
-        head = {
-            "physgen": 1,
-            "image": _relative(image, folder),
-            "assets": _relative(assets, folder),
-        }
-        modeline = _relative(assets / SCHEMA, folder)
-        if before is None:
-            return scene_text(head | body, perceived.comments, schema=modeline)
-        text = _rewritten(before, old, head | body, perceived, known)
-        return re.sub(
-            r"\A# yaml-language-server: .*",
-            f"# yaml-language-server: $schema={modeline}",
-            text,
-        )
-
-    # An existing folder may belong to another scene.
-    assets, existing_folder = free_folder(target)
+    draft = _SceneDraft.of(perceived, photo, name, target.parent, old_text, record)
     if output is not None:
-        is_same_scene = (
-            existing_folder
-            and output.is_file()
-            and written(existing_folder).encode() == output.read_bytes()
-        )
-        folder.mkdir(parents=True, exist_ok=True)
-    else:
-        is_same_scene = existing_folder and not any(
-            existing_folder.name.encode() in scene_file.read_bytes()
-            for scene_file in folder.glob("*.yaml")
-        )
-    assets = existing_folder if existing_folder and is_same_scene else assets
-    file_names = {*(f"{name}.png" for name in MAPS), OUTLINES, OVERVIEW, SCHEMA}
-    for file, crc in read_recorded(assets, "files").items():
-        if (
-            file in file_names
-            and (assets / file).is_file()
-            and crc32((assets / file).read_bytes()) == crc
-        ):
-            # Delete only files with unchanged content: users may have painted in a map.
-            (assets / file).unlink()
-    # The maps come first, because the record lists their ranges.
-    ranges = write_assets(perceived.percepts, assets, keep)
-    if copy:
-        write_png(assets / copy, perceived.percepts.rgb, keep)
-    description = perceived.description
-    if description is not None:
-        write_with_backup(assets / OVERVIEW, description.overview, keep)
-    write_with_backup(assets / OUTLINES, outlines.encode(), keep)
-    write_with_backup(assets / SCHEMA, resource("schemas", SCHEMA).read_bytes(), keep)
-    per_meter = stated_scale(perceived.document)
-    slow = slow_motion(max(perceived.percepts.labels.shape), per_meter)
-    # The record tells a later refresh which values are perception's.
-    record: dict[str, Any] = {
-        "physgen": __version__,
-        "steps": list(perceived.record),
-        "objects": {
-            str(item["mask"]): item | perceived.wrote.get(name, {})
-            for name, item in perceived.document["objects"].items()
-            if "mask" in item
-        },
-        "world": {"pixels_per_meter": per_meter, "slow": slow}
-        | {
-            "view": perceived.document["world"].get("view"),
-            "view_from": perceived.view_from,
-        }
-        | {"boundaries": body.get("boundaries", {})}
-        | perceived.wrote.get("", {}),
-        "maps": ranges,
-        "comments": sorted(
-            known.comments
-            | {
-                " ".join(line.split())
-                for words in perceived.comments.values()
-                for line in words.split("\n")
-            }
-        ),
-    }
-    if perceived.full_size is not None:
-        name_of_photo = copy if photo is None else copy or photo.name
-        record["photo"] = {"image": name_of_photo, "size": list(perceived.full_size)}
-    if (suits := perceived.suitability) is not None:
-        record["suitability"] = {
-            "verdict": suits.verdict,
-            "reasons": list(suits.reasons),
-        }
-    if description is not None:
-        record["summary"] = list(description.summary)
-    asset_files = sorted(file for file in assets.iterdir() if file.name in file_names)
-    # Checksums tell unchanged files from files edited by the user.
-    record["files"] = {file.name: crc32(file.read_bytes()) for file in asset_files}
-    write_atomic(
-        assets / RECORD, json.dumps(record, ensure_ascii=False).encode() + b"\n"
-    )
+        target.parent.mkdir(parents=True, exist_ok=True)
+    assets = _choose_assets(draft, target, output)
+    asset_names = {*(f"{name}.png" for name in MAPS), OUTLINES, OVERVIEW, SCHEMA}
+    _remove_unchanged_files(assets, asset_names)
+    ranges = _write_asset_files(draft, assets, keep)
+    _write_record(draft, assets, ranges, asset_names)
     # The scene file comes last, so that an interrupted run leaves the old scene intact.
-    text = written(assets)
-    note_files(assets, {*file_names, RECORD, copy} - {""})
+    text = draft.text(assets)
+    note_files(assets, {*asset_names, RECORD, draft.photo_copy} - {""})
     if output is None:
         note_scene(target, text.encode("utf-8"))
     else:
@@ -201,80 +104,330 @@ def write_scene(
     return text
 
 
-def _rewritten(
+@dataclass(frozen=True)
+class _SceneDraft:
+    """A perceived scene before the choice of its assets folder."""
+
+    perceived: PerceivedScene
+    folder: Path
+    """Folder of the scene file."""
+    photo: Path | None
+    photo_copy: str
+    """Name of the copy of the photo in the assets, or `""`."""
+    body: dict[str, Any]
+    """The scene's data, without the paths at its head."""
+    outlines: str
+    """Text of `outlines.json`."""
+    old_text: str | None
+    old_data: dict[str, Any]
+    record: Record
+    """The record of the refreshed scene."""
+
+    @classmethod
+    def of(
+        cls,
+        perceived: PerceivedScene,
+        photo: Path | None,
+        name: str,
+        folder: Path,
+        old_text: str | None,
+        record: Record,
+    ) -> _SceneDraft:
+        """Return the draft of a scene file in a folder."""
+        is_inside = photo is not None and photo.resolve().is_relative_to(
+            folder.resolve()
+        )
+        # A copy of the pixels does not contain the photo's metadata, such as the place.
+        photo_copy = "" if is_inside else _free_of_maps(f"{name}.png")
+        body = {}
+        for key, value in perceived.document.items():
+            if key not in HEAD_KEYS:
+                body[key] = value
+        old_data: dict[str, Any] = {}
+        if old_text is not None:
+            old_data = mark_values(old_text).data()
+        body["objects"], outlines = short_entries(
+            body["objects"],
+            perceived.percepts.labels,
+            old_data.get("objects", {}),
+            perceived.wholes,
+        )
+        return cls(
+            perceived,
+            folder,
+            photo,
+            photo_copy,
+            body,
+            outlines,
+            old_text,
+            old_data,
+            record,
+        )
+
+    def text(self, assets: Path) -> str:
+        """Return the scene's text with the assets in this folder."""
+        image = self.photo
+        if image is None or self.photo_copy:
+            image = assets / self.photo_copy
+        head = {
+            "physgen": 1,
+            "image": _relative(image, self.folder),
+            "assets": _relative(assets, self.folder),
+        }
+        schema = _relative(assets / SCHEMA, self.folder)
+        data = head | self.body
+        if self.old_text is None:
+            return scene_text(data, self.perceived.comments, schema=schema)
+        text = _rewrite_text(
+            self.old_text, self.old_data, data, self.perceived, self.record
+        )
+        return re.sub(
+            r"\A# yaml-language-server: .*",
+            f"# yaml-language-server: $schema={schema}",
+            text,
+        )
+
+
+def _choose_assets(draft: _SceneDraft, target: Path, output: Path | None) -> Path:
+    """Return the folder for the assets of a scene file.
+
+    An existing folder may belong to another scene; then the result is a new folder.
+    """
+    free_assets, existing_assets = free_folder(target)
+    if not existing_assets:
+        return free_assets
+    if output is not None:
+        if not output.is_file():
+            return free_assets
+        is_same_scene = draft.text(existing_assets).encode() == output.read_bytes()
+        return existing_assets if is_same_scene else free_assets
+    # The text goes to the standard output, so that no scene file tells whose they are.
+    for scene_file in target.parent.glob("*.yaml"):
+        if existing_assets.name.encode() in scene_file.read_bytes():
+            return free_assets
+    return existing_assets
+
+
+def _remove_unchanged_files(assets: Path, file_names: Collection[str]) -> None:
+    """Delete old files of an assets folder.
+
+    Files with other content stay: users may have painted in a map.
+    """
+    for file_name, crc in read_recorded(assets, "files").items():
+        file = assets / file_name
+        if file_name not in file_names or not file.is_file():
+            continue
+        if crc32(file.read_bytes()) == crc:
+            file.unlink()
+
+
+def _write_asset_files(draft: _SceneDraft, assets: Path, keep: Keep) -> dict[str, Any]:
+    """Write the maps and the other assets; return the ranges of the maps."""
+    perceived = draft.perceived
+    ranges = write_assets(perceived.percepts, assets, keep)
+    if draft.photo_copy:
+        write_png(assets / draft.photo_copy, perceived.percepts.rgb, keep)
+    if perceived.description is not None:
+        write_with_backup(assets / OVERVIEW, perceived.description.overview, keep)
+    write_with_backup(assets / OUTLINES, draft.outlines.encode(), keep)
+    write_with_backup(assets / SCHEMA, resource("schemas", SCHEMA).read_bytes(), keep)
+    return ranges
+
+
+def _write_record(
+    draft: _SceneDraft,
+    assets: Path,
+    ranges: Mapping[str, Any],
+    file_names: Collection[str],
+) -> None:
+    """Write the record of the results.
+
+    The record tells a later refresh which values are perception's.
+    """
+    perceived = draft.perceived
+    record: dict[str, Any] = {
+        "physgen": __version__,
+        "steps": list(perceived.record),
+        "objects": _object_records(perceived),
+        "world": _world_record(draft),
+        "maps": ranges,
+        "comments": sorted(draft.record.comments | _comment_lines(perceived)),
+    }
+    if perceived.full_size is not None:
+        image = draft.photo_copy
+        if not image and draft.photo is not None:
+            image = draft.photo.name
+        record["photo"] = {"image": image, "size": list(perceived.full_size)}
+    suitability = perceived.suitability
+    if suitability is not None:
+        record["suitability"] = {
+            "verdict": suitability.verdict,
+            "reasons": list(suitability.reasons),
+        }
+    if perceived.description is not None:
+        record["summary"] = list(perceived.description.summary)
+    # Checksums tell unchanged files from files edited by the user.
+    checksums = {}
+    for file in sorted(assets.iterdir()):
+        if file.name in file_names:
+            checksums[file.name] = crc32(file.read_bytes())
+    record["files"] = checksums
+    text = json.dumps(record, ensure_ascii=False)
+    write_atomic(assets / RECORD, text.encode() + b"\n")
+
+
+def _object_records(perceived: PerceivedScene) -> dict[str, Any]:
+    """Return perception's entries of the objects, by mask id."""
+    records = {}
+    for name, item in perceived.document["objects"].items():
+        if "mask" in item:
+            records[str(item["mask"])] = item | perceived.wrote.get(name, {})
+    return records
+
+
+def _world_record(draft: _SceneDraft) -> dict[str, Any]:
+    """Return perception's scale, view and boundaries."""
+    perceived = draft.perceived
+    per_meter = stated_scale(perceived.document)
+    record = {
+        "pixels_per_meter": per_meter,
+        "slow": slow_motion(max(perceived.percepts.labels.shape), per_meter),
+        "view": perceived.document["world"].get("view"),
+        "view_from": perceived.view_from,
+        "boundaries": draft.body.get("boundaries", {}),
+    }
+    return record | perceived.wrote.get("", {})
+
+
+def _comment_lines(perceived: PerceivedScene) -> set[str]:
+    """Return the lines of all comments, with single spaces."""
+    lines = set()
+    for comment in perceived.comments.values():
+        for line in comment.split("\n"):
+            lines.add(" ".join(line.split()))
+    return lines
+
+
+def _rewrite_text(
     text: str,
-    old: Mapping[str, Any],
-    new: dict[str, Any],
+    old_data: Mapping[str, Any],
+    new_data: dict[str, Any],
     perceived: PerceivedScene,
-    known: Record,
+    record: Record,
 ) -> str:
     """Return the text with new data, and with comments on new values and new reasons.
 
     Comments of perception on values of the user are removed. Objects that consist of a
     mask alone, and new boundaries, are written as in a new file.
     """
-    objects, has_changes = (
-        old.get("objects", {}),
-        old.get("objects", {}).keys() != new["objects"].keys(),
-    )
-    bare_names = {
-        name for name, old_sources in objects.items() if old_sources.keys() <= BARE
+    old_objects = old_data.get("objects", {})
+    bare_names = set()
+    for name, entry in old_objects.items():
+        if entry.keys() <= BARE:
+            bare_names.add(name)
+    changes = _comment_changes(old_data, new_data, bare_names, perceived, record)
+    sections = {
+        "objects": bare_names,
+        "boundaries": old_data.get("boundaries", {}),
     }
-    new_keys = {
-        key for key in perceived.comments if value_at(new, key) != value_at(old, key)
-    }
-    new_keys |= {
-        key for key in perceived.comments if bare_names & set(key.split(".")[1:2])
-    }
-    new_keys -= set() if has_changes else {"objects"}
-    removed_keys = (
-        ["world.pixels_per_meter"] if perceived.wrote.get("", {}).get("given") else []
-    )
-    # The file already describes how these objects were found.
+    for section, names in sections.items():
+        for name in names:
+            entry = new_data.get(section, {}).get(name)
+            if entry is not None and entry != old_data[section][name]:
+                text = written_anew(text, (section, name), entry)
+    removed_paths = [key.split(".") for key in changes.removed_keys]
+    text = without_comments(write(text, new_data), removed_paths, record.comments)
+    return with_comments(text, changes.comments, record.comments, changes.new_keys)
+
+
+@dataclass(frozen=True)
+class _CommentChanges:
+    """Changes to the comments of a refreshed scene."""
+
+    comments: dict[str, str]
+    """Comments to write, by dotted path."""
+    new_keys: set[str]
+    """Dotted paths of new values."""
+    removed_keys: list[str]
+    """Dotted paths of values of the user."""
+
+
+def _comment_changes(
+    old_data: Mapping[str, Any],
+    new_data: Mapping[str, Any],
+    bare_names: Collection[str],
+    perceived: PerceivedScene,
+    record: Record,
+) -> _CommentChanges:
+    """Return the changes to the comments by the values of old and new data."""
+    old_objects = old_data.get("objects", {})
+    has_changes = old_objects.keys() != new_data["objects"].keys()
+    new_keys = _new_comment_keys(old_data, new_data, bare_names, perceived.comments)
+    if not has_changes:
+        new_keys.discard("objects")
+    removed_keys = []
+    if perceived.wrote.get("", {}).get("given"):
+        removed_keys.append("world.pixels_per_meter")
     unchanged_keys = []
     for name, item in perceived.document["objects"].items():
-        wrote, sources = known.entry(name, item), item.get("from", {})
-        old_sources = wrote.get("from", {})
-        user_keys = {
-            key
-            for key in ("label", "mass", "friction")
-            if key in old_sources and key not in sources
-        }
-        removed_keys += [
-            f"objects.{name}.{key}"
-            for key in user_keys | perceived.wrote.get(name, {}).keys()
-        ]
-        removed_keys += (
-            [] if any(item.get("velocity", ())) else [f"objects.{name}.velocity"]
-        )
-        if old_sources.get("mask") == sources.get("mask") and wrote.get(
-            "label"
-        ) == item.get("label"):
-            unchanged_keys += [
-                key
-                for part in ("mask", "mass")
-                if (key := f"objects.{name}.{part}") not in new_keys
-            ]
+        old_item = record.entry(name, item)
+        removed_keys += _user_keys(name, item, old_item, perceived)
+        # The file already describes the detection of these objects.
+        if _has_same_detection(item, old_item):
+            for part in ("mask", "mass"):
+                key = f"objects.{name}.{part}"
+                if key not in new_keys:
+                    unchanged_keys.append(key)
         else:
             has_changes = True
-    unchanged_keys += [] if has_changes else ["objects"]
-    comments = {
-        key: words
-        for key, words in perceived.comments.items()
-        if key not in (*removed_keys, *unchanged_keys)
-    }
-    for section, names in (
-        ("objects", bare_names),
-        ("boundaries", old.get("boundaries", {})),
-    ):
-        for name in names:
-            sources = new.get(section, {}).get(name)
-            if sources is not None and sources != old[section][name]:
-                text = written_anew(text, (section, name), sources)
-    text = without_comments(
-        write(text, new), [key.split(".") for key in removed_keys], known.comments
-    )
-    return with_comments(text, comments, known.comments, new_keys)
+    if not has_changes:
+        unchanged_keys.append("objects")
+    comments = {}
+    for key, comment in perceived.comments.items():
+        if key not in removed_keys and key not in unchanged_keys:
+            comments[key] = comment
+    return _CommentChanges(comments, new_keys, removed_keys)
+
+
+def _new_comment_keys(
+    old_data: Mapping[str, Any],
+    new_data: Mapping[str, Any],
+    bare_names: Collection[str],
+    comments: Mapping[str, str],
+) -> set[str]:
+    """Return the dotted paths of comments on new values or on bare objects."""
+    new_keys = set()
+    for key in comments:
+        object_name = key.split(".")[1:2]
+        is_bare = bool(object_name) and object_name[0] in bare_names
+        if is_bare or value_at(new_data, key) != value_at(old_data, key):
+            new_keys.add(key)
+    return new_keys
+
+
+def _user_keys(
+    name: str,
+    item: Mapping[str, Any],
+    old_item: Mapping[str, Any],
+    perceived: PerceivedScene,
+) -> list[str]:
+    """Return the dotted paths of an object's values that belong to the user."""
+    sources, old_sources = item.get("from", {}), old_item.get("from", {})
+    keys = set(perceived.wrote.get(name, {}))
+    for key in ("label", "mass", "friction"):
+        if key in old_sources and key not in sources:
+            keys.add(key)
+    paths = [f"objects.{name}.{key}" for key in keys]
+    if not any(item.get("velocity", ())):
+        paths.append(f"objects.{name}.velocity")
+    return paths
+
+
+def _has_same_detection(item: Mapping[str, Any], old_item: Mapping[str, Any]) -> bool:
+    """Return whether an object has the mask and the label of its old record."""
+    sources, old_sources = item.get("from", {}), old_item.get("from", {})
+    has_same_mask = old_sources.get("mask") == sources.get("mask")
+    return has_same_mask and old_item.get("label") == item.get("label")
 
 
 def value_at(document: Mapping[str, Any], key: str) -> object:
@@ -297,29 +450,35 @@ def short_entries(
     solid, `from` and defaults, except if it was `written` with them or the object's
     mask is not an id.
     """
-    short, stored_shapes, usual = (
-        {},
-        [],
-        (schema_at(("objects", "")) or {})["properties"],
-    )
+    short_objects, stored_shapes = {}, []
     for name, item in objects.items():
         written_entry, mask = written.get(name, {}), item.get("mask")
-        if "shape" in item and "shape" not in written_entry and isinstance(mask, int):
+        has_new_shape = "shape" in item and "shape" not in written_entry
+        if has_new_shape and isinstance(mask, int):
             shape_keys = ["shape"] if "solid" in written_entry else ["shape", "solid"]
-            entry = {"crc": mask_crc(labels, mask)} | {
-                key: item[key] for key in shape_keys if key in item
-            }
+            entry: dict[str, Any] = {"crc": mask_crc(labels, mask)}
+            for key in shape_keys:
+                if key in item:
+                    entry[key] = item[key]
             if mask in wholes:
                 entry["whole"] = shape_entry(wholes[mask])
             stored_shapes.append(f"{json.dumps(str(mask))}: {json.dumps(entry)}")
             item = {key: value for key, value in item.items() if key not in shape_keys}
-        short[name] = {
-            key: value
-            for key, value in item.items()
-            if key in written_entry
-            or (key != "from" and (key not in USUAL or value != usual[key]["default"]))
-        }
-    return short, "{\n" + ",\n".join(stored_shapes) + "\n}\n"
+        short_objects[name] = _without_defaults(item, written_entry)
+    return short_objects, "{\n" + ",\n".join(stored_shapes) + "\n}\n"
+
+
+def _without_defaults(
+    item: Mapping[str, Any], written_entry: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return an object without `from` and defaults, unless the file contained them."""
+    properties = (schema_at(("objects", "")) or {})["properties"]
+    result = {}
+    for key, value in item.items():
+        is_default = key in USUAL and value == properties[key]["default"]
+        if key in written_entry or not (key == "from" or is_default):
+            result[key] = value
+    return result
 
 
 def _free_of_maps(name: str) -> str:
