@@ -169,8 +169,7 @@ def _perceive_photo(
 ) -> _PerceivedPhoto:
     """Perceive a photo and set its objects in motion. Raises InputError."""
     from physgen.maps import read_object_masks
-    from physgen.perceive.perceive import KnownFacts
-    from physgen.perceive.perceive import perceive as run
+    from physgen.perceive import perceive as perception
     from physgen.perceive.photo_size import (
         LONGEST_SIDE,
         check_size,
@@ -243,13 +242,13 @@ def _perceive_photo(
             warn(problem)
         return moved
 
-    moving_scene = run(
+    moving_scene = perception.perceive(
         rgb,
         detections,
         renames=options.labels,
         backends=crew,
         nouns=options.asked,
-        facts=KnownFacts(_given_view(options)),
+        facts=perception.KnownFacts(_given_view(options)),
         progress=progress,
         meanwhile=set_in_motion,
     )
@@ -503,10 +502,9 @@ def _report_lost_objects(
 def _refresh(opened: OpenedScene, text: str, run: _Refresh) -> str:
     """Refresh a scene with fitting assets; `text` is the text of its file."""
     from physgen.compile.compile import compile_scene
+    from physgen.perceive import perceive as perception
     from physgen.perceive import refresh as old_and_new
     from physgen.perceive.naming import renamed_labels
-    from physgen.perceive.perceive import KnownFacts
-    from physgen.perceive.perceive import perceive as perceive_scene
     from physgen.perceive.scene_files import write_scene
     from physgen.perceive.segment.prompts import Segmenter, check_prompts
     from physgen.photos import read_photo
@@ -558,12 +556,12 @@ def _refresh(opened: OpenedScene, text: str, run: _Refresh) -> str:
     # The layers of the user decide which object covers which, also in the new masks.
     layers = old_and_new.user_layers(old_document)
     layer_of = {i: layers[name] for i, name in old_names.items() if name in layers}
-    perceived = perceive_scene(
+    perceived = perception.perceive(
         photo.rgb,
         replace(selection.found, layers=layer_of, gone=removed_pixels),
         renames=options.labels,
         backends=crew,
-        facts=KnownFacts(
+        facts=perception.KnownFacts(
             _given_view(options) or old_and_new.known_view(scene),
             None if has_default_scale else scene.world.pixels_per_meter,
         ),
