@@ -272,7 +272,7 @@ def _chosen_push(
     are raised to `least`.
     """
     from physgen.compile.shapes import shapes_of
-    from physgen.perceive.document import mask_confidence
+    from physgen.perceive.summary import mask_confidence
     from physgen.pipeline.pushes import default_push
 
     objects = perceived.document["objects"]
