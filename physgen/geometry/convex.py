@@ -139,28 +139,27 @@ def merge_pieces(pieces: Sequence[Array], depth: float) -> tuple[Array, ...]:
 
     Fewer pieces of nearly the same form: the engine then takes less time.
     """
-    polygons = list(pieces)
-    count = len(polygons) + 1
-    while len(polygons) < count:
-        count = len(polygons)
-        polygons = _merge_once(polygons, depth)
-    return tuple(polygons)
+    merged_pieces = list(pieces)
+    count = len(merged_pieces) + 1
+    while len(merged_pieces) < count:
+        count = len(merged_pieces)
+        merged_pieces = _merge_once(merged_pieces, depth)
+    return tuple(merged_pieces)
 
 
 def _merge_once(pieces: list[Array], depth: float) -> list[Array]:
     """Merge each piece with the first other one that permits it."""
-    candidates = list(pieces)
-    result: list[Array] = []
-    while candidates:
-        piece = candidates.pop(0)
-        for k, other_piece in enumerate(candidates):
+    remaining_pieces, merged_pieces = list(pieces), []
+    while remaining_pieces:
+        piece = remaining_pieces.pop(0)
+        for k, other_piece in enumerate(remaining_pieces):
             hull = _shallow_hull(piece, other_piece, depth)
             if hull is not None:
-                candidates[k] = hull
+                remaining_pieces[k] = hull
                 break
         else:
-            result.append(piece)
-    return result
+            merged_pieces.append(piece)
+    return merged_pieces
 
 
 def _shallow_hull(a: Array, b: Array, depth: float) -> Array | None:
@@ -174,9 +173,9 @@ def _shallow_hull(a: Array, b: Array, depth: float) -> Array | None:
     hull = _hull(points)
     if (_depth_inside(hull, points) > depth).any():
         return None
-    extent = float(np.hypot(*np.ptp(points, axis=0)))
+    diagonal = float(np.hypot(*np.ptp(points, axis=0)))
     added_area = _area(hull) - _area(a) - _area(b)
-    return hull if added_area <= depth * extent else None
+    return hull if added_area <= depth * diagonal else None
 
 
 def _depth_inside(hull: Array, points: Array) -> Array:

@@ -175,14 +175,10 @@ CELL = 8.0
 """Width of a cell of the grid of edges, px: few edges are in one cell."""
 MOST_CELLS = 400
 """Number of cells above which an edge is in none: those of 150 px at 45 degrees."""
-MOST_INDEX = 10**6
-"""Largest number of a cell."""
 LEEWAY = 0.05
 """Distance, px, by which the quick check covers more contacts."""
 NEAREST, FARTHEST = ABOVE - LEEWAY, GAP + LEEWAY
 LOWEST, HIGHEST = BELOW + LEEWAY, LEVEL + LEEWAY
-REGION = 1.1
-"""Distance, px, from an edge beyond which it covers no contact: over `LOWEST`."""
 NEIGHBOURS = 2.0
 """Largest distance of surfaces from a shape that they continue, px."""
 
@@ -326,9 +322,9 @@ def _may_one_cover(
 
 def _cells_between(start: float, end: float) -> range:
     """Return the numbers of the grid's cells along one axis near an edge."""
-    low, high = min(start, end) - REGION, max(start, end) + REGION
-    # The limit keeps the range short for endless walls.
-    first, last = max(low // CELL, -MOST_INDEX), min(high // CELL, MOST_INDEX)
+    # Farther away from an edge in height and along it, no contact is covered.
+    reach = LOWEST + FARTHEST
+    first, last = (min(start, end) - reach) // CELL, (max(start, end) + reach) // CELL
     return range(int(first), int(last) + 1)
 
 
