@@ -623,11 +623,11 @@ def _refresh(opened: OpenedScene, text: str, run: _Refresh) -> str:
     # The summary describes the photo as perceived, but with the motion of the final
     # scene.
     for name in summary_objects.keys() & document["objects"].keys():
-        written_document = document["objects"][name] | moving.get(name, {})
+        object_entry = document["objects"][name] | moving.get(name, {})
         summary_objects[name] = summary_objects[name] | {
-            key: written_document[key]
+            key: object_entry[key]
             for key in ("motion", "velocity")
-            if key in written_document
+            if key in object_entry
         }
     summary_document = {
         **perceived_document,
