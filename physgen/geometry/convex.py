@@ -6,7 +6,6 @@ longest edges (Hertel and Mehlhorn 1983).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
@@ -113,7 +112,10 @@ def _as_one(a: Array, b: Array) -> Array | None:
     # it.
     points = np.concatenate([a, b])
     hull = _hull(points)
-    if (_depth_inside(hull, points) > PIECES.flush).any():
+    edges = np.roll(hull, -1, axis=0) - hull
+    depth = cross(edges[:, None], points[None] - hull[:, None])
+    depth = depth / np.hypot(*edges.T)[:, None]
+    if (depth.min(axis=0) > PIECES.flush).any():
         return None
     gap = shapely.Polygon(a).distance(shapely.Polygon(b))
     if gap > PIECES.seam:
@@ -132,58 +134,6 @@ def _hull(points: Array) -> Array:
     corners: Array = shapely.get_coordinates(shape)[-2::-1]
     first = int(np.lexsort((corners[:, 1], corners[:, 0]))[0])
     return np.roll(corners, -first, axis=0)
-
-
-def merge_pieces(pieces: Sequence[Array], depth: float) -> tuple[Array, ...]:
-    """Replace neighbours by their hull if no corner is deeper in it than `depth`, px.
-
-    Fewer pieces of nearly the same form: the engine then takes less time.
-    """
-    merged_pieces = list(pieces)
-    count = len(merged_pieces) + 1
-    while len(merged_pieces) < count:
-        count = len(merged_pieces)
-        merged_pieces = _merge_once(merged_pieces, depth)
-    return tuple(merged_pieces)
-
-
-def _merge_once(pieces: list[Array], depth: float) -> list[Array]:
-    """Merge each piece with the first other one that permits it."""
-    remaining_pieces, merged_pieces = list(pieces), []
-    while remaining_pieces:
-        piece = remaining_pieces.pop(0)
-        for k, other_piece in enumerate(remaining_pieces):
-            hull = _shallow_hull(piece, other_piece, depth)
-            if hull is not None:
-                remaining_pieces[k] = hull
-                break
-        else:
-            merged_pieces.append(piece)
-    return merged_pieces
-
-
-def _shallow_hull(a: Array, b: Array, depth: float) -> Array | None:
-    """Return the hull of two touching polygons; None if a corner is deep inside it."""
-    gap = PIECES.flush
-    if (a.min(axis=0) > b.max(axis=0) + gap).any():
-        return None
-    if (b.min(axis=0) > a.max(axis=0) + gap).any():
-        return None
-    points = np.concatenate([a, b])
-    hull = _hull(points)
-    if (_depth_inside(hull, points) > depth).any():
-        return None
-    diagonal = float(np.hypot(*np.ptp(points, axis=0)))
-    added_area = _area(hull) - _area(a) - _area(b)
-    return hull if added_area <= depth * diagonal else None
-
-
-def _depth_inside(hull: Array, points: Array) -> Array:
-    """Return the depths of points (P, 2) below the border of their hull, (P,) px."""
-    edges = np.roll(hull, -1, axis=0) - hull
-    distances = cross(edges[:, None], points[None] - hull[:, None])
-    depths: Array = (distances / np.hypot(*edges.T)[:, None]).min(axis=0)
-    return depths
 
 
 def _ring_pieces(ring: Ring) -> list[Array]:

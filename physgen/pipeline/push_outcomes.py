@@ -61,8 +61,6 @@ class TrialLimits:
     """Steps per second of a trial; the best pushes are tried again in those of the
     scene, since no coarser steps give all of its grades.
     """
-    flush: float = 0.003
-    """Depth of notches that a trial leaves out: an outline's noise makes most pieces."""
     ramp_frames: int = 3
     """Frames of a push: one alone looks like a jump."""
     fps: int = 30

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.geometry.convex import merge_pieces
 from physgen.geometry.scale import PLAYBACK, slow_motion, story_slow_motion
 from physgen.pipeline.push_motion import (
     PictureBorder,
@@ -164,7 +163,7 @@ def choose_speed(
 
     The rules are those of `choose_push`. None if no push moves an object visibly.
     """
-    world = _coarse_world(trials)
+    world = replace(trials.world, steps_per_second=TRIAL.rate)
     candidates = list(_search(trials, item, direction, facing, world))
     moving_candidates = [
         candidate for candidate in candidates if candidate.outcome.grade > Grade.NOTHING
@@ -190,7 +189,7 @@ def _candidates(
     trials: TrialScene, confidence: Mapping[str, float], facing: Mapping[str, str]
 ) -> Iterator[Candidate]:
     """Yield pushes and their outcomes in coarse steps, within the limit of work."""
-    world = _coarse_world(trials)
+    world = replace(trials.world, steps_per_second=TRIAL.rate)
     # A search yields the same speed again if it halves an interval to it.
     known_pushes: set[tuple[str, Direction, float]] = set()
     sorted_pushes = rank_pushes(trials, confidence)[: TRIAL.more]
@@ -206,17 +205,6 @@ def _candidates(
             yield candidate
             if effort.ends_after(_weight_candidate(candidate, confidence), candidate):
                 return
-
-
-def _coarse_world(trials: TrialScene) -> World:
-    """Return the world of trials for the search: long steps, bodies of few pieces."""
-    depth = TRIAL.flush * trials.side
-    bodies = []
-    for body in trials.world.bodies:
-        pieces = merge_pieces(body.pieces, depth)
-        bodies.append(replace(body, pieces=pieces))
-    world = replace(trials.world, steps_per_second=TRIAL.rate)
-    return replace(world, bodies=tuple(bodies))
 
 
 @dataclass

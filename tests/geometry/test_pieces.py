@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from drawings import L_SHAPE, U_SHAPE, blob_labels, box, circle
 
-from physgen.geometry.convex import SLIVER, convex_pieces, merge_pieces
+from physgen.geometry.convex import SLIVER, convex_pieces
 from physgen.geometry.polygon import (
     Region,
     Ring,
@@ -107,15 +107,3 @@ def test_pieces_that_are_apart_or_not_convex_together_stay_apart():
     a = box(0, 0, 50, 20)
     for b in (box(51, 0, 90, 20), box(50, 0, 90, 30), box(20, 20, 30, 60)):
         assert len(convex_pieces(Region((Ring(a), Ring(b))))) == 2
-
-
-@pytest.mark.parametrize(("notch", "count"), [(1.0, 1), (4.0, 2)])
-def test_pieces_merge_across_a_shallow_notch(notch, count):
-    ring = [[0, 0], [50, notch], [100, 0], [100, 40], [0, 40]]
-    pieces = convex_pieces(Region((Ring(np.array(ring, float)),)))
-    assert len(pieces) > 1
-    merged = merge_pieces(pieces, 1.5)
-    assert len(merged) == count
-    # No point of the form is lost, and at most the notch is added.
-    area = sum(polygon_moments(piece).area for piece in merged)
-    assert 4000 - 50 * notch - 1e-6 <= area <= 4000 + 1e-6
