@@ -27,6 +27,7 @@ from physgen.geometry.scale import (
 from physgen.maps import F32, Percepts
 from physgen.messages import Message
 from physgen.perceive import document, naming, shape_entries
+from physgen.perceive.bites import fill_bites
 from physgen.perceive.hidden_parts import continue_outlines
 from physgen.perceive.inpaint.outgrowths import attach_outgrowths
 from physgen.perceive.perception_run import ROLES, PerceptionRun, nearest_labels
@@ -180,6 +181,7 @@ def _detect_objects(
     remains = find_remains(run.rgb, detections.labels, ids)
     labels, doubtful_parts = attach_remains(detections.labels, remains)
     labels = attach_outgrowths(run.rgb, labels)
+    labels = fill_bites(run.rgb, labels)
     detections = replace(detections, labels=labels)
     detections = attach_loose_parts(run.rgb, detections, view)
     return detections, scenery, doubtful_parts

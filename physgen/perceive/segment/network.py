@@ -317,6 +317,16 @@ def rough_mask_in_box(
     return cut_out(grid_chances >= 0.5, x0, y0, 4)
 
 
+def object_chances(
+    rgb: NDArray[np.uint8], box: Sequence[float]
+) -> tuple[F32, tuple[int, int, int, int]]:
+    """Return the probability (h, w) of the object in a box, and the map's own box.
+
+    Boxes are left, top, right, bottom px; the map's box may reach outside the photo.
+    """
+    return _mean_chances(crop(rgb, box, SIDE), at_point=False), bounds(box)
+
+
 def box_of(mask: NDArray[np.bool_]) -> tuple[int, int, int, int]:
     """Return left, top, right, bottom of a mask (H, W), px; the last two are just
     outside.
@@ -336,12 +346,7 @@ def _segment(
     if end <= x or foot <= y:
         return PromptedMask(mask, 0.0)
     view = crop(rgb, box, SIDE)
-    small = _first_chances(view.tobytes(), at_point)
-    # The errors of the mirror image differ from those of the crop.
-    other = _chances(np.ascontiguousarray(view[:, ::-1]), at_point)
-    affine: NDArray[Any] = follow_edges(
-        view, np.asarray((small + other[:, ::-1]) / 2, np.float32)
-    )
+    affine: NDArray[Any] = follow_edges(view, _mean_chances(view, at_point))
     x_scale, y_scale = SIDE / (right - left), SIDE / (bottom - top)
     transform = np.array(
         [
@@ -425,6 +430,16 @@ def _cofactors(diagonal: F32, beside: F32) -> list[list[NDArray[np.float64]]]:
     d, e, f = np.moveaxis(beside.astype(np.float64), -1, 0)
     ab, bc, ac = e * f - c * d, d * f - a * e, d * e - b * f
     return [[b * c - e * e, ab, ac], [ab, a * c - f * f, bc], [ac, bc, a * b - d * d]]
+
+
+def _mean_chances(view: NDArray[np.uint8], at_point: bool) -> F32:
+    """Return the mean of `_chances` of a crop and of its mirror image.
+
+    The errors of the mirror image differ from those of the crop.
+    """
+    first = _first_chances(view.tobytes(), at_point)
+    other = _chances(np.ascontiguousarray(view[:, ::-1]), at_point)
+    return np.asarray((first + other[:, ::-1]) / 2, np.float32)
 
 
 @lru_cache(maxsize=LOOKS)
