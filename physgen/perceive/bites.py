@@ -18,7 +18,12 @@ from numpy.typing import NDArray
 
 from physgen.maps import F32
 from physgen.perceive.roles import Labels, Mask, Rgb
-from physgen.perceive.segment.network import box_of, object_chances, run_network
+from physgen.perceive.segment.network import (
+    box_of,
+    follow_edges,
+    object_chances,
+    run_network,
+)
 
 Box = tuple[float, float, float, float]
 """Left, top, right, bottom px."""
@@ -66,6 +71,8 @@ class BiteConstants:
     shared: float = 0.3
     # 8-bit levels: least median difference from the ground's mean colour.
     unlike: float = 20.0
+    # 8-bit levels: a smaller difference is ground, seen through a gap.
+    ground_colour: float = 12.0
     # Width of the average of the ground over the reach.
     ground: float = 0.8
     # Colour channels of shaded ground over those of the ground: largest and least
@@ -75,6 +82,14 @@ class BiteConstants:
     tint: float = 0.12
     # Share of such pixels in a bite that looks like shade.
     shade: float = 0.6
+    # px at reduced size, and 8-bit levels: width and noise of the filter that moves
+    # borders to edges.
+    edge_radius: int = 5
+    edge_noise: float = 8.0
+    # Blur of the border over the object's size.
+    smoothing: float = 0.008
+    # px at reduced size: largest shift of a border.
+    nearby: int = 2
 
 
 BITES = BiteConstants()
@@ -137,10 +152,27 @@ def _bites(
         _resample(foreground, photo_box, window, size),
     )
     bites = surroundings.bites()
-    # The object is enlarged together with its bites, so that no slit remains.
-    joint_mask = _enlarge(bites | surroundings.own, own.shape)
-    nearby = _enlarge(_dilate(bites, 1), own.shape)
-    return np.asarray(joint_mask & nearby & ~own)
+    if not bites.any():
+        return np.zeros_like(own)
+    return _sharpen(photo[box], own, surroundings, bites)
+
+
+def _sharpen(photo: Rgb, own: Mask, surroundings: _Surroundings, bites: Mask) -> Mask:
+    """Return bites (h, w) with borders along the edges of a photo (H, W), at its size.
+
+    The object and its bites are enlarged together, so that no slit remains.
+    """
+    size = own.shape[1], own.shape[0]
+    joint_mask = (bites | surroundings.own).astype(np.float32)
+    affine = follow_edges(
+        surroundings.photo, joint_mask, BITES.edge_radius, BITES.edge_noise
+    )
+    affine = np.asarray(cv2.resize(affine, size), np.float32)
+    coverage = (affine[..., :3] * photo).sum(axis=-1) + affine[..., 3]
+    coverage = np.clip(np.where(own, 1, coverage), 0, 1).astype(np.float32)
+    sigma = BITES.smoothing * float(np.sqrt(np.count_nonzero(own)))
+    nearby = _enlarge(_dilate(bites, BITES.nearby), own.shape)
+    return np.asarray((_blur(coverage, sigma) >= 0.5) & nearby & ~own)
 
 
 def _reduce(mask: Mask, size: tuple[int, int]) -> Mask:
@@ -203,7 +235,8 @@ class _Surroundings:
         distance = cv2.distanceTransform((~self.own).view(np.uint8), cv2.DIST_L2, 5)
         band = (distance <= reach) & ~self.own & ~self.others
         ground = (distance > reach) & ~self.others
-        width = max(2, round(BITES.width * size))
+        # Odd, since OpenCV shifts the result of even kernels.
+        width = 2 * max(1, round(BITES.width * size / 2)) + 1
         square = np.ones((width, width), np.uint8)
         unlike, shade = self._compare_with_ground(ground, reach)
         for level in BITES.levels:
@@ -226,7 +259,10 @@ class _Surroundings:
                     and float(np.median(unlike[piece])) >= BITES.unlike
                 ):
                     result |= piece
-        return result
+        result &= unlike >= BITES.ground_colour
+        return np.asarray(
+            cv2.morphologyEx(result.view(np.uint8), cv2.MORPH_OPEN, square) > 0
+        )
 
     def _closes_outline(self, piece: Mask, size: float) -> bool:
         """Return whether a piece has a bite's area and barely lengthens the outline."""
