@@ -69,6 +69,8 @@ class BiteConstants:
     # Largest contact with other objects over the contact with its own object: a larger
     # one is a gap between objects, or a part of the others.
     shared: float = 0.3
+    # px at reduced size: distance that counts as contact with another object.
+    apart: int = 2
     # 8-bit levels: least median difference from the ground's mean colour.
     unlike: float = 20.0
     # 8-bit levels: a smaller difference is ground, seen through a gap.
@@ -271,7 +273,7 @@ class _Surroundings:
         if not least_area <= area <= BITES.largest * size**2:
             return False
         seam = int(np.count_nonzero(piece & _dilate(self.own, 1)))
-        shared = int(np.count_nonzero(piece & _dilate(self.others, 1)))
+        shared = int(np.count_nonzero(piece & _dilate(self.others, BITES.apart)))
         if not seam or shared > BITES.shared * seam:
             return False
         border = piece & ~_erode(piece) & ~_dilate(self.own, 2)

@@ -181,7 +181,9 @@ def _detect_objects(
     remains = find_remains(run.rgb, detections.labels, ids)
     labels, doubtful_parts = attach_remains(detections.labels, remains)
     labels = attach_outgrowths(run.rgb, labels)
-    labels = fill_bites(run.rgb, labels)
+    # Models of the extras draw finer masks than the network that fills bites.
+    if run.core("segment"):
+        labels = fill_bites(run.rgb, labels)
     detections = replace(detections, labels=labels)
     detections = attach_loose_parts(run.rgb, detections, view)
     return detections, scenery, doubtful_parts
