@@ -54,16 +54,13 @@ class BiteConstants:
     above: float = 0.1
     # Additional chance of a bite with the colour of shaded ground.
     shaded: float = 0.07
-    # Foreground of any object: least value of a pixel, and least mean of a bite.
+    # Probability that a pixel is on any object: least value, and least mean of a bite.
     foreground: float = 0.55
     mean_foreground: float = 0.7
     # Least width of a bite over the object's size.
     width: float = 0.02
-    # Smallest and largest area of a bite over the object's.
-    smallest: float = 0.001
+    # Largest area of a bite over the object's.
     largest: float = 0.05
-    # px at reduced size: least area of a bite.
-    pixels: int = 8
     # Largest ratio of a bite's new outline to the outline that it closes.
     convex: float = 1.2
     # Largest contact with other objects over the contact with its own object: a larger
@@ -82,16 +79,12 @@ class BiteConstants:
     brightest: float = 1.03
     darkest: float = 0.45
     tint: float = 0.12
-    # Share of such pixels in a bite that looks like shade.
-    shade: float = 0.6
-    # px at reduced size, and 8-bit levels: width and noise of the filter that moves
-    # borders to edges.
+    # px at reduced size: width of the filter that moves borders to edges.
     edge_radius: int = 5
-    edge_noise: float = 8.0
     # Blur of the border over the object's size.
     smoothing: float = 0.008
     # px at reduced size: largest shift of a border.
-    nearby: int = 2
+    shift: int = 2
 
 
 BITES = BiteConstants()
@@ -121,12 +114,12 @@ def _large_objects(labels: Labels) -> Iterator[int]:
             yield label
 
 
-def _surroundings(own: Mask) -> tuple[slice, slice]:
+def _surroundings(mask: Mask) -> tuple[slice, slice]:
     """Return rows and columns of an object (H, W) and its surroundings."""
-    margin = round(BITES.around * float(np.sqrt(np.count_nonzero(own))))
-    left, top, right, bottom = box_of(own)
-    rows = slice(max(0, top - margin), min(own.shape[0], bottom + margin))
-    columns = slice(max(0, left - margin), min(own.shape[1], right + margin))
+    margin = round(BITES.around * float(np.sqrt(np.count_nonzero(mask))))
+    left, top, right, bottom = box_of(mask)
+    rows = slice(max(0, top - margin), min(mask.shape[0], bottom + margin))
+    columns = slice(max(0, left - margin), min(mask.shape[1], right + margin))
     return rows, columns
 
 
@@ -138,8 +131,8 @@ def _bites(
     foreground: F32,
 ) -> Mask:
     """Return the bites (h, w) of an object in the `box` of its surroundings."""
-    own = labels[box] == label
-    height, width = own.shape
+    object_mask = labels[box] == label
+    height, width = object_mask.shape
     scale = min(1.0, BITES.side / max(height, width))
     size = max(1, round(width * scale)), max(1, round(height * scale))
     chances, crop = object_chances(photo, box_of(labels == label))
@@ -148,33 +141,32 @@ def _bites(
     window = left, top, left + width, top + height
     surroundings = _Surroundings(
         np.asarray(cv2.resize(photo[box], size, interpolation=cv2.INTER_AREA)),
-        _reduce(own, size),
-        _reduce((labels[box] > 0) & ~own, size),
+        _reduce(object_mask, size),
+        _reduce((labels[box] > 0) & ~object_mask, size),
         _resample(chances, crop, window, size),
         _resample(foreground, photo_box, window, size),
     )
     bites = surroundings.bites()
     if not bites.any():
-        return np.zeros_like(own)
-    return _sharpen(photo[box], own, surroundings, bites)
+        return np.zeros_like(object_mask)
+    return _sharpen(photo[box], object_mask, surroundings, bites)
 
 
-def _sharpen(photo: Rgb, own: Mask, surroundings: _Surroundings, bites: Mask) -> Mask:
+def _sharpen(
+    photo: Rgb, object_mask: Mask, surroundings: _Surroundings, bites: Mask
+) -> Mask:
     """Return bites (h, w) with borders along the edges of a photo (H, W), at its size.
 
     The object and its bites are enlarged together, so that no slit remains.
     """
-    size = own.shape[1], own.shape[0]
-    joint_mask = (bites | surroundings.own).astype(np.float32)
-    affine = follow_edges(
-        surroundings.photo, joint_mask, BITES.edge_radius, BITES.edge_noise
-    )
-    affine = np.asarray(cv2.resize(affine, size), np.float32)
-    coverage = (affine[..., :3] * photo).sum(axis=-1) + affine[..., 3]
-    coverage = np.clip(np.where(own, 1, coverage), 0, 1).astype(np.float32)
-    sigma = BITES.smoothing * float(np.sqrt(np.count_nonzero(own)))
-    nearby = _enlarge(_dilate(bites, BITES.nearby), own.shape)
-    return np.asarray((_blur(coverage, sigma) >= 0.5) & nearby & ~own)
+    joint_mask = (bites | surroundings.object_mask).astype(np.float32)
+    weights = follow_edges(surroundings.photo, joint_mask, BITES.edge_radius)
+    weights = np.asarray(cv2.resize(weights, object_mask.shape[::-1]), np.float32)
+    coverage = (weights[..., :3] * photo).sum(axis=-1) + weights[..., 3]
+    coverage = np.clip(np.where(object_mask, 1, coverage), 0, 1).astype(np.float32)
+    sigma = BITES.smoothing * float(np.sqrt(np.count_nonzero(object_mask)))
+    zone = _enlarge(_dilate(bites, BITES.shift), object_mask.shape)
+    return np.asarray((_blur(coverage, sigma) >= 0.5) & zone & ~object_mask)
 
 
 def _reduce(mask: Mask, size: tuple[int, int]) -> Mask:
@@ -219,83 +211,95 @@ class _Surroundings:
     """An object and its surroundings at reduced size, (h, w)."""
 
     photo: Rgb
-    own: Mask
-    others: Mask
+    object_mask: Mask
+    neighbours: Mask
     """Pixels of other objects."""
     chances: F32
     """0..1: probability of the object."""
     foreground: F32
     """0..1: probability of any object."""
 
+    @property
+    def size(self) -> float:
+        """Return the root of the object's area, px."""
+        return float(np.sqrt(np.count_nonzero(self.object_mask)))
+
     def bites(self) -> Mask:
         """Return the pixels (h, w) of all bites."""
-        result = np.zeros_like(self.own)
-        size = float(np.sqrt(np.count_nonzero(self.own)))
-        if not size:
+        result = np.zeros_like(self.object_mask)
+        if not self.object_mask.any():
             return result
-        reach = max(3.0, BITES.reach * size)
-        distance = cv2.distanceTransform((~self.own).view(np.uint8), cv2.DIST_L2, 5)
-        band = (distance <= reach) & ~self.own & ~self.others
-        ground = (distance > reach) & ~self.others
-        # Odd, since OpenCV shifts the result of even kernels.
-        width = 2 * max(1, round(BITES.width * size / 2)) + 1
-        square = np.ones((width, width), np.uint8)
-        unlike, shade = self._compare_with_ground(ground, reach)
+        distance = np.asarray(
+            cv2.distanceTransform((~self.object_mask).view(np.uint8), cv2.DIST_L2, 5),
+            np.float32,
+        )
+        colour, ground = self._colours(distance)
+        contrast = np.abs(colour - ground).max(axis=2)
+        shade = _is_shade(colour, ground)
         for level in BITES.levels:
-            region = band & (self.chances > level)
-            region &= self.foreground > BITES.foreground
-            opened_mask = cv2.morphologyEx(
-                region.view(np.uint8), cv2.MORPH_OPEN, square
-            )
-            count, names = cv2.connectedComponents(opened_mask, connectivity=8)
-            for k in range(1, count):
-                piece = names == k
-                if not self._closes_outline(piece, size):
-                    continue
+            for piece in self._pieces(distance, level):
                 least_chance = max(BITES.chance, level + BITES.above)
-                if shade[piece].mean() > BITES.shade:
+                if np.median(shade[piece]):
                     least_chance += BITES.shaded
                 if (
-                    self.chances[piece].mean() >= least_chance
+                    self._closes_outline(piece)
+                    and self.chances[piece].mean() >= least_chance
                     and self.foreground[piece].mean() >= BITES.mean_foreground
-                    and float(np.median(unlike[piece])) >= BITES.unlike
+                    and np.median(contrast[piece]) >= BITES.unlike
                 ):
                     result |= piece
-        result &= unlike >= BITES.ground_colour
-        return np.asarray(
-            cv2.morphologyEx(result.view(np.uint8), cv2.MORPH_OPEN, square) > 0
-        )
+        return np.asarray(result & (contrast >= BITES.ground_colour))
 
-    def _closes_outline(self, piece: Mask, size: float) -> bool:
-        """Return whether a piece has a bite's area and barely lengthens the outline."""
-        area = np.count_nonzero(piece)
-        least_area = max(float(BITES.pixels), BITES.smallest * size**2)
-        if not least_area <= area <= BITES.largest * size**2:
+    def _pieces(self, distance: F32, level: float) -> Iterator[Mask]:
+        """Yield regions (h, w) beside the object with a chance above a level.
+
+        `distance` (h, w) is the distance from the object, px.
+        """
+        is_free = ~self.object_mask & ~self.neighbours
+        is_near = distance <= max(3.0, BITES.reach * self.size)
+        is_object = (self.chances > level) & (self.foreground > BITES.foreground)
+        region = (is_free & is_near & is_object).view(np.uint8)
+        # Odd, since OpenCV shifts the result of even kernels.
+        width = 2 * max(1, round(BITES.width * self.size / 2)) + 1
+        square = np.ones((width, width), np.uint8)
+        opened_mask = cv2.morphologyEx(region, cv2.MORPH_OPEN, square)
+        count, names = cv2.connectedComponents(opened_mask, connectivity=8)
+        for k in range(1, count):
+            yield names == k
+
+    def _closes_outline(self, piece: Mask) -> bool:
+        """Return whether a piece is not too large and barely lengthens the outline."""
+        if np.count_nonzero(piece) > BITES.largest * self.size**2:
             return False
-        seam = int(np.count_nonzero(piece & _dilate(self.own, 1)))
-        shared = int(np.count_nonzero(piece & _dilate(self.others, BITES.apart)))
-        if not seam or shared > BITES.shared * seam:
+        seam = int(np.count_nonzero(piece & _dilate(self.object_mask, 1)))
+        neighbourhood = _dilate(self.neighbours, BITES.apart)
+        contact = int(np.count_nonzero(piece & neighbourhood))
+        if not seam or contact > BITES.shared * seam:
             return False
-        border = piece & ~_erode(piece) & ~_dilate(self.own, 2)
+        border = piece & ~_erode(piece) & ~_dilate(self.object_mask, 2)
         return int(np.count_nonzero(border)) <= BITES.convex * seam
 
-    def _compare_with_ground(self, ground: Mask, reach: float) -> tuple[F32, Mask]:
-        """Return the difference (h, w) from the ground, 8-bit levels, and shade.
+    def _colours(self, distance: F32) -> tuple[F32, F32]:
+        """Return the colours (h, w, 3) of pixels and of the ground nearby, 8-bit levels.
 
-        The ground is the average colour of its pixels nearby; `reach` is in px.
+        The ground is the average of the pixels beyond the reach of bites. `distance`
+        (h, w) is the distance from the object, px.
         """
-        share = ground.astype(np.float32)
-        sigma = max(3.0, BITES.ground * reach)
+        reach = max(3.0, BITES.reach * self.size)
+        share = ((distance > reach) & ~self.neighbours).astype(np.float32)
         photo = self.photo.astype(np.float32)
+        sigma = max(3.0, BITES.ground * reach)
         total = _blur(photo * share[..., None], sigma)
-        average = total / (_blur(share, sigma)[..., None] + 1e-4)
-        colour = np.asarray(cv2.blur(photo, (3, 3)), np.float32)
-        unlike = np.abs(colour - average).max(axis=2)
-        ratio = colour / np.maximum(average, 1)
-        brightest, darkest = ratio.max(axis=2), ratio.min(axis=2)
-        shade = (brightest < BITES.brightest) & (darkest > BITES.darkest)
-        shade &= brightest - darkest < BITES.tint
-        return np.asarray(unlike, np.float32), np.asarray(shade)
+        ground = total / (_blur(share, sigma)[..., None] + 1e-4)
+        return np.asarray(cv2.blur(photo, (3, 3)), np.float32), ground
+
+
+def _is_shade(colour: F32, ground: F32) -> Mask:
+    """Return the pixels (h, w) with the colour of shaded ground."""
+    ratio = colour / np.maximum(ground, 1)
+    high, low = ratio.max(axis=2), ratio.min(axis=2)
+    is_darker = (high < BITES.brightest) & (low > BITES.darkest)
+    return np.asarray(is_darker & (high - low < BITES.tint))
 
 
 def _blur(values: NDArray[np.float32], sigma: float) -> F32:
