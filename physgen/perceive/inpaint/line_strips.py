@@ -46,8 +46,9 @@ class _Tuning:
     measured: float = 48.0
     # rad: largest angle between the chord of both ends and each visible part.
     turn: float = 0.12
-    # Largest difference of the more similar side over the mean contrast.
-    differ: float = 0.6
+    # Largest difference of both ends over their mean contrast: on the more similar side
+    # and on the other.
+    differ: tuple[float, float] = (0.35, 0.6)
     # Least length of a line in a hole.
     shortest: float = 12.0
     # Half the width of the searched structure.
@@ -62,6 +63,8 @@ class _Tuning:
     beside: int = 5
     # Visible length that is copied.
     copied: int = 120
+    # Largest copied detail over its median.
+    outlier: float = 4.0
     # Length of the mean colours at each end.
     mean: int = 16
     # Length of the blend between copies.
@@ -143,9 +146,12 @@ def _certain_pairs(
 
 
 def _similar(a: BorderEnd, b: BorderEnd) -> bool:
-    """Return whether the more similar sides of two ends show one surface."""
-    least_difference, _ = colour_differences(a, b)
-    return least_difference < TUNING.differ * (a.contrast + b.contrast) / 2
+    """Return whether two ends show the same surfaces on both sides."""
+    contrast = (a.contrast + b.contrast) / 2
+    least_difference, largest_difference = colour_differences(a, b)
+    if least_difference > TUNING.differ[0] * contrast:
+        return False
+    return largest_difference <= TUNING.differ[1] * contrast
 
 
 def _visible_direction(end: BorderEnd, known: KnownSurroundings) -> F64 | None:
@@ -368,5 +374,8 @@ def _reflected_detail(values: F32, count: int, length: int) -> F32:
     """
     coarse = cv2.blur(values[:, None], (1, length), borderType=cv2.BORDER_REFLECT)
     detail = values - coarse[:, 0]
+    # Another structure that crosses the visible line is not copied.
+    limit = TUNING.outlier * np.median(np.abs(detail), axis=0) + TUNING.least_gradient
+    detail = np.clip(detail, -limit, limit)
     period = np.arange(count) % (2 * len(values))
     return np.asarray(detail[np.minimum(period, 2 * len(values) - 1 - period)])
