@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -59,12 +60,20 @@ class _Tuning:
     least_gradient: float = 3.0
     # Width of plain ground between two edges of one structure.
     gap: int = 10
-    # Width of the ground beside a line that is copied with it, and of its blend.
-    beside: int = 5
+    # Width of the ground beside a line that is copied with it.
+    beside: int = 10
     # Visible length that is copied.
     copied: int = 120
-    # Largest copied detail over its median.
-    outlier: float = 4.0
+    # Largest copied detail over its median, beside this many levels.
+    outlier: float = 2.5
+    least_detail: float = 2.0
+    # Least visible length of a column of the strip.
+    fewest: float = 4.0
+    # Levels: larger differences between the ground beside the hole and the visible ends
+    # of the line are another structure ...
+    departure: float = 60.0
+    # ... in at most this share of the strip.
+    departing: float = 0.1
     # Length of the mean colours at each end.
     mean: int = 16
     # Length of the blend between copies.
@@ -78,6 +87,8 @@ class _Tuning:
 TUNING = _Tuning()
 KNOWN_ERROR = 1e-3
 """Largest share of an unknown pixel in an interpolated known colour."""
+LEAST_RUN = 5
+"""px: shortest visible part of a column of a strip."""
 MOST_ROWS = 16_384
 """Rows of pixels in one call of OpenCV, which allows at most 32,767."""
 
@@ -186,8 +197,9 @@ def paint_lines(
     free_share = hole.astype(np.float32)
     for line in lines:
         strip = _straighten(photo, hole, line, scale)
-        colours, weights = strip.continued()
-        _blend_strip(result, free_share, strip, colours, weights)
+        continued = strip.continued()
+        if continued is not None:
+            _blend_strip(result, free_share, strip, *continued)
     return result
 
 
@@ -207,27 +219,58 @@ class _Strip:
     """Rows before the start and after the end of the line."""
     scale: float
 
-    def continued(self) -> tuple[F32, F32]:
-        """Return continued colours (n, m, 3) and their weights (n, m)."""
+    def continued(self) -> tuple[F32, F32] | None:
+        """Return continued colours (n, m, 3) and their weights (n, m).
+
+        None means that the line has no structure, or that the structure beside the
+        hole departs from the line.
+        """
         colours = self.colours.copy()
-        weights = np.zeros(self.known.shape, np.float32)
-        share = self._shares()
-        for column in np.flatnonzero(share > 0):
+        is_set = np.zeros(self.known.shape, np.bool_)
+        share, structure = self._shares()
+        departures = []
+        for column in np.flatnonzero(share > 0).tolist():
             for first, last in _unknown_runs(self.known[:, column]):
                 run = self._continue_column(column, first, last)
                 if run is not None:
-                    colours[first:last, column] = run
-                    weights[first:last, column] = share[column]
-        return colours, weights
+                    colours[first:last, column], departure = run
+                    is_set[first:last, column] = True
+                    if structure[column]:
+                        departures.append(departure)
+        # A curved line beside a border that is nearly parallel to it departs from its
+        # chord: then the colours beside the hole are not those of its ends.
+        if not departures or _share_above(departures) > TUNING.departing:
+            return None
+        inner = slice(self.outside, len(colours) - self.outside)
+        self._close_gaps(colours[inner], is_set[inner], self.known[inner], share > 0)
+        return colours, np.where(is_set, share, np.float32(0))
 
-    def _continue_column(self, column: int, first: int, last: int) -> F32 | None:
-        """Return colours (last - first, 3) of an unknown run of a column, or None."""
+    def _close_gaps(
+        self, colours: F32, is_set: Mask, known: Mask, columns: Mask
+    ) -> None:
+        """Fill unknown pixels of `columns` (m,) from neighbouring columns, in place."""
+        size = 2 * round(TUNING.misplaced * self.scale) + 1, 1
+        weights = is_set.astype(np.float32)
+        total = cv2.blur(weights, size)[..., None]
+        sums = cv2.blur(colours * weights[..., None], size)
+        gaps = ~known & ~is_set & columns & (total[..., 0] > KNOWN_ERROR)
+        colours[gaps] = sums[gaps] / total[gaps]
+        is_set[gaps] = True
+
+    def _continue_column(
+        self, column: int, first: int, last: int
+    ) -> tuple[F32, float] | None:
+        """Return colours (last - first, 3) of an unknown run of a column, or None.
+
+        The second value is the departure of the colours beside the run from the visible
+        ends of the line, in levels.
+        """
         values, known = self.colours[:, column], self.known[:, column]
         copied = round(TUNING.copied * self.scale)
         before = _known_run(values[:first][::-1], known[:first][::-1])[:copied]
         after = _known_run(values[last:], known[last:])[:copied]
         length = round(TUNING.mean * self.scale)
-        if min(len(before), len(after)) < length:
+        if min(len(before), len(after)) < TUNING.fewest * self.scale:
             return None
         count = last - first
         place = (np.arange(count, dtype=np.float32) + 0.5)[:, None] / count
@@ -238,31 +281,37 @@ class _Strip:
         detail = (1 - late) * _reflected_detail(before, count, length)
         detail += late * _reflected_detail(after, count, length)[::-1]
         run = (1 - place) * means[0] + place * means[1] + detail
-        return np.asarray(run, np.float32)
+        departure = max(
+            float(np.abs(mean - profile[column]).max())
+            for mean, profile in zip(means, self.profiles, strict=True)
+        )
+        return np.asarray(run, np.float32), departure
 
-    def _shares(self) -> F32:
-        """Return the weight (m,) of each column: 1 in the structure, 0 beyond its
-        sides."""
-        before = self._profile(slice(0, self.outside))
-        after = self._profile(slice(len(self.colours) - self.outside, None))
+    def _shares(self) -> tuple[F32, Mask]:
+        """Return the weight (m,) of each column, and the columns of the structure.
+
+        The weight is 1 in the structure and 0 beyond its sides.
+        """
         reach = np.ones(2 * round(TUNING.misplaced * self.scale) + 1)
         changes = [
             np.convolve(self._change(profile), reach, mode="same") > 0
-            for profile in (before, after)
+            for profile in self.profiles
         ]
         # Both ends show the structure, perhaps displaced by a few px.
         structure = np.flatnonzero(changes[0] & changes[1])
         middle = self.known.shape[1] // 2
         share = np.zeros(self.known.shape[1], np.float32)
         if not len(structure):
-            return share
+            return share, share > 0
         gap = round(TUNING.gap * self.scale)
         groups = np.split(structure, np.flatnonzero(np.diff(structure) > gap) + 1)
         group = min(groups, key=lambda one: np.abs(one - middle).min())
         away = np.arange(len(share))
         away = np.maximum(group[0] - away, away - group[-1])
+        # The outer half of the ground beside the structure is blended.
         beside = TUNING.beside * self.scale
-        return np.asarray(np.clip(1 - away / beside, 0, 1), np.float32)
+        share = np.asarray(np.clip(2 - 2 * away / beside, 0, 1), np.float32)
+        return share, away <= 0
 
     def _change(self, profile: F32) -> Mask:
         """Return the columns (m,) with an edge along the line."""
@@ -273,6 +322,12 @@ class _Strip:
         largest = change[middle - near : middle + near + 1].max()
         limit = max(TUNING.least_gradient, TUNING.gradient * largest)
         return np.asarray(change > limit)
+
+    @cached_property
+    def profiles(self) -> tuple[F32, F32]:
+        """Return the mean colours (m, 3) across the line before and after the hole."""
+        before = self._profile(slice(0, self.outside))
+        return before, self._profile(slice(len(self.colours) - self.outside, None))
 
     def _profile(self, rows: slice) -> F32:
         """Return the mean colours (m, 3) across the line on visible rows."""
@@ -305,8 +360,12 @@ def _straighten(photo: F32, hole: Mask, line: CertainLine, scale: float) -> _Str
     x, y = np.ascontiguousarray(places[..., 0]), np.ascontiguousarray(places[..., 1])
     colours = cv2.remap(photo, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     weights = cv2.remap((~hole).astype(np.float32), x, y, cv2.INTER_LINEAR)
-    known = np.asarray(weights > 1 - KNOWN_ERROR)
-    return _Strip(np.asarray(colours, np.float32), known, center, normal, outside, scale)
+    visible = (weights > 1 - KNOWN_ERROR).astype(np.uint8)
+    # Single visible pixels at a ragged border do not divide the hole.
+    known = cv2.morphologyEx(visible, cv2.MORPH_OPEN, np.ones((LEAST_RUN, 1), np.uint8))
+    return _Strip(
+        np.asarray(colours, np.float32), known, center, normal, outside, scale
+    )
 
 
 def _blend_strip(
@@ -332,9 +391,9 @@ def _blend_strip(
     side = (offset * normal).sum(axis=1) + half
     along = nearest + offset[:, 0] * normal[:, 1] - offset[:, 1] * normal[:, 0]
     x, y = side.astype(np.float32)[:, None], along.astype(np.float32)[:, None]
-    values, share = (
-        _sample_rows(array, x, y) for array in (colours, weights)
-    )
+    share = _sample_rows(weights, x, y)
+    sums = _sample_rows(colours * weights[..., None], x, y)
+    values = sums / np.maximum(share, KNOWN_ERROR)[:, None]
     share *= free_share[box][rows, columns]
     target = result[box]
     old = target[rows, columns]
@@ -349,6 +408,11 @@ def _sample_rows(array: F32, x: F32, y: F32) -> F32:
         for k in range(0, len(x), MOST_ROWS)
     ]
     return np.asarray(np.concatenate(parts)[:, 0], np.float32)
+
+
+def _share_above(departures: Sequence[float]) -> float:
+    """Return the share of departures above the limit."""
+    return float((np.array(departures) > TUNING.departure).mean())
 
 
 def _unknown_runs(known: Mask) -> list[tuple[int, int]]:
@@ -375,7 +439,8 @@ def _reflected_detail(values: F32, count: int, length: int) -> F32:
     coarse = cv2.blur(values[:, None], (1, length), borderType=cv2.BORDER_REFLECT)
     detail = values - coarse[:, 0]
     # Another structure that crosses the visible line is not copied.
-    limit = TUNING.outlier * np.median(np.abs(detail), axis=0) + TUNING.least_gradient
-    detail = np.clip(detail, -limit, limit)
+    size = np.abs(detail).max(axis=1, keepdims=True)
+    limit = TUNING.outlier * np.median(size) + TUNING.least_detail
+    detail *= np.clip(2 - size / limit, 0, 1)
     period = np.arange(count) % (2 * len(values))
     return np.asarray(detail[np.minimum(period, 2 * len(values) - 1 - period)])
