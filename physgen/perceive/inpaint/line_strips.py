@@ -362,7 +362,8 @@ def _straighten(photo: F32, hole: Mask, line: CertainLine, scale: float) -> _Str
     weights = cv2.remap((~hole).astype(np.float32), x, y, cv2.INTER_LINEAR)
     visible = (weights > 1 - KNOWN_ERROR).astype(np.uint8)
     # Single visible pixels at a ragged border do not divide the hole.
-    known = cv2.morphologyEx(visible, cv2.MORPH_OPEN, np.ones((LEAST_RUN, 1), np.uint8))
+    column = np.ones((LEAST_RUN, 1), np.uint8)
+    known = np.asarray(cv2.morphologyEx(visible, cv2.MORPH_OPEN, column) > 0)
     return _Strip(
         np.asarray(colours, np.float32), known, center, normal, outside, scale
     )
