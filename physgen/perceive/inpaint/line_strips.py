@@ -36,7 +36,7 @@ class _Tuning:
     """Limits of certain lines and sizes of their strips.
 
     Sizes are px of the reduced photo; chosen by eye on five photos of tables. `inside`
-    was chosen on holes in half of the photos of the benchmark of fills.
+    and `plain` were chosen on holes in half of the photos of the benchmark of fills.
     """
 
     # Levels between both sides of the weaker end.
@@ -66,6 +66,9 @@ class _Tuning:
     gap: int = 10
     # Width of the ground beside a line that is copied with it.
     beside: int = 10
+    # Levels, RMS: ground with more detail along the line, e.g. leaves beside a window,
+    # is better copied as patches.
+    plain: float = 8.0
     # Visible length that is copied.
     copied: int = 120
     # Largest copied detail over its median, beside this many levels.
@@ -128,9 +131,7 @@ def certain_lines(picture: F32, hole: Mask) -> list[CertainLine]:
     for number in range(1, count):
         piece = ids == number
         ends = [
-            end
-            for end in border_ends(known, piece)
-            if end.contrast > TUNING.contrast
+            end for end in border_ends(known, piece) if end.contrast > TUNING.contrast
         ]
         lines += [
             line
@@ -325,8 +326,25 @@ class _Strip:
         away = np.maximum(group[0] - away, away - group[-1])
         # The outer half of the ground beside the structure is blended.
         beside = TUNING.beside * self.scale
-        share = np.asarray(np.clip(2 - 2 * away / beside, 0, 1), np.float32)
-        return share, away <= 0
+        share = np.clip(2 - 2 * away / beside, 0, 1)
+        share *= self._plainness(int(group[0]), int(group[-1]))
+        return np.asarray(share, np.float32), away <= 0
+
+    def _plainness(self, first: int, last: int) -> F64:
+        """Return weights (m,): 1 from `first` to `last`, lower beyond busy ground."""
+        visible = self.known.astype(np.float32)[..., None]
+        visible[self.outside : len(visible) - self.outside] = 0
+        size = 1, round(TUNING.mean * self.scale)
+        total = cv2.blur(visible, size, borderType=cv2.BORDER_CONSTANT)[..., None]
+        sums = cv2.blur(self.colours * visible, size, borderType=cv2.BORDER_CONSTANT)
+        detail = (self.colours - sums / np.maximum(total, KNOWN_ERROR)) * visible
+        counts = np.maximum(visible.sum(axis=(0, 2)), 1)
+        levels = np.sqrt((detail**2).mean(axis=2).sum(axis=0) / counts)
+        weights = np.clip(2 - levels / TUNING.plain, 0, 1)
+        weights[first : last + 1] = 1
+        weights[last:] = np.minimum.accumulate(weights[last:])
+        weights[first::-1] = np.minimum.accumulate(weights[first::-1])
+        return np.asarray(weights, np.float64)
 
     def _change(self, profile: F32) -> Mask:
         """Return the columns (m,) with an edge along the line."""
@@ -373,9 +391,10 @@ def _straighten(photo: F32, hole: Mask, line: CertainLine, scale: float) -> _Str
     across = np.arange(-half, half + 1, dtype=np.float64)[None, :, None]
     places = (center[:, None] + across * normal[:, None]).astype(np.float32)
     x, y = np.ascontiguousarray(places[..., 0]), np.ascontiguousarray(places[..., 1])
-    colours = cv2.remap(photo, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    weights = cv2.remap((~hole).astype(np.float32), x, y, cv2.INTER_LINEAR)
-    visible = (weights > 1 - KNOWN_ERROR).astype(np.uint8)
+    # Linear interpolation would blur the grain.
+    colours = cv2.remap(photo, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    weights = cv2.remap((~hole).astype(np.float32), x, y, cv2.INTER_CUBIC)
+    visible = (np.abs(weights - 1) < KNOWN_ERROR).astype(np.uint8)
     # Single visible pixels at a ragged border do not divide the hole.
     column = np.ones((LEAST_RUN, 1), np.uint8)
     known = np.asarray(cv2.morphologyEx(visible, cv2.MORPH_OPEN, column) > 0)
@@ -410,7 +429,7 @@ def _blend_strip(
     share = _sample_rows(weights, x, y)
     sums = _sample_rows(colours * weights[..., None], x, y)
     values = sums / np.maximum(share, KNOWN_ERROR)[:, None]
-    share *= free_share[box][rows, columns]
+    share = np.clip(share, 0, 1) * free_share[box][rows, columns]
     target = result[box]
     old = target[rows, columns]
     target[rows, columns] = old + share[:, None] * (values - old)
@@ -420,7 +439,7 @@ def _blend_strip(
 def _sample_rows(array: F32, x: F32, y: F32) -> F32:
     """Return interpolated values of `array` at x and y (n, 1); 0 outside it."""
     parts = [
-        cv2.remap(array, x[k : k + MOST_ROWS], y[k : k + MOST_ROWS], cv2.INTER_LINEAR)
+        cv2.remap(array, x[k : k + MOST_ROWS], y[k : k + MOST_ROWS], cv2.INTER_CUBIC)
         for k in range(0, len(x), MOST_ROWS)
     ]
     return np.asarray(np.concatenate(parts)[:, 0], np.float32)
