@@ -327,11 +327,11 @@ class _Strip:
         # The outer half of the ground beside the structure is blended.
         beside = TUNING.beside * self.scale
         share = np.clip(2 - 2 * away / beside, 0, 1)
-        share *= self._plainness(int(group[0]), int(group[-1]))
+        share *= self._plainness()
         return np.asarray(share, np.float32), away <= 0
 
-    def _plainness(self, first: int, last: int) -> F64:
-        """Return weights (m,): 1 from `first` to `last`, lower beyond busy ground."""
+    def _plainness(self) -> F64:
+        """Return weights (m,): 1 in the line, lower from the first busy column on."""
         visible = self.known.astype(np.float32)[..., None]
         visible[self.outside : len(visible) - self.outside] = 0
         size = 1, round(TUNING.mean * self.scale)
@@ -341,9 +341,10 @@ class _Strip:
         counts = np.maximum(visible.sum(axis=(0, 2)), 1)
         levels = np.sqrt((detail**2).mean(axis=2).sum(axis=0) / counts)
         weights = np.clip(2 - levels / TUNING.plain, 0, 1)
-        weights[first : last + 1] = 1
-        weights[last:] = np.minimum.accumulate(weights[last:])
-        weights[first::-1] = np.minimum.accumulate(weights[first::-1])
+        middle, near = len(weights) // 2, round(TUNING.misplaced * self.scale)
+        weights[middle - near : middle + near + 1] = 1
+        weights[middle:] = np.minimum.accumulate(weights[middle:])
+        weights[middle::-1] = np.minimum.accumulate(weights[middle::-1])
         return np.asarray(weights, np.float64)
 
     def _change(self, profile: F32) -> Mask:
