@@ -187,7 +187,7 @@ def _carried_shade(halo: F32, ground: _Ground, blur: _GroundBlur) -> F32:
     floor, (h, w, 3).
 
     The shade of the photo is the quotient of two blurred pictures, photo and ground in
-    full light. The part of it that is drawn as a shadow is taken out again.
+    full light. The part of it that is drawn as a shadow is left out.
     """
     photo = ground.behind + halo
     # Detail that is dark all over is a rim that the mask lacks; other detail is the
@@ -195,12 +195,20 @@ def _carried_shade(halo: F32, ground: _Ground, blur: _GroundBlur) -> F32:
     share = _rim_share(halo, blur)[..., None]
     seen_light = share * photo + (1 - share) * blur.smooth(photo)
     full_light = share * ground.plate + (1 - share) * blur.smooth(ground.plate)
+    drawn_shade = _relative_darkness(ground.behind, ground.plate)
+    shade = _relative_darkness(seen_light, full_light) - drawn_shade
+    # The drawn shadow is not brightened: it changes on its way, and would glow.
+    shade = np.clip(shade, 0, FOOT_HALO.deepest)
+    return np.repeat(shade[..., None], 3, axis=2)
+
+
+def _relative_darkness(light: F32, full_light: F32) -> F32:
+    """Return -log of the share of the brightness that is left, (h, w), at least 0."""
     least = np.float32(FOOT_HALO.darkest)
-    left = np.maximum(seen_light, least) / np.maximum(full_light, least)
-    drawn_left = np.maximum(ground.behind, least) / np.maximum(ground.plate, least)
-    drawn_shade = np.maximum(-np.log(drawn_left), 0)
-    shade = np.clip(-np.log(left), 0, FOOT_HALO.deepest)
-    return np.asarray(shade - drawn_shade, np.float32)
+    brightness = np.maximum(light.mean(axis=2), least)
+    full_brightness = np.maximum(full_light.mean(axis=2), least)
+    darkness = np.log(full_brightness / brightness)
+    return np.asarray(np.maximum(darkness, 0), np.float32)
 
 
 def _rim_share(halo: F32, blur: _GroundBlur) -> F32:
