@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from physgen.arrays import F32
+from physgen.arrays import F32, Mask
 from physgen.geometry.shadows import Silhouette, floor_contact
 from physgen.render.foot_halos import FOOT_HALO, FootHalo, Slices
 from physgen.render.sprites import Sprite
 
 TINY = 1e-9
 """Smallest divisor."""
+LEAST = 1e-3
+"""Largest invisible share of moving light."""
+BLUR_REACH = 3
+"""Standard deviations after which a blur ends."""
 
 
 def split_halos(
@@ -76,15 +80,20 @@ def _apart(
         total_shade[part.box] += share * part.shade
     result = list(sprites)
     for k, part in moving.items():
+        sprite_halo = sprites[k].halo
+        assert sprite_halo is not None
         share = (part.weight / total_weight[part.box])[..., None]
         whole_shade = total_shade[part.box]
         shade = np.asarray(share * whole_shade, np.float32)
         foot_halo = FootHalo(part.corner, part.light, shade, starts[k].ends, part.side)
         # The halo keeps what shade and light do not explain: frame 0 is the photo.
         removed_light = behind[part.box] * (1 - np.exp(-whole_shade)) * share
-        rest = np.asarray(part.halo - part.light + removed_light, np.float32)
-        halo = (part.corner, rest, part.neighbours)
-        result[k] = replace(sprites[k], halo=halo, foot_halo=foot_halo)
+        corner, whole_halo, neighbours = sprite_halo
+        rest = whole_halo.copy()
+        rest[part.window] += np.asarray(removed_light - part.light, np.float32)
+        result[k] = replace(
+            sprites[k], halo=(corner, rest, neighbours), foot_halo=foot_halo
+        )
     return result
 
 
@@ -94,13 +103,12 @@ class _Moving:
 
     corner: tuple[int, int]
     """Column and row of the photo."""
-    halo: F32
-    """The whole halo, (h, w, 3)."""
-    neighbours: NDArray[np.int32]
+    window: Slices
+    """Rows and columns of the halo."""
     light: F32
     """Added light, (h, w, 3)."""
     weight: F32
-    """Share of the shade that moves, (h, w), 0..1."""
+    """Share of the light that moves, (h, w), 0..1."""
     shade: F32
     """-log of the share of the background's light that is left, (h, w, 3)."""
     side: float
@@ -109,7 +117,7 @@ class _Moving:
     @property
     def box(self) -> Slices:
         """Return the rows and columns of the photo."""
-        return _box_at(self.corner, self.halo)
+        return _box_at(self.corner, self.weight)
 
 
 def _box_at(corner: tuple[int, int], picture: F32) -> Slices:
@@ -128,48 +136,62 @@ def _moving_part(
     """
     if sprite.halo is None:
         return None
-    corner, halo, neighbours = sprite.halo
-    weight = _floor_weight(sprite, corner, halo.shape[:2])
+    (x, y), halo, _ = sprite.halo
+    weight = _floor_weight(sprite, (x, y), halo.shape[:2])
     if weight is None:
         return None
     # Light beyond the floor stays: `FootHalo.moved` does not draw it there.
-    columns = corner[0] + np.arange(halo.shape[1])
+    columns = x + np.arange(halo.shape[1])
     weight = weight * ((columns >= ends[0]) & (columns <= ends[1]))
-    if not weight.any():
-        return None
     side = float(max(min(sprite.coverage.shape), 1))
-    distance = sprite.halo_reach
     share = FOOT_HALO.rim if is_mirror else FOOT_HALO.shade
     reach = max(FOOT_HALO.ramp, share * side)
-    near = np.asarray(np.exp(-np.square(distance / reach)), np.float32)
-    blur = _GroundBlur(distance, side)
-    light, shade = np.zeros_like(halo), np.zeros_like(halo)
+    near = np.exp(-np.square(sprite.halo_reach / reach))
+    if not is_mirror:
+        weight = weight * near
+    window = _window_of(weight > LEAST, math.ceil(BLUR_REACH * _blur_sigma(side)))
+    if window is None:
+        return None
+    weight = np.asarray(weight[window], np.float32)
+    corner = x + window[1].start, y + window[0].start
+    box = _box_at(corner, weight)
+    blur = _GroundBlur(sprite.halo_reach[window], _blur_sigma(side))
+    light, shade = np.zeros_like(halo[window]), np.zeros_like(halo[window])
     if is_mirror:
         # Close to the outline, light corrects the fill.
-        part = near[..., None]
-        light = (part * halo + (1 - part) * blur.smooth(halo)) * weight[..., None]
+        part = near[window][..., None]
+        mixed_light = part * halo[window] + (1 - part) * blur.smooth(halo[window])
+        light = np.asarray(mixed_light * weight[..., None], np.float32)
     else:
-        weight = weight * near
-        box = _box_at(corner, halo)
         box_ground = _Ground(ground.behind[box], ground.plate[box])
-        shade = _carried_shade(halo, box_ground, blur) * weight[..., None]
-    return _Moving(
-        corner,
-        halo,
-        neighbours,
-        np.asarray(light, np.float32),
-        np.asarray(weight, np.float32),
-        np.asarray(shade, np.float32),
-        side,
-    )
+        carried_shade = _carried_shade(halo[window], box_ground, blur)
+        shade = np.asarray(carried_shade * weight[..., None], np.float32)
+    return _Moving(corner, window, light, weight, shade, side)
+
+
+def _window_of(mask: Mask, margin: int) -> Slices | None:
+    """Return the rows and columns of a mask with a margin; None of an empty mask."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not len(rows):
+        return None
+    window = []
+    for places, size in ((rows, mask.shape[0]), (columns, mask.shape[1])):
+        start = max(int(places[0]) - margin, 0)
+        window.append(slice(start, min(int(places[-1]) + margin + 1, size)))
+    return window[0], window[1]
+
+
+def _blur_sigma(side: float) -> float:
+    """Return the standard deviation of the ground's blur, px."""
+    return max(FOOT_HALO.smooth * side, 1.0)
 
 
 class _GroundBlur:
     """Blur of the ground's light without the pixels of an object."""
 
-    def __init__(self, distance: F32, side: float) -> None:
-        """`distance` (h, w): px from the object. `side`: its smaller side, px."""
-        self.sigma = max(FOOT_HALO.smooth * side, 1.0)
+    def __init__(self, distance: F32, sigma: float) -> None:
+        """`distance` (h, w): px from the object. `sigma`: standard deviation, px."""
+        self.sigma = sigma
         # Pixels of the object are unknown; the ground beside it continues below it.
         self._known = (distance > 0).astype(np.float32)
         blurred_known = cv2.GaussianBlur(self._known, (0, 0), self.sigma)
