@@ -144,29 +144,43 @@ def _moving_part(
     columns = x + np.arange(halo.shape[1])
     weight = weight * ((columns >= ends[0]) & (columns <= ends[1]))
     side = float(max(min(sprite.coverage.shape), 1))
-    share = FOOT_HALO.rim if is_mirror else FOOT_HALO.shade
-    reach = max(FOOT_HALO.ramp, share * side)
-    near = np.exp(-np.square(sprite.halo_reach / reach))
+    near = _nearness(sprite.halo_reach, side, is_mirror=is_mirror)
     if not is_mirror:
         weight = weight * near
-    window = _window_of(weight > LEAST, math.ceil(BLUR_REACH * _blur_sigma(side)))
+    sigma = max(FOOT_HALO.smooth * side, 1.0)
+    window = _window_of(weight > LEAST, math.ceil(BLUR_REACH * sigma))
     if window is None:
         return None
-    weight = np.asarray(weight[window], np.float32)
     corner = x + window[1].start, y + window[0].start
-    box = _box_at(corner, weight)
-    blur = _GroundBlur(sprite.halo_reach[window], _blur_sigma(side))
+    weight = np.asarray(weight[window], np.float32)
+    blur = _GroundBlur(sprite.halo_reach[window], sigma)
     light, shade = np.zeros_like(halo[window]), np.zeros_like(halo[window])
     if is_mirror:
-        # Close to the outline, light corrects the fill.
-        part = near[window][..., None]
-        mixed_light = part * halo[window] + (1 - part) * blur.smooth(halo[window])
-        light = np.asarray(mixed_light * weight[..., None], np.float32)
+        light = _carried_light(halo[window], near[window], blur) * weight[..., None]
     else:
+        box = _box_at(corner, weight)
         box_ground = _Ground(ground.behind[box], ground.plate[box])
-        carried_shade = _carried_shade(halo[window], box_ground, blur)
-        shade = np.asarray(carried_shade * weight[..., None], np.float32)
+        shade = _carried_shade(halo[window], box_ground, blur) * weight[..., None]
     return _Moving(corner, window, light, weight, shade, side)
+
+
+def _nearness(distance: F32, side: float, *, is_mirror: bool) -> F32:
+    """Return the share 0..1 of light at a distance (h, w), px, that is an object's.
+
+    `side`: the object's smaller side, px.
+    """
+    share = FOOT_HALO.rim if is_mirror else FOOT_HALO.shade
+    reach = max(FOOT_HALO.ramp, share * side)
+    return np.asarray(np.exp(-np.square(distance / reach)), np.float32)
+
+
+def _carried_light(halo: F32, near: F32, blur: _GroundBlur) -> F32:
+    """Return the light of a mirror image in a halo, (h, w, 3).
+
+    Close to the outline, where `near` (h, w) is 1, light corrects the fill.
+    """
+    share = near[..., None]
+    return np.asarray(share * halo + (1 - share) * blur.smooth(halo), np.float32)
 
 
 def _window_of(mask: Mask, margin: int) -> Slices | None:
@@ -179,11 +193,6 @@ def _window_of(mask: Mask, margin: int) -> Slices | None:
         start = max(int(places[0]) - margin, 0)
         window.append(slice(start, min(int(places[-1]) + margin + 1, size)))
     return window[0], window[1]
-
-
-def _blur_sigma(side: float) -> float:
-    """Return the standard deviation of the ground's blur, px."""
-    return max(FOOT_HALO.smooth * side, 1.0)
 
 
 class _GroundBlur:
