@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.maps import F32
+from physgen.perceive.inpaint.copy_offsets import I64
 from physgen.perceive.inpaint.edge_continuation import (
     BorderEnd,
     KnownSurroundings,
@@ -357,6 +358,19 @@ class _Strip:
         limit = max(TUNING.least_gradient, TUNING.gradient * largest)
         return np.asarray(change > limit)
 
+    def places_of(self, pixels: I64) -> tuple[F64, F64]:
+        """Return column and row (n,) in the strip of pixels x, y (n, 2)."""
+        # The line is nearly straight: its chord gives the nearest row.
+        start, end = self.center[self.outside], self.center[-self.outside - 1]
+        towards = (end - start) / np.hypot(*(end - start))
+        place = (pixels - start) @ towards + self.outside
+        nearest = np.clip(np.rint(place).astype(int), 0, len(self.center) - 1)
+        offset = pixels - self.center[nearest]
+        normal = self.normal[nearest]
+        side = (offset * normal).sum(axis=1) + self.known.shape[1] // 2
+        along = nearest + offset[:, 0] * normal[:, 1] - offset[:, 1] * normal[:, 0]
+        return side, along
+
     @cached_property
     def profiles(self) -> tuple[F32, F32]:
         """Return the mean colours (m, 3) across the line before and after the hole."""
@@ -373,19 +387,9 @@ class _Strip:
 
 def _straighten(photo: F32, hole: Mask, line: CertainLine, scale: float) -> _Strip:
     """Return the strip around a line."""
-    chord = line.end - line.start
-    length = float(np.hypot(*chord))
-    towards = chord / length
     outside = round(TUNING.copied * scale)
+    center = _center_line(line, outside)
     half = round(TUNING.search * scale)
-    t = np.arange(-outside, round(length) + outside + 1, dtype=np.float64)[:, None]
-    inside = np.clip(t, 0, length)
-    # Inside the hole a cubic joins both visible parts.
-    u = inside / length
-    bend = u * (1 - u) ** 2 * (line.first - towards)
-    bend -= u * u * (1 - u) * (line.last - towards)
-    center = line.start + inside * towards + length * bend
-    center += np.minimum(t, 0) * line.first + np.maximum(t - length, 0) * line.last
     tangent = np.gradient(center, axis=0)
     tangent /= np.hypot(*tangent.T)[:, None]
     normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
@@ -404,6 +408,25 @@ def _straighten(photo: F32, hole: Mask, line: CertainLine, scale: float) -> _Str
     )
 
 
+def _center_line(line: CertainLine, outside: int) -> F64:
+    """Return the points (n, 2) of a line in steps of 1 px, with `outside` more at each
+    end.
+    """
+    chord = line.end - line.start
+    length = float(np.hypot(*chord))
+    towards = chord / length
+    steps = np.arange(-outside, round(length) + outside + 1, dtype=np.float64)[:, None]
+    inside = np.clip(steps, 0, length)
+    # Inside the hole a cubic joins both visible parts.
+    share = inside / length
+    bend = share * (1 - share) ** 2 * (line.first - towards)
+    bend -= share * share * (1 - share) * (line.last - towards)
+    center = line.start + inside * towards + length * bend
+    before = np.minimum(steps, 0) * line.first
+    after = np.maximum(steps - length, 0) * line.last
+    return np.asarray(center + before + after, np.float64)
+
+
 def _blend_strip(
     result: F32, free_share: F32, strip: _Strip, colours: F32, weights: F32
 ) -> None:
@@ -416,16 +439,7 @@ def _blend_strip(
     high = np.ceil(strip.center.max(axis=0)).astype(int) + half + 1
     box = np.s_[low[1] : high[1], low[0] : high[0]]
     rows, columns = np.nonzero(free_share[box] > 0)
-    pixels = np.stack([columns, rows], axis=1) + low
-    # The line is nearly straight: its chord gives the nearest row.
-    start, end = strip.center[strip.outside], strip.center[-strip.outside - 1]
-    towards = (end - start) / np.hypot(*(end - start))
-    place = (pixels - start) @ towards + strip.outside
-    nearest = np.clip(np.rint(place).astype(int), 0, len(strip.center) - 1)
-    offset = pixels - strip.center[nearest]
-    normal = strip.normal[nearest]
-    side = (offset * normal).sum(axis=1) + half
-    along = nearest + offset[:, 0] * normal[:, 1] - offset[:, 1] * normal[:, 0]
+    side, along = strip.places_of(np.stack([columns, rows], axis=1) + low)
     x, y = side.astype(np.float32)[:, None], along.astype(np.float32)[:, None]
     share = _sample_rows(weights, x, y)
     sums = _sample_rows(colours * weights[..., None], x, y)
