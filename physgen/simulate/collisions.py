@@ -351,7 +351,7 @@ class ImpactSolver:
     def __init__(
         self,
         properties: ContactProperties,
-        joined: Assemblies,
+        assemblies: Assemblies,
         motion: StepMotion,
         points: Points,
         touched: Flags,
@@ -373,7 +373,7 @@ class ImpactSolver:
         velocities.
         """
         self._allowed: Array | None = None
-        self._properties, self._joined = properties, joined
+        self._properties, self._assemblies = properties, assemblies
         self._pose, self._velocity, self._drift = (
             motion.pose,
             motion.velocity,
@@ -474,7 +474,7 @@ class ImpactSolver:
         """
         if body not in self._v:
             velocity = self._velocity
-            if self._joined.of(body) is not None:
+            if self._assemblies.group_of(body) is not None:
                 velocity = self._velocity_allowed()
             self._v[body] = velocity[body].tolist()
         return self._v[body]
@@ -486,7 +486,9 @@ class ImpactSolver:
         would create energy.
         """
         if self._allowed is None:
-            self._allowed = self._joined.allowed(self._middle, self._velocity)
+            self._allowed = self._assemblies.project_velocities(
+                self._middle, self._velocity
+            )
         return self._allowed
 
     def _time(self, k: int, number: int) -> float:
@@ -553,7 +555,7 @@ class ImpactSolver:
             point = self._point(k)
             for body in (point.a, point.b):
                 if self._free(body):
-                    joint_group = self._joined.of(body)
+                    joint_group = self._assemblies.group_of(body)
                     first_point = point_of_owner.setdefault(
                         body if joint_group is None else joint_group, k
                     )
@@ -591,7 +593,7 @@ class ImpactSolver:
         bodies = {
             body for point in points for body in (point.a, point.b) if self._free(body)
         }
-        joint_groups = {self._joined.of(body) for body in bodies} - {None}
+        joint_groups = {self._assemblies.group_of(body) for body in bodies} - {None}
         drive_speeds = [self._drive(point) for point in points]
         if len(points) == 1 and not joint_groups:
             (single_point,) = points
@@ -610,7 +612,7 @@ class ImpactSolver:
         else:
             for joint_group in joint_groups:
                 bodies |= (
-                    set(self._joined.members[joint_group])
+                    set(self._assemblies.members[joint_group])
                     if joint_group is not None
                     else set()
                 )
@@ -691,7 +693,7 @@ class ImpactSolver:
                 for b in bodies
             ]
         ).ravel()
-        response = self._joined.response(bodies, inverse, self._middle)
+        response = self._assemblies.response(bodies, inverse, self._middle)
         first_column = {body: 3 * k for k, body in enumerate(bodies)}
         # Jacobian: rows are the closing and sliding speeds of points by velocities of
         # bodies.
@@ -705,7 +707,7 @@ class ImpactSolver:
                     k = first_column[body]
                     J[2 * i, k : k + 3] = sign * p.nx, sign * p.ny, sign * turn
                     J[2 * i + 1, k : k + 3] = -sign * p.ny, sign * p.nx, sign * slide
-        taut_rows = self._joined.taut_rows(bodies, self._middle)
+        taut_rows = self._assemblies.taut_rows(bodies, self._middle)
         zeros = [0.0] * len(taut_rows)
         elasticity = [p.elasticity for p in points] + zeros
         friction = [p.friction for p in points] + zeros
@@ -738,7 +740,9 @@ class ImpactSolver:
             )
             if later_pose is None:
                 break
-            response = self._joined.response(bodies, inverse, self._middle, later_pose)
+            response = self._assemblies.response(
+                bodies, inverse, self._middle, later_pose
+            )
             removed_velocities = self._excluded_speeds(bodies, inverse, response)
         change = response_to_points @ impulses + removed_velocities
         # An impulse earlier in the step also displaces the bodies at its end.
@@ -785,7 +789,9 @@ class ImpactSolver:
         once.
         """
         held_rows = [
-            k for k, body in enumerate(bodies) if self._joined.of(body) is not None
+            k
+            for k, body in enumerate(bodies)
+            if self._assemblies.group_of(body) is not None
         ]
         if not held_rows:
             return None
@@ -796,7 +802,7 @@ class ImpactSolver:
             velocity[body] = self._speeds(body)
             velocity[body] += change[3 * k : 3 * k + 3]
         later_pose = self._middle + velocity * self._h
-        permitted_velocities = self._joined.allowed(later_pose, velocity)
+        permitted_velocities = self._assemblies.project_velocities(later_pose, velocity)
         rows = [bodies[k] for k in held_rows]
         removed_velocities = (velocity - permitted_velocities)[rows].ravel().tolist()
         speeds = velocity[rows].ravel().tolist()

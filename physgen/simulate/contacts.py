@@ -54,7 +54,7 @@ class Brakes:
 class Meetings:
     """Who touches whom in a step."""
 
-    listed: list[list[int]]
+    contacts: list[list[int]]
     """Both partners and the count of points of each contact, as listed."""
     rows: dict[Pair, list[int]]
     """Partners, the lesser first -> their contacts, as listed."""
@@ -67,15 +67,15 @@ class Order:
     points.
     """
 
-    def __init__(self, listed: Index) -> None:
-        """Sort contacts; `listed` (K, 3): both partners and the count of points of
+    def __init__(self, contacts: Index) -> None:
+        """Sort contacts; `contacts` (K, 3): both partners and the count of points of
         each.
         """
-        key = (listed[:, 0] << 32 | listed[:, 1]) << 2 | listed[:, 2]
+        key = (contacts[:, 0] << 32 | contacts[:, 1]) << 2 | contacts[:, 2]
         self._rows = np.argsort(key, kind="stable")
         sorted_keys = key.take(self._rows)
-        self.listed, self.raw = listed, listed.tobytes()
-        self.words = listed.take(self._rows, axis=0).tobytes()
+        self.contacts, self.raw = contacts, contacts.tobytes()
+        self.words = contacts.take(self._rows, axis=0).tobytes()
         # Several pieces or segments of one pair have equal keys: they are sorted by the
         # places of their points in each step, see `sort`.
         self._alike = np.flatnonzero(sorted_keys[1:] == sorted_keys[:-1]) + 1
@@ -85,12 +85,12 @@ class Order:
                 self._runs.pop()[0] if self._runs and self._runs[-1][1] == k else k - 1
             )
             self._runs.append((start, k + 1))
-        self.places = np.tile(_POINTS, len(listed))
+        self.places = np.tile(_POINTS, len(contacts))
         """1 for the numbers of points, else 0, (14 K,)."""
         self.brakes: Brakes | None = None
         """Set by `Resistance`."""
         self._meetings: Meetings | None = None
-        self.rows_held: list[int] | None = None
+        self.jointed_rows: list[int] | None = None
         """Set by `Assemblies`."""
         self._mixed = bool((self._rows[1:] < self._rows[:-1]).any())
 
@@ -100,7 +100,7 @@ class Order:
         if self._meetings is None:
             rows: dict[Pair, list[int]] = {}
             partners: dict[int, set[int]] = {}
-            owners = self.listed.tolist()
+            owners = self.contacts.tolist()
             for row, (first, second, _) in enumerate(owners):
                 pair = (first, second) if first < second else (second, first)
                 rows.setdefault(pair, []).append(row)
@@ -116,7 +116,7 @@ class Order:
         present, previous = np.frombuffer(numbers), np.frombuffer(before)
         change = (present - previous).reshape(-1, NUMBERS)[:, 2:4]
         has_turned = np.abs(change).max(axis=1, initial=0.0) > TURN
-        partners = self.listed[has_turned, :2].tolist()
+        partners = self.contacts[has_turned, :2].tolist()
         return frozenset((min(pair), max(pair)) for pair in partners)
 
     def fastest_closing(
@@ -127,10 +127,10 @@ class Order:
         `rows` are those of pymunk's list; `state` (M, 6) of the bodies `moving` (M,).
         """
         rows_of = {body: row for row, body in enumerate(moving.tolist())}
-        states, listed = state.tolist(), self.meetings.listed
+        states, contacts = state.tolist(), self.meetings.contacts
         fastest_speed = 0.0
         for row in rows:
-            first, second, count = listed[row]
+            first, second, count = contacts[row]
             contact = CONTACT.unpack_from(numbers, CONTACT.size * row)
             for k in range(count):
                 # The velocity of a body's point is v + spin * (-dy, dx); take its

@@ -85,7 +85,7 @@ class CurvedWalls:
         self._steps += 1
         contacts = np.frombuffer(numbers).reshape(-1, NUMBERS).tolist()
         for (first, second, count), contact in zip(
-            order.listed.tolist(), contacts, strict=True
+            order.contacts.tolist(), contacts, strict=True
         ):
             body, wall, sign = first, second, 1.0
             if first in self._walls:

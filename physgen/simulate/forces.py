@@ -24,7 +24,7 @@ from physgen.scene.scene import (
 )
 from physgen.simulate.friction import Resistance, Table
 from physgen.simulate.moving_tables import MovingTable
-from physgen.simulate.ramps import Ramps, is_ramped
+from physgen.simulate.ramps import Ramps, has_ramp
 
 
 def spring_joints(world: World) -> list[Joint]:
@@ -68,7 +68,7 @@ class EnergyEvent:
     """A change of energy at one time, g·px²/s²."""
 
     time: float  # s
-    lost: float
+    loss: float
     work: float
 
 
@@ -78,25 +78,25 @@ class Impulses:
     def __init__(self, world: World) -> None:
         dynamic = [body.motion is Motion.DYNAMIC for body in world.bodies]
         self._bodies = world.bodies
-        self._coming = sorted(
+        self._queue = sorted(
             (p for p in world.pushes if p.load is Load.IMPULSE and dynamic[p.body]),
             key=lambda p: p.start,
         )
 
-    def due(self, end: float) -> bool:
+    def has_due(self, end: float) -> bool:
         """Check whether an impulse is given before `end`, s."""
-        return bool(self._coming) and self._coming[0].start < end - 1e-12
+        return bool(self._queue) and self._queue[0].start < end - 1e-12
 
-    def since(self, begin: float) -> float:
+    def time_until_next(self, begin: float) -> float:
         """Return the time from `begin` to the next impulse, s."""
-        return max(0.0, self._coming[0].start - begin)
+        return max(0.0, self._queue[0].start - begin)
 
     def give(self, velocity: Array, pose: Array, since: float) -> EnergyEvent:
         """Apply the next impulse to the velocities (N, 3).
 
         `since`: time, s, since the bodies had the pose (N, 3).
         """
-        push = self._coming.pop(0)
+        push = self._queue.pop(0)
         body = self._bodies[push.body]
         old_velocity = velocity[push.body]
         arm = _turned(push.at, pose[push.body, 2] + old_velocity[2] * since)
@@ -170,8 +170,8 @@ class ForceFields:
         self._damping = np.where(is_dynamic, [b.damping for b in bodies], 0.0)
         self._damped = np.flatnonzero(self._damping)
         self._moment = moment
-        self.steers = bool(self._attractors or self._magnets)
-        """Whether `pace` may limit the step."""
+        self.has_centres = bool(self._attractors or self._magnets)
+        """Whether `fastest_rate` may limit the step."""
         self.busy = bool(
             self._pushes or self._springs or self._winds or self._attractors
         ) or bool(self._lifts or len(self._damped) or self._fingers)
@@ -191,7 +191,7 @@ class ForceFields:
         length = float(np.hypot(*self._ends(spring, pose)[2]))
         return spring.stiffness / 2 * (length - spring.length) ** 2
 
-    def pace(self, pose: Array, velocity: Array) -> float:
+    def fastest_rate(self, pose: Array, velocity: Array) -> float:
         """Return the fastest relative change of an attractor's pull, 1/s."""
         fastest_rate = 0.0
         for field in self._attractors:
@@ -586,8 +586,8 @@ class Forces(NamedTuple):
     total: Array
     drive: Array | None  # the working part
     spend: Array | None  # the dissipating part
-    rolled: Array | None  # (N, 2) rad/s: change of the spheres' roll on the table
-    carried: float = 0.0  # g·px²/s² of work by belts and turntables in the step
+    roll_change: Array | None  # (N, 2) rad/s: change of the spheres' roll on the table
+    table_work: float = 0.0  # g·px²/s² of work by belts and turntables in the step
 
 
 class StepForces:
@@ -608,14 +608,14 @@ class StepForces:
         self._nothing = np.zeros((len(bodies), 3))
         self._fall = np.where(self._dynamic[:, None], [*world.gravity, 0.0], 0.0)
         self._falls = bool(world.gravity.any())
-        rolls = [0 * b.roll if is_ramped(b) else b.roll for b in bodies]
+        rolls = [0 * b.roll if has_ramp(b) else b.roll for b in bodies]
         self.roll = np.array(rolls).reshape(-1, 2)
         """Present roll of spheres on a table, (N, 2) rad/s."""
         self._foreseen: list[tuple[Array, Array]] = []
         """Friction of the table in the next steps without contacts, the last step
         first.
         """
-        self.pushes = loads.busy or self._table.busy
+        self.is_acting = loads.busy or self._table.busy
         """Whether forces are to be set before a step."""
 
     def release(self, joint: Joint, pose: Array, time: float) -> EnergyEvent:
@@ -624,8 +624,8 @@ class StepForces:
 
     def end(self, load: Forces) -> None:
         """Complete a step: until then, the step may be taken again from its start."""
-        if load.rolled is not None:
-            self.roll = self.roll + load.rolled
+        if load.roll_change is not None:
+            self.roll = self.roll + load.roll_change
 
     def drift(self, load: Forces | None) -> Array:
         """Return the acceleration of each body without contacts, (N, 2) px/s²."""
@@ -647,11 +647,11 @@ class StepForces:
         return np.asarray(fall + load.total / self._weight * h * self._dynamic[:, None])
 
     def push(
-        self, state: Array, end: float, h: float, *, first: bool, alone: bool
+        self, state: Array, end: float, h: float, *, is_half: bool, is_free: bool
     ) -> Forces:
         """Return the lasting forces of the step to `end`, at the bodies' future places.
 
-        `first`: the half step to t = 0. `alone`: no contact in the step before, no
+        `is_half`: the half step to t = 0. `is_free`: no contact in the step before, no
         joint, and no other change since, so that several steps of table friction can be
         computed at once.
         """
@@ -659,12 +659,12 @@ class StepForces:
         load = Forces(self._nothing, None, None, None)
         if self._loads.busy:
             pose = self._spread(state[:, :3] + state[:, 3:] * h, self._center)
-            begin, duration = (end, 0.5) if first else (end - h / 2, 1.0)
+            begin, duration = (end, 0.5) if is_half else (end - h / 2, 1.0)
             loads = self._loads.at(pose, velocity, begin, end + h / 2)
             drive, spend = loads.drive * duration, loads.spend * duration
             load = Forces(loads.hold * duration + drive + spend, drive, spend, None)
         if self._table.busy:
-            duration = h / 2 if first else h
+            duration = h / 2 if is_half else h
             predicted_velocity = (
                 velocity + load.total / self._weight * h
                 if self._loads.busy
@@ -675,7 +675,7 @@ class StepForces:
                 if self._falls
                 else predicted_velocity
             )
-            alone &= not (self._loads.busy or self._falls or self._belts.busy)
+            is_free &= not (self._loads.busy or self._falls or self._belts.busy)
             table_velocity = None
             if self._belts.busy:
                 # where bodies are when they have their new velocities
@@ -685,13 +685,13 @@ class StepForces:
                 table_velocity = self._belts.velocities(middle[:, :2])
                 predicted_velocity = predicted_velocity - table_velocity
             roll = self.roll
-            begin = end if first else end - h / 2
+            begin = end if is_half else end - h / 2
             pushed_roll = self._loads.ramps.roll_change(begin, end + h / 2, len(roll))
             if pushed_roll is not None:
                 roll = roll + pushed_roll
-            if not (alone and self._foreseen):
+            if not (is_free and self._foreseen):
                 self._foreseen = self._table.foreseen(
-                    predicted_velocity, roll, duration, 32 if alone else 1
+                    predicted_velocity, roll, duration, 32 if is_free else 1
                 )
             change, roll_change = self._foreseen.pop()
             if pushed_roll is not None:
@@ -740,7 +740,7 @@ class ScriptedMotion:
             np.concatenate([np.zeros(0), *(path[:, 0] for _, path in self._paths)])
         )
 
-    def jump(self, begin: float, end: float) -> bool:
+    def has_jump(self, begin: float, end: float) -> bool:
         """Check whether a path's velocity changes after `begin`, up to `end`, s."""
         low, high = np.searchsorted(self._knots, [begin, end], side="right")
         return bool(high > low)

@@ -52,18 +52,18 @@ speed.
 """
 
 
-class HeldMotion(NamedTuple):
+class ConstrainedMotion(NamedTuple):
     """The effect of joints on N bodies in a step."""
 
     velocity: Array  # (N, 3): px/s, px/s, rad/s
     work: float  # g·px²/s² of work by motors
-    lost: float
+    loss: float
     """Energy taken by contradictory joints, g·px²/s²."""
     shift: Array  # (N, 3): px, px, rad: displacements that close gaps at once
-    early: float
-    """Part of `lost` that is already missing in the mean of both velocities."""
-    led: float
-    """Part of `lost` in groups with scripted bodies, which did that work."""
+    early_loss: float
+    """Part of `loss` that is already missing in the mean of both velocities."""
+    script_loss: float
+    """Part of `loss` in groups with scripted bodies, which did that work."""
 
 
 class Assemblies:
@@ -161,32 +161,32 @@ class Assemblies:
         """Whether joints have limits, lengths or friction."""
         return bool(self._bounded)
 
-    def of(self, body: int) -> int | None:
+    def group_of(self, body: int) -> int | None:
         """Return the group of a body; None for a body without joints."""
         return self._root.get(body)
 
-    def rows_held(self, order: Order) -> list[int]:
+    def jointed_rows(self, order: Order) -> list[int]:
         """Return the rows of contacts, in pymunk's order, of bodies with joints."""
-        if order.rows_held is None:
-            has_joint = np.isin(order.listed[:, :2], self.bodies).any(axis=1)
-            order.rows_held = np.flatnonzero(has_joint).tolist()
-        return order.rows_held
+        if order.jointed_rows is None:
+            has_joint = np.isin(order.contacts[:, :2], self.bodies).any(axis=1)
+            order.jointed_rows = np.flatnonzero(has_joint).tolist()
+        return order.jointed_rows
 
-    def allowed(self, pose: Array, velocity: Array) -> Array:
+    def project_velocities(self, pose: Array, velocity: Array) -> Array:
         """Return the velocities (N, 3) that the joints permit at a pose (N, 3).
 
         They are the given velocities plus the effect of the joints' impulses.
         """
-        return self.hold(pose, velocity, 1.0, None).velocity
+        return self.constrain(pose, velocity, 1.0, None).velocity
 
-    def hold(
+    def constrain(
         self,
         pose: Array,
         velocity: Array,
         h: float,
         strength: float | None,
         within: Array | None = None,
-    ) -> HeldMotion:
+    ) -> ConstrainedMotion:
         """Return the velocities (N, 3) that close all joints a step of h seconds later.
 
         `pose` (N, 3) now; `within` (N, 3): velocities before this step's forces. One
@@ -326,7 +326,7 @@ class Assemblies:
             speeds.update(zip(bodies, after.reshape(-1, 3).tolist(), strict=True))
         velocity = velocity.copy()
         velocity[self._all] = list(speeds.values())
-        return HeldMotion(velocity, work, loss, shift, early_loss, script_loss)
+        return ConstrainedMotion(velocity, work, loss, shift, early_loss, script_loss)
 
     def _hold_bounded(
         self,
@@ -338,7 +338,7 @@ class Assemblies:
         strength: float | None,
         within: Array | None,
     ) -> BoundedMotion:
-        """Return the effect of `hold` on a group with bounds of some joints."""
+        """Return the effect of `constrain` on a group with bounds of some joints."""
         joints, bodies, inverse_masses = self._held[number]
         size = len(before)
         rows: list[list[float]] = []
@@ -470,7 +470,9 @@ class Assemblies:
         """
         first_column = {body: 3 * k for k, body in enumerate(bodies)}
         free_response = np.diag(inverse)
-        groups = sorted({g for body in bodies if (g := self.of(body)) is not None})
+        groups = sorted(
+            {g for body in bodies if (g := self.group_of(body)) is not None}
+        )
         if not groups:
             return free_response
         size = 3 * len(bodies)

@@ -200,7 +200,7 @@ see `Recorder._misplaced`.
 """
 
 
-NOT_BRAKED = np.zeros((0, 2), np.int64), list[float]()
+NO_BRAKING = np.zeros((0, 2), np.int64), list[float]()
 
 
 @dataclass(slots=True)
@@ -212,17 +212,17 @@ class Step:
     states: bytes
     order: Order  # order of its contacts
     numbers: bytes  # numbers of its contacts, in pymunk's order
-    before: Array | None
+    velocities: Array | None
     """Velocities within the step, (M, 3); None: those after the step before."""
-    original: Array | None
+    velocities_before_impacts: Array | None
     """The same velocities before impacts, (M, 3); None without impacts."""
     impacts: list[Impacts]
     load: Forces | None  # lasting forces of the step
-    driven: float  # g·px²/s² of work by motors
-    braked: tuple[Index, list[float]]
+    motor_work: float  # g·px²/s² of work by motors
+    braking: tuple[Index, list[float]]
     """Pairs (B, 2) of bodies, -1 for the world, and their angular impulses by rolling
     resistance, g·px²/s."""
-    kicks: list[EnergyEvent]
+    events: list[EnergyEvent]
 
 
 @dataclass
@@ -251,7 +251,7 @@ class Recorder:
         self.rolls = np.zeros((sample_count, N, 2))
         self.turns = np.zeros((sample_count, N, 4))
         self._balance = np.zeros((sample_count, 4))
-        self.done = 0
+        self.sample_count = 0
         """Number of samples so far."""
         is_dynamic = np.array([b.motion is Motion.DYNAMIC for b in world.bodies], bool)
         self._mass = np.where(is_dynamic, [b.mass for b in world.bodies], 0.0).reshape(
@@ -338,7 +338,9 @@ class Recorder:
         moving_count = len(self.moving)
         # Either all steps have loads or none.
         loads = [step.load for step in steps if step.load is not None]
-        roll_changes = [load.rolled for load in loads if load.rolled is not None]
+        roll_changes = [
+            load.roll_change for load in loads if load.roll_change is not None
+        ]
         self._rolling |= bool(roll_changes)
         states = np.frombuffer(
             b"".join(step.states for step in steps), np.float64
@@ -346,8 +348,8 @@ class Recorder:
         velocities_after = states[:, :, 3:]
         velocities_before = np.concatenate([self._after[None], velocities_after[:-1]])
         for row, step in enumerate(steps):
-            if step.before is not None:
-                velocities_before[row] = step.before
+            if step.velocities is not None:
+                velocities_before[row] = step.velocities
         self._after = velocities_after[-1].copy()
         mean_velocities = self._all((velocities_before + velocities_after) / 2)
         poses = self._all(states[:, :, :3], self._still)
@@ -361,7 +363,7 @@ class Recorder:
         )
         energy_flow[:, 1] += (
             works
-            + [step.driven for step in steps]
+            + [step.motor_work for step in steps]
             + self._compute_lift_work(steps, states, velocities_before)
         )
         end_times = np.array([step.time for step in steps])
@@ -427,7 +429,7 @@ class Recorder:
         loads = [step.load for step in steps if step.load is not None]
         balance[0] -= work([load.spend for load in loads])
         balance[1] += work([load.drive for load in loads])
-        balance += [load.carried for load in loads] if loads else 0.0
+        balance += [load.table_work for load in loads] if loads else 0.0
         is_scripted = self._scripted[: mean.shape[1], None]
         # The loads on a scripted body are balanced by the work of its script.
         if is_scripted.any():
@@ -435,7 +437,7 @@ class Recorder:
         # A part of the energy that the table takes from a sphere's motion goes into its
         # roll and is not lost.
         if len(rolls) > 1:
-            roll_changes = np.array([load.rolled for load in loads])
+            roll_changes = np.array([load.roll_change for load in loads])
             balance[0] -= (
                 self._moment[:, None] * roll_changes * (rolls[:-1] + roll_changes / 2)
             ).sum(axis=(1, 2))
@@ -458,8 +460,10 @@ class Recorder:
         for row, step in enumerate(steps):
             # A struck body has two velocities in a step: its displacement differs from
             # both.
-            if step.original is not None:
-                displacements[row, (step.original != step.before).any(axis=1)] = 0.0
+            if step.velocities_before_impacts is not None:
+                displacements[
+                    row, (step.velocities_before_impacts != step.velocities).any(axis=1)
+                ] = 0.0
         scales = np.array([body.gravity_scale for body in self.world.bodies])
         weight: Array = self._mass * scales
         moved = displacements[:, :, :2] @ self.world.gravity
@@ -468,15 +472,17 @@ class Recorder:
 
     def _compute_rolling_loss(self, steps: list[Step], spin: Array) -> Array:
         """Return the loss (S,) to rolling resistance; `spin` (S, N)."""
-        if all(step.braked is NOT_BRAKED for step in steps):
+        if all(step.braking is NO_BRAKING for step in steps):
             return np.zeros(len(steps))
-        rows = np.repeat(np.arange(len(steps)), [len(step.braked[1]) for step in steps])
-        pairs = np.concatenate([step.braked[0] for step in steps])
+        rows = np.repeat(
+            np.arange(len(steps)), [len(step.braking[1]) for step in steps]
+        )
+        pairs = np.concatenate([step.braking[0] for step in steps])
         # The world, index -1, does not spin.
         spins = np.pad(spin, ((0, 0), (0, 1)))
         spin_differences = np.abs(spins[rows, pairs[:, 0]] - spins[rows, pairs[:, 1]])
         impulse = np.array(
-            [angular_impulse for step in steps for angular_impulse in step.braked[1]]
+            [angular_impulse for step in steps for angular_impulse in step.braking[1]]
         )
         return np.bincount(rows, impulse * spin_differences, len(steps)).astype(
             np.float64
@@ -624,9 +630,9 @@ class Recorder:
         # t = 0, where the impulse belongs to the scene's start.
         delay = 0.0 if self._first else 1e-9
         self._struck += [
-            (kick.time + delay, kick.lost, kick.work)
+            (kick.time + delay, kick.loss, kick.work)
             for contact_steps in steps
-            for kick in contact_steps.kicks
+            for kick in contact_steps.events
         ]
         impacts_by_step = [
             (step_number, impacts)
@@ -724,7 +730,7 @@ class Recorder:
         weights = self._mass * float(np.hypot(*self.world.gravity))
         # The smallest energy for the balance is a fall by a pixel.
         energy = (inertia * np.maximum(before**2, after**2)).sum(axis=2) / 2 + weights
-        is_unbraked = np.array([[step.braked is NOT_BRAKED] for step in steps])
+        is_unbraked = np.array([[step.braking is NO_BRAKING] for step in steps])
         is_counted = is_unbraked & self._unheld
         is_counted &= np.abs(losses) > MISPLACED * energy
         return np.asarray((losses * is_counted).sum(axis=1))
@@ -773,7 +779,7 @@ class Recorder:
         """
         sample_end, sample_begin = (
             int(np.searchsorted(self.times, ends[-1] + 1e-12, side="right")),
-            self.done,
+            self.sample_count,
         )
         sample_times = self.times[sample_begin:sample_end]
         step_rows = np.searchsorted(ends, sample_times - 1e-12)
@@ -804,7 +810,7 @@ class Recorder:
         )
         for k in np.flatnonzero((fractions > 0) & (fractions < 1)).tolist():
             step = steps[step_rows[k]]
-            if step.original is not None:
+            if step.velocities_before_impacts is not None:
                 self._inside(
                     step,
                     float(sample_times[k]),
@@ -865,7 +871,7 @@ class Recorder:
                 balance,
             ]
         )
-        self.done = sample_end
+        self.sample_count = sample_end
         for _, loss, work in self._struck:
             self._spent += np.array([loss, work])
 
@@ -885,17 +891,21 @@ class Recorder:
         A struck body has its old velocity until the impact, and its new velocity from
         then on.
         """
-        assert step.original is not None
-        assert step.before is not None
-        changed_rows = np.flatnonzero((step.original != step.before).any(axis=1))
+        assert step.velocities_before_impacts is not None
+        assert step.velocities is not None
+        changed_rows = np.flatnonzero(
+            (step.velocities_before_impacts != step.velocities).any(axis=1)
+        )
         bodies = self.moving[changed_rows]
         impact_age = max(float(b.earlier.max()) for b in step.impacts if len(b.earlier))
         if time < step.time - impact_age:
-            v[bodies] = step.original[changed_rows]
-            x[bodies] = pose0[bodies] + step.original[changed_rows] * since
+            v[bodies] = step.velocities_before_impacts[changed_rows]
+            x[bodies] = (
+                pose0[bodies] + step.velocities_before_impacts[changed_rows] * since
+            )
         else:
-            v[bodies] = step.before[changed_rows]
-            x[bodies] = pose1[bodies] - step.before[changed_rows] * (h - since)
+            v[bodies] = step.velocities[changed_rows]
+            x[bodies] = pose1[bodies] - step.velocities[changed_rows] * (h - since)
 
     def _energy(
         self, times: Array, pose: Array, velocity: Array, roll: Array

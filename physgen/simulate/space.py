@@ -166,7 +166,7 @@ class Space:
             space, writer, _LOAD, self._push_buffer
         )
         self._brakes: dict[Pair, tuple[pymunk.SimpleMotor, Any]] = {}
-        self._braking: Sequence[Pair] = ()
+        self._brake_pairs: Sequence[Pair] = ()
         self._motors: list[Any] = []
         """Motors of the present brakes."""
         self._special = self._watch(world, [*bodies, *walls])
@@ -331,7 +331,7 @@ class Space:
             if not self._smooth.isdisjoint(pair):
                 continue
             for row in meetings.rows.get(pair, ()):
-                if self._is_doubtful(frames, meetings.listed[row], row, numbers):
+                if self._is_doubtful(frames, meetings.contacts[row], row, numbers):
                     candidates.add(pair)
                     break
         is_changed = False
@@ -553,8 +553,8 @@ class Space:
         """Set brakes: limits of torques against the spin of a body relative to another
         one.
         """
-        if pairs is not self._braking:
-            self._braking, old_motors = pairs, self._motors
+        if pairs is not self._brake_pairs:
+            self._brake_pairs, old_motors = pairs, self._motors
             for key in pairs:
                 if key not in self._brakes:
                     other = self._anchor if key[1] < 0 else self._bodies[key[1]]
@@ -569,7 +569,7 @@ class Space:
         for motor, torque in zip(self._motors, torques, strict=True):
             lib.cpConstraintSetMaxForce(motor, torque)
 
-    def braked(self) -> list[float]:
+    def brake_impulses(self) -> list[float]:
         """Return the size of each brake's angular impulse in the last step, g·px²/s."""
         return [lib.cpConstraintGetImpulse(motor) for motor in self._motors]
 
