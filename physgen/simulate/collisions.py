@@ -330,7 +330,7 @@ class Impacts:
     second: Index
     impulse: Array  # (B, 2) g·px/s on the first bodies
     earlier: Array  # (B,) s before the end of the step
-    lost: float  # g·px²/s² lost to elasticity below 1 and to friction
+    loss: float  # g·px²/s² lost to elasticity below 1 and to friction
     work: float  # g·px²/s² of work by scripted bodies
 
 
@@ -395,7 +395,7 @@ class ImpactSolver:
         self._when: dict[int, float] = {}
         self._leap: dict[int, tuple[float, float]] = {}
         self._rows: list[tuple[int, int, float, float, float]] = []
-        self._lost = self._work = 0.0
+        self._loss = self._work = 0.0
 
     def run(self, budget: WorkBudget) -> Impacts:
         """Resolve rounds of impacts until no point closes, or one round if the budget
@@ -450,7 +450,7 @@ class ImpactSolver:
             second=rows[:, 1].astype(np.int64),
             impulse=rows[:, 2:4],
             earlier=rows[:, 4],
-            lost=self._lost,
+            loss=self._loss,
             work=self._work,
         )
 
@@ -648,7 +648,7 @@ class ImpactSolver:
             if point.elasticity > 1 and energy_change > 0:
                 self._work += energy_change
             else:
-                self._lost -= energy_change
+                self._loss -= energy_change
             self._work += jn * dn + jt * dt
         return bodies
 
@@ -758,7 +758,7 @@ class ImpactSolver:
         closing_before, count = closing_speeds + J @ removed_velocities, 2 * len(points)
         if len(taut_rows):
             closing_after = closing_before + J @ (response_to_points @ impulses)
-            self._lost -= (
+            self._loss -= (
                 float((impulses * (closing_before + closing_after))[count:].sum()) / 2
             )
         return _as_pairs(impulses[:count]), _as_pairs(closing_before[:count])
@@ -776,7 +776,7 @@ class ImpactSolver:
         is_free = inverse > 0
         mass = np.divide(1.0, inverse, out=np.zeros_like(inverse), where=is_free)
         changes = np.where(is_free, response @ (mass * speeds) - speeds, 0.0)
-        self._lost -= float((mass * changes * (speeds + changes / 2)).sum())
+        self._loss -= float((mass * changes * (speeds + changes / 2)).sum())
         return changes
 
     def _pose_ahead(

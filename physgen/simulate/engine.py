@@ -20,7 +20,6 @@ from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from physgen.compile.world import World
 from physgen.messages import Message
@@ -60,7 +59,8 @@ from physgen.simulate.step_control import Governor, StepDivider
 from physgen.simulate.trajectory import Effort, Trajectory
 from physgen.simulate.wheels import fold_wheels, world_on_wheels
 
-Index = NDArray[np.int64]
+EffortCounts = tuple[int, int, int, int, int, float, int, int]
+"""Fields of `Effort`."""
 
 PHASE = 0.1
 """rad: largest phase of the stiffest spring, or of a pass by an attractor, in a
@@ -146,7 +146,7 @@ class Running:
             Recorder, world, moving, self._force_fields, self._scripted_motion
         )
         self._recorder = self._new_recorder(self.times)
-        self._step_records: list[tuple[Step, Effort]] = []
+        self._step_records: list[tuple[Step, EffortCounts]] = []
         self._bytes, self._max_bytes = 0, max_bytes
         # Several threads may sample the same motion.
         self._lock = Lock()
@@ -207,7 +207,7 @@ class Running:
 
     def trajectory(self) -> Trajectory:
         """Return the motion so far; its samples from `done` on are zeros."""
-        trajectory = self._recorder.trajectory(self._effort(), self.sampled)
+        trajectory = self._recorder.trajectory(Effort(*self._effort()), self.sampled)
         return fold_wheels(trajectory, self._vehicles)
 
     def sampled(self, times: Array) -> Trajectory:
@@ -231,17 +231,20 @@ class Running:
             for step, effort in records:  # noqa: B007 - the last effort is used
                 recorder.add(step)
             recorder.read()
-        return fold_wheels(recorder.trajectory(effort, self.sampled), self._vehicles)
+        return fold_wheels(
+            recorder.trajectory(Effort(*effort), self.sampled), self._vehicles
+        )
 
-    def _effort(self) -> Effort:
-        """Return the effort of the engine so far."""
+    def _effort(self) -> EffortCounts:
+        """Return the fields of the engine's `Effort` so far."""
+        # A tuple, because one is stored for every step.
         stepper, governor = self._stepper, self._governor
         # Report the pair of the used up budget, or the body of the used up parts.
         first, second = stepper.budget.exceeded_by or (-1, -1)
         fast_row = self._divider.exceeded_by
         if fast_row is not None:
             first, second = int(self._space.moving[fast_row]), -1
-        return Effort(
+        return (
             stepper.steps,
             self._divided_steps,
             self._max_parts,
