@@ -341,7 +341,7 @@ class Point:
     nx: float
     ny: float  # from a to b; (-ny, nx) is along the surface
     earlier: float
-    own: bool  # whether it closed by the motion before all impacts
+    is_first: bool  # whether it closed by the motion before all impacts
     ma: float
     mb: float
     ea: float
