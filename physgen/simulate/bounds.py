@@ -157,7 +157,8 @@ def _rail(
         arm2 = x - pose[0], y - pose[1]
     length = hypot(ux, uy)
     ux, uy = ux / length, uy / length
-    along_row, across_row = [0.0] * size, [0.0] * size
+    along_row = [0.0] * size
+    across_row = [0.0] * size
     # Both rows measure the relative speed: one along the rail, one across it.
     for row, (wx, wy) in ((along_row, (ux, uy)), (across_row, (-uy, ux))):
         _add(row, place, body, (wx, wy), (arm[0], arm[1]))
@@ -261,10 +262,12 @@ def motor_bound(
     """Return the bound of a motor in a step of h seconds, with `strength` times its
     limit.
     """
-    speed, largest_impulse = joint.speed, joint.limit * h * strength
+    speed = joint.speed
+    largest_impulse = joint.limit * h * strength
     if joint.limits is not None:
         angle = _angle(joint.first, spots) - _angle(joint.second, spots)
-        room_behind, room_ahead = angle - joint.limits[0], joint.limits[1] - angle
+        room_behind = angle - joint.limits[0]
+        room_ahead = joint.limits[1] - angle
         speed = _speed_in_bounds(speed, room_behind, room_ahead, h)
     return BoundedRow(
         motor_row(joint, place, size), speed, -largest_impulse, largest_impulse, True
@@ -275,7 +278,8 @@ def _rope(
     joint: Joint, place: dict[int, int], spots: Places, size: int
 ) -> tuple[list[float], float]:
     """Return the row of the speed at which a rope slackens, and its slack, px."""
-    row, length = [0.0] * size, 0.0
+    row = [0.0] * size
+    length = 0.0
     ends = end(joint, 0, spots), end(joint, 1, spots)
     for number, (body, x, y, *arm) in enumerate(ends):
         if joint.kind is JointKind.PULLEY:
@@ -328,7 +332,8 @@ def bounded_impulses(
     1974).
     """
     count = len(goal)
-    is_low, is_high = low == 0.0, np.zeros(count, bool)
+    is_low = low == 0.0
+    is_high = np.zeros(count, bool)
     impulse = np.zeros(count)
     for number in range(MOST_EXCHANGES):
         is_free = ~(is_low | is_high)
@@ -409,7 +414,8 @@ class BoundedGroup:
         `light`: 1/mass and 1/moment of each velocity in `before`; `within`: velocities
         before lasting forces changed them, None outside a step.
         """
-        start_velocities, inverse_masses = np.array(before), np.array(light)
+        start_velocities = np.array(before)
+        inverse_masses = np.array(light)
         all_rows = [*rows, *(bound.row for bound in bounds)]
         if not all_rows:
             return BoundedMotion(start_velocities, 0.0, 0.0)

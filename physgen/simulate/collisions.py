@@ -46,7 +46,7 @@ class CollisionTuning:
     tolerance: float = 1e-13
     heap_tolerance: float = 1e-5
     """Relative change of impulses at which a solution has converged; `heap_tolerance`
-    for     heaps.
+    for heaps.
     """
     start_work: float = 2e6
     work_per_second: float = 1e6
@@ -106,14 +106,14 @@ def single_point_impulse(
     if mu == 0:
         return target / nn, 0.0
     determinant = nn * tt - nt * nt
-    jn, jt = (
-        (target * tt + nt * vt) / determinant,
-        (-nt * target - nn * vt) / determinant,
-    )
+    jn = (target * tt + nt * vt) / determinant
+    jt = (-nt * target - nn * vt) / determinant
     if jn <= 0 or abs(jt) > mu * jn:
         # Friction cannot hold the point: it acts with its full coefficient against the
         # sliding.
-        side = (1.0 if jt > 0 else -1.0) if jt else (-1.0 if vt > 0 else 1.0)
+        side = 1.0 if jt > 0 else -1.0
+        if jt == 0:
+            side = -1.0 if vt > 0 else 1.0
         grip = nn + side * mu * nt
         # With this friction, the point would wedge: no finite impulse reverses it.
         if grip < 1e-9 * nn:
@@ -151,7 +151,8 @@ def simultaneous_impulses(
         matrix, before, [0.0] * len(elasticity), friction, exact
     )
     # Bisect between the inelastic and the full solution.
-    share, step = 0.0, 0.5
+    share = 0.0
+    step = 0.5
     for _ in range(30):
         if _gain(matrix, before, inelastic + (share + step) * (full - inelastic)) <= 0:
             share += step
@@ -181,13 +182,14 @@ def _solve_impulses(
     """
     if np.count_nonzero(matrix) > TUNING.dense_count * len(before):
         return _solve_dense_impulses(matrix, before, elasticity, friction, exact)
-    speed, impulse = before.tolist(), [0.0] * len(before)
+    speed = before.tolist()
+    impulse = [0.0] * len(before)
     points = _point_equations(matrix, speed, elasticity, friction)
     largest_change = 0.0
     for passes in range(1, 1 + _max_passes(exact)):  # noqa: B007 - counts
         # Each point in turn takes the impulse that would give it its goal, while all
-        # others keep theirs; the passes converge as in any Gauss-Seidel method. This
-        # loop takes most of the time of a heap: calls in it would cost a third of it.
+        # others keep theirs; the passes converge as in any Gauss-Seidel method. The
+        # loop calls no functions, because it takes most of the time of a heap.
         largest_change = largest_impulse = 0.0
         for n, t, goal, mu, inverse_nn, inverse_tt, n_column, t_column in points:
             new_impulse = impulse[n] + (goal - speed[n]) * inverse_nn
@@ -294,7 +296,8 @@ def _solve_dense_impulses(
     """Solve like `_solve_impulses`, to the bit, for points that change the speeds of many
     others.
     """
-    speed, impulse = before.copy(), [0.0] * len(before)
+    speed = before.copy()
+    impulse = [0.0] * len(before)
     # One product with a whole column is faster than a loop over many entries.
     columns = np.ascontiguousarray(matrix.T)
     inverse_diagonal = _inverse_diagonal(matrix)
@@ -430,13 +433,14 @@ class ImpactSolver:
         velocities.
         """
         self._joint_velocities: Array | None = None
-        self._properties, self._assemblies = properties, assemblies
-        self._pose, self._velocity, self._drift = (
-            motion.pose,
-            motion.velocity,
-            motion.drift,
-        )
-        self._contact_points, self._h, self._threshold = points, h, threshold
+        self._properties = properties
+        self._assemblies = assemblies
+        self._pose = motion.pose
+        self._velocity = motion.velocity
+        self._drift = motion.drift
+        self._contact_points = points
+        self._h = h
+        self._threshold = threshold
         self._is_closing = points.closing > threshold
         self._earlier = points.earlier(self._is_closing, has_touched, h)
         self._tolerance = (
@@ -447,7 +451,8 @@ class ImpactSolver:
         # A sorted list of points by body finds the points beside a body by bisection.
         partners = np.concatenate([points.first, points.second])
         order = np.argsort(partners, kind="stable")
-        self._owners, self._point_rows = partners[order], order % len(points.first)
+        self._owners = partners[order]
+        self._point_rows = order % len(points.first)
         self._points: dict[int, Point] = {}
         self._velocities: dict[int, list[float]] = {}
         self._shifts: dict[int, list[float]] = {}
@@ -497,7 +502,8 @@ class ImpactSolver:
 
     def _result(self) -> Impacts:
         """Return the velocities after all impacts, and the impulses."""
-        velocity, shift = self._velocity.copy(), np.zeros_like(self._velocity)
+        velocity = self._velocity.copy()
+        shift = np.zeros_like(self._velocity)
         for body, (vx, vy, spin) in self._velocities.items():
             drift_x, drift_y = self._drift_changes.get(body, (0.0, 0.0))
             # The engine's velocities are those between two steps: remove the part of
@@ -715,7 +721,9 @@ class ImpactSolver:
         An impulse does its work at the mean of the speeds before and after; both pairs
         are along the normal and along the surface.
         """
-        (jn, jt), (vn, vt), (script_vn, script_vt) = impulse, speeds, script_speeds
+        jn, jt = impulse
+        vn, vt = speeds
+        script_vn, script_vt = script_speeds
         leaving_speed, sliding_speed = point.motion(
             self._speeds(point.a), self._speeds(point.b)
         )
@@ -772,7 +780,8 @@ class ImpactSolver:
         """
         equations = self._impact_equations(points, speeds, bodies)
         solution = self._solve_with_joints(points, bodies, equations)
-        impulses, removed = solution.impulses, solution.removed_velocities
+        impulses = solution.impulses
+        removed = solution.removed_velocities
         change = solution.response_to_points @ impulses + removed
         # An impulse earlier in the step also displaces the bodies at its end.
         last_time = max(times)
@@ -786,7 +795,8 @@ class ImpactSolver:
             for axis in range(3):
                 velocity[axis] += float(change[3 * number + axis])
                 shift[axis] += float(displacement[3 * number + axis])
-        jacobian, count = equations.jacobian, 2 * len(points)
+        jacobian = equations.jacobian
+        count = 2 * len(points)
         closing_before = equations.speeds + jacobian @ removed
         if taut_count:
             impulse_change = solution.response_to_points @ impulses
@@ -830,7 +840,8 @@ class ImpactSolver:
         Solve with the joints as they are; if the bodies would then violate joints
         within the next step, solve again with both poses.
         """
-        jacobian, inverse = equations.jacobian, equations.inverse_masses
+        jacobian = equations.jacobian
+        inverse = equations.inverse_masses
         response = self._assemblies.response(bodies, inverse, self._middle)
         removed_velocities = np.zeros(len(inverse))
         tolerance = self._tolerance

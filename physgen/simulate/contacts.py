@@ -22,15 +22,19 @@ LEAP = 2.0
 """Largest displacement of one contact in a step, px."""
 TURN = 0.02
 """Change of a normal in a step beyond which the contact has not just rolled on."""
-WORDS, NUMBERS = 3, 14
-"""Number of integers and of floats of one contact."""
+WORDS = 3
+"""Number of integers of one contact."""
+NUMBERS = 14
+"""Number of floats of one contact."""
 CONTACT = Struct(f"{NUMBERS}d")
 """Format of the floats of one contact."""
 CONTACT_BYTES = 8 * NUMBERS
 """Bytes of the floats of one contact."""
 _POINTS = np.isin(np.arange(NUMBERS), np.arange(4, 13)).astype(np.float64)
 impulses_and_normals = Struct(f"=4d{8 * (NUMBERS - 4)}x").iter_unpack
-_ON_FIRST, _ON_SECOND, _DISTANCE = ([4, 5, 9, 10], [6, 7, 11, 12], [8, 13])
+_ON_FIRST = [4, 5, 9, 10]
+_ON_SECOND = [6, 7, 11, 12]
+_DISTANCE = [8, 13]
 
 
 _PLACE = [4, 5, 9, 10, 0, 1, 2, 3]
@@ -74,7 +78,8 @@ class Order:
         key = (contacts[:, 0] << 32 | contacts[:, 1]) << 2 | contacts[:, 2]
         self._rows = np.argsort(key, kind="stable")
         sorted_keys = key.take(self._rows)
-        self.contacts, self.raw = contacts, contacts.tobytes()
+        self.contacts = contacts
+        self.raw = contacts.tobytes()
         self.words = contacts.take(self._rows, axis=0).tobytes()
         # Several pieces or segments of one pair have equal keys: they are sorted by the
         # places of their points in each step, see `sort`.
@@ -113,7 +118,8 @@ class Order:
         """Return the partners, the lesser first, whose normals have turned since the
         step before.
         """
-        present, previous = np.frombuffer(numbers), np.frombuffer(before)
+        present = np.frombuffer(numbers)
+        previous = np.frombuffer(before)
         change = (present - previous).reshape(-1, NUMBERS)[:, 2:4]
         has_turned = np.abs(change).max(axis=1, initial=0.0) > TURN
         partners = self.contacts[has_turned, :2].tolist()
@@ -127,7 +133,8 @@ class Order:
         `rows` are those of pymunk's list; `state` (M, 6) of the bodies `moving` (M,).
         """
         rows_of = {body: row for row, body in enumerate(moving.tolist())}
-        states, contacts = state.tolist(), self.meetings.contacts
+        states = state.tolist()
+        contacts = self.meetings.contacts
         fastest_speed = 0.0
         for row in rows:
             first, second, count = contacts[row]
@@ -219,7 +226,8 @@ def new_contacts(words: bytes, before: bytes) -> Sequence[int]:
     """Return the rows of contacts with partners and a count of points that were not
     there before.
     """
-    present, previous = _pairs(words), np.sort(_pairs(before))
+    present = _pairs(words)
+    previous = np.sort(_pairs(before))
     positions = previous.searchsorted(present)
     positions[positions == len(previous)] = 0
     new_rows: list[int] = (
@@ -387,16 +395,15 @@ def contact_points(
     objects.
     """
     a, b, count = np.frombuffer(words, np.int64).reshape(-1, WORDS).T
-    flat_numbers, row = np.frombuffer(numbers), np.repeat(np.arange(len(a)), count)
+    flat_numbers = np.frombuffer(numbers)
+    row = np.repeat(np.arange(len(a)), count)
     # A contact has one or two points, which the engine stores in one record. The second
     # point of a record is the row that repeats the contact before it.
     columns = NUMBERS * row + _ON_FIRST[0]
     columns[1:][row[1:] == row[:-1]] += _ON_FIRST[2] - _ON_FIRST[0]
-    first, second, normal = (
-        a.take(row),
-        b.take(row),
-        flat_numbers.reshape(-1, NUMBERS)[:, 2:4].take(row, axis=0),
-    )
+    first = a.take(row)
+    second = b.take(row)
+    normal = flat_numbers.reshape(-1, NUMBERS)[:, 2:4].take(row, axis=0)
     points_on_first, points_on_second = (
         flat_numbers.take(np.add.outer(columns, [part, part + 1])) for part in (0, 2)
     )
@@ -443,7 +450,8 @@ def point_at_closing(
     seconds_back = float(earlier[k])
     a, b = int(found.first[k]), int(found.second[k])
     nx, ny = found.normal[k].tolist()
-    places, centers = [], []
+    places = []
+    centers = []
     # Move both bodies back in time, with the points fixed to them.
     for body, points_on_body in ((a, found.on_first), (b, found.on_second)):
         x, y, _ = pose[body].tolist()

@@ -147,7 +147,8 @@ class Running:
         )
         self._recorder = self._new_recorder(self.times)
         self._step_records: list[tuple[Step, EffortCounts]] = []
-        self._bytes, self._max_bytes = 0, max_bytes
+        self._bytes = 0
+        self._max_bytes = max_bytes
         # Several threads may sample the same motion.
         self._lock = Lock()
         self._row = {int(body): row for row, body in enumerate(moving)}
@@ -215,7 +216,8 @@ class Running:
         `simulate`.
         """
         # The steps may already be known: continue only as far as the times require.
-        until, recorder = float(times.max(initial=0.0)), self._new_recorder(times)
+        until = float(times.max(initial=0.0))
+        recorder = self._new_recorder(times)
         last = (ceil(until / self._base_step - 1e-9) + 1e-6) * self._base_step
         with self._lock:
             self.on(until, enough=lambda: self._bytes > self._max_bytes)
@@ -238,12 +240,14 @@ class Running:
     def _effort(self) -> EffortCounts:
         """Return the fields of the engine's `Effort` so far."""
         # A tuple, because one is stored for every step.
-        stepper, governor = self._stepper, self._governor
+        stepper = self._stepper
+        governor = self._governor
         # Report the pair of the used up budget, or the body of the used up parts.
         first, second = stepper.budget.exceeded_by or (-1, -1)
         fast_row = self._divider.exceeded_by
         if fast_row is not None:
-            first, second = int(self._space.moving[fast_row]), -1
+            first = int(self._space.moving[fast_row])
+            second = -1
         return (
             stepper.steps,
             self._divided_steps,
@@ -325,7 +329,8 @@ class Running:
 
     def _parts_of_step(self, end: float, h: float) -> int:
         """Return the parts into which springs, fast bodies and attractors divide a step."""
-        parts, stepper = self._spring_parts, self._stepper
+        parts = self._spring_parts
+        stepper = self._stepper
         # Compute speeds only every SEARCH_INTERVAL steps while nothing changes them at
         # once, to save time in quiet scenes.
         if not self._divider.has_fast_bodies and (
@@ -353,7 +358,8 @@ class Running:
         """
         state = self._stepper.state()
         if self._scripted_motion.busy:
-            velocities, state = [state[:, 3:]], state.copy()
+            velocities = [state[:, 3:]]
+            state = state.copy()
             for time in (end, end - h):
                 scripted_state = state.copy()
                 self._scripted_motion.drive(time, h, scripted_state, self._row)
@@ -414,7 +420,8 @@ class Running:
 
         Return the energy that each gives and that joints take from it.
         """
-        moving, events = self._space.moving, []
+        moving = self._space.moving
+        events = []
         while self._impulses.has_due(end):
             delay = self._impulses.time_until_next(begin)
             pose, velocity = self._stepper.expand_state(state)
@@ -437,7 +444,9 @@ def _linear_speed(velocity: Array) -> float:
 
 def contact_properties(world: World) -> ContactProperties:
     """Return the properties of the bodies and then of the walls in an impact."""
-    inverse_masses, inverse_moments, radii = [], [], []
+    inverse_masses = []
+    inverse_moments = []
+    radii = []
     for body in world.bodies:
         # Static and scripted bodies have infinite mass.
         is_dynamic = body.motion is Motion.DYNAMIC
@@ -497,8 +506,11 @@ class Stepper:
         self, world: World, space: Space, forces: StepForces, governor: Governor
     ) -> None:
         """Prepare the properties of bodies and walls for impacts."""
-        bodies, walls = world.bodies, world.walls
-        self._space, self._forces, self._governor = space, forces, governor
+        bodies = world.bodies
+        walls = world.walls
+        self._space = space
+        self._forces = forces
+        self._governor = governor
         self._is_dynamic = np.array([b.motion is Motion.DYNAMIC for b in bodies], bool)
         self._properties = contact_properties(world)
         self._reach = np.array([b.reach for b in bodies]).reshape(-1)
@@ -509,18 +521,22 @@ class Stepper:
         gravity.
         """
         self.budget = WorkBudget(len(bodies))
-        self._world, self._breakages = world, Breakages(world)
+        self._world = world
+        self._breakages = Breakages(world)
         self._assemblies = Assemblies(world)
         self._jointed_bodies = self._assemblies.bodies
         self._curves = CurvedWalls(world, space.moving, self._jointed_bodies)
-        light, ease = self._properties.lightness, self._properties.ease
+        light = self._properties.lightness
+        ease = self._properties.ease
         self._inverse = np.array([light, light, ease]).T[: len(bodies)]
         self._center = np.array([[*b.center, 0.0] for b in bodies]).reshape(-1, 3)
         # Poses and velocities of bodies and walls; the rows of walls stay 0.
         self._all_poses = np.concatenate([self._center, np.zeros((len(walls), 3))])
         self._all_velocities = np.zeros_like(self._all_poses)
         self._has_corners = any(b.radius is None for b in bodies)
-        self._order, self._numbers, self._states = NO_CONTACTS, b"", b""
+        self._order = NO_CONTACTS
+        self._numbers = b""
+        self._states = b""
         self._is_calm = True
         """Whether the last step had no impacts."""
         self._last_motion: tuple[Array | None, bytes] = (
@@ -552,7 +568,8 @@ class Stepper:
         """
         if len(state) == len(self._center):
             return state[:, :3].copy(), state[:, 3:].copy()
-        pose, velocity = self._center.copy(), np.zeros_like(self._center)
+        pose = self._center.copy()
+        velocity = np.zeros_like(self._center)
         pose[self._space.moving] = state[:, :3]
         velocity[self._space.moving] = state[:, 3:]
         return pose, velocity
@@ -764,7 +781,8 @@ class Stepper:
         if not self._has_corners or not numbers or len(numbers) != len(old_numbers):
             return False
         if order is not self._order:
-            numbers, old_numbers = order.sort(numbers), self._order.sort(old_numbers)
+            numbers = order.sort(numbers)
+            old_numbers = self._order.sort(old_numbers)
         return contacts_jumped(numbers, old_numbers, order.places)
 
     def _solve_impacts(
@@ -780,10 +798,12 @@ class Stepper:
             trial.state = self.state().copy()
         threshold = self._governor.threshold(trial.h, self._governor.rest_factor)
         after = np.frombuffer(trial.states, np.float64).reshape(-1, 6)
-        poses, velocities = self._all_poses, self._all_velocities
+        poses = self._all_poses
+        velocities = self._all_velocities
         poses[self._space.moving] = after[:, :3]
         velocities[self._space.moving] = trial.state[:, 3:]
-        words, numbers = trial.order.words, trial.order.sort(trial.numbers)
+        words = trial.order.words
+        numbers = trial.order.sort(trial.numbers)
         points = contact_points(words, numbers, poses, velocities)
         if not (points.closing > threshold).any():
             return None
@@ -848,7 +868,8 @@ class Stepper:
 
     def _hold_joints(self, trial: StepTrial, exact: Array) -> None:
         """Close the joints in the state (M, 6) at the end, and then load its contacts."""
-        moving, h = self._space.moving, trial.h
+        moving = self._space.moving
+        h = trial.h
         step_velocities = trial.velocities
         if step_velocities is None:
             step_velocities = self.state()[:, 3:]
@@ -889,7 +910,8 @@ class Stepper:
         load on light bodies. The rest is solved here with the joints' responses,
         without rebound.
         """
-        h, order = trial.h, trial.order
+        h = trial.h
+        order = trial.order
         rest_speed = self._governor.threshold(h, 0.0)
         threshold = CLOSING_SHARE * max(self._press * h, rest_speed)
         rows = self._assemblies.jointed_rows(order)
@@ -898,7 +920,8 @@ class Stepper:
             return None
         if order.fastest_closing(rows, trial.numbers, moving, state) <= threshold:
             return None
-        poses, velocities = self._all_poses, self._all_velocities
+        poses = self._all_poses
+        velocities = self._all_velocities
         poses[moving], velocities[moving] = state[:, :3], state[:, 3:]
         numbers = order.sort(trial.numbers)
         points = contact_points(order.words, numbers, poses, velocities)
@@ -976,7 +999,8 @@ class Stepper:
             np.stack([middle, early_middle]),
             bool(trial.impacts),
         )
-        work, early_work = float(script_work), float(double_early_work) / 2
+        work = float(script_work)
+        early_work = float(double_early_work) / 2
         if self.has_unchecked_contacts or trial.events:
             trial.events += [
                 EnergyEvent(trial.end - JUST_BEFORE, 0.0, early_work),
@@ -1007,12 +1031,14 @@ class Stepper:
         self.has_unchecked_speeds |= not self._is_calm
         self._last_load = trial.h, trial.load, 0.5 if trial.is_half else 1.0
         self._last_motion = trial.velocities, self._states
-        self._order, self._numbers = trial.order, trial.numbers
+        self._order = trial.order
+        self._numbers = trial.numbers
         self._states = trial.states
         self.has_unchecked_contacts = False
         if trial.load is not None:
             self._forces.end(trial.load)
-        braking, resistance = NO_BRAKING, self._forces.resistance
+        braking = NO_BRAKING
+        resistance = self._forces.resistance
         if resistance.busy:
             braking = resistance.brakes.array, self._space.brake_impulses()
             resistance.follow(trial.order, trial.numbers, trial.h)

@@ -52,11 +52,13 @@ def stiffest_spring(world: World) -> tuple[float, str]:
     together.
     """
     stiffness_sums: dict[int, float] = {}
-    largest_stiffness, name = 0.0, ""
+    largest_stiffness = 0.0
+    name = ""
     for spring in spring_joints(world):
         stiffness = spring.stiffness * spring_compliance(world, spring)
         if stiffness > largest_stiffness:
-            largest_stiffness, name = stiffness, spring.name
+            largest_stiffness = stiffness
+            name = spring.name
         for index in (spring.first, spring.second):
             if index is not None and world.bodies[index].motion is Motion.DYNAMIC:
                 stiffness_sums[index] = stiffness_sums.get(index, 0.0) + stiffness
@@ -333,7 +335,8 @@ class ForceFields:
         total: LoadSum,
     ) -> None:
         """Add the pull of a finger, while it holds."""
-        knots, (begin, end) = finger.knots, span
+        knots = finger.knots
+        begin, end = span
         if knots is None or end <= knots[0, 0] or begin >= knots[-1, 0]:
             return
         h = end - begin
@@ -477,7 +480,8 @@ class Pool:
             ):
                 continue
             rotation_matrix = rotation(angle)
-            total_area, moment_sum = 0.0, np.zeros(2)
+            total_area = 0.0
+            moment_sum = np.zeros(2)
             for piece in pieces:
                 corners = piece @ rotation_matrix.T + (x, y)
                 # Clip the convex piece at the four sides of the water, one after the
@@ -493,10 +497,8 @@ class Pool:
                     continue
                 moments = polygon_moments(corners)
                 piece_area = abs(moments.area)
-                total_area, moment_sum = (
-                    total_area + piece_area,
-                    moment_sum + piece_area * moments.center,
-                )
+                total_area += piece_area
+                moment_sum = moment_sum + piece_area * moments.center
             if total_area > 0:
                 yield body, total_area, moment_sum / total_area
 
@@ -511,7 +513,8 @@ def _clip_outline(corners: Array, axis: int, bound: float, sign: float) -> Array
         return corners
     kept_corners: list[Array] = []
     for k in range(len(corners)):
-        previous_depth, depth_of_corner = depth[k - 1], depth[k]
+        previous_depth = depth[k - 1]
+        depth_of_corner = depth[k]
         if previous_depth * depth_of_corner < 0:
             part = previous_depth / (previous_depth - depth_of_corner)
             kept_corners.append(corners[k - 1] + part * (corners[k] - corners[k - 1]))
@@ -535,7 +538,8 @@ CORNERS = 180
 
 def mean_factor(push: Push, begin: float, end: float) -> float:
     """Return the mean factor of a push over a step from `begin` to `end`, s."""
-    low, high = max(push.start, begin), min(push.end, end)
+    low = max(push.start, begin)
+    high = min(push.end, end)
     profile = push.profile
     if profile is None or high <= low:
         return 0.0
@@ -597,7 +601,9 @@ class StepForces:
         self, world: World, moving: NDArray[np.int64], loads: ForceFields
     ) -> None:
         bodies = world.bodies
-        self._moving, self._loads, self._table = moving, loads, Table(world)
+        self._moving = moving
+        self._loads = loads
+        self._table = Table(world)
         self._belts = MovingTable(world)
         self.resistance = Resistance(world)
         self._center = np.array([[*b.center, 0.0] for b in bodies]).reshape(-1, 3)
@@ -661,7 +667,8 @@ class StepForces:
             pose = self._spread(state[:, :3] + state[:, 3:] * h, self._center)
             begin, duration = (end, 0.5) if is_half else (end - h / 2, 1.0)
             loads = self._loads.at(pose, velocity, begin, end + h / 2)
-            drive, spend = loads.drive * duration, loads.spend * duration
+            drive = loads.drive * duration
+            spend = loads.spend * duration
             load = Forces(loads.hold * duration + drive + spend, drive, spend, None)
         if self._table.busy:
             duration = h / 2 if is_half else h
@@ -752,7 +759,8 @@ class ScriptedMotion:
         of the h seconds after, with which it pushes others.
         """
         for body, path in self._paths:
-            present_pose, next_pose = _pose(path, time), _pose(path, time + h)
+            present_pose = _pose(path, time)
+            next_pose = _pose(path, time + h)
             velocity = (next_pose - present_pose) / h
             state[row[body], :3] = present_pose - velocity * h
             state[row[body], 3:] = velocity

@@ -189,7 +189,8 @@ class Assemblies:
         with at most `strength` times its limit; `strength` None: only what the pins
         permit now.
         """
-        spots, shift = _Spots(pose, self._all_bodies), np.zeros(pose.shape)
+        spots = _Spots(pose, self._all_bodies)
+        shift = np.zeros(pose.shape)
         velocities = velocity.take(self._all_bodies, axis=0).tolist()
         speeds = dict(zip(self._all_bodies, velocities, strict=True))
         work = loss = early_loss = script_loss = 0.0
@@ -200,14 +201,16 @@ class Assemblies:
                 bounded = self._constrain_bounded(
                     number, spots, before, h, strength, start_velocities
                 )
-                work, loss = work + bounded.work, loss + bounded.loss
+                work += bounded.work
+                loss += bounded.loss
                 early_loss += bounded.early_loss
                 if not self._scripted_bodies.isdisjoint(bodies):
                     script_loss += bounded.loss
                 after = bounded.velocity.reshape(-1, 3).tolist()
             else:
                 motion = self._constrain_group(group, spots, before, h, strength)
-                work, loss = work + motion.work, loss + motion.loss
+                work += motion.work
+                loss += motion.loss
                 if motion.shift is not None:
                     shift[bodies] += motion.shift
                 after = motion.velocities
@@ -226,7 +229,8 @@ class Assemblies:
     ) -> GroupMotion:
         """Return the effect of `constrain` on a group without bounds."""
         equations = _group_equations(group, spots, h, strength)
-        masses, max_speed = group.inverse_masses, self._gravity * h
+        masses = group.inverse_masses
+        max_speed = self._gravity * h
         # The common case of a few joints without limits is solved in plain numbers.
         if len(equations.rows) <= 8 and min(equations.limits) == inf:
             change = _few_changes(equations.rows, masses, before, equations.speeds)
@@ -234,7 +238,8 @@ class Assemblies:
                 strength is None or not is_jolt(masses, before, change, max_speed)
             ):
                 return GroupMotion(_triples(list(map(add, before, change))))
-        jacobian, velocities = np.array(equations.rows), np.array(before)
+        jacobian = np.array(equations.rows)
+        velocities = np.array(before)
         response = (jacobian * masses) @ jacobian.T
         # A tiny regularisation keeps the diagonal above the rounding errors.
         response.ravel()[:: len(response) + 1] *= 1 + 1e-12
@@ -269,7 +274,8 @@ class Assemblies:
     ) -> BoundedMotion:
         """Return the effect of `constrain` on a group with bounds of some joints."""
         group = self._groups[number]
-        columns, size = group.first_columns, group.size
+        columns = group.first_columns
+        size = group.size
         rows: list[list[float]] = []
         speeds: list[float] = []
         bounds: list[BoundedRow] = []
@@ -296,14 +302,16 @@ class Assemblies:
         `velocities` (K, N, 3): the work is computed for each; `impulse` (N, 3) of all
         joints on bodies; `is_linear`: angular impulses are unknown.
         """
-        spots, work = _Spots(pose, self._all_bodies), np.zeros(len(velocities))
+        spots = _Spots(pose, self._all_bodies)
+        work = np.zeros(len(velocities))
         for group in self._groups:
             if self._scripted_bodies.isdisjoint(group.bodies):
                 continue
             rows, is_scripted = self._script_rows(group, spots)
             if not rows:
                 continue
-            jacobian, weights = np.array(rows), np.sqrt(np.array(group.inverse_masses))
+            jacobian = np.array(rows)
+            weights = np.sqrt(np.array(group.inverse_masses))
             axes = [1.0, 1.0, float(not is_linear)]
             impulses = _joint_impulses(
                 jacobian,
@@ -323,7 +331,8 @@ class Assemblies:
         """
         rows: list[list[float]] = []
         is_scripted: list[bool] = []
-        columns, size = group.first_columns, group.size
+        columns = group.first_columns
+        size = group.size
         for joint in group.joints:
             joint_rows, _ = _rows(joint, columns, spots, size)
             bounds = bounds_of(joint, columns, spots, size, inf, None, MET_IN_STEP)
@@ -366,7 +375,8 @@ class Assemblies:
         `impulse` (N, 3) of all joints on bodies; `is_linear`: angular impulses are
         unknown.
         """
-        spots, sizes = _Spots(pose, self._all_bodies), dict[str, float]()
+        spots = _Spots(pose, self._all_bodies)
+        sizes = dict[str, float]()
         for group in self._groups:
             rows, owners = _reaction_rows(group, spots)
             if not rows:
@@ -392,7 +402,8 @@ class Assemblies:
         groups = sorted({self._root[body] for body in bodies if body in self._root})
         if not groups:
             return free_response
-        columns, size = _first_columns(bodies), 3 * len(bodies)
+        columns = _first_columns(bodies)
+        size = 3 * len(bodies)
         rows: list[list[float]] = []
         for pose in poses:
             spots = _Spots(pose, self._all_bodies)
@@ -464,7 +475,8 @@ def _group_equations(
 ) -> GroupEquations:
     """Return the equations of a group's pins, welds and motors in a step of h s."""
     equations = GroupEquations([], [], [], [])
-    columns, size = group.first_columns, group.size
+    columns = group.first_columns
+    size = group.size
     for joint in group.joints:
         joint_rows, gaps = _rows(joint, columns, spots, size)
         equations.rows.extend(joint_rows)
@@ -517,7 +529,8 @@ def _close_gaps_at_rest(
     that the motion never had: `after`, if it is a jolt. The gap is closed by a
     displacement without velocity instead.
     """
-    masses, jacobian = group.inverse_masses, np.array(equations.rows)
+    masses = group.inverse_masses
+    jacobian = np.array(equations.rows)
     resting_impulses = _solve_system(response, jacobian @ before)
     rest_velocities = before - masses * (jacobian.T @ resting_impulses)
     change = (after - rest_velocities).tolist()
@@ -537,7 +550,8 @@ def _reaction_rows(
     """Return the rows of a group's joints, and the joint of each; "" for torques."""
     rows: list[list[float]] = []
     owners: list[str] = []
-    columns, size = group.first_columns, group.size
+    columns = group.first_columns
+    size = group.size
     for joint in group.joints:
         joint_rows, _ = _rows(joint, columns, spots, size)
         bounds = bounds_of(joint, columns, spots, size, inf, None)
@@ -666,7 +680,8 @@ class _Spots:
         """Return the pose of a body, and px from its centre to the point (2,) of
         it.
         """
-        (pose, c, s), (x, y) = self._placed_bodies[body], point.tolist()
+        pose, c, s = self._placed_bodies[body]
+        x, y = point.tolist()
         return pose, c * x - s * y, s * x + c * y
 
 
@@ -698,7 +713,8 @@ def _rows(
         if body not in place:
             continue
         # The velocity of a point at (x, y) from the centre is v + spin * (-y, x).
-        k, ((px, py, angle), x, y) = place[body], spots.find(body, at)
+        k = place[body]
+        (px, py, angle), x, y = spots.find(body, at)
         gaps[0] += sign * (px + x)
         gaps[1] += sign * (py + y)
         gaps[2] += sign * angle

@@ -60,7 +60,8 @@ class ContactLog:
         """Create an empty log; touches of a pair with a gap of at most `gap` s
         are one.
         """
-        self._surfaces, self._gap = surfaces, gap
+        self._surfaces = surfaces
+        self._gap = gap
         self._open_touches: dict[int, float] = {}
         """Begins, s, of the touches that last at the end of the block, by pair."""
         self._touches: list[Touch] = []
@@ -104,10 +105,13 @@ class ContactLog:
         # Sort by pair, step and time, and keep the earliest contact of a pair in each
         # step.
         order = np.lexsort((contact_time, step, pair))
-        pair, step, contact_time = pair[order], step[order], contact_time[order]
+        pair = pair[order]
+        step = step[order]
+        contact_time = contact_time[order]
         is_first = np.ones(len(pair), bool)
         is_first[1:] = (pair[1:] != pair[:-1]) | (step[1:] != step[:-1])
-        pair, step = pair[is_first], step[is_first]
+        pair = pair[is_first]
+        step = step[is_first]
         contact_time = contact_time[is_first]
         # A touch begins with a new pair, or after a step without contact.
         is_start = np.ones(len(pair), bool)
@@ -130,7 +134,8 @@ class ContactLog:
 
         `runs`: pair, first and last step, and first time of each run of contacts.
         """
-        open_touches, continued_pairs = {}, set()
+        open_touches = {}
+        continued_pairs = set()
         for pair, first_step, last_step, first_time in runs:
             begin_time = first_time
             if first_step == 0 and pair in self._open_touches:
@@ -151,7 +156,9 @@ class ContactLog:
         """
         merged_touches: list[Touch] = []
         for pair, begin, end in touches:
-            last_pair, last_begin, last_end = -1, 0.0, 0.0
+            last_pair = -1
+            last_begin = 0.0
+            last_end = 0.0
             if merged_touches:
                 last_pair, last_begin, last_end = merged_touches[-1]
             # Contacts at rest flicker: a short gap does not end a touch.
@@ -181,7 +188,8 @@ class ContactLog:
     def _sum_impulses(self) -> tuple[Index32, Array]:
         """Return sample, first and second object (R, 3) of the impulses (R, 2)."""
         # Sum the impulses again over all blocks, since a sample may span two of them.
-        all_codes, all_impulses = [np.zeros(0, np.int64)], [np.zeros((0, 2))]
+        all_codes = [np.zeros(0, np.int64)]
+        all_impulses = [np.zeros((0, 2))]
         for codes, impulses in self._sums:
             all_codes.append(codes)
             all_impulses.append(impulses)
@@ -189,7 +197,8 @@ class ContactLog:
             np.concatenate(all_codes), np.concatenate(all_impulses)
         )
         is_nonzero = sums.any(axis=1)
-        sample_codes, sums = sample_codes[is_nonzero], sums[is_nonzero]
+        sample_codes = sample_codes[is_nonzero]
+        sums = sums[is_nonzero]
         surface_count = max(len(self._surfaces), 1)
         samples, pair_codes = np.divmod(sample_codes, surface_count * surface_count)
         first, second = np.divmod(pair_codes, surface_count)
@@ -289,7 +298,8 @@ class Recorder:
 
     def _prepare_samples(self) -> None:
         """Create the arrays of samples."""
-        sample_count, body_count = len(self.times), len(self.world.bodies)
+        sample_count = len(self.times)
+        body_count = len(self.world.bodies)
         self.poses = np.zeros((sample_count, body_count, 3))
         self.velocities = np.zeros((sample_count, body_count, 3))
         self.rolls = np.zeros((sample_count, body_count, 2))
@@ -338,7 +348,9 @@ class Recorder:
         `pose` (N, 3), `velocity` (N, 3) and `roll` (N, 2) at t = 0 are those of the
         scene.
         """
-        self._pose, self._mean_velocity, self._roll = pose, velocity, roll
+        self._pose = pose
+        self._mean_velocity = velocity
+        self._roll = roll
         self._turn = np.tile([1.0, 0.0, 0.0, 0.0], (len(pose), 1))
         self._last_velocities = np.zeros((len(self.moving), 3))
         self._steps.append(step)
@@ -371,7 +383,8 @@ class Recorder:
         Reading does not change the boundaries of blocks, so that results do not depend
         on it.
         """
-        steps, self._steps = self._steps, []
+        steps = self._steps
+        self._steps = []
         if not steps:
             return
         states, velocities_before = self._read_states(steps)
@@ -400,7 +413,8 @@ class Recorder:
         # At t = 0, nothing of the half step to t = 0 has occurred yet.
         if self._is_first_block:
             poses[0], mean_velocities[0] = self._pose, self._mean_velocity
-            balance, remainder = np.zeros((1, 2)), energy_flow[-1]
+            balance = np.zeros((1, 2))
+            remainder = energy_flow[-1]
             self._is_first_block = False
         times = np.array([step.time for step in steps])
         vectors, turns = self._rotations(times, poses, rolls)
@@ -457,16 +471,19 @@ class Recorder:
         `remainder` (2,): loss and work of the second half of the last step.
         """
         if self._has_rolls:
-            self._roll, self._turn = motion.rolls[-1], motion.turns[-1]
+            self._roll = motion.rolls[-1]
+            self._turn = motion.turns[-1]
         self._flow_to_middle = motion.balance[-1]
         self._flow_after_middle = remainder
         self._time = float(motion.times[-1])
-        self._pose, self._mean_velocity = motion.poses[-1], motion.velocities[-1]
+        self._pose = motion.poses[-1]
+        self._mean_velocity = motion.velocities[-1]
         self._impact_flows.clear()
 
     def _expand(self, rows: Array, static_rows: Array | None = None) -> Array:
         """Expand rows (S, M, 3) of moving bodies to all bodies (S, N, 3)."""
-        step_count, body_count = len(rows), len(self.world.bodies)
+        step_count = len(rows)
+        body_count = len(self.world.bodies)
         if static_rows is None:
             expanded_rows = np.zeros((step_count, body_count, 3))
         else:
@@ -479,10 +496,8 @@ class Recorder:
 
         `mean`: velocities (S, N, 3), `rolls` (S + 1, N, 2).
         """
-        balance, durations = (
-            np.zeros((2, len(steps))),
-            np.array([step.h for step in steps]),
-        )
+        balance = np.zeros((2, len(steps)))
+        durations = np.array([step.h for step in steps])
 
         def work(forces: list[Array | None]) -> Array | float:
             loads_of_steps = [force for force in forces if force is not None]
@@ -653,7 +668,8 @@ class Recorder:
             belt_losses, belt_works = belt_energies(
                 self._conveyors, touch.first, touch.second, touch.normal, impulse
             )
-            losses, works = losses + belt_losses, works + belt_works
+            losses = losses + belt_losses
+            works = works + belt_works
         # The path of a scripted body does the work of its contacts.
         partners = (touch.first, -1.0, velocity1), (touch.second, 1.0, velocity2)
         for objects, sign, velocity in partners:
@@ -686,8 +702,11 @@ class Recorder:
         self, steps: list[Step], end_times: Array, step_rows: Index, touch: Touching
     ) -> None:
         """Add the contacts and impacts before the last sample to the log."""
-        contact_steps, contact_times = [step_rows], [end_times[step_rows]]
-        first, second, impulse = [touch.first], [touch.second], [touch.impulse]
+        contact_steps = [step_rows]
+        contact_times = [end_times[step_rows]]
+        first = [touch.first]
+        second = [touch.second]
+        impulse = [touch.impulse]
         for number, step in enumerate(steps):
             for impacts in step.impacts:
                 contact_steps.append(np.full(len(impacts.first), number))
@@ -764,7 +783,8 @@ class Recorder:
         The sum of a contact's two impulses acts somewhere between its two points.
         """
         body_count = pose.shape[1]
-        torque, leeway = np.zeros(pose.shape[:2]), np.zeros(pose.shape[:2])
+        torque = np.zeros(pose.shape[:2])
+        leeway = np.zeros(pose.shape[:2])
         points = (touch.on_first + touch.on_second) / 2
         # The engine reports one impulse for both points of a contact. It may act
         # anywhere between them, so that its torque has a range.
@@ -817,7 +837,8 @@ class Recorder:
         `step_rows`, `fractions`, `durations` (K,): the step of each sample, the part of
         the step before the sample, and the step's length, s.
         """
-        times, factors = self.times[samples], fractions[:, None, None]
+        times = self.times[samples]
+        factors = fractions[:, None, None]
         old_poses = _values_before(motion.poses, step_rows, self._pose)
         old_velocities = _values_before(
             motion.velocities, step_rows, self._mean_velocity
@@ -970,7 +991,8 @@ class PartnerMotion:
 
         The velocity of a point at the arm r is v + spin x r.
         """
-        (vx, vy, spin), (cx, cy, _) = velocity, self.center
+        vx, vy, spin = velocity
+        cx, cy, _ = self.center
         return vx - spin * (y - cy), vy + spin * (x - cx)
 
 

@@ -127,14 +127,13 @@ class StepDivider:
         if not len(fast_rows):
             self.has_fast_bodies = False
             return 1
-        start_positions, end_positions = state[:, :2], state[:, :2] + state[:, 3:5] * h
+        start_positions = state[:, :2]
+        end_positions = state[:, :2] + state[:, 3:5] * h
         reach = self._reach[:, None] + 2.0
         # Boxes around the paths of all bodies in the step: only where they overlap can
         # a fast body pass through another one.
-        lower_corners, upper_corners = (
-            np.minimum(start_positions, end_positions) - reach,
-            np.maximum(start_positions, end_positions) + reach,
-        )
+        lower_corners = np.minimum(start_positions, end_positions) - reach
+        upper_corners = np.maximum(start_positions, end_positions) + reach
         self._parts_left += TUNING.parts_a_step
         parts = 1
         for k in fast_rows.tolist():
@@ -220,12 +219,10 @@ class Governor:
             2 * TUNING.min_sweeps,
             min(TUNING.max_sweeps, TUNING.work // max(self._contacts, 1)),
         )
-        sweeps, minimum = (
-            self.sweeps,
-            TUNING.usual_sweeps
-            if overlap > TUNING.overlap or self._has_joints
-            else TUNING.min_sweeps,
-        )
+        sweeps = self.sweeps
+        minimum = TUNING.min_sweeps
+        if overlap > TUNING.overlap or self._has_joints:
+            minimum = TUNING.usual_sweeps
         # Grow fast and shrink slowly, against oscillations of the sweeps.
         if residual > limit:
             sweeps += sweeps // 2
