@@ -156,7 +156,7 @@ def _at_rest(perceived: PerceivedScene, kept: Collection[str] = ()) -> Perceived
             item = {
                 key: value
                 for key, value in objects[name].items()
-                if key not in ("rolling", "velocity")
+                if key not in ("rolling", "velocity", "spin")
             }
             sources = {
                 key: value
@@ -245,8 +245,21 @@ def _with_push(perceived: PerceivedScene, push: Push) -> PerceivedScene:
     per_meter = perceived.document["world"]["pixels_per_meter"]
     speeds = [meters(part / per_meter) for part in push.velocity]
     comment = f"the push that sets it off, {push.phrase}; [0, 0] leaves it at rest"
+    if push.spin:
+        comment = (
+            f"the push that sets it off, at its top {push.phrase}; "
+            f"[0, 0] and spin: 0 leave it at rest"
+        )
+        perceived = _with_spin(perceived, push.name, push.spin)
     motions = {push.name: (speeds, comment)}
     return _with_motion(perceived, motions, push.outcome, push.ramp)
+
+
+def _with_spin(perceived: PerceivedScene, name: str, spin: float) -> PerceivedScene:
+    """Return the scene with the spin of an object, degrees/s."""
+    objects = dict(perceived.document["objects"])
+    objects[name] = objects[name] | {"spin": spin}
+    return replace(perceived, document=perceived.document | {"objects": objects})
 
 
 def _chosen_push(
@@ -263,13 +276,20 @@ def _chosen_push(
     """
     from physgen.compile.shapes import shapes_of
     from physgen.perceive.document import mask_confidence
+    from physgen.pipeline.push_outcomes import TRIAL
     from physgen.pipeline.pushes import default_push
+    from physgen.pipeline.releases import RELEASE
+    from physgen.pipeline.verdicts import part_owners
 
     objects = perceived.document["objects"]
-    confidence = {
-        name: max(mask_confidence(item), least) if name in names else 0.0
-        for name, item in objects.items()
-    }
+    confidence = dict.fromkeys(objects, 0.0)
+    torn_names = part_owners(perceived)
+    for name in names:
+        # An object whose parts may stay behind is pushed only for want of another.
+        certainty = max(mask_confidence(objects[name]), least)
+        if name in torn_names and certainty > TRIAL.confidence:
+            certainty = max(certainty * RELEASE.torn, TRIAL.confidence)
+        confidence[name] = certainty
     facing = {
         name: item["facing"] for name, item in objects.items() if "facing" in item
     }
@@ -375,7 +395,7 @@ def _with_ramp(
     ramped = _set_ramp(perceived, ramp)
     if ramp == tried_ramp:
         return ramped
-    scene = open_trial(ramped, "velocity").scene()
+    scene = open_trial(ramped, "velocity", "spin").scene()
     velocities = {}
     for item in scene.objects:
         if any(item.velocity):
@@ -434,7 +454,8 @@ def push_anew(
     objects = dict(perceived.document["objects"])
     for name in perceived_pushes(scene):
         if name in objects:
-            objects[name] = objects[name] | {"velocity": [0, 0]}
+            still_item = {k: v for k, v in objects[name].items() if k != "spin"}
+            objects[name] = still_item | {"velocity": [0, 0]}
     document = perceived.document | {"objects": objects}
     perceived = replace(perceived, document=document)
     pushed_scene = _pushed_by_user(_with_usual_playback(perceived, scene), pushes)
@@ -544,11 +565,11 @@ def refresh_motion(
     from physgen.pipeline.push_trials import compile_trials, simulate_push
     from physgen.pipeline.pushes import perceived_pushes
 
-    moving = {
-        item.name: {"velocity": list(item.velocity)}
-        for item in scene.objects
-        if any(item.velocity)
-    }
+    moving: dict[str, dict[str, Any]] = {}
+    for item in scene.objects:
+        if any(item.velocity):
+            spin = {"spin": item.spin} if item.spin else {}
+            moving[item.name] = {"velocity": list(item.velocity)} | spin
     pushes = (
         [] if still or scene.forces or scene.joints else list(perceived_pushes(scene))
     )
@@ -572,7 +593,8 @@ def refresh_motion(
             None,
             scene.world.view.value,
         )
-        trial_scene = open_trial(perceived, "velocity", "place", "layer").scene()
+        keys = ("velocity", "spin", "place", "layer")
+        trial_scene = open_trial(perceived, *keys).scene()
         pushed_objects = [
             item
             for item in trial_scene.objects
@@ -588,11 +610,11 @@ def refresh_motion(
         stopped_names = pushes if has_new_view or not has_motion else []
         for name in stopped_names:
             del moving[name]
-        stopped_entries = {
-            name: objects_at_rest[name] | {"velocity": [0, 0]}
-            for name in stopped_names
-            if name in objects_at_rest
-        }
+        stopped_entries = {}
+        for name in stopped_names:
+            if name in objects_at_rest:
+                entry = {k: v for k, v in objects_at_rest[name].items() if k != "spin"}
+                stopped_entries[name] = entry | {"velocity": [0, 0]}
         perceived = replace(
             perceived,
             document=perceived.document

@@ -627,7 +627,7 @@ def _refresh(opened: OpenedScene, text: str, run: _Refresh) -> str:
         written_document = document["objects"][name] | moving.get(name, {})
         summary_objects[name] = summary_objects[name] | {
             key: written_document[key]
-            for key in ("motion", "velocity")
+            for key in ("motion", "velocity", "spin")
             if key in written_document
         }
     summary_document = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from math import hypot, radians, sqrt
+from math import atan2, cos, degrees, hypot, radians, sqrt
 from typing import TYPE_CHECKING
 
 import cv2
@@ -49,6 +49,8 @@ class PictureBorder:
     """Upper limits of each body, (N, 2) px."""
     is_watched: NDArray[np.bool_]
     """Mask (N,) of movable bodies."""
+    slack: Array
+    """Distance by which each body may cross its limits while it moves, (N,) px."""
 
     @staticmethod
     def of(trials: TrialScene, world: World) -> PictureBorder:
@@ -78,16 +80,32 @@ class PictureBorder:
                 upper_corners.reshape(-1, 2), np.array(world.size) - 0.5 + slack
             ),
             np.array(movable, bool),
+            _crossing_distances(trials, world),
         )
 
-    def leaving(self, poses: Array) -> NDArray[np.bool_]:
-        """Return the mask of bodies that are outside in one of the poses (S, N, 3)."""
+    def leaving(self, poses: Array, *, is_final: bool = False) -> NDArray[np.bool_]:
+        """Return the mask of bodies that are outside in one of the poses (S, N, 3).
+
+        Large bodies may cross the border, unless the poses are final.
+        """
         result = np.zeros(len(self.points), bool)
         for k in np.flatnonzero(self.is_watched).tolist():
             places = _placed(self.points[k], poses[:, k])
-            is_low = (places < self.low[k] - 1e-6).any()
-            result[k] = is_low or (places > self.high[k] + 1e-6).any()
+            slack = 1e-6 if is_final else 1e-6 + self.slack[k]
+            is_low = (places < self.low[k] - slack).any()
+            result[k] = is_low or (places > self.high[k] + slack).any()
         return result
+
+
+def _crossing_distances(trials: TrialScene, world: World) -> Array:
+    """Return the distance by which each body may cross the border, (N,) px."""
+    size = np.array(world.size, np.float64)
+    distances = np.zeros(len(world.bodies))
+    for k, body in enumerate(world.bodies):
+        share = float((measure_extent(body) / size).max())
+        if body.radius is None and share >= TRIAL.filling:
+            distances[k] = TRIAL.crossing * trials.side
+    return distances
 
 
 def _corners(body: Body) -> Array:
@@ -155,6 +173,38 @@ def tumbles(world: World, motion: Trajectory, name: str) -> bool:
         return False
     turns = motion.poses[:, index, 2] - motion.poses[0, index, 2]
     return bool(np.abs(turns).max() > radians(TRIAL.tumble))
+
+
+def rocks(world: World, motion: Trajectory) -> bool:
+    """Check whether an object tips visibly and settles as it stood."""
+    turns = motion.poses[..., 2] - motion.poses[0, :, 2]
+    is_upright = np.array([body.radius is None for body in world.bodies], bool)
+    limit = radians(TRIAL.rocks_visible)
+    is_visible = np.abs(turns).max(axis=0) >= limit
+    is_back = np.abs(turns[-1]) < limit / 2
+    return bool((is_upright & is_visible & is_back).any())
+
+
+def tipping_motion(
+    body: Body, side: float, angle: float, gravity: float
+) -> tuple[tuple[float, float], float]:
+    """Return the velocity, px/s, and the spin, degrees/s, that tip a body.
+
+    The body turns by at most `angle`, degrees, about its lower corner on the `side` of
+    the push, 1 right or -1 left: kinetic energy about the corner becomes height.
+    """
+    points = np.concatenate(body.rings)
+    low, high = float(points[:, 1].min()), float(points[:, 1].max())
+    foot = points[points[:, 1] > high - TRIAL.foot * (high - low)]
+    half_width = max(float((side * foot[:, 0]).max()), 1.0)
+    falling_angle = atan2(half_width, high)
+    turn = min(radians(angle), TRIAL.rocks_most * falling_angle)
+    reach = hypot(half_width, high)
+    rise = reach * cos(falling_angle - turn) - high
+    inertia = body.moment / body.mass + reach**2
+    rate = sqrt(2 * gravity * max(rise, 0.0) / inertia)
+    velocity = (side * rate * high, -rate * half_width)
+    return velocity, degrees(side * rate)
 
 
 def full_travel(world: World, fallen: Collection[str]) -> Array:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from math import hypot, inf, log, sqrt
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -32,7 +33,9 @@ from physgen.pipeline.push_motion import (
     measure_travel,
     overhangs,
     returns,
+    rocks,
     throws,
+    tipping_motion,
     tumbles,
 )
 from physgen.pipeline.push_outcomes import (
@@ -197,7 +200,7 @@ def _candidates(
     for pair in sorted_pushes:
         if effort.ends_before_pair():
             return
-        for candidate in _search(trials, *pair, facing, world):
+        for candidate in _pushes_of_pair(trials, *pair, facing, world):
             push = (candidate.item.name, candidate.direction, candidate.speed)
             if push in known_pushes:
                 continue
@@ -322,6 +325,69 @@ def _search(
             speed = calm_speed * _next_step(trials, outcome)
 
 
+def _pushes_of_pair(
+    trials: TrialScene,
+    item: Object,
+    direction: Direction,
+    facing: Mapping[str, str],
+    world: World,
+) -> Iterator[Candidate]:
+    """Yield all pushes of an object in a direction.
+
+    Pushes through the centre come first for a tall object, which they may topple.
+    """
+    body = next(body for body in trials.world.bodies if body.name == item.name)
+    slides = _search(trials, item, direction, facing, world)
+    tips = _tips(trials, item, direction, facing, world)
+    yield from chain(slides, tips) if is_tall(body) else chain(tips, slides)
+
+
+def _tips(
+    trials: TrialScene,
+    item: Object,
+    direction: Direction,
+    facing: Mapping[str, str],
+    world: World,
+) -> Iterator[Candidate]:
+    """Yield pushes at the top of an object, by which it rocks on its foot."""
+    body = next(body for body in trials.world.bodies if body.name == item.name)
+    if not _can_rock(trials, item, body):
+        return
+    first_angle, smaller_angle, larger_angle = TRIAL.rocks
+    candidate = _tip(trials, item, direction[0], first_angle)
+    candidate = _try(trials, candidate, facing, world)
+    yield candidate
+    outcome = candidate.outcome
+    is_hard = outcome.grade in (Grade.LEAVES, Grade.RESTLESS)
+    if is_hard or outcome.travel > TRIAL.far:
+        candidate = _tip(trials, item, direction[0], smaller_angle)
+    elif outcome.travel < TRIAL.slide:
+        candidate = _tip(trials, item, direction[0], larger_angle)
+    else:
+        return
+    yield _try(trials, candidate, facing, world)
+
+
+def _can_rock(trials: TrialScene, item: Object, body: Body) -> bool:
+    """Check whether a hand at its top tips an object: vehicles and plates glide."""
+    if trials.scene.world.view is not View.SIDE or body.radius is not None:
+        return False
+    if item.wheels or item.facing or item.name in _loaded_names(trials):
+        return False
+    width, height = measure_extent(body)
+    return height >= TRIAL.flat * width
+
+
+def _tip(trials: TrialScene, item: Object, side: float, angle: float) -> Candidate:
+    """Return the push that tips an object by an angle, degrees, before its trial."""
+    body = next(body for body in trials.world.bodies if body.name == item.name)
+    gravity = hypot(*trials.world.gravity)
+    (x, y), spin = tipping_motion(body, side, angle, gravity)
+    speed = hypot(x, y)
+    direction = (x / speed, y / speed)
+    return Candidate(item, direction, speed, NO_MOTION, spin=round(spin, 1))
+
+
 def _is_too_hard(outcome: Outcome, gentler: Outcome) -> bool:
     """Check whether a push between two may be better than the harder one.
 
@@ -349,7 +415,8 @@ def _try(
     """Simulate a push in a world at rest."""
     item = candidate.item
     velocities = {item.name: candidate.velocity}
-    outcome = simulate_push(trials, velocities, world, candidate.ramp)
+    spins = {item.name: candidate.spin}
+    outcome = simulate_push(trials, velocities, world, candidate.ramp, spins)
     forwards = SIDES.get(facing.get(item.name, ""), 0.0)
     if forwards * candidate.direction[0] < 0:
         outcome = replace(outcome, score=TRIAL.wrong_way * outcome.score)
@@ -415,14 +482,16 @@ def simulate_push(
     velocities: Mapping[str, tuple[float, float]],
     world: World | None = None,
     ramp: float | None = None,
+    spins: Mapping[str, float] = MappingProxyType({}),
 ) -> Outcome:
     """Simulate pushes until all objects rest or one leaves the picture.
 
     `velocities` are those of objects by name, px/s. `world` is that of `trials` unless
     another one, at rest, is given. The objects reach their velocities within `ramp`, s;
-    None: as in the scene.
+    None: as in the scene. `spins` are angular velocities by name, degrees/s; others are
+    as in the scene.
     """
-    world = _pushed_world(trials, velocities, world or trials.world, ramp)
+    world = _pushed_world(trials, velocities, world or trials.world, ramp, spins)
     motion, has_left, work = _run(trials, world)
     travel = measure_travel(world, motion) / trials.side
     speed = max(hypot(*velocity) for velocity in velocities.values())
@@ -442,6 +511,8 @@ def simulate_push(
     fallen_names = find_fallen_objects(world, motion)
     score = float(np.minimum(travel / full_travel(world, fallen_names), 1.0).sum())
     score += TRIAL.falls * len(fallen_names)
+    if rocks(world, motion):
+        score += TRIAL.rocking
     # Penalties for implausible motion.
     if any(returns(motion, *push) for push in velocities.items()):
         score *= TRIAL.rebound
@@ -479,14 +550,16 @@ def _pushed_world(
     velocities: Mapping[str, tuple[float, float]],
     world: World,
     ramp: float | None,
+    spins: Mapping[str, float],
 ) -> World:
-    """Return a world with the velocities of some objects, and their ramp if given."""
+    """Return a world with the motion of some objects, and their ramp if given."""
     from physgen.compile.compile import set_velocity
 
     bodies = list(world.bodies)
     for index, item in enumerate(trials.scene.objects):
         if item.name in velocities:
-            moving_item = replace(item, velocity=velocities[item.name])
+            spin = spins.get(item.name, item.spin)
+            moving_item = replace(item, velocity=velocities[item.name], spin=spin)
             view = trials.scene.world.view
             body = set_velocity(bodies[index], moving_item, view)
             bodies[index] = body if ramp is None else replace(body, ramp=ramp)
@@ -507,6 +580,8 @@ def _run(
     count = max(int(duration / step), 2)
     running = Running(world, np.linspace(0.0, duration, count + 1))
     limit = TRIAL.one * max(world.steps_per_second / TRIAL.rate, 1.0)
+    if any(body.spin for body in world.bodies):
+        limit *= TRIAL.rocking_work
     rest_distance = TRIAL.unrest * trials.side / 4
     frame = PictureBorder.of(trials, world)
     has_left = np.zeros(len(world.bodies), bool)
@@ -526,6 +601,7 @@ def _run(
         sample_count = next_count
         if has_left.any() or is_still or running.work > limit:
             break
+    has_left |= frame.leaving(poses[-1:], is_final=True)
     poses_so_far = motion.poses[:sample_count]
     return (
         replace(motion, times=motion.times[:sample_count], poses=poses_so_far),

@@ -55,6 +55,8 @@ class Push:
     """Time, s, within which the object reached its velocity; 0: at once, since no
     longer time was as good; None: to be tried.
     """
+    spin: float = 0.0
+    """Angular velocity of an object that is tipped, degrees/s."""
 
     @property
     def phrase(self) -> str:
@@ -86,13 +88,16 @@ def default_push(
     best_trial = choose_push(trials, confidence, facing or {})
     if best_trial is None:
         return None
-    way = direction_words(best_trial.direction)
+    x, y = best_trial.direction
+    # A push at the top of an object lifts its centre, but goes to a side.
+    way = direction_words((x, 0.0) if best_trial.spin else (x, y))
     return Push(
         best_trial.item.name,
         best_trial.velocity,
         way,
         best_trial.outcome,
         best_trial.ramp,
+        best_trial.spin,
     )
 
 
@@ -151,6 +156,8 @@ def motion_edits(
         edits["forces"] = forces
     for name in perceived_pushes(scene) if edits else ():
         edits.setdefault(f"objects.{name}.velocity", [0, 0])
+        if "spin" in scene.document["objects"][name]:
+            edits.setdefault(f"objects.{name}.spin", 0)
     return edits
 
 
