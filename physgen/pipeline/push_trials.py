@@ -197,10 +197,13 @@ def _candidates(
     known_pushes: set[tuple[str, Direction, float]] = set()
     sorted_pushes = rank_pushes(trials, confidence)[: TRIAL.more]
     effort = _SearchEffort(_highest_score(trials), _loaded_names(trials))
+    dynamic_bodies = [b for b in world.bodies if b.motion is Motion.DYNAMIC]
+    # Among others, an object should touch them: only a lone object rocks.
+    search = _pushes_of_pair if len(dynamic_bodies) == 1 else _search
     for pair in sorted_pushes:
         if effort.ends_before_pair():
             return
-        for candidate in _pushes_of_pair(trials, *pair, facing, world):
+        for candidate in search(trials, *pair, facing, world):
             push = (candidate.item.name, candidate.direction, candidate.speed)
             if push in known_pushes:
                 continue

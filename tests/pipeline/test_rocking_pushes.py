@@ -13,7 +13,6 @@ from physgen.compile.shapes import shapes_of
 from physgen.pipeline.push_motion import tipping_motion
 from physgen.pipeline.push_outcomes import TRIAL, Grade, TrialScene
 from physgen.pipeline.push_trials import choose_push, compile_trials
-from physgen.pipeline.pushes import motion_edits
 from physgen.simulate.engine import simulate
 
 WIDTH, HEIGHT = 80, 70
