@@ -26,8 +26,8 @@ from picture_features import Bank
 from physgen import pipeline
 from physgen.evaluate.fid import Distance, cloud, frechet
 from physgen.maps import Percepts, read_labels
-from physgen.perceive.document import write_scene
 from physgen.perceive.perceive import KnownFacts, perceive
+from physgen.perceive.scene_files import write_scene
 from physgen.perceive.segment.prompts import from_masks
 from physgen.photos import read_image
 from physgen.render.stage import Stage
@@ -105,7 +105,7 @@ def perceived(folder: Path) -> Path:
         read_image(photo),
         from_masks(labels),
         renames=renames,
-        known=KnownFacts(pixels_per_meter=true["pixels_per_meter"]),
+        facts=KnownFacts(pixels_per_meter=true["pixels_per_meter"]),
     )
     write_scene(found, photo, "photo", folder / "scene.yaml")
     return folder / "scene.yaml"

@@ -20,8 +20,9 @@ from typing import Any
 
 import numpy as np
 
+from physgen.fit.intervals import Estimate
 from physgen.fit.parameters import Kind, Scale
-from physgen.fit.solve import Estimate, fit_scene
+from physgen.fit.solve import fit_scene
 from physgen.fit.tracks import Tracks
 from physgen.pipeline import stages
 from physgen.scene.load import OpenedScene

@@ -220,7 +220,7 @@ def sorted_photos(material: Path) -> Iterator[tuple[str, str, Path]]:
 
 def suitability(material: Path) -> str:
     """A table: of each kind of photo, how many are found good."""
-    from physgen.perceive.perceive import fit_objects
+    from physgen.perceive.photo_objects import fit_objects
     from physgen.perceive.roles import Detections
     from physgen.perceive.segment.prompts import Segmenter
     from physgen.perceive.support.viewpoint import judge_suitability

@@ -44,7 +44,7 @@ def measure(crew: Backends, names: list[str]) -> list[dict]:
     for photo in photos(names or None):
         crew.begin()
         started = time.perf_counter()
-        perceived = perceive(photo.rgb, crew=crew)
+        perceived = perceive(photo.rgb, backends=crew)
         seconds = time.perf_counter() - started
         steps: dict[str, float] = defaultdict(float)
         for step in crew.steps:

@@ -34,7 +34,7 @@ from physgen.evaluate.segmentation import (
 )
 from physgen.perceive.backends import segment_learned
 from physgen.perceive.backends.segment_learned import Rules, choose_objects
-from physgen.perceive.perceive import fit_objects
+from physgen.perceive.photo_objects import fit_objects
 from physgen.perceive.roles import Detections, PromptedMask, Rgb, Segments
 from physgen.perceive.segment import edges
 from physgen.perceive.segment.candidates import Candidates, find_candidates

@@ -21,9 +21,10 @@ import yaml
 from physgen import pipeline, registry
 from physgen.compile.compile import compile_scene
 from physgen.maps import read_labels
-from physgen.perceive.document import write_scene
-from physgen.perceive.perceive import fit_objects, perceive
+from physgen.perceive.perceive import perceive
+from physgen.perceive.photo_objects import fit_objects
 from physgen.perceive.roles import PerceivedScene
+from physgen.perceive.scene_files import write_scene
 from physgen.perceive.segment.prompts import from_masks
 from physgen.photometry import decode, luminance
 from physgen.photos import read_image

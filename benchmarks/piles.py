@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from physgen.perceive.backends.boundary_support import support
-from physgen.perceive.perceive import fit_objects
+from physgen.perceive.photo_objects import fit_objects
 from physgen.perceive.segment.prompts import from_masks
 from physgen.scene.scene import View
 

@@ -201,7 +201,7 @@ def shadows(folder: Path) -> list[dict]:
         assert maps is not None
         view = BoundaryGuess(scene.world.view, 1.0, "as given", ())
         found = perceive(
-            maps.rgb, from_masks(maps.labels), known=KnownFacts(view)
+            maps.rgb, from_masks(maps.labels), facts=KnownFacts(view)
         ).percepts
         open_ = (
             cv2.dilate(

@@ -28,7 +28,7 @@ from physgen.evaluate.properties import (
 )
 from physgen.maps import read_labels
 from physgen.materials import kind as kind_of
-from physgen.perceive.perceive import fit_objects
+from physgen.perceive.photo_objects import fit_objects
 from physgen.perceive.roles import Matter, Physics
 from physgen.perceive.segment.prompts import from_masks
 from physgen.photos import read_photo

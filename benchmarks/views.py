@@ -10,6 +10,8 @@ from pathlib import Path
 import numpy as np
 from layout import prose, table
 
+from physgen.perceive.photo_size import shrink_photo
+
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / "studio"))
 
@@ -37,7 +39,7 @@ def views(folder: Path) -> list[dict]:
 def measure(photo: LabelledPhoto, file: Path) -> dict:
     """Return the view with objects found, by looks and cues, by each alone."""
     from physgen.perceive.backends.boundary_support import feet_groups, view_evidence
-    from physgen.perceive.perceive import fit_objects, shrink_photo
+    from physgen.perceive.photo_objects import fit_objects
     from physgen.perceive.roles import Detections
     from physgen.perceive.segment.network import run_network
     from physgen.perceive.segment.prompts import Segmenter

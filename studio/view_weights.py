@@ -25,7 +25,7 @@ from view_labels import (
     material_folder,
 )
 
-from physgen.perceive.perceive import shrink_photo
+from physgen.perceive.photo_size import shrink_photo
 from physgen.perceive.segment.network import run_network
 from physgen.perceive.support.view_classifier import CLIP, WEIGHTS
 from physgen.photos import read_photo

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageCms
 
 from physgen.cli.main import main
-from physgen.perceive.perceive import shrink_photo
+from physgen.perceive.photo_size import shrink_photo
 from physgen.photos import read_image, read_photo
 from physgen.problems import InputError
 

@@ -32,7 +32,7 @@ def fit(options: argparse.Namespace) -> int:
         clip=options.clip,
         tracks=options.tracks,
         kinds=kinds_of(options.free),
-        slow=options.slow,
+        slowdown=options.slow,
         seed=options.seed,
         allow_outside=options.allow_outside,
         has_report=options.report != "none",
@@ -42,9 +42,9 @@ def fit(options: argparse.Namespace) -> int:
         bar.clear()
     for line in interval_lines(result):
         print_error(f"  {line}")
-    if result.fit.flat:
+    if result.fit.flat_directions:
         print_error("this clip cannot determine:")
-    for line in result.fit.flat:
+    for line in result.fit.flat_directions:
         print_error(f"  {line}")
     if result.report is not None:
         print_error(f"report: {result.report}")

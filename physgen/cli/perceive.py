@@ -253,7 +253,7 @@ def crew_of(options: argparse.Namespace, *, keep: bool = False) -> Backends:
     """Return the perception backends chosen by flags. `keep` keeps models for further
     photos.
     """
-    from physgen.perceive.perceive import ROLES
+    from physgen.perceive.perception_run import ROLES
     from physgen.registry import Backends
 
     return Backends(replace(plan_of(options), keep=keep).of(ROLES))

@@ -40,7 +40,7 @@ from physgen.geometry.polygon import translated_outline
 from physgen.geometry.scale import photo_object
 from physgen.maps import U8, Percepts, png_bytes
 from physgen.messages import Message
-from physgen.perceive import document
+from physgen.perceive import document, shape_entries
 from physgen.perceive.inpaint.poisson import dilate
 from physgen.perceive.roles import SMALLEST_OBJECT, BoundaryGuess, PhotoObject
 from physgen.photos import read_channels
@@ -192,7 +192,10 @@ def _finish(work: Correction, out: Path) -> None:
         entry = _entry(work, name, new_object, painting.labels)
         _set_provenance(work, name, entry)
         entry["mask"] = painting.stored[name]
-        entries[name] = {**entry, "shape": document.shape_entry(new_object.outline)}
+        entries[name] = {
+            **entry,
+            "shape": shape_entries.shape_entry(new_object.outline),
+        }
         work.ops += (
             [{"add": ["objects", name], "value": entry}]
             if name in work.fresh
@@ -342,7 +345,9 @@ def _entry(work: Correction, name: str, one: PhotoObject, labels: U16) -> Data:
     up.
     """
     if name in work.entries:
-        return dict(work.entries[name]) | {"shape": document.shape_entry(one.outline)}
+        return dict(work.entries[name]) | {
+            "shape": shape_entries.shape_entry(one.outline)
+        }
     source = name if name in work.masks else next(iter(work.masks))
     entry = changed_entry(work, source, name, one, labels)
     old_entry = work.was(source)

@@ -29,7 +29,7 @@ from physgen.edit.operations import replaced
 from physgen.geometry.fitting import fit_outlines
 from physgen.geometry.scale import photo_object
 from physgen.messages import Message
-from physgen.perceive.document import object_names
+from physgen.perceive.naming import object_names
 from physgen.perceive.roles import (
     SMALLEST_OBJECT,
     Name,

@@ -16,7 +16,7 @@ from physgen.geometry.polygon import Disc, mass_properties
 from physgen.geometry.scale import is_assumed, photo_object
 from physgen.maps import U16, Percepts
 from physgen.messages import Message
-from physgen.perceive import document
+from physgen.perceive import document, shape_entries
 from physgen.perceive.refresh import rewritten, with_sources
 from physgen.perceive.roles import BoundaryGuess, Detections, Name, PhotoObject
 from physgen.problems import InputError
@@ -181,7 +181,7 @@ def changed_entry(
                 key: author for key, author in result["from"].items() if key != "label"
             }
     if isinstance(result.get("shape"), Mapping):
-        result["shape"] = document.shape_entry(one.outline)
+        result["shape"] = shape_entries.shape_entry(one.outline)
     # Only round objects roll.
     if not isinstance(one.outline, Disc):
         if result.get("solid", "plate") != "plate":

@@ -20,7 +20,7 @@ from physgen.edit.live import Live, LiveScene
 from physgen.edit.operations import edited
 from physgen.geometry.scale import photo_object
 from physgen.maps import Percepts
-from physgen.perceive import document
+from physgen.perceive import document, shape_entries
 from physgen.perceive.refresh import LINES, SAME, free_name
 from physgen.perceive.roles import BoundaryGuess
 from physgen.pipeline.pushes import perceived_pushes
@@ -167,7 +167,7 @@ def _wall_ops(scene: Scene, guess: BoundaryGuess) -> list[Data]:
         name = free_name(wall.name, used_names)
         used_names.add(name)
         path = ["boundaries", name]
-        ops.append({"set": path, "value": document.wall_entry(wall)})
+        ops.append({"set": path, "value": shape_entries.wall_entry(wall)})
     return ops
 
 
@@ -187,7 +187,7 @@ def _shape_ops(scene: Scene, guess: BoundaryGuess) -> list[Data]:
         outline = guess.outlines.get(k + 1)
         if outline is not None and item.place is None:
             path = ["objects", item.name, "shape"]
-            ops.append({"set": path, "value": document.shape_entry(outline)})
+            ops.append({"set": path, "value": shape_entries.shape_entry(outline)})
     return ops
 
 

@@ -146,7 +146,7 @@ def perceive_truth(truth: Truth) -> tuple[Scene, Percepts]:
     perception = perceive(
         truth.maps.rgb,
         from_masks(truth.maps.labels),
-        known=KnownFacts(BoundaryGuess(world.view, 1.0, "as given", ())),
+        facts=KnownFacts(BoundaryGuess(world.view, 1.0, "as given", ())),
     )
     light = perception.document["light"]
     document = perception.document["world"]

@@ -1,27 +1,30 @@
-"""Follow the objects of a scene through a film, by registration of their sprites.
+"""Follow the objects of a scene through a film, by registration of their templates.
 
-Every object is a sprite, cut out of the first frame. A frame is explained as the
-background with the sprites on it, the farthest first: the pose of a sprite is where the
-picture made so differs least from the frame. Phase correlation finds it roughly if it
-jumped, and Gauss-Newton steps to hundredths of a pixel. Pixels that nearer objects cover
-count for nothing, and an object that no longer explains its pixels is lost.
-
-Pictures are mixed in linear light, as a camera does: mixed in codes, a border between
-light and dark moves by tenths of a pixel. Differences are those of the square root of
-light, whose noise is nearly even, in codes from 0 to 255.
+Each frame is explained as the background with all templates on it, the farthest first. The
+nearest objects are registered first, since they hide others. An object is lost if its
+template does not explain its pixels.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import ceil, cos, hypot, nan, pi, sin
+from math import cos, hypot, nan, pi, sin
 
-import cv2
 import numpy as np
 
-from physgen.arrays import F32, F64, U8
-from physgen.compile.world import Body, World
+from physgen.arrays import F32, F64, U8, Mask
+from physgen.compile.world import World
+from physgen.fit.registration import (
+    REGISTRATION,
+    Match,
+    Patch,
+    brightness,
+    disc_turn,
+    find_pose,
+    phase_shift,
+)
+from physgen.fit.template import Template, Window, make_templates, window_around
 from physgen.fit.tracks import Tracks
 from physgen.photometry import decode
 from physgen.progress import Progress, silent
@@ -29,187 +32,51 @@ from physgen.render.stage import Stage
 
 
 @dataclass(frozen=True)
-class TrackTuning:
-    """Steps, windows and limits of the registration."""
+class FollowerTuning:
+    """Limits of the search for an object in a frame."""
 
-    smallest: int = 3
-    """px: the shorter side of a window."""
-    margin: int = 6
-    """px of a window around a sprite."""
-    blurs: tuple[float, ...] = (3.0, 0.0)
-    """px, standard deviations: wide ones have a wider valley."""
-    steps: int = 8
-    """Gauss-Newton steps for each blur, at most."""
-    darkest: float = 8.0
-    """Brightness, at least, by which light is divided for its slope."""
-    converged: float = 0.004
-    """px of a step that is the last."""
-    settled: float = 0.05
-    """px of the last step, from which the search has not converged."""
-    bias: float = 0.3
-    """px by which a pose in the first frame may be wrong, at most."""
-    longest: float = 6.0
-    """px of a step, at most."""
-    robust: float = 12.0
-    """Codes from which a pixel's difference counts less."""
-    cover: float = 0.02
-    """Coverage by a nearer object from which a pixel is left out."""
-    visible: float = 0.3
-    """Of a sprite's pixels, below which it is not registered."""
-    gain: float = 0.4
-    """Share of the difference that the sprite must explain, or it is lost."""
-    poor: float = 0.75
-    """The same, below which phase correlation is tried."""
-    turning: float = 0.004
-    """Share of a shift's information that an angle must have, to be observed."""
-    searched: float = 2.0
-    """Of a sprite's size: how far phase correlation looks to each side."""
-    disc: float = 0.85
-    """Of a disc's radius, within which its picture tells its angle."""
-    angles: int = 180
-    """Angles at which the picture of a disc is compared."""
-    peak_share: float = 0.8
-    """Share of the best correlation, from which an angle may be a disc's."""
-    gain_share: float = 0.9
-    """Share of a match's unexplained difference that a better angle leaves, at most."""
-    missing: int = 8
-    """Frames after which the motion of a lost object is no longer extrapolated."""
+    max_pose_error: float = 0.3
+    """Error of a pose in the first frame, px, at most; a larger one is a wrong match."""
+    hiding_coverage: float = 0.02
+    """Coverage by a nearer object from which a pixel does not count."""
+    min_gain: float = 0.4
+    """Gain of a match, at least; with less gain the object is lost."""
+    reliable_gain: float = 0.75
+    """Gain below which phase correlation is tried."""
+    search_margin: float = 2.0
+    """Reach of phase correlation to each side, in sizes of the template."""
+    residual_share: float = 0.9
+    """Unexplained difference at a better angle of a disc, as a share, at most."""
+    coasting_frames: int = 8
+    """Number of frames for which the motion of a lost object is extrapolated."""
 
 
-TRACK = TrackTuning()
-CODES = 255.0
-"""Brightness of white."""
-
-
-@dataclass(frozen=True)
-class Template:
-    """The picture of one object at the start."""
-
-    body: int
-    corner: tuple[int, int]
-    """Column and row of its first pixel."""
-    paint: F32
-    """(h, w, 4): linear light multiplied by coverage, and the coverage."""
-    center: tuple[float, float]
-    """px: of mass, about which it turns."""
-    gyration: float
-    """px: radius of gyration."""
-    can_turn: bool
-    """Whether its picture turns in the plane: not of spheres seen from above."""
-    is_round: bool
-    """Whether its outline is a circle, which tells no angle."""
-
-    def transform(self, pose: F64, origin: tuple[int, int]) -> F64:
-        """Return the affine map (2, 3) of its pixels to a window at `origin`."""
-        x, y, angle = pose.tolist()
-        c, s = cos(angle), sin(angle)
-        left = self.corner[0] - self.center[0]
-        top = self.corner[1] - self.center[1]
-        shift_x = c * left - s * top + x - origin[0]
-        shift_y = s * left + c * top + y - origin[1]
-        return np.array([[c, -s, shift_x], [s, c, shift_y]])
-
-    def drawn(self, pose: F64, window: Window) -> F32:
-        """Return its paint (H, W, 4) on a window."""
-        matrix = self.transform(pose, window.origin)
-        size = window.size
-        return np.asarray(cv2.warpAffine(self.paint, matrix, size), np.float32)
-
-    @property
-    def reach(self) -> float:
-        """Return the distance of its farthest corner from the centre, px."""
-        height, width = self.paint.shape[:2]
-        left = self.center[0] - self.corner[0]
-        top = self.center[1] - self.corner[1]
-        return hypot(max(left, width - left), max(top, height - top))
-
-
-@dataclass(frozen=True)
-class Window:
-    """A part of the picture."""
-
-    origin: tuple[int, int]
-    size: tuple[int, int]
-    """Width and height; zero if it lies outside."""
-
-    def of(self, picture: F32) -> F32:
-        """Return the pixels of a picture."""
-        (x, y), (width, height) = self.origin, self.size
-        return picture[y : y + height, x : x + width]
-
-
-def window_around(pose: F64, reach: float, shape: Sequence[int]) -> Window:
-    """Return the window of a reach around a pose, within a picture's shape."""
-    height, width = shape[:2]
-    margin = ceil(reach) + TRACK.margin
-    x, y = round(float(pose[0])), round(float(pose[1]))
-    left, right = max(x - margin, 0), min(x + margin + 1, width)
-    top, bottom = max(y - margin, 0), min(y + margin + 1, height)
-    return Window((left, top), (max(right - left, 0), max(bottom - top, 0)))
-
-
-def templates_of(
-    stage: Stage, world: World, first: U8, has_photo: bool
-) -> list[Template]:
-    """Return the templates of a scene's sprites, the farthest first.
-
-    With a photo they are cut out of the film's first frame.
-    """
-    templates = []
-    height, width = first.shape[:2]
-    for sprite in stage.sprites:
-        body = world.bodies[sprite.body]
-        alpha = np.asarray(sprite.coverage, np.float32)
-        tall, wide = alpha.shape
-        left, top = sprite.corner
-        light = np.asarray(sprite.light, np.float32)
-        if has_photo:
-            rows = np.clip(np.arange(top, top + tall), 0, height - 1)
-            columns = np.clip(np.arange(left, left + wide), 0, width - 1)
-            light = decode(first[rows][:, columns]) * alpha[..., None]
-        paint = np.dstack([light, alpha]).astype(np.float32)
-        x, y = body.center.tolist()
-        templates.append(
-            Template(
-                body=sprite.body,
-                corner=(left, top),
-                paint=paint,
-                center=(x, y),
-                gyration=max((body.moment / body.mass) ** 0.5, 1.0),
-                can_turn=not _rolls_in_space(body, world),
-                is_round=body.radius is not None,
-            )
-        )
-    return templates
-
-
-def _rolls_in_space(body: Body, world: World) -> bool:
-    return world.press > 0 and body.solid.value == "sphere"
+FOLLOWER = FollowerTuning()
 
 
 @dataclass
 class _State:
-    """What is known of an object while it is followed."""
+    """Pose and velocity of an object between two frames."""
 
     pose: F64
     velocity: F64 = field(default_factory=lambda: np.zeros(3))
-    """Per frame."""
-    missing: int = 0
-    """Frames since it was last seen."""
+    """Change of the pose per frame."""
+    hidden_frames: int = 0
+    """Number of frames since the last observation."""
 
-    def predicted(self) -> F64:
-        """Return the pose in the next frame."""
+    def next_pose(self) -> F64:
+        """Return the expected pose in the next frame."""
         return self.pose + self.velocity
 
     def observe(self, pose: F64) -> None:
-        """Take the pose of a frame in which it is seen."""
-        self.velocity = (pose - self.pose) / (self.missing + 1)
-        self.pose, self.missing = pose, 0
+        """Update the state by an observed pose."""
+        self.velocity = (pose - self.pose) / (self.hidden_frames + 1)
+        self.pose, self.hidden_frames = pose, 0
 
-    def pass_by(self) -> None:
-        """Take a frame in which it is not seen."""
-        self.missing += 1
-        if self.missing == TRACK.missing:
+    def skip_frame(self) -> None:
+        """Update the state by a frame without an observation."""
+        self.hidden_frames += 1
+        if self.hidden_frames == FOLLOWER.coasting_frames:
             self.velocity = np.zeros(3)
 
 
@@ -219,350 +86,143 @@ class Follower:
     def __init__(self, templates: Sequence[Template], background: U8, world: World):
         self.templates = templates
         self.background = decode(background)
-        self.count = len(world.bodies)
+        self.body_count = len(world.bodies)
         self.states = {}
         for template in templates:
             self.states[template.body] = _State(np.array([*template.center, 0.0]))
-        self.errors = np.zeros((self.count, 3))
-        """Of poses, as the first frame shows them; x and y are those of objects' axes."""
+        self.errors = np.zeros((self.body_count, 3))
+        """(N, 3): errors of poses in the first frame, along the objects' own axes."""
 
-    def calibrate(self, first: U8) -> None:
-        """Note how far poses in the first frame are from the scene's."""
-        picture = _brightness(decode(first))
+    def calibrate(self, first_frame: U8) -> None:
+        """Measure the errors of the scene's poses in the first frame."""
+        picture = brightness(decode(first_frame))
         starts = {body: state.pose for body, state in self.states.items()}
         for k, template in enumerate(self.templates):
-            near = self._scene_without(k, starts, picture, 0.0)
+            patch = self._patch_around(k, starts, picture, 0.0)
             start = starts[template.body]
-            match = _descend(template, start, near, TRACK.blurs[-1:])
+            match = find_pose(template, start, patch, REGISTRATION.blurs[-1:])
             if match is None or not match.has_converged:
                 continue
             error = match.pose - start
-            if np.abs(error * [1, 1, template.gyration]).max() < TRACK.bias:
+            largest = np.abs(error * [1, 1, template.gyration]).max()
+            if largest < FOLLOWER.max_pose_error:
                 self.errors[template.body] = error
 
     def follow(self, frame: U8) -> F64:
-        """Return the poses (N, 3) of the next frame, NaN where an object is not seen."""
-        picture = _brightness(decode(frame))
-        current = {body: state.predicted() for body, state in self.states.items()}
-        poses = np.full((self.count, 3), nan)
-        for is_last in (False, True):
-            # the nearest first, since it may hide the others
-            for k in reversed(range(len(self.templates))):
-                body = self.templates[k].body
-                if self.states[body].missing and not is_last:
-                    continue
-                match = self._match(k, current, picture)
-                if match is not None:
-                    current[body] = match.pose
-                if is_last and match is not None and match.gain >= TRACK.gain:
-                    poses[body] = match.observed() - self._error(body, match.pose)
+        """Return the poses (N, 3) in the next frame, NaN for objects out of sight."""
+        picture = brightness(decode(frame))
+        poses = {body: state.next_pose() for body, state in self.states.items()}
+        # The first pass places all objects roughly, so that the second pass knows the
+        # pixels of each object and of its background.
+        self._register_all(poses, picture, is_last_pass=False)
+        matches = self._register_all(poses, picture, is_last_pass=True)
+        observations = np.full((self.body_count, 3), nan)
+        for body, match in matches.items():
+            if match.gain >= FOLLOWER.min_gain:
+                error = self._rotated_error(body, match.pose)
+                observations[body] = match.observed_pose() - error
         for body, state in self.states.items():
-            if np.isfinite(poses[body, 0]):
-                state.observe(current[body])
+            if np.isfinite(observations[body, 0]):
+                state.observe(poses[body])
             else:
-                state.pass_by()
-        return poses
+                state.skip_frame()
+        return observations
 
-    def _error(self, body: int, pose: F64) -> F64:
-        """Return how far the picture of an object lies from it; both turn together."""
-        c, s = cos(pose[2]), sin(pose[2])
+    def _register_all(
+        self, poses: dict[int, F64], picture: F32, *, is_last_pass: bool
+    ) -> dict[int, Match]:
+        """Return the matches by body, and write their poses into `poses`."""
+        matches = {}
+        # The nearest object comes first, since it may hide the others.
+        for k in reversed(range(len(self.templates))):
+            body = self.templates[k].body
+            # A hidden object must not push its neighbours aside.
+            if self.states[body].hidden_frames and not is_last_pass:
+                continue
+            match = self._match(k, poses, picture)
+            if match is not None:
+                poses[body] = match.pose
+                matches[body] = match
+        return matches
+
+    def _rotated_error(self, body: int, pose: F64) -> F64:
+        """Return the error (3,) of the first frame, turned with the object."""
+        cosine, sine = cos(pose[2]), sin(pose[2])
         x, y, angle = self.errors[body].tolist()
-        return np.array([c * x - s * y, s * x + c * y, angle])
+        return np.array([cosine * x - sine * y, sine * x + cosine * y, angle])
 
-    def _match(self, k: int, current: dict[int, F64], picture: F32) -> _Match | None:
-        """Return where an object is, near the expected pose or else by phase correlation."""
-        match = self._placed(k, current, picture)
+    def _match(self, k: int, poses: Mapping[int, F64], picture: F32) -> Match | None:
+        """Return the match of an object with position and angle."""
+        match = self._match_position(k, poses, picture)
         template = self.templates[k]
         if match is None or not template.is_round or not template.can_turn:
             return match
-        # the outline tells no angle, and a thin mark has a narrow valley
-        near = self._scene_without(
-            k, {**current, template.body: match.pose}, picture, 0.0
-        )
-        expected = float(current[template.body][2])
-        turn = _polar_turn(template, match.pose, near, expected)
-        if abs(turn) < pi / TRACK.angles:
+        # The outline of a disc does not show its angle, and Gauss-Newton steps miss the
+        # narrow valley of a thin mark.
+        other_poses = {**poses, template.body: match.pose}
+        patch = self._patch_around(k, other_poses, picture, 0.0)
+        expected_angle = float(poses[template.body][2])
+        turn = disc_turn(template, match.pose, patch, expected_angle)
+        if abs(turn) < pi / REGISTRATION.disc_angles:
             return match
         pose = match.pose + np.array([0.0, 0.0, turn])
-        turned = _descend(template, pose, near, TRACK.blurs[-1:])
-        # spokes look alike after a part of a turn
-        if turned is None or 1 - turned.gain > TRACK.gain_share * (1 - match.gain):
+        turned_match = find_pose(template, pose, patch, REGISTRATION.blurs[-1:])
+        if turned_match is None:
             return match
-        return turned
+        # Spokes have the same picture after a part of a turn.
+        limit = FOLLOWER.residual_share * (1 - match.gain)
+        return match if 1 - turned_match.gain > limit else turned_match
 
-    def _placed(self, k: int, current: dict[int, F64], picture: F32) -> _Match | None:
-        """Return where an object is, by its whole picture."""
+    def _match_position(
+        self, k: int, poses: Mapping[int, F64], picture: F32
+    ) -> Match | None:
+        """Return the match near the expected pose, or else by phase correlation."""
         template = self.templates[k]
-        start = current[template.body]
-        near = self._scene_without(k, current, picture, 0.0)
-        match = _descend(template, start, near, TRACK.blurs[-1:])
-        if match is not None and match.has_converged and match.gain >= TRACK.poor:
+        start = poses[template.body]
+        patch = self._patch_around(k, poses, picture, 0.0)
+        match = find_pose(template, start, patch, REGISTRATION.blurs[-1:])
+        if match is not None:
+            is_reliable = match.gain >= FOLLOWER.reliable_gain
+            if is_reliable and match.has_converged:
+                return match
+        # After an impact the object is outside the valley around the expected pose.
+        large_patch = self._patch_around(k, poses, picture, FOLLOWER.search_margin)
+        if min(large_patch.window.size) < REGISTRATION.smallest_side:
             return match
-        wide = self._scene_without(k, current, picture, TRACK.searched)
-        if min(wide.window.size) < TRACK.smallest:
-            return match
-        shifted = start + _phase_shift(template, start, wide)
-        for place in (start, shifted):
-            other = _descend(template, place, wide, TRACK.blurs)
+        jump = start + phase_shift(template, start, large_patch)
+        for candidate in (start, jump):
+            other = find_pose(template, candidate, large_patch, REGISTRATION.blurs)
             if other is not None and (match is None or other.gain > match.gain):
                 match = other
         return match
 
-    def _scene_without(
-        self, k: int, poses: dict[int, F64], picture: F32, searched: float
-    ) -> _Scene:
-        """Return the frame around an object, what lies behind it, and what hides it.
+    def _patch_around(
+        self, k: int, poses: Mapping[int, F64], picture: F32, margin: float
+    ) -> Patch:
+        """Return the neighbourhood of an object, with the other objects in `poses`.
 
-        `searched` is the share of its size that is seen beyond it.
+        `margin` is the width of the border around the object, in its sizes.
         """
         template = self.templates[k]
         pose = poses[template.body]
-        reach = template.reach * (1 + searched)
+        reach = template.reach * (1 + margin)
         window = window_around(pose, reach, picture.shape)
-        behind = window.of(self.background).copy()
-        hidden = np.zeros(behind.shape[:2], np.float32)
+        background = window.crop(self.background).copy()
+        cover = np.zeros(background.shape[:2], np.float32)
         for j, other in enumerate(self.templates):
-            place = poses[other.body]
-            gap = hypot(*(place[:2] - pose[:2]).tolist())
-            if j == k or gap > reach + other.reach or not min(window.size):
+            other_pose = poses[other.body]
+            distance = hypot(*(other_pose[:2] - pose[:2]).tolist())
+            if j == k or distance > reach + other.reach or not min(window.size):
                 continue
-            paint = other.drawn(place, window)
+            paint = other.draw(other_pose, window)
             if j < k:
-                behind = paint[..., :3] + (1 - paint[..., 3:]) * behind
-            elif self.states[other.body].missing == 0:
-                hidden = np.maximum(hidden, paint[..., 3])
-        return _Scene(window, window.of(picture), behind, hidden <= TRACK.cover)
-
-
-@dataclass(frozen=True)
-class _Scene:
-    """The neighbourhood of one object in one frame."""
-
-    window: Window
-    frame: F32
-    """(h, w, 3): brightness."""
-    behind: F32
-    """(h, w, 3): linear light of the picture without the object."""
-    is_open: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
-    """(h, w): where no nearer object hides it."""
-
-    def part(self, window: Window) -> _Scene:
-        """Return a smaller window of it."""
-        shift = (
-            window.origin[0] - self.window.origin[0],
-            window.origin[1] - self.window.origin[1],
-        )
-        inner = Window(shift, window.size)
-        mask = inner.of(self.is_open.astype(np.float32)) > 0
-        return _Scene(window, inner.of(self.frame), inner.of(self.behind), mask)
-
-    def blurred(self, sigma: float) -> _Scene:
-        """Return it out of focus."""
-        if not sigma:
-            return self
-        light = (self.frame / CODES) ** 2
-        frame = _brightness(np.asarray(cv2.GaussianBlur(light, (0, 0), sigma)))
-        behind = np.asarray(cv2.GaussianBlur(self.behind, (0, 0), sigma), np.float32)
-        return _Scene(self.window, frame, behind, self.is_open)
-
-
-@dataclass(frozen=True)
-class _Match:
-    """A registered pose."""
-
-    pose: F64
-    gain: float
-    """Share of the difference from the background that the sprite explains."""
-    turns: bool
-    """Whether its picture tells its angle."""
-    has_converged: bool
-    """Whether the last step was short; after an impact, many steps are needed."""
-
-    def observed(self) -> F64:
-        """Return the pose, without an angle that is not observed."""
-        x, y, angle = self.pose.tolist()
-        return np.array([x, y, angle if self.turns else nan])
-
-
-def _phase_shift(template: Template, start: F64, scene: _Scene) -> F64:
-    """Return the shift (x, y, 0) px by which phase correlation finds an object."""
-    paint = template.drawn(start, scene.window)
-    behind = _brightness(scene.behind)
-    expected = np.abs(_mixed(paint, scene.behind) - behind).sum(axis=2)
-    difference = np.abs(scene.frame - behind).sum(axis=2) * scene.is_open
-    hanning = cv2.createHanningWindow(scene.window.size, cv2.CV_32F)
-    first, second = expected.astype(np.float32), difference.astype(np.float32)
-    (x, y), _ = cv2.phaseCorrelate(first, second, hanning)
-    return np.array([x, y, 0.0])
-
-
-def _polar_turn(template: Template, pose: F64, scene: _Scene, expected: float) -> float:
-    """Return the turn (rad) beside a pose by which the picture of a disc fits.
-
-    Of several angles that fit alike, the one nearest to the expected angle is taken.
-    """
-    column, row = template.center
-    left, top = template.corner
-    own = _rings(
-        _brightness(template.paint[..., :3]), template, (column - left, row - top)
-    )
-    x, y = pose[0] - scene.window.origin[0], pose[1] - scene.window.origin[1]
-    frame = scene.frame * scene.is_open[..., None]
-    seen = _rings(frame.astype(np.float32), template, (float(x), float(y)))
-    spectrum = np.conj(np.fft.rfft(own, axis=0)) * np.fft.rfft(seen, axis=0)
-    alike = np.fft.irfft(spectrum.sum(axis=(1, 2)), n=len(own))
-    is_peak = (alike >= np.roll(alike, 1)) & (alike >= np.roll(alike, -1))
-    peaks = np.flatnonzero(is_peak & (alike >= TRACK.peak_share * alike.max()))
-    if not len(peaks):
-        return 0.0  # a picture without any mark
-    angles = 2 * pi * peaks / len(own)
-    index = int(np.argmin(np.abs(_wrapped(angles - expected))))
-    return float(_wrapped(angles[index] - float(pose[2])))
-
-
-def _wrapped(angles: F64) -> F64:
-    """Return angles (rad) from -pi to pi."""
-    return np.asarray((angles + pi) % (2 * pi) - pi)
-
-
-def _rings(picture: F32, template: Template, center: tuple[float, float]) -> F32:
-    """Return a disc by angle and radius, without the mean of each ring."""
-    radius = TRACK.disc * min(template.paint.shape[:2]) / 2
-    size = (ceil(radius), TRACK.angles)
-    flags = cv2.INTER_LINEAR | cv2.WARP_FILL_OUTLIERS
-    polar = cv2.warpPolar(picture, size, center, radius, flags)
-    weights = np.sqrt(np.arange(size[0]) + 0.5)[None, :, None]
-    return np.asarray((polar - polar.mean(axis=0)) * weights, np.float32)
-
-
-def _descend(
-    template: Template, start: F64, scene: _Scene, blurs: Sequence[float]
-) -> _Match | None:
-    """Return the pose nearest to a start where the sprite explains the frame."""
-    window = window_around(start, template.reach, (*_far_edge(scene.window),))
-    window = _within(window, scene.window)
-    if min(window.size) < TRACK.smallest:
-        return None
-    near = scene.part(window)
-    pose, turns, length = start.copy(), False, 0.0
-    for sigma in blurs:
-        sight = near.blurred(sigma)
-        for _ in range(TRACK.steps):
-            step, turns = _step(template, pose, sight, sigma)
-            pose = pose + step
-            length = float(np.abs(step * [1, 1, template.gyration]).max())
-            if length < TRACK.converged:
-                break
-    return _judged(template, pose, near, turns, length < TRACK.settled)
-
-
-def _far_edge(window: Window) -> tuple[int, int]:
-    """Return the height and width up to which a window reaches."""
-    return window.origin[1] + window.size[1], window.origin[0] + window.size[0]
-
-
-def _within(window: Window, outer: Window) -> Window:
-    """Return the part of a window inside another one."""
-    left = max(window.origin[0], outer.origin[0])
-    top = max(window.origin[1], outer.origin[1])
-    width = window.origin[0] + window.size[0] - left
-    height = window.origin[1] + window.size[1] - top
-    return Window((left, top), (max(width, 0), max(height, 0)))
-
-
-def _predicted(template: Template, pose: F64, scene: _Scene, sigma: float) -> F32:
-    """Return the brightness (h, w, 3) with the object in a pose; `behind` is blurred already."""
-    return _mixed(_blurred_paint(template, pose, scene, sigma), scene.behind)
-
-
-def _blurred_paint(template: Template, pose: F64, scene: _Scene, sigma: float) -> F32:
-    """Return the paint (h, w, 4) of an object in a pose, out of focus."""
-    paint = template.drawn(pose, scene.window)
-    if sigma:
-        paint = np.asarray(cv2.GaussianBlur(paint, (0, 0), sigma), np.float32)
-    return paint
-
-
-def _mixed(paint: F32, behind: F32) -> F32:
-    """Return the brightness (h, w, 3) of a sprite's paint on the light behind it."""
-    return _brightness(paint[..., :3] + (1 - paint[..., 3:]) * behind)
-
-
-def _brightness(light: F32) -> F32:
-    """Return the square root of linear light, in codes from 0 to 255."""
-    return np.asarray(CODES * np.sqrt(np.maximum(light, 0.0)), np.float32)
-
-
-def _step(
-    template: Template, pose: F64, scene: _Scene, sigma: float
-) -> tuple[F64, bool]:
-    """Return one Gauss-Newton step, and whether the picture tells the angle."""
-    paint = _blurred_paint(template, pose, scene, sigma)
-    predicted = _mixed(paint, scene.behind)
-    residual = scene.frame - predicted
-    distance = np.abs(residual).mean(axis=-1)
-    weight = scene.is_open / np.maximum(1.0, (distance / TRACK.robust) ** 2)
-    slopes = _slopes(template, pose, paint, predicted, scene)
-    weights = np.repeat(weight.astype(np.float32).ravel(), 3)
-    normal = ((slopes * weights) @ slopes.T).astype(np.float64)
-    right = ((slopes * weights) @ residual.ravel()).astype(np.float64)
-    turns = len(normal) == 3
-    if turns:
-        information = (normal[0, 0] + normal[1, 1]) / 2
-        turns = bool(normal[2, 2] > TRACK.turning * information)
-    size = 3 if turns else 2
-    damping = 1e-3 * np.trace(normal[:size, :size]) / size + 1e-9
-    part = np.linalg.solve(normal[:size, :size] + damping * np.eye(size), right[:size])
-    part *= min(1.0, TRACK.longest / max(float(np.abs(part).max()), 1e-9))
-    step = np.zeros(3)
-    step[:size] = part
-    step[2] /= template.gyration
-    return step, turns
-
-
-def _slopes(
-    template: Template, pose: F64, paint: F32, predicted: F32, scene: _Scene
-) -> F32:
-    """Return derivatives (2 or 3, P) of the brightness by the pose, angles at the gyration."""
-    # the brightness is the root of the light
-    gain = CODES**2 / (2 * np.maximum(predicted, TRACK.darkest))
-    light = []
-    for across in (True, False):
-        change = _central(paint, across)
-        light.append(-(change[..., :3] - change[..., 3:] * scene.behind) * gain)
-    if template.can_turn:
-        (left, top), (width, height) = scene.window.origin, scene.window.size
-        rows = (np.arange(height) + (top - pose[1]))[:, None, None]
-        columns = (np.arange(width) + (left - pose[0]))[None, :, None]
-        turn = light[1] * columns - light[0] * rows
-        light.append(turn / template.gyration)
-    return np.array([one.ravel() for one in light], np.float32)
-
-
-def _central(picture: F32, across: bool) -> F32:
-    """Return central differences of a picture, along rows or columns."""
-    kernel = np.array([[-0.5, 0.0, 0.5]], np.float32)
-    if not across:
-        kernel = kernel.T
-    return np.asarray(cv2.filter2D(picture, -1, kernel), np.float32)
-
-
-def _judged(
-    template: Template, pose: F64, scene: _Scene, turns: bool, has_converged: bool
-) -> _Match | None:
-    """Return the match of a pose with its gain, None if too little is visible."""
-    paint = template.drawn(pose, scene.window)
-    inside = (paint[..., 3] > 0.5) & scene.is_open
-    area = float((template.paint[..., 3] > 0.5).sum())
-    if inside.sum() < TRACK.visible * area:
-        return None
-    difference = (scene.frame - _predicted(template, pose, scene, 0.0))[inside]
-    empty = (scene.frame - _brightness(scene.behind))[inside]
-    limit = 4 * TRACK.robust
-    left = np.minimum(np.abs(difference), limit).mean()
-    whole = np.minimum(np.abs(empty), limit).mean()
-    gain = 1.0 - float(left) / max(float(whole), 1.0)
-    return _Match(pose, gain, turns, has_converged)
+                # A farther object belongs to the background.
+                background = paint[..., :3] + (1 - paint[..., 3:]) * background
+            elif self.states[other.body].hidden_frames == 0:
+                # A nearer object hides this one, if its own pose is known.
+                cover = np.maximum(cover, paint[..., 3])
+        open_mask = cover <= FOLLOWER.hiding_coverage
+        return Patch(window, window.crop(picture), background, open_mask)
 
 
 def follow_film(
@@ -573,66 +233,76 @@ def follow_film(
     has_photo: bool,
     progress: Progress = silent,
 ) -> Tracks:
-    """Return the tracks of all objects of a film, whose first frame is the photo's moment."""
-    first = next(frames)
-    templates = templates_of(stage, world, first, has_photo)
+    """Return the tracks of all objects in a film; its first frame shows the scene."""
+    first_frame = next(frames)
+    templates = make_templates(stage, world, first_frame, has_photo)
     follower = Follower(templates, stage.background, world)
-    follower.calibrate(first)
+    follower.calibrate(first_frame)
+    # The scene states the poses of the first frame.
     starts = np.full((len(world.bodies), 3), nan)
     for template in templates:
         starts[template.body] = (*template.center, 0.0)
-    poses = [starts]
+    frame_poses = [starts]
     for k, frame in enumerate(frames, 1):
         progress("track", k, len(times))
-        poses.append(follower.follow(frame))
+        frame_poses.append(follower.follow(frame))
+    poses = np.array(frame_poses)
     names = tuple(body.name for body in world.bodies)
-    observed = np.array(poses)
+    losses = []
+    for body, time in _find_losses(templates, poses, times, first_frame):
+        losses.append((names[body], time))
+    return Tracks(times[: len(poses)], names, poses, tuple(losses))
+
+
+def _find_losses(
+    templates: Sequence[Template], poses: F64, times: F64, frame: U8
+) -> list[tuple[int, float]]:
+    """Return bodies lost in plain sight, with the time of their last observation, s."""
     losses = []
     for k, template in enumerate(templates):
-        last = _last_seen(observed, template.body)
-        is_lost = last < len(observed) - 1
-        if is_lost and not _goes_out_of_sight(templates, k, observed, first):
+        last = _last_observation(poses, template.body)
+        is_lost = last < len(poses) - 1
+        if is_lost and not _moves_out_of_sight(templates, k, poses, frame):
             losses.append((template.body, float(times[last])))
-    named = tuple((names[body], time) for body, time in sorted(losses))
-    return Tracks(times[: len(poses)], names, observed, named)
+    return sorted(losses)
 
 
-def _last_seen(poses: F64, body: int) -> int:
-    """Return the last frame in which an object is seen; it is in the first one."""
+def _last_observation(poses: F64, body: int) -> int:
+    """Return the last frame with an observation; the first frame always has one."""
     return int(np.flatnonzero(np.isfinite(poses[:, body, 0]))[-1])
 
 
-def _goes_out_of_sight(
+def _moves_out_of_sight(
     templates: Sequence[Template], k: int, poses: F64, frame: U8
 ) -> bool:
-    """Return whether an object's last motion leads out of the picture or behind others."""
+    """Return whether the last motion leads out of the picture or behind other objects."""
     template = templates[k]
-    last = _last_seen(poses, template.body)
+    last = _last_observation(poses, template.body)
     pose = np.nan_to_num(poses[last, template.body])
     step = _last_step(poses[: last + 1], template.body)
-    area = float((template.paint[..., 3] > 0.5).sum())
     window = Window((0, 0), (frame.shape[1], frame.shape[0]))
-    for later in range(last + 1, min(last + 1 + TRACK.missing, len(poses))):
+    end = min(last + 1 + FOLLOWER.coasting_frames, len(poses))
+    for index in range(last + 1, end):
+        # The object keeps its last velocity.
         pose = pose + step
-        is_visible = template.drawn(pose, window)[..., 3] > 0.5
+        visible_mask = template.draw(pose, window)[..., 3] > 0.5
         for nearer in templates[k + 1 :]:
-            is_visible &= ~_covered(nearer, poses[: later + 1], window)
-        if is_visible.sum() < TRACK.visible * area:
+            visible_mask &= ~_cover_mask(nearer, poses[: index + 1], window)
+        if visible_mask.sum() < REGISTRATION.min_visible_share * template.area:
             return True
     return False
 
 
 def _last_step(poses: F64, body: int) -> F64:
-    """Return the motion (x, y, 0) px per frame of an object that the last frame shows."""
+    """Return the motion (x, y, 0) of an observed object up to the last frame, px/frame."""
     last = len(poses) - 1
-    before = _last_seen(poses[:last], body) if last else last
-    step = (poses[last, body] - poses[before, body]) / max(last - before, 1)
+    previous = _last_observation(poses[:last], body) if last else last
+    step = (poses[last, body] - poses[previous, body]) / max(last - previous, 1)
     return np.array([step[0], step[1], 0.0])
 
 
-def _covered(
-    template: Template, poses: F64, window: Window
-) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    """Return where an object covers a window, as it was last seen."""
-    pose = np.nan_to_num(poses[_last_seen(poses, template.body), template.body])
-    return np.asarray(template.drawn(pose, window)[..., 3] > TRACK.cover)
+def _cover_mask(template: Template, poses: F64, window: Window) -> Mask:
+    """Return the pixels of a window that an object covers in its last observed pose."""
+    pose = np.nan_to_num(poses[_last_observation(poses, template.body), template.body])
+    coverage = template.draw(pose, window)[..., 3]
+    return np.asarray(coverage > FOLLOWER.hiding_coverage)

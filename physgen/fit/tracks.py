@@ -1,4 +1,4 @@
-"""Tracks: where the objects of a scene are at the times of a film."""
+"""Tracks: the poses of a scene's objects at the times of a film."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from physgen.messages import Message, one_of
 from physgen.problems import InputError, Place, Problem
 
 COLUMNS = ("time", "object", "x", "y", "angle")
-"""Of a table of tracks: s, name, px, px, degrees."""
-NEEDED = COLUMNS[:4]
-LONGEST = 120.0
-"""s: last time of tracks, at most. Later ones are frames or milliseconds."""
+"""Columns of a table of tracks: s, name, px, px, degrees."""
+REQUIRED_COLUMNS = COLUMNS[:4]
+LATEST_TIME = 120.0
+"""Last time of tracks, s, at most; larger numbers are frames or milliseconds."""
 LEAST_TIMES = 5
-"""Times without which no motion is fitted."""
+"""Number of times of a motion, at least."""
 
 
 @dataclass(frozen=True)
 class Tracks:
-    """Observed poses of N objects at T times; what was not observed is NaN."""
+    """Observed poses of N objects at T times; NaN without an observation."""
 
     times: F64
-    """(T,) s, rising; 0 is the photo's moment."""
+    """(T,) s, rising; 0 is the time of the photo."""
     names: tuple[str, ...]
     """N names, in the order of the world's bodies."""
     poses: F64
     """(T, N, 3): x px, y px, angle rad, of the centre of mass."""
     losses: tuple[tuple[str, float], ...] = ()
-    """Objects that a tracker lost for good, with the last time at which it saw them."""
+    """Objects lost in plain sight, with the time of their last observation, s."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class _Row:
 
 
 def read_tracks(path: Path, names: Sequence[str]) -> Tracks:
-    """Read a table with COLUMNS, of which the angle may be missing or empty.
+    """Read a table with COLUMNS; the angle is optional.
 
     `names` are the objects of the scene. Raises InputError with every wrong line.
     """
@@ -70,34 +70,41 @@ def read_tracks(path: Path, names: Sequence[str]) -> Tracks:
 def _read_rows(path: Path, text: str, names: Sequence[str]) -> list[_Row]:
     """Return the rows of a table. Raises InputError, and csv.Error."""
     reader = csv.DictReader(text.splitlines())
-    heading = [one.strip() for one in reader.fieldnames or ()]
+    heading = [name.strip() for name in reader.fieldnames or ()]
     reader.fieldnames = heading
-    missing = [column for column in NEEDED if column not in heading]
-    if missing:
-        place = Place(str(path), 1, 1)
-        columns = ",".join(COLUMNS)
-        absent = Message.TRACKS_COLUMN_MISSING
-        raise InputError(
-            [absent.problem(place, "", f'"{one}"', columns=columns) for one in missing]
-        )
+    _check_columns(path, heading)
     rows: list[_Row] = []
     problems: list[Problem] = []
-    seen: set[tuple[float, str]] = set()
+    known_rows: set[tuple[float, str]] = set()
     for row in reader:
         place = Place(str(path), reader.line_num, 1)
-        faults = list(_row_problems(place, row, names))
-        problems += faults
-        if faults:
+        row_problems = list(_row_problems(place, row, names))
+        problems += row_problems
+        # Other lines are still checked, so that all problems appear at once.
+        if row_problems:
             continue
-        one = _read_row(row)
-        if (one.time, one.name) in seen:
-            twice = Message.TRACKS_TWICE
-            problems.append(twice.problem(place, "", f'"{one.name}"', time=one.time))
-        seen.add((one.time, one.name))
-        rows.append(one)
+        observation = _read_row(row)
+        name, time = observation.name, observation.time
+        if (time, name) in known_rows:
+            message = Message.TRACKS_TWICE
+            problems.append(message.problem(place, "", f'"{name}"', time=time))
+        known_rows.add((time, name))
+        rows.append(observation)
     if problems:
         raise InputError(problems)
     return rows
+
+
+def _check_columns(path: Path, heading: Sequence[str]) -> None:
+    """Refuse a table without a required column. Raises InputError."""
+    problems = []
+    place, columns = Place(str(path), 1, 1), ",".join(COLUMNS)
+    for column in REQUIRED_COLUMNS:
+        if column not in heading:
+            message = Message.TRACKS_COLUMN_MISSING
+            problems.append(message.problem(place, "", f'"{column}"', columns=columns))
+    if problems:
+        raise InputError(problems)
 
 
 def _row_problems(
@@ -115,15 +122,15 @@ def _row_problems(
         value = _number(text)
         if not isfinite(value) or (column == "time" and value < 0):
             unit = {"time": "seconds from 0", "angle": "degrees"}.get(column, "px")
-            wrong = Message.TRACKS_NOT_NUMBER
-            yield wrong.problem(place, column, f'"{text}"', unit=unit)
-        elif column == "time" and value > LONGEST:
-            late = Message.TRACKS_LATE
-            yield late.problem(place, column, f'"{text}"', longest=LONGEST)
+            message = Message.TRACKS_NOT_NUMBER
+            yield message.problem(place, column, f'"{text}"', unit=unit)
+        elif column == "time" and value > LATEST_TIME:
+            message = Message.TRACKS_LATE
+            yield message.problem(place, column, f'"{text}"', longest=LATEST_TIME)
 
 
 def _number(text: str) -> float:
-    """Return the number that a text is, NaN if it is none."""
+    """Return the number in a text, or NaN."""
     try:
         return float(text)
     except ValueError:
@@ -131,6 +138,7 @@ def _number(text: str) -> float:
 
 
 def _read_row(row: dict[str, str | None]) -> _Row:
+    """Return the observation of a line without problems."""
     values = {column: _number((row.get(column) or "").strip()) for column in COLUMNS}
     pose = (values["x"], values["y"], radians(values["angle"]))
     return _Row(values["time"], (row["object"] or "").strip(), pose)
@@ -139,20 +147,21 @@ def _read_row(row: dict[str, str | None]) -> _Row:
 def _assemble(rows: Sequence[_Row], names: tuple[str, ...]) -> Tracks:
     """Return the tracks of all rows."""
     times = sorted({row.time for row in rows})
-    number = {time: k for k, time in enumerate(times)}
+    time_index = {time: k for k, time in enumerate(times)}
     poses = np.full((len(times), len(names), 3), nan)
     for row in rows:
-        poses[number[row.time], names.index(row.name)] = row.pose
+        poses[time_index[row.time], names.index(row.name)] = row.pose
     for k in range(len(names)):
-        poses[:, k, 2] = _unwrapped(poses[:, k, 2])
+        poses[:, k, 2] = _unwrap_angles(poses[:, k, 2])
     return Tracks(np.array(times, np.float64), names, poses)
 
 
-def _unwrapped(angles: F64) -> F64:
+def _unwrap_angles(angles: F64) -> F64:
     """Return angles (T,) rad without jumps by whole turns; NaN stays."""
-    known = np.isfinite(angles)
+    # A table states each angle within one turn.
+    is_observed = np.isfinite(angles)
     result = angles.copy()
-    result[known] = np.unwrap(angles[known])
+    result[is_observed] = np.unwrap(angles[is_observed])
     return result
 
 

@@ -8,28 +8,30 @@ from math import degrees, exp, hypot, log
 from pathlib import Path
 from typing import Any
 
+from physgen.fit.intervals import INTERVAL, Estimate, Fit
 from physgen.fit.parameters import Kind, odds
-from physgen.fit.solve import FIT, Estimate, Fit
 from physgen.scene.scene import Motion, Scene
 from physgen.scene.yaml_edit import mark_values, write
 from physgen.simulate.uncertain_values import POWERS
 from physgen.text import rounded
 
 DIGITS = 4
-"""Of written numbers."""
+"""Significant digits of numbers in a scene."""
 PATHS = ("image", "assets", "extends")
 """Keys of paths relative to the scene file."""
 
 
 def shown_value(estimate: Estimate, scene: Scene, value: float) -> float:
-    """Return a value as the scene file has it: degrees, and the mass in g or as density."""
+    """Return a value in the units of the scene file: degrees, g or g/px²."""
     kind = estimate.parameter.kind
     if kind in (Kind.SPIN, Kind.DIRECTION):
         return degrees(value)
     if kind is Kind.MASS:
         item = scene.objects[estimate.parameter.index]
-        own = item.mass if item.mass is not None else item.density or 1.0
-        return own * value
+        # The parameter of a mass is its factor.
+        if item.mass is not None:
+            return item.mass * value
+        return (item.density or 1.0) * value
     return value
 
 
@@ -40,10 +42,11 @@ def interval_text(estimate: Estimate, scene: Scene) -> str:
     return f"{rounded(low, DIGITS)} to {rounded(high, DIGITS)}"
 
 
-def confidence(estimate: Estimate) -> float | None:
-    """Return the confidence whose spread is the interval's, None for values without one.
+def interval_confidence(estimate: Estimate) -> float | None:
+    """Return the confidence with the spread of the interval.
 
-    `physgen render --fan` draws values by it.
+    `physgen render --fan` draws values by this confidence. Returns None for kinds without
+    a spread.
     """
     kind = estimate.parameter.kind
     power = POWERS.get(kind.value)
@@ -51,7 +54,7 @@ def confidence(estimate: Estimate) -> float | None:
         return None
     transform = odds if kind is Kind.ELASTICITY else log
     width = transform(estimate.high) - transform(estimate.low)
-    sigma = max(width, 0.0) / (2 * FIT.quantile)
+    sigma = max(width, 0.0) / (2 * INTERVAL.quantile)
     return round(exp(-sigma / power), 3)
 
 
@@ -61,16 +64,16 @@ def source_text(estimate: Estimate, scene: Scene) -> str:
     The unit keeps a number at the end from being read as a confidence.
     """
     text = f"fit {interval_text(estimate, scene)}"
-    sure = confidence(estimate)
-    if sure is None:
+    confidence = interval_confidence(estimate)
+    if confidence is None:
         return f"{text} {unit(estimate, scene)}"
-    return f"{text}, {sure:g}"
+    return f"{text}, {confidence:g}"
 
 
 def fitted_text(
     text: str, source: Path, output: Path, scene: Scene, fit: Fit, origin: str
 ) -> str:
-    """Return the text of the fitted scene, from that of the file `source`.
+    """Return the text of the fitted scene, made from the text of the file `source`.
 
     Comments stay. `scene` has the values before; `origin` is the name of the clip.
     """
@@ -80,11 +83,11 @@ def fitted_text(
     for item, fitted in zip(scene.objects, fit.scene.objects, strict=True):
         if item.motion is Motion.DYNAMIC and fitted.velocity != item.velocity:
             entry = objects.setdefault(item.name, {})
-            entry["velocity"] = [_number(part) for part in fitted.velocity]
+            entry["velocity"] = [_round_number(part) for part in fitted.velocity]
         if item.motion is Motion.DYNAMIC and fitted.spin != item.spin:
-            objects.setdefault(item.name, {})["spin"] = _number(fitted.spin)
+            objects.setdefault(item.name, {})["spin"] = _round_number(fitted.spin)
     if fit.scene.world.ramp != scene.world.ramp:
-        data.setdefault("world", {})["ramp"] = _number(fit.scene.world.ramp)
+        data.setdefault("world", {})["ramp"] = _round_number(fit.scene.world.ramp)
     for estimate in fit.estimates:
         if estimate.is_determined:
             _write_estimate(data, estimate, scene, fit)
@@ -100,23 +103,25 @@ def fitted_text(
 
 
 def paths_outside(text: str, source: Path, output: Path) -> list[str]:
-    """Return the paths of a scene that lead too far out of the folder of `output`.
+    """Return the paths of a scene too far outside the folder of `output`.
 
-    A scene may extend a file that lies in the folder above its own.
+    A scene may extend a file in the folder above its own.
     """
     data: dict[str, Any] = mark_values(text).data()
     home = output.parent.resolve()
     roots = {"image": home, "assets": home, "extends": home.parent}
-    paths = {key: data[key] for key in PATHS if isinstance(data.get(key), str)}
-    return [
-        path
-        for key, path in paths.items()
-        if not (source.parent / path).resolve().is_relative_to(roots[key])
-    ]
+    paths = []
+    for key in PATHS:
+        path = data.get(key)
+        if not isinstance(path, str):
+            continue
+        if not (source.parent / path).resolve().is_relative_to(roots[key]):
+            paths.append(path)
+    return paths
 
 
 def _move_paths(data: dict[str, Any], source: Path, output: Path) -> None:
-    """Let paths of a scene in one folder hold in another one."""
+    """Make the paths of a scene relative to the folder of `output`."""
     folder, target = source.parent.resolve(), output.parent.resolve()
     if folder == target:
         return
@@ -126,7 +131,7 @@ def _move_paths(data: dict[str, Any], source: Path, output: Path) -> None:
             data[key] = Path(path).as_posix()
 
 
-def _number(value: float) -> float:
+def _round_number(value: float) -> float:
     """Return a number of few digits."""
     return float(f"{value:.{DIGITS + 1}g}") + 0.0
 
@@ -147,25 +152,28 @@ def _write_estimate(
         key = "density"
     text = source_text(estimate, scene)
     if parameter.kind is Kind.VELOCITY:
-        has_other = parameter.component and str(sources.get(key, "")).startswith("fit")
-        sources[key] = f"{sources[key]}, {text}" if has_other else text
+        # The two components share one entry.
+        previous = str(sources.get(key, ""))
+        if parameter.component and previous.startswith("fit"):
+            text = f"{previous}, {text}"
+        sources[key] = text
         return
     sources[key] = text
     if parameter.kind is Kind.FRICTION and item.static_friction is not None:
-        # also where a base or a * has another value
-        entry["static_friction"] = _number(estimate.value)
+        # A base or a `*` may have another value.
+        entry["static_friction"] = _round_number(estimate.value)
     if parameter.kind is not Kind.SPIN:
-        entry[key] = _number(shown_value(estimate, scene, estimate.value))
+        entry[key] = _round_number(shown_value(estimate, scene, estimate.value))
 
 
 def _write_world(world: dict[str, Any], estimate: Estimate, fit: Fit) -> None:
     """Write an estimate of the world."""
     if estimate.parameter.kind is Kind.TABLE:
         world["table"] = {
-            **(world.get("table") or {}), "friction": _number(estimate.value)
+            **(world.get("table") or {}), "friction": _round_number(estimate.value)
         }  # fmt: skip
         return
-    world["gravity"] = [_number(part) for part in fit.scene.world.gravity]
+    world["gravity"] = [_round_number(part) for part in fit.scene.world.gravity]
 
 
 def gravity_size(fit: Fit) -> float:

@@ -27,15 +27,9 @@ from physgen.geometry.polygon import Disc, Outline, mass_properties
 from physgen.geometry.regions import fit_regions
 from physgen.maps import F32, Percepts, read_labels
 from physgen.messages import Message, did_you_mean
-from physgen.perceive.document import (
-    MOTION_BLUR,
-    light_entry,
-    object_names,
-    provenance,
-    shape_entry,
-    view_entry,
-)
+from physgen.perceive.document import MOTION_BLUR, provenance
 from physgen.perceive.inpaint.poisson import fill_behind, seamless
+from physgen.perceive.naming import object_names
 from physgen.perceive.roles import (
     BoundaryGuess,
     Intrinsics,
@@ -47,6 +41,7 @@ from physgen.perceive.roles import (
     Wall,
 )
 from physgen.perceive.shadow.shadow_removal import refill_background
+from physgen.perceive.shape_entries import light_entry, shape_entry, view_entry
 from physgen.photometry import decode as linear_light
 from physgen.photometry import fit_light
 from physgen.photos import read_image

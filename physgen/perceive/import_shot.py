@@ -19,8 +19,9 @@ from physgen.geometry.polygon import (
     rotation,
 )
 from physgen.geometry.scale import scale_entry
-from physgen.perceive.document import HOLD, MOTION_BLUR, short
+from physgen.perceive.document import HOLD, MOTION_BLUR
 from physgen.perceive.roles import PerceivedScene
+from physgen.perceive.shape_entries import short
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from zlib import crc32
 import numpy as np
 
 from physgen.geometry.scale import PAPER_SCALE
-from physgen.perceive import document
+from physgen.perceive import document, scene_files
 from physgen.perceive.roles import (
     BoundaryGuess,
     Detections,
@@ -241,7 +241,7 @@ def with_sources(data: Entry, scene: Scene) -> dict[str, Any]:
     """
     sources = {item.name: dict(item.provenance) for item in scene.objects}
     for name, entry in data["objects"].items():
-        if entry.keys() <= document.BARE and "confidence" in entry:
+        if entry.keys() <= scene_files.BARE and "confidence" in entry:
             sources[name].setdefault(
                 "mask", provenance("doubtful", entry["confidence"])
             )
@@ -311,7 +311,7 @@ def true_comments(
     on whole sections stay; the comment on the view requires a recorded reason in
     `world`.
     """
-    value, has_reason = document.value_at, "view_from" in world
+    value, has_reason = scene_files.value_at, "view_from" in world
     candidates = {
         k: reason for k, reason in comments.items() if has_reason or k != "world.view"
     }
@@ -474,7 +474,7 @@ def merge_object(was: Entry, now: Entry, prompted: bool = False) -> dict[str, An
     If it is `prompted`, its pixels are new as well. An object with only a mask gets all
     values.
     """
-    if set(was) <= document.BARE:
+    if set(was) <= scene_files.BARE:
         return {
             **now,
             "mask": was["mask"],

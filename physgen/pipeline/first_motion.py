@@ -40,6 +40,11 @@ REST_BLOCK = 9
 """Number of samples between two checks of the motion; it divides `REST_SAMPLES`."""
 REST_RATE = 240.0
 """Steps per second of that simulation; 120 are too few for stacked objects."""
+REST_END = 1e-3, 1e-4
+"""Motion, px and rad, between two checks below which all objects stay at rest.
+
+Settling objects move a quarter as far in each block, an unstable one ever farther.
+"""
 REST_PX = 1.0
 """Distance, px, from which an object counts as moving."""
 
@@ -184,7 +189,7 @@ def _at_rest(perceived: PerceivedScene, kept: Collection[str] = ()) -> Perceived
 def _first_to_go(world: World, is_free: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return the mask (N,) of the free objects that move first, in a world at rest.
 
-    The simulation ends at the first motion.
+    The simulation ends at the first motion, or when all objects have settled.
     """
     import numpy as np
 
@@ -196,11 +201,16 @@ def _first_to_go(world: World, is_free: NDArray[np.bool_]) -> NDArray[np.bool_]:
     # Simulate in blocks, to stop soon after the first motion.
     for stop in range(REST_BLOCK, REST_SAMPLES + 1, REST_BLOCK):
         running.on(float(times[stop - 1]))
-        positions = running.trajectory().poses[:stop, :, :2]
+        poses = running.trajectory().poses[:stop]
+        positions = poses[:, :, :2]
         is_moving = np.hypot(*np.moveaxis(positions - positions[:1], -1, 0)) > REST_PX
         is_moving &= is_free
         if is_moving.any():
             return np.asarray(is_moving[is_moving.any(axis=1).argmax()], bool)
+        change = np.abs(np.diff(poses[[-REST_BLOCK, -1]], axis=0))
+        px, rad = REST_END
+        if (change[..., :2] < px).all() and (change[..., 2] < rad).all():
+            break
     return np.zeros_like(is_free)
 
 
@@ -275,8 +285,12 @@ def _chosen_push(
     are raised to `least`.
     """
     from physgen.compile.shapes import shapes_of
+<<<<<<< HEAD
     from physgen.perceive.document import mask_confidence
     from physgen.pipeline.push_outcomes import TRIAL
+=======
+    from physgen.perceive.summary import mask_confidence
+>>>>>>> main
     from physgen.pipeline.pushes import default_push
     from physgen.pipeline.releases import RELEASE
     from physgen.pipeline.verdicts import part_owners

@@ -93,7 +93,7 @@ def perceive(
     fields of PerceiveOptions. `inform` is called with a summary of several lines, of
     which the first contains the photo's suitability.
     """
-    from physgen.perceive.document import write_scene
+    from physgen.perceive.scene_files import write_scene
     from physgen.registry import Backends
 
     options = PerceiveOptions(**given)
@@ -126,8 +126,8 @@ def perceive(
 
 def _description(perceived: PerceivedScene) -> Description:
     """Return the overview and the summary of a perceived photo."""
-    from physgen.perceive.document import summary
     from physgen.perceive.roles import Description
+    from physgen.perceive.summary import summary
     from physgen.report.overview import overview_png
 
     velocities: dict[str, Sequence[float]] = {}
@@ -169,14 +169,13 @@ def _perceive_photo(
 ) -> _PerceivedPhoto:
     """Perceive a photo and set its objects in motion. Raises InputError."""
     from physgen.maps import read_object_masks
-    from physgen.perceive.perceive import (
+    from physgen.perceive import perceive as perception
+    from physgen.perceive.photo_size import (
         LONGEST_SIDE,
-        KnownFacts,
         check_size,
         shrink_detections,
         shrink_photo,
     )
-    from physgen.perceive.perceive import perceive as run
     from physgen.perceive.segment.prompts import (
         PromptFrame,
         Segmenter,
@@ -243,13 +242,13 @@ def _perceive_photo(
             warn(problem)
         return moved
 
-    moving_scene = run(
+    moving_scene = perception.perceive(
         rgb,
         detections,
         renames=options.labels,
-        crew=crew,
-        asked=options.asked,
-        known=KnownFacts(_given_view(options)),
+        backends=crew,
+        nouns=options.asked,
+        facts=perception.KnownFacts(_given_view(options)),
         progress=progress,
         meanwhile=set_in_motion,
     )
@@ -339,9 +338,9 @@ def import_physgen(
     It becomes a shot, unless it is to be `faithful` to the frames and discs of that
     code. Writes files as `perceive` does.
     """
-    from physgen.perceive.document import write_scene
     from physgen.perceive.import_physgen import import_physgen as run
     from physgen.perceive.import_shot import as_shot
+    from physgen.perceive.scene_files import write_scene
 
     check_text_names(folder, output)
     check_writable((output or stdout or Path()).parent)
@@ -457,7 +456,7 @@ def _perceive_anew(opened: OpenedScene, run: _Refresh) -> str:
     kept.
     """
     from physgen.perceive.carry import carry_over
-    from physgen.perceive.document import write_scene
+    from physgen.perceive.scene_files import write_scene
 
     image, path = opened.ground.image, run.path
     assert image is not None
@@ -503,10 +502,10 @@ def _report_lost_objects(
 def _refresh(opened: OpenedScene, text: str, run: _Refresh) -> str:
     """Refresh a scene with fitting assets; `text` is the text of its file."""
     from physgen.compile.compile import compile_scene
+    from physgen.perceive import perceive as perception
     from physgen.perceive import refresh as old_and_new
-    from physgen.perceive.document import renamed_labels, write_scene
-    from physgen.perceive.perceive import KnownFacts
-    from physgen.perceive.perceive import perceive as perceive_scene
+    from physgen.perceive.naming import renamed_labels
+    from physgen.perceive.scene_files import write_scene
     from physgen.perceive.segment.prompts import Segmenter, check_prompts
     from physgen.photos import read_photo
     from physgen.pipeline.stages import percepts
@@ -557,12 +556,12 @@ def _refresh(opened: OpenedScene, text: str, run: _Refresh) -> str:
     # The layers of the user decide which object covers which, also in the new masks.
     layers = old_and_new.user_layers(old_document)
     layer_of = {i: layers[name] for i, name in old_names.items() if name in layers}
-    perceived = perceive_scene(
+    perceived = perception.perceive(
         photo.rgb,
         replace(selection.found, layers=layer_of, gone=removed_pixels),
         renames=options.labels,
-        crew=crew,
-        known=KnownFacts(
+        backends=crew,
+        facts=perception.KnownFacts(
             _given_view(options) or old_and_new.known_view(scene),
             None if has_default_scale else scene.world.pixels_per_meter,
         ),
@@ -624,11 +623,11 @@ def _refresh(opened: OpenedScene, text: str, run: _Refresh) -> str:
     # The summary describes the photo as perceived, but with the motion of the final
     # scene.
     for name in summary_objects.keys() & document["objects"].keys():
-        written_document = document["objects"][name] | moving.get(name, {})
+        object_entry = document["objects"][name] | moving.get(name, {})
         summary_objects[name] = summary_objects[name] | {
-            key: written_document[key]
+            key: object_entry[key]
             for key in ("motion", "velocity", "spin")
-            if key in written_document
+            if key in object_entry
         }
     summary_document = {
         **perceived_document,

@@ -199,7 +199,7 @@ def _write_missing(
     Raises InputError with all objects that are not found again.
     """
     from physgen.maps import read_labels, write_png
-    from physgen.perceive.document import write_scene
+    from physgen.perceive.scene_files import write_scene
 
     assert ground.image is not None
     data = mark_values(text).data()

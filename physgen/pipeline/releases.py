@@ -24,11 +24,8 @@ from physgen.geometry.fitting import fit_outlines
 from physgen.geometry.polygon import Disc, Outline, bounds
 from physgen.geometry.scale import PhotoObject
 from physgen.materials import is_living
-from physgen.perceive.document import (
-    corners,
-    mask_confidence,
-    shape_entry,
-)
+from physgen.perceive.shape_entries import corners, shape_entry
+from physgen.perceive.summary import mask_confidence
 from physgen.perceive.support.ground_contact import (
     Line,
     add_base,

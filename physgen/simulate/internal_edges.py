@@ -169,8 +169,12 @@ def edges_of(outline: ShapeOutline, frame: Frame = WORLD) -> list[Edge]:
 
 STILL = 1e-4
 """Distance, px, within which a contact at an internal edge stays one."""
-MOST_LISTED = 16
-"""Number of edges of an owner up to which plain numbers take less time than arrays."""
+MOST_LISTED = 8
+"""Number of edges of an owner up to which a loop takes less time than a grid."""
+CELL = 8.0
+"""Width of a cell of the grid of edges, px: few edges are in one cell."""
+MOST_CELLS = 400
+"""Number of cells above which an edge is in none: those of 150 px at 45 degrees."""
 LEEWAY = 0.05
 """Distance, px, by which the quick check covers more contacts."""
 NEAREST, FARTHEST = ABOVE - LEEWAY, GAP + LEEWAY
@@ -253,13 +257,28 @@ class Cover:
 class EdgeSet:
     """Edges in one frame, for a quick look at which may continue a surface."""
 
-    __slots__ = ("_table", "edges")
+    __slots__ = ("_cells", "_long_edges", "edges")
 
     def __init__(self, edges: list[Edge]) -> None:
+        """Sort many edges into the cells of a grid."""
         self.edges = edges
-        self._table: Array | None = None
+        self._long_edges: list[Edge] = edges
+        """Edges that no cell contains."""
+        self._cells: dict[tuple[int, int], list[Edge]] = {}
         if len(edges) > MOST_LISTED:
-            self._table = np.array([edge[:6] for edge in edges]).T.copy()
+            self._long_edges = [edge for edge in edges if not self._sort_in(edge)]
+
+    def _sort_in(self, edge: Edge) -> bool:
+        """Add an edge to the cells near it; return False if these are too many."""
+        (x0, y0), (x1, y1) = edge.ends
+        columns = _cells_between(x0, x1)
+        rows = _cells_between(y0, y1)
+        if len(columns) * len(rows) > MOST_CELLS:
+            return False
+        for column in columns:
+            for row in rows:
+                self._cells.setdefault((column, row), []).append(edge)
+        return True
 
     def may_continue(self, frame: Frame, contact: Contact, slope: float) -> bool:
         """Return whether an edge in a frame may cover a contact, whose normal is from the surface.
@@ -268,41 +287,45 @@ class EdgeSet:
         """
         if frame is not WORLD:
             contact = frame.locate_contact(contact)
-        (nx, ny), points, _ = contact
-        if self._table is not None:
-            return self._may_one_continue(contact, slope)
-        for x, y, dx, dy, length, is_segment, _ in self.edges:
-            into = nx * dx + ny * dy
-            if -slope <= into <= slope:
-                continue
-            highest = LOWEST if is_segment else HIGHEST
-            for px, py in points:
-                ahead = (px - x) * dx + (py - y) * dy
-                if into > 0:
-                    ahead = length - ahead
-                if NEAREST < ahead < length + FARTHEST:
-                    height = (px - x) * dy - (py - y) * dx
-                    if -LOWEST < height < highest:
-                        return True
-        return False
-
-    def _may_one_continue(self, contact: Contact, slope: float) -> bool:
-        """Return the same of many edges, by arrays."""
-        assert self._table is not None
-        x, y, dx, dy, length, is_segment = self._table
-        (nx, ny), points, _ = contact
-        into = nx * dx + ny * dy
-        highest = np.where(is_segment > 0, LOWEST, HIGHEST)
-        for px, py in points:
-            away_x, away_y = px - x, py - y
-            ahead = away_x * dx + away_y * dy
-            ahead = np.where(into > 0, length - ahead, ahead)
-            height = away_x * dy - away_y * dx
-            is_near = (ahead > NEAREST) & (ahead < length + FARTHEST)
-            is_near &= (height > -LOWEST) & (height < highest)
-            if (is_near & (np.abs(into) > slope)).any():
+        normal, points, _ = contact
+        for point in points:
+            if self._cells:
+                cell = int(point[0] // CELL), int(point[1] // CELL)
+                nearby_edges = self._cells.get(cell)
+                if nearby_edges and _may_one_cover(nearby_edges, normal, point, slope):
+                    return True
+            if _may_one_cover(self._long_edges, normal, point, slope):
                 return True
         return False
+
+
+def _may_one_cover(
+    edges: Sequence[Edge], normal: Spot, point: Spot, slope: float
+) -> bool:
+    """Check whether one of these edges may cover a point of a contact."""
+    nx, ny = normal
+    px, py = point
+    for x, y, dx, dy, length, is_segment, _ in edges:
+        into = nx * dx + ny * dy
+        if -slope <= into <= slope:
+            continue
+        ahead = (px - x) * dx + (py - y) * dy
+        if into > 0:
+            ahead = length - ahead
+        if NEAREST < ahead < length + FARTHEST:
+            highest = LOWEST if is_segment else HIGHEST
+            height = (px - x) * dy - (py - y) * dx
+            if -LOWEST < height < highest:
+                return True
+    return False
+
+
+def _cells_between(start: float, end: float) -> range:
+    """Return the numbers of the grid's cells along one axis near an edge."""
+    # Farther away from an edge in height and along it, no contact is covered.
+    reach = LOWEST + FARTHEST
+    first, last = (min(start, end) - reach) // CELL, (max(start, end) + reach) // CELL
+    return range(int(first), int(last) + 1)
 
 
 class InternalEdges:

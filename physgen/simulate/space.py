@@ -86,6 +86,9 @@ TOUCH = Struct("@i2d10d")
 places on both shapes and the distance.
 """
 
+DEPTH = 8
+"""Place of the distance at the first point among the numbers of a contact."""
+
 LIVING: WeakSet[Space] = WeakSet()
 """All spaces of this process."""
 
@@ -326,23 +329,32 @@ class Space:
         meetings = order.meetings
         self._partners = meetings.partners
         frames = self._frames()
-        candidates: set[Pair] = set()
+        doubtful_rows: list[int] = []
         for pair in meetings.rows if pairs is None else pairs:
+            rows = meetings.rows.get(pair, [])
             if not self._smooth.isdisjoint(pair):
                 continue
-            for row in meetings.rows.get(pair, ()):
-                if self._is_doubtful(frames, meetings.listed[row], row, numbers):
-                    candidates.add(pair)
-                    break
+            doubtful = [
+                row
+                for row in rows
+                if self._is_doubtful(frames, meetings.listed[row], row, numbers)
+            ]
+            doubtful_rows += doubtful
+            if not doubtful:
+                continue
+            # Two corners without distance have any normal, so that a second look may
+            # find another one.
+            doubtful_rows += [row for row in rows if not _has_depth(row, numbers)]
         is_changed = False
-        for arbiter in self._arbiters() if candidates else ():
+        arbiters = self._arbiters() if doubtful_rows else []
+        # The engine lists contacts in one order, here with those without points.
+        if len(arbiters) > len(meetings.listed):
+            arbiters = [arbiter for arbiter in arbiters if arbiter.count]
+        for row in sorted(set(doubtful_rows)):
+            arbiter = arbiters[row]
             if not arbiter.count:
                 continue
             key = self._numbers[arbiter.a], self._numbers[arbiter.b]
-            first, second = self._owners[key[0]], self._owners[key[1]]
-            pair = (first, second) if first < second else (second, first)
-            if pair not in candidates:
-                continue
             if self._nudge(frames, arbiter, key):
                 is_changed = True
                 continue
@@ -587,6 +599,11 @@ def _prepare_batch_arguments(
         buffer._int_arr,
     )
     return space._space, ffi.addressof(lib, name), request
+
+
+def _has_depth(row: int, numbers: bytes) -> bool:
+    """Check whether the shapes of a listed contact are apart or overlap."""
+    return bool(CONTACT.unpack_from(numbers, CONTACT.size * row)[DEPTH])
 
 
 def _shape_outline(shape: pymunk.Shape, owner: int) -> ShapeOutline:

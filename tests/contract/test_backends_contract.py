@@ -296,6 +296,6 @@ def test_keeps_to_its_role(
 
 
 def test_every_role_has_a_check():
-    from physgen.perceive.perceive import ROLES
+    from physgen.perceive.perception_run import ROLES
 
     assert {*ROLES, "refine"} == set(CHECKS) == set(registry.roles())

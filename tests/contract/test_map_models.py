@@ -216,7 +216,9 @@ def test_a_photo_is_perceived_with_models_in_four_roles(tiny):
         options=tiny.options,
     )
     crew = Backends(plan)
-    seen = perceive(rgb, Detections(labels, "given", {1: 1.0, 2: 1.0}, {}), crew=crew)
+    seen = perceive(
+        rgb, Detections(labels, "given", {1: 1.0, 2: 1.0}, {}), backends=crew
+    )
     maps = seen.percepts
     assert maps.depth is not None
     assert np.ptp(maps.depth) > 0

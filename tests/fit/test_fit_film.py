@@ -12,8 +12,9 @@ from PIL import Image
 
 from physgen.arrays import F64, U8
 from physgen.cli.main import main
-from physgen.fit import run
-from physgen.fit.film import Follower, Template, Window, follow_film
+from physgen.fit import clip
+from physgen.fit.film import Follower, follow_film
+from physgen.fit.template import Template, Window
 from physgen.fit.tracks import Tracks
 from physgen.photometry import decode, encode_u8
 from physgen.pipeline import stages
@@ -142,7 +143,7 @@ def spoked_follower() -> tuple[Follower, Template, U8]:
 
 
 def frame_of(template: Template, pose: F64, background: U8, seed: int) -> U8:
-    paint = template.drawn(pose, Window((0, 0), (100, 100)))
+    paint = template.draw(pose, Window((0, 0), (100, 100)))
     light = paint[..., :3] + (1 - paint[..., 3:]) * decode(background)
     noise = np.random.default_rng(seed).normal(size=light.shape) * NOISE
     codes = encode_u8(light) + noise
@@ -206,8 +207,8 @@ def test_uneven_frames_have_their_own_times(
     frames = [Image.new("L", (240, 120), 50 * k) for k in range(5)]
     shown = [100, 100, 400, 100, 100]
     frames[0].save(path, save_all=True, append_images=frames[1:], duration=shown)
-    monkeypatch.setattr(run, "MOST_FRAMES", 4)
-    film = run.Film(path, 2.0, OpenedScene("slide.yaml", text=SLIDE).scene())
+    monkeypatch.setattr(clip, "MOST_FRAMES", 4)
+    film = clip.FilmedClip(path, 2.0, OpenedScene("slide.yaml", text=SLIDE).scene())
     assert film.times == pytest.approx([0, 0.05, 0.1, 0.3])
     warnings: list[Problem] = []
     film.warn_of_frames(warnings.append)

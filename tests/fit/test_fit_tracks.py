@@ -11,9 +11,12 @@ import pytest
 
 from physgen.arrays import F64
 from physgen.cli.main import main
-from physgen.fit import solve
+from physgen.fit import search
+from physgen.fit.intervals import Fit
 from physgen.fit.parameters import Kind, free_parameters, with_values
-from physgen.fit.solve import Fit, absent_kinds, estimate_starts, fit_scene
+from physgen.fit.residuals import Model
+from physgen.fit.solve import absent_kinds, fit_scene
+from physgen.fit.starts import estimate_starts
 from physgen.fit.tracks import Tracks, read_tracks, tracks_csv
 from physgen.pipeline import stages
 from physgen.problems import InputError
@@ -95,7 +98,7 @@ def test_fit_tells_friction_of_a_sliding_crate() -> None:
     assert not result["objects.crate.elasticity"].is_determined
     fit = result["fit"]
     assert isinstance(fit, Fit)
-    assert fit.flat == ("objects.crate.elasticity",)
+    assert fit.flat_directions == ("objects.crate.elasticity",)
     assert fit.noise == pytest.approx(NOISE, rel=0.25)
 
 
@@ -115,15 +118,17 @@ def test_dropped_ball_tells_gravity_and_elasticity() -> None:
 def test_same_seed_gives_the_same_draws_and_fit(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    sparing = replace(solve.FIT, horizons=(1.0,), draws=3, trials=1, last=1)
-    monkeypatch.setattr(solve, "FIT", sparing)
-    limit, drawn = solve._limited, []
+    sparing = replace(
+        search.SEARCH, horizons=(1.0,), draws=3, trial_steps=1, final_steps=1
+    )
+    monkeypatch.setattr(search, "SEARCH", sparing)
+    limit, drawn = search.clip_numbers, []
 
-    def noted(model: solve.Model, numbers: F64) -> F64:
+    def noted(model: Model, numbers: F64) -> F64:
         drawn.append(numbers.tolist())
         return limit(model, numbers)
 
-    monkeypatch.setattr(solve, "_limited", noted)
+    monkeypatch.setattr(search, "clip_numbers", noted)
     # another gravity leaves residuals, so that other starts are tried
     text = DROP.replace("[100, 40]", "[100, 330]")
     parts = scene_of(text, "world.gravity=[0, 600]", "objects.ball.elasticity=0.1")
@@ -196,7 +201,7 @@ def test_chaos_does_not_excuse_a_wrong_motion() -> None:
     for poses, is_good in ((tracks, True), (wrong, False)):
         starts = estimate_starts(compiled, tracks, [])
         parameters = free_parameters(scene, poses, [Kind.ELASTICITY], starts)
-        model = solve.Model(scene, compiled, poses, starts, parameters)
+        model = Model(scene, compiled, poses, starts, parameters)
         # px, as after several impacts
         model.step_errors[:] = 20.0
         count = len(tracks.times)
@@ -210,7 +215,7 @@ def test_supported_object_starts_without_fall() -> None:
     compiled = scene_of(SLIDE)[1]
     moved = replace(tracks, poses=tracks.poses + drift)
     starts = estimate_starts(compiled, moved, [Kind.VELOCITY])
-    assert starts.held == ((False, True),)
+    assert starts.supported_axes == ((False, True),)
     assert starts.velocities[0, 1] == 0
     assert starts.velocities[0, 0] == pytest.approx(400, rel=0.15)
 
@@ -221,8 +226,10 @@ def test_motion_that_no_values_explain_is_told(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    sparing = replace(solve.FIT, horizons=(1.0,), draws=1, trials=1, last=1)
-    monkeypatch.setattr(solve, "FIT", sparing)
+    sparing = replace(
+        search.SEARCH, horizons=(1.0,), draws=1, trial_steps=1, final_steps=1
+    )
+    monkeypatch.setattr(search, "SEARCH", sparing)
     scene, path = tmp_path / "glide.yaml", tmp_path / "tracks.csv"
     scene.write_text(GLIDE)
     tracks = observed(GLIDE, 0.3)
@@ -244,8 +251,10 @@ def test_kinds_without_effect_are_told(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    sparing = replace(solve.FIT, horizons=(1.0,), draws=1, trials=1, last=1)
-    monkeypatch.setattr(solve, "FIT", sparing)
+    sparing = replace(
+        search.SEARCH, horizons=(1.0,), draws=1, trial_steps=1, final_steps=1
+    )
+    monkeypatch.setattr(search, "SEARCH", sparing)
     scene, path = tmp_path / "glide.yaml", tmp_path / "tracks.csv"
     scene.write_text(GLIDE)
     path.write_text(tracks_csv(observed(GLIDE, 0.3)))

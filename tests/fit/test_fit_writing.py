@@ -10,9 +10,12 @@ import pytest
 from PIL import Image
 
 from physgen.cli.main import main
+from physgen.fit.intervals import Estimate, Fit, name_flat_directions
+from physgen.fit.page import FitPage, object_rows, root_mean_square
 from physgen.fit.parameters import Kind, Parameter, Scale, odds
-from physgen.fit.solve import Estimate, Fit, flat_directions
-from physgen.fit.writing import confidence, fitted_text
+from physgen.fit.tracks import Tracks
+from physgen.fit.writing import fitted_text, interval_confidence
+from physgen.pipeline import stages
 from physgen.scene.load import OpenedScene
 from physgen.simulate.uncertain_values import spread
 
@@ -31,7 +34,7 @@ def test_draws_by_the_confidence_fill_the_interval(
     one = parameter(f"objects.a.{kind.value}", kind, scale)
     transform = log if scale is Scale.LOGARITHM else odds
     low, high = (one.value(transform(value) + side * 0.2) for side in (-1, 1))
-    sure = confidence(Estimate(one, value, low, high, True))
+    sure = interval_confidence(Estimate(one, value, low, high, True))
     assert sure is not None
     distribution = spread(kind.value, value, sure)
     assert distribution is not None
@@ -41,7 +44,7 @@ def test_draws_by_the_confidence_fill_the_interval(
 
 def test_velocities_have_no_confidence() -> None:
     one = parameter("objects.a.velocity.0", Kind.VELOCITY, Scale.LINEAR)
-    assert confidence(Estimate(one, 5.0, 4.0, 6.0, True)) is None
+    assert interval_confidence(Estimate(one, 5.0, 4.0, 6.0, True)) is None
 
 
 def test_flat_directions_name_single_values_and_combinations() -> None:
@@ -49,7 +52,7 @@ def test_flat_directions_name_single_values_and_combinations() -> None:
     parameters = [parameter(name, Kind.FRICTION, Scale.LOGARITHM) for name in names]
     slopes = np.array([[30.0, 30.0, 0, 0], [0, 0, 50.0, 0]])
     covariance = np.linalg.inv(slopes.T @ slopes + np.eye(4))
-    sentences = flat_directions(parameters, covariance, np.ones(4))
+    sentences = name_flat_directions(parameters, covariance, np.ones(4))
     assert set(sentences) == {
         "a.rolling",
         "a.friction against b.friction: only their combination",
@@ -75,6 +78,24 @@ def test_static_friction_of_a_base_follows_the_fitted_friction(tmp_path: Path) -
     text = fitted_text(path.read_text(), path, path, scene, fit, "clip.mp4")
     (item,) = OpenedScene(path, text=text).scene().objects
     assert (item.friction, item.static_friction) == (0.5, 0.5)
+
+
+def test_report_measures_errors_of_angles_too() -> None:
+    text = (
+        "physgen: 1\nsize: [40, 40]\n"
+        "objects: {a: {shape: {circle: {center: [20, 20], radius: 5}}}}\n"
+    )
+    scene = OpenedScene("scene.yaml", text=text).scene()
+    poses = np.full((4, 1, 3), 20.0)
+    residuals = np.zeros((4, 1, 3))
+    # px at the radius of gyration
+    residuals[:, 0, 2] = 3.0
+    fit = Fit(scene, (), (), poses, residuals, 0.5, 1)
+    tracks = Tracks(np.arange(4) / 10, ("a",), poses)
+    world = stages.compile(scene, None).world
+    (row,) = object_rows(FitPage("a.yaml", "clip.mp4", scene, world, tracks, fit))
+    assert float(row["rms"]) == pytest.approx(3**0.5, rel=0.01)
+    assert root_mean_square(residuals) == pytest.approx(3**0.5)
 
 
 def write_files(folder: Path) -> tuple[Path, Path]:

@@ -12,8 +12,9 @@ from physgen import pipeline
 from physgen.compile.compile import compile_scene
 from physgen.geometry.polygon import Disc, Region, Ring
 from physgen.perceive.backends.boundary_support import support
-from physgen.perceive.document import write_scene
-from physgen.perceive.perceive import fit_objects, perceive
+from physgen.perceive.perceive import perceive
+from physgen.perceive.photo_objects import fit_objects
+from physgen.perceive.scene_files import write_scene
 from physgen.perceive.segment.prompts import from_masks
 from physgen.perceive.support.ground_contact import fit_rectangle
 from physgen.perceive.support.supports import depth_inside, free_parts

@@ -13,7 +13,7 @@ import yaml
 
 from physgen import registry
 from physgen.maps import read_labels
-from physgen.perceive.perceive import fit_objects
+from physgen.perceive.photo_objects import fit_objects
 from physgen.perceive.roles import BoundaryGuess, Scenery
 from physgen.perceive.segment.prompts import from_masks
 from physgen.perceive.support.supports import depth_inside

@@ -8,7 +8,7 @@ import pytest
 
 from physgen import pipeline, registry
 from physgen.cli.main import main
-from physgen.perceive.perceive import UNKNOWN
+from physgen.perceive.perception_run import UNKNOWN
 from physgen.photometry import decode
 from physgen.photos import read_photo
 from physgen.problems import InputError

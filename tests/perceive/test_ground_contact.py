@@ -9,7 +9,7 @@ import pytest
 from physgen.geometry.polygon import Disc, Region, Ring, mass_properties
 from physgen.maps import read_labels
 from physgen.perceive.backends.boundary_support import support
-from physgen.perceive.perceive import fit_objects
+from physgen.perceive.photo_objects import fit_objects
 from physgen.perceive.roles import PhotoObject
 from physgen.perceive.segment.prompts import from_masks
 from physgen.perceive.support.ground_contact import (

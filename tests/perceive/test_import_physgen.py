@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from physgen import pipeline
-from physgen.perceive.document import write_scene
 from physgen.perceive.import_physgen import import_physgen
 from physgen.perceive.import_shot import as_shot
+from physgen.perceive.scene_files import write_scene
 from physgen.problems import InputError, Severity
 from physgen.scene.load import load
 from physgen.scene.scene import Circle, Combine, Load, Polygon, Solid, View

@@ -15,8 +15,8 @@ from torch.nn import functional
 
 from physgen.materials import is_living, kind
 from physgen.perceive.backends import label_imagenet as naming
-from physgen.perceive.document import write_scene
 from physgen.perceive.perceive import perceive
+from physgen.perceive.scene_files import write_scene
 from physgen.perceive.segment.detector import DetectedBoxes
 from physgen.perceive.segment.prompts import from_masks
 from physgen.scene.load import load

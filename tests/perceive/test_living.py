@@ -9,9 +9,9 @@ import pytest
 import yaml
 from numpy.typing import NDArray
 
-from physgen.perceive.document import write_scene
 from physgen.perceive.perceive import perceive
 from physgen.perceive.roles import Detections, PromptedMask
+from physgen.perceive.scene_files import write_scene
 from physgen.perceive.segment import living
 from physgen.perceive.segment.detector import DetectedBoxes
 from physgen.perceive.segment.proposals import Proposal

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from physgen.maps import read_labels
-from physgen.perceive import document
-from physgen.perceive.document import summary, write_scene
-from physgen.perceive.perceive import KnownFacts, fit_objects, perceive
+from physgen.perceive import naming
+from physgen.perceive.perceive import KnownFacts, perceive
+from physgen.perceive.photo_objects import fit_objects
 from physgen.perceive.roles import (
     BoundaryGuess,
     Detections,
@@ -18,12 +18,14 @@ from physgen.perceive.roles import (
     Segments,
     Suitability,
 )
+from physgen.perceive.scene_files import write_scene
 from physgen.perceive.segment.prompts import (
     Segmenter,
     from_masks,
     from_prompts,
     segment_point,
 )
+from physgen.perceive.summary import summary
 from physgen.photometry import DistantLight
 from physgen.photos import read_image
 from physgen.problems import InputError
@@ -193,7 +195,7 @@ def test_told_things_win():
     rgb, labels = desk()
     view = BoundaryGuess(View.TOP, 1.0, "as given", ())
     found = perceive(
-        rgb, from_masks(labels, {7: "tennis ball"}), known=KnownFacts(view, 600)
+        rgb, from_masks(labels, {7: "tennis ball"}), facts=KnownFacts(view, 600)
     )
     assert found.document["world"]["view"] == "top"
     assert found.document["world"]["table"] == {"friction": 0.2}
@@ -238,7 +240,7 @@ def test_a_light_from_below_relights_nothing(up: float, view: View, relit: bool)
         normals, np.full((*labels.shape, 3), (0.8, 0.3, 0.2), np.float32), light
     )
     document = perceive(
-        rgb, from_masks(labels), known=KnownFacts(setting(view))
+        rgb, from_masks(labels), facts=KnownFacts(setting(view))
     ).document
     assert document["light"]["direction"][1] * up > 0
     assert document["render"].get("relight", True) is relit
@@ -303,8 +305,8 @@ def test_prompts_are_numbered_and_collected():
 
 def test_slugs_make_valid_names():
     for label in ("Ball", "8 ball", "été à la plage", "", "---", "x" * 200, "a\nb"):
-        assert document.slug(label)[0].isalpha()
-        assert len(document.slug(label)) <= 60
+        assert naming.slug(label)[0].isalpha()
+        assert len(naming.slug(label)) <= 60
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from physgen.perceive.perceive import fit_objects
+from physgen.perceive.photo_objects import fit_objects
 from physgen.perceive.roles import Detections, Segments
 from physgen.perceive.segment.plain_ground import (
     cut_out_on_plain,

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from physgen.perceive.perceive import _Run, nearest_labels
+from physgen.perceive.perception_run import PerceptionRun, nearest_labels
 from physgen.perceive.roles import Shadows
 from physgen.perceive.shadow.backgrounds import (
     fill_backgrounds,
@@ -107,7 +107,7 @@ def test_reflections_of_scenery_stay_in_the_background():
     around = find_surroundings(rgb, coverage)
     shadows = replace(NO_SHADOWS, clean=around.guess)
     run = SimpleNamespace(rgb=rgb, crew=_Crew())
-    backgrounds = _Run.fill(run, around, shadows, labels, labels == 2)
+    backgrounds = PerceptionRun.fill(run, around, shadows, labels, labels == 2)
     kept = backgrounds.clean[155:235, 5:85].astype(int)
     assert np.abs(kept - rgb[155:235, 5:85]).max() <= 3
 

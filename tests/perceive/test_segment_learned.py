@@ -16,9 +16,9 @@ from physgen.perceive.backends.segment_learned import (
     own_box,
     segment,
 )
-from physgen.perceive.document import write_scene
 from physgen.perceive.perceive import perceive
 from physgen.perceive.roles import Detections, Doubt
+from physgen.perceive.scene_files import write_scene
 from physgen.perceive.segment.evidence import FEATURES
 from physgen.perceive.segment.proposals import Proposal
 

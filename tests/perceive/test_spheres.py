@@ -9,7 +9,7 @@ import pytest
 from physgen.geometry.polygon import Disc
 from physgen.perceive.backends.label_shape import shape
 from physgen.perceive.backends.physics_table import table
-from physgen.perceive.perceive import outline_as_named
+from physgen.perceive.photo_objects import outline_as_named
 from physgen.perceive.roles import PhotoObject
 from physgen.perceive.spheres import fit_sphere_shading, is_shaded_as_sphere
 from physgen.photometry import encode_u8

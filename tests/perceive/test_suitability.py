@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from physgen.geometry.polygon import Disc
-from physgen.perceive.document import write_scene
 from physgen.perceive.perceive import perceive
 from physgen.perceive.roles import BoundaryGuess, Detections, Doubt, PhotoObject, Wall
+from physgen.perceive.scene_files import write_scene
 from physgen.perceive.segment.network import run_network
 from physgen.perceive.segment.prompts import from_masks
 from physgen.perceive.support import viewpoint

@@ -8,7 +8,7 @@ import pytest
 
 from physgen.geometry.polygon import bounds
 from physgen.perceive.backends.boundary_support import support
-from physgen.perceive.perceive import fit_objects
+from physgen.perceive.photo_objects import fit_objects
 from physgen.perceive.roles import Detections
 from physgen.photometry import encode_u8
 from physgen.scene.scene import View

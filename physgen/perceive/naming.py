@@ -1,0 +1,164 @@
+"""Names and labels of the objects in a photo."""
+
+from __future__ import annotations
+
+import difflib
+import fnmatch
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from physgen.geometry.polygon import mass_properties
+from physgen.materials import kind, nouns
+from physgen.messages import Message, did_you_mean
+from physgen.perceive.roles import (
+    Detections,
+    Name,
+    PhotoObject,
+)
+from physgen.problems import InputError, Place, Problem
+from physgen.scene.provenance import provenance as provenance
+
+GENERIC = ("object", "thing")
+"""Labels without information."""
+
+
+@dataclass(frozen=True)
+class Names:
+    """Labels and names of the objects, by id."""
+
+    # The objects with their labels.
+    objects: Sequence[PhotoObject]
+    labels: Mapping[int, Name]
+    # Sources of the labels, for `from`; `""` for labels of the user.
+    sources: Mapping[int, str]
+    confidence: Mapping[int, float]
+    # Names without the user's new labels.
+    before: Mapping[int, str]
+    # Ids of objects with a new label of the user.
+    renamed: set[int]
+
+
+def slug(label: str) -> str:
+    """Return a label as the start of a name.
+
+    The result has letters, digits and -, begins with a letter and is at most 48
+    characters long.
+    """
+    text = re.sub(r"[^a-z0-9]+", "-", label.lower()).strip("-")[:48].strip("-")
+    if not text:
+        return "object"
+    return text if text[0].isalpha() else f"object-{text}"
+
+
+def object_names(
+    objects: Sequence[PhotoObject], kept: Mapping[int, str] | None = None
+) -> dict[int, str]:
+    """Return a name for every object by id, numbered per label from left to right.
+
+    Names in `kept` stay.
+    """
+    kept = kept or {}
+    used_names = set(kept.values())
+    objects_by_position = sorted(
+        objects,
+        key=lambda t: (round(float(mass_properties(t.outline).center[0]), 1), t.id),
+    )
+    counts: dict[str, int] = {}
+    result = {}
+    for item in objects_by_position:
+        if item.id in kept:
+            result[item.id] = kept[item.id]
+            continue
+        start = slug(item.label)
+        counts[start] = counts.get(start, 0) + 1
+        while f"{start}-{counts[start]}" in used_names:
+            counts[start] += 1
+        result[item.id] = f"{start}-{counts[start]}"
+    return result
+
+
+def relabel_objects(
+    objects: Sequence[PhotoObject], renames: Sequence[str], called: Mapping[int, str]
+) -> tuple[list[PhotoObject], set[int]]:
+    """Return the objects with their new labels, and the ids of objects with a new
+    label.
+
+    `called` gives the objects' names by id. Raises InputError with every invalid NAME
+    of `renames`, each NAME=TEXT.
+    """
+    labels, problems = renamed_labels(renames, called)
+    if problems:
+        raise InputError(problems)
+    return [
+        replace(t, label=labels[t.id]) if t.id in labels else t for t in objects
+    ], set(labels)
+
+
+def renamed_labels(
+    renames: Sequence[str], called: Mapping[int, str]
+) -> tuple[dict[int, str], list[Problem]]:
+    """Return the new labels by object id, and problems with unknown names.
+
+    An exact name takes precedence over a pattern.
+    """
+    labels: dict[int, str] = {}
+    exact: dict[int, str] = {}
+    problems = []
+    for rename in renames:
+        name, sign, text = (part.strip() for part in rename.partition("="))
+        exact_ids = [i for i, n in called.items() if name in (n, str(i))]
+        hits = exact_ids or [
+            i for i, n in called.items() if fnmatch.fnmatchcase(n, name)
+        ]
+        if not (sign and text and hits):
+            matches = difflib.get_close_matches(name, called.values(), 1)
+            known_names = ", ".join(list(called.values())[:8]) + (
+                ", ..." if len(called) > 8 else ""
+            )
+            fix = f"the objects are {known_names}"
+            if matches and matches[0] != name:
+                fix = did_you_mean(matches[0])
+            message = Message.LABEL_WITHOUT_NAME
+            if sign and text:
+                message = Message.LABEL_OF_NO_OBJECT
+            problems.append(
+                message.problem(Place("--label"), "", f'"{rename}"', fix=fix)
+            )
+        (exact if exact_ids else labels).update(dict.fromkeys(hits, text))
+    return labels | exact, problems
+
+
+def label_confidences(
+    found: Detections,
+    named: Mapping[int, Name],
+    guessed: Mapping[int, Name],
+    renamed: set[int],
+) -> dict[int, float]:
+    """Return the confidence of each label: 1 if the user gave or changed it."""
+    user_names = found.names if found.object_names or found.named_by == "given" else {}
+    user_ids = {
+        i
+        for i in user_names
+        if i not in guessed or found.names[i].label != guessed[i].label
+    } | renamed
+    return {i: 1.0 if i in user_ids else name.confidence for i, name in named.items()}
+
+
+def unknown_label(label: str) -> Problem | None:
+    """Return a warning about a label without an entry in the material table, or
+    None.
+    """
+    label_kind = kind(label)
+    if label_kind.noun or label_kind.material.name != "unknown" or label in GENERIC:
+        return None
+    known_nouns = sorted({word for _, words in nouns() for word in words})
+    matches = (
+        difflib.get_close_matches(text, known_nouns, 1)
+        for text in (label.lower(), label.lower().split()[-1])
+    )
+    close = next((match for match in matches if match), None)
+    fix = "name a material, too, as in: wooden spoon"
+    if close:
+        fix = did_you_mean(close[0])
+    return Message.UNKNOWN_LABEL.warning(Place("--label"), "", f'"{label}"', fix=fix)

@@ -1,0 +1,163 @@
+"""Objects from detections: outlines, discs and loose parts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from physgen.geometry import raster
+from physgen.geometry.fitting import disc_iou, fit_outlines
+from physgen.geometry.polygon import Disc, bounds
+from physgen.materials import kind
+from physgen.messages import Message
+from physgen.perceive.contents import attach_contents
+from physgen.perceive.hanging_parts import attach_hanging_parts
+from physgen.perceive.remains import Remain
+from physgen.perceive.roles import (
+    SMALLEST_OBJECT,
+    BoundaryGuess,
+    Detections,
+    Labels,
+    PhotoObject,
+    Rgb,
+)
+from physgen.perceive.segment.network import run_network
+from physgen.perceive.segment.plain_ground import shows_ground_beyond
+from physgen.perceive.spheres import has_round_form, is_shaded_as_sphere
+from physgen.perceive.support.view_classifier import view_chances
+from physgen.problems import THIS_PHOTO, Problem
+
+# Limits of a label map: ids if most of them are specks, and objects in any case.
+MOST_IDS, MOST_OBJECTS = (200, 5000)
+
+EXACTLY_ROUND = 0.975
+"""Least IoU of a mask with its circle for a disc of any label: a wheel, a lid.
+
+In COCO's photos a clock reaches 0.90, a pizza 0.93, a cup 0.96.
+"""
+
+# Least IoU of a mask with its circle for its replacement; balls have 0.96.
+NEARLY_ROUND = 0.93
+
+
+def fit_objects(rgb: Rgb, found: Detections) -> tuple[list[PhotoObject], int]:
+    """Return every object with its outline, without specks, and the number of
+    specks.
+    """
+    labels = found.labels
+    height, width = rgb.shape[:2]
+    if labels.shape != (height, width):
+        size = f"{labels.shape[1]} x {labels.shape[0]} px"
+        differs = Message.NOT_PHOTO_SIZE
+        raise differs.error("--masks", size, width=width, height=height)
+    counts = np.bincount(labels.ravel(), minlength=2)
+    all_ids = np.flatnonzero(counts[1:]) + 1
+    ids = [int(i) for i in all_ids if counts[i] >= SMALLEST_OBJECT]
+    mostly_specks = 2 * len(ids) < len(all_ids)
+    if (len(all_ids) > MOST_IDS and mostly_specks) or len(ids) > MOST_OBJECTS:
+        specks = ", most of them of a few pixels" if mostly_specks else ""
+        count = f"{len(all_ids):,} ids{specks}"
+        raise Message.NOT_A_LABEL_MAP.error("--masks", count=count)
+    if not ids and found.source == "given":
+        if len(all_ids):
+            raise Message.MASKS_OF_SPECKS.error("--masks", least=SMALLEST_OBJECT)
+        raise Message.MASKS_EMPTY.error("--masks")
+    if not ids:
+        return [], len(all_ids)
+    outlines = fit_outlines(labels, ids)
+    # The mask of a network may end slightly before the border that cuts its object.
+    margin = min(round(0.012 * max(width, height)), min(width, height) // 4)
+    on_border, ids_near_border = (
+        np.unique(
+            np.concatenate([labels[k], labels[-1 - k], labels[:, k], labels[:, -1 - k]])
+        )
+        for k in (0, margin)
+    )
+    by_hand = ("given", "pointed at", "drawn", "kept")
+    objects = []
+    for i in ids:
+        x0, y0, x1, y1 = bounds(outlines[i])
+        excess = max(-0.5 - x0, -0.5 - y0, x1 - width + 0.5, y1 - height + 0.5)
+        exact = i in found.prompts or (
+            found.mask_sources.get(i) or found.source
+        ).startswith(by_hand)
+        ends = not exact and not isinstance(outlines[i], Disc) and i in ids_near_border
+        # Visible ground outside the mask shows that the object is complete.
+        ends = ends and not shows_ground_beyond(rgb, labels == i, margin)
+        objects.append(
+            PhotoObject(i, outlines[i], cut=bool(excess > 0 or i in on_border or ends))
+        )
+    return objects, len(all_ids) - len(ids)
+
+
+def attach_loose_parts(
+    rgb: Rgb, found: Detections, view: BoundaryGuess | None
+) -> Detections:
+    """Return the detections with parts that move with their objects, as the view tells."""
+    if view is not None:
+        return found
+    chances = view_chances(run_network(rgb).features)
+    if chances.tilt is not None:
+        return attach_contents(found)
+    if chances.is_level:
+        attached = attach_hanging_parts(found.labels, found.confidence)
+        return replace(found, labels=attached)
+    return found
+
+
+def remain_problem(remain: Remain, name: str) -> Problem:
+    """Return a warning about a narrow part beside an object that may stay behind."""
+    x, y = remain.place
+    description = f"something narrow at {x}, {y}"
+    path = f"objects.{name}.mask"
+    return Message.REMAINS_BEHIND.warning(THIS_PHOTO, path, description)
+
+
+def outline_as_named(
+    rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]
+) -> list[PhotoObject]:
+    """Return the objects, with circles replaced by regions unless there is evidence for
+    them.
+
+    Evidence is the label of a round object or the shading of a sphere: a pouf, a van or
+    the face of a box does not roll.
+    """
+    rejected_ids = [
+        item.id
+        for item in objects
+        if isinstance(item.outline, Disc)
+        and not has_round_form(kind(item.label))
+        and not is_shaded_as_sphere(rgb, item.outline)
+        and disc_iou(item.outline, labels == item.id) < EXACTLY_ROUND
+    ]
+    if not rejected_ids:
+        return list(objects)
+    ids = [item.id for item in objects]
+    regions = fit_outlines(labels, ids, never_discs=rejected_ids)
+    return [
+        replace(item, outline=regions[item.id]) if item.id in rejected_ids else item
+        for item in objects
+    ]
+
+
+def replace_by_discs(labels: Labels, objects: Sequence[PhotoObject]) -> Labels:
+    """Return the label map with the masks of round objects extended to their discs.
+
+    A mask is extended only if it changes little, so that a mug keeps its handle.
+    """
+    result = labels.copy()
+    for item in objects:
+        if isinstance(item.outline, Disc):
+            mask = result == item.id
+            disc = (
+                raster.coverage(item.outline, (labels.shape[1], labels.shape[0])) >= 0.5
+            )
+            disc &= mask | (result == 0)
+            if np.count_nonzero(mask & disc) > NEARLY_ROUND * np.count_nonzero(
+                mask | disc
+            ):
+                # Parts outside the disc stay in the mask, not in the background.
+                result[disc] = item.id
+    return result

@@ -1,0 +1,125 @@
+"""The summary of a perceived scene in a few lines."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from physgen.messages import Note
+from physgen.perceive.document import label_counts
+from physgen.perceive.roles import (
+    PerceivedScene,
+)
+from physgen.perceive.support.viewpoint import DOUBTS
+from physgen.scene.provenance import provenance as provenance
+from physgen.scene.scene import ADD_OBJECT
+from physgen.text import counted, listed
+
+
+def summary(perceived: PerceivedScene) -> list[str]:
+    """Return the results, their confidence and possible corrections as lines.
+
+    The first line is short; one line per subject follows.
+    """
+    document, comments = perceived.document, perceived.comments
+    objects, world = document["objects"], document["world"]
+    confidences = {name: mask_confidence(item) for name, item in objects.items()}
+    ends = sorted(
+        {min(confidences.values(), default=0.0), max(confidences.values(), default=0.0)}
+    )
+    confidence = (
+        f", confidence {' to '.join(f'{end:.2f}' for end in ends)}"
+        if confidences
+        else ""
+    )
+    doubtful_names = [
+        f"{name} ({value:.2f})"
+        for name, value in confidences.items()
+        if value < DOUBTS.unsure
+    ]
+    check = (
+        f", but look at {listed([name.split()[0] for name in doubtful_names], 'and')}"
+    )
+    suits = f"{perceived.suitability}{check if doubtful_names and str(perceived.suitability) == 'good' else ''}"
+    first = f"{counted(len(objects), 'object')}{confidence}; suitability: {suits}"
+    if not objects:
+        lines = [first, f"  objects   {Note.NO_OBJECTS.text(fix=ADD_OBJECT)}"]
+        if doubts := _doubtful_row(perceived, doubtful_names):
+            lines.append(f"  doubtful  {doubts}")
+        return lines
+    table = {
+        "objects": label_counts(
+            {k: item["label"] for k, item in enumerate(objects.values())}
+        ),
+        "scale": Note.SCALE.text(
+            scale=world["pixels_per_meter"],
+            reason=comments.get("world.pixels_per_meter", ""),
+        ),
+        "view": f"{world['view']}: {comments.get('world.view', '').partition(': ')[2]}",
+    }
+    table["support"] = _support_row(document)
+    table["motion"] = _motion_row(perceived)
+    if doubts := _doubtful_row(perceived, doubtful_names):
+        table["doubtful"] = doubts
+    return [
+        first,
+        *(f"  {name:<9} {' '.join(text.split())}" for name, text in table.items()),
+    ]
+
+
+def _support_row(document: Mapping[str, Any]) -> str:
+    """Return the names of the boundaries and of the static objects."""
+    walls = [name for name in document["boundaries"] if name != "bottom"]
+    row = ", ".join(walls) or Note.NO_BOUNDARY.text()
+    static = []
+    for name, item in document["objects"].items():
+        if item.get("motion") == "static":
+            static.append(name)
+    if not static:
+        return row
+    return Note.STATIC.text(boundaries=row, names=", ".join(static))
+
+
+def _motion_row(perceived: PerceivedScene) -> str:
+    """Return the row with the pushes."""
+    pushes = []
+    for name, item in perceived.document["objects"].items():
+        if any(item.get("velocity", ())):
+            comment = perceived.comments.get(f"objects.{name}.velocity", ", as before")
+            direction = comment.split(", ")[1].partition(";")[0]
+            pushes.append(Note.PUSHED.text(name=name, way=direction))
+    return "; ".join(pushes) or Note.NOTHING_PUSHED.text()
+
+
+def _doubtful_row(perceived: PerceivedScene, unsure: Sequence[str]) -> str:
+    """Return the row with `unsure` objects and doubtful regions."""
+    document, comments = perceived.document, perceived.comments
+    doubts: list[str] = []
+    if unsure:
+        doubts.append(Note.UNSURE.text(names=", ".join(unsure)))
+    # Regions drawn by the user have no confidence and are not doubtful.
+    regions = [
+        name
+        for name, entry in document.get("doubtful", {}).items()
+        if "confidence" in entry
+    ]
+    if regions:
+        name = regions[0]
+        doubt = Note.ONE_REGION.text(name=name)
+        if len(regions) > 1:
+            doubt = Note.SEVERAL_REGIONS.text(count=len(regions), name=name)
+        doubts.append(doubt)
+    reasons: dict[str, list[str]] = {}
+    for name in regions:
+        if reason := comments.get(f"doubtful.{name}"):
+            reasons.setdefault(reason, []).append(name)
+    for reason, names_of_reason in reasons.items():
+        doubts.append(f"{listed(names_of_reason, 'and')}: {reason}")
+    if not doubts:
+        return ""
+    return "; ".join([*doubts, "--box and --point add missing objects"])
+
+
+def mask_confidence(item: Mapping[str, Any]) -> float:
+    """Return the confidence of an object's mask, from its `from`."""
+    return float(item["from"]["mask"].rpartition(" ")[2])
