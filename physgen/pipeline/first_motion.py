@@ -285,12 +285,8 @@ def _chosen_push(
     are raised to `least`.
     """
     from physgen.compile.shapes import shapes_of
-<<<<<<< HEAD
-    from physgen.perceive.document import mask_confidence
-    from physgen.pipeline.push_outcomes import TRIAL
-=======
     from physgen.perceive.summary import mask_confidence
->>>>>>> main
+    from physgen.pipeline.push_outcomes import TRIAL
     from physgen.pipeline.pushes import default_push
     from physgen.pipeline.releases import RELEASE
     from physgen.pipeline.verdicts import part_owners
