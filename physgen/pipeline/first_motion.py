@@ -285,21 +285,11 @@ def _chosen_push(
     are raised to `least`.
     """
     from physgen.compile.shapes import shapes_of
-    from physgen.perceive.summary import mask_confidence
-    from physgen.pipeline.push_outcomes import TRIAL
+    from physgen.pipeline.push_choice import push_confidence, round_footed
     from physgen.pipeline.pushes import default_push
-    from physgen.pipeline.releases import RELEASE
-    from physgen.pipeline.verdicts import part_owners
 
     objects = perceived.document["objects"]
-    confidence = dict.fromkeys(objects, 0.0)
-    torn_names = part_owners(perceived)
-    for name in names:
-        # An object whose parts may stay behind is pushed only for want of another.
-        certainty = max(mask_confidence(objects[name]), least)
-        if name in torn_names and certainty > TRIAL.confidence:
-            certainty = max(certainty * RELEASE.torn, TRIAL.confidence)
-        confidence[name] = certainty
+    confidence = push_confidence(perceived, names, least)
     facing = {
         name: item["facing"] for name, item in objects.items() if "facing" in item
     }
@@ -308,7 +298,14 @@ def _chosen_push(
     invisible_walls = _unseen_walls(perceived)
     ramp = scene.world.ramp if "ramp" in perceived.document["world"] else None
     return default_push(
-        scene, shapes, confidence, invisible_walls, facing, barred, ramp
+        scene,
+        shapes,
+        confidence,
+        invisible_walls,
+        facing,
+        barred,
+        ramp,
+        round_footed(perceived),
     )
 
 

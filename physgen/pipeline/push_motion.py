@@ -49,8 +49,6 @@ class PictureBorder:
     """Upper limits of each body, (N, 2) px."""
     is_watched: NDArray[np.bool_]
     """Mask (N,) of movable bodies."""
-    slack: Array
-    """Distance by which each body may cross its limits while it moves, (N,) px."""
 
     @staticmethod
     def of(trials: TrialScene, world: World) -> PictureBorder:
@@ -80,32 +78,16 @@ class PictureBorder:
                 upper_corners.reshape(-1, 2), np.array(world.size) - 0.5 + slack
             ),
             np.array(movable, bool),
-            _crossing_distances(trials, world),
         )
 
-    def leaving(self, poses: Array, *, is_final: bool = False) -> NDArray[np.bool_]:
-        """Return the mask of bodies that are outside in one of the poses (S, N, 3).
-
-        Large bodies may cross the border, unless the poses are final.
-        """
+    def leaving(self, poses: Array) -> NDArray[np.bool_]:
+        """Return the mask of bodies that are outside in one of the poses (S, N, 3)."""
         result = np.zeros(len(self.points), bool)
         for k in np.flatnonzero(self.is_watched).tolist():
             places = _placed(self.points[k], poses[:, k])
-            slack = 1e-6 if is_final else 1e-6 + self.slack[k]
-            is_low = (places < self.low[k] - slack).any()
-            result[k] = is_low or (places > self.high[k] + slack).any()
+            is_low = (places < self.low[k] - 1e-6).any()
+            result[k] = is_low or (places > self.high[k] + 1e-6).any()
         return result
-
-
-def _crossing_distances(trials: TrialScene, world: World) -> Array:
-    """Return the distance by which each body may cross the border, (N,) px."""
-    size = np.array(world.size, np.float64)
-    distances = np.zeros(len(world.bodies))
-    for k, body in enumerate(world.bodies):
-        share = float((measure_extent(body) / size).max())
-        if body.radius is None and share >= TRIAL.filling:
-            distances[k] = TRIAL.crossing * trials.side
-    return distances
 
 
 def _corners(body: Body) -> Array:
@@ -186,12 +168,13 @@ def rocks(world: World, motion: Trajectory) -> bool:
 
 
 def tipping_motion(
-    body: Body, side: float, angle: float, gravity: float
+    body: Body, side: float, angle: float, gravity: float, ramp: float
 ) -> tuple[tuple[float, float], float]:
     """Return the velocity, px/s, and the spin, degrees/s, that tip a body.
 
     The body turns by at most `angle`, degrees, about its lower corner on the `side` of
-    the push, 1 right or -1 left: kinetic energy about the corner becomes height.
+    the push, 1 right or -1 left: kinetic energy about the corner becomes height. The
+    body reaches its velocity within `ramp`, s, and has risen by then.
     """
     points = np.concatenate(body.rings)
     low, high = float(points[:, 1].min()), float(points[:, 1].max())
@@ -202,7 +185,10 @@ def tipping_motion(
     reach = hypot(half_width, high)
     rise = reach * cos(falling_angle - turn) - high
     inertia = body.moment / body.mass + reach**2
-    rate = sqrt(2 * gravity * max(rise, 0.0) / inertia)
+    # The ramp lifts the body by `rate * ramp / 2`: a quadratic equation for the rate.
+    lift = gravity * half_width * ramp / 2
+    energy = 2 * inertia * gravity * max(rise, 0.0)
+    rate = (sqrt(lift**2 + energy) - lift) / inertia
     velocity = (side * rate * high, -rate * half_width)
     return velocity, degrees(side * rate)
 

@@ -105,7 +105,7 @@ class TrialLimits:
     """Displacement in the last unit of time that still counts as rest."""
     visible: float = 0.0015
     """Distance from the last place above which an object still moves: 2 px of 1280."""
-    rocks: tuple[float, ...] = (10.0, 6.0, 14.0)
+    rocks: tuple[float, ...] = (10.0, 6.0, 13.0)
     """Rotations by which an object is tipped over its lower corner, degrees: the second
     if the first is too hard, the third if the first is hardly visible.
     """
@@ -125,12 +125,13 @@ class TrialLimits:
     """Height over width below which no hand tips an object."""
     foot: float = 0.04
     """Height of the foot of an object, by its height."""
-    filling: float = 0.7
-    """Extent of an object, by the picture's, from which its motion may cross the
-    border.
+    filling: float = 0.8
+    """Extent of an object, by the picture's, above which no hand tips it."""
+    round_foot: float = 0.05
+    """Height of the outline above the ground at the end of its support, by the height
+    of the object, above which the visible foot is round: such an object would float if
+    it tipped over that end.
     """
-    crossing: float = 0.06
-    """Distance by which it may do so, until it rests inside."""
     falls: float = 0.5
     """Score of each fallen object, relative to an object with a long path."""
     worth: float = 1.1
@@ -251,6 +252,8 @@ class TrialScene:
     """
     ramp: float | None = None
     """Given time of a push, s; None: that of some frames, or at once."""
+    round_names: frozenset[str] = frozenset()
+    """Names of objects with a round foot, which no hand tips."""
 
     @property
     def side(self) -> int:

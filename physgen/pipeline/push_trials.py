@@ -63,12 +63,14 @@ def compile_trials(
     unseen: Collection[str] = (),
     barred: Mapping[str, str] = MappingProxyType({}),
     ramp: float | None = None,
+    round_names: Collection[str] = (),
 ) -> TrialScene:
     """Compile the common world of all trials of a scene. Raises InputError."""
     from physgen.compile.compile import compile_shapes
 
     world = compile_shapes(scene, shapes).world
-    return TrialScene(scene, world, frozenset(unseen), barred, ramp)
+    names = frozenset(round_names)
+    return TrialScene(scene, world, frozenset(unseen), barred, ramp, names)
 
 
 def choose_push(
@@ -375,20 +377,25 @@ def _can_rock(trials: TrialScene, item: Object, body: Body) -> bool:
     """Check whether a hand at its top tips an object: vehicles and plates glide."""
     if trials.scene.world.view is not View.SIDE or body.radius is not None:
         return False
-    if item.wheels or item.facing or item.name in _loaded_names(trials):
+    if item.wheels or item.facing or item.name in trials.round_names:
         return False
     width, height = measure_extent(body)
-    return height >= TRIAL.flat * width
+    is_filling = max(width, height) > TRIAL.filling * trials.side
+    is_flat = height < TRIAL.flat * width
+    return not (is_filling or is_flat or item.name in _loaded_names(trials))
 
 
 def _tip(trials: TrialScene, item: Object, side: float, angle: float) -> Candidate:
     """Return the push that tips an object by an angle, degrees, before its trial."""
     body = next(body for body in trials.world.bodies if body.name == item.name)
     gravity = hypot(*trials.world.gravity)
-    (x, y), spin = tipping_motion(body, side, angle, gravity)
+    ramp = trials.ramp
+    if ramp is None:
+        ramp = ramp_of(playback_of(trials, 2 * trials.unit))
+    (x, y), spin = tipping_motion(body, side, angle, gravity, ramp)
     speed = hypot(x, y)
     direction = (x / speed, y / speed)
-    return Candidate(item, direction, speed, NO_MOTION, spin=round(spin, 1))
+    return Candidate(item, direction, speed, NO_MOTION, ramp, round(spin, 1))
 
 
 def _is_too_hard(outcome: Outcome, gentler: Outcome) -> bool:
@@ -514,7 +521,7 @@ def simulate_push(
     fallen_names = find_fallen_objects(world, motion)
     score = float(np.minimum(travel / full_travel(world, fallen_names), 1.0).sum())
     score += TRIAL.falls * len(fallen_names)
-    if rocks(world, motion):
+    if any(spins.values()) and rocks(world, motion):
         score += TRIAL.rocking
     # Penalties for implausible motion.
     if any(returns(motion, *push) for push in velocities.items()):
@@ -604,7 +611,6 @@ def _run(
         sample_count = next_count
         if has_left.any() or is_still or running.work > limit:
             break
-    has_left |= frame.leaving(poses[-1:], is_final=True)
     poses_so_far = motion.poses[:sample_count]
     return (
         replace(motion, times=motion.times[:sample_count], poses=poses_so_far),

@@ -75,6 +75,7 @@ def default_push(
     facing: Mapping[str, str] | None = None,
     barred: Mapping[str, str] | None = None,
     ramp: float | None = None,
+    round_names: Collection[str] = (),
 ) -> Push | None:
     """Return the push of a short story inside the picture.
 
@@ -83,8 +84,9 @@ def default_push(
     `unseen` are walls outside the photo: a rebound from them would look like a rebound
     from empty space. `facing` are the sides to which vehicles drive, and `barred` the
     sides to which objects are not pushed. `ramp`: given time of the push, s.
+    `round_names` are objects with a round foot.
     """
-    trials = compile_trials(scene, shapes, unseen, barred or {}, ramp)
+    trials = compile_trials(scene, shapes, unseen, barred or {}, ramp, round_names)
     best_trial = choose_push(trials, confidence, facing or {})
     if best_trial is None:
         return None

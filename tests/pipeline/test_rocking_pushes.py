@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from math import atan2, degrees
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
 from physgen import pipeline
 from physgen.compile.shapes import shapes_of
+from physgen.perceive.roles import PerceivedScene
+from physgen.pipeline.push_choice import round_footed
 from physgen.pipeline.push_motion import tipping_motion
 from physgen.pipeline.push_outcomes import TRIAL, Grade, TrialScene
 from physgen.pipeline.push_trials import choose_push, compile_trials
@@ -18,7 +23,9 @@ from physgen.simulate.engine import simulate
 WIDTH, HEIGHT = 80, 70
 
 
-def box_trials(tmp_path: Path, size: str, motion: str = "") -> TrialScene:
+def box_trials(
+    tmp_path: Path, size: str, motion: str = "", round_names: Collection[str] = ()
+) -> TrialScene:
     """Compile a lone box of a size, px, on a floor in the side view."""
     height = float(size.strip("[]").split(",")[1])
     path = tmp_path / "scene.yaml"
@@ -29,15 +36,18 @@ def box_trials(tmp_path: Path, size: str, motion: str = "") -> TrialScene:
         "boundaries: {floor: {segment: [[-400, 250], [800, 250]], friction: 0.8}}\n"
     )
     scene = pipeline.load(path)
-    return compile_trials(scene, shapes_of(scene, None))
+    return compile_trials(scene, shapes_of(scene, None), round_names=round_names)
 
 
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_tipping_motion_reaches_its_angle(tmp_path: Path, side: float) -> None:
+@pytest.mark.parametrize(("side", "ramp"), [(1.0, 0.0), (-1.0, 0.0), (1.0, 0.05)])
+def test_tipping_motion_reaches_its_angle(
+    tmp_path: Path, side: float, ramp: float
+) -> None:
     trials = box_trials(tmp_path, f"[{WIDTH}, {HEIGHT}]")
     gravity = float(np.hypot(*trials.world.gravity))
-    (x, y), spin = tipping_motion(trials.world.bodies[0], side, 8.0, gravity)
+    (x, y), spin = tipping_motion(trials.world.bodies[0], side, 8.0, gravity, ramp)
     edits = [f"objects.box.velocity=[{x}, {y}]", f"objects.box.spin={spin}"]
+    edits.append(f"world.ramp={ramp}")
     scene = pipeline.load(tmp_path / "scene.yaml", edits)
     world = pipeline.compile(scene, None).world
     turns = np.degrees(simulate(world, np.linspace(0, 2, 241)).poses[:, 0, 2])
@@ -49,10 +59,10 @@ def test_tipping_stays_below_the_fall(tmp_path: Path) -> None:
     trials = box_trials(tmp_path, "[20, 150]")
     gravity = float(np.hypot(*trials.world.gravity))
     body = trials.world.bodies[0]
-    motion = tipping_motion(body, 1.0, 45.0, gravity)
+    motion = tipping_motion(body, 1.0, 45.0, gravity, 0.0)
     falling_angle = degrees(atan2(10, 75))
     assert motion == tipping_motion(
-        body, 1.0, TRIAL.rocks_most * falling_angle, gravity
+        body, 1.0, TRIAL.rocks_most * falling_angle, gravity, 0.0
     )
 
 
@@ -75,3 +85,31 @@ def test_flat_object_slides(tmp_path: Path) -> None:
     chosen = choose_push(box_trials(tmp_path, "[120, 20]"), {}, {})
     assert chosen is not None
     assert not chosen.spin
+
+
+def test_object_that_fills_the_picture_slides(tmp_path: Path) -> None:
+    chosen = choose_push(box_trials(tmp_path, "[330, 200]"), {}, {})
+    assert chosen is None or not chosen.spin
+
+
+def test_object_with_a_round_foot_slides(tmp_path: Path) -> None:
+    trials = box_trials(tmp_path, f"[{WIDTH}, {HEIGHT}]", round_names=["box"])
+    chosen = choose_push(trials, {}, {})
+    assert chosen is not None
+    assert not chosen.spin
+
+
+@pytest.mark.parametrize("is_round", [True, False])
+def test_foot_is_round_above_the_ends_of_its_base(is_round: bool) -> None:
+    rows, columns = np.mgrid[:100, :100]
+    disc = np.hypot(columns - 50, rows - 50) <= 40
+    base = (abs(columns - 50) <= 25) & (rows >= 50) & (rows <= 90)
+    labels = (disc if is_round else disc | base).astype(np.uint16)
+    polygon = [[10, 50], [50, 10], [90, 50], [75, 90], [25, 90]]
+    objects = {"toy": {"mask": 1, "shape": {"polygon": polygon}}}
+    perceived = SimpleNamespace(
+        document={"objects": objects}, percepts=SimpleNamespace(labels=labels)
+    )
+    assert round_footed(cast(PerceivedScene, perceived)) == (
+        {"toy"} if is_round else set()
+    )
