@@ -105,7 +105,7 @@ class TrialLimits:
     """Displacement in the last unit of time that still counts as rest."""
     visible: float = 0.0015
     """Distance from the last place above which an object still moves: 2 px of 1280."""
-    rocks: tuple[float, ...] = (10.0, 6.0, 13.0)
+    rocks: tuple[float, ...] = (10.0, 6.0, 14.0)
     """Rotations by which an object is tipped over its lower corner, degrees: the second
     if the first is too hard, the third if the first is hardly visible.
     """
@@ -121,7 +121,7 @@ class TrialLimits:
     """Work of a trial of a rocking object, relative to `one`: each return to the ground
     is an impact.
     """
-    flat: float = 0.4
+    flat: float = 0.75
     """Height over width below which no hand tips an object."""
     foot: float = 0.04
     """Height of the foot of an object, by its height."""

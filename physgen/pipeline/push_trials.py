@@ -356,7 +356,7 @@ def _tips(
 ) -> Iterator[Candidate]:
     """Yield pushes at the top of an object, by which it rocks on its foot."""
     body = next(body for body in trials.world.bodies if body.name == item.name)
-    if not _can_rock(trials, item, body):
+    if item.name in facing or not _can_rock(trials, item, body):
         return
     first_angle, smaller_angle, larger_angle = TRIAL.rocks
     candidate = _tip(trials, item, direction[0], first_angle)

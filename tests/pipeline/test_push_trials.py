@@ -203,7 +203,7 @@ def test_a_push_up_to_the_border_counts_less(tmp_path: Path) -> None:
 
 def test_a_slide_of_a_hand_counts_in_full(tmp_path: Path) -> None:
     """A longer one uncovers more of what is filled in, and tells no more."""
-    trials = trials_of(tmp_path, box("crate", 200, 80, 30))
+    trials = trials_of(tmp_path, box("crate", 200, 80, 50))
     chosen = choose_push(trials, {}, {})
     assert chosen is not None
     assert TRIAL.slide < chosen.outcome.travel < 2.2 * TRIAL.slide
@@ -250,7 +250,7 @@ def count_trials(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, float]]:
 def test_the_chosen_push_is_tried_once_with_its_ramp(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    trials = trials_of(tmp_path, box("crate", 150, 60, 20))
+    trials = trials_of(tmp_path, box("crate", 150, 60, 40))
     tried = count_trials(monkeypatch)
     chosen = choose_push(trials, {}, {})
     assert chosen is not None
