@@ -285,7 +285,7 @@ def _chosen_push(
     are raised to `least`.
     """
     from physgen.compile.shapes import shapes_of
-    from physgen.pipeline.push_choice import push_confidence, round_footed
+    from physgen.pipeline.push_choice import push_confidence, round_ends
     from physgen.pipeline.pushes import default_push
 
     objects = perceived.document["objects"]
@@ -305,7 +305,7 @@ def _chosen_push(
         facing,
         barred,
         ramp,
-        round_footed(perceived),
+        round_ends(perceived),
     )
 
 

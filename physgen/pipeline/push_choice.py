@@ -37,28 +37,36 @@ def push_confidence(
     return confidence
 
 
-def round_footed(perceived: PerceivedScene) -> set[str]:
-    """Return the names of objects with a round foot, which stand on a hidden base."""
-    names = set()
+def round_ends(perceived: PerceivedScene) -> set[tuple[str, str]]:
+    """Return the names of objects with a round foot, and the side of the round end.
+
+    Such an object stands on a hidden base.
+    """
+    ends = set()
     for name, item in perceived.document["objects"].items():
         corners = item.get("shape", {}).get("polygon")
         if corners is None:
             continue
         mask = perceived.percepts.labels == item["mask"]
-        if _has_round_foot(mask, np.array(corners, np.float64)):
-            names.add(name)
-    return names
+        for side in _round_sides(mask, np.array(corners, np.float64)):
+            ends.add((name, side))
+    return ends
 
 
-def _has_round_foot(mask: NDArray[np.bool_], corners: NDArray[np.float64]) -> bool:
-    """Check whether a mask is above the ground at an end of its polygon's foot."""
+def _round_sides(mask: NDArray[np.bool_], corners: NDArray[np.float64]) -> list[str]:
+    """Return the sides on which a mask ends above the foot of its polygon."""
     foot_row = float(corners[:, 1].max())
     height = float(np.ptp(corners[:, 1]))
     foot = corners[corners[:, 1] > foot_row - TRIAL.foot * height, 0]
     last_column = mask.shape[1] - 1
-    for column in (int(np.ceil(foot.min())), int(np.floor(foot.max()))):
+    end_columns = {
+        "left": int(np.ceil(foot.min())),
+        "right": int(np.floor(foot.max())),
+    }
+    sides = []
+    for side, column in end_columns.items():
         rows = np.flatnonzero(mask[:, min(max(column, 0), last_column)])
         gap = foot_row - float(rows.max(initial=-1))
         if len(rows) and gap > TRIAL.round_foot * height:
-            return True
-    return False
+            sides.append(side)
+    return sides

@@ -252,8 +252,10 @@ class TrialScene:
     """
     ramp: float | None = None
     """Given time of a push, s; None: that of some frames, or at once."""
-    round_names: frozenset[str] = frozenset()
-    """Names of objects with a round foot, which no hand tips."""
+    round_ends: frozenset[tuple[str, str]] = frozenset()
+    """Names of objects with a round foot, and the side, `left` or `right`, over which
+    no hand tips them.
+    """
 
     @property
     def side(self) -> int:

@@ -63,14 +63,14 @@ def compile_trials(
     unseen: Collection[str] = (),
     barred: Mapping[str, str] = MappingProxyType({}),
     ramp: float | None = None,
-    round_names: Collection[str] = (),
+    round_ends: Collection[tuple[str, str]] = (),
 ) -> TrialScene:
     """Compile the common world of all trials of a scene. Raises InputError."""
     from physgen.compile.compile import compile_shapes
 
     world = compile_shapes(scene, shapes).world
-    names = frozenset(round_names)
-    return TrialScene(scene, world, frozenset(unseen), barred, ramp, names)
+    ends = frozenset(round_ends)
+    return TrialScene(scene, world, frozenset(unseen), barred, ramp, ends)
 
 
 def choose_push(
@@ -198,10 +198,19 @@ def _candidates(
     # A search yields the same speed again if it halves an interval to it.
     known_pushes: set[tuple[str, Direction, float]] = set()
     sorted_pushes = rank_pushes(trials, confidence)[: TRIAL.more]
-    effort = _SearchEffort(_highest_score(trials), _loaded_names(trials))
+    highest_score = _highest_score(trials)
     dynamic_bodies = [b for b in world.bodies if b.motion is Motion.DYNAMIC]
+    search = _search
     # Among others, an object should touch them: only a lone object rocks.
-    search = _pushes_of_pair if len(dynamic_bodies) == 1 else _search
+    if len(dynamic_bodies) == 1:
+        search = _pushes_of_pair
+        # A slide to one side is no reason not to try the other side.
+        if not is_tall(dynamic_bodies[0]) and any(
+            _can_rock(trials, item, direction[0], facing)
+            for item, direction in sorted_pushes
+        ):
+            highest_score += TRIAL.rocking
+    effort = _SearchEffort(highest_score, _loaded_names(trials))
     for pair in sorted_pushes:
         if effort.ends_before_pair():
             return
@@ -355,8 +364,7 @@ def _tips(
     world: World,
 ) -> Iterator[Candidate]:
     """Yield pushes at the top of an object, by which it rocks on its foot."""
-    body = next(body for body in trials.world.bodies if body.name == item.name)
-    if item.name in facing or not _can_rock(trials, item, body):
+    if not _can_rock(trials, item, direction[0], facing):
         return
     first_angle, smaller_angle, larger_angle = TRIAL.rocks
     candidate = _tip(trials, item, direction[0], first_angle)
@@ -373,16 +381,23 @@ def _tips(
     yield _try(trials, candidate, facing, world)
 
 
-def _can_rock(trials: TrialScene, item: Object, body: Body) -> bool:
+def _can_rock(
+    trials: TrialScene, item: Object, side: float, facing: Mapping[str, str]
+) -> bool:
     """Check whether a hand at its top tips an object: vehicles and plates glide."""
+    body = next(body for body in trials.world.bodies if body.name == item.name)
     if trials.scene.world.view is not View.SIDE or body.radius is not None:
         return False
-    if item.wheels or item.facing or item.name in trials.round_names:
+    is_vehicle = item.wheels or item.facing or item.name in facing
+    if is_vehicle or item.name in _loaded_names(trials):
+        return False
+    end = "right" if side > 0 else "left"
+    if (item.name, end) in trials.round_ends:
         return False
     width, height = measure_extent(body)
     is_filling = max(width, height) > TRIAL.filling * trials.side
     is_flat = height < TRIAL.flat * width
-    return not (is_filling or is_flat or item.name in _loaded_names(trials))
+    return not (is_filling or is_flat)
 
 
 def _tip(trials: TrialScene, item: Object, side: float, angle: float) -> Candidate:

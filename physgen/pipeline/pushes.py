@@ -75,7 +75,7 @@ def default_push(
     facing: Mapping[str, str] | None = None,
     barred: Mapping[str, str] | None = None,
     ramp: float | None = None,
-    round_names: Collection[str] = (),
+    round_ends: Collection[tuple[str, str]] = (),
 ) -> Push | None:
     """Return the push of a short story inside the picture.
 
@@ -84,9 +84,9 @@ def default_push(
     `unseen` are walls outside the photo: a rebound from them would look like a rebound
     from empty space. `facing` are the sides to which vehicles drive, and `barred` the
     sides to which objects are not pushed. `ramp`: given time of the push, s.
-    `round_names` are objects with a round foot.
+    `round_ends` are objects with a round foot, and the side over which they never tip.
     """
-    trials = compile_trials(scene, shapes, unseen, barred or {}, ramp, round_names)
+    trials = compile_trials(scene, shapes, unseen, barred or {}, ramp, round_ends)
     best_trial = choose_push(trials, confidence, facing or {})
     if best_trial is None:
         return None

@@ -14,7 +14,7 @@ import pytest
 from physgen import pipeline
 from physgen.compile.shapes import shapes_of
 from physgen.perceive.roles import PerceivedScene
-from physgen.pipeline.push_choice import round_footed
+from physgen.pipeline.push_choice import round_ends
 from physgen.pipeline.push_motion import tipping_motion
 from physgen.pipeline.push_outcomes import TRIAL, Grade, TrialScene
 from physgen.pipeline.push_trials import choose_push, compile_trials
@@ -24,7 +24,10 @@ WIDTH, HEIGHT = 80, 70
 
 
 def box_trials(
-    tmp_path: Path, size: str, motion: str = "", round_names: Collection[str] = ()
+    tmp_path: Path,
+    size: str,
+    motion: str = "",
+    round_ends: Collection[tuple[str, str]] = (),
 ) -> TrialScene:
     """Compile a lone box of a size, px, on a floor in the side view."""
     height = float(size.strip("[]").split(",")[1])
@@ -36,7 +39,7 @@ def box_trials(
         "boundaries: {floor: {segment: [[-400, 250], [800, 250]], friction: 0.8}}\n"
     )
     scene = pipeline.load(path)
-    return compile_trials(scene, shapes_of(scene, None), round_names=round_names)
+    return compile_trials(scene, shapes_of(scene, None), round_ends=round_ends)
 
 
 @pytest.mark.parametrize(("side", "ramp"), [(1.0, 0.0), (-1.0, 0.0), (1.0, 0.05)])
@@ -92,8 +95,17 @@ def test_object_that_fills_the_picture_slides(tmp_path: Path) -> None:
     assert chosen is None or not chosen.spin
 
 
+def test_object_tips_only_over_a_visible_end(tmp_path: Path) -> None:
+    ends = [("box", "right")]
+    chosen = choose_push(box_trials(tmp_path, f"[{WIDTH}, {HEIGHT}]", "", ends), {}, {})
+    assert chosen is not None
+    assert chosen.spin < 0
+
+
 def test_object_with_a_round_foot_slides(tmp_path: Path) -> None:
-    trials = box_trials(tmp_path, f"[{WIDTH}, {HEIGHT}]", round_names=["box"])
+    trials = box_trials(
+        tmp_path, f"[{WIDTH}, {HEIGHT}]", round_ends=[("box", "left"), ("box", "right")]
+    )
     chosen = choose_push(trials, {}, {})
     assert chosen is not None
     assert not chosen.spin
@@ -110,6 +122,5 @@ def test_foot_is_round_above_the_ends_of_its_base(is_round: bool) -> None:
     perceived = SimpleNamespace(
         document={"objects": objects}, percepts=SimpleNamespace(labels=labels)
     )
-    assert round_footed(cast(PerceivedScene, perceived)) == (
-        {"toy"} if is_round else set()
-    )
+    ends = round_ends(cast(PerceivedScene, perceived))
+    assert ends == ({("toy", "left"), ("toy", "right")} if is_round else set())
