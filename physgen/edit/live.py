@@ -334,7 +334,7 @@ class MotionStream:
             )
             times = np.unique(np.concatenate([subframe_times.ravel(), frames]))
         self._frames = np.searchsorted(times, frames)
-        self._running = Running(world, times, most=0)
+        self._running = Running(world, times, max_bytes=0)
         self.problems: list[Problem] = []
         """Reasons for an early end of the motion."""
 

@@ -21,7 +21,7 @@ from physgen.geometry.polygon import Array, rotation
 from physgen.render.camera import Shot
 from physgen.render.contacts import Impact, find_impacts
 from physgen.scene.scene import Load, Motion, Play, Point
-from physgen.simulate.ramps import is_ramped
+from physgen.simulate.ramps import has_ramp
 from physgen.simulate.trajectory import (
     REST_SPEED,
     REST_TURN,
@@ -313,7 +313,7 @@ def _moves_at_start(body: Body, velocity: Array) -> bool:
     if body.motion is Motion.SCRIPTED:
         return bool(np.abs(velocity).max() > 0)
     # A push that starts smoothly is a start of motion, not a motion at t = 0.
-    if is_ramped(body):
+    if has_ramp(body):
         return False
     is_fast = np.hypot(*body.velocity) >= REST_SPEED
     is_spinning = abs(body.spin) >= radians(REST_TURN)

@@ -18,7 +18,7 @@ from physgen.compile.world import (
 )
 from physgen.export.labels import Clip, Scale, Writer, write_json
 from physgen.scene.scene import Boundary, FieldKind, JointKind, Load, Object, Scene
-from physgen.simulate.ramps import is_ramped
+from physgen.simulate.ramps import has_ramp
 
 UNITS = {
     "size, place, radius, length": "px",
@@ -94,7 +94,7 @@ def physics(clip: Clip) -> dict[str, Any]:
     return {
         "version": 1,
         "clip": clip.name,
-        "units": UNITS | (RAMP_UNIT if any(map(is_ramped, world.bodies)) else {}),
+        "units": UNITS | (RAMP_UNIT if any(map(has_ramp, world.bodies)) else {}),
         "scale": scale.as_dict(),
         "view": world.view.value,
         "size": list(world.size),
@@ -150,7 +150,7 @@ def _object(
         "velocity": list(item.velocity),
         "velocity_m_s": [scale.meters(value) for value in item.velocity],
         "spin": item.spin,
-        **({"ramp": body.ramp} if is_ramped(body) else {}),
+        **({"ramp": body.ramp} if has_ramp(body) else {}),
         **_select_stated(item, CONTACT_KEYS, (None,)),
         "from": _sources(scene, f"objects.{item.name}", SOURCE_KEYS, item.provenance),
     }

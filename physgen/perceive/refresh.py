@@ -367,7 +367,7 @@ def merge_documents(
                 # An object with new pixels gets the motion of those pixels.
                 moves = {
                     key: new_entry[key]
-                    for key in ("motion", "velocity")
+                    for key in ("motion", "velocity", "spin")
                     if key in new_entry
                 }
                 objects[name] = {

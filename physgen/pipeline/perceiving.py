@@ -626,7 +626,7 @@ def _refresh(opened: OpenedScene, text: str, run: _Refresh) -> str:
         object_entry = document["objects"][name] | moving.get(name, {})
         summary_objects[name] = summary_objects[name] | {
             key: object_entry[key]
-            for key in ("motion", "velocity")
+            for key in ("motion", "velocity", "spin")
             if key in object_entry
         }
     summary_document = {

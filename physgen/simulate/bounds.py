@@ -56,13 +56,13 @@ SINGULAR = 1e-10
 class Places(Protocol):
     """Positions of points on bodies."""
 
-    def find(self, body: int, at: Array) -> tuple[list[float], float, float]:
-        """Return the pose of a body, and px from its centre to the point `at` (2,) of
+    def find(self, body: int, point: Array) -> tuple[list[float], float, float]:
+        """Return the pose of a body, and px from its centre to the point (2,) of
         it.
         """
 
 
-class Bound(NamedTuple):
+class BoundedRow(NamedTuple):
     """A speed of a group's motion with a lower limit.
 
     An impulse between `low` and `high` keeps the speed from falling below the limit.
@@ -74,7 +74,7 @@ class Bound(NamedTuple):
     """Least speed; for a bound of both directions, the wanted speed."""
     low: float
     high: float
-    is_driven: bool = False
+    is_motor: bool = False
     """Whether the bound does the work of a motor."""
 
 
@@ -157,7 +157,8 @@ def _rail(
         arm2 = x - pose[0], y - pose[1]
     length = hypot(ux, uy)
     ux, uy = ux / length, uy / length
-    along_row, across_row = [0.0] * size, [0.0] * size
+    along_row = [0.0] * size
+    across_row = [0.0] * size
     # Both rows measure the relative speed: one along the rail, one across it.
     for row, (wx, wy) in ((along_row, (ux, uy)), (across_row, (-uy, ux))):
         _add(row, place, body, (wx, wy), (arm[0], arm[1]))
@@ -194,7 +195,7 @@ def bounds_of(
     h: float,
     strength: float | None,
     near: float = TAUT,
-) -> list[Bound]:
+) -> list[BoundedRow]:
     """Return the bounds of a joint in a step of h seconds; motors have `strength` times
     their limit.
 
@@ -202,7 +203,7 @@ def bounds_of(
     `near` px, or `near` times `ANGLE_NEAR` rad.
     """
     rows: list[tuple[list[float], float]] = []
-    bounds: list[Bound] = []
+    bounds: list[BoundedRow] = []
     if joint.kind is JointKind.SLIDER:
         along_row, _, position, _, length = _rail(joint, place, spots, size)
         rows = [(along_row, position), ([-v for v in along_row], length - position)]
@@ -210,7 +211,7 @@ def bounds_of(
             largest_impulse = joint.force * h * strength
             speed = _speed_in_bounds(joint.drive, position, length - position, h)
             bounds.append(
-                Bound(along_row, speed, -largest_impulse, largest_impulse, True)
+                BoundedRow(along_row, speed, -largest_impulse, largest_impulse, True)
             )
     elif joint.kind in (JointKind.ROPE, JointKind.PULLEY):
         rows = [_rope(joint, place, spots, size)]
@@ -227,15 +228,17 @@ def bounds_of(
             ]
         if joint.friction > 0 and strength is not None:
             largest_impulse = joint.friction * h * strength
-            bounds.append(Bound(turning, 0.0, -largest_impulse, largest_impulse, True))
+            bounds.append(
+                BoundedRow(turning, 0.0, -largest_impulse, largest_impulse, True)
+            )
     unit = ANGLE_NEAR if joint.kind in UNIFORM else 1.0
     for row, distance in rows:
         # Within a step, a bound may close at the speed with which it is reached at the
         # step's end.
         if strength is not None:
-            bounds.append(Bound(row, -distance / h, 0.0, inf))
+            bounds.append(BoundedRow(row, -distance / h, 0.0, inf))
         elif distance <= max(TAUT, near * unit):
-            bounds.append(Bound(row, 0.0, 0.0, inf))
+            bounds.append(BoundedRow(row, 0.0, 0.0, inf))
     return bounds
 
 
@@ -255,16 +258,18 @@ def motor_bound(
     size: int,
     h: float,
     strength: float,
-) -> Bound:
+) -> BoundedRow:
     """Return the bound of a motor in a step of h seconds, with `strength` times its
     limit.
     """
-    speed, largest_impulse = joint.speed, joint.limit * h * strength
+    speed = joint.speed
+    largest_impulse = joint.limit * h * strength
     if joint.limits is not None:
         angle = _angle(joint.first, spots) - _angle(joint.second, spots)
-        room_behind, room_ahead = angle - joint.limits[0], joint.limits[1] - angle
+        room_behind = angle - joint.limits[0]
+        room_ahead = joint.limits[1] - angle
         speed = _speed_in_bounds(speed, room_behind, room_ahead, h)
-    return Bound(
+    return BoundedRow(
         motor_row(joint, place, size), speed, -largest_impulse, largest_impulse, True
     )
 
@@ -273,7 +278,8 @@ def _rope(
     joint: Joint, place: dict[int, int], spots: Places, size: int
 ) -> tuple[list[float], float]:
     """Return the row of the speed at which a rope slackens, and its slack, px."""
-    row, length = [0.0] * size, 0.0
+    row = [0.0] * size
+    length = 0.0
     ends = end(joint, 0, spots), end(joint, 1, spots)
     for number, (body, x, y, *arm) in enumerate(ends):
         if joint.kind is JointKind.PULLEY:
@@ -326,7 +332,8 @@ def bounded_impulses(
     1974).
     """
     count = len(goal)
-    is_low, is_high = low == 0.0, np.zeros(count, bool)
+    is_low = low == 0.0
+    is_high = np.zeros(count, bool)
     impulse = np.zeros(count)
     for number in range(MOST_EXCHANGES):
         is_free = ~(is_low | is_high)
@@ -377,10 +384,10 @@ class BoundedMotion(NamedTuple):
     velocity: Array
     work: float
     """Work of motors, g·px²/s²."""
-    lost: float
+    loss: float
     """Energy taken by friction and by reached bounds, g·px²/s²."""
-    early: float = 0.0
-    """Part of `lost` that is already missing in the mean of the velocities before and
+    early_loss: float = 0.0
+    """Part of `loss` that is already missing in the mean of the velocities before and
     after.
     """
 
@@ -392,11 +399,11 @@ class BoundedGroup:
         self._steps: dict[int, int] = {}
         """Number of consecutive steps in which each bound held."""
 
-    def hold(
+    def constrain(
         self,
         rows: list[list[float]],
         speeds: list[float],
-        bounds: list[Bound],
+        bounds: list[BoundedRow],
         light: list[float],
         before: list[float],
         within: Array | None,
@@ -407,7 +414,8 @@ class BoundedGroup:
         `light`: 1/mass and 1/moment of each velocity in `before`; `within`: velocities
         before lasting forces changed them, None outside a step.
         """
-        start_velocities, inverse_masses = np.array(before), np.array(light)
+        start_velocities = np.array(before)
+        inverse_masses = np.array(light)
         all_rows = [*rows, *(bound.row for bound in bounds)]
         if not all_rows:
             return BoundedMotion(start_velocities, 0.0, 0.0)
@@ -424,7 +432,7 @@ class BoundedGroup:
         impulse, _ = bounded_impulses(response, goal, low, high)
         after = start_velocities + inverse_masses * (J.T @ impulse)
         works = (impulse * (J @ (start_velocities + after)) / 2)[count:].tolist()
-        driven_bounds = [k for k, bound in enumerate(bounds) if bound.is_driven]
+        driven_bounds = [k for k, bound in enumerate(bounds) if bound.is_motor]
         work = sum(max(works[k], 0.0) for k in driven_bounds)
         loss = sum(max(-works[k], 0.0) for k in driven_bounds)
         early_loss = 0.0

@@ -31,14 +31,16 @@ class Breakages:
     """The unbroken joints of a world with a limit of force."""
 
     def __init__(self, world: World) -> None:
-        self._whole = [joint for joint in world.joints if isfinite(joint.breaks)]
+        self._intact_joints = [
+            joint for joint in world.joints if isfinite(joint.breaks)
+        ]
         bodies = world.bodies
         weights = [[body.mass, body.mass, body.moment] for body in bodies]
-        dynamic = [body.motion is Motion.DYNAMIC for body in bodies]
-        self._weight = np.where(np.array(dynamic)[:, None], weights, 0.0)
+        is_dynamic = [body.motion is Motion.DYNAMIC for body in bodies]
+        self._weight = np.where(np.array(is_dynamic)[:, None], weights, 0.0)
         self._gravity = np.append(world.gravity, 0.0)
-        self._last: dict[str, deque[tuple[float, float]]] = {
-            joint.name: deque() for joint in self._whole
+        self._histories: dict[str, deque[tuple[float, float]]] = {
+            joint.name: deque() for joint in self._intact_joints
         }
         """Duration, s, and impulse, g·px/s, of the last steps by the name of a
         joint.
@@ -47,9 +49,9 @@ class Breakages:
     @property
     def busy(self) -> bool:
         """Check whether any joint may break."""
-        return bool(self._whole)
+        return bool(self._intact_joints)
 
-    def unexplained(
+    def joint_impulses(
         self,
         change: Array,
         pose: Array,
@@ -93,21 +95,26 @@ class Breakages:
         return np.where(self._weight > 0, impulse, 0.0)
 
     def review(
-        self, joined: Assemblies, pose: Array, impulse: Array, h: float, is_blow: bool
+        self,
+        assemblies: Assemblies,
+        pose: Array,
+        impulse: Array,
+        h: float,
+        is_blow: bool,
     ) -> list[Joint]:
         """Return the joints that break in a step of h seconds.
 
         `impulse` (N, 3) of the joints in the step; `is_blow`: impacts occurred, and the
         angular impulses are unknown.
         """
-        reactions = joined.reactions(pose, impulse, is_blow)
+        reactions = assemblies.reactions(pose, impulse, is_blow)
         broken_joints = []
-        for joint in self._whole:
+        for joint in self._intact_joints:
             if joint.kind in SPRINGS:
                 size = h * joint.stiffness * abs(_length(joint, pose) - joint.length)
             else:
                 size = reactions.get(joint.name, 0.0)
-            history = self._last[joint.name]
+            history = self._histories[joint.name]
             history.append((h, size))
             # Keep just as many steps as fill the window.
             while len(history) > 1 and sum(
@@ -120,7 +127,9 @@ class Breakages:
                 > joint.breaks
             ):
                 broken_joints.append(joint)
-        self._whole = [joint for joint in self._whole if joint not in broken_joints]
+        self._intact_joints = [
+            joint for joint in self._intact_joints if joint not in broken_joints
+        ]
         return broken_joints
 
 

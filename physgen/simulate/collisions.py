@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,40 +35,40 @@ class CollisionTuning:
     """Limits and tolerances of the impact solver."""
 
     sweeps: int = 300
-    few: int = 30
-    """Maximum number of passes over points that close together; `few` for heaps."""
+    heap_sweeps: int = 30
+    """Maximum number of passes over points that close together; `heap_sweeps` for heaps."""
     rounds: int = 400
     """Rounds of impacts within one instant; the engine treats the remaining points as
     inelastic."""
-    faint: float = 1e-4
+    echo_share: float = 1e-4
     """Share of a step's largest closing speed below which the engine treats a later
     impact as inelastic: echoes would never end otherwise."""
-    exact: float = 1e-13
-    nearly: float = 1e-5
-    """Relative change of impulses at which a solution has converged; `nearly` for
-    heaps.
+    tolerance: float = 1e-13
+    heap_tolerance: float = 1e-5
+    """Relative change of impulses at which a solution has converged; `heap_tolerance`
+    for heaps.
     """
-    base: float = 2e6
-    per_second: float = 1e6
+    start_work: float = 2e6
+    work_per_second: float = 1e6
     """Work of a run, in passes over points: at its begin, and per second of the scene.
 
     The bundled scenes need less than 1 % of it. Beyond the limit, each step has one
     round: a ton on a saucer must not take hours."""
-    crowd: int = 500  # contact points of a heap
-    dense: int = 40
+    heap_points: int = 500  # contact points of a heap
+    dense_count: int = 40
     """Number of speeds that a point changes above which arrays are faster than lists,
     measured with 10 to 100 points.
     """
-    aheads: int = 2
+    max_poses: int = 2
     """Number of poses at which the joints must allow a velocity: now, and a
     step later.
     """
-    together: float = 0.02
+    simultaneity: float = 0.02
     """Share of a step within which two contacts of one body are simultaneous."""
 
 
 TUNING = CollisionTuning()
-LEAST_JOLT = 0.1
+MIN_JOLT = 0.1
 """Share of the threshold of impacts below which motion is not tested against joints."""
 
 
@@ -75,14 +76,14 @@ class WorkBudget:
     """The limit on a run's work: passes over points that close together."""
 
     def __init__(self, bodies: int) -> None:
-        self._crowd = 1 + bodies / TUNING.crowd
-        self._left = TUNING.base * self._crowd
+        self._crowd = 1 + bodies / TUNING.heap_points
+        self._left = TUNING.start_work * self._crowd
         self.exceeded_by: tuple[int, int] | None = None
         """The first pair of the group that used up the budget."""
 
     def grant(self, seconds: float) -> None:
         """Add the work for a step of the scene."""
-        self._left += TUNING.per_second * seconds * self._crowd
+        self._left += TUNING.work_per_second * seconds * self._crowd
 
     def spend(self, passes: int, points: list[Point]) -> None:
         """Subtract passes over points."""
@@ -105,14 +106,14 @@ def single_point_impulse(
     if mu == 0:
         return target / nn, 0.0
     determinant = nn * tt - nt * nt
-    jn, jt = (
-        (target * tt + nt * vt) / determinant,
-        (-nt * target - nn * vt) / determinant,
-    )
+    jn = (target * tt + nt * vt) / determinant
+    jt = (-nt * target - nn * vt) / determinant
     if jn <= 0 or abs(jt) > mu * jn:
         # Friction cannot hold the point: it acts with its full coefficient against the
         # sliding.
-        side = (1.0 if jt > 0 else -1.0) if jt else (-1.0 if vt > 0 else 1.0)
+        side = 1.0 if jt > 0 else -1.0
+        if jt == 0:
+            side = -1.0 if vt > 0 else 1.0
         grip = nn + side * mu * nt
         # With this friction, the point would wedge: no finite impulse reverses it.
         if grip < 1e-9 * nn:
@@ -150,7 +151,8 @@ def simultaneous_impulses(
         matrix, before, [0.0] * len(elasticity), friction, exact
     )
     # Bisect between the inelastic and the full solution.
-    share, step = 0.0, 0.5
+    share = 0.0
+    step = 0.5
     for _ in range(30):
         if _gain(matrix, before, inelastic + (share + step) * (full - inelastic)) <= 0:
             share += step
@@ -178,90 +180,110 @@ def _solve_impulses(
 
     No point pulls, each rebounds as wanted, and friction stays within its cone.
     """
-    if np.count_nonzero(matrix) > TUNING.dense * len(before):
+    if np.count_nonzero(matrix) > TUNING.dense_count * len(before):
         return _solve_dense_impulses(matrix, before, elasticity, friction, exact)
     speed = before.tolist()
-    impulse, inverse_diagonal = (
-        [0.0] * len(speed),
-        [1.0 / max(d, 1e-300) for d in np.diag(matrix).tolist()],
-    )
-    goals = [-e * min(v, 0.0) for e, v in zip(elasticity, speed[::2], strict=True)]
-    # Each point changes the speeds of few others: store the matrix by sparse columns.
-    columns: list[list[tuple[int, float]]] = [[] for _ in speed]
-    rows, columns_of_values = np.nonzero(matrix)
-    for row, column_index, value in zip(
-        rows.tolist(),
-        columns_of_values.tolist(),
-        matrix[rows, columns_of_values].tolist(),
-        strict=True,
-    ):
-        columns[column_index].append((row, value))
-    normals, sides = range(0, len(speed), 2), range(1, len(speed), 2)
-    points = list(
-        zip(
-            normals,
-            sides,
-            goals,
-            friction,
-            inverse_diagonal[::2],
-            inverse_diagonal[1::2],
-            columns[::2],
-            columns[1::2],
-            strict=True,
-        )
-    )
-    for passes in range(1, 1 + (TUNING.sweeps if exact < 1e-6 else TUNING.few)):  # noqa: B007 - counts
+    impulse = [0.0] * len(before)
+    points = _point_equations(matrix, speed, elasticity, friction)
+    largest_change = 0.0
+    for passes in range(1, 1 + _max_passes(exact)):  # noqa: B007 - counts
         # Each point in turn takes the impulse that would give it its goal, while all
-        # others keep theirs; the passes converge as in any Gauss-Seidel method.
+        # others keep theirs; the passes converge as in any Gauss-Seidel method. The
+        # loop calls no functions, because it takes most of the time of a heap.
         largest_change = largest_impulse = 0.0
-        for (
-            normal_row,
-            tangent_row,
-            goal,
-            mu,
-            inverse_normal,
-            inverse_tangent,
-            normal_column,
-            tangent_column,
-        ) in points:
-            new_impulse = (
-                impulse[normal_row] + (goal - speed[normal_row]) * inverse_normal
-            )
+        for n, t, goal, mu, inverse_nn, inverse_tt, n_column, t_column in points:
+            new_impulse = impulse[n] + (goal - speed[n]) * inverse_nn
             # A contact pushes and never pulls. `not >` also catches NaN.
             if not new_impulse > 0.0:
                 new_impulse = 0.0
-            impulse_step = new_impulse - impulse[normal_row]
-            if impulse_step:
-                impulse[normal_row] = new_impulse
-                for k, value in normal_column:
-                    speed[k] += impulse_step * value
-                if impulse_step > largest_change or -impulse_step > largest_change:
-                    largest_change = abs(impulse_step)
+            change = new_impulse - impulse[n]
+            if change:
+                impulse[n] = new_impulse
+                for k, value in n_column:
+                    speed[k] += change * value
+                if change > largest_change or -change > largest_change:
+                    largest_change = abs(change)
             if new_impulse > largest_impulse:
                 largest_impulse = new_impulse
             # Coulomb's law: friction stops the slip, within mu times the normal
             # impulse.
             if mu > 0:
-                friction_limit, new_impulse = (
-                    mu * new_impulse,
-                    impulse[tangent_row] - speed[tangent_row] * inverse_tangent,
-                )
-                if not -friction_limit < new_impulse < friction_limit:
-                    new_impulse = (
-                        friction_limit if new_impulse > 0.0 else -friction_limit
-                    )
-                impulse_step = new_impulse - impulse[tangent_row]
-                if impulse_step:
-                    impulse[tangent_row] = new_impulse
-                    for k, value in tangent_column:
-                        speed[k] += impulse_step * value
-                    if impulse_step > largest_change or -impulse_step > largest_change:
-                        largest_change = abs(impulse_step)
+                limit = mu * new_impulse
+                new_impulse = impulse[t] - speed[t] * inverse_tt
+                if not -limit < new_impulse < limit:
+                    new_impulse = limit if new_impulse > 0.0 else -limit
+                change = new_impulse - impulse[t]
+                if change:
+                    impulse[t] = new_impulse
+                    for k, value in t_column:
+                        speed[k] += change * value
+                    if change > largest_change or -change > largest_change:
+                        largest_change = abs(change)
         # The change of a pass relative to the largest impulse estimates the relative
         # error.
         if largest_change <= exact * largest_impulse:
             break
     return np.array(impulse), passes
+
+
+def _max_passes(exact: float) -> int:
+    """Return the largest number of passes for a relative change of impulses."""
+    if exact < 1e-6:
+        return TUNING.sweeps
+    return TUNING.heap_sweeps
+
+
+def _inverse_diagonal(matrix: Array) -> list[float]:
+    """Return the inverse of each diagonal element; large numbers for zeros."""
+    return [1.0 / max(d, 1e-300) for d in np.diag(matrix).tolist()]
+
+
+def _leaving_speeds(elasticity: list[float], speed: list[float]) -> list[float]:
+    """Return the speeds at which points should leave, by Newton's rule.
+
+    `speed` (2P,): normal and along the surface in turn; negative if a point closes.
+    """
+    pairs = zip(elasticity, speed[::2], strict=True)
+    return [-e * min(v, 0.0) for e, v in pairs]
+
+
+Column = list[tuple[int, float]]
+"""Rows and values of the nonzero elements of a matrix column."""
+PointEquation = tuple[int, int, float, float, float, float, Column, Column]
+"""Of one point: its rows, normal and along the surface; the speed to leave with; the
+coefficient of friction; the inverse diagonal elements; the columns of both rows.
+"""
+
+
+def _point_equations(
+    matrix: Array, speed: list[float], elasticity: list[float], friction: list[float]
+) -> list[PointEquation]:
+    """Return the equation of each point, with the columns of a sparse matrix."""
+    # Each point changes the speeds of few others: store the matrix by sparse columns.
+    columns: list[Column] = [[] for _ in speed]
+    rows, column_numbers = np.nonzero(matrix)
+    values = matrix[rows, column_numbers].tolist()
+    elements = zip(rows.tolist(), column_numbers.tolist(), values, strict=True)
+    for row, column_number, value in elements:
+        columns[column_number].append((row, value))
+    inverse_diagonal = _inverse_diagonal(matrix)
+    goals = _leaving_speeds(elasticity, speed)
+    points: list[PointEquation] = []
+    for number, (goal, mu) in enumerate(zip(goals, friction, strict=True)):
+        n, t = 2 * number, 2 * number + 1
+        points.append(
+            (
+                n,
+                t,
+                goal,
+                mu,
+                inverse_diagonal[n],
+                inverse_diagonal[t],
+                columns[n],
+                columns[t],
+            )
+        )
+    return points
 
 
 def _solve_dense_impulses(
@@ -274,15 +296,13 @@ def _solve_dense_impulses(
     """Solve like `_solve_impulses`, to the bit, for points that change the speeds of many
     others.
     """
-    speed, impulse = before.copy(), [0.0] * len(before)
+    speed = before.copy()
+    impulse = [0.0] * len(before)
     # One product with a whole column is faster than a loop over many entries.
     columns = np.ascontiguousarray(matrix.T)
-    inverse_diagonal = [1.0 / max(d, 1e-300) for d in np.diag(matrix).tolist()]
-    goals = [
-        -e * min(v, 0.0) for e, v in zip(elasticity, before[::2].tolist(), strict=True)
-    ]
-    maximum = TUNING.sweeps if exact < 1e-6 else TUNING.few
-    for passes in range(1, 1 + maximum):  # noqa: B007 - counts
+    inverse_diagonal = _inverse_diagonal(matrix)
+    goals = _leaving_speeds(elasticity, before.tolist())
+    for passes in range(1, 1 + _max_passes(exact)):  # noqa: B007 - counts
         largest_change = largest_impulse = 0.0
         for point, (goal, mu) in enumerate(zip(goals, friction, strict=True)):
             n, t = 2 * point, 2 * point + 1
@@ -313,6 +333,46 @@ def _solve_dense_impulses(
     return np.array(impulse), passes
 
 
+class ImpactEquations(NamedTuple):
+    """P points and taut joints that close together, on n bodies."""
+
+    jacobian: Array  # (2P, 3n): closing and sliding speeds by velocities of bodies
+    speeds: Array  # (2P,) px/s before the impact
+    elasticity: list[float]  # (P,)
+    friction: list[float]  # (P,) coefficients
+    inverse_masses: Array  # (3n,): 1/mass, 1/mass, 1/moment of each body
+
+
+class ImpactSolution(NamedTuple):
+    """The impulses of points that close together, with the effect of joints."""
+
+    impulses: Array  # (2P,)
+    response_to_points: Array  # (3n, 2P): changes of velocities by unit impulses
+    removed_velocities: Array  # (3n,): parts that joints exclude
+
+
+def _point_jacobian(points: list[Point], bodies: list[int]) -> Array:
+    """Return the closing and sliding speeds of points by velocities of bodies.
+
+    Its shape is (2P, 3n); the rows alternate between both directions.
+    """
+    first_column = {body: 3 * k for k, body in enumerate(bodies)}
+    jacobian = np.zeros((2 * len(points), 3 * len(bodies)))
+    for i, p in enumerate(points):
+        sides = (p.a, -1.0, p.na, p.ta), (p.b, 1.0, p.nb, p.tb)
+        for body, sign, normal_lever, tangent_lever in sides:
+            if body not in first_column:
+                continue
+            k = first_column[body]
+            jacobian[2 * i, k : k + 3] = sign * p.nx, sign * p.ny, sign * normal_lever
+            jacobian[2 * i + 1, k : k + 3] = (
+                -sign * p.ny,
+                sign * p.nx,
+                sign * tangent_lever,
+            )
+    return jacobian
+
+
 def _as_pairs(values: Array) -> list[tuple[float, float]]:
     """Return values (2P,), normal and along the surface in turn, as P pairs."""
     return [(float(normal), float(side)) for normal, side in values.reshape(-1, 2)]
@@ -330,7 +390,7 @@ class Impacts:
     second: Index
     impulse: Array  # (B, 2) g·px/s on the first bodies
     earlier: Array  # (B,) s before the end of the step
-    lost: float  # g·px²/s² lost to elasticity below 1 and to friction
+    loss: float  # g·px²/s² lost to elasticity below 1 and to friction
     work: float  # g·px²/s² of work by scripted bodies
 
 
@@ -351,51 +411,55 @@ class ImpactSolver:
     def __init__(
         self,
         properties: ContactProperties,
-        joined: Assemblies,
+        assemblies: Assemblies,
         motion: StepMotion,
         points: Points,
-        touched: Flags,
+        has_touched: Flags,
         h: float,
         threshold: float,
-        within: Array | None = None,
+        step_velocities: Array | None = None,
     ) -> None:
         """Find the points that close in a step.
 
-        `touched` (K,): pairs that already touched a step ago. `within`: (N, 3)
-        velocities within the step, if those of `motion` are the ones at its end: the
+        `has_touched` (K,): pairs that already touched a step ago. `step_velocities`:
+        (N, 3) within the step, if those of `motion` are the ones at its end: the
         contacts then act over the whole step.
         """
         points = points.sorted()
-        self._within = within
-        half_step = h / 2 if within is None else 0.0
+        self._step_velocities = step_velocities
+        half_step = h / 2 if step_velocities is None else 0.0
         self._middle = motion.pose - motion.velocity * half_step
         """Poses (N, 3) in the middle of the step, where joints permit its
         velocities.
         """
-        self._allowed: Array | None = None
-        self._properties, self._joined = properties, joined
-        self._pose, self._velocity, self._drift = (
-            motion.pose,
-            motion.velocity,
-            motion.drift,
-        )
-        self._found, self._h, self._threshold = points, h, threshold
-        self._own = points.closing > threshold
-        self._earlier = points.earlier(self._own, touched, h)
-        self._exact = (
-            TUNING.exact if len(points.first) < TUNING.crowd else TUNING.nearly
+        self._joint_velocities: Array | None = None
+        self._properties = properties
+        self._assemblies = assemblies
+        self._pose = motion.pose
+        self._velocity = motion.velocity
+        self._drift = motion.drift
+        self._contact_points = points
+        self._h = h
+        self._threshold = threshold
+        self._is_closing = points.closing > threshold
+        self._earlier = points.earlier(self._is_closing, has_touched, h)
+        self._tolerance = (
+            TUNING.tolerance
+            if len(points.first) < TUNING.heap_points
+            else TUNING.heap_tolerance
         )
         # A sorted list of points by body finds the points beside a body by bisection.
         partners = np.concatenate([points.first, points.second])
         order = np.argsort(partners, kind="stable")
-        self._owner, self._listed = partners[order], order % len(points.first)
+        self._owners = partners[order]
+        self._point_rows = order % len(points.first)
         self._points: dict[int, Point] = {}
-        self._v: dict[int, list[float]] = {}
-        self._shift: dict[int, list[float]] = {}
-        self._when: dict[int, float] = {}
-        self._leap: dict[int, tuple[float, float]] = {}
-        self._rows: list[tuple[int, int, float, float, float]] = []
-        self._lost = self._work = 0.0
+        self._velocities: dict[int, list[float]] = {}
+        self._shifts: dict[int, list[float]] = {}
+        self._impact_times: dict[int, float] = {}
+        self._drift_changes: dict[int, tuple[float, float]] = {}
+        self._impulse_rows: list[tuple[int, int, float, float, float]] = []
+        self._loss = self._work = 0.0
 
     def run(self, budget: WorkBudget) -> Impacts:
         """Resolve rounds of impacts until no point closes, or one round if the budget
@@ -404,45 +468,52 @@ class ImpactSolver:
         The engine treats the remaining points as inelastic.
         """
         self._budget = budget
-        closing = [int(k) for k in np.flatnonzero(self._own)]
+        closing = [int(k) for k in np.flatnonzero(self._is_closing)]
         smallest_speed = max(
-            self._threshold, TUNING.faint * float(self._found.closing.max())
+            self._threshold,
+            TUNING.echo_share * float(self._contact_points.closing.max()),
         )
         for number in range(TUNING.rounds):
             if not closing or (number and budget.exceeded_by):
                 break
-            closing_times = {k: self._time(k, number) for k in closing}
+            times = {k: self._closing_time(k, number) for k in closing}
             # Of all points that close, only the first of each body are solved: they
             # change which other points close, and when.
-            leading_points = self._leading(closing, closing_times)
-            self._begin(leading_points, closing_times)
-            moved_bodies = set[int]().union(
-                *(
-                    self._solve(group, closing_times)
-                    for group in self._groups(leading_points)
-                )
-            )
-            nearby_points = set(closing).union(
-                *(self._beside(body) for body in sorted(moved_bodies))
-            )
-            points = ((k, self._point(k)) for k in sorted(nearby_points))
-            closing = [
-                k
-                for k, point in points
-                if point.leaving(self._speeds(point.a), self._speeds(point.b))
-                < -smallest_speed
-            ]
-        velocity, shift = self._velocity.copy(), np.zeros_like(self._velocity)
-        for body, (vx, vy, spin) in self._v.items():
-            leap_x, leap_y = self._leap.get(body, (0.0, 0.0))
+            first_points = self._first_points(closing, times)
+            self._add_drift(first_points, times)
+            moved_bodies: set[int] = set()
+            for group in self._groups(first_points):
+                moved_bodies |= self._solve(group, times)
+            nearby_points = set(closing)
+            for body in sorted(moved_bodies):
+                nearby_points.update(self._points_of(body))
+            closing = self._closing_points(nearby_points, smallest_speed)
+        return self._result()
+
+    def _closing_points(self, points: set[int], smallest_speed: float) -> list[int]:
+        """Return the points that close faster than `smallest_speed`, px/s."""
+        closing = []
+        for k in sorted(points):
+            point = self._point(k)
+            speed = point.leaving(self._speeds(point.a), self._speeds(point.b))
+            if speed < -smallest_speed:
+                closing.append(k)
+        return closing
+
+    def _result(self) -> Impacts:
+        """Return the velocities after all impacts, and the impulses."""
+        velocity = self._velocity.copy()
+        shift = np.zeros_like(self._velocity)
+        for body, (vx, vy, spin) in self._velocities.items():
+            drift_x, drift_y = self._drift_changes.get(body, (0.0, 0.0))
             # The engine's velocities are those between two steps: remove the part of
-            # the drift that `_begin` has added.
-            velocity[body] = vx - leap_x, vy - leap_y, spin
-            if self._allowed is not None:
-                velocity[body] += self._velocity[body] - self._allowed[body]
-        for body, moved_by in self._shift.items():
-            shift[body] = moved_by
-        rows = np.array(self._rows).reshape(-1, 5)
+            # the drift that `_add_drift` has added.
+            velocity[body] = vx - drift_x, vy - drift_y, spin
+            if self._joint_velocities is not None:
+                velocity[body] += self._velocity[body] - self._joint_velocities[body]
+        for body, displacement in self._shifts.items():
+            shift[body] = displacement
+        rows = np.array(self._impulse_rows).reshape(-1, 5)
         return Impacts(
             velocity=velocity,
             shift=shift,
@@ -450,56 +521,64 @@ class ImpactSolver:
             second=rows[:, 1].astype(np.int64),
             impulse=rows[:, 2:4],
             earlier=rows[:, 4],
-            lost=self._lost,
+            loss=self._loss,
             work=self._work,
         )
 
     # Points and times
 
-    def _free(self, body: int) -> bool:
+    def _is_free(self, body: int) -> bool:
         """Check whether a body can be moved by an impact."""
         return self._properties.lightness[body] > 0
 
-    def _beside(self, body: int) -> list[int]:
+    def _points_of(self, body: int) -> list[int]:
         """Return the points at a movable body; a wall does not pass an impact on."""
-        if not self._free(body):
+        if not self._is_free(body):
             return []
-        begin, end = self._owner.searchsorted([body, body + 1])
-        point_rows: list[int] = self._listed[begin:end].tolist()
+        begin, end = self._owners.searchsorted([body, body + 1])
+        point_rows: list[int] = self._point_rows[begin:end].tolist()
         return point_rows
 
     def _speeds(self, body: int) -> list[float]:
         """Return the present velocity of a body, which is changed in place by
         impacts.
         """
-        if body not in self._v:
+        if body not in self._velocities:
             velocity = self._velocity
-            if self._joined.of(body) is not None:
-                velocity = self._velocity_allowed()
-            self._v[body] = velocity[body].tolist()
-        return self._v[body]
+            if self._assemblies.group_of(body) is not None:
+                velocity = self._joint_velocity()
+            self._velocities[body] = velocity[body].tolist()
+        return self._velocities[body]
 
-    def _velocity_allowed(self) -> Array:
+    def _joint_velocity(self) -> Array:
         """Return the permitted velocities (N, 3) of joints in the middle of the step.
 
         The rest, by which a chord differs from a tangent, takes no part in impacts: it
         would create energy.
         """
-        if self._allowed is None:
-            self._allowed = self._joined.allowed(self._middle, self._velocity)
-        return self._allowed
+        if self._joint_velocities is None:
+            self._joint_velocities = self._assemblies.project_velocities(
+                self._middle, self._velocity
+            )
+        return self._joint_velocities
 
-    def _time(self, k: int, number: int) -> float:
+    def _closing_time(self, k: int, number: int) -> float:
         """Return the time of an impact, s before the step's end.
 
         It is the point's own closing time, or that of the impact that moved a partner.
         """
         point = self._point(k)
-        if number == 0 or (point.own and point.earlier > 0):
+        if number == 0 or (point.is_first and point.earlier > 0):
             return point.earlier
-        return max(0.0, self._when.get(point.a, 0.0), self._when.get(point.b, 0.0))
+        return max(
+            0.0,
+            self._impact_times.get(point.a, 0.0),
+            self._impact_times.get(point.b, 0.0),
+        )
 
-    def _leading(self, closing: Iterable[int], times: dict[int, float]) -> list[int]:
+    def _first_points(
+        self, closing: Iterable[int], times: dict[int, float]
+    ) -> list[int]:
         """Return the points that close first among those with a common body."""
         largest_times: dict[int, float] = {}
         for k in closing:
@@ -508,27 +587,27 @@ class ImpactSolver:
                 largest_times[body] = max(largest_times.get(body, -1.0), times[k])
         # Times count back from the end of the step, so that the first impact of a body
         # has the largest time. Points within the slack close together.
-        slack = TUNING.together * self._h
+        slack = TUNING.simultaneity * self._h
         leading_points = []
         for k in closing:
             point = self._point(k)
             if all(
-                not self._free(body) or times[k] >= largest_times[body] - slack
+                not self._is_free(body) or times[k] >= largest_times[body] - slack
                 for body in (point.a, point.b)
             ):
                 leading_points.append(k)
         return leading_points
 
-    def _begin(self, struck: Iterable[int], times: dict[int, float]) -> None:
+    def _add_drift(self, points: Iterable[int], times: dict[int, float]) -> None:
         """Move the velocities of struck bodies to the impact's time.
 
         Velocities of a step are those of its middle, to which the drift is added.
         """
-        for k in struck:
+        for k in points:
             point = self._point(k)
             for body in (point.a, point.b):
-                if body not in self._when and self._free(body):
-                    self._when[body] = times[k]
+                if body not in self._impact_times and self._is_free(body):
+                    self._impact_times[body] = times[k]
                     # Velocities are those at the middle of the step. Gravity changes
                     # them until the impact.
                     time_from_middle = self._h / 2 - times[k]
@@ -536,7 +615,7 @@ class ImpactSolver:
                         float(self._drift[body, 0]) * time_from_middle,
                         float(self._drift[body, 1]) * time_from_middle,
                     )
-                    self._leap[body] = leap
+                    self._drift_changes[body] = leap
                     velocity = self._speeds(body)
                     velocity[0] += leap[0]
                     velocity[1] += leap[1]
@@ -552,8 +631,8 @@ class ImpactSolver:
         for k in struck:
             point = self._point(k)
             for body in (point.a, point.b):
-                if self._free(body):
-                    joint_group = self._joined.of(body)
+                if self._is_free(body):
+                    joint_group = self._assemblies.group_of(body)
                     first_point = point_of_owner.setdefault(
                         body if joint_group is None else joint_group, k
                     )
@@ -568,12 +647,12 @@ class ImpactSolver:
         if k not in self._points:
             self._points[k] = point_at_closing(
                 self._properties,
-                self._found,
+                self._contact_points,
                 k,
                 self._pose,
                 self._velocity,
                 self._earlier,
-                self._own,
+                self._is_closing,
             )
         return self._points[k]
 
@@ -584,74 +663,90 @@ class ImpactSolver:
         the bodies.
         """
         points = [self._point(k) for k in group]
-        speeds_before = [
-            point.motion(self._speeds(point.a), self._speeds(point.b))
-            for point in points
-        ]
-        bodies = {
-            body for point in points for body in (point.a, point.b) if self._free(body)
-        }
-        joint_groups = {self._joined.of(body) for body in bodies} - {None}
-        drive_speeds = [self._drive(point) for point in points]
+        point_times = [times[k] for k in group]
+        speeds = [p.motion(self._speeds(p.a), self._speeds(p.b)) for p in points]
+        script_speeds = [self._script_speeds(point) for point in points]
+        partners = {body for point in points for body in (point.a, point.b)}
+        bodies = {body for body in partners if self._is_free(body)}
+        joint_groups = {self._assemblies.group_of(body) for body in bodies} - {None}
         if len(points) == 1 and not joint_groups:
-            (single_point,) = points
             impulses = [
-                single_point_impulse(
-                    single_point.nn,
-                    single_point.nt,
-                    single_point.tt,
-                    single_point.elasticity,
-                    single_point.friction,
-                    *speeds_before[0],
-                )
+                self._apply_single_impulse(points[0], speeds[0], point_times[0])
             ]
-            self._give(self._v, points[0], *impulses[0], 1.0)
-            self._give(self._shift, points[0], *impulses[0], times[group[0]])
         else:
             for joint_group in joint_groups:
-                bodies |= (
-                    set(self._joined.members[joint_group])
-                    if joint_group is not None
-                    else set()
-                )
-            impulses, speeds_before = self._apply_joint_impulses(
-                points, speeds_before, sorted(bodies), [times[k] for k in group]
+                if joint_group is not None:
+                    bodies.update(self._assemblies.members[joint_group])
+            impulses, speeds = self._apply_joint_impulses(
+                points, speeds, sorted(bodies), point_times
             )
-        for k, point, (jn, jt), (vn, vt), (dn, dt) in zip(
-            group, points, impulses, speeds_before, drive_speeds, strict=True
-        ):
-            self._rows.append(
-                (
-                    point.a,
-                    point.b,
-                    jt * point.ny - jn * point.nx,
-                    -jn * point.ny - jt * point.nx,
-                    times[k],
-                )
+        for number, point in enumerate(points):
+            jn, jt = impulses[number]
+            # Rotate the impulse to the axes of the image, for the first body.
+            jx, jy = jt * point.ny - jn * point.nx, -jn * point.ny - jt * point.nx
+            self._impulse_rows.append((point.a, point.b, jx, jy, point_times[number]))
+            self._count_energy(
+                point, impulses[number], speeds[number], script_speeds[number]
             )
-            leaving_speed, sliding_speed = point.motion(
-                self._speeds(point.a), self._speeds(point.b)
-            )
-            if self._within is not None:
-                velocities_within = (
-                    self._within[point.a].tolist(),
-                    self._within[point.b].tolist(),
-                )
-                vn, vt = point.motion(*velocities_within)
-            # An impulse does its work at the mean of the speeds before and after.
-            energy_change = (
-                jn * (vn + leaving_speed) / 2 + jt * (vt + sliding_speed) / 2
-            )
-            # The energy of a bumper counts as work.
-            if point.elasticity > 1 and energy_change > 0:
-                self._work += energy_change
-            else:
-                self._lost -= energy_change
-            self._work += jn * dn + jt * dt
         return bodies
 
+    def _apply_single_impulse(
+        self, point: Point, speeds: tuple[float, float], time: float
+    ) -> tuple[float, float]:
+        """Apply the impulse of a point that closes alone, and return it.
+
+        `time`: s before the step's end.
+        """
+        jn, jt = single_point_impulse(
+            point.nn,
+            point.nt,
+            point.tt,
+            point.elasticity,
+            point.friction,
+            *speeds,
+        )
+        self._give(self._velocities, point, jn, jt, 1.0)
+        self._give(self._shifts, point, jn, jt, time)
+        return jn, jt
+
+    def _count_energy(
+        self,
+        point: Point,
+        impulse: tuple[float, float],
+        speeds: tuple[float, float],
+        script_speeds: tuple[float, float],
+    ) -> None:
+        """Add the loss and the work of a point's impulse to the sums.
+
+        An impulse does its work at the mean of the speeds before and after; both pairs
+        are along the normal and along the surface.
+        """
+        jn, jt = impulse
+        vn, vt = speeds
+        script_vn, script_vt = script_speeds
+        leaving_speed, sliding_speed = point.motion(
+            self._speeds(point.a), self._speeds(point.b)
+        )
+        if self._step_velocities is not None:
+            vn, vt = point.motion(
+                self._step_velocities[point.a].tolist(),
+                self._step_velocities[point.b].tolist(),
+            )
+        energy_change = jn * (vn + leaving_speed) / 2 + jt * (vt + sliding_speed) / 2
+        # The energy of a bumper counts as work.
+        if point.elasticity > 1 and energy_change > 0:
+            self._work += energy_change
+        else:
+            self._loss -= energy_change
+        self._work += jn * script_vn + jt * script_vt
+
     def _give(
-        self, to: dict[int, list[float]], p: Point, jn: float, jt: float, part: float
+        self,
+        changes_by_body: dict[int, list[float]],
+        p: Point,
+        jn: float,
+        jt: float,
+        part: float,
     ) -> None:
         """Add the changes of velocity by an impulse on two free bodies, times
         `part`.
@@ -663,11 +758,10 @@ class ImpactSolver:
             (p.b, p.mb, p.eb * (p.nb * jn + p.tb * jt) * part, 1.0),
         ):
             if m > 0:
-                changes = (
-                    self._speeds(body)
-                    if to is self._v
-                    else to.setdefault(body, [0.0, 0.0, 0.0])
-                )
+                if changes_by_body is self._velocities:
+                    changes = self._speeds(body)
+                else:
+                    changes = changes_by_body.setdefault(body, [0.0, 0.0, 0.0])
                 changes[0] += sign * m * fx
                 changes[1] += sign * m * fy
                 changes[2] += sign * turn
@@ -675,91 +769,107 @@ class ImpactSolver:
     def _apply_joint_impulses(
         self,
         points: list[Point],
-        was: list[tuple[float, float]],
+        speeds: list[tuple[float, float]],
         bodies: list[int],
         times: list[float],
     ) -> tuple[list[tuple[float, float]], list[tuple[float, float]]]:
         """Apply the impulses of points with common bodies or with joints.
 
-        Returns the impulses, and the speeds at which the points close: those of `was`
-        without the part that joints exclude.
+        Returns the impulses, and the speeds at which the points close: those of
+        `speeds` without the part that joints exclude.
         """
-        properties = self._properties
-        inverse = np.array(
-            [
-                [properties.lightness[b], properties.lightness[b], properties.ease[b]]
-                for b in bodies
-            ]
-        ).ravel()
-        response = self._joined.response(bodies, inverse, self._middle)
-        first_column = {body: 3 * k for k, body in enumerate(bodies)}
-        # Jacobian: rows are the closing and sliding speeds of points by velocities of
-        # bodies.
-        J = np.zeros((2 * len(points), len(inverse)))
-        for i, p in enumerate(points):
-            for body, sign, turn, slide in (
-                (p.a, -1.0, p.na, p.ta),
-                (p.b, 1.0, p.nb, p.tb),
-            ):
-                if body in first_column:
-                    k = first_column[body]
-                    J[2 * i, k : k + 3] = sign * p.nx, sign * p.ny, sign * turn
-                    J[2 * i + 1, k : k + 3] = -sign * p.ny, sign * p.nx, sign * slide
-        taut_rows = self._joined.taut_rows(bodies, self._middle)
-        zeros = [0.0] * len(taut_rows)
-        elasticity = [p.elasticity for p in points] + zeros
-        friction = [p.friction for p in points] + zeros
-        exact = TUNING.nearly if self._budget.exceeded_by else self._exact
-        closing_speeds = np.array(was).ravel()
-        if len(taut_rows):
-            # Ropes and limits act like contacts without rebound and friction.
-            pulls = np.zeros((2 * len(taut_rows), len(inverse)))
-            pulls[::2] = taut_rows
-            speeds = np.array([self._speeds(body) for body in bodies]).ravel()
-            J = np.concatenate([J, pulls])
-            closing_speeds = np.concatenate([closing_speeds, pulls @ speeds])
-        removed_velocities = np.zeros(len(inverse))
-        # Solve with the joints as they are; if the bodies would then violate joints
-        # within the next step, solve again with both poses.
-        for attempt in range(TUNING.aheads):
-            response_to_points = response @ J.T
-            impulses, passes = simultaneous_impulses(
-                J @ response_to_points,
-                closing_speeds + J @ removed_velocities,
-                elasticity,
-                friction,
-                exact,
-            )
-            self._budget.spend(passes, points)
-            if attempt == TUNING.aheads - 1:
-                break
-            later_pose = self._pose_ahead(
-                bodies, response_to_points @ impulses, inverse
-            )
-            if later_pose is None:
-                break
-            response = self._joined.response(bodies, inverse, self._middle, later_pose)
-            removed_velocities = self._excluded_speeds(bodies, inverse, response)
-        change = response_to_points @ impulses + removed_velocities
+        equations = self._impact_equations(points, speeds, bodies)
+        solution = self._solve_with_joints(points, bodies, equations)
+        impulses = solution.impulses
+        removed = solution.removed_velocities
+        change = solution.response_to_points @ impulses + removed
         # An impulse earlier in the step also displaces the bodies at its end.
-        times_of_impulses = np.repeat([*times, *[max(times)] * len(taut_rows)], 2)
-        displacement = response_to_points @ (
-            impulses * times_of_impulses
-        ) + removed_velocities * max(times)
-        for body, k in first_column.items():
-            v, shift = self._speeds(body), self._shift.setdefault(body, [0.0, 0.0, 0.0])
+        last_time = max(times)
+        taut_count = (len(impulses) - 2 * len(points)) // 2
+        impulse_times = np.repeat([*times, *[last_time] * taut_count], 2)
+        displacement = solution.response_to_points @ (impulses * impulse_times)
+        displacement = displacement + removed * last_time
+        for number, body in enumerate(bodies):
+            velocity = self._speeds(body)
+            shift = self._shifts.setdefault(body, [0.0, 0.0, 0.0])
             for axis in range(3):
-                v[axis] += float(change[k + axis])
-                shift[axis] += float(displacement[k + axis])
-        closing_before, count = closing_speeds + J @ removed_velocities, 2 * len(points)
-        if len(taut_rows):
-            closing_after = closing_before + J @ (response_to_points @ impulses)
-            self._lost -= (
-                float((impulses * (closing_before + closing_after))[count:].sum()) / 2
-            )
+                velocity[axis] += float(change[3 * number + axis])
+                shift[axis] += float(displacement[3 * number + axis])
+        jacobian = equations.jacobian
+        count = 2 * len(points)
+        closing_before = equations.speeds + jacobian @ removed
+        if taut_count:
+            impulse_change = solution.response_to_points @ impulses
+            closing_after = closing_before + jacobian @ impulse_change
+            works = impulses * (closing_before + closing_after)
+            self._loss -= float(works[count:].sum()) / 2
         return _as_pairs(impulses[:count]), _as_pairs(closing_before[:count])
 
-    def _excluded_speeds(
+    def _impact_equations(
+        self, points: list[Point], speeds: list[tuple[float, float]], bodies: list[int]
+    ) -> ImpactEquations:
+        """Return the equations of points and of the taut joints of n bodies."""
+        inverse_masses = []
+        for body in bodies:
+            lightness = self._properties.lightness[body]
+            inverse_masses += [lightness, lightness, self._properties.ease[body]]
+        jacobian = _point_jacobian(points, bodies)
+        closing_speeds = np.array(speeds).ravel()
+        taut_rows = self._assemblies.taut_rows(bodies, self._middle)
+        if len(taut_rows):
+            # Ropes and limits act like contacts without rebound and friction.
+            pulls = np.zeros((2 * len(taut_rows), 3 * len(bodies)))
+            pulls[::2] = taut_rows
+            body_speeds = np.array([self._speeds(body) for body in bodies]).ravel()
+            jacobian = np.concatenate([jacobian, pulls])
+            closing_speeds = np.concatenate([closing_speeds, pulls @ body_speeds])
+        zeros = [0.0] * len(taut_rows)
+        return ImpactEquations(
+            jacobian,
+            closing_speeds,
+            [point.elasticity for point in points] + zeros,
+            [point.friction for point in points] + zeros,
+            np.array(inverse_masses),
+        )
+
+    def _solve_with_joints(
+        self, points: list[Point], bodies: list[int], equations: ImpactEquations
+    ) -> ImpactSolution:
+        """Solve for the impulses of points with the response of joints.
+
+        Solve with the joints as they are; if the bodies would then violate joints
+        within the next step, solve again with both poses.
+        """
+        jacobian = equations.jacobian
+        inverse = equations.inverse_masses
+        response = self._assemblies.response(bodies, inverse, self._middle)
+        removed_velocities = np.zeros(len(inverse))
+        tolerance = self._tolerance
+        if self._budget.exceeded_by:
+            tolerance = TUNING.heap_tolerance
+        for attempt in range(TUNING.max_poses):
+            response_to_points = response @ jacobian.T
+            impulses, passes = simultaneous_impulses(
+                jacobian @ response_to_points,
+                equations.speeds + jacobian @ removed_velocities,
+                equations.elasticity,
+                equations.friction,
+                tolerance,
+            )
+            self._budget.spend(passes, points)
+            if attempt == TUNING.max_poses - 1:
+                break
+            change = response_to_points @ impulses
+            later_pose = self._pose_ahead(bodies, change, inverse)
+            if later_pose is None:
+                break
+            response = self._assemblies.response(
+                bodies, inverse, self._middle, later_pose
+            )
+            removed_velocities = self._remove_excluded_speeds(bodies, inverse, response)
+        return ImpactSolution(impulses, response_to_points, removed_velocities)
+
+    def _remove_excluded_speeds(
         self, bodies: list[int], inverse: Array, response: Array
     ) -> Array:
         """Return the changes (3n,) that remove the velocities excluded by joints.
@@ -772,7 +882,7 @@ class ImpactSolver:
         is_free = inverse > 0
         mass = np.divide(1.0, inverse, out=np.zeros_like(inverse), where=is_free)
         changes = np.where(is_free, response @ (mass * speeds) - speeds, 0.0)
-        self._lost -= float((mass * changes * (speeds + changes / 2)).sum())
+        self._loss -= float((mass * changes * (speeds + changes / 2)).sum())
         return changes
 
     def _pose_ahead(
@@ -785,7 +895,9 @@ class ImpactSolver:
         once.
         """
         held_rows = [
-            k for k, body in enumerate(bodies) if self._joined.of(body) is not None
+            k
+            for k, body in enumerate(bodies)
+            if self._assemblies.group_of(body) is not None
         ]
         if not held_rows:
             return None
@@ -796,26 +908,27 @@ class ImpactSolver:
             velocity[body] = self._speeds(body)
             velocity[body] += change[3 * k : 3 * k + 3]
         later_pose = self._middle + velocity * self._h
-        permitted_velocities = self._joined.allowed(later_pose, velocity)
+        permitted_velocities = self._assemblies.project_velocities(later_pose, velocity)
         rows = [bodies[k] for k in held_rows]
         removed_velocities = (velocity - permitted_velocities)[rows].ravel().tolist()
         speeds = velocity[rows].ravel().tolist()
         inverse_masses = inverse.reshape(-1, 3)[held_rows].ravel().tolist()
-        smallest_speed = self._threshold * LEAST_JOLT
+        smallest_speed = self._threshold * MIN_JOLT
         return (
             later_pose
             if is_jolt(inverse_masses, speeds, removed_velocities, smallest_speed)
             else None
         )
 
-    def _drive(self, p: Point) -> tuple[float, float]:
+    def _script_speeds(self, p: Point) -> tuple[float, float]:
         """Return the speeds of the first's point minus the second's, px/s, if they are
         scripted.
 
         The speeds are along the normal and along the surface.
         """
         sides = [
-            [0.0] * 3 if self._free(body) else self._speeds(body) for body in (p.a, p.b)
+            [0.0] * 3 if self._is_free(body) else self._speeds(body)
+            for body in (p.a, p.b)
         ]
         if not (any(sides[0]) or any(sides[1]) or p.belt):
             return 0.0, 0.0

@@ -22,15 +22,19 @@ LEAP = 2.0
 """Largest displacement of one contact in a step, px."""
 TURN = 0.02
 """Change of a normal in a step beyond which the contact has not just rolled on."""
-WORDS, NUMBERS = 3, 14
-"""Number of integers and of floats of one contact."""
+WORDS = 3
+"""Number of integers of one contact."""
+NUMBERS = 14
+"""Number of floats of one contact."""
 CONTACT = Struct(f"{NUMBERS}d")
 """Format of the floats of one contact."""
 CONTACT_BYTES = 8 * NUMBERS
 """Bytes of the floats of one contact."""
 _POINTS = np.isin(np.arange(NUMBERS), np.arange(4, 13)).astype(np.float64)
 impulses_and_normals = Struct(f"=4d{8 * (NUMBERS - 4)}x").iter_unpack
-_ON_FIRST, _ON_SECOND, _DISTANCE = ([4, 5, 9, 10], [6, 7, 11, 12], [8, 13])
+_ON_FIRST = [4, 5, 9, 10]
+_ON_SECOND = [6, 7, 11, 12]
+_DISTANCE = [8, 13]
 
 
 _PLACE = [4, 5, 9, 10, 0, 1, 2, 3]
@@ -54,7 +58,7 @@ class Brakes:
 class Meetings:
     """Who touches whom in a step."""
 
-    listed: list[list[int]]
+    contacts: list[list[int]]
     """Both partners and the count of points of each contact, as listed."""
     rows: dict[Pair, list[int]]
     """Partners, the lesser first -> their contacts, as listed."""
@@ -67,15 +71,16 @@ class Order:
     points.
     """
 
-    def __init__(self, listed: Index) -> None:
-        """Sort contacts; `listed` (K, 3): both partners and the count of points of
+    def __init__(self, contacts: Index) -> None:
+        """Sort contacts; `contacts` (K, 3): both partners and the count of points of
         each.
         """
-        key = (listed[:, 0] << 32 | listed[:, 1]) << 2 | listed[:, 2]
+        key = (contacts[:, 0] << 32 | contacts[:, 1]) << 2 | contacts[:, 2]
         self._rows = np.argsort(key, kind="stable")
         sorted_keys = key.take(self._rows)
-        self.listed, self.raw = listed, listed.tobytes()
-        self.words = listed.take(self._rows, axis=0).tobytes()
+        self.contacts = contacts
+        self.raw = contacts.tobytes()
+        self.words = contacts.take(self._rows, axis=0).tobytes()
         # Several pieces or segments of one pair have equal keys: they are sorted by the
         # places of their points in each step, see `sort`.
         self._alike = np.flatnonzero(sorted_keys[1:] == sorted_keys[:-1]) + 1
@@ -85,12 +90,12 @@ class Order:
                 self._runs.pop()[0] if self._runs and self._runs[-1][1] == k else k - 1
             )
             self._runs.append((start, k + 1))
-        self.places = np.tile(_POINTS, len(listed))
+        self.places = np.tile(_POINTS, len(contacts))
         """1 for the numbers of points, else 0, (14 K,)."""
         self.brakes: Brakes | None = None
         """Set by `Resistance`."""
         self._meetings: Meetings | None = None
-        self.rows_held: list[int] | None = None
+        self.jointed_rows: list[int] | None = None
         """Set by `Assemblies`."""
         self._mixed = bool((self._rows[1:] < self._rows[:-1]).any())
 
@@ -100,7 +105,7 @@ class Order:
         if self._meetings is None:
             rows: dict[Pair, list[int]] = {}
             partners: dict[int, set[int]] = {}
-            owners = self.listed.tolist()
+            owners = self.contacts.tolist()
             for row, (first, second, _) in enumerate(owners):
                 pair = (first, second) if first < second else (second, first)
                 rows.setdefault(pair, []).append(row)
@@ -113,10 +118,11 @@ class Order:
         """Return the partners, the lesser first, whose normals have turned since the
         step before.
         """
-        present, previous = np.frombuffer(numbers), np.frombuffer(before)
+        present = np.frombuffer(numbers)
+        previous = np.frombuffer(before)
         change = (present - previous).reshape(-1, NUMBERS)[:, 2:4]
         has_turned = np.abs(change).max(axis=1, initial=0.0) > TURN
-        partners = self.listed[has_turned, :2].tolist()
+        partners = self.contacts[has_turned, :2].tolist()
         return frozenset((min(pair), max(pair)) for pair in partners)
 
     def fastest_closing(
@@ -127,10 +133,11 @@ class Order:
         `rows` are those of pymunk's list; `state` (M, 6) of the bodies `moving` (M,).
         """
         rows_of = {body: row for row, body in enumerate(moving.tolist())}
-        states, listed = state.tolist(), self.meetings.listed
+        states = state.tolist()
+        contacts = self.meetings.contacts
         fastest_speed = 0.0
         for row in rows:
-            first, second, count = listed[row]
+            first, second, count = contacts[row]
             contact = CONTACT.unpack_from(numbers, CONTACT.size * row)
             for k in range(count):
                 # The velocity of a body's point is v + spin * (-dy, dx); take its
@@ -219,7 +226,8 @@ def new_contacts(words: bytes, before: bytes) -> Sequence[int]:
     """Return the rows of contacts with partners and a count of points that were not
     there before.
     """
-    present, previous = _pairs(words), np.sort(_pairs(before))
+    present = _pairs(words)
+    previous = np.sort(_pairs(before))
     positions = previous.searchsorted(present)
     positions[positions == len(previous)] = 0
     new_rows: list[int] = (
@@ -341,7 +349,7 @@ class Point:
     nx: float
     ny: float  # from a to b; (-ny, nx) is along the surface
     earlier: float
-    own: bool  # whether it closed by the motion before all impacts
+    is_first: bool  # whether it closed by the motion before all impacts
     ma: float
     mb: float
     ea: float
@@ -387,16 +395,15 @@ def contact_points(
     objects.
     """
     a, b, count = np.frombuffer(words, np.int64).reshape(-1, WORDS).T
-    flat_numbers, row = np.frombuffer(numbers), np.repeat(np.arange(len(a)), count)
+    flat_numbers = np.frombuffer(numbers)
+    row = np.repeat(np.arange(len(a)), count)
     # A contact has one or two points, which the engine stores in one record. The second
     # point of a record is the row that repeats the contact before it.
     columns = NUMBERS * row + _ON_FIRST[0]
     columns[1:][row[1:] == row[:-1]] += _ON_FIRST[2] - _ON_FIRST[0]
-    first, second, normal = (
-        a.take(row),
-        b.take(row),
-        flat_numbers.reshape(-1, NUMBERS)[:, 2:4].take(row, axis=0),
-    )
+    first = a.take(row)
+    second = b.take(row)
+    normal = flat_numbers.reshape(-1, NUMBERS)[:, 2:4].take(row, axis=0)
     points_on_first, points_on_second = (
         flat_numbers.take(np.add.outer(columns, [part, part + 1])) for part in (0, 2)
     )
@@ -443,7 +450,8 @@ def point_at_closing(
     seconds_back = float(earlier[k])
     a, b = int(found.first[k]), int(found.second[k])
     nx, ny = found.normal[k].tolist()
-    places, centers = [], []
+    places = []
+    centers = []
     # Move both bodies back in time, with the points fixed to them.
     for body, points_on_body in ((a, found.on_first), (b, found.on_second)):
         x, y, _ = pose[body].tolist()

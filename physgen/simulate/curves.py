@@ -85,11 +85,15 @@ class CurvedWalls:
         self._steps += 1
         contacts = np.frombuffer(numbers).reshape(-1, NUMBERS).tolist()
         for (first, second, count), contact in zip(
-            order.listed.tolist(), contacts, strict=True
+            order.contacts.tolist(), contacts, strict=True
         ):
-            body, wall, sign = first, second, 1.0
+            body = first
+            wall = second
+            sign = 1.0
             if first in self._walls:
-                body, wall, sign = second, first, -1.0
+                body = second
+                wall = first
+                sign = -1.0
             if wall not in self._walls or body not in self._rows or not count:
                 continue
             # Only a body that has touched the curve for a while slides along it; a body

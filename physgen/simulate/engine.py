@@ -12,14 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import takewhile
 from math import ceil, nan
 from threading import Lock
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from physgen.compile.world import World
 from physgen.messages import Message
@@ -52,24 +52,21 @@ from physgen.simulate.forces import (
     stiffest_spring,
 )
 from physgen.simulate.joints import Assemblies
-from physgen.simulate.ramps import is_ramped
-from physgen.simulate.recorder import (
-    NOT_BRAKED,
-    Recorder,
-    Step,
-)
+from physgen.simulate.ramps import has_ramp
+from physgen.simulate.recorder import NO_BRAKING, Recorder, Step
 from physgen.simulate.space import Space
 from physgen.simulate.step_control import Governor, StepDivider
 from physgen.simulate.trajectory import Effort, Trajectory
 from physgen.simulate.wheels import fold_wheels, world_on_wheels
 
-Index = NDArray[np.int64]
+EffortCounts = tuple[int, int, int, int, int, float, int, int]
+"""Fields of `Effort`."""
 
 PHASE = 0.1
 """rad: largest phase of the stiffest spring, or of a pass by an attractor, in a
 step.
 """
-MOST_PARTS = 1024
+MAX_PARTS = 1024
 """Largest number of parts of a step, for springs and attractors."""
 ATTEMPTS = 8
 """Largest number of trials of a step with impacts."""
@@ -79,17 +76,17 @@ ABRUPT = 8.0
 A contact with a larger ratio changes the velocity at once, not in the course of the
 step. The ratio is 1 for a body at rest on another, and below 3 if it slides or rolls.
 """
-KEPT_PARTS = 64
+MAX_REPEATED_PARTS = 64
 """Largest number of parts of a step that the next step keeps after an abrupt
 contact.
 """
-LEFT = 0.5
+CLOSING_SHARE = 0.5
 """Closing speed that contacts of bodies on joints may keep, by gravity x step."""
 HIDINGS = 4
 """Largest number of repetitions of a step for contacts at internal edges."""
 JUST_BEFORE = 4e-9
 """s from an event to the first sample with it, at the end of its step."""
-LOOK = 8
+SEARCH_INTERVAL = 8
 """Number of steps between two searches for fast bodies."""
 
 
@@ -109,14 +106,14 @@ def simulate(
 def spring_parts(world: World) -> int:
     """Return the number of parts into which the stiffest spring divides every step.
 
-    Raises InputError if it is above MOST_PARTS.
+    Raises InputError if it is above MAX_PARTS.
     """
     rate, name = stiffest_spring(world)
     parts = max(1, ceil(rate / world.steps_per_second / PHASE))
-    if parts > MOST_PARTS:
+    if parts > MAX_PARTS:
         path = f"joints.{name}.stiffness"
         raise Message.SPRING_TOO_STIFF.error_at(
-            UNKNOWN_PLACE, path, parts=parts, most_parts=MOST_PARTS
+            UNKNOWN_PLACE, path, parts=parts, most_parts=MAX_PARTS
         )
     return parts
 
@@ -129,36 +126,41 @@ class Running:
     """
 
     def __init__(
-        self, world: World, times: Array | None = None, most: int = 64_000_000
+        self, world: World, times: Array | None = None, max_bytes: int = 64_000_000
     ) -> None:
-        """Prepare the simulation; steps are stored up to `most` bytes."""
+        """Prepare the simulation; steps are stored up to `max_bytes` bytes."""
         self.times = world.times if times is None else np.asarray(times, np.float64)
         self._vehicles = world
         world = world_on_wheels(world)
-        self._base = 1.0 / world.steps_per_second
-        self._number = -1
+        self._base_step = 1.0 / world.steps_per_second
+        self._step_number = -1
         bodies = world.bodies
         self._world = world
         self._space = Space(world)
         self._governor = Governor(world)
         moving = self._space.moving
-        self._loads, self._scripts = ForceFields(world), ScriptedMotion(world)
-        self._lasting = StepForces(world, moving, self._loads)
-        self._recorder = partial(Recorder, world, moving, self._loads, self._scripts)
-        self._ledger = self._recorder(self.times)
-        self._kept, self._bytes, self._most = list[tuple[Step, Effort]](), 0, most
+        self._force_fields = ForceFields(world)
+        self._scripted_motion = ScriptedMotion(world)
+        self._forces = StepForces(world, moving, self._force_fields)
+        self._new_recorder = partial(
+            Recorder, world, moving, self._force_fields, self._scripted_motion
+        )
+        self._recorder = self._new_recorder(self.times)
+        self._step_records: list[tuple[Step, EffortCounts]] = []
+        self._bytes = 0
+        self._max_bytes = max_bytes
         # Several threads may sample the same motion.
         self._lock = Lock()
         self._row = {int(body): row for row, body in enumerate(moving)}
-        self._stepper = Stepper(world, self._space, self._lasting, self._governor)
-        self._kicks = Impulses(world)
-        self._reach = StepDivider(world, moving)
+        self._stepper = Stepper(world, self._space, self._forces, self._governor)
+        self._impulses = Impulses(world)
+        self._divider = StepDivider(world, moving)
         self._center = np.array([[*b.center, 0.0] for b in bodies]).reshape(-1, 3)
         self._gravity = float(np.hypot(*world.gravity))
-        self._h = 0.0
-        self._restless = self._loads.busy or self._scripts.busy
-        self._stiff = spring_parts(world)
-        self._divided = self._most_parts = self._reviewed = 0
+        self._step_length = 0.0
+        self._has_own_motion = self._force_fields.busy or self._scripted_motion.busy
+        self._spring_parts = spring_parts(world)
+        self._divided_steps = self._max_parts = self._reviewed_steps = 0
         self._parts = 1
         """Number of parts of the last base step."""
 
@@ -178,7 +180,7 @@ class Running:
     @property
     def done(self) -> int:
         """Return the number of samples so far."""
-        return self._ledger.done
+        return self._recorder.sample_count
 
     def on(
         self,
@@ -192,21 +194,21 @@ class Running:
         `enough` is called before each step. Raises InputError if a body leaves the
         range of numbers.
         """
-        with self._overflow_named():
-            if self._number < 0:
-                self._number = 0
+        with self._report_overflow():
+            if self._step_number < 0:
+                self._step_number = 0
                 self._start()
-            last = ceil(until / self._base - 1e-9)
-            while self._number < last and not enough():
-                old_number = self._number
+            last = ceil(until / self._base_step - 1e-9)
+            while self._step_number < last and not enough():
+                old_number = self._step_number
                 self._advance()
-                if self._number // 256 > old_number // 256:
-                    progress("simulate", self._ledger.done, len(self.times))
-            self._ledger.read()
+                if self._step_number // 256 > old_number // 256:
+                    progress("simulate", self._recorder.sample_count, len(self.times))
+            self._recorder.read()
 
     def trajectory(self) -> Trajectory:
         """Return the motion so far; its samples from `done` on are zeros."""
-        trajectory = self._ledger.trajectory(self._effort(), self.sampled)
+        trajectory = self._recorder.trajectory(Effort(*self._effort()), self.sampled)
         return fold_wheels(trajectory, self._vehicles)
 
     def sampled(self, times: Array) -> Trajectory:
@@ -214,51 +216,58 @@ class Running:
         `simulate`.
         """
         # The steps may already be known: continue only as far as the times require.
-        until, ledger = float(times.max(initial=0.0)), self._recorder(times)
-        last = (ceil(until / self._base - 1e-9) + 1e-6) * self._base
+        until = float(times.max(initial=0.0))
+        recorder = self._new_recorder(times)
+        last = (ceil(until / self._base_step - 1e-9) + 1e-6) * self._base_step
         with self._lock:
-            self.on(until, enough=lambda: self._bytes > self._most)
-            records = list(takewhile(lambda kept: kept[0].time < last, self._kept))
+            self.on(until, enough=lambda: self._bytes > self._max_bytes)
+            records = list(
+                takewhile(lambda record: record[0].time < last, self._step_records)
+            )
             # Too many steps to store: simulate once more, for these times alone.
-            if self._bytes > self._most:
+            if self._bytes > self._max_bytes:
                 return simulate(self._vehicles, times)
-        begin, effort = self._begun
-        with self._overflow_named():
-            ledger.begin(*begin)
+        begin, effort = self._first_record
+        with self._report_overflow():
+            recorder.begin(*begin)
             for step, effort in records:  # noqa: B007 - the last effort is used
-                ledger.add(step)
-            ledger.read()
-        return fold_wheels(ledger.trajectory(effort, self.sampled), self._vehicles)
+                recorder.add(step)
+            recorder.read()
+        return fold_wheels(
+            recorder.trajectory(Effort(*effort), self.sampled), self._vehicles
+        )
 
-    def _effort(self) -> Effort:
-        """Return the effort of the engine so far."""
-        stepper, governor, fast_row = (
-            self._stepper,
-            self._governor,
-            self._reach.overworked_by,
-        )
+    def _effort(self) -> EffortCounts:
+        """Return the fields of the engine's `Effort` so far."""
+        # A tuple, because one is stored for every step.
+        stepper = self._stepper
+        governor = self._governor
         # Report the pair of the used up budget, or the body of the used up parts.
-        pair = stepper.budget.exceeded_by or (-1, -1)
+        first, second = stepper.budget.exceeded_by or (-1, -1)
+        fast_row = self._divider.exceeded_by
         if fast_row is not None:
-            pair = int(self._space.moving[fast_row]), -1
-        counts = (
+            first = int(self._space.moving[fast_row])
+            second = -1
+        return (
             stepper.steps,
-            self._divided,
-            self._most_parts,
-            governor.most_sweeps,
+            self._divided_steps,
+            self._max_parts,
+            governor.max_sweeps,
             stepper.impacts,
+            governor.threshold(self._base_step, governor.max_rest_factor),
+            first,
+            second,
         )
-        return Effort(*counts, governor.threshold(self._base, governor.loudest), *pair)
 
     @contextmanager
-    def _overflow_named(self) -> Iterator[None]:
+    def _report_overflow(self) -> Iterator[None]:
         """Raise InputError with the time of the step if numbers overflow."""
         try:
             with np.errstate(over="ignore", invalid="ignore"):
                 yield
         except (OverflowError, np.linalg.LinAlgError) as error:
-            time, message = self._number * self._base, Message.MOTION_DIVERGED
-            raise message.error_at(
+            time = self._step_number * self._base_step
+            raise Message.MOTION_DIVERGED.error_at(
                 UNKNOWN_PLACE, "world", "the motion", time=time
             ) from error
 
@@ -267,109 +276,121 @@ class Running:
         middle.
         """
         world = self._world
-        h = self._base / self._stiff
+        h = self._base_step / self._spring_parts
         pose = self._center.copy()
-        velocity = np.array([[*b.velocity, b.spin] for b in world.bodies]).reshape(
-            -1, 3
-        )
-        velocity[[is_ramped(body) for body in world.bodies]] = 0.0
-        roll = self._lasting.roll
-        if self._scripts.busy:
-            self._scripts.sample(0.0, pose, velocity)
-        kicks = []
-        while self._kicks.due(2e-12):
-            kicks.append(self._kicks.give(velocity, pose, 0.0))
-        velocity, lost_energy = self._stepper.fit(pose, velocity)
-        kicks.append(EnergyEvent(0.0, lost_energy, 0.0))
+        velocities = [[*body.velocity, body.spin] for body in world.bodies]
+        velocity = np.array(velocities).reshape(-1, 3)
+        # A hand brings these bodies to their velocities in the course of time.
+        velocity[[has_ramp(body) for body in world.bodies]] = 0.0
+        roll = self._forces.roll
+        if self._scripted_motion.busy:
+            self._scripted_motion.sample(0.0, pose, velocity)
+        events = []
+        while self._impulses.has_due(2e-12):
+            events.append(self._impulses.give(velocity, pose, 0.0))
+        velocity, lost_energy = self._stepper.project_on_joints(pose, velocity)
+        events.append(EnergyEvent(0.0, lost_energy, 0.0))
         start_velocity = velocity.copy()
         moving = self._space.moving
         state = np.concatenate(
             [pose[moving] - velocity[moving] * h, velocity[moving]], axis=1
         )
         self._space.place(state)
-        self._h = h
+        self._step_length = h
         # Take a whole step with half the gravity: the engine stores impulses of
         # contacts, which would be wrong after a change of the step's length.
         self._space.weaken(0.5)
-        step = self._stepper.take(0.0, h, state, kicks, first=True)
+        step = self._stepper.take(0.0, h, state, events, is_half=True)
         self._space.weaken(1.0)
-        if step.before is None:
-            step.before = state[:, 3:].copy()
-        self._ledger.begin(step, pose, start_velocity, roll)
-        self._begun = (step, pose, start_velocity, roll), self._effort()
+        if step.velocities is None:
+            step.velocities = state[:, 3:].copy()
+        self._recorder.begin(step, pose, start_velocity, roll)
+        self._first_record = (step, pose, start_velocity, roll), self._effort()
 
     def _advance(self) -> None:
         """Take a base step, in as many parts as its speeds and forces require."""
-        begin, end = self._number * self._base, (self._number + 1) * self._base
+        begin = self._step_number * self._base_step
+        end = (self._step_number + 1) * self._base_step
         h = end - begin
-        parts = self._stiff
-        # Compute speeds only every LOOK steps while nothing changes them at once, to
-        # save
-        # time in quiet scenes.
-        if not self._reach.watchful and (
-            self._stepper.stirred or self._restless or self._stepper.steps % LOOK == 0
-        ):
-            self._stepper.stirred = False
-            self._reach.look(self._ahead(end, h), h * LOOK, self._gravity, h)
-        if self._reach.watchful:
-            parts = max(parts, self._reach.parts(self._ahead(end, h), h))
-        # Near an attractor, the direction of its pull changes within a step.
-        if self._loads.steers:
-            pace = self._loads.pace(*self._stepper.everybody(self._stepper.state()))
-            parts = max(parts, min(MOST_PARTS, ceil(pace * h / PHASE)))
-        if parts < self._parts <= KEPT_PARTS and self._stepper.is_abrupt:
+        parts = self._parts_of_step(end, h)
+        has_fewer_parts = parts < self._parts <= MAX_REPEATED_PARTS
+        if has_fewer_parts and self._stepper.has_abrupt_change:
             # Chipmunk starts from the impulses of the last step, scaled to the new
             # step's length. The impulse of a contact that opens would thus be too large
             # in a longer step.
             parts = self._parts
         self._parts = parts
-        self._number += 1
+        self._step_number += 1
         if parts > 1:
-            self._divided += 1
-            self._most_parts = max(self._most_parts, parts)
+            self._divided_steps += 1
+            self._max_parts = max(self._max_parts, parts)
         for part in range(parts):
-            self._part(begin + h * part / parts, h / parts)
+            self._take_part(begin + h * part / parts, h / parts)
 
-    def _ahead(self, end: float, h: float) -> Array:
+    def _parts_of_step(self, end: float, h: float) -> int:
+        """Return the parts into which springs, fast bodies and attractors divide a step."""
+        parts = self._spring_parts
+        stepper = self._stepper
+        # Compute speeds only every SEARCH_INTERVAL steps while nothing changes them at
+        # once, to save time in quiet scenes.
+        if not self._divider.has_fast_bodies and (
+            stepper.has_unchecked_speeds
+            or self._has_own_motion
+            or stepper.steps % SEARCH_INTERVAL == 0
+        ):
+            stepper.has_unchecked_speeds = False
+            state = self._state_for_search(end, h)
+            self._divider.search(state, h * SEARCH_INTERVAL, self._gravity, h)
+        if self._divider.has_fast_bodies:
+            parts = max(parts, self._divider.parts(self._state_for_search(end, h), h))
+        # Near an attractor, the direction of its pull changes within a step.
+        if self._force_fields.has_centres:
+            pose, velocity = stepper.expand_state(stepper.state())
+            rate = self._force_fields.fastest_rate(pose, velocity)
+            parts = max(parts, min(MAX_PARTS, ceil(rate * h / PHASE)))
+        return parts
+
+    def _state_for_search(self, end: float, h: float) -> Array:
         """Return the state (M, 6) for the search of fast bodies, in a step of h s to
         `end`.
 
         The velocities of scripted bodies are their fastest in this step and the next.
         """
         state = self._stepper.state()
-        if self._scripts.busy:
-            speeds, state = [state[:, 3:]], state.copy()
+        if self._scripted_motion.busy:
+            velocities = [state[:, 3:]]
+            state = state.copy()
             for time in (end, end - h):
                 scripted_state = state.copy()
-                self._scripts.drive(time, h, scripted_state, self._row)
-                speeds.append(scripted_state[:, 3:])
-            for row in self._scripts.rows(self._row):
-                state[row, 3:] = max(
-                    (v[row] for v in speeds), key=lambda v: float(np.hypot(*v[:2]))
-                )
+                self._scripted_motion.drive(time, h, scripted_state, self._row)
+                velocities.append(scripted_state[:, 3:])
+            for row in self._scripted_motion.rows(self._row):
+                state[row, 3:] = max((v[row] for v in velocities), key=_linear_speed)
         return state
 
-    def _part(self, begin: float, h: float) -> None:
+    def _take_part(self, begin: float, h: float) -> None:
         """Take one part of a base step, of h s from `begin`."""
         end = begin + h
         state: Array | None = None
-        if abs(h - self._h) > 1e-9 * h:
+        if abs(h - self._step_length) > 1e-9 * h:
             state = self._stepper.state().copy()
             # Velocities are those at the middle of a step, which moves if its length
             # changes: carry them there with the acceleration of the last step.
-            state[:, 3:] += self._stepper.pull * ((h - self._h) / (2 * self._h))
-            self._h = h
-        kicks: list[EnergyEvent] = []
-        if self._kicks.due(end):
+            share = (h - self._step_length) / (2 * self._step_length)
+            state[:, 3:] += self._stepper.smooth_change * share
+            self._step_length = h
+        events: list[EnergyEvent] = []
+        if self._impulses.has_due(end):
             state = self._stepper.state().copy() if state is None else state
-            kicks = self._give_due_impulses(begin, end, state)
-        if self._scripts.busy:
+            events = self._give_due_impulses(begin, end, state)
+        if self._scripted_motion.busy:
             state = self._stepper.state().copy() if state is None else state
-            self._scripts.drive(end, h, state, self._row)
-            self._stepper.suspicious |= self._scripts.jump(end - h / 2, end + h / 2)
+            self._scripted_motion.drive(end, h, state, self._row)
+            has_jump = self._scripted_motion.has_jump(end - h / 2, end + h / 2)
+            self._stepper.has_unchecked_contacts |= has_jump
         if state is not None:
             self._space.place(state)
-        step = self._stepper.take(end, h, state, kicks)
+        step = self._stepper.take(end, h, state, events)
         if step.impacts:
             self._governor.note(sum(len(impact.first) for impact in step.impacts))
         self._record(step, h)
@@ -378,18 +399,19 @@ class Running:
         """Store a step of h s, and let the governor review its results from time to
         time.
         """
-        if self._ledger.add(step):
-            ledger, step_count = self._ledger, self._stepper.steps - self._reviewed
-            self._reviewed = self._stepper.steps
+        if self._recorder.add(step):
+            recorder = self._recorder
+            step_count = self._stepper.steps - self._reviewed_steps
+            self._reviewed_steps = self._stepper.steps
             contacts = len(step.numbers) // CONTACT_BYTES
             self._governor.review(
-                step_count, contacts, ledger.residual, ledger.overlap, h
+                step_count, contacts, recorder.residual, recorder.overlap, h
             )
         # About 600 bytes are the Python objects of a step.
         self._bytes += len(step.numbers) + 2 * len(step.states) + 600
-        self._kept.append((step, self._effort()))
-        if self._bytes > self._most:
-            self._kept.clear()
+        self._step_records.append((step, self._effort()))
+        if self._bytes > self._max_bytes:
+            self._step_records.clear()
 
     def _give_due_impulses(
         self, begin: float, end: float, state: Array
@@ -398,76 +420,138 @@ class Running:
 
         Return the energy that each gives and that joints take from it.
         """
-        moving, events = self._space.moving, []
-        while self._kicks.due(end):
-            delay = self._kicks.since(begin)
-            pose, velocity = self._stepper.everybody(state)
-            events.append(self._kicks.give(velocity, pose, delay))
-            velocity, lost_energy = self._stepper.fit(pose, velocity)
+        moving = self._space.moving
+        events = []
+        while self._impulses.has_due(end):
+            delay = self._impulses.time_until_next(begin)
+            pose, velocity = self._stepper.expand_state(state)
+            events.append(self._impulses.give(velocity, pose, delay))
+            velocity, lost_energy = self._stepper.project_on_joints(pose, velocity)
             events.append(EnergyEvent(begin + delay, lost_energy, 0.0))
             change = velocity[moving] - state[:, 3:]
             state[:, 3:] += change
             # The engine will move the bodies with the new velocity for the whole step;
             # subtract the displacement of the time before the impulse.
             state[:, :3] -= change * delay
-        self._stepper.suspicious = self._stepper.stirred = True
+        self._stepper.has_unchecked_contacts = self._stepper.has_unchecked_speeds = True
         return events
+
+
+def _linear_speed(velocity: Array) -> float:
+    """Return the speed of a centre of mass, px/s."""
+    return float(np.hypot(velocity[0], velocity[1]))
+
+
+def contact_properties(world: World) -> ContactProperties:
+    """Return the properties of the bodies and then of the walls in an impact."""
+    inverse_masses = []
+    inverse_moments = []
+    radii = []
+    for body in world.bodies:
+        # Static and scripted bodies have infinite mass.
+        is_dynamic = body.motion is Motion.DYNAMIC
+        inverse_masses.append(1 / body.mass if is_dynamic else 0.0)
+        inverse_moments.append(1 / body.moment if is_dynamic else 0.0)
+        radii.append(nan if body.radius is None else body.radius)
+    wall_zeros = [0.0] * len(world.walls)
+    surfaces = [surface for _, surface in world.surfaces]
+    return ContactProperties(
+        lightness=inverse_masses + wall_zeros,
+        ease=inverse_moments + wall_zeros,
+        friction=[surface.friction for surface in surfaces],
+        elasticity=[surface.elasticity for surface in surfaces],
+        radius=radii + [nan] * len(world.walls),
+        conveyor=[surface.conveyor for surface in surfaces],
+    )
+
+
+@dataclass(slots=True)
+class StepTrial:
+    """A step while it is solved: its start, and the results of the latest trial."""
+
+    end: float  # s
+    h: float  # s
+    is_half: bool
+    """Whether this is the half step to t = 0."""
+    events: list[EnergyEvent]
+    state: Array | None
+    """State (M, 6) at the start, if it was placed in the engine; None: that after the
+    step before."""
+    velocities: Array | None = None
+    """Velocities (M, 3) of the step, after its impacts; None: those of the start."""
+    velocities_before_impacts: Array | None = None
+    """The same before the impacts, (M, 3); None without impacts."""
+    impacts: list[Impacts] = field(default_factory=list)
+    load: Forces | None = None
+    states: bytes = b""
+    """States (M, 6) at the end."""
+    order: Order = NO_CONTACTS
+    numbers: bytes = b""
+    motor_work: float = 0.0
+
+
+class JointMomentum(NamedTuple):
+    """The momentum that all joints together gave to the N bodies in a step."""
+
+    pose: Array  # (N, 3)
+    velocity: Array  # (N, 3) after the step
+    change: Array  # (N, 3) of the velocities in the step
+    impulse: Array  # (N, 3) g·px/s, g·px/s, g·px²/s
 
 
 class Stepper:
     """The state of the engine and one step after the other."""
 
     def __init__(
-        self, world: World, space: Space, lasting: StepForces, governor: Governor
+        self, world: World, space: Space, forces: StepForces, governor: Governor
     ) -> None:
         """Prepare the properties of bodies and walls for impacts."""
-        bodies, walls = world.bodies, world.walls
-        self._space, self._lasting, self._governor = space, lasting, governor
-        self._dynamic = np.array([b.motion is Motion.DYNAMIC for b in bodies], bool)
-        wall_zeros = [0.0] * len(walls)
-        surfaces = [surface for _, surface in world.surfaces]
-        self._properties = ContactProperties(
-            lightness=[
-                1 / b.mass if b.motion is Motion.DYNAMIC else 0.0 for b in bodies
-            ]
-            + wall_zeros,
-            ease=[1 / b.moment if b.motion is Motion.DYNAMIC else 0.0 for b in bodies]
-            + wall_zeros,
-            friction=[surface.friction for surface in surfaces],
-            elasticity=[surface.elasticity for surface in surfaces],
-            radius=[b.radius if b.radius is not None else nan for b in bodies]
-            + [nan] * len(walls),
-            conveyor=[surface.conveyor for surface in surfaces],
-        )
+        bodies = world.bodies
+        walls = world.walls
+        self._space = space
+        self._forces = forces
+        self._governor = governor
+        self._is_dynamic = np.array([b.motion is Motion.DYNAMIC for b in bodies], bool)
+        self._properties = contact_properties(world)
         self._reach = np.array([b.reach for b in bodies]).reshape(-1)
-        self._weight = max(float(np.hypot(*world.gravity)), world.press)
+        self._press = max(float(np.hypot(*world.gravity)), world.press)
         """px/s²: acceleration of bodies towards their supports."""
-        self._last: tuple[float, Forces | None, float] = (0.0, None, 1.0)
+        self._last_load: tuple[float, Forces | None, float] = (0.0, None, 1.0)
         """Length of the last step, s, its lasting forces, and the factor on its
         gravity.
         """
         self.budget = WorkBudget(len(bodies))
-        self._world, self._breakages = world, Breakages(world)
-        self._curves = CurvedWalls(world, space.moving, Assemblies(world).bodies)
-        self._joined = Assemblies(world)
-        self._held = self._joined.bodies
-        light, ease = self._properties.lightness, self._properties.ease
+        self._world = world
+        self._breakages = Breakages(world)
+        self._assemblies = Assemblies(world)
+        self._jointed_bodies = self._assemblies.bodies
+        self._curves = CurvedWalls(world, space.moving, self._jointed_bodies)
+        light = self._properties.lightness
+        ease = self._properties.ease
         self._inverse = np.array([light, light, ease]).T[: len(bodies)]
         self._center = np.array([[*b.center, 0.0] for b in bodies]).reshape(-1, 3)
-        self._wide = np.concatenate([self._center, np.zeros((len(walls), 3))])
-        self._fast = np.zeros_like(self._wide)
-        self._cornered = any(b.radius is None for b in bodies)
-        self._order, self._numbers, self._states = NO_CONTACTS, b"", b""
-        self._calm = True
-        self._within: tuple[Array | None, bytes] = np.zeros((len(space.moving), 3)), b""
+        # Poses and velocities of bodies and walls; the rows of walls stay 0.
+        self._all_poses = np.concatenate([self._center, np.zeros((len(walls), 3))])
+        self._all_velocities = np.zeros_like(self._all_poses)
+        self._has_corners = any(b.radius is None for b in bodies)
+        self._order = NO_CONTACTS
+        self._numbers = b""
+        self._states = b""
+        self._is_calm = True
+        """Whether the last step had no impacts."""
+        self._last_motion: tuple[Array | None, bytes] = (
+            np.zeros((len(space.moving), 3)),
+            b"",
+        )
         """Velocities (M, 3) within the last step, and the state before it.
 
         If the velocities are None, they are those of that state.
         """
-        self.suspicious = self.stirred = True
+        self.has_unchecked_contacts = self.has_unchecked_speeds = True
         """True if velocities have changed since the last step.
 
-        `suspicious`: any contact may close then; `stirred`: any body may be fast.
+        `has_unchecked_contacts`: any contact may close then; `has_unchecked_speeds`:
+        any body may be fast.
         """
         self.steps = self.impacts = 0
         """Numbers of steps and of struck points."""
@@ -478,109 +562,182 @@ class Stepper:
         """
         return np.frombuffer(self._states, np.float64).reshape(-1, 6)
 
-    def everybody(self, state: Array) -> tuple[Array, Array]:
+    def expand_state(self, state: Array) -> tuple[Array, Array]:
         """Return poses and velocities (N, 3) of all bodies, given the state (M, 6) of
         the moving bodies.
         """
         if len(state) == len(self._center):
             return state[:, :3].copy(), state[:, 3:].copy()
-        pose, velocity = self._center.copy(), np.zeros_like(self._center)
-        pose[self._space.moving], velocity[self._space.moving] = (
-            state[:, :3],
-            state[:, 3:],
-        )
+        pose = self._center.copy()
+        velocity = np.zeros_like(self._center)
+        pose[self._space.moving] = state[:, :3]
+        velocity[self._space.moving] = state[:, 3:]
         return pose, velocity
 
     @property
-    def within(self) -> Array:
+    def step_velocities(self) -> Array:
         """Return the velocities (M, 3) within the last step."""
-        velocity, old_state = self._within
-        return (
-            np.frombuffer(old_state).reshape(-1, 6)[:, 3:]
-            if velocity is None
-            else velocity
-        )
+        velocity, old_state = self._last_motion
+        if velocity is None:
+            return np.frombuffer(old_state).reshape(-1, 6)[:, 3:]
+        return velocity
 
     @property
-    def pull(self) -> Array:
+    def smooth_change(self) -> Array:
         """Return the changes of velocity (M, 3) in the course of the last step.
 
         They exclude sudden changes by contacts.
         """
-        change, force_change, is_abrupt = self._changes()
-        return np.where(is_abrupt[:, None], force_change, change)
+        change, force_change, is_struck = self._velocity_changes()
+        return np.where(is_struck[:, None], force_change, change)
 
     @property
-    def is_abrupt(self) -> bool:
+    def has_abrupt_change(self) -> bool:
         """Check whether contacts changed a velocity at once in the last step."""
-        return bool(self._changes()[2].any())
+        return bool(self._velocity_changes()[2].any())
 
-    def _changes(self) -> tuple[Array, Array, Flags]:
+    def _velocity_changes(self) -> tuple[Array, Array, Flags]:
         """Return the changes of velocity in the last step, and their abruptness.
 
         They are the whole change (M, 3), the part by gravity and lasting forces (M, 3),
         and whether the body was struck (M,). Bodies on joints never count as struck:
         joints change velocities as much in the course of a step.
         """
-        change: Array = self.state()[:, 3:] - self.within
+        change: Array = self.state()[:, 3:] - self.step_velocities
         moving = self._space.moving
-        h, load, strength = self._last
-        force_change = self._lasting.change(load, h, strength)[moving]
+        h, load, strength = self._last_load
+        force_change = self._forces.change(load, h, strength)[moving]
         reach = self._reach[moving]
         speed, usual_speed = (
             np.hypot(part[:, 0], part[:, 1]) + np.abs(part[:, 2]) * reach
             for part in (change, force_change)
         )
-        is_struck = speed > ABRUPT * np.maximum(usual_speed, self._weight * h)
-        is_struck[np.isin(moving, self._held)] = False
+        is_struck = speed > ABRUPT * np.maximum(usual_speed, self._press * h)
+        is_struck[np.isin(moving, self._jointed_bodies)] = False
         # The half step to t = 0 changes velocities half as much as a whole step.
         return change / strength, force_change / strength, is_struck
 
-    def fit(self, pose: Array, velocity: Array) -> tuple[Array, float]:
+    def project_on_joints(self, pose: Array, velocity: Array) -> tuple[Array, float]:
         """Return the velocities (N, 3) that joints allow, and the energy that they
         take.
 
         The energy, g·px²/s², of the other velocities is lost at once.
         """
-        if not self._joined.busy:
+        if not self._assemblies.busy:
             return velocity, 0.0
-        joint_velocity = self._joined.allowed(pose, velocity)
-        weight = 1 / self._inverse[self._dynamic]
-        return joint_velocity, float(
-            (weight * (velocity**2 - joint_velocity**2)[self._dynamic]).sum() / 2
-        )
+        joint_velocity = self._assemblies.project_velocities(pose, velocity)
+        inertia = 1 / self._inverse[self._is_dynamic]
+        square_loss = (velocity**2 - joint_velocity**2)[self._is_dynamic]
+        return joint_velocity, float((inertia * square_loss).sum() / 2)
 
-    def _begin(
-        self, end: float, h: float, state: Array | None, first: bool
-    ) -> tuple[Forces | None, bytes, Order, bytes]:
-        """Take a first trial of the step to `end`, of h s, from the state (M, 6) if
-        given.
+    def take(
+        self,
+        end: float,
+        h: float,
+        state: Array | None,
+        events: list[EnergyEvent],
+        is_half: bool = False,
+    ) -> Step:
+        """Take a step of h s to `end`, and repeat it with other velocities after
+        impacts.
 
-        Return its forces and, as `Space.step`, the new states, the order of the
-        contacts and their numbers.
+        `state` (M, 6): as it was placed in the engine, if it was; `is_half`: the half
+        step to t = 0.
         """
-        load: Forces | None = None
-        if self._lasting.pushes:
-            start_state = self.state() if state is None else state
-            is_free = state is None and not self._numbers and not self._joined.busy
-            load = self._lasting.push(start_state, end, h, first=first, alone=is_free)
-            self._push(load)
-        resistance = self._lasting.resistance
+        trial = StepTrial(end, h, is_half, events, state)
+        if state is not None:
+            trial.velocities = state[:, 3:].copy()
+        self._solve_contacts(trial)
+        if self._space.hidden:
+            self._space.review_internal_edges()
+        self.steps += 1
+        self.budget.grant(h)
+        self._is_calm = trial.velocities_before_impacts is None
+        if self._assemblies.busy or not self._is_calm:
+            self._correct_state(trial)
+        if self._curves.busy:
+            self._restore_energy_on_curves(trial)
+        if (self._assemblies.has_scripts or self._breakages.busy) and self._states:
+            self._review_joints(trial)
+        if self._space.parting:
+            self._space.separate_broken()
+        return self._finish_step(trial)
+
+    # The contacts of a step
+
+    def _solve_contacts(self, trial: StepTrial) -> None:
+        """Let the engine take the step, again and again until no contact bounces."""
+        # In a crowd, a first trial with one sweep finds the impacts at a fraction of
+        # the cost.
+        is_probe = self._governor.is_crowded and not self._is_calm
+        if is_probe and trial.state is None:
+            trial.state = self.state().copy()
+        self._space.iterations = 1 if is_probe else self._governor.sweeps
+        for attempt in range(ATTEMPTS):
+            self._try_step(trial)
+            new_rows = self._leave_out_internal_edges(trial)
+            impact = None
+            # Contacts that still close in the last trial do not bounce.
+            if attempt < ATTEMPTS - 1 and (new_rows is None or new_rows):
+                impact = self._solve_impacts(trial, new_rows)
+            if impact is not None:
+                self._start_after_impacts(trial, impact)
+                self._space.iterations = self._governor.after_impacts
+            elif is_probe:
+                self._space.iterations = self._governor.sweeps
+            else:
+                break
+            is_probe = False
+            assert trial.state is not None
+            self._space.place(trial.state)
+
+    def _try_step(self, trial: StepTrial) -> None:
+        """Take a trial of the step with its lasting forces and brakes."""
+        if self._forces.is_acting:
+            start_state = self.state() if trial.state is None else trial.state
+            is_free = (
+                trial.state is None and not self._numbers and not self._assemblies.busy
+            )
+            trial.load = self._forces.push(
+                start_state, trial.end, trial.h, is_half=trial.is_half, is_free=is_free
+            )
+            self._push(trial.load)
+        resistance = self._forces.resistance
         if resistance.busy:
             self._space.brake(resistance.brakes.pairs, resistance.torques)
-        return load, *self._space.step(h)
+        trial.states, trial.order, trial.numbers = self._space.step(trial.h)
+
+    def _push(self, load: Forces) -> None:
+        """Apply lasting forces to the bodies of the engine."""
+        is_complete = len(load.total) == len(self._space.moving)
+        self._space.push(load.total if is_complete else load.total[self._space.moving])
+
+    def _leave_out_internal_edges(self, trial: StepTrial) -> Sequence[int] | None:
+        """Repeat the step without the contacts at internal edges.
+
+        Return the rows of its new contacts as `_new_contacts`.
+        """
+        new_rows = self._new_contacts(trial.order, trial.numbers)
+        for _ in range(HIDINGS):
+            if not self._hides_contacts(trial.order, trial.numbers, new_rows):
+                break
+            if self._space.nudges:
+                trial.state = self._shift_off_corners(trial.state)
+            self._repeat_step(trial)
+            new_rows = self._new_contacts(trial.order, trial.numbers)
+        return new_rows
 
     def _hides_contacts(
-        self, order: Order, numbers: bytes, new: Sequence[int] | None
+        self, order: Order, numbers: bytes, new_rows: Sequence[int] | None
     ) -> bool:
         """Return whether contacts at internal edges acted, which later steps
         leave out.
         """
-        if self.suspicious:
+        if self.has_unchecked_contacts:
             return self._space.hide_internal_edges(None, order, numbers)
         if order is not self._order:
             pairs = pairs_with_more_contacts(order.raw, self._order.raw)
-        elif new is None:
+        elif new_rows is None:
             pairs = order.pairs_turned(numbers, self._numbers)
         else:
             return False
@@ -588,8 +745,8 @@ class Stepper:
             return False
         return self._space.hide_internal_edges(pairs, order, numbers)
 
-    def _nudged(self, state: Array | None) -> Array:
-        """Return the state (M, 6) at a step's begin with bodies moved off wrong contacts."""
+    def _shift_off_corners(self, state: Array | None) -> Array:
+        """Return the state (M, 6) at the start with bodies moved off wrong contacts."""
         state = (self.state() if state is None else state).copy()
         moving = self._space.moving.tolist()
         for body, shift in self._space.nudges.items():
@@ -597,347 +754,305 @@ class Stepper:
         self._space.nudges.clear()
         return state
 
-    def _repeat_step(
-        self, h: float, state: Array | None, load: Forces | None
-    ) -> tuple[bytes, Order, bytes]:
-        """Repeat a step with other contacts; return the same values as `Space.step`."""
+    def _repeat_step(self, trial: StepTrial) -> None:
+        """Repeat a step with other contacts and the same lasting forces."""
         self._space.iterations = max(
             self._space.iterations, self._governor.after_impacts
         )
-        self._space.place(self.state() if state is None else state)
-        if load is not None:
-            self._push(load)
-        return self._space.step(h)
-
-    def _push(self, load: Forces) -> None:
-        """Apply lasting forces to the bodies of the engine."""
-        is_complete = len(load.total) == len(self._space.moving)
-        self._space.push(load.total if is_complete else load.total[self._space.moving])
+        self._space.place(self.state() if trial.state is None else trial.state)
+        if trial.load is not None:
+            self._push(trial.load)
+        trial.states, trial.order, trial.numbers = self._space.step(trial.h)
 
     def _new_contacts(self, order: Order, numbers: bytes) -> Sequence[int] | None:
         """Return the rows of contacts that the step before did not have.
 
         Return None if any contact may close: in the first step, and after jumps.
         """
-        if self.suspicious or self._leaps(order, numbers):
+        if self.has_unchecked_contacts or self._has_contact_jumped(order, numbers):
             return None
         if order is self._order:
             return ()
         return new_contacts(order.raw, self._order.raw)
 
-    def _leaps(self, order: Order, numbers: bytes) -> bool:
+    def _has_contact_jumped(self, order: Order, numbers: bytes) -> bool:
         """Check whether a contact of corners has jumped to another place."""
         old_numbers = self._numbers
-        if not self._cornered or not numbers or len(numbers) != len(old_numbers):
+        if not self._has_corners or not numbers or len(numbers) != len(old_numbers):
             return False
         if order is not self._order:
-            numbers, old_numbers = order.sort(numbers), self._order.sort(old_numbers)
+            numbers = order.sort(numbers)
+            old_numbers = self._order.sort(old_numbers)
         return contacts_jumped(numbers, old_numbers, order.places)
 
-    def take(
-        self,
-        end: float,
-        h: float,
-        state: Array | None,
-        kicks: list[EnergyEvent],
-        first: bool = False,
-    ) -> Step:
-        """Take a step of h s to `end`, and repeat it with other velocities after
-        impacts.
+    def _solve_impacts(
+        self, trial: StepTrial, new_rows: Sequence[int] | None
+    ) -> Impacts | None:
+        """Return the impacts of a step, or None.
 
-        `state` (M, 6): as it was placed in the engine, if it was; `first`: the half
-        step to t = 0.
+        `new_rows`: of contacts that did not touch before, or None if any contact may
+        close. Contacts that touched before do not bounce; only their remaining closing
+        speed is removed.
         """
-        before = None if state is None else state[:, 3:].copy()
-        original: Array | None = None
-        impacts: list[Impacts] = []
-        # In a crowd, a first trial with one sweep finds the impacts at a fraction of
-        # the cost.
-        probing = self._governor.crowded and not self._calm
-        if probing and state is None:
-            state = self.state().copy()
-        self._space.iterations = 1 if probing else self._governor.sweeps
-        for attempt in range(ATTEMPTS):
-            load, states, order, numbers = self._begin(end, h, state, first)
-            impact = None
-            # Contacts that still close in the last trial do not bounce.
-            new = self._new_contacts(order, numbers)
-            for _ in range(HIDINGS):
-                if not self._hides_contacts(order, numbers, new):
-                    break
-                if self._space.nudges:
-                    state = self._nudged(state)
-                states, order, numbers = self._repeat_step(h, state, load)
-                new = self._new_contacts(order, numbers)
-            if attempt < ATTEMPTS - 1 and (new is None or new):
-                if state is None:
-                    state = self.state().copy()
-                after = np.frombuffer(states, np.float64).reshape(-1, 6)
-                motion = after[:, :3], state[:, 3:]
-                impact = self._strike(*motion, order, numbers, h, new, first, load)
-            if impact is None and not probing:
-                break
-            assert state is not None
-            # Continue from the velocities after the impacts. The start is moved such
-            # that the step ends at the place of a body that bounced within it.
-            if impact is not None:
-                if original is None:
-                    original = state[:, 3:].copy()
-                impacts.append(impact)
-                self.impacts += len(impact.first)
-                moving = self._space.moving
-                state[:, 3:] = impact.velocity[moving]
-                before = state[:, 3:].copy()
-                state[:, :3] = after[:, :3] + impact.shift[moving] - before * h
-            self._space.iterations = (
-                self._governor.sweeps
-                if impact is None
-                else self._governor.after_impacts
-            )
-            probing = False
-            self._space.place(state)
-        if self._space.hidden:
-            self._space.review_internal_edges()
-        self.steps += 1
-        self.budget.grant(h)
-        self._calm = original is None
-        driven = 0.0
-        if self._joined.busy or (state is not None and not self._calm):
-            exact = np.frombuffer(states, np.float64).reshape(-1, 6).copy()
-            if state is not None and not self._calm:
-                # The first trial corrected overlaps that do not exist after the
-                # impacts.
-                exact[:, :3] = state[:, :3] + state[:, 3:] * h
-            if self._joined.busy:
-                strength = 0.5 if first else 1.0  # of the motors
-                begun_all = None
-                if self._joined.has_bounds:
-                    begun = self.state() if before is None else before
-                    begun_all = np.zeros_like(self._center)
-                    begun_all[self._space.moving] = begun[:, -3:]
-                held = self._joined.hold(*self.everybody(exact), h, strength, begun_all)
-                driven, moving = held.work, self._space.moving
-                exact[:, 3:] = held.velocity[moving]
-                if held.lost:
-                    exact[:, :3] += held.shift[moving]
-                    late_loss = held.lost - held.early
-                    led_share = held.led / held.lost
-                    kicks += [
-                        EnergyEvent(
-                            end - JUST_BEFORE, held.early, led_share * held.early
-                        ),
-                        EnergyEvent(end, late_loss, led_share * late_loss),
-                    ]
-                # Joints have moved bodies: their contacts may now close again under a
-                # load.
-                step_velocity = self.state()[:, 3:] if before is None else before
-                load_impacts = self._carry(exact, step_velocity, order, numbers, h)
-                if load_impacts is not None:
-                    exact[:, 3:] = load_impacts.velocity[moving]
-                    impacts.append(load_impacts)
-            self._space.place(exact)
-            states = exact.tobytes()
-        if self._curves.busy:
-            exact = np.frombuffer(states, np.float64).reshape(-1, 6).copy()
-            started = (self.state() if state is None else state).copy()
-            if original is not None:
-                started[:, 3:] = original
-            given, lifted = self._curves.restore(
-                started, exact, h, order, numbers, impacts
-            )
-            if given or lifted:
-                kicks.append(EnergyEvent(end, -given, -lifted))
-                self._space.place(exact)
-                states = exact.tobytes()
-        if (self._joined.has_scripts or self._breakages.busy) and len(self._states):
-            entry = original
-            if entry is None:
-                entry = (self.state() if state is None else state)[:, 3:]
-            contacts = order, numbers
-            if self._joined.has_scripts:
-                span = h / 2 if first else h
-                script_work, early_work = self._scripted_work(
-                    entry, states, span, load, contacts, impacts
-                )
-                if self.suspicious or kicks:
-                    # The work was done at once, so that the mean of both velocities
-                    # shows only a part.
-                    kicks += [
-                        EnergyEvent(end - JUST_BEFORE, 0.0, early_work),
-                        EnergyEvent(end, 0.0, script_work - early_work),
-                    ]
-                else:
-                    driven += script_work
-            if self._breakages.busy and not first:
-                kicks += self._break(entry, states, end, h, load, contacts, impacts)
-        if self._space.parting:
-            self._space.separate_broken()
-        self.stirred |= not self._calm
-        self._last = h, load, 0.5 if first else 1.0
-        self._within = before, self._states
-        self._order, self._numbers, self._states, self.suspicious = (
-            order,
-            numbers,
-            states,
-            False,
+        if trial.state is None:
+            trial.state = self.state().copy()
+        threshold = self._governor.threshold(trial.h, self._governor.rest_factor)
+        after = np.frombuffer(trial.states, np.float64).reshape(-1, 6)
+        poses = self._all_poses
+        velocities = self._all_velocities
+        poses[self._space.moving] = after[:, :3]
+        velocities[self._space.moving] = trial.state[:, 3:]
+        words = trial.order.words
+        numbers = trial.order.sort(trial.numbers)
+        points = contact_points(words, numbers, poses, velocities)
+        if not (points.closing > threshold).any():
+            return None
+        old_words = words if trial.is_half else self._order.words
+        has_touched = np.ones(len(trial.order.contacts), bool)
+        has_touched[[*new_contacts(words, old_words)]] = False
+        if new_rows is not None:
+            points.closing[has_touched[points.row]] = 0.0
+            if not (points.closing > threshold).any():
+                return None
+        motion = StepMotion(poses, velocities, self._drift(trial.load, old_words))
+        solver = ImpactSolver(
+            self._properties,
+            self._assemblies,
+            motion,
+            points,
+            has_touched,
+            trial.h,
+            threshold,
         )
-        braking, resistance = NOT_BRAKED, self._lasting.resistance
-        if load is not None:
-            self._lasting.end(load)
-        if resistance.busy:
-            braking = resistance.brakes.array, self._space.braked()
-            resistance.follow(order, numbers, h)
-        return Step(
-            end,
-            h,
-            states,
-            order,
-            numbers,
-            before,
-            original,
-            impacts,
-            load,
-            driven,
-            braking,
-            kicks,
-        )
+        return solver.run(self.budget)
 
-    def _scripted_work(
-        self,
-        begun: Array,
-        states: bytes,
-        h: float,
-        load: Forces | None,
-        contacts: tuple[Order, bytes],
-        impacts: list[Impacts],
-    ) -> tuple[float, float]:
-        """Return the work of scripted partners of joints in a step, g·px²/s².
+    def _drift(self, load: Forces | None, old_words: bytes) -> Array:
+        """Return the accelerations of bodies and walls before their impacts, px/s².
 
-        `begun` (M, 3): velocities before the step. The second value is the part of the
-        work that the mean of the velocities before and after shows.
+        Only a free body falls further before its impact; the contacts `old_words` of
+        the step before and joints carry the weight of all others.
         """
-        state = np.frombuffer(states, np.float64).reshape(-1, 6)
-        pose, change = self.everybody(
-            np.concatenate([state[:, :3], state[:, 3:] - begun], axis=1)
-        )
-        _, after = self.everybody(state)
-        total = None if load is None else load.total
-        impulse = self._breakages.unexplained(change, pose, h, total, contacts, impacts)
-        speeds = np.stack([after - change / 2, after - 3 / 4 * change])
-        work, double_early = self._joined.scripted_work(
-            pose, impulse, speeds, bool(impacts)
-        )
-        return float(work), float(double_early) / 2
+        drift = np.zeros((len(self._all_poses), 2))
+        drift[: len(self._is_dynamic)] = self._forces.drift(load)
+        drift[np.frombuffer(old_words, np.int64).reshape(-1, WORDS)[:, :2]] = 0.0
+        drift[self._jointed_bodies] = 0.0
+        return drift
 
-    def _break(
-        self,
-        begun: Array,
-        states: bytes,
-        end: float,
-        h: float,
-        load: Forces | None,
-        contacts: tuple[Order, bytes],
-        impacts: list[Impacts],
-    ) -> list[EnergyEvent]:
-        """Release the breaking joints of a step; return their loss of energy.
+    def _start_after_impacts(self, trial: StepTrial, impact: Impacts) -> None:
+        """Let the next trial continue from the velocities after the impacts."""
+        assert trial.state is not None
+        if trial.velocities_before_impacts is None:
+            trial.velocities_before_impacts = trial.state[:, 3:].copy()
+        trial.impacts.append(impact)
+        self.impacts += len(impact.first)
+        moving = self._space.moving
+        velocities = impact.velocity[moving]
+        trial.state[:, 3:] = trial.velocities = velocities
+        # Move the start such that the step ends at the place of a body that bounced
+        # within it.
+        after = np.frombuffer(trial.states, np.float64).reshape(-1, 6)
+        trial.state[:, :3] = after[:, :3] + impact.shift[moving] - velocities * trial.h
 
-        `begun` (M, 3): velocities before the step.
-        """
-        state = np.frombuffer(states, np.float64).reshape(-1, 6)
-        pose, change = self.everybody(
-            np.concatenate([state[:, :3], state[:, 3:] - begun], axis=1)
+    # Corrections after the engine's step
+
+    def _correct_state(self, trial: StepTrial) -> None:
+        """Place the bodies after impacts, and close the joints exactly."""
+        exact = np.frombuffer(trial.states, np.float64).reshape(-1, 6).copy()
+        if trial.state is not None and not self._is_calm:
+            # The first trial corrected overlaps that do not exist after the impacts.
+            exact[:, :3] = trial.state[:, :3] + trial.state[:, 3:] * trial.h
+        if self._assemblies.busy:
+            self._hold_joints(trial, exact)
+        self._space.place(exact)
+        trial.states = exact.tobytes()
+
+    def _hold_joints(self, trial: StepTrial, exact: Array) -> None:
+        """Close the joints in the state (M, 6) at the end, and then load its contacts."""
+        moving = self._space.moving
+        h = trial.h
+        step_velocities = trial.velocities
+        if step_velocities is None:
+            step_velocities = self.state()[:, 3:]
+        start_velocities = None
+        if self._assemblies.has_bounds:
+            start_velocities = np.zeros_like(self._center)
+            start_velocities[moving] = step_velocities
+        motor_strength = 0.5 if trial.is_half else 1.0
+        pose, velocity = self.expand_state(exact)
+        motion = self._assemblies.constrain(
+            pose, velocity, h, motor_strength, start_velocities
         )
-        total = None if load is None else load.total
-        breakages = self._breakages
-        impulse = breakages.unexplained(change, pose, h, total, contacts, impacts)
-        blow = bool(impacts)
-        broken_joints = breakages.review(self._joined, pose, impulse, h, blow)
-        if not broken_joints:
-            return []
-        for joint in broken_joints:
-            self._space.release(joint)
-        events = [self._lasting.release(joint, pose, end) for joint in broken_joints]
-        whole_joints = tuple(j for j in self._world.joints if j not in broken_joints)
-        self._world = replace(self._world, joints=whole_joints)
-        self._joined = Assemblies(self._world)
-        self._held = self._joined.bodies
-        self.suspicious = self.stirred = True
-        return events
+        trial.motor_work = motion.work
+        exact[:, 3:] = motion.velocity[moving]
+        if motion.loss:
+            exact[:, :3] += motion.shift[moving]
+            late_loss = motion.loss - motion.early_loss
+            script_share = motion.script_loss / motion.loss
+            early_work = script_share * motion.early_loss
+            trial.events += [
+                EnergyEvent(trial.end - JUST_BEFORE, motion.early_loss, early_work),
+                EnergyEvent(trial.end, late_loss, script_share * late_loss),
+            ]
+        # Joints have moved bodies: their contacts may now close again under a load.
+        load_impacts = self._load_contacts(exact, step_velocities, trial)
+        if load_impacts is not None:
+            exact[:, 3:] = load_impacts.velocity[moving]
+            trial.impacts.append(load_impacts)
 
-    def _carry(
-        self, state: Array, within: Array, order: Order, numbers: bytes, h: float
+    def _load_contacts(
+        self, state: Array, step_velocities: Array, trial: StepTrial
     ) -> Impacts | None:
         """Return the impulses that contacts of bodies on joints lack; None without
         them.
 
-        `state` (M, 6): after the joints; `within` (M, 3): velocities within the step.
+        `state` (M, 6): after the joints; `step_velocities` (M, 3): within the step.
         The engine solves contacts and joints in turns, and so cannot carry a heavy
         load on light bodies. The rest is solved here with the joints' responses,
         without rebound.
         """
-        threshold = LEFT * max(self._weight * h, self._governor.threshold(h, 0.0))
-        rows = self._joined.rows_held(order)
+        h = trial.h
+        order = trial.order
+        rest_speed = self._governor.threshold(h, 0.0)
+        threshold = CLOSING_SHARE * max(self._press * h, rest_speed)
+        rows = self._assemblies.jointed_rows(order)
         moving = self._space.moving
-        if not rows or order.fastest_closing(rows, numbers, moving, state) <= threshold:
+        if not rows:
             return None
-        poses, velocities = self._wide, self._fast
+        if order.fastest_closing(rows, trial.numbers, moving, state) <= threshold:
+            return None
+        poses = self._all_poses
+        velocities = self._all_velocities
         poses[moving], velocities[moving] = state[:, :3], state[:, 3:]
-        points = contact_points(order.words, order.sort(numbers), poses, velocities)
+        numbers = order.sort(trial.numbers)
+        points = contact_points(order.words, numbers, poses, velocities)
         no_elasticity = [0.0] * len(self._properties.elasticity)
         start_velocities = np.zeros_like(velocities)
-        start_velocities[moving] = within
+        start_velocities[moving] = step_velocities
         solver = ImpactSolver(
             replace(self._properties, elasticity=no_elasticity),
-            self._joined,
+            self._assemblies,
             StepMotion(poses, velocities, np.zeros((len(poses), 2))),
             points,
-            np.ones(len(order.listed), bool),
+            np.ones(len(order.contacts), bool),
             h,
             threshold,
             start_velocities,
         )
         return solver.run(self.budget)
 
-    def _strike(
-        self,
-        pose: Array,
-        velocity: Array,
-        order: Order,
-        numbers: bytes,
-        h: float,
-        new: Sequence[int] | None,
-        first: bool,
-        load: Forces | None,
-    ) -> Impacts | None:
-        """Return the impacts of a step, or None.
-
-        `pose` (M, 3): at the end of the step; `velocity` (M, 3): within it; `new`: rows
-        of contacts that did not touch before, or None if any contact may close.
-        Contacts that touched before do not bounce; only their remaining closing speed
-        is removed.
-        """
-        threshold = self._governor.threshold(h, self._governor.loud)
-        poses, velocities = self._wide, self._fast
-        poses[self._space.moving], velocities[self._space.moving] = pose, velocity
-        words, numbers = order.words, order.sort(numbers)
-        points = contact_points(words, numbers, poses, velocities)
-        if not (points.closing > threshold).any():
-            return None
-        old_words = words if first else self._order.words
-        has_touched = np.ones(len(order.listed), bool)
-        has_touched[[*new_contacts(words, old_words)]] = False
-        if new is not None:
-            points.closing[has_touched[points.row]] = 0.0
-            if not (points.closing > threshold).any():
-                return None
-        # Only a free body falls further before its impact; contacts and
-        # joints carry the weight of all others.
-        drift = np.zeros((len(poses), 2))
-        drift[: len(self._dynamic)] = self._lasting.drift(load)
-        drift[np.frombuffer(old_words, np.int64).reshape(-1, WORDS)[:, :2]] = 0.0
-        drift[self._held] = 0.0
-        motion = StepMotion(poses, velocities, drift)
-        solver = ImpactSolver(
-            self._properties, self._joined, motion, points, has_touched, h, threshold
+    def _restore_energy_on_curves(self, trial: StepTrial) -> None:
+        """Return the energy that smooth curves took from bodies which slide on them."""
+        exact = np.frombuffer(trial.states, np.float64).reshape(-1, 6).copy()
+        start_state = (self.state() if trial.state is None else trial.state).copy()
+        if trial.velocities_before_impacts is not None:
+            start_state[:, 3:] = trial.velocities_before_impacts
+        energy, lift_work = self._curves.restore(
+            start_state, exact, trial.h, trial.order, trial.numbers, trial.impacts
         )
-        return solver.run(self.budget)
+        if energy or lift_work:
+            trial.events.append(EnergyEvent(trial.end, -energy, -lift_work))
+            self._space.place(exact)
+            trial.states = exact.tobytes()
+
+    # The impulses of joints
+
+    def _review_joints(self, trial: StepTrial) -> None:
+        """Count the work of scripted partners of joints, and break joints."""
+        duration = trial.h / 2 if trial.is_half else trial.h
+        momentum = self._joint_momentum(trial, duration)
+        if self._assemblies.has_scripts:
+            self._count_script_work(trial, momentum)
+        if self._breakages.busy and not trial.is_half:
+            self._break_joints(trial, momentum)
+
+    def _joint_momentum(self, trial: StepTrial, duration: float) -> JointMomentum:
+        """Return the momentum by joints in a step of `duration` s."""
+        old_velocities = trial.velocities_before_impacts
+        if old_velocities is None:
+            start_state = self.state() if trial.state is None else trial.state
+            old_velocities = start_state[:, 3:]
+        state = np.frombuffer(trial.states, np.float64).reshape(-1, 6)
+        pose, velocity = self.expand_state(state)
+        change = np.zeros_like(velocity)
+        change[self._space.moving] = state[:, 3:] - old_velocities
+        impulse = self._breakages.joint_impulses(
+            change,
+            pose,
+            duration,
+            None if trial.load is None else trial.load.total,
+            (trial.order, trial.numbers),
+            trial.impacts,
+        )
+        return JointMomentum(pose, velocity, change, impulse)
+
+    def _count_script_work(self, trial: StepTrial, momentum: JointMomentum) -> None:
+        """Add the work of scripted partners of joints to the work of motors.
+
+        Work that was done at once becomes events, because the mean of the velocities
+        before and after the step shows only a part of it.
+        """
+        middle = momentum.velocity - momentum.change / 2
+        early_middle = momentum.velocity - 3 / 4 * momentum.change
+        script_work, double_early_work = self._assemblies.scripted_work(
+            momentum.pose,
+            momentum.impulse,
+            np.stack([middle, early_middle]),
+            bool(trial.impacts),
+        )
+        work = float(script_work)
+        early_work = float(double_early_work) / 2
+        if self.has_unchecked_contacts or trial.events:
+            trial.events += [
+                EnergyEvent(trial.end - JUST_BEFORE, 0.0, early_work),
+                EnergyEvent(trial.end, 0.0, work - early_work),
+            ]
+        else:
+            trial.motor_work += work
+
+    def _break_joints(self, trial: StepTrial, momentum: JointMomentum) -> None:
+        """Release the breaking joints of a step, and record their loss of energy."""
+        pose = momentum.pose
+        broken_joints = self._breakages.review(
+            self._assemblies, pose, momentum.impulse, trial.h, bool(trial.impacts)
+        )
+        if not broken_joints:
+            return
+        for joint in broken_joints:
+            self._space.release(joint)
+            trial.events.append(self._forces.release(joint, pose, trial.end))
+        intact_joints = tuple(j for j in self._world.joints if j not in broken_joints)
+        self._world = replace(self._world, joints=intact_joints)
+        self._assemblies = Assemblies(self._world)
+        self._jointed_bodies = self._assemblies.bodies
+        self.has_unchecked_contacts = self.has_unchecked_speeds = True
+
+    def _finish_step(self, trial: StepTrial) -> Step:
+        """Make the end of a step the start of the next one, and return its record."""
+        self.has_unchecked_speeds |= not self._is_calm
+        self._last_load = trial.h, trial.load, 0.5 if trial.is_half else 1.0
+        self._last_motion = trial.velocities, self._states
+        self._order = trial.order
+        self._numbers = trial.numbers
+        self._states = trial.states
+        self.has_unchecked_contacts = False
+        if trial.load is not None:
+            self._forces.end(trial.load)
+        braking = NO_BRAKING
+        resistance = self._forces.resistance
+        if resistance.busy:
+            braking = resistance.brakes.array, self._space.brake_impulses()
+            resistance.follow(trial.order, trial.numbers, trial.h)
+        return Step(
+            trial.end,
+            trial.h,
+            trial.states,
+            trial.order,
+            trial.numbers,
+            trial.velocities,
+            trial.velocities_before_impacts,
+            trial.impacts,
+            trial.load,
+            trial.motor_work,
+            braking,
+            trial.events,
+        )

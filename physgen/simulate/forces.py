@@ -24,7 +24,7 @@ from physgen.scene.scene import (
 )
 from physgen.simulate.friction import Resistance, Table
 from physgen.simulate.moving_tables import MovingTable
-from physgen.simulate.ramps import Ramps, is_ramped
+from physgen.simulate.ramps import Ramps, has_ramp
 
 
 def spring_joints(world: World) -> list[Joint]:
@@ -52,11 +52,13 @@ def stiffest_spring(world: World) -> tuple[float, str]:
     together.
     """
     stiffness_sums: dict[int, float] = {}
-    largest_stiffness, name = 0.0, ""
+    largest_stiffness = 0.0
+    name = ""
     for spring in spring_joints(world):
         stiffness = spring.stiffness * spring_compliance(world, spring)
         if stiffness > largest_stiffness:
-            largest_stiffness, name = stiffness, spring.name
+            largest_stiffness = stiffness
+            name = spring.name
         for index in (spring.first, spring.second):
             if index is not None and world.bodies[index].motion is Motion.DYNAMIC:
                 stiffness_sums[index] = stiffness_sums.get(index, 0.0) + stiffness
@@ -68,7 +70,7 @@ class EnergyEvent:
     """A change of energy at one time, g·px²/s²."""
 
     time: float  # s
-    lost: float
+    loss: float
     work: float
 
 
@@ -78,25 +80,25 @@ class Impulses:
     def __init__(self, world: World) -> None:
         dynamic = [body.motion is Motion.DYNAMIC for body in world.bodies]
         self._bodies = world.bodies
-        self._coming = sorted(
+        self._queue = sorted(
             (p for p in world.pushes if p.load is Load.IMPULSE and dynamic[p.body]),
             key=lambda p: p.start,
         )
 
-    def due(self, end: float) -> bool:
+    def has_due(self, end: float) -> bool:
         """Check whether an impulse is given before `end`, s."""
-        return bool(self._coming) and self._coming[0].start < end - 1e-12
+        return bool(self._queue) and self._queue[0].start < end - 1e-12
 
-    def since(self, begin: float) -> float:
+    def time_until_next(self, begin: float) -> float:
         """Return the time from `begin` to the next impulse, s."""
-        return max(0.0, self._coming[0].start - begin)
+        return max(0.0, self._queue[0].start - begin)
 
     def give(self, velocity: Array, pose: Array, since: float) -> EnergyEvent:
         """Apply the next impulse to the velocities (N, 3).
 
         `since`: time, s, since the bodies had the pose (N, 3).
         """
-        push = self._coming.pop(0)
+        push = self._queue.pop(0)
         body = self._bodies[push.body]
         old_velocity = velocity[push.body]
         arm = _turned(push.at, pose[push.body, 2] + old_velocity[2] * since)
@@ -170,8 +172,8 @@ class ForceFields:
         self._damping = np.where(is_dynamic, [b.damping for b in bodies], 0.0)
         self._damped = np.flatnonzero(self._damping)
         self._moment = moment
-        self.steers = bool(self._attractors or self._magnets)
-        """Whether `pace` may limit the step."""
+        self.has_centres = bool(self._attractors or self._magnets)
+        """Whether `fastest_rate` may limit the step."""
         self.busy = bool(
             self._pushes or self._springs or self._winds or self._attractors
         ) or bool(self._lifts or len(self._damped) or self._fingers)
@@ -191,7 +193,7 @@ class ForceFields:
         length = float(np.hypot(*self._ends(spring, pose)[2]))
         return spring.stiffness / 2 * (length - spring.length) ** 2
 
-    def pace(self, pose: Array, velocity: Array) -> float:
+    def fastest_rate(self, pose: Array, velocity: Array) -> float:
         """Return the fastest relative change of an attractor's pull, 1/s."""
         fastest_rate = 0.0
         for field in self._attractors:
@@ -333,7 +335,8 @@ class ForceFields:
         total: LoadSum,
     ) -> None:
         """Add the pull of a finger, while it holds."""
-        knots, (begin, end) = finger.knots, span
+        knots = finger.knots
+        begin, end = span
         if knots is None or end <= knots[0, 0] or begin >= knots[-1, 0]:
             return
         h = end - begin
@@ -477,7 +480,8 @@ class Pool:
             ):
                 continue
             rotation_matrix = rotation(angle)
-            total_area, moment_sum = 0.0, np.zeros(2)
+            total_area = 0.0
+            moment_sum = np.zeros(2)
             for piece in pieces:
                 corners = piece @ rotation_matrix.T + (x, y)
                 # Clip the convex piece at the four sides of the water, one after the
@@ -493,10 +497,8 @@ class Pool:
                     continue
                 moments = polygon_moments(corners)
                 piece_area = abs(moments.area)
-                total_area, moment_sum = (
-                    total_area + piece_area,
-                    moment_sum + piece_area * moments.center,
-                )
+                total_area += piece_area
+                moment_sum = moment_sum + piece_area * moments.center
             if total_area > 0:
                 yield body, total_area, moment_sum / total_area
 
@@ -511,7 +513,8 @@ def _clip_outline(corners: Array, axis: int, bound: float, sign: float) -> Array
         return corners
     kept_corners: list[Array] = []
     for k in range(len(corners)):
-        previous_depth, depth_of_corner = depth[k - 1], depth[k]
+        previous_depth = depth[k - 1]
+        depth_of_corner = depth[k]
         if previous_depth * depth_of_corner < 0:
             part = previous_depth / (previous_depth - depth_of_corner)
             kept_corners.append(corners[k - 1] + part * (corners[k] - corners[k - 1]))
@@ -535,7 +538,8 @@ CORNERS = 180
 
 def mean_factor(push: Push, begin: float, end: float) -> float:
     """Return the mean factor of a push over a step from `begin` to `end`, s."""
-    low, high = max(push.start, begin), min(push.end, end)
+    low = max(push.start, begin)
+    high = min(push.end, end)
     profile = push.profile
     if profile is None or high <= low:
         return 0.0
@@ -586,8 +590,8 @@ class Forces(NamedTuple):
     total: Array
     drive: Array | None  # the working part
     spend: Array | None  # the dissipating part
-    rolled: Array | None  # (N, 2) rad/s: change of the spheres' roll on the table
-    carried: float = 0.0  # g·px²/s² of work by belts and turntables in the step
+    roll_change: Array | None  # (N, 2) rad/s: change of the spheres' roll on the table
+    table_work: float = 0.0  # g·px²/s² of work by belts and turntables in the step
 
 
 class StepForces:
@@ -597,7 +601,9 @@ class StepForces:
         self, world: World, moving: NDArray[np.int64], loads: ForceFields
     ) -> None:
         bodies = world.bodies
-        self._moving, self._loads, self._table = moving, loads, Table(world)
+        self._moving = moving
+        self._loads = loads
+        self._table = Table(world)
         self._belts = MovingTable(world)
         self.resistance = Resistance(world)
         self._center = np.array([[*b.center, 0.0] for b in bodies]).reshape(-1, 3)
@@ -608,14 +614,14 @@ class StepForces:
         self._nothing = np.zeros((len(bodies), 3))
         self._fall = np.where(self._dynamic[:, None], [*world.gravity, 0.0], 0.0)
         self._falls = bool(world.gravity.any())
-        rolls = [0 * b.roll if is_ramped(b) else b.roll for b in bodies]
+        rolls = [0 * b.roll if has_ramp(b) else b.roll for b in bodies]
         self.roll = np.array(rolls).reshape(-1, 2)
         """Present roll of spheres on a table, (N, 2) rad/s."""
         self._foreseen: list[tuple[Array, Array]] = []
         """Friction of the table in the next steps without contacts, the last step
         first.
         """
-        self.pushes = loads.busy or self._table.busy
+        self.is_acting = loads.busy or self._table.busy
         """Whether forces are to be set before a step."""
 
     def release(self, joint: Joint, pose: Array, time: float) -> EnergyEvent:
@@ -624,8 +630,8 @@ class StepForces:
 
     def end(self, load: Forces) -> None:
         """Complete a step: until then, the step may be taken again from its start."""
-        if load.rolled is not None:
-            self.roll = self.roll + load.rolled
+        if load.roll_change is not None:
+            self.roll = self.roll + load.roll_change
 
     def drift(self, load: Forces | None) -> Array:
         """Return the acceleration of each body without contacts, (N, 2) px/s²."""
@@ -647,11 +653,11 @@ class StepForces:
         return np.asarray(fall + load.total / self._weight * h * self._dynamic[:, None])
 
     def push(
-        self, state: Array, end: float, h: float, *, first: bool, alone: bool
+        self, state: Array, end: float, h: float, *, is_half: bool, is_free: bool
     ) -> Forces:
         """Return the lasting forces of the step to `end`, at the bodies' future places.
 
-        `first`: the half step to t = 0. `alone`: no contact in the step before, no
+        `is_half`: the half step to t = 0. `is_free`: no contact in the step before, no
         joint, and no other change since, so that several steps of table friction can be
         computed at once.
         """
@@ -659,12 +665,13 @@ class StepForces:
         load = Forces(self._nothing, None, None, None)
         if self._loads.busy:
             pose = self._spread(state[:, :3] + state[:, 3:] * h, self._center)
-            begin, duration = (end, 0.5) if first else (end - h / 2, 1.0)
+            begin, duration = (end, 0.5) if is_half else (end - h / 2, 1.0)
             loads = self._loads.at(pose, velocity, begin, end + h / 2)
-            drive, spend = loads.drive * duration, loads.spend * duration
+            drive = loads.drive * duration
+            spend = loads.spend * duration
             load = Forces(loads.hold * duration + drive + spend, drive, spend, None)
         if self._table.busy:
-            duration = h / 2 if first else h
+            duration = h / 2 if is_half else h
             predicted_velocity = (
                 velocity + load.total / self._weight * h
                 if self._loads.busy
@@ -675,7 +682,7 @@ class StepForces:
                 if self._falls
                 else predicted_velocity
             )
-            alone &= not (self._loads.busy or self._falls or self._belts.busy)
+            is_free &= not (self._loads.busy or self._falls or self._belts.busy)
             table_velocity = None
             if self._belts.busy:
                 # where bodies are when they have their new velocities
@@ -685,13 +692,13 @@ class StepForces:
                 table_velocity = self._belts.velocities(middle[:, :2])
                 predicted_velocity = predicted_velocity - table_velocity
             roll = self.roll
-            begin = end if first else end - h / 2
+            begin = end if is_half else end - h / 2
             pushed_roll = self._loads.ramps.roll_change(begin, end + h / 2, len(roll))
             if pushed_roll is not None:
                 roll = roll + pushed_roll
-            if not (alone and self._foreseen):
+            if not (is_free and self._foreseen):
                 self._foreseen = self._table.foreseen(
-                    predicted_velocity, roll, duration, 32 if alone else 1
+                    predicted_velocity, roll, duration, 32 if is_free else 1
                 )
             change, roll_change = self._foreseen.pop()
             if pushed_roll is not None:
@@ -740,7 +747,7 @@ class ScriptedMotion:
             np.concatenate([np.zeros(0), *(path[:, 0] for _, path in self._paths)])
         )
 
-    def jump(self, begin: float, end: float) -> bool:
+    def has_jump(self, begin: float, end: float) -> bool:
         """Check whether a path's velocity changes after `begin`, up to `end`, s."""
         low, high = np.searchsorted(self._knots, [begin, end], side="right")
         return bool(high > low)
@@ -752,7 +759,8 @@ class ScriptedMotion:
         of the h seconds after, with which it pushes others.
         """
         for body, path in self._paths:
-            present_pose, next_pose = _pose(path, time), _pose(path, time + h)
+            present_pose = _pose(path, time)
+            next_pose = _pose(path, time + h)
             velocity = (next_pose - present_pose) / h
             state[row[body], :3] = present_pose - velocity * h
             state[row[body], 3:] = velocity

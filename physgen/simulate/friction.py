@@ -43,7 +43,7 @@ class Resistance:
     def follow(self, order: Order, numbers: bytes, h: float) -> None:
         """Set the next brakes and torques by a step's contacts."""
         if order.brakes is None:
-            order.brakes = self._found(order.listed)
+            order.brakes = self._found(order.contacts)
         self.brakes, self.torques = order.brakes, []
         if not self.brakes.by:
             return

@@ -6,7 +6,7 @@ Steps are read in blocks, so that arrays can be used instead of loops.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -32,19 +32,25 @@ from physgen.simulate.trajectory import (
     Effort,
     Energy,
     Trajectory,
+    compose_quaternions,
     cumulative_quaternions,
     quaternions_from_vectors,
 )
-from physgen.simulate.trajectory import compose_quaternions as then
 
 Index = NDArray[np.int64]
+Index32 = NDArray[np.int32]
 
 
-def _totals(codes: Index, impulse: Array) -> tuple[Index, Array]:
+def _sum_by_code(codes: Index, impulse: Array) -> tuple[Index, Array]:
     """Return each code once, with the sum (K, 2) of its impulses."""
     unique_codes, rows = np.unique(codes, return_inverse=True)
-    sums = [np.bincount(rows, impulse[:, k], len(unique_codes)) for k in (0, 1)]
-    return unique_codes, np.stack(sums, axis=1).astype(np.float64)
+    x_sums = np.bincount(rows, impulse[:, 0], len(unique_codes))
+    y_sums = np.bincount(rows, impulse[:, 1], len(unique_codes))
+    return unique_codes, np.stack([x_sums, y_sums], axis=1).astype(np.float64)
+
+
+Touch = tuple[int, float, float]
+"""Code of a pair, and begin and end of its touch, s."""
 
 
 class ContactLog:
@@ -54,12 +60,15 @@ class ContactLog:
         """Create an empty log; touches of a pair with a gap of at most `gap` s
         are one.
         """
-        self._surfaces, self._gap = surfaces, gap
-        self._open: dict[int, float] = {}
-        self._touches: list[tuple[int, float, float]] = []
+        self._surfaces = surfaces
+        self._gap = gap
+        self._open_touches: dict[int, float] = {}
+        """Begins, s, of the touches that last at the end of the block, by pair."""
+        self._touches: list[Touch] = []
         self._sums: list[tuple[Index, Array]] = []
+        """Codes of sample and pair, with the sums of impulses, of each block."""
 
-    def block(
+    def add_block(
         self,
         times: Array,
         step: Index,
@@ -67,84 +76,94 @@ class ContactLog:
         first: Index,
         second: Index,
         impulse: Array,
-        when: Array,
+        contact_time: Array,
     ) -> None:
         """Add R contacts of S steps that end at `times` (S,).
 
         `step`, `sample` (R,): the step of each contact, and the sample after it;
-        `impulse` (R, 2) g·px/s on the first; `when` (R,) s: the end of the step, or the
-        time of an impact.
+        `impulse` (R, 2) g·px/s on the first; `contact_time` (R,) s: the end of the
+        step, or the time of an impact.
         """
         surface_count = len(self._surfaces)
+        # A pair has one code in both orders: the lesser object comes first.
         is_swapped = first > second
-        pair_codes = np.where(is_swapped, second, first) * surface_count + np.where(
-            is_swapped, first, second
-        )
+        lesser = np.where(is_swapped, second, first)
+        greater = np.where(is_swapped, first, second)
+        pair_codes = lesser * surface_count + greater
         impulses = np.where(is_swapped[:, None], -impulse, impulse)
-        self._sums.append(
-            _totals(sample * (surface_count * surface_count) + pair_codes, impulses)
-        )
-        self._touch(times, step, pair_codes, when)
+        sample_codes = sample * (surface_count * surface_count) + pair_codes
+        self._sums.append(_sum_by_code(sample_codes, impulses))
+        self._collect_touches(times, step, pair_codes, contact_time)
 
-    def _touch(self, times: Array, step: Index, key: Index, when: Array) -> None:
+    def _collect_touches(
+        self, times: Array, step: Index, pair: Index, contact_time: Array
+    ) -> None:
         """Collect runs of consecutive steps with a contact, by pair.
 
         A run at the end of the block stays open, and continues in the next block.
         """
-        step_count = len(times)
         # Sort by pair, step and time, and keep the earliest contact of a pair in each
         # step.
-        order = np.lexsort((when, step, key))
-        key, step, when = key[order], step[order], when[order]
-        is_first = np.ones(len(key), bool)
-        is_first[1:] = (key[1:] != key[:-1]) | (step[1:] != step[:-1])
-        key, step, when = key[is_first], step[is_first], when[is_first]
-        # A touch begins where a pair changes, or where a step without contact lies
-        # between.
-        is_start = np.ones(len(key), bool)
-        is_start[1:] = (key[1:] != key[:-1]) | (step[1:] != step[:-1] + 1)
+        order = np.lexsort((contact_time, step, pair))
+        pair = pair[order]
+        step = step[order]
+        contact_time = contact_time[order]
+        is_first = np.ones(len(pair), bool)
+        is_first[1:] = (pair[1:] != pair[:-1]) | (step[1:] != step[:-1])
+        pair = pair[is_first]
+        step = step[is_first]
+        contact_time = contact_time[is_first]
+        # A touch begins with a new pair, or after a step without contact.
+        is_start = np.ones(len(pair), bool)
+        is_start[1:] = (pair[1:] != pair[:-1]) | (step[1:] != step[:-1] + 1)
         begins = np.flatnonzero(is_start)
-        ends = np.append(begins[1:], len(key))[: len(begins)] - 1
-        open_touches, continued_pairs = {}, set()
-        for pair, begin, last_step, first_time in zip(
-            key[begins].tolist(),
+        ends = np.append(begins[1:], len(pair))[: len(begins)] - 1
+        runs = zip(
+            pair[begins].tolist(),
             step[begins].tolist(),
             step[ends].tolist(),
-            when[begins].tolist(),
+            contact_time[begins].tolist(),
             strict=True,
-        ):
+        )
+        self._close_touches(times, runs)
+
+    def _close_touches(
+        self, times: Array, runs: Iterable[tuple[int, int, int, float]]
+    ) -> None:
+        """Add the touches that ended in a block, and keep the open ones.
+
+        `runs`: pair, first and last step, and first time of each run of contacts.
+        """
+        open_touches = {}
+        continued_pairs = set()
+        for pair, first_step, last_step, first_time in runs:
             begin_time = first_time
-            if begin == 0 and pair in self._open:
-                begin_time = self._open[pair]
+            if first_step == 0 and pair in self._open_touches:
+                begin_time = self._open_touches[pair]
                 continued_pairs.add(pair)
-            if last_step == step_count - 1:
+            if last_step == len(times) - 1:
                 open_touches[pair] = begin_time
             else:
                 self._touches.append((pair, begin_time, float(times[last_step + 1])))
         # Touches of the block before that did not continue ended with it.
-        for pair in self._open.keys() - continued_pairs:
-            self._touches.append((pair, self._open[pair], float(times[0])))
-        self._open = open_touches
+        for pair in self._open_touches.keys() - continued_pairs:
+            self._touches.append((pair, self._open_touches[pair], float(times[0])))
+        self._open_touches = open_touches
 
-    def _joined(
-        self, touches: list[tuple[int, float, float]]
-    ) -> list[tuple[int, float, float]]:
+    def _merge_touches(self, touches: list[Touch]) -> list[Touch]:
         """Merge touches of a pair with a gap of at most `gap` s; sorted by pair and
         begin.
         """
-        merged_touches: list[tuple[int, float, float]] = []
+        merged_touches: list[Touch] = []
         for pair, begin, end in touches:
+            last_pair = -1
+            last_begin = 0.0
+            last_end = 0.0
+            if merged_touches:
+                last_pair, last_begin, last_end = merged_touches[-1]
             # Contacts at rest flicker: a short gap does not end a touch.
-            if (
-                merged_touches
-                and merged_touches[-1][0] == pair
-                and begin - merged_touches[-1][2] <= self._gap
-            ):
-                merged_touches[-1] = (
-                    pair,
-                    merged_touches[-1][1],
-                    max(end, merged_touches[-1][2]),
-                )
+            if last_pair == pair and begin - last_end <= self._gap:
+                merged_touches[-1] = pair, last_begin, max(end, last_end)
             else:
                 merged_touches.append((pair, begin, end))
         return merged_touches
@@ -152,40 +171,45 @@ class ContactLog:
     def result(self) -> Contacts:
         """Return all contacts; touches are sorted by begin, then by pair."""
         surface_count = len(self._surfaces)
-        touches = [
-            *self._touches,
-            *((pair, begin, np.inf) for pair, begin in self._open.items()),
-        ]
-        touches = self._joined(sorted(touches))
-        touches.sort(key=lambda touch: (touch[1], touch[0], touch[2]))
-        pairs = np.array(
-            [divmod(pair, surface_count) for pair, _, _ in touches], np.int32
-        ).reshape(-1, 2)
-        # Sum the impulses again over all blocks, since a sample may span two of them.
-        codes, impulses_by_block = zip(
-            (np.zeros(0, np.int64), np.zeros((0, 2))), *self._sums, strict=True
-        )
-        rows, sums = _totals(np.concatenate(codes), np.concatenate(impulses_by_block))
-        is_nonzero = sums.any(axis=1)
-        rows, sums = rows[is_nonzero], sums[is_nonzero]
-        first, second = (
-            np.divmod(rows % (surface_count * surface_count), surface_count)
-            if surface_count
-            else (rows, rows)
-        )
+        open_touches = [(pair, t, np.inf) for pair, t in self._open_touches.items()]
+        touches = self._merge_touches(sorted([*self._touches, *open_touches]))
+        touches.sort(key=_begin_and_pair)
+        pairs = [divmod(pair, surface_count) for pair, _, _ in touches]
+        touch_times = [(begin, end) for _, begin, end in touches]
+        impulse_rows, impulses = self._sum_impulses()
         return Contacts(
             surfaces=self._surfaces,
-            touch_pairs=pairs,
-            touch_times=np.array([(begin, end) for _, begin, end in touches]).reshape(
-                -1, 2
-            ),
-            impulse_rows=np.stack(
-                [rows // max(surface_count * surface_count, 1), first, second], axis=1
-            )
-            .astype(np.int32)
-            .reshape(-1, 3),
-            impulses=sums,
+            touch_pairs=np.array(pairs, np.int32).reshape(-1, 2),
+            touch_times=np.array(touch_times).reshape(-1, 2),
+            impulse_rows=impulse_rows,
+            impulses=impulses,
         )
+
+    def _sum_impulses(self) -> tuple[Index32, Array]:
+        """Return sample, first and second object (R, 3) of the impulses (R, 2)."""
+        # Sum the impulses again over all blocks, since a sample may span two of them.
+        all_codes = [np.zeros(0, np.int64)]
+        all_impulses = [np.zeros((0, 2))]
+        for codes, impulses in self._sums:
+            all_codes.append(codes)
+            all_impulses.append(impulses)
+        sample_codes, sums = _sum_by_code(
+            np.concatenate(all_codes), np.concatenate(all_impulses)
+        )
+        is_nonzero = sums.any(axis=1)
+        sample_codes = sample_codes[is_nonzero]
+        sums = sums[is_nonzero]
+        surface_count = max(len(self._surfaces), 1)
+        samples, pair_codes = np.divmod(sample_codes, surface_count * surface_count)
+        first, second = np.divmod(pair_codes, surface_count)
+        rows = np.stack([samples, first, second], axis=1)
+        return rows.astype(np.int32).reshape(-1, 3), sums
+
+
+def _begin_and_pair(touch: Touch) -> tuple[float, int, float]:
+    """Return the sort key of a touch."""
+    pair, begin, end = touch
+    return begin, pair, end
 
 
 BLOCK = 256
@@ -200,7 +224,7 @@ see `Recorder._misplaced`.
 """
 
 
-NOT_BRAKED = np.zeros((0, 2), np.int64), list[float]()
+NO_BRAKING = np.zeros((0, 2), np.int64), list[float]()
 
 
 @dataclass(slots=True)
@@ -212,17 +236,30 @@ class Step:
     states: bytes
     order: Order  # order of its contacts
     numbers: bytes  # numbers of its contacts, in pymunk's order
-    before: Array | None
+    velocities: Array | None
     """Velocities within the step, (M, 3); None: those after the step before."""
-    original: Array | None
+    velocities_before_impacts: Array | None
     """The same velocities before impacts, (M, 3); None without impacts."""
     impacts: list[Impacts]
     load: Forces | None  # lasting forces of the step
-    driven: float  # g·px²/s² of work by motors
-    braked: tuple[Index, list[float]]
+    motor_work: float  # g·px²/s² of work by motors
+    braking: tuple[Index, list[float]]
     """Pairs (B, 2) of bodies, -1 for the world, and their angular impulses by rolling
     resistance, g·px²/s."""
-    kicks: list[EnergyEvent]
+    events: list[EnergyEvent]
+
+
+@dataclass(frozen=True)
+class BlockMotion:
+    """The motion of the N bodies in the S steps of a block."""
+
+    times: Array  # (S,) s: ends of the steps
+    poses: Array  # (S, N, 3) at the ends
+    velocities: Array  # (S, N, 3): means of the velocities before and after the ends
+    balance: Array  # (S, 2) g·px²/s²: loss and work up to the ends
+    rolls: Array  # (S + 1, N, 2) rad/s, from the begin of the first step on
+    rotation_vectors: Array  # (S, N, 3) rad: rotations in the steps, if any body rolls
+    turns: Array  # (S, N, 4): rotations up to the ends, if any body rolls
 
 
 @dataclass
@@ -237,64 +274,73 @@ class Recorder:
     log: ContactLog = field(init=False)
 
     def __post_init__(self) -> None:
-        world, sample_count, N = self.world, len(self.times), len(self.world.bodies)
-        self.log = ContactLog(
-            tuple(name for name, _ in world.surfaces), 2 / world.steps_per_second
-        )
+        world = self.world
+        names = tuple(name for name, _ in world.surfaces)
+        self.log = ContactLog(names, 2 / world.steps_per_second)
         self._steps: list[Step] = []
-        self._count = self._held = 0  # steps and bytes of the block
-        self.poses, self.velocities = (
-            np.zeros((sample_count, N, 3)),
-            np.zeros((sample_count, N, 3)),
-        )
-        self._rolling = False
-        self.rolls = np.zeros((sample_count, N, 2))
-        self.turns = np.zeros((sample_count, N, 4))
-        self._balance = np.zeros((sample_count, 4))
-        self.done = 0
-        """Number of samples so far."""
-        is_dynamic = np.array([b.motion is Motion.DYNAMIC for b in world.bodies], bool)
-        self._mass = np.where(is_dynamic, [b.mass for b in world.bodies], 0.0).reshape(
-            -1
-        )
-        self._moment = np.where(
-            is_dynamic, [b.moment for b in world.bodies], 0.0
-        ).reshape(-1)
-        is_scripted = [b.motion is Motion.SCRIPTED for b in world.bodies]
-        self._scripted = np.array(is_scripted + [False] * len(world.walls), bool)
-        self._conveyors = np.array([part.conveyor for _, part in world.surfaces])
-        self._still = np.array([[*b.center, 0.0] for b in world.bodies]).reshape(-1, 3)
-        self._even = (
+        self._block_steps = self._block_bytes = 0
+        self._max_block_steps = BLOCK // 8
+        self.residual = 0.0
+        """Fastest remaining closing of a contact in the last block, px/s."""
+        self.overlap = 0.0
+        """Deepest overlap in the last block, px."""
+        self._equal_speeds = (
             0.1 * float(np.hypot(*world.gravity)) / world.steps_per_second + 1e-6
         )
         """Difference of opening speeds, px/s, below which two points share an
         impulse.
         """
         self._time = 0.0
-        self._smooth = np.zeros(2)
+        self._is_first_block = True
+        self._prepare_samples()
+        self._prepare_bodies()
+        self._prepare_balance()
+
+    def _prepare_samples(self) -> None:
+        """Create the arrays of samples."""
+        sample_count = len(self.times)
+        body_count = len(self.world.bodies)
+        self.poses = np.zeros((sample_count, body_count, 3))
+        self.velocities = np.zeros((sample_count, body_count, 3))
+        self.rolls = np.zeros((sample_count, body_count, 2))
+        self.turns = np.zeros((sample_count, body_count, 4))
+        self._balance = np.zeros((sample_count, 4))
+        self._has_rolls = False
+        self.sample_count = 0
+        """Number of samples so far."""
+
+    def _prepare_bodies(self) -> None:
+        """Collect the properties of bodies that their energies depend on."""
+        world = self.world
+        bodies = world.bodies
+        jointed_bodies = set[int | None]()
+        for joint in world.joints:
+            if joint.kind not in SPRINGS:
+                jointed_bodies |= {joint.first, joint.second}
+        motions = [body.motion for body in bodies]
+        is_dynamic = np.array([motion is Motion.DYNAMIC for motion in motions], bool)
+        is_scripted = [motion is Motion.SCRIPTED for motion in motions]
+        masses = np.array([body.mass for body in bodies]).reshape(-1)
+        moments = np.array([body.moment for body in bodies]).reshape(-1)
+        self._mass = np.where(is_dynamic, masses, 0.0)
+        self._moment = np.where(is_dynamic, moments, 0.0)
+        self._is_scripted = np.array(is_scripted + [False] * len(world.walls), bool)
+        self._conveyors = np.array([part.conveyor for _, part in world.surfaces])
+        self._centers = np.array([[*b.center, 0.0] for b in bodies]).reshape(-1, 3)
+        is_free = np.array([k not in jointed_bodies for k in range(len(bodies))], bool)
+        self._is_unjointed = is_dynamic & is_free
+        """Whether a body is dynamic without joints, (N,)."""
+
+    def _prepare_balance(self) -> None:
+        """Start the energy balance, in g·px²/s²."""
+        self._flow_to_middle = np.zeros(2)
         """Loss and work up to the middle of the last step."""
-        self._owed = np.zeros(2)
+        self._flow_after_middle = np.zeros(2)
         """Loss and work of the other half of the last step."""
-        self._struck: list[tuple[float, float, float]] = []
+        self._impact_flows: list[tuple[float, float, float]] = []
         """Time, loss and work of the impacts in this block."""
-        self._spent = np.zeros(2)
+        self._earlier_impact_flow = np.zeros(2)
         """Loss and work of the impacts of earlier blocks."""
-        jointed_bodies = {
-            body
-            for joint in world.joints
-            if joint.kind not in SPRINGS
-            for body in (joint.first, joint.second)
-        }
-        self._unheld = is_dynamic & np.array(
-            [k not in jointed_bodies for k in range(N)], bool
-        )
-        """Dynamic bodies without joints, (N,)."""
-        self._first = True
-        self._block = BLOCK // 8
-        self.residual = 0.0
-        """Fastest remaining closing of a contact in the last block, px/s."""
-        self.overlap = 0.0
-        """Deepest overlap in the last block, px."""
 
     def begin(self, step: Step, pose: Array, velocity: Array, roll: Array) -> None:
         """Record the half step to t = 0.
@@ -302,29 +348,34 @@ class Recorder:
         `pose` (N, 3), `velocity` (N, 3) and `roll` (N, 2) at t = 0 are those of the
         scene.
         """
-        self._pose, self._mean, self._roll = pose, velocity, roll
+        self._pose = pose
+        self._mean_velocity = velocity
+        self._roll = roll
         self._turn = np.tile([1.0, 0.0, 0.0, 0.0], (len(pose), 1))
-        self._after = np.zeros((len(self.moving), 3))
+        self._last_velocities = np.zeros((len(self.moving), 3))
         self._steps.append(step)
         self.flush()
 
     def add(self, step: Step) -> bool:
         """Record a step; return True once a block is full and has been read."""
-        if not self._count:
+        if not self._block_steps:
             self.residual = self.overlap = 0.0
         self._steps.append(step)
-        self._count += 1
-        self._held += len(step.numbers)
-        if self._count < self._block and self._held < BLOCK_BYTES:
+        self._block_steps += 1
+        self._block_bytes += len(step.numbers)
+        if (
+            self._block_steps < self._max_block_steps
+            and self._block_bytes < BLOCK_BYTES
+        ):
             return False
         self.flush()
-        self._block = BLOCK
+        self._max_block_steps = BLOCK
         return True
 
     def flush(self) -> None:
         """Read the recorded steps, and begin a new block."""
         self.read()
-        self._count = self._held = 0
+        self._block_steps = self._block_bytes = 0
 
     def read(self) -> None:
         """Read the recorded steps, also in the middle of a block.
@@ -332,89 +383,121 @@ class Recorder:
         Reading does not change the boundaries of blocks, so that results do not depend
         on it.
         """
-        steps, self._steps = self._steps, []
+        steps = self._steps
+        self._steps = []
         if not steps:
             return
-        moving_count = len(self.moving)
-        # Either all steps have loads or none.
-        loads = [step.load for step in steps if step.load is not None]
-        roll_changes = [load.rolled for load in loads if load.rolled is not None]
-        self._rolling |= bool(roll_changes)
-        states = np.frombuffer(
-            b"".join(step.states for step in steps), np.float64
-        ).reshape(len(steps), moving_count, 6)
+        states, velocities_before = self._read_states(steps)
         velocities_after = states[:, :, 3:]
-        velocities_before = np.concatenate([self._after[None], velocities_after[:-1]])
-        for row, step in enumerate(steps):
-            if step.before is not None:
-                velocities_before[row] = step.before
-        self._after = velocities_after[-1].copy()
-        mean_velocities = self._all((velocities_before + velocities_after) / 2)
-        poses = self._all(states[:, :, :3], self._still)
-        rolls = np.cumsum([self._roll, *roll_changes], axis=0)
-        energy_flow = self._contacts(
-            steps, poses, self._all(velocities_before), self._all(velocities_after)
+        self._last_velocities = velocities_after[-1].copy()
+        mean_velocities = self._expand((velocities_before + velocities_after) / 2)
+        poses = self._expand(states[:, :, :3], self._centers)
+        rolls = self._cumulative_rolls(steps)
+        energy_flow = self._read_contacts(
+            steps,
+            poses,
+            self._expand(velocities_before),
+            self._expand(velocities_after),
         )
         losses, works = self._compute_load_work(steps, mean_velocities, rolls)
-        energy_flow[:, 0] += losses + self._compute_rolling_loss(
-            steps, mean_velocities[:, :, 2]
-        )
-        energy_flow[:, 1] += (
-            works
-            + [step.driven for step in steps]
-            + self._compute_lift_work(steps, states, velocities_before)
-        )
-        end_times = np.array([step.time for step in steps])
+        spins = mean_velocities[:, :, 2]
+        energy_flow[:, 0] += losses + self._compute_rolling_loss(steps, spins)
+        motor_works = [step.motor_work for step in steps]
+        lift_works = self._compute_lift_work(steps, states, velocities_before)
+        energy_flow[:, 1] += works + motor_works + lift_works
         # The velocities of a step are those of the middle between two steps: at its
         # end, half of its loss and work has occurred.
-        balance = (
-            np.cumsum(energy_flow, axis=0) + self._smooth + self._owed - energy_flow / 2
-        )
+        balance = np.cumsum(energy_flow, axis=0) + self._flow_to_middle
+        balance = balance + self._flow_after_middle - energy_flow / 2
         remainder = energy_flow[-1] / 2
         # At t = 0, nothing of the half step to t = 0 has occurred yet.
-        if self._first:
-            poses[0], mean_velocities[0], balance, remainder = (
-                self._pose,
-                self._mean,
-                np.zeros((1, 2)),
-                energy_flow[-1],
-            )
-            self._first = False
-        vectors = turns = np.zeros((0, 0, 3))
-        if self._rolling:
-            durations = np.diff(np.concatenate([[self._time], end_times]))[:, None]
-            vectors = np.empty(poses.shape)
-            vectors[:, :, :2] = (rolls[1:] + rolls[:-1]) / 2 * durations[..., None]
-            vectors[:, :, 2] = np.diff(
-                np.concatenate([self._pose[None], poses])[:, :, 2], axis=0
-            )
-            turns = cumulative_quaternions(vectors, self._turn)
-        self._samples(
-            steps, end_times, poses, mean_velocities, balance, rolls, vectors, turns
+        if self._is_first_block:
+            poses[0], mean_velocities[0] = self._pose, self._mean_velocity
+            balance = np.zeros((1, 2))
+            remainder = energy_flow[-1]
+            self._is_first_block = False
+        times = np.array([step.time for step in steps])
+        vectors, turns = self._rotations(times, poses, rolls)
+        motion = BlockMotion(
+            times, poses, mean_velocities, balance, rolls, vectors, turns
         )
-        if self._rolling:
-            self._roll, self._turn = rolls[-1], turns[-1]
-        self._smooth, self._owed = balance[-1], remainder
-        self._time = float(end_times[-1])
-        self._pose, self._mean = poses[-1], mean_velocities[-1]
-        self._struck.clear()
+        self._take_samples(steps, motion)
+        self._end_block(motion, remainder)
 
-    def _all(self, moving: Array, still: Array | None = None) -> Array:
+    def _read_states(self, steps: list[Step]) -> tuple[Array, Array]:
+        """Return the states (S, M, 6) at the ends of steps, and the velocities (S, M, 3)
+        within the steps.
+        """
+        states = np.frombuffer(b"".join(step.states for step in steps), np.float64)
+        states = states.reshape(len(steps), len(self.moving), 6)
+        velocities = np.concatenate([self._last_velocities[None], states[:-1, :, 3:]])
+        for row, step in enumerate(steps):
+            if step.velocities is not None:
+                velocities[row] = step.velocities
+        return states, velocities
+
+    def _cumulative_rolls(self, steps: list[Step]) -> Array:
+        """Return the roll of spheres from the begin of the first step on.
+
+        Its shape is (S + 1, N, 2), or (1, N, 2) without spheres that roll.
+        """
+        # Either all steps have loads or none.
+        loads = [step.load for step in steps if step.load is not None]
+        changes = [load.roll_change for load in loads if load.roll_change is not None]
+        self._has_rolls |= bool(changes)
+        return np.cumsum([self._roll, *changes], axis=0)
+
+    def _rotations(
+        self, times: Array, poses: Array, rolls: Array
+    ) -> tuple[Array, Array]:
+        """Return the rotation vectors of the steps, and the rotations up to their ends.
+
+        Both are empty if no body rolls.
+        """
+        if not self._has_rolls:
+            no_rotations = np.zeros((0, 0, 3))
+            return no_rotations, no_rotations
+        durations = np.diff(np.concatenate([[self._time], times]))[:, None]
+        vectors = np.empty(poses.shape)
+        mean_rolls = (rolls[1:] + rolls[:-1]) / 2
+        vectors[:, :, :2] = mean_rolls * durations[..., None]
+        angles = np.concatenate([self._pose[None], poses])[:, :, 2]
+        vectors[:, :, 2] = np.diff(angles, axis=0)
+        return vectors, cumulative_quaternions(vectors, self._turn)
+
+    def _end_block(self, motion: BlockMotion, remainder: Array) -> None:
+        """Let the next block start from the end of this one.
+
+        `remainder` (2,): loss and work of the second half of the last step.
+        """
+        if self._has_rolls:
+            self._roll = motion.rolls[-1]
+            self._turn = motion.turns[-1]
+        self._flow_to_middle = motion.balance[-1]
+        self._flow_after_middle = remainder
+        self._time = float(motion.times[-1])
+        self._pose = motion.poses[-1]
+        self._mean_velocity = motion.velocities[-1]
+        self._impact_flows.clear()
+
+    def _expand(self, rows: Array, static_rows: Array | None = None) -> Array:
         """Expand rows (S, M, 3) of moving bodies to all bodies (S, N, 3)."""
-        S, N = len(moving), len(self.world.bodies)
-        out = np.zeros((S, N, 3)) if still is None else np.tile(still, (S, 1, 1))
-        out[:, self.moving] = moving
-        return out
+        step_count = len(rows)
+        body_count = len(self.world.bodies)
+        if static_rows is None:
+            expanded_rows = np.zeros((step_count, body_count, 3))
+        else:
+            expanded_rows = np.tile(static_rows, (step_count, 1, 1))
+        expanded_rows[:, self.moving] = rows
+        return expanded_rows
 
     def _compute_load_work(self, steps: list[Step], mean: Array, rolls: Array) -> Array:
         """Return loss and work (2, S) of lasting forces.
 
         `mean`: velocities (S, N, 3), `rolls` (S + 1, N, 2).
         """
-        balance, durations = (
-            np.zeros((2, len(steps))),
-            np.array([step.h for step in steps]),
-        )
+        balance = np.zeros((2, len(steps)))
+        durations = np.array([step.h for step in steps])
 
         def work(forces: list[Array | None]) -> Array | float:
             loads_of_steps = [force for force in forces if force is not None]
@@ -427,15 +510,15 @@ class Recorder:
         loads = [step.load for step in steps if step.load is not None]
         balance[0] -= work([load.spend for load in loads])
         balance[1] += work([load.drive for load in loads])
-        balance += [load.carried for load in loads] if loads else 0.0
-        is_scripted = self._scripted[: mean.shape[1], None]
+        balance += [load.table_work for load in loads] if loads else 0.0
+        is_scripted = self._is_scripted[: mean.shape[1], None]
         # The loads on a scripted body are balanced by the work of its script.
         if is_scripted.any():
             balance[1] -= work([load.total * is_scripted for load in loads])
         # A part of the energy that the table takes from a sphere's motion goes into its
         # roll and is not lost.
         if len(rolls) > 1:
-            roll_changes = np.array([load.rolled for load in loads])
+            roll_changes = np.array([load.roll_change for load in loads])
             balance[0] -= (
                 self._moment[:, None] * roll_changes * (rolls[:-1] + roll_changes / 2)
             ).sum(axis=(1, 2))
@@ -450,7 +533,7 @@ class Recorder:
         The engine displaces them without a velocity. `states` (S, M, 6); `before` (S,
         M, 3): velocities within the steps.
         """
-        if self._first:
+        if self._is_first_block:
             return np.zeros(len(steps))
         durations = np.array([step.h for step in steps])
         poses = np.concatenate([self._pose[None, self.moving], states[:, :, :3]])
@@ -458,8 +541,10 @@ class Recorder:
         for row, step in enumerate(steps):
             # A struck body has two velocities in a step: its displacement differs from
             # both.
-            if step.original is not None:
-                displacements[row, (step.original != step.before).any(axis=1)] = 0.0
+            if step.velocities_before_impacts is not None:
+                displacements[
+                    row, (step.velocities_before_impacts != step.velocities).any(axis=1)
+                ] = 0.0
         scales = np.array([body.gravity_scale for body in self.world.bodies])
         weight: Array = self._mass * scales
         moved = displacements[:, :, :2] @ self.world.gravity
@@ -468,219 +553,179 @@ class Recorder:
 
     def _compute_rolling_loss(self, steps: list[Step], spin: Array) -> Array:
         """Return the loss (S,) to rolling resistance; `spin` (S, N)."""
-        if all(step.braked is NOT_BRAKED for step in steps):
+        if all(step.braking is NO_BRAKING for step in steps):
             return np.zeros(len(steps))
-        rows = np.repeat(np.arange(len(steps)), [len(step.braked[1]) for step in steps])
-        pairs = np.concatenate([step.braked[0] for step in steps])
+        rows = np.repeat(
+            np.arange(len(steps)), [len(step.braking[1]) for step in steps]
+        )
+        pairs = np.concatenate([step.braking[0] for step in steps])
         # The world, index -1, does not spin.
         spins = np.pad(spin, ((0, 0), (0, 1)))
         spin_differences = np.abs(spins[rows, pairs[:, 0]] - spins[rows, pairs[:, 1]])
         impulse = np.array(
-            [angular_impulse for step in steps for angular_impulse in step.braked[1]]
+            [angular_impulse for step in steps for angular_impulse in step.braking[1]]
         )
         return np.bincount(rows, impulse * spin_differences, len(steps)).astype(
             np.float64
         )
 
-    def _contacts(
+    def _read_contacts(
         self, steps: list[Step], pose: Array, before: Array, after: Array
     ) -> Array:
         """Return loss and work (S, 2) of the steps' contacts, and add all contacts to
         the log.
 
         The energies of impacts go into a list of their own, as they occur within a
-        step.
+        step. `pose`, `before`, `after` (S, N, 3): poses at the ends of the steps,
+        velocities before and after.
         """
-        step_count, wall_count = len(steps), len(self.world.walls)
-        end_times = np.array([contact_steps.time for contact_steps in steps])
-        step_rows = np.repeat(
-            np.arange(step_count),
-            [len(contact_steps.numbers) // CONTACT_BYTES for contact_steps in steps],
-        )
-        # Contacts of steps with the same order are sorted at once.
-        steps_by_order: dict[Order, list[int]] = {}
-        for step_number, order in enumerate(
-            [contact_steps.order for contact_steps in steps]
-        ):
-            steps_by_order.setdefault(order, []).append(step_number)
-        numbers = [contact_steps.numbers for contact_steps in steps]
-        for order, steps_of_order in steps_by_order.items():
-            sorted_numbers, size = (
-                order.sort(
-                    b"".join(numbers[step_number] for step_number in steps_of_order)
-                ),
-                len(numbers[steps_of_order[0]]),
-            )
-            for number, step_number in enumerate(steps_of_order):
-                numbers[step_number] = sorted_numbers[
-                    size * number : size * (number + 1)
-                ]
-        touch = touching(
-            b"".join(contact_steps.order.words for contact_steps in steps),
-            b"".join(numbers),
-        )
-        first, second, impulse, count = (
-            touch.first,
-            touch.second,
-            touch.impulse,
-            touch.count,
-        )
-        points, normal = (touch.on_first + touch.on_second) / 2, touch.normal
-
-        def widen(array: Array) -> Array:
-            return np.concatenate(
-                [array, np.zeros((step_count, wall_count, 3))], axis=1
-            )
-
-        # Walls are bodies at rest at the origin.
-        centre_poses, mean_velocities, last_velocities = (
-            widen(pose),
-            widen((before + after) / 2),
-            widen(after),
-        )
-        mean_velocities[:, self._scripted] = last_velocities[:, self._scripted]
-
-        flat_rows = [
-            step_rows * centre_poses.shape[1] + objects for objects in (first, second)
-        ]
-
-        def columns(of: Array, partner: int) -> Array:
-            """(3, R) of one partner of each contact."""
-            return np.ascontiguousarray(
-                of.reshape(-1, 3).take(flat_rows[partner], axis=0).T
-            )
-
-        centers = [columns(centre_poses, partner) for partner in (0, 1)]
-
-        def speed(
-            motion: Array, partner: int, x: Array, y: Array
-        ) -> tuple[Array, Array]:
-            (vx, vy, spin), (cx, cy, _) = motion, centers[partner]
-            return vx - spin * (y - cy), vy + spin * (x - cx)
-
-        def along(
-            one: tuple[Array, Array], other: tuple[Array, Array], way: Array
-        ) -> Array:
-            return (one[0] - other[0]) * way[:, 0] + (one[1] - other[1]) * way[:, 1]
-
-        # The engine reports the sum of the impulses of two points. A point that opens
-        # after the step has no impulse (Signorini's condition): the sum acts at the
-        # other one, or between both if they open equally fast.
-        first_motion, second_motion = (
-            columns(last_velocities, 0),
-            columns(last_velocities, 1),
-        )
-        point_places = [
-            (points[:, number, 0], points[:, number, 1]) for number in (0, 1)
-        ]
-        opening = np.stack(
-            [
-                along(
-                    speed(second_motion, 1, *spot),
-                    speed(first_motion, 0, *spot),
-                    normal,
-                )
-                for spot in point_places
-            ]
-        )
-        share_of_first = np.clip(
-            0.5 + (opening[1] - opening[0]) / (2 * self._even), 0.0, 1.0
-        )
-        share_of_first[count == 1] = 1.0
-        # The impulse acts on each body at the body's own point: overlaps shorten levers.
-        places = [
-            share_of_first[:, None] * on[:, 0]
-            + (1 - share_of_first[:, None]) * on[:, 1]
-            for on in (touch.on_first, touch.on_second)
-        ]
-        v1, v2 = (
-            speed(columns(mean_velocities, partner), partner, *places[partner].T)
-            for partner in (0, 1)
-        )
-        # An impulse does its work at the mean of the velocities before and after the
-        # step.
-        losses = -along(v1, v2, impulse)
-        works = np.zeros(len(step_rows))
-        if self._conveyors.any():
-            belt_losses, belt_works = belt_energies(
-                self._conveyors, first, second, normal, impulse
-            )
-            losses, works = losses + belt_losses, works + belt_works
-        for objects, sign, v in ((first, -1.0, v1), (second, 1.0, v2)):
-            is_driven = self._scripted[objects]
-            if is_driven.any():
-                powers = v[0] * impulse[:, 0] + v[1] * impulse[:, 1]
-                works[is_driven] += sign * powers[is_driven]
-        energy_flow = np.stack(
-            [np.bincount(step_rows, values, step_count) for values in (losses, works)],
-            axis=1,
-        ).astype(np.float64)
-        if (count == 2).any():
+        counts = [len(step.numbers) // CONTACT_BYTES for step in steps]
+        step_rows = np.repeat(np.arange(len(steps)), counts)
+        words = b"".join(step.order.words for step in steps)
+        touch = touching(words, b"".join(_sorted_numbers(steps)))
+        first, second = self._partner_motions(touch, step_rows, pose, before, after)
+        opening = _opening_speeds(touch, first, second)
+        places = self._impulse_places(touch, opening)
+        losses, works = self._contact_works(touch, first, second, places)
+        loss_sums = np.bincount(step_rows, losses, len(steps))
+        work_sums = np.bincount(step_rows, works, len(steps))
+        energy_flow = np.stack([loss_sums, work_sums], axis=1).astype(np.float64)
+        if (touch.count == 2).any():
             energy_flow[:, 0] += self._compute_displaced_loss(
                 steps, touch, step_rows, places, (pose, before, after)
             )
         self._note_accuracy(opening, touch)
+        end_times = np.array([step.time for step in steps])
+        self._collect_impact_flows(steps, end_times)
+        self._log_contacts(steps, end_times, step_rows, touch)
+        return energy_flow
+
+    def _partner_motions(
+        self,
+        touch: Touching,
+        step_rows: Index,
+        pose: Array,
+        before: Array,
+        after: Array,
+    ) -> tuple[PartnerMotion, PartnerMotion]:
+        """Return the motions of the first and of the second partners of contacts."""
+        # Walls are bodies at rest at the origin.
+        zeros = np.zeros((len(pose), len(self.world.walls), 3))
+        poses = np.concatenate([pose, zeros], axis=1)
+        mean_velocities = np.concatenate([(before + after) / 2, zeros], axis=1)
+        last_velocities = np.concatenate([after, zeros], axis=1)
+        mean_velocities[:, self._is_scripted] = last_velocities[:, self._is_scripted]
+        partners = []
+        for objects in (touch.first, touch.second):
+            flat_rows = step_rows * poses.shape[1] + objects
+            partners.append(
+                PartnerMotion(
+                    _columns(poses, flat_rows),
+                    _columns(mean_velocities, flat_rows),
+                    _columns(last_velocities, flat_rows),
+                )
+            )
+        return partners[0], partners[1]
+
+    def _impulse_places(self, touch: Touching, opening: Array) -> list[Array]:
+        """Return the places of the impulses of R contacts, two of (R, 2), px.
+
+        `opening` (2, R): speeds at which the two points open. The engine reports the
+        sum of the impulses of two points. A point that opens after the step has no
+        impulse (Signorini's condition): the sum acts at the other one, or between both
+        if they open equally fast. The impulse acts on each body at the body's own
+        point: overlaps shorten levers.
+        """
+        speed_difference = opening[1] - opening[0]
+        share_of_first = np.clip(
+            0.5 + speed_difference / (2 * self._equal_speeds), 0.0, 1.0
+        )
+        share_of_first[touch.count == 1] = 1.0
+        share = share_of_first[:, None]
+        places = []
+        for points in (touch.on_first, touch.on_second):
+            places.append(share * points[:, 0] + (1 - share) * points[:, 1])
+        return places
+
+    def _contact_works(
+        self,
+        touch: Touching,
+        first: PartnerMotion,
+        second: PartnerMotion,
+        places: Sequence[Array],
+    ) -> tuple[Array, Array]:
+        """Return the loss and the work of each contact, two of (R,), g·px²/s².
+
+        An impulse does its work at the mean of the velocities before and after the
+        step.
+        """
+        impulse = touch.impulse
+        velocity1 = first.point_velocity(first.mean_velocity, *places[0].T)
+        velocity2 = second.point_velocity(second.mean_velocity, *places[1].T)
+        losses = -_relative_speed(velocity1, velocity2, impulse)
+        works = np.zeros(len(impulse))
+        if self._conveyors.any():
+            belt_losses, belt_works = belt_energies(
+                self._conveyors, touch.first, touch.second, touch.normal, impulse
+            )
+            losses = losses + belt_losses
+            works = works + belt_works
+        # The path of a scripted body does the work of its contacts.
+        partners = (touch.first, -1.0, velocity1), (touch.second, 1.0, velocity2)
+        for objects, sign, velocity in partners:
+            is_scripted = self._is_scripted[objects]
+            if is_scripted.any():
+                powers = velocity[0] * impulse[:, 0] + velocity[1] * impulse[:, 1]
+                works[is_scripted] += sign * powers[is_scripted]
+        return losses, works
+
+    def _collect_impact_flows(self, steps: list[Step], end_times: Array) -> None:
+        """Collect the times and energies of impacts and other events in these steps."""
         # A sample at the time of an impulse shows the energy before it, except at
         # t = 0, where the impulse belongs to the scene's start.
-        delay = 0.0 if self._first else 1e-9
-        self._struck += [
-            (kick.time + delay, kick.lost, kick.work)
-            for contact_steps in steps
-            for kick in contact_steps.kicks
-        ]
-        impacts_by_step = [
-            (step_number, impacts)
-            for step_number, contact_steps in enumerate(steps)
-            for impacts in contact_steps.impacts
-        ]
-        for step_number, impacts in impacts_by_step:
-            time = float(
-                end_times[step_number]
-                - (impacts.earlier.max() if len(impacts.earlier) else 0.0)
-            )
-            # An impact at the very begin of the step comes after the last sample.
-            earliest_time = (
-                float(end_times[step_number - 1]) if step_number else self._time
-            ) + 1e-9
-            self._struck.append((max(time, earliest_time), impacts.lost, impacts.work))
-        contact_steps = np.concatenate(
-            [
-                step_rows,
-                *(
-                    np.full(len(b.first), step_number)
-                    for step_number, b in impacts_by_step
-                ),
-            ]
-        ).astype(np.int64)
-        contact_times = np.concatenate(
-            [
-                end_times[step_rows],
-                *(
-                    end_times[step_number] - b.earlier
-                    for step_number, b in impacts_by_step
-                ),
-            ]
-        )
-        next_samples = np.searchsorted(self.times, contact_times - 1e-12)
+        delay = 0.0 if self._is_first_block else 1e-9
+        for step in steps:
+            for event in step.events:
+                flow = event.time + delay, event.loss, event.work
+                self._impact_flows.append(flow)
+        begin_times = [self._time, *end_times[:-1].tolist()]
+        for step, begin, end in zip(
+            steps, begin_times, end_times.tolist(), strict=True
+        ):
+            for impacts in step.impacts:
+                time = end - float(impacts.earlier.max(initial=0.0))
+                # An impact at the very begin of the step comes after the last sample.
+                time = max(time, begin + 1e-9)
+                self._impact_flows.append((time, impacts.loss, impacts.work))
+
+    def _log_contacts(
+        self, steps: list[Step], end_times: Array, step_rows: Index, touch: Touching
+    ) -> None:
+        """Add the contacts and impacts before the last sample to the log."""
+        contact_steps = [step_rows]
+        contact_times = [end_times[step_rows]]
+        first = [touch.first]
+        second = [touch.second]
+        impulse = [touch.impulse]
+        for number, step in enumerate(steps):
+            for impacts in step.impacts:
+                contact_steps.append(np.full(len(impacts.first), number))
+                contact_times.append(end_times[number] - impacts.earlier)
+                first.append(impacts.first)
+                second.append(impacts.second)
+                impulse.append(impacts.impulse)
+        all_times = np.concatenate(contact_times)
+        next_samples = np.searchsorted(self.times, all_times - 1e-12)
         is_in_clip = next_samples < len(self.times)
-        one, other = (
-            np.concatenate([contact_partners, *impact_partners])
-            for contact_partners, impact_partners in (
-                (first, [b.first for _, b in impacts_by_step]),
-                (second, [b.second for _, b in impacts_by_step]),
-            )
-        )
-        impulses = np.concatenate([impulse, *(b.impulse for _, b in impacts_by_step)])
-        self.log.block(
+        self.log.add_block(
             end_times,
-            contact_steps[is_in_clip],
+            np.concatenate(contact_steps).astype(np.int64)[is_in_clip],
             next_samples[is_in_clip],
-            one[is_in_clip],
-            other[is_in_clip],
-            impulses[is_in_clip],
-            contact_times[is_in_clip],
+            np.concatenate(first)[is_in_clip],
+            np.concatenate(second)[is_in_clip],
+            np.concatenate(impulse)[is_in_clip],
+            all_times[is_in_clip],
         )
-        return energy_flow
 
     def _note_accuracy(self, opening: Array, touch: Touching) -> None:
         """Record the fastest closing and the deepest overlap.
@@ -724,8 +769,8 @@ class Recorder:
         weights = self._mass * float(np.hypot(*self.world.gravity))
         # The smallest energy for the balance is a fall by a pixel.
         energy = (inertia * np.maximum(before**2, after**2)).sum(axis=2) / 2 + weights
-        is_unbraked = np.array([[step.braked is NOT_BRAKED] for step in steps])
-        is_counted = is_unbraked & self._unheld
+        is_unbraked = np.array([[step.braking is NO_BRAKING] for step in steps])
+        is_counted = is_unbraked & self._is_unjointed
         is_counted &= np.abs(losses) > MISPLACED * energy
         return np.asarray((losses * is_counted).sum(axis=1))
 
@@ -738,7 +783,8 @@ class Recorder:
         The sum of a contact's two impulses acts somewhere between its two points.
         """
         body_count = pose.shape[1]
-        torque, leeway = np.zeros(pose.shape[:2]), np.zeros(pose.shape[:2])
+        torque = np.zeros(pose.shape[:2])
+        leeway = np.zeros(pose.shape[:2])
         points = (touch.on_first + touch.on_second) / 2
         # The engine reports one impulse for both points of a contact. It may act
         # anywhere between them, so that its torque has a range.
@@ -755,125 +801,114 @@ class Recorder:
             np.add.at(leeway, targets, torque_ranges[is_body])
         return torque, leeway
 
-    def _samples(
-        self,
-        steps: list[Step],
-        ends: Array,
-        pose: Array,
-        mean: Array,
-        smooth: Array,
-        rolls: Array,
-        vectors: Array,
-        turns: Array,
-    ) -> None:
+    def _take_samples(self, steps: list[Step], motion: BlockMotion) -> None:
         """Take the samples within these steps.
 
-        `rolls` (S + 1, N, 2); `vectors` and `turns` are the rotations, if any body
-        rolls.
+        Poses change linearly between the ends of two steps, as do the energies.
         """
-        sample_end, sample_begin = (
-            int(np.searchsorted(self.times, ends[-1] + 1e-12, side="right")),
-            self.done,
+        end_times = motion.times
+        sample_end = int(
+            np.searchsorted(self.times, end_times[-1] + 1e-12, side="right")
         )
-        sample_times = self.times[sample_begin:sample_end]
-        step_rows = np.searchsorted(ends, sample_times - 1e-12)
-        is_in_first_step = step_rows == 0
+        samples = slice(self.sample_count, sample_end)
+        times = self.times[samples]
+        step_rows = np.searchsorted(end_times, times - 1e-12)
+        begin_times = _values_before(end_times, step_rows, self._time)
+        durations = end_times[step_rows] - begin_times
+        fractions = (times - begin_times) / np.maximum(durations, 1e-300)
+        fractions = np.maximum(0.0, fractions)
+        is_at_end = times > end_times[step_rows] - 1e-9 * durations
+        fractions[(durations <= 0) | is_at_end] = 1.0
+        self._sample_motion(samples, steps, motion, step_rows, fractions, durations)
+        self._sample_energy(samples, motion, step_rows, fractions)
+        self.sample_count = sample_end
 
-        def start(of: Array, before: Array | float) -> Array:
-            start_values = of[step_rows - 1]
-            start_values[is_in_first_step] = before
-            return start_values
+    def _sample_motion(
+        self,
+        samples: slice,
+        steps: list[Step],
+        motion: BlockMotion,
+        step_rows: Index,
+        fractions: Array,
+        durations: Array,
+    ) -> None:
+        """Write the poses, velocities and rotations of samples.
 
-        # Poses change linearly between the ends of two steps, as do the energies.
-        pose0, mean0, begin_times = (
-            start(pose, self._pose),
-            start(mean, self._mean),
-            start(ends, self._time),
-        )
-        durations = ends[step_rows] - begin_times
-        fractions = np.maximum(
-            0.0, (sample_times - begin_times) / np.maximum(durations, 1e-300)
-        )
-        fractions[
-            (durations <= 0) | (sample_times > ends[step_rows] - 1e-9 * durations)
-        ] = 1.0
+        `step_rows`, `fractions`, `durations` (K,): the step of each sample, the part of
+        the step before the sample, and the step's length, s.
+        """
+        times = self.times[samples]
         factors = fractions[:, None, None]
-        sample_poses, sample_velocities = (
-            pose0 + factors * (pose[step_rows] - pose0),
-            mean0 + factors * (mean[step_rows] - mean0),
+        old_poses = _values_before(motion.poses, step_rows, self._pose)
+        old_velocities = _values_before(
+            motion.velocities, step_rows, self._mean_velocity
+        )
+        poses = old_poses + factors * (motion.poses[step_rows] - old_poses)
+        velocities = old_velocities + factors * (
+            motion.velocities[step_rows] - old_velocities
         )
         for k in np.flatnonzero((fractions > 0) & (fractions < 1)).tolist():
             step = steps[step_rows[k]]
-            if step.original is not None:
-                self._inside(
+            if step.velocities_before_impacts is not None:
+                self._correct_sample(
                     step,
-                    float(sample_times[k]),
+                    float(times[k]),
                     fractions[k] * durations[k],
                     durations[k],
-                    sample_poses[k],
-                    sample_velocities[k],
-                    pose0[k],
-                    pose[step_rows[k]],
+                    poses[k],
+                    velocities[k],
+                    old_poses[k],
+                    motion.poses[step_rows[k]],
                 )
         if self.scripts.busy:
-            for k in range(len(sample_times)):
-                self.scripts.sample(
-                    float(sample_times[k]), sample_poses[k], sample_velocities[k]
-                )
-        sample_rolls = self._roll[None]
-        if self._rolling:
-            sample_rolls = rolls[step_rows] + factors * (
-                rolls[step_rows + 1] - rolls[step_rows]
-            )
-            self.turns[sample_begin:sample_end] = then(
-                quaternions_from_vectors(factors * vectors[step_rows]),
-                start(turns, self._turn),
-            )
-        (
-            self.poses[sample_begin:sample_end],
-            self.velocities[sample_begin:sample_end],
-            self.rolls[sample_begin:sample_end],
-        ) = (
-            sample_poses,
-            sample_velocities,
-            sample_rolls,
+            for k, time in enumerate(times.tolist()):
+                self.scripts.sample(time, poses[k], velocities[k])
+        self.poses[samples], self.velocities[samples] = poses, velocities
+        self._sample_rotations(samples, motion, step_rows, factors)
+        _refuse_infinities(self.world, poses, velocities, times)
+
+    def _sample_rotations(
+        self, samples: slice, motion: BlockMotion, step_rows: Index, factors: Array
+    ) -> None:
+        """Write the rolls and rotations of spheres on a table."""
+        if not self._has_rolls:
+            self.rolls[samples] = self._roll[None]
+            return
+        rolls = motion.rolls
+        roll_changes = rolls[step_rows + 1] - rolls[step_rows]
+        self.rolls[samples] = rolls[step_rows] + factors * roll_changes
+        old_turns = _values_before(motion.turns, step_rows, self._turn)
+        rotations = quaternions_from_vectors(
+            factors * motion.rotation_vectors[step_rows]
         )
-        _refuse_infinities(self.world, sample_poses, sample_velocities, sample_times)
-        balance_before = start(smooth, self._smooth)
+        self.turns[samples] = compose_quaternions(rotations, old_turns)
+
+    def _sample_energy(
+        self, samples: slice, motion: BlockMotion, step_rows: Index, fractions: Array
+    ) -> None:
+        """Write the energies and the balance of samples."""
+        times = self.times[samples]
         # Impacts change the balance at once: each counts from the first sample after
         # it.
-        impact_balance = np.tile(self._spent, (len(sample_times), 1))
-        for first_after, (_, *flow) in zip(
-            np.searchsorted(
-                sample_times + 1e-12,
-                [impact_time for impact_time, _, _ in self._struck],
-            ),
-            self._struck,
-            strict=True,
-        ):
-            impact_balance[first_after:] += flow
-        balance = (
-            balance_before
-            + fractions[:, None] * (smooth[step_rows] - balance_before)
-            + impact_balance
+        impact_balance = np.tile(self._earlier_impact_flow, (len(times), 1))
+        impact_times = [time for time, _, _ in self._impact_flows]
+        first_samples = np.searchsorted(times + 1e-12, impact_times)
+        for number, (_, loss, work) in enumerate(self._impact_flows):
+            impact_balance[first_samples[number] :] += [loss, work]
+            self._earlier_impact_flow += [loss, work]
+        old_balance = _values_before(motion.balance, step_rows, self._flow_to_middle)
+        changes = fractions[:, None] * (motion.balance[step_rows] - old_balance)
+        balance = old_balance + changes + impact_balance
+        kinetic, potential = self._energy(
+            times, self.poses[samples], self.velocities[samples], self.rolls[samples]
         )
-        self._balance[sample_begin:sample_end] = np.column_stack(
-            [
-                *self._energy(
-                    sample_times, sample_poses, sample_velocities, sample_rolls
-                ),
-                balance,
-            ]
-        )
-        self.done = sample_end
-        for _, loss, work in self._struck:
-            self._spent += np.array([loss, work])
+        self._balance[samples] = np.column_stack([kinetic, potential, balance])
 
-    def _inside(
+    def _correct_sample(
         self,
         step: Step,
         time: float,
-        since: float,
+        elapsed: float,
         h: float,
         x: Array,
         v: Array,
@@ -885,17 +920,21 @@ class Recorder:
         A struck body has its old velocity until the impact, and its new velocity from
         then on.
         """
-        assert step.original is not None
-        assert step.before is not None
-        changed_rows = np.flatnonzero((step.original != step.before).any(axis=1))
+        assert step.velocities_before_impacts is not None
+        assert step.velocities is not None
+        changed_rows = np.flatnonzero(
+            (step.velocities_before_impacts != step.velocities).any(axis=1)
+        )
         bodies = self.moving[changed_rows]
         impact_age = max(float(b.earlier.max()) for b in step.impacts if len(b.earlier))
         if time < step.time - impact_age:
-            v[bodies] = step.original[changed_rows]
-            x[bodies] = pose0[bodies] + step.original[changed_rows] * since
+            v[bodies] = step.velocities_before_impacts[changed_rows]
+            x[bodies] = (
+                pose0[bodies] + step.velocities_before_impacts[changed_rows] * elapsed
+            )
         else:
-            v[bodies] = step.before[changed_rows]
-            x[bodies] = pose1[bodies] - step.before[changed_rows] * (h - since)
+            v[bodies] = step.velocities[changed_rows]
+            x[bodies] = pose1[bodies] - step.velocities[changed_rows] * (h - elapsed)
 
     def _energy(
         self, times: Array, pose: Array, velocity: Array, roll: Array
@@ -917,12 +956,12 @@ class Recorder:
         ]
 
     def trajectory(
-        self, effort: Effort, sampled: Callable[[Array], Trajectory]
+        self, effort: Effort, sample_at: Callable[[Array], Trajectory]
     ) -> Trajectory:
-        """Return the motion after the last step; `sampled` returns it at other
+        """Return the motion after the last step; `sample_at` returns it at other
         times.
         """
-        columns = slice(None) if self._rolling else slice(0)
+        columns = slice(None) if self._has_rolls else slice(0)
         return Trajectory(
             times=self.times,
             names=tuple(body.name for body in self.world.bodies),
@@ -933,8 +972,83 @@ class Recorder:
             contacts=self.log.result(),
             energy=Energy(*np.ascontiguousarray(self._balance.T)),
             effort=effort,
-            sampled=sampled,
+            sampled=sample_at,
         )
+
+
+@dataclass(frozen=True)
+class PartnerMotion:
+    """Motion of one partner of each of R contacts."""
+
+    center: Array  # (3, R): px, px, rad
+    mean_velocity: Array  # (3, R): mean of the velocities before and after the step
+    last_velocity: Array  # (3, R) after the step
+
+    def point_velocity(
+        self, velocity: Array, x: Array, y: Array
+    ) -> tuple[Array, Array]:
+        """Return the velocities (R,), (R,) px/s of points of the partners.
+
+        The velocity of a point at the arm r is v + spin x r.
+        """
+        vx, vy, spin = velocity
+        cx, cy, _ = self.center
+        return vx - spin * (y - cy), vy + spin * (x - cx)
+
+
+def _columns(values: Array, flat_rows: Index) -> Array:
+    """Return the values (3, R) of some rows of an array (S, N, 3)."""
+    return np.ascontiguousarray(values.reshape(-1, 3).take(flat_rows, axis=0).T)
+
+
+def _relative_speed(
+    first: tuple[Array, Array], second: tuple[Array, Array], direction: Array
+) -> Array:
+    """Return the speed (R,) of the first relative to the second along directions."""
+    x_parts = (first[0] - second[0]) * direction[:, 0]
+    return x_parts + (first[1] - second[1]) * direction[:, 1]
+
+
+def _opening_speeds(
+    touch: Touching, first: PartnerMotion, second: PartnerMotion
+) -> Array:
+    """Return the speeds (2, R) at which the two points of contacts open, px/s."""
+    points = (touch.on_first + touch.on_second) / 2
+    speeds = []
+    for number in (0, 1):
+        x, y = points[:, number, 0], points[:, number, 1]
+        velocity1 = first.point_velocity(first.last_velocity, x, y)
+        velocity2 = second.point_velocity(second.last_velocity, x, y)
+        speeds.append(_relative_speed(velocity2, velocity1, touch.normal))
+    return np.stack(speeds)
+
+
+def _sorted_numbers(steps: list[Step]) -> list[bytes]:
+    """Return the numbers of the contacts of each step in our order.
+
+    Contacts of steps with the same order are sorted at once.
+    """
+    steps_by_order: dict[Order, list[int]] = {}
+    for step_number, step in enumerate(steps):
+        steps_by_order.setdefault(step.order, []).append(step_number)
+    numbers = [step.numbers for step in steps]
+    for order, step_numbers in steps_by_order.items():
+        size = len(numbers[step_numbers[0]])
+        sorted_numbers = order.sort(b"".join(numbers[k] for k in step_numbers))
+        for position, step_number in enumerate(step_numbers):
+            begin = size * position
+            numbers[step_number] = sorted_numbers[begin : begin + size]
+    return numbers
+
+
+def _values_before(values: Array, step_rows: Index, first: Array | float) -> Array:
+    """Return the values at the begin of steps, given those (S, ...) at the ends.
+
+    `first`: the value at the begin of the first step.
+    """
+    old_values = values[step_rows - 1]
+    old_values[step_rows == 0] = first
+    return old_values
 
 
 def _refuse_infinities(

@@ -117,7 +117,8 @@ class Space:
         space.collision_slop = SLOP
         # With a longer persistence, the batch reader also lists former contacts.
         space.collision_persistence = 1
-        self._space, self._gravity = space, world.gravity
+        self._space = space
+        self._gravity = world.gravity
         bodies = [_add_body(space, body) for body in world.bodies]
         by_passage: dict[Passage, list[Wall]] = {}
         for wall in world.walls:
@@ -140,7 +141,8 @@ class Space:
         )
         """Bodies of the state in its order, (M,)."""
         M = len(self.moving)
-        self._states, self._contacts = batch.Buffer(), batch.Buffer()
+        self._states = batch.Buffer()
+        self._contacts = batch.Buffer()
         self._read_states = _prepare_batch_arguments(
             space, "pmSpaceBodyGetIteratorFuncBatched", _STATE, self._states
         )
@@ -152,12 +154,11 @@ class Space:
         static_centres = [
             b.center for b in world.bodies if b.motion is Motion.STATIC
         ] + [np.zeros(2)] * (len(walls) + 1)
-        self._placing, self._pushing = (
-            np.zeros((M + len(static_centres), 6)),
-            np.zeros((M + len(static_centres), 3)),
-        )
+        self._placing = np.zeros((M + len(static_centres), 6))
+        self._pushing = np.zeros((M + len(static_centres), 3))
         self._placing[M:, :2] = np.array(static_centres).reshape(-1, 2)
-        self._place_buffer, self._push_buffer = batch.Buffer(), batch.Buffer()
+        self._place_buffer = batch.Buffer()
+        self._push_buffer = batch.Buffer()
         if M:
             self._place_buffer.set_float_buf(self._placing)
             self._push_buffer.set_float_buf(self._pushing)
@@ -169,7 +170,7 @@ class Space:
             space, writer, _LOAD, self._push_buffer
         )
         self._brakes: dict[Pair, tuple[pymunk.SimpleMotor, Any]] = {}
-        self._braking: Sequence[Pair] = ()
+        self._brake_pairs: Sequence[Pair] = ()
         self._motors: list[Any] = []
         """Motors of the present brakes."""
         self._special = self._watch(world, [*bodies, *walls])
@@ -282,11 +283,9 @@ class Space:
         """
         # pymunk's own methods around these calls take as long as a small step.
         lib.cpSpaceStep(self._read_states[0], h)
-        states, words, numbers = (
-            self._states._float_arr,
-            self._contacts._int_arr,
-            self._contacts._float_arr,
-        )
+        states = self._states._float_arr
+        words = self._contacts._int_arr
+        numbers = self._contacts._float_arr
         states.num = words.num = numbers.num = 0
         lib.cpSpaceEachBody(*self._read_states)
         lib.cpSpaceEachCachedArbiter(*self._read_contacts)
@@ -304,7 +303,8 @@ class Space:
 
         Contacts without a solution have no points.
         """
-        words, numbers = self._contacts._int_arr, self._contacts._float_arr
+        words = self._contacts._int_arr
+        numbers = self._contacts._float_arr
         raw = ffi.buffer(words.arr, 8 * words.num)[:]
         pairs = np.frombuffer(raw, np.int64).reshape(-1, WORDS)
         is_visible = pairs[:, 2] > 0
@@ -337,7 +337,7 @@ class Space:
             doubtful = [
                 row
                 for row in rows
-                if self._is_doubtful(frames, meetings.listed[row], row, numbers)
+                if self._is_doubtful(frames, meetings.contacts[row], row, numbers)
             ]
             doubtful_rows += doubtful
             if not doubtful:
@@ -348,7 +348,7 @@ class Space:
         is_changed = False
         arbiters = self._arbiters() if doubtful_rows else []
         # The engine lists contacts in one order, here with those without points.
-        if len(arbiters) > len(meetings.listed):
+        if len(arbiters) > len(meetings.contacts):
             arbiters = [arbiter for arbiter in arbiters if arbiter.count]
         for row in sorted(set(doubtful_rows)):
             arbiter = arbiters[row]
@@ -396,7 +396,8 @@ class Space:
         If the centre is in line with a side, the engine takes the normal of the side for
         that of the corner, and the radius for the overlap.
         """
-        first, second = self._outlines[key[0]], self._outlines[key[1]]
+        first = self._outlines[key[0]]
+        second = self._outlines[key[1]]
         is_second = not second.corners
         circle, other = (second, first) if is_second else (first, second)
         if circle.corners or len(other.corners) < 3:
@@ -411,7 +412,8 @@ class Space:
         step = NUDGE if is_second else -NUDGE
         owner = circle.owner
         if owner not in self._dynamic:
-            owner, step = other.owner, -step
+            owner = other.owner
+            step = -step
         if owner not in self._dynamic:
             return False
         self.nudges[owner] = step * nx, step * ny
@@ -469,8 +471,10 @@ class Space:
         """Return the relative position and the rotations of the owners of two shapes,
         px.
         """
-        first, second = self._owners[key[0]], self._owners[key[1]]
-        first_pose, second_pose = frames.poses[first], frames.poses[second]
+        first = self._owners[key[0]]
+        second = self._owners[key[1]]
+        first_pose = frames.poses[first]
+        second_pose = frames.poses[second]
         turns = (
             self._reach[key[0]] * first_pose[2],
             self._reach[key[1]] * second_pose[2],
@@ -565,8 +569,9 @@ class Space:
         """Set brakes: limits of torques against the spin of a body relative to another
         one.
         """
-        if pairs is not self._braking:
-            self._braking, old_motors = pairs, self._motors
+        if pairs is not self._brake_pairs:
+            self._brake_pairs = pairs
+            old_motors = self._motors
             for key in pairs:
                 if key not in self._brakes:
                     other = self._anchor if key[1] < 0 else self._bodies[key[1]]
@@ -581,7 +586,7 @@ class Space:
         for motor, torque in zip(self._motors, torques, strict=True):
             lib.cpConstraintSetMaxForce(motor, torque)
 
-    def braked(self) -> list[float]:
+    def brake_impulses(self) -> list[float]:
         """Return the size of each brake's angular impulse in the last step, g·px²/s."""
         return [lib.cpConstraintGetImpulse(motor) for motor in self._motors]
 
@@ -593,11 +598,9 @@ def _prepare_batch_arguments(
     contacts.
     """
     request = ffi.new("pmBatchedData *")
-    request.fields, request.floatArray, request.intArray = (
-        fields.value,
-        buffer._float_arr,
-        buffer._int_arr,
-    )
+    request.fields = fields.value
+    request.floatArray = buffer._float_arr
+    request.intArray = buffer._int_arr
     return space._space, ffi.addressof(lib, name), request
 
 
@@ -625,7 +628,8 @@ def _shape_outline(shape: pymunk.Shape, owner: int) -> ShapeOutline:
     x, y = (min(xs) + max(xs)) / 2, (min(ys) + max(ys)) / 2
     reach = max(map(hypot, [u - x for u in xs], [v - y for v in ys]))
     if isinstance(shape, pymunk.Circle):
-        (x, y), reach = shape.offset, shape.radius
+        x, y = shape.offset
+        reach = shape.radius
     return ShapeOutline(owner, is_static, tuple(corners), (x, y), reach)
 
 
@@ -698,7 +702,8 @@ def _add_wall(
         for a, b in pairwise(line.tolist()):
             segment = pymunk.Segment(body, a, b, 0.0)
             segment.friction = wall.surface.friction
-            before, after = smooth.get((*a, *b)), smooth.get((*b, *a))
+            before = smooth.get((*a, *b))
+            after = smooth.get((*b, *a))
             if before is not None or after is not None:
                 # Without a neighbour, a point on the segment's own line permits hits of
                 # its end only from outside.
@@ -800,9 +805,11 @@ def _add_joints(
             continue
         a = bodies[joint.first]
         b = world if joint.second is None else bodies[joint.second]
-        first, second = joint.first_at, joint.second_at
+        first = joint.first_at
+        second = joint.second_at
         if joint.kind is JointKind.WELD:
-            first_centre, second_centre = np.array(a.position), np.array(b.position)
+            first_centre = np.array(a.position)
+            second_centre = np.array(b.position)
             middle = (
                 first_centre
                 if joint.second is None
@@ -811,7 +818,8 @@ def _add_joints(
                 if a.mass + b.mass < np.inf
                 else second_centre
             )
-            first, second = middle - first_centre, middle - second_centre
+            first = middle - first_centre
+            second = middle - second_centre
         # A weld is a pin together with a gear for the relative angle.
         parts: list[pymunk.Constraint] = [
             pymunk.PivotJoint(a, b, first.tolist(), second.tolist())

@@ -23,34 +23,34 @@ class StepTuning:
     share: float = 0.3
     """Share of its smallest extent that a body may move in a step, so that its centre
     never crosses a line without a contact."""
-    most_parts_of_fast: int = 4096
+    max_parts: int = 4096
     """Maximum number of parts of a step."""
     parts_at_once: int = 10_000
     parts_a_step: int = 100
     """Budget of parts for a run, and its increase per step: a body with a distant
     corner would take hours otherwise."""
-    fewest: int = 12
-    many: int = 60
-    most: int = 120
+    min_sweeps: int = 12
+    usual_sweeps: int = 60
+    max_sweeps: int = 120
     """Sweeps of the contact solver per step: minimum; with overlaps, impacts or joints;
     maximum."""
     work: int = 50_000
     """Limit on sweeps times contacts of a step: heaps of hundreds get fewer sweeps."""
     slack: float = 0.02
     """Closing speed that a step may leave, in units of gravity x step."""
-    deep: float = 0.02
+    overlap: float = 0.02
     """Overlap, px, above which more sweeps are made."""
-    rest: float = 3.0
+    rest_share: float = 3.0
     """Smallest closing speed of a bounce, in units of gravity x step."""
-    still: float = 0.01
+    rest_speed: float = 0.01
     """Smallest closing speed of a bounce without gravity, px/s."""
-    busy: float = 6.0
+    impact_rate: float = 6.0
     """Impacts per step above which faster and faster contacts stop to bounce.
 
-    The limit is `loudest` times the speed of rest: 94 px/s at 980 px/s², near the limit
+    The limit is `max_rest_factor` times the speed of rest: 94 px/s at 980 px/s², near the limit
     of Box2D for any scene (1 m/s, at 100 px/m)."""
-    loudest: float = 32.0
-    crowd: int = 200
+    max_rest_factor: float = 32.0
+    crowd_contacts: int = 200
     """Contacts above which a step is first tried with a single sweep, which only shows
     whether impacts occur."""
 
@@ -67,7 +67,7 @@ class StepDivider:
             -1
         )
         self._reach = np.array([body.reach for body in bodies]).reshape(-1)
-        self._turns = np.array(
+        self._rim_radius = np.array(
             [0.0 if body.radius is not None else body.reach for body in bodies], float
         )
         # A fast body needs parts only near other shapes. Store the boxes of all shapes
@@ -83,54 +83,58 @@ class StepDivider:
             for body in world.bodies
             if body.motion is Motion.STATIC
         ]
-        self._still = np.array(boxes, np.float64).reshape(-1, 4)
-        self._jolt = np.zeros(len(bodies))
+        self._static_boxes = np.array(boxes, np.float64).reshape(-1, 4)
+        self._push_speeds = np.zeros(len(bodies))
         """Largest changes of speed by pushes in a step, (M,) px/s."""
         row = {int(body): k for k, body in enumerate(moving.tolist())}
         for push in world.pushes:
             if push.load is Load.FORCE and push.body in row:
                 body = world.bodies[push.body]
                 force = float(np.hypot(*push.vector)) / world.steps_per_second
-                self._jolt[row[push.body]] += force / body.mass * 2
-        self.watchful = False
+                self._push_speeds[row[push.body]] += force / body.mass * 2
+        self.has_fast_bodies = False
         """Whether a body is so fast that each step must be checked."""
-        self._spare = TUNING.parts_at_once
-        self.overworked_by: int | None = None
+        self._parts_left = TUNING.parts_at_once
+        self.exceeded_by: int | None = None
         """The row of a body that needed more parts than the budget of the run."""
 
-    def _ratio(self, state: Array, h: float, more: Array | float = 0.0) -> Array:
+    def _movement_ratio(
+        self, state: Array, h: float, extra_speed: Array | float = 0.0
+    ) -> Array:
         """Return the movement (M,) in h seconds over the permitted movement."""
         speed = (
             np.hypot(state[:, 3], state[:, 4])
-            + np.abs(state[:, 5]) * self._turns
-            + more
+            + np.abs(state[:, 5]) * self._rim_radius
+            + extra_speed
         )
         return np.asarray(speed * h / self._limit)
 
-    def look(self, state: Array, ahead: float, gravity: float, h: float) -> None:
-        """Check whether a body may become too fast within `ahead` s for a step
+    def search(self, state: Array, duration: float, gravity: float, h: float) -> None:
+        """Check whether a body may become too fast within `duration` s for a step
         of h s.
         """
-        self.watchful = bool(
-            (self._ratio(state, h, gravity * ahead + self._jolt) > 1).any()
+        self.has_fast_bodies = bool(
+            (
+                self._movement_ratio(state, h, gravity * duration + self._push_speeds)
+                > 1
+            ).any()
         )
 
     def parts(self, state: Array, h: float) -> int:
         """Return the parts of a step of h seconds; 1 if fast bodies meet no other."""
-        ratio = self._ratio(state, h, self._jolt)
+        ratio = self._movement_ratio(state, h, self._push_speeds)
         fast_rows = np.flatnonzero((ratio > 1) & np.isfinite(ratio))
         if not len(fast_rows):
-            self.watchful = False
+            self.has_fast_bodies = False
             return 1
-        start_positions, end_positions = state[:, :2], state[:, :2] + state[:, 3:5] * h
+        start_positions = state[:, :2]
+        end_positions = state[:, :2] + state[:, 3:5] * h
         reach = self._reach[:, None] + 2.0
         # Boxes around the paths of all bodies in the step: only where they overlap can
         # a fast body pass through another one.
-        lower_corners, upper_corners = (
-            np.minimum(start_positions, end_positions) - reach,
-            np.maximum(start_positions, end_positions) + reach,
-        )
-        self._spare += TUNING.parts_a_step
+        lower_corners = np.minimum(start_positions, end_positions) - reach
+        upper_corners = np.maximum(start_positions, end_positions) + reach
+        self._parts_left += TUNING.parts_a_step
         parts = 1
         for k in fast_rows.tolist():
             is_near_body = (lower_corners[:, 0] < upper_corners[k, 0]) & (
@@ -140,7 +144,7 @@ class StepDivider:
                 upper_corners[:, 1] > lower_corners[k, 1]
             )
             is_near_body[k] = False
-            static_boxes = self._still
+            static_boxes = self._static_boxes
             is_near_static = (static_boxes[:, 0] < upper_corners[k, 0]) & (
                 static_boxes[:, 2] > lower_corners[k, 0]
             )
@@ -148,11 +152,11 @@ class StepDivider:
                 static_boxes[:, 3] > lower_corners[k, 1]
             )
             if is_near_body.any() or is_near_static.any():
-                parts = max(parts, min(TUNING.most_parts_of_fast, ceil(ratio[k])))
-                if parts > self._spare and self.overworked_by is None:
-                    self.overworked_by = k
-        parts = min(parts, self._spare)
-        self._spare -= parts
+                parts = max(parts, min(TUNING.max_parts, ceil(ratio[k])))
+                if parts > self._parts_left and self.exceeded_by is None:
+                    self.exceeded_by = k
+        parts = min(parts, self._parts_left)
+        self._parts_left -= parts
         return parts
 
 
@@ -164,15 +168,15 @@ class Governor:
 
     def __init__(self, world: World) -> None:
         self._gravity = float(np.hypot(*world.gravity))
-        self._jointed = any(joint.kind not in SPRINGS for joint in world.joints)
-        self._most = TUNING.most
-        self.loud = 1.0
+        self._has_joints = any(joint.kind not in SPRINGS for joint in world.joints)
+        self._sweep_limit = TUNING.max_sweeps
+        self.rest_factor = 1.0
         """Factor on the speed of rest."""
-        self._blows = self._contacts = 0
+        self._impacts = self._contacts = 0
         # The first steps have no impulses of earlier steps to start from.
-        self.sweeps = TUNING.many
-        self.most_sweeps = self.sweeps
-        self.loudest = 1.0
+        self.sweeps = TUNING.usual_sweeps
+        self.max_sweeps = self.sweeps
+        self.max_rest_factor = 1.0
         """The largest factor so far."""
 
     @property
@@ -181,23 +185,25 @@ class Governor:
 
         The solver starts from the wrong impulses of the first trial.
         """
-        return min(self._most, max(self.sweeps, TUNING.many))
+        return min(self._sweep_limit, max(self.sweeps, TUNING.usual_sweeps))
 
     @property
-    def crowded(self) -> bool:
+    def is_crowded(self) -> bool:
         """Check whether a trial with a single sweep saves time."""
-        return self._contacts > TUNING.crowd
+        return self._contacts > TUNING.crowd_contacts
 
-    def threshold(self, h: float, loud: float) -> float:
+    def threshold(self, h: float, rest_factor: float) -> float:
         """Return the speed below which a contact does not bounce, px/s.
 
-        `h`: the step, s; `loud`: factor on the speed of rest.
+        `h`: the step, s; `rest_factor`: factor on the speed of rest.
         """
-        return max(TUNING.rest * loud * self._gravity * h, TUNING.still)
+        return max(
+            TUNING.rest_share * rest_factor * self._gravity * h, TUNING.rest_speed
+        )
 
     def note(self, impacts: int) -> None:
         """Count the impacts of a step."""
-        self._blows += impacts
+        self._impacts += impacts
 
     def review(
         self, steps: int, contacts: int, residual: float, overlap: float, h: float
@@ -208,24 +214,25 @@ class Governor:
         `overlap`: the deepest overlap, px.
         """
         self._contacts = contacts
-        limit = TUNING.slack * max(self._gravity * h, TUNING.still)
-        self._most = max(
-            2 * TUNING.fewest, min(TUNING.most, TUNING.work // max(self._contacts, 1))
+        limit = TUNING.slack * max(self._gravity * h, TUNING.rest_speed)
+        self._sweep_limit = max(
+            2 * TUNING.min_sweeps,
+            min(TUNING.max_sweeps, TUNING.work // max(self._contacts, 1)),
         )
-        sweeps, minimum = (
-            self.sweeps,
-            TUNING.many if overlap > TUNING.deep or self._jointed else TUNING.fewest,
-        )
+        sweeps = self.sweeps
+        minimum = TUNING.min_sweeps
+        if overlap > TUNING.overlap or self._has_joints:
+            minimum = TUNING.usual_sweeps
         # Grow fast and shrink slowly, against oscillations of the sweeps.
         if residual > limit:
             sweeps += sweeps // 2
         elif residual < limit / 10:
             sweeps -= sweeps // 8
-        self.sweeps = min(self._most, max(minimum, sweeps))
-        self.most_sweeps = max(self.most_sweeps, self.sweeps)
-        if self._blows > TUNING.busy * steps:
-            self.loud = min(TUNING.loudest, self.loud * 2)
-        elif self._blows < TUNING.busy * steps / 4:
-            self.loud = max(1.0, self.loud / 2)
-        self.loudest = max(self.loudest, self.loud)
-        self._blows = 0
+        self.sweeps = min(self._sweep_limit, max(minimum, sweeps))
+        self.max_sweeps = max(self.max_sweeps, self.sweeps)
+        if self._impacts > TUNING.impact_rate * steps:
+            self.rest_factor = min(TUNING.max_rest_factor, self.rest_factor * 2)
+        elif self._impacts < TUNING.impact_rate * steps / 4:
+            self.rest_factor = max(1.0, self.rest_factor / 2)
+        self.max_rest_factor = max(self.max_rest_factor, self.rest_factor)
+        self._impacts = 0

@@ -396,7 +396,7 @@ def test_dense_impacts_are_solved_to_the_same_bit(monkeypatch) -> None:
         arguments = matrix, before, [0.3] * points, [0.5] * points, 1e-13
         dense, passes = collisions.simultaneous_impulses(*arguments)
         with monkeypatch.context() as patch:
-            sparse = replace(collisions.TUNING, dense=10**9)
+            sparse = replace(collisions.TUNING, dense_count=10**9)
             patch.setattr(collisions, "TUNING", sparse)
             listed, same_passes = collisions.simultaneous_impulses(*arguments)
         assert np.array_equal(dense, listed)

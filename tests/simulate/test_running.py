@@ -87,7 +87,7 @@ def same_at_other_times(world: World, made: Trajectory) -> None:
 def test_a_run_too_large_to_be_kept_is_simulated_again(most: int) -> None:
     """Too large from the start, within the clip, and where it goes on beyond its end."""
     world = read("cups/scene.yaml", "world.duration=0.2")
-    running = Running(world, most=most)
+    running = Running(world, max_bytes=most)
     running.on(running.end)
     same_at_other_times(world, running.trajectory())
 
@@ -143,11 +143,13 @@ def test_a_run_may_take_a_hundred_times_the_work_of_a_pyramid(
 ) -> None:
     """Of what it begins with; where that is next to nothing, what the time before the hit brings is enough."""
     less = replace(
-        TUNING, base=TUNING.base * base, per_second=TUNING.per_second * brings
+        TUNING,
+        start_work=TUNING.start_work * base,
+        work_per_second=TUNING.work_per_second * brings,
     )
     monkeypatch.setattr("physgen.simulate.collisions.TUNING", less)
     assert simulate(read("pyramid/scene.yaml")).effort.overworked == -1
-    none = replace(TUNING, base=0.0, per_second=0.0)
+    none = replace(TUNING, start_work=0.0, work_per_second=0.0)
     monkeypatch.setattr("physgen.simulate.collisions.TUNING", none)
     assert simulate(read("pyramid/scene.yaml")).effort.overworked >= 0
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from physgen.compile.world import Body, Joint, Passage, Push, Wall, World
 from physgen.scene.scene import JointKind, Load, Motion, Solid
-from physgen.simulate.ramps import is_ramped
+from physgen.simulate.ramps import has_ramp
 from physgen.simulate.trajectory import Contacts, Effort, Energy, Trajectory
 
 Array = NDArray[np.float64]
@@ -109,7 +109,7 @@ def has_special_surface(part: Body | Wall) -> bool:
 def has_own_numbers(body: Body) -> bool:
     """Whether a body is damped, rocks, falls in its own way, or reaches its velocity by a ramp."""
     has_own_motion = body.damping or body.rocking or body.gravity_scale != 1
-    return bool(has_own_motion or is_ramped(body))
+    return bool(has_own_motion or has_ramp(body))
 
 
 def lies_on_table(world: World) -> bool:

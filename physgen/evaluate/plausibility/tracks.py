@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from physgen.messages import Message
 from physgen.problems import InputError, Place
 from physgen.scene.scene import Motion, Solid, View
-from physgen.simulate.ramps import is_ramped
+from physgen.simulate.ramps import has_ramp
 from physgen.text import listed, natural, quoted
 
 if TYPE_CHECKING:
@@ -290,7 +290,7 @@ def _guided_bodies(world: World) -> frozenset[int]:
     for k, body in enumerate(world.bodies):
         is_scripted = body.motion is not Motion.DYNAMIC
         is_scripted |= body.damping > 0 or body.gravity_scale != 1
-        is_scripted |= is_ramped(body)
+        is_scripted |= has_ramp(body)
         has_extra_spin = world.view is View.TOP and _has_extra_spin(body)
         if is_scripted or has_extra_spin:
             bodies.add(k)
