@@ -256,9 +256,9 @@ class _Surroundings:
         `distance` (h, w) is the distance from the object, px.
         """
         is_free = ~self.object_mask & ~self.neighbours
-        is_near = distance <= max(3.0, BITES.reach * self.size)
+        is_within_reach = distance <= max(3.0, BITES.reach * self.size)
         is_object = (self.chances > level) & (self.foreground > BITES.foreground)
-        region = (is_free & is_near & is_object).view(np.uint8)
+        region = (is_free & is_within_reach & is_object).view(np.uint8)
         # Odd, since OpenCV shifts the result of even kernels.
         width = 2 * max(1, round(BITES.width * self.size / 2)) + 1
         square = np.ones((width, width), np.uint8)

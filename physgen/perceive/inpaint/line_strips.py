@@ -126,17 +126,19 @@ class CertainLine:
 
 def certain_lines(picture: F32, hole: Mask) -> list[CertainLine]:
     """Return straight lines that are visible on both sides of `hole` (H, W)."""
-    known = KnownSurroundings.of(picture, dilate(hole, 1))
+    surroundings = KnownSurroundings.of(picture, dilate(hole, 1))
     count, ids = cv2.connectedComponents(hole.astype(np.uint8), connectivity=8)
     lines = []
     for number in range(1, count):
         piece = ids == number
         ends = [
-            end for end in border_ends(known, piece) if end.contrast > TUNING.contrast
+            end
+            for end in border_ends(surroundings, piece)
+            if end.contrast > TUNING.contrast
         ]
         lines += [
             line
-            for line in _certain_pairs(ends, known)
+            for line in _certain_pairs(ends, surroundings)
             if _share_inside(line, piece) >= TUNING.inside
         ]
     return lines
@@ -156,18 +158,20 @@ def _certain_pairs(
     pairs = []
     for i, a in enumerate(ends):
         for j in range(i):
-            b, into, out = ends[j], directions[i], directions[j]
-            if into is None or out is None or not _similar(a, b):
+            b, direction, other_direction = ends[j], directions[i], directions[j]
+            if direction is None or other_direction is None or not _similar(a, b):
                 continue
             chord = b.at - a.at
             length = float(np.hypot(*chord))
-            turn = max(_angle(chord, into), _angle(chord, -out))
+            turn = max(_angle(chord, direction), _angle(chord, -other_direction))
             if length >= TUNING.shortest and turn <= TUNING.turn:
-                pairs.append((turn, i, j, CertainLine(a.at, b.at, into, -out)))
+                pairs.append(
+                    (turn, i, j, CertainLine(a.at, b.at, direction, -other_direction))
+                )
     chords: list[tuple[int, int]] = []
     for _, i, j, line in sorted(pairs, key=lambda pair: pair[:3]):
-        used = any({i, j} & {p, q} for p, q in chords)
-        if used or any((p < i < q) != (p < j < q) for p, q in chords):
+        has_line = any({i, j} & {p, q} for p, q in chords)
+        if has_line or any((p < i < q) != (p < j < q) for p, q in chords):
             continue
         chords.append((min(i, j), max(i, j)))
         yield line
@@ -192,8 +196,8 @@ def _visible_direction(end: BorderEnd, known: KnownSurroundings) -> F64 | None:
     center = points.mean(axis=0)
     _, _, axes = np.linalg.svd(points - center)
     direction: F64 = axes[0]
-    away = np.abs((points - center) @ axes[1])
-    if away.max() > TUNING.bent:
+    distances = np.abs((points - center) @ axes[1])
+    if distances.max() > TUNING.bent:
         return None
     return direction if direction @ end.towards > 0 else -direction
 
@@ -214,9 +218,9 @@ def paint_lines(
     free_share = hole.astype(np.float32)
     for line in lines:
         strip = _straighten(photo, hole, line, scale)
-        continued = strip.continued()
-        if continued is not None:
-            _blend_strip(result, free_share, strip, *continued)
+        continuation = strip.continued()
+        if continuation is not None:
+            _blend_strip(result, free_share, strip, *continuation)
     return result
 
 
@@ -282,10 +286,12 @@ class _Strip:
         The second value is the departure of the colours beside the run from the visible
         ends of the line, in levels.
         """
-        values, known = self.colours[:, column], self.known[:, column]
-        copied = round(TUNING.copied * self.scale)
-        before = _known_run(values[:first][::-1], known[:first][::-1])[:copied]
-        after = _known_run(values[last:], known[last:])[:copied]
+        values, known_rows = self.colours[:, column], self.known[:, column]
+        copied_rows = round(TUNING.copied * self.scale)
+        before = _known_run(values[:first][::-1], known_rows[:first][::-1])[
+            :copied_rows
+        ]
+        after = _known_run(values[last:], known_rows[last:])[:copied_rows]
         length = round(TUNING.mean * self.scale)
         if min(len(before), len(after)) < TUNING.fewest * self.scale:
             return None
@@ -294,9 +300,9 @@ class _Strip:
         means = before[:length].mean(axis=0), after[:length].mean(axis=0)
         # Copies meet in the middle of the run.
         blend = max(TUNING.blend * self.scale / count, 1e-3)
-        late = np.clip((place - 0.5) / blend + 0.5, 0, 1)
-        detail = (1 - late) * _reflected_detail(before, count, length)
-        detail += late * _reflected_detail(after, count, length)[::-1]
+        second_share = np.clip((place - 0.5) / blend + 0.5, 0, 1)
+        detail = (1 - second_share) * _reflected_detail(before, count, length)
+        detail += second_share * _reflected_detail(after, count, length)[::-1]
         run = (1 - place) * means[0] + place * means[1] + detail
         departure = max(
             float(np.abs(mean - profile[column]).max())
@@ -323,13 +329,13 @@ class _Strip:
         gap = round(TUNING.gap * self.scale)
         groups = np.split(structure, np.flatnonzero(np.diff(structure) > gap) + 1)
         group = min(groups, key=lambda one: np.abs(one - middle).min())
-        away = np.arange(len(share))
-        away = np.maximum(group[0] - away, away - group[-1])
+        distance = np.arange(len(share))
+        distance = np.maximum(group[0] - distance, distance - group[-1])
         # The outer half of the ground beside the structure is blended.
-        beside = TUNING.beside * self.scale
-        share = np.clip(2 - 2 * away / beside, 0, 1)
+        margin = TUNING.beside * self.scale
+        share = np.clip(2 - 2 * distance / margin, 0, 1)
         share *= self._plainness()
-        return np.asarray(share, np.float32), away <= 0
+        return np.asarray(share, np.float32), distance <= 0
 
     def _plainness(self) -> F64:
         """Return weights (m,): 1 in the line, lower from the first busy column on."""
@@ -342,19 +348,23 @@ class _Strip:
         counts = np.maximum(visible.sum(axis=(0, 2)), 1)
         levels = np.sqrt((detail**2).mean(axis=2).sum(axis=0) / counts)
         weights = np.clip(2 - levels / TUNING.plain, 0, 1)
-        middle, near = len(weights) // 2, round(TUNING.misplaced * self.scale)
-        weights[middle - near : middle + near + 1] = 1
+        middle, half_width = len(weights) // 2, round(TUNING.misplaced * self.scale)
+        weights[middle - half_width : middle + half_width + 1] = 1
         weights[middle:] = np.minimum.accumulate(weights[middle:])
         weights[middle::-1] = np.minimum.accumulate(weights[middle::-1])
         return np.asarray(weights, np.float64)
 
     def _change(self, profile: F32) -> Mask:
         """Return the columns (m,) with an edge along the line."""
-        smooth = cv2.GaussianBlur(profile[None], (0, 0), TUNING.smooth * self.scale)[0]
-        change = np.linalg.norm(np.gradient(smooth, axis=0), axis=1) * self.scale
+        smooth_profile = cv2.GaussianBlur(
+            profile[None], (0, 0), TUNING.smooth * self.scale
+        )[0]
+        change = (
+            np.linalg.norm(np.gradient(smooth_profile, axis=0), axis=1) * self.scale
+        )
         middle = len(change) // 2
-        near = round(TUNING.misplaced * self.scale)
-        largest = change[middle - near : middle + near + 1].max()
+        half_width = round(TUNING.misplaced * self.scale)
+        largest = change[middle - half_width : middle + half_width + 1].max()
         limit = max(TUNING.least_gradient, TUNING.gradient * largest)
         return np.asarray(change > limit)
 
@@ -362,14 +372,14 @@ class _Strip:
         """Return column and row (n,) in the strip of pixels x, y (n, 2)."""
         # The line is nearly straight: its chord gives the nearest row.
         start, end = self.center[self.outside], self.center[-self.outside - 1]
-        towards = (end - start) / np.hypot(*(end - start))
-        place = (pixels - start) @ towards + self.outside
+        direction = (end - start) / np.hypot(*(end - start))
+        place = (pixels - start) @ direction + self.outside
         nearest = np.clip(np.rint(place).astype(int), 0, len(self.center) - 1)
         offset = pixels - self.center[nearest]
         normal = self.normal[nearest]
-        side = (offset * normal).sum(axis=1) + self.known.shape[1] // 2
-        along = nearest + offset[:, 0] * normal[:, 1] - offset[:, 1] * normal[:, 0]
-        return side, along
+        column_places = (offset * normal).sum(axis=1) + self.known.shape[1] // 2
+        row_places = nearest + offset[:, 0] * normal[:, 1] - offset[:, 1] * normal[:, 0]
+        return column_places, row_places
 
     @cached_property
     def profiles(self) -> tuple[F32, F32]:
@@ -389,12 +399,12 @@ def _straighten(photo: F32, hole: Mask, line: CertainLine, scale: float) -> _Str
     """Return the strip around a line."""
     outside = round(TUNING.copied * scale)
     center = _center_line(line, outside)
-    half = round(TUNING.search * scale)
+    half_width = round(TUNING.search * scale)
     tangent = np.gradient(center, axis=0)
     tangent /= np.hypot(*tangent.T)[:, None]
     normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
-    across = np.arange(-half, half + 1, dtype=np.float64)[None, :, None]
-    places = (center[:, None] + across * normal[:, None]).astype(np.float32)
+    columns = np.arange(-half_width, half_width + 1, dtype=np.float64)[None, :, None]
+    places = (center[:, None] + columns * normal[:, None]).astype(np.float32)
     x, y = np.ascontiguousarray(places[..., 0]), np.ascontiguousarray(places[..., 1])
     # Linear interpolation would blur the grain.
     colours = cv2.remap(photo, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
@@ -402,9 +412,9 @@ def _straighten(photo: F32, hole: Mask, line: CertainLine, scale: float) -> _Str
     visible = (np.abs(weights - 1) < KNOWN_ERROR).astype(np.uint8)
     # Single visible pixels at a ragged border do not divide the hole.
     column = np.ones((LEAST_RUN, 1), np.uint8)
-    known = np.asarray(cv2.morphologyEx(visible, cv2.MORPH_OPEN, column) > 0)
+    known_mask = np.asarray(cv2.morphologyEx(visible, cv2.MORPH_OPEN, column) > 0)
     return _Strip(
-        np.asarray(colours, np.float32), known, center, normal, outside, scale
+        np.asarray(colours, np.float32), known_mask, center, normal, outside, scale
     )
 
 
@@ -414,14 +424,14 @@ def _center_line(line: CertainLine, outside: int) -> F64:
     """
     chord = line.end - line.start
     length = float(np.hypot(*chord))
-    towards = chord / length
+    direction = chord / length
     steps = np.arange(-outside, round(length) + outside + 1, dtype=np.float64)[:, None]
     inside = np.clip(steps, 0, length)
     # Inside the hole a cubic joins both visible parts.
     share = inside / length
-    bend = share * (1 - share) ** 2 * (line.first - towards)
-    bend -= share * share * (1 - share) * (line.last - towards)
-    center = line.start + inside * towards + length * bend
+    bend = share * (1 - share) ** 2 * (line.first - direction)
+    bend -= share * share * (1 - share) * (line.last - direction)
+    center = line.start + inside * direction + length * bend
     before = np.minimum(steps, 0) * line.first
     after = np.maximum(steps - length, 0) * line.last
     return np.asarray(center + before + after, np.float64)
@@ -434,13 +444,16 @@ def _blend_strip(
 
     `colours` (n, m, 3) and `weights` (n, m) belong to the straightened strip.
     """
-    half = strip.known.shape[1] // 2
-    low = np.maximum(np.floor(strip.center.min(axis=0)).astype(int) - half, 0)
-    high = np.ceil(strip.center.max(axis=0)).astype(int) + half + 1
+    half_width = strip.known.shape[1] // 2
+    low = np.maximum(np.floor(strip.center.min(axis=0)).astype(int) - half_width, 0)
+    high = np.ceil(strip.center.max(axis=0)).astype(int) + half_width + 1
     box = np.s_[low[1] : high[1], low[0] : high[0]]
     rows, columns = np.nonzero(free_share[box] > 0)
-    side, along = strip.places_of(np.stack([columns, rows], axis=1) + low)
-    x, y = side.astype(np.float32)[:, None], along.astype(np.float32)[:, None]
+    column_places, row_places = strip.places_of(np.stack([columns, rows], axis=1) + low)
+    x, y = (
+        column_places.astype(np.float32)[:, None],
+        row_places.astype(np.float32)[:, None],
+    )
     share = _sample_rows(weights, x, y)
     sums = _sample_rows(colours * weights[..., None], x, y)
     values = sums / np.maximum(share, KNOWN_ERROR)[:, None]
@@ -486,8 +499,8 @@ def _reflected_detail(values: F32, count: int, length: int) -> F32:
 
     A reflection has no seam. `length` rows are averaged for the coarse part.
     """
-    coarse = cv2.blur(values[:, None], (1, length), borderType=cv2.BORDER_REFLECT)
-    detail = values - coarse[:, 0]
+    coarse_part = cv2.blur(values[:, None], (1, length), borderType=cv2.BORDER_REFLECT)
+    detail = values - coarse_part[:, 0]
     # Another structure that crosses the visible line is not copied.
     size = np.abs(detail).max(axis=1, keepdims=True)
     limit = TUNING.outlier * np.median(size) + TUNING.least_detail
