@@ -19,9 +19,10 @@ from pydantic import BeforeValidator, Field
 
 from physgen.edit.corrections import correct
 from physgen.edit.draft import Draft, Unsaved, draft_folder
-from physgen.edit.live import Live, Pictures, mask_png, photo_png
+from physgen.edit.live import Live
 from physgen.edit.masks import PromptSegmenter
 from physgen.edit.operations import Body, Op, SetOp, edited, whole
+from physgen.edit.pictures import Pictures, mask_png, photo_png
 from physgen.edit.view_change import hold_objects
 from physgen.files import back_up, file_stamp, write_atomic
 from physgen.messages import Message
