@@ -48,7 +48,8 @@ MAX_SUBSAMPLED = 100_000
 """Samples times objects up to which each frame has `SUBSAMPLES` samples."""
 MAX_PART = 200_000
 """Samples times objects of one part of a motion: about 15 MB of JSON."""
-FIRST, MORE = 0.045, 0.08
+FIRST = 0.045
+MORE = 0.08
 """Time for simulation, s, of a look, and of each later part of a motion."""
 SLICE = 0.03
 """Time, s, for which a simulation to the end blocks other threads."""
@@ -69,8 +70,10 @@ class MotionStream:
 
     def __init__(self, key: str, scene: Scene, world: World) -> None:
         self.key = key
-        self.scene, self.world = scene, world
-        body_count, frames = max(len(world.bodies), 1), world.times
+        self.scene = scene
+        self.world = world
+        body_count = max(len(world.bodies), 1)
+        frames = world.times
         subsamples = (
             SUBSAMPLES if len(frames) * SUBSAMPLES * body_count <= MAX_SUBSAMPLED else 1
         )
@@ -106,7 +109,8 @@ class MotionStream:
         """
         start = max(0, min(start, self.total))
         self.simulate(start + 1, deadline)
-        run, N = self._running, max(len(self.world.bodies), 1)
+        run = self._running
+        N = max(len(self.world.bodies), 1)
         end = max(start, min(run.done, start + max(1, MAX_PART // N)))
         trajectory = run.trajectory()
         data: Data = {
@@ -168,7 +172,8 @@ class MotionStream:
 
     def _begin(self, found: Data) -> None:
         """Add the data of the first part: everything constant in time."""
-        scene, world = self.scene, self.world
+        scene = self.scene
+        world = self.world
         for k, body in enumerate(world.bodies):
             found["bodies"][k] |= figure(scene, k, body)
         found |= fixed_data(scene, world) | {
@@ -235,7 +240,8 @@ class Live:
     """
 
     def __init__(self, path: Path, allow_outside: bool = False) -> None:
-        self.path, self.allow_outside = path, allow_outside
+        self.path = path
+        self.allow_outside = allow_outside
         self._lock = RLock()
         self._warm = Stages(Keep.EDITING)
         self._opened: Recent[OpenedScene] = Recent(6)

@@ -146,17 +146,24 @@ def _make(target: Target, op: Op | MergeOp) -> str:
             target.write(replaced(target.data, str(op.merge[-1]), op.to)[0])
             return f"merge {op.merge[-1]} into {op.to}"
         case UnsetOp():
-            path, value, kind = tuple(op.unset), None, "unset"
+            path = tuple(op.unset)
+            value = None
+            kind = "unset"
         case SetOp():
-            path, value, kind = tuple(op.set), op.value, "set"
+            path = tuple(op.set)
+            value = op.value
+            kind = "set"
         case AddOp():
-            path, value, kind = tuple(op.add), op.value, "add"
+            path = tuple(op.add)
+            value = op.value
+            kind = "add"
     if target.variant is not None and path[0] in SEALED:
         raise Message.VARIANT_SECTION_FIXED.impossible(path=path[0])
     if value is None:
         target.unset(path)
         return f"unset {_name(path)}"
-    value, data = short(value), deepcopy(target.data)
+    value = short(value)
+    data = deepcopy(target.data)
     if kind == "add":
         present_value = reach(data, path)
         is_list = (schema_at(path) or {}).get("type") == "array"
@@ -275,7 +282,8 @@ class Target:
     """
 
     def __init__(self, text: str, variant: str | None) -> None:
-        self.text, self.variant = text, variant
+        self.text = text
+        self.variant = variant
         self._whole: Data = mark_values(text).data()
         if self._whole.get("extends") is not None:
             raise Message.FILE_EXTENDS.impossible()
@@ -446,7 +454,8 @@ def _rename(target: Target, path: KeyPath, to: str) -> str:
     rule = load_published_schema()["$defs"]["name"]
     if not re.fullmatch(rule["pattern"].strip("^$"), to):
         raise Message.NEW_NAME_WRONG.impossible(form=rule["x-pattern"])
-    section, old = str(path[0]), str(path[1])
+    section = str(path[0])
+    old = str(path[1])
     new_names = {old: to} if section == "objects" else {}
     if to != old:
         if reach(target.data, (section, to)) is not ABSENT:
@@ -473,7 +482,8 @@ def replaced(data: Data, name: str, to: str | None) -> tuple[Data, list[str]]:
     Returns the new data, and in words all parts that were removed with it: forces on a
     removed object, and joints of two objects that became one.
     """
-    data, removed_parts = deepcopy(data), list[str]()
+    data = deepcopy(data)
+    removed_parts = list[str]()
     is_merged = to in data["objects"]
     if to is None or is_merged:
         del data["objects"][name]

@@ -142,7 +142,8 @@ def todo(scene: Scene | None, problems: Sequence[Data]) -> list[Data]:
     A row has `kind`, `object`, `path`, `line`, `text`, `fix` and `ops`; `ops` None:
     only the user can decide. Errors come first, then guesses by confidence, then lints.
     """
-    errors, lints = [], []
+    errors = []
+    lints = []
     for problem in problems:
         if problem["severity"] == "error":
             errors.append(_row("error", problem, problem["message"], problem["fix"]))

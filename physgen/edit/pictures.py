@@ -30,7 +30,8 @@ class Pictures:
     """
 
     def __init__(self, live: Live) -> None:
-        self._live, self._lock = live, Lock()
+        self._live = live
+        self._lock = Lock()
         self._stages: Recent[Stage] = Recent(2)
 
     def look(self, key: str) -> Data | None:
