@@ -52,7 +52,7 @@ def check_output(folder: Path | None) -> None:
 
 def add_output(parser: Parser) -> None:
     """Add the flag `-o`."""
-    help_text = "write a page, and the result as JSON, in this folder"
+    help_text = "write a page and the result as JSON to this folder"
     parser.add_argument("-o", "--output", metavar="DIR", type=Path, help=help_text)
 
 
@@ -82,15 +82,15 @@ def hand_over(findings: Findings, options: argparse.Namespace) -> int:
 
 def add_segmentation(parser: Parser) -> None:
     help_text = (
-        "photos with label maps: NAME.png and NAME.labels.png, "
-        "or folders of photo.png and photo.assets/masks.png"
+        "a folder with NAME.png and NAME.labels.png, or with folders of photo.png and "
+        "photo.assets/masks.png"
     )
     parser.add_argument("folder", metavar="FOLDER", type=Path, help=help_text)
     parser.option(
         "--backend",
         "ROLE=NAME",
         str,
-        "backend of the segmentation: segment=NAME",
+        "backend that finds the objects: segment=NAME",
         [],
         action="append",
     )
@@ -120,34 +120,35 @@ def run_segmentation(options: argparse.Namespace) -> int:
 
 def add_fid(parser: Parser) -> None:
     help_text = (
-        "a method's clips: a folder of videos, of physgen's clips or of folders of "
-        "frames; its name is the method's"
+        "clips of one method: a folder of videos, of physgen's clips or of folders of "
+        "frames; the name of the folder is the name of the method"
     )
     parser.add_argument("clips", metavar="CLIPS", type=Path, nargs="+", help=help_text)
     parser.option(
         "--reference",
         "DIR",
         Path,
-        "true clips, in the same form",
+        "reference clips, in the same form as CLIPS",
         action="append",
         required=True,
     )
-    help_text = "inception-2015-12-05.pt, the TorchScript file of published FIDs"
+    help_text = "inception-2015-12-05.pt, the TorchScript file that published FIDs use"
     parser.option("--inception", "FILE", Path, help_text, required=True)
-    parser.option("--frames", "N", count, "frames of each clip, evenly; default: all")
+    help_text = "number of evenly spaced frames of each clip; default: all"
+    parser.option("--frames", "N", count, help_text)
     help_text = (
-        "first frames of the methods' clips that do not count: 1 where theirs begin with the photo and the "
-        "reference's do not; default: 0"
+        "number of first frames of the methods' clips to leave out; use 1 if only these "
+        "clips begin with the photo; default: 0"
     )
     parser.option("--skip", "N", count, help_text, 0)
     parser.option(
         "--size",
         "PX",
         integer_reader(16, 4096),
-        "the shorter side of all frames; default: 256",
+        "shorter side of all frames (px); default: 256",
         256,
     )
-    help_text = "resamplings of clips for intervals, 0 for none; default: 200"
+    help_text = "number of random samples of the clips for intervals; 0: no intervals; default: 200"
     parser.option("--draws", "N", integer_reader(0, 10_000), help_text, 200)
     add_output(parser)
 
@@ -208,18 +209,21 @@ def methods(paths: Sequence[Path]) -> dict[str, list[Path]]:
 
 def add_study(parser: Parser) -> None:
     help_text = (
-        "a folder of methods with METHOD/SCENE.mp4 or METHOD/SCENE/video.mp4 in it; with --key: files that raters "
-        "saved, or a folder of them"
+        "a folder with METHOD/SCENE.mp4 or METHOD/SCENE/video.mp4; with --key: the "
+        "answer files of raters, or a folder of these files"
     )
     parser.add_argument("paths", metavar="PATH", type=Path, nargs="+", help=help_text)
     help_text = (
-        "the page to rate on, its key beside it (default: study.html, study.key.json); with --key: a folder for a "
-        "page of the result"
+        "the page for raters; the key is written beside the page (default: study.html, "
+        "study.key.json); with --key: a folder for a page of the results"
     )
     parser.option("-o --output", "PATH", Path, help_text)
-    parser.option("--key", "FILE", Path, "read answers with the key of their study")
-    parser.option("--videos", "N", count, "scenes shown of every method; default: 15")
-    parser.option("--seed", "N", seed, "of the drawn values; default: 0", 0)
+    help_text = "compute the results from answers, with the key of the study"
+    parser.option("--key", "FILE", Path, help_text)
+    parser.option(
+        "--videos", "N", count, "number of scenes of each method; default: 15"
+    )
+    parser.option("--seed", "N", seed, "seed of the random values; default: 0", 0)
 
 
 VIDEOS = 15
@@ -313,63 +317,63 @@ def _run_measure(options: argparse.Namespace) -> int:
 MEASURES = (
     Command(
         "segmentation",
-        "Objects found in photos against their true masks, as COCO counts them.",
+        "Compares the objects found in photos with true masks, as COCO does.",
         "segmentation photos -o out/segmentation",
         add_segmentation,
         run_segmentation,
     ),
     Command(
         "fid",
-        "Frames and motion of clips against a reference's: Image-FID and Motion-FID; see docs/evaluation.md.",
+        "Compares frames and motion of clips with reference clips: Image-FID and Motion-FID; see docs/evaluation.md.",
         "fid out/mine --reference filmed --inception inception-2015-12-05.pt -o out/fid",
         add_fid,
         run_fid,
     ),
     Command(
         "study",
-        "A blind page of clips for people to rate; with --key, the results.",
+        "Makes a page on which people rate clips without knowing the methods; with --key, computes the results.",
         "study METHODS -o study.html, then: physgen evaluate study answers/*.json --key study.key.json -o out/study",
         add_study,
         run_study,
     ),
     Command(
         "properties",
-        "Mass, friction and elasticity of objects as a backend answers them, against measured ones.",
+        "Compares a backend's estimates of mass, friction and elasticity with measured values.",
         "properties --backend physics=vlm -o out/vlm",
         partial(_add_measure, measures.add_properties),
         _run_measure,
     ),
     Command(
         "controllability",
-        "How the motion of one object answers to the direction and size of a push.",
+        "Measures how the motion of one object depends on the direction and speed of a push.",
         "controllability scene.yaml --object ball --angles 12",
         partial(_add_measure, measures.add_controllability),
         _run_measure,
     ),
     Command(
         "physics",
-        "The engine against closed forms of mechanics; 1 if a bar is missed.",
+        "Compares the engine with closed forms of mechanics; the exit code is 1 if an error exceeds its limit.",
         "physics --rows 1,5,12 --no-convergence",
         partial(_add_measure, measures.add_physics),
         _run_measure,
     ),
     Command(
         "plausibility",
-        "Motion without a truth: gravity, momentum, energy, overlap and jumps; 1 if a clip is called wrong.",
+        "Scores motion by gravity, momentum, energy, overlap and jumps; the exit code is 1 if a clip counts as wrong.",
         "plausibility tracks.csv --fps 30",
         partial(_add_measure, measures.add_plausibility),
         _run_measure,
     ),
     Command(
         "fidelity",
-        "Drawn frames against path-traced ones at the same poses: PSNR and SSIM.",
+        "Compares drawn frames with path-traced frames of the same poses: PSNR and SSIM.",
         "fidelity --truth studio/truth",
         partial(_add_measure, measures.add_fidelity),
         _run_measure,
     ),
     Command(
         "runtime",
-        "Wall and CPU time of each stage of clips, beside the paper's table.",
+        "Adds up the wall time and CPU time of each stage, and shows the times of the paper.",
         "runtime out",
         partial(_add_measure, measures.add_runtime),
         _run_measure,
@@ -402,7 +406,7 @@ def evaluate(options: argparse.Namespace) -> int:
 
 EVALUATE = Command(
     "evaluate",
-    "Measures photos, scenes, clips, backends and answers of raters, as the paper does.",
+    "Evaluates photos, scenes, clips, backends and human ratings with the measures of the paper.",
     "physgen evaluate segmentation photos",
     add,
     evaluate,

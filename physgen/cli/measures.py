@@ -22,13 +22,13 @@ QUESTIONS = ("gravity", "momentum", "energy", "overlap", "jumps")
 
 def add_properties(parser: Parser) -> None:
     """Add the flags of `evaluate properties`."""
-    help_text = "objects with what is true of them, in YAML; default: 42 of the YCB set, and published comparisons"
+    help_text = "YAML table of objects and true values; default: 42 objects of the YCB set, and published comparisons"
     parser.add_argument("table", metavar="TABLE", nargs="?", type=Path, help=help_text)
-    help_text = "what answers: physics=NAME"
+    help_text = "backend that estimates the values: physics=NAME"
     parser.option("--backend", "ROLE=NAME", str, help_text, [], action="append")
-    help_text = "read this in place of ~/.config/physgen/physgen.toml"
+    help_text = "use this file in place of ~/.config/physgen/physgen.toml"
     parser.option("--config", "FILE", Path, help_text)
-    parser.flag("--hide-size", "give the name of each object without its size")
+    parser.flag("--hide-size", "send only the name of each object to the backend")
 
 
 def find_properties(options: argparse.Namespace, bar: Bar) -> Findings:
@@ -51,11 +51,17 @@ def find_properties(options: argparse.Namespace, bar: Bar) -> Findings:
 def add_controllability(parser: Parser) -> None:
     """Add the flags of `evaluate controllability`."""
     parser.add_argument("scene", metavar="SCENE")
-    help_text = "the object that is pushed; default: the one that the scene pushes, or that moves first"
+    help_text = "the object to push; default: the object that the scene pushes, or the first object that moves"
     parser.option("--object", "NAME", str, help_text)
-    help_text = "directions: all round seen from above, upwards from right to left seen from the side; default: 8"
+    help_text = (
+        "number of directions: around the circle in a view from above, from right over up to left in a view from "
+        "the side; default: 8"
+    )
     parser.option("--angles", "N", integer_reader(1, 360), help_text, 8)
-    help_text = "of the pushes: px/s that they give, e.g. 50,100,200; default: five, up to a third of the canvas"
+    help_text = (
+        "speeds of the pushes (px/s), e.g. 50,100,200; default: five speeds that move the object by up to about a "
+        "third of the picture"
+    )
     parser.option("--sizes", "LIST", read_speeds, help_text, [])
     add_overlays(parser)
 
@@ -93,17 +99,22 @@ def find_controllability(options: argparse.Namespace, bar: Bar) -> Findings:
 
 def add_plausibility(parser: Parser) -> None:
     """Add the flags of `evaluate plausibility`."""
-    help_text = "folders of clips, or tracks as CSV with frame, name, x, y (px) and, if known, radius"
+    help_text = "folders of clips, or CSV files of tracks with the columns frame, name, x, y (px) and, if known, radius"
     parser.add_argument("clips", metavar="CLIP", nargs="+", type=Path, help=help_text)
-    parser.option("--fps", "N", positive, "of tracks without their own; default: 30")
-    help_text = "of tracks; default: side"
+    parser.option("--fps", "N", positive, "frame rate of the tracks; default: 30")
+    help_text = "view of the tracks; default: side"
     parser.add_argument(
         "--view", choices=("side", "top"), default="side", help=help_text
     )
-    help_text = "a body on a rope or in a hand: only jumps and overlap are asked"
+    help_text = "a body on a rope or in a hand; only its jumps and overlap are measured"
     parser.option("--held", "NAME", str, help_text, [], action="append")
     parser.add_argument(
-        "--skip", metavar="QUESTION", action="append", default=[], choices=QUESTIONS
+        "--skip",
+        metavar="QUESTION",
+        action="append",
+        default=[],
+        choices=QUESTIONS,
+        help="leave out gravity, momentum, energy, overlap or jumps",
     )
 
 
@@ -122,14 +133,14 @@ def find_plausibility(options: argparse.Namespace, bar: Bar) -> Findings:
 
 def add_physics(parser: Parser) -> None:
     """Add the flags of `evaluate physics`."""
-    help_text = "some rows, e.g. 1,5,12; default: all"
+    help_text = "numbers of the rows to run, e.g. 1,5,12; default: all"
     parser.option("--rows", "LIST", numbers, help_text, [])
-    help_text = "seeded draws of a row's parameters; default: 5"
+    help_text = "number of random draws of the parameters of each row; default: 5"
     parser.option("--draws", "N", integer_reader(1, 1000), help_text)
-    parser.flag("--no-convergence", "only at default settings")
-    help_text = "draws run at a time; default: one a processor"
+    parser.flag("--no-convergence", "simulate only with the default time step")
+    help_text = "number of draws at a time; default: one for each processor"
     parser.option("--jobs", "N", integer_reader(1, 1024), help_text)
-    help_text = "keep every scene file that is run in this folder"
+    help_text = "keep the scene files of all simulations in this folder"
     parser.option("--scenes", "DIR", Path, help_text)
 
 
@@ -163,9 +174,15 @@ def find_physics(options: argparse.Namespace, bar: Bar) -> Findings:
 
 def add_fidelity(parser: Parser) -> None:
     """Add the flags of `evaluate fidelity`."""
-    help_text = "path-traced truth of scenes, as studio/make.py of a checkout writes it; default: studio/truth"
+    help_text = "folder of path-traced videos, as studio/make.py writes them; default: studio/truth"
     parser.option("--truth", "DIR", Path, help_text)
-    parser.option("--scenes", "LIST", names, "some scenes, e.g. curling,shelf", [])
+    parser.option(
+        "--scenes",
+        "LIST",
+        names,
+        "names of the scenes, e.g. curling,shelf; default: all",
+        [],
+    )
 
 
 def find_fidelity(options: argparse.Namespace, bar: Bar) -> Findings:
@@ -191,7 +208,7 @@ def find_fidelity(options: argparse.Namespace, bar: Bar) -> Findings:
 
 def add_runtime(parser: Parser) -> None:
     """Add the flags of `evaluate runtime`."""
-    help_text = "folders of clips, whose manifests are read"
+    help_text = "folders of clips"
     parser.add_argument("folders", metavar="DIR", nargs="+", type=Path, help=help_text)
 
 

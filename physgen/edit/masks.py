@@ -407,7 +407,8 @@ def stroke(
             raise Message.STROKE_TOO_LONG.impossible()
         y, x = np.mgrid[y0:y1, x0:x1]
         direction = end - start
-        (dx, dy) = (x - start[0], y - start[1])
+        dx = x - start[0]
+        dy = y - start[1]
         length = float(direction @ direction)
         # Parameter of the nearest point on the segment, 0 at its start and 1 at its
         # end; a single point has no direction.

@@ -216,6 +216,9 @@ def _push_ops(state: LiveScene) -> list[Data]:
             value = [meters(v / scene.world.pixels_per_meter) for v in velocity]
             path = ["objects", item.name, "velocity"]
             ops.append({"set": path, "value": value})
+        # The spin of an object that is tipped suits its first velocity alone.
+        if item.name in pushes and item.spin:
+            ops.append({"set": ["objects", item.name, "spin"], "value": 0})
     return ops
 
 

@@ -51,7 +51,7 @@ existing object.
 """
 PIXEL_KEYS = ("mask", "shape", "prompt")
 """Keys of an object that depend on its pixels."""
-MOTION_KEYS = ("motion", "velocity")
+MOTION_KEYS = ("motion", "velocity", "spin")
 """Keys of an object that describe its motion."""
 LINES, SAME = {"segment", "polyline"}, 3.0
 """Keys of a boundary's points; largest distance (px) of a boundary found again."""

@@ -30,6 +30,7 @@ from physgen.pipeline.clip_warnings import (
 )
 from physgen.pipeline.fan_draws import Draws
 from physgen.pipeline.film import Aside, Film
+from physgen.pipeline.push_motion import measure_sweep
 from physgen.pipeline.refining import (
     Footage,
     Refiners,
@@ -483,7 +484,9 @@ class _Run:
             self.warn(template.warning(scene.place("objects"), fix=fix))
         else:
             record.imbalance = imbalance(world, trajectory)
-            farthest = float(displacements.max())
+            # A rocking object moves its corners farther than its centre.
+            sweep = measure_sweep(world, trajectory.poses)
+            farthest = float(max(displacements.max(), sweep.max()))
             if pushed_objects and farthest < LITTLE * max(scene.size):
                 place = scene.place(f"objects.{pushed_objects[0].name}.velocity")
                 self.warn(Message.HARDLY_MOVES.warning(place, pushed_objects[0].name))

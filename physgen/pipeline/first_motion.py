@@ -161,7 +161,7 @@ def _at_rest(perceived: PerceivedScene, kept: Collection[str] = ()) -> Perceived
             item = {
                 key: value
                 for key, value in objects[name].items()
-                if key not in ("rolling", "velocity")
+                if key not in ("rolling", "velocity", "spin")
             }
             sources = {
                 key: value
@@ -255,8 +255,21 @@ def _with_push(perceived: PerceivedScene, push: Push) -> PerceivedScene:
     per_meter = perceived.document["world"]["pixels_per_meter"]
     speeds = [meters(part / per_meter) for part in push.velocity]
     comment = f"the push that sets it off, {push.phrase}; [0, 0] leaves it at rest"
+    if push.spin:
+        comment = (
+            f"the push that sets it off, at its top {push.phrase}; "
+            f"[0, 0] and spin: 0 leave it at rest"
+        )
+        perceived = _with_spin(perceived, push.name, push.spin)
     motions = {push.name: (speeds, comment)}
     return _with_motion(perceived, motions, push.outcome, push.ramp)
+
+
+def _with_spin(perceived: PerceivedScene, name: str, spin: float) -> PerceivedScene:
+    """Return the scene with the spin of an object, degrees/s."""
+    objects = dict(perceived.document["objects"])
+    objects[name] = objects[name] | {"spin": spin}
+    return replace(perceived, document=perceived.document | {"objects": objects})
 
 
 def _chosen_push(
@@ -272,14 +285,11 @@ def _chosen_push(
     are raised to `least`.
     """
     from physgen.compile.shapes import shapes_of
-    from physgen.perceive.summary import mask_confidence
+    from physgen.pipeline.push_choice import push_confidence, round_ends
     from physgen.pipeline.pushes import default_push
 
     objects = perceived.document["objects"]
-    confidence = {
-        name: max(mask_confidence(item), least) if name in names else 0.0
-        for name, item in objects.items()
-    }
+    confidence = push_confidence(perceived, names, least)
     facing = {
         name: item["facing"] for name, item in objects.items() if "facing" in item
     }
@@ -288,7 +298,14 @@ def _chosen_push(
     invisible_walls = _unseen_walls(perceived)
     ramp = scene.world.ramp if "ramp" in perceived.document["world"] else None
     return default_push(
-        scene, shapes, confidence, invisible_walls, facing, barred, ramp
+        scene,
+        shapes,
+        confidence,
+        invisible_walls,
+        facing,
+        barred,
+        ramp,
+        round_ends(perceived),
     )
 
 
@@ -385,7 +402,7 @@ def _with_ramp(
     ramped = _set_ramp(perceived, ramp)
     if ramp == tried_ramp:
         return ramped
-    scene = open_trial(ramped, "velocity").scene()
+    scene = open_trial(ramped, "velocity", "spin").scene()
     velocities = {}
     for item in scene.objects:
         if any(item.velocity):
@@ -444,7 +461,8 @@ def push_anew(
     objects = dict(perceived.document["objects"])
     for name in perceived_pushes(scene):
         if name in objects:
-            objects[name] = objects[name] | {"velocity": [0, 0]}
+            still_item = {k: v for k, v in objects[name].items() if k != "spin"}
+            objects[name] = still_item | {"velocity": [0, 0]}
     document = perceived.document | {"objects": objects}
     perceived = replace(perceived, document=document)
     pushed_scene = _pushed_by_user(_with_usual_playback(perceived, scene), pushes)
@@ -554,11 +572,11 @@ def refresh_motion(
     from physgen.pipeline.push_trials import compile_trials, simulate_push
     from physgen.pipeline.pushes import perceived_pushes
 
-    moving = {
-        item.name: {"velocity": list(item.velocity)}
-        for item in scene.objects
-        if any(item.velocity)
-    }
+    moving: dict[str, dict[str, Any]] = {}
+    for item in scene.objects:
+        if any(item.velocity):
+            spin = {"spin": item.spin} if item.spin else {}
+            moving[item.name] = {"velocity": list(item.velocity)} | spin
     pushes = (
         [] if still or scene.forces or scene.joints else list(perceived_pushes(scene))
     )
@@ -582,7 +600,8 @@ def refresh_motion(
             None,
             scene.world.view.value,
         )
-        trial_scene = open_trial(perceived, "velocity", "place", "layer").scene()
+        keys = ("velocity", "spin", "place", "layer")
+        trial_scene = open_trial(perceived, *keys).scene()
         pushed_objects = [
             item
             for item in trial_scene.objects
@@ -598,11 +617,11 @@ def refresh_motion(
         stopped_names = pushes if has_new_view or not has_motion else []
         for name in stopped_names:
             del moving[name]
-        stopped_entries = {
-            name: objects_at_rest[name] | {"velocity": [0, 0]}
-            for name in stopped_names
-            if name in objects_at_rest
-        }
+        stopped_entries = {}
+        for name in stopped_names:
+            if name in objects_at_rest:
+                entry = {k: v for k, v in objects_at_rest[name].items() if k != "spin"}
+                stopped_entries[name] = entry | {"velocity": [0, 0]}
         perceived = replace(
             perceived,
             document=perceived.document

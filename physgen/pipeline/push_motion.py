@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from math import hypot, radians, sqrt
+from math import atan2, cos, degrees, hypot, radians, sqrt
 from typing import TYPE_CHECKING
 
 import cv2
@@ -155,6 +155,42 @@ def tumbles(world: World, motion: Trajectory, name: str) -> bool:
         return False
     turns = motion.poses[:, index, 2] - motion.poses[0, index, 2]
     return bool(np.abs(turns).max() > radians(TRIAL.tumble))
+
+
+def rocks(world: World, motion: Trajectory) -> bool:
+    """Check whether an object tips visibly and settles as it stood."""
+    turns = motion.poses[..., 2] - motion.poses[0, :, 2]
+    is_upright = np.array([body.radius is None for body in world.bodies], bool)
+    limit = radians(TRIAL.rocks_visible)
+    is_visible = np.abs(turns).max(axis=0) >= limit
+    is_back = np.abs(turns[-1]) < limit / 2
+    return bool((is_upright & is_visible & is_back).any())
+
+
+def tipping_motion(
+    body: Body, side: float, angle: float, gravity: float, ramp: float
+) -> tuple[tuple[float, float], float]:
+    """Return the velocity, px/s, and the spin, degrees/s, that tip a body.
+
+    The body turns by at most `angle`, degrees, about its lower corner on the `side` of
+    the push, 1 right or -1 left: kinetic energy about the corner becomes height. The
+    body reaches its velocity within `ramp`, s, and has risen by then.
+    """
+    points = np.concatenate(body.rings)
+    low, high = float(points[:, 1].min()), float(points[:, 1].max())
+    foot = points[points[:, 1] > high - TRIAL.foot * (high - low)]
+    half_width = max(float((side * foot[:, 0]).max()), 1.0)
+    falling_angle = atan2(half_width, high)
+    turn = min(radians(angle), TRIAL.rocks_most * falling_angle)
+    reach = hypot(half_width, high)
+    rise = reach * cos(falling_angle - turn) - high
+    inertia = body.moment / body.mass + reach**2
+    # The ramp lifts the body by `rate * ramp / 2`: a quadratic equation for the rate.
+    lift = gravity * half_width * ramp / 2
+    energy = 2 * inertia * gravity * max(rise, 0.0)
+    rate = (sqrt(lift**2 + energy) - lift) / inertia
+    velocity = (side * rate * high, -rate * half_width)
+    return velocity, degrees(side * rate)
 
 
 def full_travel(world: World, fallen: Collection[str]) -> Array:

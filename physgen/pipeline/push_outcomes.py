@@ -105,6 +105,33 @@ class TrialLimits:
     """Displacement in the last unit of time that still counts as rest."""
     visible: float = 0.0015
     """Distance from the last place above which an object still moves: 2 px of 1280."""
+    rocks: tuple[float, ...] = (10.0, 6.0, 14.0)
+    """Rotations by which an object is tipped over its lower corner, degrees: the second
+    if the first is too hard, the third if the first is hardly visible.
+    """
+    rocks_most: float = 0.5
+    """Largest such rotation, relative to that at which the object falls over."""
+    rocks_visible: float = 5.0
+    """Rotation from which an object rocks, and to which it returns, degrees."""
+    rocking: float = 0.3
+    """Score of an object that rocks and settles, relative to one with a long path: a
+    slide in one piece looks dull, and uncovers more background.
+    """
+    rocking_work: float = 2.5
+    """Work of a trial of a rocking object, relative to `one`: each return to the ground
+    is an impact.
+    """
+    flat: float = 0.75
+    """Height over width below which no hand tips an object."""
+    foot: float = 0.04
+    """Height of the foot of an object, by its height."""
+    filling: float = 0.8
+    """Extent of an object, by the picture's, above which no hand tips it."""
+    round_foot: float = 0.05
+    """Height of the outline above the ground at the end of its support, by the height
+    of the object, above which the visible foot is round: such an object would float if
+    it tipped over that end.
+    """
     falls: float = 0.5
     """Score of each fallen object, relative to an object with a long path."""
     worth: float = 1.1
@@ -201,6 +228,8 @@ class Candidate:
     """Time, s, within which the object reaches its velocity; 0: at once; None: as in
     the scene.
     """
+    spin: float = 0.0
+    """Angular velocity of an object that is tipped, degrees/s."""
 
     @property
     def velocity(self) -> tuple[float, float]:
@@ -223,6 +252,10 @@ class TrialScene:
     """
     ramp: float | None = None
     """Given time of a push, s; None: that of some frames, or at once."""
+    round_ends: frozenset[tuple[str, str]] = frozenset()
+    """Names of objects with a round foot, and the side, `left` or `right`, over which
+    no hand tips them.
+    """
 
     @property
     def side(self) -> int:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from math import hypot, inf, log, sqrt
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -32,7 +33,9 @@ from physgen.pipeline.push_motion import (
     measure_travel,
     overhangs,
     returns,
+    rocks,
     throws,
+    tipping_motion,
     tumbles,
 )
 from physgen.pipeline.push_outcomes import (
@@ -60,12 +63,14 @@ def compile_trials(
     unseen: Collection[str] = (),
     barred: Mapping[str, str] = MappingProxyType({}),
     ramp: float | None = None,
+    round_ends: Collection[tuple[str, str]] = (),
 ) -> TrialScene:
     """Compile the common world of all trials of a scene. Raises InputError."""
     from physgen.compile.compile import compile_shapes
 
     world = compile_shapes(scene, shapes).world
-    return TrialScene(scene, world, frozenset(unseen), barred, ramp)
+    ends = frozenset(round_ends)
+    return TrialScene(scene, world, frozenset(unseen), barred, ramp, ends)
 
 
 def choose_push(
@@ -193,11 +198,23 @@ def _candidates(
     # A search yields the same speed again if it halves an interval to it.
     known_pushes: set[tuple[str, Direction, float]] = set()
     sorted_pushes = rank_pushes(trials, confidence)[: TRIAL.more]
-    effort = _SearchEffort(_highest_score(trials), _loaded_names(trials))
+    highest_score = _highest_score(trials)
+    dynamic_bodies = [b for b in world.bodies if b.motion is Motion.DYNAMIC]
+    search = _search
+    # Among others, an object should touch them: only a lone object rocks.
+    if len(dynamic_bodies) == 1:
+        search = _pushes_of_pair
+        # A slide to one side is no reason not to try the other side.
+        if not is_tall(dynamic_bodies[0]) and any(
+            _can_rock(trials, item, direction[0], facing)
+            for item, direction in sorted_pushes
+        ):
+            highest_score += TRIAL.rocking
+    effort = _SearchEffort(highest_score, _loaded_names(trials))
     for pair in sorted_pushes:
         if effort.ends_before_pair():
             return
-        for candidate in _search(trials, *pair, facing, world):
+        for candidate in search(trials, *pair, facing, world):
             push = (candidate.item.name, candidate.direction, candidate.speed)
             if push in known_pushes:
                 continue
@@ -322,6 +339,80 @@ def _search(
             speed = calm_speed * _next_step(trials, outcome)
 
 
+def _pushes_of_pair(
+    trials: TrialScene,
+    item: Object,
+    direction: Direction,
+    facing: Mapping[str, str],
+    world: World,
+) -> Iterator[Candidate]:
+    """Yield all pushes of an object in a direction.
+
+    Pushes through the centre come first for a tall object, which they may topple.
+    """
+    body = next(body for body in trials.world.bodies if body.name == item.name)
+    slides = _search(trials, item, direction, facing, world)
+    tips = _tips(trials, item, direction, facing, world)
+    yield from chain(slides, tips) if is_tall(body) else chain(tips, slides)
+
+
+def _tips(
+    trials: TrialScene,
+    item: Object,
+    direction: Direction,
+    facing: Mapping[str, str],
+    world: World,
+) -> Iterator[Candidate]:
+    """Yield pushes at the top of an object, by which it rocks on its foot."""
+    if not _can_rock(trials, item, direction[0], facing):
+        return
+    first_angle, smaller_angle, larger_angle = TRIAL.rocks
+    candidate = _tip(trials, item, direction[0], first_angle)
+    candidate = _try(trials, candidate, facing, world)
+    yield candidate
+    outcome = candidate.outcome
+    is_hard = outcome.grade in (Grade.LEAVES, Grade.RESTLESS)
+    if is_hard or outcome.travel > TRIAL.far:
+        candidate = _tip(trials, item, direction[0], smaller_angle)
+    elif outcome.travel < TRIAL.slide:
+        candidate = _tip(trials, item, direction[0], larger_angle)
+    else:
+        return
+    yield _try(trials, candidate, facing, world)
+
+
+def _can_rock(
+    trials: TrialScene, item: Object, side: float, facing: Mapping[str, str]
+) -> bool:
+    """Check whether a hand at its top tips an object: vehicles and plates glide."""
+    body = next(body for body in trials.world.bodies if body.name == item.name)
+    if trials.scene.world.view is not View.SIDE or body.radius is not None:
+        return False
+    is_vehicle = item.wheels or item.facing or item.name in facing
+    if is_vehicle or item.name in _loaded_names(trials):
+        return False
+    end = "right" if side > 0 else "left"
+    if (item.name, end) in trials.round_ends:
+        return False
+    width, height = measure_extent(body)
+    is_filling = max(width, height) > TRIAL.filling * trials.side
+    is_flat = height < TRIAL.flat * width
+    return not (is_filling or is_flat)
+
+
+def _tip(trials: TrialScene, item: Object, side: float, angle: float) -> Candidate:
+    """Return the push that tips an object by an angle, degrees, before its trial."""
+    body = next(body for body in trials.world.bodies if body.name == item.name)
+    gravity = hypot(*trials.world.gravity)
+    ramp = trials.ramp
+    if ramp is None:
+        ramp = ramp_of(playback_of(trials, 2 * trials.unit))
+    (x, y), spin = tipping_motion(body, side, angle, gravity, ramp)
+    speed = hypot(x, y)
+    direction = (x / speed, y / speed)
+    return Candidate(item, direction, speed, NO_MOTION, ramp, round(spin, 1))
+
+
 def _is_too_hard(outcome: Outcome, gentler: Outcome) -> bool:
     """Check whether a push between two may be better than the harder one.
 
@@ -349,7 +440,8 @@ def _try(
     """Simulate a push in a world at rest."""
     item = candidate.item
     velocities = {item.name: candidate.velocity}
-    outcome = simulate_push(trials, velocities, world, candidate.ramp)
+    spins = {item.name: candidate.spin}
+    outcome = simulate_push(trials, velocities, world, candidate.ramp, spins)
     forwards = SIDES.get(facing.get(item.name, ""), 0.0)
     if forwards * candidate.direction[0] < 0:
         outcome = replace(outcome, score=TRIAL.wrong_way * outcome.score)
@@ -415,14 +507,16 @@ def simulate_push(
     velocities: Mapping[str, tuple[float, float]],
     world: World | None = None,
     ramp: float | None = None,
+    spins: Mapping[str, float] = MappingProxyType({}),
 ) -> Outcome:
     """Simulate pushes until all objects rest or one leaves the picture.
 
     `velocities` are those of objects by name, px/s. `world` is that of `trials` unless
     another one, at rest, is given. The objects reach their velocities within `ramp`, s;
-    None: as in the scene.
+    None: as in the scene. `spins` are angular velocities by name, degrees/s; others are
+    as in the scene.
     """
-    world = _pushed_world(trials, velocities, world or trials.world, ramp)
+    world = _pushed_world(trials, velocities, world or trials.world, ramp, spins)
     motion, has_left, work = _run(trials, world)
     travel = measure_travel(world, motion) / trials.side
     speed = max(hypot(*velocity) for velocity in velocities.values())
@@ -442,6 +536,8 @@ def simulate_push(
     fallen_names = find_fallen_objects(world, motion)
     score = float(np.minimum(travel / full_travel(world, fallen_names), 1.0).sum())
     score += TRIAL.falls * len(fallen_names)
+    if any(spins.values()) and rocks(world, motion):
+        score += TRIAL.rocking
     # Penalties for implausible motion.
     if any(returns(motion, *push) for push in velocities.items()):
         score *= TRIAL.rebound
@@ -479,14 +575,16 @@ def _pushed_world(
     velocities: Mapping[str, tuple[float, float]],
     world: World,
     ramp: float | None,
+    spins: Mapping[str, float],
 ) -> World:
-    """Return a world with the velocities of some objects, and their ramp if given."""
+    """Return a world with the motion of some objects, and their ramp if given."""
     from physgen.compile.compile import set_velocity
 
     bodies = list(world.bodies)
     for index, item in enumerate(trials.scene.objects):
         if item.name in velocities:
-            moving_item = replace(item, velocity=velocities[item.name])
+            spin = spins.get(item.name, item.spin)
+            moving_item = replace(item, velocity=velocities[item.name], spin=spin)
             view = trials.scene.world.view
             body = set_velocity(bodies[index], moving_item, view)
             bodies[index] = body if ramp is None else replace(body, ramp=ramp)
@@ -507,6 +605,8 @@ def _run(
     count = max(int(duration / step), 2)
     running = Running(world, np.linspace(0.0, duration, count + 1))
     limit = TRIAL.one * max(world.steps_per_second / TRIAL.rate, 1.0)
+    if any(body.spin for body in world.bodies):
+        limit *= TRIAL.rocking_work
     rest_distance = TRIAL.unrest * trials.side / 4
     frame = PictureBorder.of(trials, world)
     has_left = np.zeros(len(world.bodies), bool)

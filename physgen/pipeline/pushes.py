@@ -55,6 +55,8 @@ class Push:
     """Time, s, within which the object reached its velocity; 0: at once, since no
     longer time was as good; None: to be tried.
     """
+    spin: float = 0.0
+    """Angular velocity of an object that is tipped, degrees/s."""
 
     @property
     def phrase(self) -> str:
@@ -73,6 +75,7 @@ def default_push(
     facing: Mapping[str, str] | None = None,
     barred: Mapping[str, str] | None = None,
     ramp: float | None = None,
+    round_ends: Collection[tuple[str, str]] = (),
 ) -> Push | None:
     """Return the push of a short story inside the picture.
 
@@ -81,18 +84,22 @@ def default_push(
     `unseen` are walls outside the photo: a rebound from them would look like a rebound
     from empty space. `facing` are the sides to which vehicles drive, and `barred` the
     sides to which objects are not pushed. `ramp`: given time of the push, s.
+    `round_ends` are objects with a round foot, and the side over which they never tip.
     """
-    trials = compile_trials(scene, shapes, unseen, barred or {}, ramp)
+    trials = compile_trials(scene, shapes, unseen, barred or {}, ramp, round_ends)
     best_trial = choose_push(trials, confidence, facing or {})
     if best_trial is None:
         return None
-    way = direction_words(best_trial.direction)
+    x, y = best_trial.direction
+    # A push at the top of an object lifts its centre, but goes to a side.
+    way = direction_words((x, 0.0) if best_trial.spin else (x, y))
     return Push(
         best_trial.item.name,
         best_trial.velocity,
         way,
         best_trial.outcome,
         best_trial.ramp,
+        best_trial.spin,
     )
 
 
@@ -151,6 +158,8 @@ def motion_edits(
         edits["forces"] = forces
     for name in perceived_pushes(scene) if edits else ():
         edits.setdefault(f"objects.{name}.velocity", [0, 0])
+        if "spin" in scene.document["objects"][name]:
+            edits.setdefault(f"objects.{name}.spin", 0)
     return edits
 
 

@@ -35,6 +35,7 @@ from physgen.perceive.support.ground_contact import (
 )
 from physgen.pipeline.push_outcomes import TRIAL
 from physgen.pipeline.trial_scenes import open_trial
+from physgen.pipeline.verdicts import part_owners
 from physgen.problems import InputError
 from physgen.scene.scene import View
 
@@ -65,6 +66,10 @@ class ReleaseLimits:
     """Smallest share of a part's border at its object."""
     friction: float = 0.6
     """Friction of the floor, equal to that of perceived floors."""
+    torn: float = 0.4
+    """Weight of an object with parts that may stay behind, in the order of releases
+    and in the choice of a push.
+    """
     floor_confidence: float = 0.3
     """Confidence of the floor, for `from`."""
     oblique: float = 30.0
@@ -143,6 +148,7 @@ def _rank_releasable_objects(
     labels = photo_scene.percepts.labels
     areas = np.bincount(labels.ravel())
     weights = {}
+    torn_names = part_owners(photo_scene)
     for name, item in photo_scene.document["objects"].items():
         confidence = mask_confidence(item)
         is_cut = "cut off" in photo_scene.comments.get(f"objects.{name}.motion", "")
@@ -151,6 +157,7 @@ def _rank_releasable_objects(
             continue
         # The square root of the area is a length: size counts, but less than by area.
         weights[name] = confidence * sqrt(float(areas[item["mask"]]))
+        weights[name] *= RELEASE.torn if name in torn_names else 1.0
     return sorted(weights, key=lambda name: weights[name], reverse=True)
 
 
@@ -321,10 +328,12 @@ def _with_others_held(
         # Releasing one object among loose ones would topple the scene: hold the others.
         if other == name:
             item["velocity"] = [0, 0]
+            item.pop("spin", None)
             item["shape"] = shape_entry(outline)
             comments.pop(f"objects.{other}.motion", None)
         else:
             item.pop("velocity", None)
+            item.pop("spin", None)
             item["motion"] = "static"
             comment = f"held, so that {name} can move; dynamic lets it go"
             comments.setdefault(f"objects.{other}.motion", comment)

@@ -91,6 +91,12 @@ def without_parts_at_rest(
     return replace(photo_scene, warnings=tuple(kept))
 
 
+def part_owners(photo_scene: PerceivedScene) -> set[str]:
+    """Return the names of objects with parts that may stay behind."""
+    owners = {_part_owner(problem) for problem in photo_scene.warnings}
+    return owners - {""}
+
+
 def _part_owner(problem: Problem) -> str:
     """Return the object whose part may stay behind by a warning; empty for others."""
     if problem.code != Message.REMAINS_BEHIND.code:

@@ -25,8 +25,10 @@ Slices = tuple[slice, slice]
 class FootHaloTuning:
     """Extent of the floor around a foot; lengths are shares of an object's height."""
 
-    legs: float = 0.3
+    legs: float = 0.5
     """Height of the gaps between legs or wheels over the foot."""
+    soft_top: float = 0.2
+    """Height over which the shade in these gaps begins."""
     beside: float = 0.1
     """Height over the foot at which the floor begins beside an object."""
     lift: float = 0.03
@@ -35,6 +37,8 @@ class FootHaloTuning:
     """px over which the floor's part begins, and over which detail fades."""
     rim: float = 0.05
     """Width of a lower rim that the mask may lack."""
+    shade: float = 0.1
+    """Distance from the outline over which shade is carried."""
     even: tuple[float, float] = (0.85, 0.97)
     """Mean darkness over its root mean square: of grain, and of a rim."""
     smooth: float = 0.02

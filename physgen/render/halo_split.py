@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from physgen.arrays import F32
+from physgen.arrays import F32, Mask
 from physgen.geometry.shadows import Silhouette, floor_contact
 from physgen.render.foot_halos import FOOT_HALO, FootHalo, Slices
 from physgen.render.sprites import Sprite
 
 TINY = 1e-9
-"""Linear light: less missing light is none."""
+"""Smallest divisor."""
+LEAST = 1e-3
+"""Largest invisible share of moving light."""
+BLUR_REACH = 3
+"""Standard deviations after which a blur ends."""
 
 
 def split_halos(
@@ -25,22 +29,37 @@ def split_halos(
     behind: F32,
     *,
     is_mirror: bool,
+    plate: F32 | None = None,
 ) -> list[Sprite]:
     """Return the sprites of a side view with the floor's part of their halos apart.
 
     `tilt`: rise of a floor's point in the picture per px of distance. `behind`: linear
     light of the background, (H, W, 3). `is_mirror`: whether the background lacks
-    mirror images, so that halos contain them.
+    mirror images, so that halos contain them. `plate`: `behind` without the shadows
+    that are drawn with objects; None if there are none.
     """
+    ground = _Ground(behind, behind if plate is None else plate)
     moving: dict[int, _Moving] = {}
     for k, (sprite, start) in enumerate(zip(sprites, starts, strict=True)):
         contact = floor_contact(start, tilt)
         lift = FOOT_HALO.lift * start.coverage.shape[0]
         is_standing = contact is not None and contact.low < max(lift, 1)
-        part = _moving_part(sprite, start.ends, is_mirror) if is_standing else None
+        part = None
+        if is_standing:
+            part = _moving_part(sprite, start.ends, ground, is_mirror=is_mirror)
         if part is not None:
             moving[k] = part
     return _apart(sprites, starts, moving, behind)
+
+
+@dataclass(frozen=True)
+class _Ground:
+    """Linear light of the background, (H, W, 3)."""
+
+    behind: F32
+    """With the shadows that are drawn with objects."""
+    plate: F32
+    """In full light."""
 
 
 def _apart(
@@ -52,25 +71,29 @@ def _apart(
     """Return sprites with their `moving` light, by index, in foot halos."""
     # Shade multiplies the light of the next ground, and so keeps its grain. Where
     # shades overlap, their product is the shade of the photo.
-    total_dark = np.zeros(behind.shape[:2], np.float32)
+    total_weight = np.full(behind.shape[:2], np.float32(TINY))
     for part in moving.values():
-        total_dark[part.box] += part.dark
-    brightness = np.maximum(behind.mean(axis=2), FOOT_HALO.darkest)
-    total_left = np.maximum(
-        1 + total_dark / brightness, np.float32(np.exp(-FOOT_HALO.deepest))
-    )
+        total_weight[part.box] += part.weight
+    total_shade = np.zeros_like(behind)
+    for part in moving.values():
+        share = (part.weight / total_weight[part.box])[..., None]
+        total_shade[part.box] += share * part.shade
     result = list(sprites)
     for k, part in moving.items():
-        dark = np.minimum(total_dark[part.box], np.float32(-TINY))
-        share = (part.dark / dark)[..., None]
-        left = total_left[part.box][..., None]
-        shade = np.repeat(-np.log(left) * share, 3, axis=2).astype(np.float32)
+        sprite_halo = sprites[k].halo
+        assert sprite_halo is not None
+        share = (part.weight / total_weight[part.box])[..., None]
+        whole_shade = total_shade[part.box]
+        shade = np.asarray(share * whole_shade, np.float32)
         foot_halo = FootHalo(part.corner, part.light, shade, starts[k].ends, part.side)
         # The halo keeps what shade and light do not explain: frame 0 is the photo.
-        removed_light = behind[part.box] * (1 - left) * share
-        rest = np.asarray(part.halo - part.light + removed_light, np.float32)
-        halo = (part.corner, rest, part.neighbours)
-        result[k] = replace(sprites[k], halo=halo, foot_halo=foot_halo)
+        removed_light = behind[part.box] * (1 - np.exp(-whole_shade)) * share
+        corner, whole_halo, neighbours = sprite_halo
+        rest = whole_halo.copy()
+        rest[part.window] += np.asarray(removed_light - part.light, np.float32)
+        result[k] = replace(
+            sprites[k], halo=(corner, rest, neighbours), foot_halo=foot_halo
+        )
     return result
 
 
@@ -80,26 +103,32 @@ class _Moving:
 
     corner: tuple[int, int]
     """Column and row of the photo."""
-    halo: F32
-    """The whole halo, (h, w, 3)."""
-    neighbours: NDArray[np.int32]
+    window: Slices
+    """Rows and columns of the halo."""
     light: F32
     """Added light, (h, w, 3)."""
-    dark: F32
-    """Light that is missing, (h, w), at most 0."""
+    weight: F32
+    """Share of the light that moves, (h, w), 0..1."""
+    shade: F32
+    """-log of the share of the background's light that is left, (h, w, 3)."""
     side: float
     """Smaller side of the object, px."""
 
     @property
     def box(self) -> Slices:
         """Return the rows and columns of the photo."""
-        x, y = self.corner
-        height, width = self.dark.shape
-        return np.s_[y : y + height, x : x + width]
+        return _box_at(self.corner, self.weight)
+
+
+def _box_at(corner: tuple[int, int], picture: F32) -> Slices:
+    """Return the rows and columns of the photo that a picture covers."""
+    x, y = corner
+    height, width = picture.shape[:2]
+    return np.s_[y : y + height, x : x + width]
 
 
 def _moving_part(
-    sprite: Sprite, ends: tuple[float, float], is_mirror: bool
+    sprite: Sprite, ends: tuple[float, float], ground: _Ground, *, is_mirror: bool
 ) -> _Moving | None:
     """Return the part of a halo that moves with its object; None without any.
 
@@ -107,52 +136,122 @@ def _moving_part(
     """
     if sprite.halo is None:
         return None
-    corner, halo, neighbours = sprite.halo
-    weight = _floor_weight(sprite, corner, halo.shape[:2])
+    (x, y), halo, _ = sprite.halo
+    weight = _floor_weight(sprite, (x, y), halo.shape[:2])
     if weight is None:
         return None
     # Light beyond the floor stays: `FootHalo.moved` does not draw it there.
-    columns = corner[0] + np.arange(halo.shape[1])
+    columns = x + np.arange(halo.shape[1])
     weight = weight * ((columns >= ends[0]) & (columns <= ends[1]))
-    if not weight.any():
-        return None
     side = float(max(min(sprite.coverage.shape), 1))
-    moving = _moving_light(halo, sprite.halo_reach, side, is_mirror=is_mirror)
-    moving *= weight[..., None]
-    light = np.maximum(moving, 0)
-    if is_mirror:
-        light = moving
-    dark = np.minimum(moving - light, 0).mean(axis=2)
-    return _Moving(corner, halo, neighbours, light, np.asarray(dark, np.float32), side)
-
-
-def _moving_light(halo: F32, distance: F32, side: float, *, is_mirror: bool) -> F32:
-    """Return the part (h, w, 3) of a halo that belongs to an object rather than to the
-    ground.
-
-    `distance` (h, w): px from the object.
-    """
+    near = _nearness(sprite.halo_reach, side, is_mirror=is_mirror)
+    if not is_mirror:
+        weight = weight * near
     sigma = max(FOOT_HALO.smooth * side, 1.0)
-    # Pixels of the object are unknown; elsewhere the halo ends softly.
-    known = (distance > 0).astype(np.float32)
-    norm = np.maximum(cv2.GaussianBlur(known, (0, 0), sigma), np.float32(0.05))
-    gain = (known / norm)[..., None]
-    smooth = cv2.GaussianBlur(halo, (0, 0), sigma) * gain
-    reach = max(FOOT_HALO.ramp, FOOT_HALO.rim * side)
-    near = np.exp(-np.square(distance / reach))[..., None]
+    window = _window_of(weight > LEAST, math.ceil(BLUR_REACH * sigma))
+    if window is None:
+        return None
+    corner = x + window[1].start, y + window[0].start
+    weight = np.asarray(weight[window], np.float32)
+    blur = _GroundBlur(sprite.halo_reach[window], sigma)
+    light, shade = np.zeros_like(halo[window]), np.zeros_like(halo[window])
     if is_mirror:
-        return np.asarray(near * halo + (1 - near) * smooth, np.float32)
-    # Close to the outline, light corrects the fill. Detail that is dark all over is a
-    # rim that the mask lacks; other detail is the grain of the ground.
-    mean = smooth.mean(axis=2, keepdims=True)
-    power = cv2.GaussianBlur(np.square(halo.mean(axis=2)), (0, 0), sigma)
-    deviation = np.sqrt(power)[..., None] * np.sqrt(gain)
+        light = _carried_light(halo[window], near[window], blur) * weight[..., None]
+    else:
+        box = _box_at(corner, weight)
+        box_ground = _Ground(ground.behind[box], ground.plate[box])
+        shade = _carried_shade(halo[window], box_ground, blur) * weight[..., None]
+    return _Moving(corner, window, light, weight, shade, side)
+
+
+def _nearness(distance: F32, side: float, *, is_mirror: bool) -> F32:
+    """Return the share 0..1 of light at a distance (h, w), px, that is an object's.
+
+    `side`: the object's smaller side, px.
+    """
+    share = FOOT_HALO.rim if is_mirror else FOOT_HALO.shade
+    reach = max(FOOT_HALO.ramp, share * side)
+    return np.asarray(np.exp(-np.square(distance / reach)), np.float32)
+
+
+def _carried_light(halo: F32, near: F32, blur: _GroundBlur) -> F32:
+    """Return the light of a mirror image in a halo, (h, w, 3).
+
+    Close to the outline, where `near` (h, w) is 1, light corrects the fill.
+    """
+    share = near[..., None]
+    return np.asarray(share * halo + (1 - share) * blur.smooth(halo), np.float32)
+
+
+def _window_of(mask: Mask, margin: int) -> Slices | None:
+    """Return the rows and columns of a mask with a margin; None of an empty mask."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not len(rows):
+        return None
+    window = []
+    for places, size in ((rows, mask.shape[0]), (columns, mask.shape[1])):
+        start = max(int(places[0]) - margin, 0)
+        window.append(slice(start, min(int(places[-1]) + margin + 1, size)))
+    return window[0], window[1]
+
+
+class _GroundBlur:
+    """Blur of the ground's light without the pixels of an object."""
+
+    def __init__(self, distance: F32, sigma: float) -> None:
+        """`distance` (h, w): px from the object. `sigma`: standard deviation, px."""
+        self.sigma = sigma
+        # Pixels of the object are unknown; the ground beside it continues below it.
+        self._known = (distance > 0).astype(np.float32)
+        blurred_known = cv2.GaussianBlur(self._known, (0, 0), self.sigma)
+        self.gain = 1 / np.maximum(blurred_known, np.float32(0.05))
+
+    def smooth(self, picture: F32) -> F32:
+        """Return a blurred picture (h, w, 3), continued below the object."""
+        known_picture = picture * self._known[..., None]
+        blurred_picture = cv2.GaussianBlur(known_picture, (0, 0), self.sigma)
+        return np.asarray(blurred_picture * self.gain[..., None], np.float32)
+
+
+def _carried_shade(halo: F32, ground: _Ground, blur: _GroundBlur) -> F32:
+    """Return -log of the share of the background's light that an object leaves on its
+    floor, (h, w, 3).
+
+    The shade of the photo is the quotient of two blurred pictures, photo and ground in
+    full light. The part of it that is drawn as a shadow is left out.
+    """
+    photo = ground.behind + halo
+    # Detail that is dark all over is a rim that the mask lacks; other detail is the
+    # grain of the ground.
+    share = _rim_share(halo, blur)[..., None]
+    seen_light = share * photo + (1 - share) * blur.smooth(photo)
+    full_light = share * ground.plate + (1 - share) * blur.smooth(ground.plate)
+    drawn_shade = _relative_darkness(ground.behind, ground.plate)
+    shade = _relative_darkness(seen_light, full_light) - drawn_shade
+    # The drawn shadow is not brightened: it changes on its way, and would glow.
+    shade = np.clip(shade, 0, FOOT_HALO.deepest)
+    return np.repeat(shade[..., None], 3, axis=2)
+
+
+def _relative_darkness(light: F32, full_light: F32) -> F32:
+    """Return -log of the share of the brightness that is left, (h, w), at least 0."""
+    least = np.float32(FOOT_HALO.darkest)
+    brightness = np.maximum(light.mean(axis=2), least)
+    full_brightness = np.maximum(full_light.mean(axis=2), least)
+    darkness = np.log(full_brightness / brightness)
+    return np.asarray(np.maximum(darkness, 0), np.float32)
+
+
+def _rim_share(halo: F32, blur: _GroundBlur) -> F32:
+    """Return the likelihood 0..1 that dark detail is a rim that the mask lacks,
+    (h, w).
+    """
+    mean = blur.smooth(halo).mean(axis=2)
+    power = cv2.GaussianBlur(np.square(halo.mean(axis=2)), (0, 0), blur.sigma)
+    deviation = np.sqrt(power * blur.gain)
     low, high = FOOT_HALO.even
     evenness = -mean / np.maximum(deviation, np.float32(1e-4))
-    share = np.clip((evenness - low) / (high - low), 0, 1)
-    dark = share * halo + (1 - share) * smooth
-    moving = near * np.minimum(dark, 0)
-    return np.asarray(moving, np.float32)
+    return np.asarray(np.clip((evenness - low) / (high - low), 0, 1), np.float32)
 
 
 def _floor_weight(
@@ -180,4 +279,7 @@ def _floor_weight(
     is_own = np.zeros(shape[1], np.bool_)
     is_own[places[is_inside]] = own_begins[is_inside] > foot - FOOT_HALO.legs * height
     weight = np.where(is_own[None], np.clip(below, 0, 1), weight)
+    top = foot - FOOT_HALO.legs * height
+    over_top = corner[1] + np.arange(shape[0])[:, None] - top
+    weight = weight * np.clip(over_top / (FOOT_HALO.soft_top * height), 0, 1)
     return np.asarray(weight, np.float32)

@@ -447,7 +447,12 @@ def lit_stage(
     has_loose_shade = clean is None or _is_soft(setting.light)
     if not setting.top and mirror is None and has_loose_shade:
         sprites = split_halos(
-            sprites, starts, setting.tilt, behind, is_mirror=is_mirror
+            sprites,
+            starts,
+            setting.tilt,
+            behind,
+            is_mirror=is_mirror,
+            plate=None if clean is None else lit.plate,
         )
     return Stage(
         background,

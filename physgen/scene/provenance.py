@@ -227,6 +227,10 @@ def scaled_values(
                 values["objects", name, "velocity"] = [
                     meters(ratio * (part or 0)) for part in speeds
                 ]
+                spin = record.entry(name, item).get("spin")
+                # A rate is a speed over a length.
+                if spin and equal(item.get("spin"), spin):
+                    values["objects", name, "spin"] = round(spin / ratio, 1)
     film = scene.get("render", {})
     before, slow = film.get("slow", 1), slow_motion(side, pixels_per_meter)
     if (

@@ -238,10 +238,10 @@ def count_trials(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, float]]:
     """Return a list that collects the names and steps per second of trials."""
     trials: list[tuple[str, float]] = []
 
-    def simulate_and_count(common, velocities, world=None, ramp=None):
+    def simulate_and_count(common, velocities, world=None, ramp=None, spins=None):
         used_world = common.world if world is None else world
         trials.append((*velocities, used_world.steps_per_second))
-        return simulate_push(common, velocities, world, ramp)
+        return simulate_push(common, velocities, world, ramp, spins or {})
 
     monkeypatch.setattr(push_trials, "simulate_push", simulate_and_count)
     return trials
@@ -308,8 +308,8 @@ def test_work_counts_all_trials_of_verified_pushes(
     work = 0.6 * TRIAL.work
     count = []
 
-    def simulate_badly(common, velocities, world=None, ramp=None):
-        outcome = simulate_push(common, velocities, world, ramp)
+    def simulate_badly(common, velocities, world=None, ramp=None, spins=None):
+        outcome = simulate_push(common, velocities, world, ramp, spins or {})
         if world is None or world.steps_per_second == TRIAL.rate:
             return outcome
         count.append(ramp)
@@ -329,9 +329,9 @@ def test_no_push_is_counted_twice(
     tried = []
     counted = []
 
-    def simulate_and_count(common, velocities, world=None, ramp=None):
+    def simulate_and_count(common, velocities, world=None, ramp=None, spins=None):
         tried.append(velocities)
-        return simulate_push(common, velocities, world, ramp)
+        return simulate_push(common, velocities, world, ramp, spins or {})
 
     ends_after = push_trials._SearchEffort.ends_after
 

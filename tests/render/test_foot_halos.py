@@ -50,17 +50,30 @@ def foot_halo_of(sprite: Sprite) -> FootHalo:
     return sprite.foot_halo
 
 
+def on_photo(foot_halo: FootHalo) -> tuple[np.ndarray, np.ndarray]:
+    """Return shade and light of a foot halo on a canvas of the photo's size."""
+    x, y = foot_halo.corner
+    height, width = foot_halo.shade.shape[:2]
+    pictures = []
+    for part in (foot_halo.shade, foot_halo.light):
+        canvas = np.zeros_like(GROUND)
+        canvas[y : y + height, x : x + width] = part
+        pictures.append(canvas)
+    return pictures[0], pictures[1]
+
+
 @pytest.mark.parametrize("is_mirror", [True, False])
 def test_both_parts_are_the_whole_halo(is_mirror: bool) -> None:
     whole, sprite = standing(-0.2, is_mirror=is_mirror)
     assert whole.halo is not None
     assert sprite.halo is not None
     foot_halo = foot_halo_of(sprite)
-    total = GROUND * np.exp(-foot_halo.shade) + foot_halo.light + sprite.halo[1]
+    shade, light = on_photo(foot_halo)
+    total = GROUND * np.exp(-shade) + light + sprite.halo[1]
     assert total == pytest.approx(GROUND + whole.halo[1], abs=1e-6)
     # What is above the object stays.
-    assert not foot_halo.light[:60].any()
-    assert not foot_halo.shade[:60].any()
+    assert not light[:60].any()
+    assert not shade[:60].any()
 
 
 def drawn(foot_halo: FootHalo, pose: Pose) -> np.ndarray:
@@ -100,9 +113,34 @@ def test_it_ends_at_the_end_of_the_floor() -> None:
 
 def test_only_mirrors_carry_light_at_the_outline() -> None:
     strip = np.s_[FOOT : FOOT + 2, 80:100]
-    assert foot_halo_of(standing(0.2, is_mirror=True)[1]).light[strip].min() > 0.15
+    mirror = foot_halo_of(standing(0.2, is_mirror=True)[1])
+    assert on_photo(mirror)[1][strip].min() > 0.15
     carried = standing(0.2)[1].foot_halo
-    assert carried is None or carried.light[strip].max() < 0.05
+    assert carried is None or carried.light.max() < 0.05
+
+
+def test_shade_across_the_edge_of_a_drawn_shadow_is_as_in_the_photo() -> None:
+    # The drawn shadow has a hard lower edge; the photo's shade continues below it.
+    coverage = np.zeros((60 + 2 * MARGIN, 40 + 2 * MARGIN), np.float32)
+    coverage[MARGIN:-MARGIN, MARGIN:-MARGIN] = 1
+    corner = (70 - MARGIN, 40 - MARGIN)
+    behind = GROUND.copy()
+    behind[: FOOT + 3] *= 0.1
+    photo = GROUND.copy()
+    photo[: FOOT + 3] *= 0.1
+    photo[FOOT + 3 :] *= 0.4
+    near = np.zeros(behind.shape[:2], np.int32)
+    picture = 0.5 * coverage[..., None].repeat(3, axis=2)
+    halo = ((0, 0), photo - behind, near)
+    sprite = Sprite(0, corner, picture, coverage, halo=halo)
+    start = Silhouette(
+        coverage, corner, (90.0, 70.0), None, 40.0, FOOT - 0.5, ends=(0.0, 150.0)
+    )
+    split = split_halos([sprite], [start], 0.1, behind, is_mirror=False, plate=GROUND)
+    shade, _ = on_photo(foot_halo_of(split[0]))
+    left = np.exp(-shade[FOOT : FOOT + 3, 80:100])
+    # Above the edge, the photo has no more shade than the drawn shadow.
+    assert left.min() > 0.9
 
 
 def test_objects_in_the_air_keep_their_halos() -> None:

@@ -20,6 +20,11 @@ from numpy.typing import NDArray
 from physgen.maps import F32
 from physgen.perceive.inpaint.copy_offsets import I64
 from physgen.perceive.inpaint.edge_continuation import continue_arcs
+from physgen.perceive.inpaint.line_strips import (
+    CertainLine,
+    certain_lines,
+    paint_lines,
+)
 from physgen.perceive.inpaint.patch_match import patch_match_fill
 from physgen.perceive.inpaint.poisson import (
     blend_at_border,
@@ -96,6 +101,8 @@ class _Guide:
     """(H, W): continued circles and ellipses."""
     places: I64 | None
     """(H, W, 2): row and column of the source of each pixel."""
+    lines: tuple[CertainLine, ...]
+    """Straight lines through the hole."""
 
 
 def _fill(rgb: Rgb, hole: Mask, *, copies: bool) -> Rgb:
@@ -114,6 +121,9 @@ def _fill(rgb: Rgb, hole: Mask, *, copies: bool) -> Rgb:
         level = _pieces_without(guide.drawn, guide.near)
         copied_picture = shift_map_fill(picture, textured_hole, picture)
         picture = _carry_level_lines(copied_picture, photo, level)
+    if guide.lines:
+        scale = 1.0 if size is None else max(hole.shape) / max(size)
+        picture = paint_lines(picture, photo, guide.near, guide.lines, scale)
     if size is None:
         return blend_at_border(picture, rgb, hole)
     left, top, width, height = cv2.boundingRect(hole.view(np.uint8))
@@ -151,7 +161,8 @@ def _make_guide(photo: F32, hole: Mask) -> _Guide:
     )
     guide, arc_mask = _carry_arcs(filled_picture, photo, inner_hole)
     guide = _carry_level_lines(guide, photo, _pieces_without(arc_mask, inner_hole))
-    return _Guide(guide, inner_hole, smooth_hole, arc_mask, patches.places)
+    lines = tuple(certain_lines(photo, outer_hole))
+    return _Guide(guide, inner_hole, smooth_hole, arc_mask, patches.places, lines)
 
 
 def _make_large_guide(photo: F32, hole: Mask, size: tuple[int, int]) -> _Guide:
@@ -189,6 +200,7 @@ def _make_large_guide(photo: F32, hole: Mask, size: tuple[int, int]) -> _Guide:
         (smooth_pieces > 0) & inner_hole,
         (arcs > 0) & inner_hole,
         None,
+        tuple(line.scaled(steps[::-1, 0]) for line in guide.lines),
     )
 
 

@@ -1,0 +1,496 @@
+"""Straight lines through a hole, continued with their texture.
+
+Copies of patches lose thin structures: the gap between two planks, the edge of a table
+or a horizon ends at the hole. A line that is visible on both sides of the hole, straight
+and in the same direction, is certain. Its strip is straightened on both sides, copied
+along the line and blended into the fill (structure propagation, Sun et al. 2005).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from physgen.maps import F32
+from physgen.perceive.inpaint.copy_offsets import I64
+from physgen.perceive.inpaint.edge_continuation import (
+    BorderEnd,
+    KnownSurroundings,
+    border_ends,
+    colour_differences,
+    line_points,
+)
+from physgen.perceive.inpaint.ellipse_arcs import follow_edge
+from physgen.perceive.inpaint.poisson import dilate
+from physgen.perceive.roles import Mask
+
+F64 = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class _Tuning:
+    """Limits of certain lines and sizes of their strips.
+
+    Sizes are px of the reduced photo; chosen by eye on five photos of tables. `inside`
+    and `plain` were chosen on holes in half of the photos of the benchmark of fills.
+    """
+
+    # Levels between both sides of the weaker end.
+    contrast: float = 40.0
+    # Least visible length at each end ...
+    visible: float = 24.0
+    # ... and the largest distance of that part from a straight line.
+    bent: float = 1.5
+    # Visible length that determines the direction.
+    measured: float = 48.0
+    # rad: largest angle between the chord of both ends and each visible part.
+    turn: float = 0.12
+    # Largest difference of both ends over their mean contrast: on the more similar side
+    # and on the other.
+    differ: tuple[float, float] = (0.35, 0.6)
+    # Least length of a line in a hole.
+    shortest: float = 12.0
+    # Least share of the line in the hole: a line beside the hole needs no fill.
+    inside: float = 0.5
+    # Half the width of the searched structure.
+    search: int = 24
+    # Change of colour per px in a line over the largest change.
+    gradient: float = 0.25
+    # Levels per px: smaller changes are texture.
+    least_gradient: float = 3.0
+    # Width of plain ground between two edges of one structure.
+    gap: int = 10
+    # Width of the ground beside a line that is copied with it.
+    beside: int = 10
+    # Levels, RMS: ground with more detail along the line, e.g. leaves beside a window,
+    # is better copied as patches.
+    plain: float = 8.0
+    # Visible length that is copied.
+    copied: int = 120
+    # Largest copied detail over its median, beside this many levels.
+    outlier: float = 2.5
+    least_detail: float = 2.0
+    # Least visible length of a column of the strip.
+    fewest: float = 4.0
+    # Levels: larger differences between the ground beside the hole and the visible ends
+    # of the line are another structure ...
+    departure: float = 60.0
+    # ... in at most this share of the strip.
+    departing: float = 0.1
+    # Length of the mean colours at each end.
+    mean: int = 16
+    # Length of the blend between copies.
+    blend: int = 8
+    # Standard deviation of the blur across a line against grain.
+    smooth: float = 1.0
+    # Largest distance of the same edge at both ends from their line.
+    misplaced: float = 4.0
+
+
+TUNING = _Tuning()
+KNOWN_ERROR = 1e-3
+"""Largest share of an unknown pixel in an interpolated known colour."""
+LEAST_RUN = 5
+"""px: shortest visible part of a column of a strip."""
+MOST_ROWS = 16_384
+"""Rows of pixels in one call of OpenCV, which allows at most 32,767."""
+
+
+@dataclass(frozen=True, eq=False)
+class CertainLine:
+    """A straight line through a hole, px of the photo."""
+
+    # x, y of both ends at the border of the hole.
+    start: F64
+    end: F64
+    # Unit vectors (x, y) of the visible line into the hole at `start`, out of the hole
+    # at `end`.
+    first: F64
+    last: F64
+
+    def scaled(self, steps: F64) -> CertainLine:
+        """Return the line in a photo with `steps` (x, y) px per px."""
+        first, last = self.first * steps, self.last * steps
+        return CertainLine(
+            (self.start + 0.5) * steps - 0.5,
+            (self.end + 0.5) * steps - 0.5,
+            first / np.hypot(*first),
+            last / np.hypot(*last),
+        )
+
+
+def certain_lines(picture: F32, hole: Mask) -> list[CertainLine]:
+    """Return straight lines that are visible on both sides of `hole` (H, W)."""
+    known = KnownSurroundings.of(picture, dilate(hole, 1))
+    count, ids = cv2.connectedComponents(hole.astype(np.uint8), connectivity=8)
+    lines = []
+    for number in range(1, count):
+        piece = ids == number
+        ends = [
+            end for end in border_ends(known, piece) if end.contrast > TUNING.contrast
+        ]
+        lines += [
+            line
+            for line in _certain_pairs(ends, known)
+            if _share_inside(line, piece) >= TUNING.inside
+        ]
+    return lines
+
+
+def _share_inside(line: CertainLine, piece: Mask) -> float:
+    """Return the share of a line in a `piece` (H, W) of the hole."""
+    x, y = np.round(line_points(line.start, line.end)).astype(int).T
+    return float(piece[y, x].mean())
+
+
+def _certain_pairs(
+    ends: Sequence[BorderEnd], known: KnownSurroundings
+) -> Iterator[CertainLine]:
+    """Yield the lines between pairs of ends, straightest first; no two lines cross."""
+    directions = [_visible_direction(end, known) for end in ends]
+    pairs = []
+    for i, a in enumerate(ends):
+        for j in range(i):
+            b, into, out = ends[j], directions[i], directions[j]
+            if into is None or out is None or not _similar(a, b):
+                continue
+            chord = b.at - a.at
+            length = float(np.hypot(*chord))
+            turn = max(_angle(chord, into), _angle(chord, -out))
+            if length >= TUNING.shortest and turn <= TUNING.turn:
+                pairs.append((turn, i, j, CertainLine(a.at, b.at, into, -out)))
+    chords: list[tuple[int, int]] = []
+    for _, i, j, line in sorted(pairs, key=lambda pair: pair[:3]):
+        used = any({i, j} & {p, q} for p, q in chords)
+        if used or any((p < i < q) != (p < j < q) for p, q in chords):
+            continue
+        chords.append((min(i, j), max(i, j)))
+        yield line
+
+
+def _similar(a: BorderEnd, b: BorderEnd) -> bool:
+    """Return whether two ends show the same surfaces on both sides."""
+    contrast = (a.contrast + b.contrast) / 2
+    least_difference, largest_difference = colour_differences(a, b)
+    if least_difference > TUNING.differ[0] * contrast:
+        return False
+    return largest_difference <= TUNING.differ[1] * contrast
+
+
+def _visible_direction(end: BorderEnd, known: KnownSurroundings) -> F64 | None:
+    """Return the direction into the hole of a straight visible line, else None."""
+    points = follow_edge(known.picture, known.blocked, end.at, -end.towards)
+    lengths = np.hypot(*(points - points[0]).T)
+    points = points[lengths <= TUNING.measured]
+    if lengths.max() < TUNING.visible:
+        return None
+    center = points.mean(axis=0)
+    _, _, axes = np.linalg.svd(points - center)
+    direction: F64 = axes[0]
+    away = np.abs((points - center) @ axes[1])
+    if away.max() > TUNING.bent:
+        return None
+    return direction if direction @ end.towards > 0 else -direction
+
+
+def _angle(a: F64, b: F64) -> float:
+    """Return the angle between two vectors, rad."""
+    return float(abs(np.arctan2(a[0] * b[1] - a[1] * b[0], a @ b)))
+
+
+def paint_lines(
+    filled: F32, photo: F32, hole: Mask, lines: Sequence[CertainLine], scale: float
+) -> F32:
+    """Return `filled` (H, W, 3) with the strips of `lines` copied into `hole` (H, W).
+
+    `scale` is the number of px of the photo per px of the reduced photo.
+    """
+    result = filled.copy()
+    free_share = hole.astype(np.float32)
+    for line in lines:
+        strip = _straighten(photo, hole, line, scale)
+        continued = strip.continued()
+        if continued is not None:
+            _blend_strip(result, free_share, strip, *continued)
+    return result
+
+
+@dataclass(frozen=True, eq=False)
+class _Strip:
+    """The straightened surroundings of a line; rows follow the line."""
+
+    colours: F32
+    """(n, m, 3): row along the line, column across it."""
+    known: Mask
+    """(n, m)."""
+    center: F64
+    """(n, 2): x, y of the line at each row."""
+    normal: F64
+    """(n, 2): unit vectors along increasing columns."""
+    outside: int
+    """Rows before the start and after the end of the line."""
+    scale: float
+
+    def continued(self) -> tuple[F32, F32] | None:
+        """Return continued colours (n, m, 3) and their weights (n, m).
+
+        None means that the line has no structure, or that the structure beside the
+        hole departs from the line.
+        """
+        colours = self.colours.copy()
+        is_set = np.zeros(self.known.shape, np.bool_)
+        share, structure = self._shares()
+        departures = []
+        for column in np.flatnonzero(share > 0).tolist():
+            for first, last in _unknown_runs(self.known[:, column]):
+                run = self._continue_column(column, first, last)
+                if run is not None:
+                    colours[first:last, column], departure = run
+                    is_set[first:last, column] = True
+                    if structure[column]:
+                        departures.append(departure)
+        # A curved line beside a border that is nearly parallel to it departs from its
+        # chord: then the colours beside the hole are not those of its ends.
+        if not departures or _share_above(departures) > TUNING.departing:
+            return None
+        inner = slice(self.outside, len(colours) - self.outside)
+        self._close_gaps(colours[inner], is_set[inner], self.known[inner], share > 0)
+        return colours, np.where(is_set, share, np.float32(0))
+
+    def _close_gaps(
+        self, colours: F32, is_set: Mask, known: Mask, columns: Mask
+    ) -> None:
+        """Fill unknown pixels of `columns` (m,) from neighbouring columns, in place."""
+        size = 2 * round(TUNING.misplaced * self.scale) + 1, 1
+        weights = is_set.astype(np.float32)
+        total = cv2.blur(weights, size)[..., None]
+        sums = cv2.blur(colours * weights[..., None], size)
+        gaps = ~known & ~is_set & columns & (total[..., 0] > KNOWN_ERROR)
+        colours[gaps] = sums[gaps] / total[gaps]
+        is_set[gaps] = True
+
+    def _continue_column(
+        self, column: int, first: int, last: int
+    ) -> tuple[F32, float] | None:
+        """Return colours (last - first, 3) of an unknown run of a column, or None.
+
+        The second value is the departure of the colours beside the run from the visible
+        ends of the line, in levels.
+        """
+        values, known = self.colours[:, column], self.known[:, column]
+        copied = round(TUNING.copied * self.scale)
+        before = _known_run(values[:first][::-1], known[:first][::-1])[:copied]
+        after = _known_run(values[last:], known[last:])[:copied]
+        length = round(TUNING.mean * self.scale)
+        if min(len(before), len(after)) < TUNING.fewest * self.scale:
+            return None
+        count = last - first
+        place = (np.arange(count, dtype=np.float32) + 0.5)[:, None] / count
+        means = before[:length].mean(axis=0), after[:length].mean(axis=0)
+        # Copies meet in the middle of the run.
+        blend = max(TUNING.blend * self.scale / count, 1e-3)
+        late = np.clip((place - 0.5) / blend + 0.5, 0, 1)
+        detail = (1 - late) * _reflected_detail(before, count, length)
+        detail += late * _reflected_detail(after, count, length)[::-1]
+        run = (1 - place) * means[0] + place * means[1] + detail
+        departure = max(
+            float(np.abs(mean - profile[column]).max())
+            for mean, profile in zip(means, self.profiles, strict=True)
+        )
+        return np.asarray(run, np.float32), departure
+
+    def _shares(self) -> tuple[F32, Mask]:
+        """Return the weight (m,) of each column, and the columns of the structure.
+
+        The weight is 1 in the structure and 0 beyond its sides.
+        """
+        reach = np.ones(2 * round(TUNING.misplaced * self.scale) + 1)
+        changes = [
+            np.convolve(self._change(profile), reach, mode="same") > 0
+            for profile in self.profiles
+        ]
+        # Both ends show the structure, perhaps displaced by a few px.
+        structure = np.flatnonzero(changes[0] & changes[1])
+        middle = self.known.shape[1] // 2
+        share = np.zeros(self.known.shape[1], np.float32)
+        if not len(structure):
+            return share, share > 0
+        gap = round(TUNING.gap * self.scale)
+        groups = np.split(structure, np.flatnonzero(np.diff(structure) > gap) + 1)
+        group = min(groups, key=lambda one: np.abs(one - middle).min())
+        away = np.arange(len(share))
+        away = np.maximum(group[0] - away, away - group[-1])
+        # The outer half of the ground beside the structure is blended.
+        beside = TUNING.beside * self.scale
+        share = np.clip(2 - 2 * away / beside, 0, 1)
+        share *= self._plainness()
+        return np.asarray(share, np.float32), away <= 0
+
+    def _plainness(self) -> F64:
+        """Return weights (m,): 1 in the line, lower from the first busy column on."""
+        visible = self.known.astype(np.float32)[..., None]
+        visible[self.outside : len(visible) - self.outside] = 0
+        size = 1, round(TUNING.mean * self.scale)
+        total = cv2.blur(visible, size, borderType=cv2.BORDER_CONSTANT)[..., None]
+        sums = cv2.blur(self.colours * visible, size, borderType=cv2.BORDER_CONSTANT)
+        detail = (self.colours - sums / np.maximum(total, KNOWN_ERROR)) * visible
+        counts = np.maximum(visible.sum(axis=(0, 2)), 1)
+        levels = np.sqrt((detail**2).mean(axis=2).sum(axis=0) / counts)
+        weights = np.clip(2 - levels / TUNING.plain, 0, 1)
+        middle, near = len(weights) // 2, round(TUNING.misplaced * self.scale)
+        weights[middle - near : middle + near + 1] = 1
+        weights[middle:] = np.minimum.accumulate(weights[middle:])
+        weights[middle::-1] = np.minimum.accumulate(weights[middle::-1])
+        return np.asarray(weights, np.float64)
+
+    def _change(self, profile: F32) -> Mask:
+        """Return the columns (m,) with an edge along the line."""
+        smooth = cv2.GaussianBlur(profile[None], (0, 0), TUNING.smooth * self.scale)[0]
+        change = np.linalg.norm(np.gradient(smooth, axis=0), axis=1) * self.scale
+        middle = len(change) // 2
+        near = round(TUNING.misplaced * self.scale)
+        largest = change[middle - near : middle + near + 1].max()
+        limit = max(TUNING.least_gradient, TUNING.gradient * largest)
+        return np.asarray(change > limit)
+
+    def places_of(self, pixels: I64) -> tuple[F64, F64]:
+        """Return column and row (n,) in the strip of pixels x, y (n, 2)."""
+        # The line is nearly straight: its chord gives the nearest row.
+        start, end = self.center[self.outside], self.center[-self.outside - 1]
+        towards = (end - start) / np.hypot(*(end - start))
+        place = (pixels - start) @ towards + self.outside
+        nearest = np.clip(np.rint(place).astype(int), 0, len(self.center) - 1)
+        offset = pixels - self.center[nearest]
+        normal = self.normal[nearest]
+        side = (offset * normal).sum(axis=1) + self.known.shape[1] // 2
+        along = nearest + offset[:, 0] * normal[:, 1] - offset[:, 1] * normal[:, 0]
+        return side, along
+
+    @cached_property
+    def profiles(self) -> tuple[F32, F32]:
+        """Return the mean colours (m, 3) across the line before and after the hole."""
+        before = self._profile(slice(0, self.outside))
+        return before, self._profile(slice(len(self.colours) - self.outside, None))
+
+    def _profile(self, rows: slice) -> F32:
+        """Return the mean colours (m, 3) across the line on visible rows."""
+        weights = self.known[rows].astype(np.float32)[..., None]
+        total = weights.sum(axis=0)
+        sums = (self.colours[rows] * weights).sum(axis=0)
+        return np.asarray(sums / np.maximum(total, 1), np.float32)
+
+
+def _straighten(photo: F32, hole: Mask, line: CertainLine, scale: float) -> _Strip:
+    """Return the strip around a line."""
+    outside = round(TUNING.copied * scale)
+    center = _center_line(line, outside)
+    half = round(TUNING.search * scale)
+    tangent = np.gradient(center, axis=0)
+    tangent /= np.hypot(*tangent.T)[:, None]
+    normal = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+    across = np.arange(-half, half + 1, dtype=np.float64)[None, :, None]
+    places = (center[:, None] + across * normal[:, None]).astype(np.float32)
+    x, y = np.ascontiguousarray(places[..., 0]), np.ascontiguousarray(places[..., 1])
+    # Linear interpolation would blur the grain.
+    colours = cv2.remap(photo, x, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    weights = cv2.remap((~hole).astype(np.float32), x, y, cv2.INTER_CUBIC)
+    visible = (np.abs(weights - 1) < KNOWN_ERROR).astype(np.uint8)
+    # Single visible pixels at a ragged border do not divide the hole.
+    column = np.ones((LEAST_RUN, 1), np.uint8)
+    known = np.asarray(cv2.morphologyEx(visible, cv2.MORPH_OPEN, column) > 0)
+    return _Strip(
+        np.asarray(colours, np.float32), known, center, normal, outside, scale
+    )
+
+
+def _center_line(line: CertainLine, outside: int) -> F64:
+    """Return the points (n, 2) of a line in steps of 1 px, with `outside` more at each
+    end.
+    """
+    chord = line.end - line.start
+    length = float(np.hypot(*chord))
+    towards = chord / length
+    steps = np.arange(-outside, round(length) + outside + 1, dtype=np.float64)[:, None]
+    inside = np.clip(steps, 0, length)
+    # Inside the hole a cubic joins both visible parts.
+    share = inside / length
+    bend = share * (1 - share) ** 2 * (line.first - towards)
+    bend -= share * share * (1 - share) * (line.last - towards)
+    center = line.start + inside * towards + length * bend
+    before = np.minimum(steps, 0) * line.first
+    after = np.maximum(steps - length, 0) * line.last
+    return np.asarray(center + before + after, np.float64)
+
+
+def _blend_strip(
+    result: F32, free_share: F32, strip: _Strip, colours: F32, weights: F32
+) -> None:
+    """Blend a strip into `result` (H, W, 3), in place; `free_share` (H, W) decreases.
+
+    `colours` (n, m, 3) and `weights` (n, m) belong to the straightened strip.
+    """
+    half = strip.known.shape[1] // 2
+    low = np.maximum(np.floor(strip.center.min(axis=0)).astype(int) - half, 0)
+    high = np.ceil(strip.center.max(axis=0)).astype(int) + half + 1
+    box = np.s_[low[1] : high[1], low[0] : high[0]]
+    rows, columns = np.nonzero(free_share[box] > 0)
+    side, along = strip.places_of(np.stack([columns, rows], axis=1) + low)
+    x, y = side.astype(np.float32)[:, None], along.astype(np.float32)[:, None]
+    share = _sample_rows(weights, x, y)
+    sums = _sample_rows(colours * weights[..., None], x, y)
+    values = sums / np.maximum(share, KNOWN_ERROR)[:, None]
+    share = np.clip(share, 0, 1) * free_share[box][rows, columns]
+    target = result[box]
+    old = target[rows, columns]
+    target[rows, columns] = old + share[:, None] * (values - old)
+    free_share[box][rows, columns] -= share
+
+
+def _sample_rows(array: F32, x: F32, y: F32) -> F32:
+    """Return interpolated values of `array` at x and y (n, 1); 0 outside it."""
+    parts = [
+        cv2.remap(array, x[k : k + MOST_ROWS], y[k : k + MOST_ROWS], cv2.INTER_CUBIC)
+        for k in range(0, len(x), MOST_ROWS)
+    ]
+    return np.asarray(np.concatenate(parts)[:, 0], np.float32)
+
+
+def _share_above(departures: Sequence[float]) -> float:
+    """Return the share of departures above the limit."""
+    return float((np.array(departures) > TUNING.departure).mean())
+
+
+def _unknown_runs(known: Mask) -> list[tuple[int, int]]:
+    """Return first and last row (exclusive) of the runs of unknown rows.
+
+    Runs at the ends of the strip are left out.
+    """
+    borders = np.flatnonzero(np.diff(~known, prepend=False, append=False)).tolist()
+    runs = zip(borders[::2], borders[1::2], strict=True)
+    return [(a, b) for a, b in runs if a > 0 and b < len(known)]
+
+
+def _known_run(values: F32, known: Mask) -> F32:
+    """Return the first values (n, 3) up to the first unknown one."""
+    return values[: int(np.argmin(np.append(known, False)))]
+
+
+def _reflected_detail(values: F32, count: int, length: int) -> F32:
+    """Return `count` rows (count, 3) of the fine detail of `values` (n, 3), reflected
+    at its ends.
+
+    A reflection has no seam. `length` rows are averaged for the coarse part.
+    """
+    coarse = cv2.blur(values[:, None], (1, length), borderType=cv2.BORDER_REFLECT)
+    detail = values - coarse[:, 0]
+    # Another structure that crosses the visible line is not copied.
+    size = np.abs(detail).max(axis=1, keepdims=True)
+    limit = TUNING.outlier * np.median(size) + TUNING.least_detail
+    detail *= np.clip(2 - size / limit, 0, 1)
+    period = np.arange(count) % (2 * len(values))
+    return np.asarray(detail[np.minimum(period, 2 * len(values) - 1 - period)])
