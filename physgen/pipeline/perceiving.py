@@ -135,7 +135,8 @@ def describe(perceived: PerceivedScene) -> Description:
     with suppress(InputError):
         for item in open_trial(perceived, "velocity").scene().objects:
             velocities[item.name] = item.velocity
-    rgb, labels = perceived.percepts.rgb, perceived.percepts.labels
+    rgb = perceived.percepts.rgb
+    labels = perceived.percepts.labels
     overview = overview_png(rgb, labels, perceived.document, velocities)
     return Description(overview, summary(perceived))
 
@@ -317,7 +318,8 @@ def _check_masks(
 
 def _unused_choices(crew: Backends, options: PerceiveOptions) -> list[Problem]:
     """Return warnings about options without effect on the segment backend."""
-    options_in_use, problems = crew.row("segment").uses, []
+    options_in_use = crew.row("segment").uses
+    problems = []
     if options.asked and (options.masks or "categories" not in options_in_use):
         nouns = f'"{", ".join(options.asked)}"'
         problems.append(Message.FIND_HAS_NO_EFFECT.warning(Place("--find"), "", nouns))

@@ -134,7 +134,8 @@ def _perceive_anew(opened: OpenedScene, run: _Refresh) -> str:
     """Perceive a photo of other proportions; values without pixels of the old photo are
     kept.
     """
-    image, path = opened.ground.image, run.path
+    image = opened.ground.image
+    path = run.path
     assert image is not None
     new_photo = perceive_photo(image, run.options, run.crew, run.progress, run.warn)
     old_document = opened.document()
@@ -304,7 +305,8 @@ def _select_objects(old: _OldScene, labels: Labels, run: _Refresh) -> RefreshSta
 
     `labels` (H, W): id k + 1 is the k-th object of the scene.
     """
-    options, crew = run.options, run.crew
+    options = run.options
+    crew = run.crew
     segmenter = Segmenter(crew, options.asked, options.smallest)
     # Objects without a prompt keep their pixels, those with one are segmented again.
     selection = old_and_new.start_refresh(
@@ -330,7 +332,8 @@ def _perceive_again(
     """Perceive the photo with the selected objects; `old_names` are those of the scene,
     by id.
     """
-    scene, maps = old.scene, old.maps
+    scene = old.scene
+    maps = old.maps
     removed_pixels = None
     if maps is not None:
         removed_pixels = old_and_new.taken_out(
@@ -378,7 +381,8 @@ def _merge_scenes(
     """Return the old scene with new values of perception, and the values of perception
     that the user has changed.
     """
-    record, perceived = old.scene.record, new.perceived
+    record = old.scene.record
+    perceived = new.perceived
     document = old_and_new.merge_documents(
         old.document,
         perceived.document,
@@ -427,7 +431,8 @@ def _set_in_motion(
         merged, old.scene, old.document["objects"], is_still, run.warn
     )
     if pushes:
-        moving_scene, motions = push_anew(moving_scene, old.scene, pushes), {}
+        moving_scene = push_anew(moving_scene, old.scene, pushes)
+        motions = {}
     return with_slow_motion_comment(moving_scene), motions
 
 
