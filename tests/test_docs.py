@@ -14,7 +14,7 @@ from physgen.scene.load import scene_name
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = sorted((ROOT / "docs").glob("*.md"))
-MOST_PAGES, MOST_WORDS = 18, 18_400
+MOST_PAGES, MOST_WORDS = 18, 18_450
 MEASURED = ("accuracy", "benchmarks", "gallery", "scene")
 """Pages of tables and of the scene's keys, which grow with what is measured."""
 
