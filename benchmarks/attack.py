@@ -94,6 +94,7 @@ SHORT = ("--set", "world.duration=0.5", "--set", "render.frames=4", "--jobs", "1
 AHEAD = (
     "physgen.pipeline.clip",
     "physgen.pipeline.perceiving",
+    "physgen.pipeline.refreshing",
     "physgen.compile.warnings",
     "physgen.simulate.engine",
     "physgen.render.frames",

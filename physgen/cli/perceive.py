@@ -111,7 +111,7 @@ def perceive_photo(
         "view": options.view,
     }
     if options.refresh:
-        from physgen.pipeline.perceiving import refresh
+        from physgen.pipeline.refreshing import refresh
 
         return refresh(
             options.refresh, output, allow_outside=options.allow_outside, **settings

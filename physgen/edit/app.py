@@ -138,19 +138,19 @@ async def _answer(request: Request, error: Exception) -> Response:
             problems = [
                 problem.as_dict() | {"object": None} for problem in error.problems
             ]
-            status, fix = Why.IMPOSSIBLE.value, first.fix
+            status = Why.IMPOSSIBLE.value
+            fix = first.fix
             message = " ".join(part for part in (first.found, first.expected) if part)
         case RequestValidationError():
             first_error = error.errors()[0]
             location = ".".join(str(part) for part in first_error["loc"][1:])
-            status, fix = Why.MALFORMED.value, "see /api/openapi.json"
+            status = Why.MALFORMED.value
+            fix = "see /api/openapi.json"
             message = f"{location}: {first_error['msg']}"[:300]
         case HTTPException():
-            status, message, fix = (
-                error.status_code,
-                str(error.detail).lower(),
-                "see /api/openapi.json",
-            )
+            status = error.status_code
+            message = str(error.detail).lower()
+            fix = "see /api/openapi.json"
             headers = error.headers
         case OSError():  # the disk is full, or may not be written
             location = (
@@ -159,9 +159,11 @@ async def _answer(request: Request, error: Exception) -> Response:
                 else ""
             )
             message = f"{location}{(error.strerror or 'it could not be read or written').lower()}"
-            status, fix = 507, "make room, or correct the permissions, and try again"
+            status = 507
+            fix = "make room, or correct the permissions, and try again"
         case _:
-            status, message = 500, f"the editor failed: {type(error).__name__}"
+            status = 500
+            message = f"the editor failed: {type(error).__name__}"
             fix = "undo, and please report it"
     return JSONResponse(
         {"error": {"message": message, "fix": fix}, "problems": problems},
@@ -214,7 +216,10 @@ class Guard:
     """
 
     def __init__(self, app: ASGIApp, token: str, host: str, port: int) -> None:
-        self.app, self.token, self.host, self.port = app, token, host, port
+        self.app = app
+        self.token = token
+        self.host = host
+        self.port = port
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Handle one request."""
@@ -249,7 +254,8 @@ class Guard:
         await self.app(scope, body, send_with_headers)
 
     def _check(self, scope: Scope) -> None:
-        headers, path = Headers(scope=scope), scope["path"]
+        headers = Headers(scope=scope)
+        path = scope["path"]
         fix = "open the address as it was printed"
         if [key for key, _ in scope["headers"]].count(b"host") != 1 or not self.is_ours(
             headers["host"]
@@ -288,7 +294,8 @@ class Guard:
         """Check whether a Host header names this server."""
         name, mark, port = host.rpartition(":")
         if not mark or host.endswith("]"):
-            name, port = host, "80"
+            name = host
+            port = "80"
         if port != str(self.port):
             return False
         name = name.strip("[]").lower()
@@ -315,7 +322,8 @@ async def _body(scope: Scope, receive: Receive) -> Receive:
     """
     if scope["method"] not in ("POST", "PUT"):
         return receive
-    data, has_more = bytearray(), True
+    data = bytearray()
+    has_more = True
     while has_more:
         message = await receive()
         if message["type"] == "http.disconnect":

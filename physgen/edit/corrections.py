@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen import registry
+from physgen.arrays import F32
 from physgen.compile.shapes import U16, mask_crc, snapped_to_boundaries
 from physgen.edit.live import Live
 from physgen.edit.masks import PromptSegmenter, count, make, parse_op
@@ -150,10 +151,8 @@ def correct(
                 reason=message, fix=problem.fix
             ) from error
         raise
-    new_name, changed_name = (
-        next(iter(correction.fresh), None),
-        next(iter(correction.masks), None),
-    )
+    new_name = next(iter(correction.fresh), None)
+    changed_name = next(iter(correction.masks), None)
     return Corrected(
         new_text,
         title,
@@ -251,66 +250,104 @@ def _write_record(folder: Path, entries: Mapping[str, Data], labels: U16) -> Non
 
 def _paint(work: Correction) -> Painted:
     """Paint the label maps after the correction. Raises EditError."""
-    scene, labels, before = work.scene, work.labels, work.maps.cut_out
-    ids = {item.name: k + 1 for k, item in enumerate(scene.objects)}
-    ids |= {name: len(scene.objects) + 1 + k for k, name in enumerate(work.fresh)}
-    corrected_names = (*work.masks, *work.fresh)
-    cleared_ids = [ids[name] for name in (*work.masks, *work.gone)]
-    # Clear all changed objects first: a pixel belongs to the object painted last.
-    after = labels.copy()
-    after[np.isin(labels, cleared_ids)] = 0
-    for name, mask in (*work.masks.items(), *work.fresh.items()):
-        after[mask] = ids[name]
-    repainted_names = list(corrected_names)
-    for item in scene.objects:
-        if item.name in corrected_names or item.name in work.gone:
-            continue
-        old_pixels, new_pixels = (part == ids[item.name] for part in (labels, after))
-        if old_pixels.any() and count(new_pixels) < min(
-            count(old_pixels), SMALLEST_OBJECT
-        ):
-            raise Message.NOTHING_LEFT.impossible(name=item.name)
-        if not isinstance(item.mask, MaskId) and (old_pixels != new_pixels).any():
-            # An outline in the file would be drawn over the new paint: store the
-            # remaining pixels of the object as a mask.
-            repainted_names.append(item.name)
-    mask_ids = {
-        item.name: item.mask.id
-        for item in scene.objects
-        if isinstance(item.mask, MaskId)
-    }
-    # Ids of boundaries count, too: masks.png stores them with those of objects.
-    used_ids = {
-        item.mask.id for item in scene.boundaries if isinstance(item.mask, MaskId)
-    } | set(mask_ids.values())
-    free_ids = iter(range(max({int(work.maps.labels.max()), *used_ids}) + 1, 65536))
-    masks_png = before.copy()
-    masks_png[
-        np.isin(
-            before,
-            [
-                mask_ids[name]
-                for name in (*repainted_names, *work.gone)
-                if name in mask_ids
-            ],
-        )
-    ] = 0
-    stored_ids: dict[str, int] = {}
-    for name in repainted_names:
-        identity = mask_ids[name] if name in mask_ids else next(free_ids, None)
-        if identity is None:
-            raise Message.NO_ID_LEFT.impossible()
-        masks_png[after == ids[name]] = stored_ids[name] = identity
+    labels = work.labels
+    before = work.maps.cut_out
+    ids = {item.name: k + 1 for k, item in enumerate(work.scene.objects)}
+    for name in work.fresh:
+        ids[name] = len(ids) + 1
+    after = _paint_labels(work, ids)
+    repainted_names = [*work.masks, *work.fresh, *_covered_names(work, ids, after)]
+    stored_ids = _stored_ids(work, repainted_names)
+    cleared_names = [*repainted_names, *work.gone]
+    masks_png = _clear_masks(before, work, cleared_names)
+    for name, id_ in stored_ids.items():
+        masks_png[after == ids[name]] = id_
     # Boundaries in masks.png are part of the background, not of the union of objects.
-    scenery = work.sight.compiled.scenery
-    changed_pixels = np.isin(labels, cleared_ids) | np.isin(
-        after, [ids[name] for name in corrected_names]
-    )
-    union_before = (labels > 0) | ((before > 0) & ~scenery)
-    union = (after > 0) | ((masks_png > 0) & ~scenery)
+    is_movable = ~work.sight.compiled.scenery
+    old_ids = [ids[name] for name in (*work.masks, *work.gone)]
+    new_ids = [ids[name] for name in (*work.masks, *work.fresh)]
     return Painted(
-        after, ids, stored_ids, before, masks_png, changed_pixels, union, union_before
+        labels=after,
+        ids=ids,
+        stored=stored_ids,
+        before=before,
+        after=masks_png,
+        touched=np.isin(labels, old_ids) | np.isin(after, new_ids),
+        union=(after > 0) | ((masks_png > 0) & is_movable),
+        union_before=(labels > 0) | ((before > 0) & is_movable),
     )
+
+
+def _clear_masks(masks_png: U16, work: Correction, names: Sequence[str]) -> U16:
+    """Return masks.png (H, W) without the masks of these objects."""
+    mask_ids = _mask_ids(work)
+    cleared_ids = [mask_ids[name] for name in names if name in mask_ids]
+    result = masks_png.copy()
+    result[np.isin(masks_png, cleared_ids)] = 0
+    return result
+
+
+def _paint_labels(work: Correction, ids: Mapping[str, int]) -> U16:
+    """Return the label map (H, W) after the correction."""
+    # Clear all changed objects first: a pixel belongs to the object painted last.
+    cleared_ids = [ids[name] for name in (*work.masks, *work.gone)]
+    labels = work.labels.copy()
+    labels[np.isin(work.labels, cleared_ids)] = 0
+    for name, mask in (*work.masks.items(), *work.fresh.items()):
+        labels[mask] = ids[name]
+    return labels
+
+
+def _covered_names(work: Correction, ids: Mapping[str, int], after: U16) -> list[str]:
+    """Return the other objects with an outline of which paint covers a part.
+
+    Raises EditError if too little of an object is left.
+    """
+    names = []
+    for item in work.scene.objects:
+        if item.name in work.masks or item.name in work.gone:
+            continue
+        old_pixels = work.labels == ids[item.name]
+        new_pixels = after == ids[item.name]
+        smallest_size = min(count(old_pixels), SMALLEST_OBJECT)
+        if old_pixels.any() and count(new_pixels) < smallest_size:
+            raise Message.NOTHING_LEFT.impossible(name=item.name)
+        # An outline in the file would be drawn over the new paint: store the
+        # remaining pixels of the object as a mask.
+        has_mask = isinstance(item.mask, MaskId)
+        if not has_mask and (old_pixels != new_pixels).any():
+            names.append(item.name)
+    return names
+
+
+def _mask_ids(work: Correction) -> dict[str, int]:
+    """Return the ids of objects in masks.png, by name."""
+    ids = {}
+    for item in work.scene.objects:
+        if isinstance(item.mask, MaskId):
+            ids[item.name] = item.mask.id
+    return ids
+
+
+def _stored_ids(work: Correction, names: Sequence[str]) -> dict[str, int]:
+    """Return the ids in masks.png of repainted objects: their own, or free ones.
+
+    Raises EditError if no id is left.
+    """
+    mask_ids = _mask_ids(work)
+    # Ids of boundaries count, too: masks.png stores them with those of objects.
+    used_ids = {int(work.maps.labels.max()), *mask_ids.values()}
+    for boundary in work.scene.boundaries:
+        if isinstance(boundary.mask, MaskId):
+            used_ids.add(boundary.mask.id)
+    free_ids = iter(range(max(used_ids) + 1, 65536))
+    stored_ids: dict[str, int] = {}
+    for name in names:
+        id_ = mask_ids[name] if name in mask_ids else next(free_ids, None)
+        if id_ is None:
+            raise Message.NO_ID_LEFT.impossible()
+        stored_ids[name] = id_
+    return stored_ids
 
 
 def _photo_objects(work: Correction, painted: Painted) -> dict[str, PhotoObject]:
@@ -384,82 +421,114 @@ def _set_provenance(work: Correction, name: str, made: Data) -> None:
 # Maps
 
 
+@dataclass(frozen=True)
+class _ChangedPart:
+    """The window of the maps that a correction changes, (h, w)."""
+
+    window: Window
+    percepts: Percepts
+    """Previous maps."""
+    touched: Mask
+    """Pixels of the corrected objects before or after."""
+    union: Mask
+    """Pixels of all objects after."""
+    border_band: Mask
+    """Pixels around the changed border of the union."""
+
+
 def _write_maps(
     work: Correction, folder: Path, painted: Painted, objects: Sequence[PhotoObject]
 ) -> None:
     """Write the maps that change into `folder`, which contains links to the previous
     maps.
     """
-    maps = work.maps
-    if (painted.before != painted.after).any() or not (folder / "masks.png").is_file():
-        doubtful_labels = np.where(painted.before == 0, maps.labels, np.uint16(0))
-        _write_map(
-            folder / "masks.png",
-            np.where(painted.after == 0, doubtful_labels, painted.after),
-        )
+    _write_masks(folder, painted, work.maps.labels)
+    part = _changed_part(work.maps, painted)
+    if part.percepts.coverage is not None and part.border_band.any():
+        _write_colours(folder, part, part.percepts.coverage)
+    if part.percepts.normals is not None and objects:
+        guess = BoundaryGuess(work.scene.world.view, 0.0, "", ())
+        _write_normals(folder, part, painted.labels[part.window], objects, guess)
+
+
+def _write_masks(folder: Path, painted: Painted, labels: U16) -> None:
+    """Write masks.png if it changes; `labels`: the previous one with its doubtful
+    regions.
+    """
+    path = folder / "masks.png"
+    if path.is_file() and not (painted.before != painted.after).any():
+        return
+    doubtful_labels = np.where(painted.before == 0, labels, np.uint16(0))
+    _write_map(path, np.where(painted.after == 0, doubtful_labels, painted.after))
+
+
+def _changed_part(maps: Percepts, painted: Painted) -> _ChangedPart:
+    """Return the window of the maps that a correction changes."""
     window = _window(painted.touched | (painted.union != painted.union_before))
-    touched_pixels, object_pixels = painted.touched[window], painted.union[window]
+    map_parts: dict[str, Any] = {}
+    for one in fields(maps):
+        values = getattr(maps, one.name)
+        map_parts[one.name] = None if values is None else values[window]
+    union = painted.union[window]
     # A matte is slow and soft: it is computed only in a band around the changed border.
-    border_band = dilate(object_pixels != painted.union_before[window], SOFT)
-    map_values = {one.name: getattr(maps, one.name) for one in fields(maps)}
-    map_parts: dict[str, Any] = {
-        name: None if values is None else values[window]
-        for name, values in map_values.items()
-    }
+    border_band = dilate(union != painted.union_before[window], SOFT)
     percepts = Percepts(**map_parts)
-    if percepts.coverage is not None and border_band.any():
-        new_values = registry.make("matte")(
-            np.ascontiguousarray(percepts.rgb), object_pixels.astype(np.uint16)
-        )
-        coverage = np.where(border_band, new_values, percepts.coverage)
-        _patch(folder / "coverage.png", window, border_band, coverage)
-        changed_pixels = dilate(touched_pixels, PATCHED_AROUND) | border_band
+    return _ChangedPart(window, percepts, painted.touched[window], union, border_band)
+
+
+def _write_colours(folder: Path, part: _ChangedPart, old_coverage: F32) -> None:
+    """Write the coverage around the changed border, and the backgrounds behind it."""
+    percepts = part.percepts
+    new_values = registry.make("matte")(
+        np.ascontiguousarray(percepts.rgb), part.union.astype(np.uint16)
+    )
+    coverage = np.where(part.border_band, new_values, old_coverage)
+    _patch(folder / "coverage.png", part.window, part.border_band, coverage)
+    changed_pixels = dilate(part.touched, PATCHED_AROUND) | part.border_band
+    hole = changed_pixels & (coverage > 0)
+    pictures = {"background": percepts.background, "clean": percepts.clean}
+    for name, picture in pictures.items():
+        if picture is None:
+            continue
         # The fill sees only the window: pixels that no object covers now are
         # background.
-        for name, picture in (
-            ("background", percepts.background),
-            ("clean", percepts.clean),
-        ):
-            if picture is not None:
-                filled_picture = np.where(
-                    (coverage == 0)[..., None], percepts.rgb, picture
-                )
-                # Pixels that no object covered before keep their values: in the clean
-                # background, their shadows have been removed.
-                filled_picture = np.where(
-                    (percepts.coverage == 0)[..., None], picture, filled_picture
-                )
-                hole = changed_pixels & (coverage > 0)
-                if hole.any():
-                    new_values = registry.make("inpaint")(
-                        np.ascontiguousarray(filled_picture), hole
-                    )
-                    filled_picture = np.where(
-                        hole[..., None], new_values, filled_picture
-                    )
-                _patch(
-                    folder / f"{name}.png",
-                    window,
-                    changed_pixels,
-                    filled_picture / np.float32(255),
-                )
-    if percepts.normals is not None and objects:
-        # The backend of normals sees only the window, hence the outlines move into its
-        # frame.
-        offset = -np.array([window[1].start, window[0].start], np.float64)
-        labels = np.ascontiguousarray(painted.labels[window])
-        shifted_objects = [
-            replace(one, outline=translated_outline(one.outline, offset))
-            for one in objects
-        ]
-        guess = BoundaryGuess(work.scene.world.view, 0.0, "", ())
-        normals = registry.make("normals")(
-            np.ascontiguousarray(percepts.rgb), labels, shifted_objects, guess
+        filled_picture = np.where((coverage == 0)[..., None], percepts.rgb, picture)
+        # Pixels that no object covered before keep their values: in the clean
+        # background, their shadows have been removed.
+        filled_picture = np.where(
+            (old_coverage == 0)[..., None], picture, filled_picture
         )
-        changed_pixels = np.isin(labels, [one.id for one in objects]) | (
-            touched_pixels & (labels == 0)
-        )
-        _patch(folder / "normals.png", window, changed_pixels, normals, signed=True)
+        if hole.any():
+            fill = registry.make("inpaint")(np.ascontiguousarray(filled_picture), hole)
+            filled_picture = np.where(hole[..., None], fill, filled_picture)
+        values = filled_picture / np.float32(255)
+        _patch(folder / f"{name}.png", part.window, changed_pixels, values)
+
+
+def _write_normals(
+    folder: Path,
+    part: _ChangedPart,
+    labels: U16,
+    objects: Sequence[PhotoObject],
+    guess: BoundaryGuess,
+) -> None:
+    """Write the normals of the corrected objects; `labels` (h, w) after the
+    correction.
+    """
+    # The backend of normals sees only the window, hence the outlines move into its
+    # frame.
+    rows, columns = part.window
+    offset = -np.array([columns.start, rows.start], np.float64)
+    labels = np.ascontiguousarray(labels)
+    shifted_objects = [
+        replace(one, outline=translated_outline(one.outline, offset)) for one in objects
+    ]
+    normals = registry.make("normals")(
+        np.ascontiguousarray(part.percepts.rgb), labels, shifted_objects, guess
+    )
+    is_uncovered = part.touched & (labels == 0)
+    changed_pixels = np.isin(labels, [one.id for one in objects]) | is_uncovered
+    _patch(folder / "normals.png", part.window, changed_pixels, normals, signed=True)
 
 
 def _window(mask: Mask) -> Window:

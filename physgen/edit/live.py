@@ -5,291 +5,40 @@ editing.
 from __future__ import annotations
 
 import os
-import re
 import time
 from base64 import b64encode
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
-from pathlib import Path, PurePath
-from threading import Lock, RLock
+from pathlib import Path
+from threading import RLock
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from physgen.compile.compile import CompiledScene
-from physgen.compile.world import World, appearance, photo_poses
-from physgen.maps import Percepts
-from physgen.messages import Message
-from physgen.pipeline.cache_keys import key, motion_key
-from physgen.pipeline.stages import Keep, Recent, Stages, lint, stage
-from physgen.problems import InputError, Problem, as_warnings
-from physgen.render.camera import exposure_times
-from physgen.render.frames import render_frames
-from physgen.render.stage import Stage
-from physgen.report.perception import (
-    doubt_text,
-    doubtful_regions,
-    written_suitability,
+from physgen.compile.world import World, appearance
+from physgen.edit.page_data import (
+    derived_data,
+    doubtful_data,
+    doubtful_rows,
+    perceived_data,
+    problem_data,
+    scene_data,
+    todo,
 )
-from physgen.report.player import figure, fixed_data, plate, shadows, sprites, touches
-from physgen.scene.files import RECORD, read_record
+from physgen.maps import Percepts
+from physgen.pipeline.cache_keys import key, motion_key
+from physgen.pipeline.stages import Keep, Recent, Stages, lint
+from physgen.problems import InputError, Problem, as_warnings
+from physgen.report.player import figure, fixed_data, touches
 from physgen.scene.load import OpenedScene
-from physgen.scene.provenance import Provenance, source
-from physgen.scene.scene import Scene, Solid
+from physgen.scene.scene import Scene
 from physgen.simulate.engine import Running
 from physgen.simulate.trajectory import Trajectory
 
 Data = dict[str, Any]
-
-_OBJECT = re.compile(r"(?:^|\.)objects\.([\w-]+)")
-SECTIONS = (
-    "title",
-    "world",
-    "objects",
-    "boundaries",
-    "forces",
-    "joints",
-    "fields",
-    "light",
-    "render",
-    "refine",
-)
-
-
-def problem_data(problem: Problem, file: str) -> Data:
-    """Return a problem for the page.
-
-    `line` is that of the text in the editor, null for a problem in another file.
-    `object` is the object with the problem in its entry, if any.
-    """
-    object_match = _OBJECT.search(problem.path)
-    is_in_editor = problem.place.file == file and problem.place.line > 0
-    variant_path = (
-        f"variant {problem.variant}: {problem.path}" if problem.variant else ""
-    )
-    parts = (variant_path, problem.found, problem.expected)
-    return problem.as_dict() | {
-        "file": None if is_in_editor else problem.place.file,
-        "line": problem.place.line if is_in_editor else None,
-        "column": problem.place.column if is_in_editor else None,
-        "message": " ".join(part for part in parts if part),
-        "object": object_match[1] if object_match else None,
-    }
-
-
-def scene_data(scene: Scene) -> Data:
-    """Return the content of the file with defaults, in units of the file: px, s, g,
-    degrees.
-    """
-    data: Data = {name: scene.document.get(name) for name in SECTIONS}
-    data["size"] = list(scene.size)
-    data["image"] = None if scene.image is None else PurePath(scene.image).name
-    data["written"] = sorted(scene.places)
-    return data
-
-
-RING_TOLERANCE = 0.75
-"""Tolerance of the outline of a doubtful region, px, so that the page gets few
-points.
-"""
-
-
-def doubtful_data(scene: Scene, percepts: Percepts | None) -> list[Data]:
-    """Return the doubtful regions with their outlines, px of the photo."""
-    if percepts is None:
-        return []
-    rows: list[Data] = []
-    for region in doubtful_regions(percepts.labels, scene.document):
-        rings = []
-        for ring in region.rings:
-            points = ring.astype(np.float32)[:, None]
-            # The page needs outlines at the accuracy of its display only.
-            simple = cv2.approxPolyDP(points, RING_TOLERANCE, True)
-            rings.append(simple[:, 0].tolist())
-        text = doubt_text(region.name, region.confidence)
-        rows.append({"name": region.name, "text": text, "rings": rings})
-    return rows
-
-
-def perceived_data(scene: Scene) -> Data | None:
-    """Return the verdict on the photo and the summary of perception, if it
-    wrote them.
-    """
-    record = read_record(scene.assets / RECORD) if scene.assets is not None else {}
-    verdict = written_suitability(scene.assets)
-    summary = record.get("summary")
-    if not verdict:
-        return None
-    lines = [str(line) for line in summary] if isinstance(summary, list) else []
-    return {"verdict": verdict, "summary": lines}
-
-
-def derived_data(scene: Scene, compiled: CompiledScene) -> Data:
-    """Return the values that follow from the scene: centres, masses and moments of the
-    engine.
-    """
-    world = compiled.world
-    objects: dict[str, Data] = {}
-    for item, body in zip(scene.objects, world.bodies, strict=True):
-        objects[item.name] = {
-            "centre": body.center.tolist(),
-            "mass": body.mass,
-            "moment": body.moment,
-            "radius": body.radius,
-            "reach": body.reach,
-            "ball": body.solid is Solid.SPHERE and body.radius is not None,
-            "masked": item.mask is not None,
-        }
-    return {
-        "objects": objects,
-        "pixels_per_meter": world.pixels_per_meter,
-        "scaled": "world.pixels_per_meter" in scene.places,
-    }
-
-
-SURE = 0.6
-"""Confidence from which the user is not asked."""
-MAX_ROWS = 300
-
-
-def todo(scene: Scene | None, problems: Sequence[Data]) -> list[Data]:
-    """Return the list of open questions for the page.
-
-    A row has `kind`, `object`, `path`, `line`, `text`, `fix` and `ops`; `ops` None:
-    only the user can decide. Errors come first, then guesses by confidence, then lints.
-    """
-    rows = [
-        _row("error", p, p["message"], p["fix"])
-        for p in problems
-        if p["severity"] == "error"
-    ]
-    if scene is not None:
-        rows += [
-            row
-            for _, row in sorted(
-                _list_uncertain_guesses(scene), key=lambda doubt: doubt[0]
-            )
-        ]
-    lints = (p for p in problems if p["severity"] != "error")
-    rows += [_row("lint", p, p["message"], p["fix"]) for p in lints]
-    return rows[:MAX_ROWS]
-
-
-def doubtful_rows(scene: Scene, doubtful: Sequence[Data]) -> list[Data]:
-    """Return a row of `todo` for each possible object."""
-    rows = []
-    for region in doubtful:
-        path = f"doubtful.{region['name']}"
-        position = {"object": None, "path": path, "line": _line(scene, path)}
-        text = f"{region['text']} may be an object, too"
-        rows.append(
-            _row("doubt", position, text, "to have it, click on it with Mask, Point")
-        )
-    return rows
-
-
-def _row(
-    kind: str,
-    at: Mapping[str, Any],
-    text: str,
-    fix: str,
-    ops: Sequence[Data] | None = None,
-) -> Data:
-    place = {key: at.get(key) for key in ("object", "path", "line")}
-    return {"kind": kind, **place, "text": text, "fix": fix, "ops": ops}
-
-
-def _list_uncertain_guesses(scene: Scene) -> Iterator[tuple[float, Data]]:
-    """Yield the unconfirmed guesses about objects, boundaries and the light, with
-    confidence.
-    """
-    provenance = Provenance(scene, None)
-    for item in scene.objects:
-        yield from _list_entry_guesses(
-            scene, provenance, ("objects", item.name), item.provenance, item.name
-        )
-    document = scene.document.get("boundaries") or {}
-    for wall in scene.boundaries:
-        guess = document.get(wall.name, {}).get("from")
-        if isinstance(guess, str):
-            yield from _list_entry_guesses(
-                scene, provenance, ("boundaries", wall.name), {"": guess}, None
-            )
-    if scene.light is not None and scene.light.provenance:
-        yield from _list_entry_guesses(
-            scene, provenance, ("light",), {"": scene.light.provenance}, None
-        )
-
-
-def _list_entry_guesses(
-    scene: Scene,
-    provenance: Provenance,
-    path: Sequence[str],
-    sources: Mapping[str, str],
-    name: str | None,
-) -> Iterator[tuple[float, Data]]:
-    """Yield the row of one entry, with its least confidence, if it has uncertain
-    guesses.
-    """
-    entry_path = ".".join(path)
-    guesses: list[tuple[float, str, str]] = []
-    for part, guess in sources.items():
-        confidence = source(guess).sure
-        value = f"{entry_path}.{part}" if part else entry_path
-        if confidence is None or confidence >= SURE:
-            continue
-        if provenance.of(value, guess, written_at=f"{entry_path}.from").kind == "guess":
-            guesses.append(
-                (
-                    confidence,
-                    part,
-                    f"{part or path[-1]} ({guess.rpartition(' ')[0]}, {confidence:.0%})",
-                )
-            )
-    # The least certain value decides the place of the row among all rows.
-    guesses.sort()
-    if guesses:
-        least_confidence, first_key, _ = guesses[0]
-        value = f"{entry_path}.{first_key}" if first_key else entry_path
-        position = {
-            "object": name,
-            "path": value,
-            "line": _line(scene, value) or _line(scene, entry_path),
-        }
-        other_sources = {
-            key: one_source
-            for key, one_source in sources.items()
-            if key not in {key for _, key, _ in guesses}
-        }
-        is_recorded = name is not None and f"{entry_path}.from" not in scene.places
-        ops: list[Data] = [{"unset": [*path, "from"]}]
-        # The record of perception also names the source: an empty `from` in the file
-        # overrides the record.
-        if other_sources or is_recorded:
-            ops = [{"set": [*path, "from"], "value": other_sources}]
-        yield (
-            least_confidence,
-            _row(
-                "doubt",
-                position,
-                "; ".join(statement for *_, statement in guesses),
-                "correct as it is",
-                ops,
-            ),
-        )
-
-
-def _line(scene: Scene, path: str) -> int | None:
-    place = scene.places.get(path)
-    return (
-        place.line
-        if place is not None and place.line and place.file == scene.place("").file
-        else None
-    )
-
 
 Array = NDArray[np.float64]
 
@@ -299,7 +48,8 @@ MAX_SUBSAMPLED = 100_000
 """Samples times objects up to which each frame has `SUBSAMPLES` samples."""
 MAX_PART = 200_000
 """Samples times objects of one part of a motion: about 15 MB of JSON."""
-FIRST, MORE = 0.045, 0.08
+FIRST = 0.045
+MORE = 0.08
 """Time for simulation, s, of a look, and of each later part of a motion."""
 SLICE = 0.03
 """Time, s, for which a simulation to the end blocks other threads."""
@@ -320,8 +70,10 @@ class MotionStream:
 
     def __init__(self, key: str, scene: Scene, world: World) -> None:
         self.key = key
-        self.scene, self.world = scene, world
-        body_count, frames = max(len(world.bodies), 1), world.times
+        self.scene = scene
+        self.world = world
+        body_count = max(len(world.bodies), 1)
+        frames = world.times
         subsamples = (
             SUBSAMPLES if len(frames) * SUBSAMPLES * body_count <= MAX_SUBSAMPLED else 1
         )
@@ -357,7 +109,8 @@ class MotionStream:
         """
         start = max(0, min(start, self.total))
         self.simulate(start + 1, deadline)
-        run, N = self._running, max(len(self.world.bodies), 1)
+        run = self._running
+        N = max(len(self.world.bodies), 1)
         end = max(start, min(run.done, start + max(1, MAX_PART // N)))
         trajectory = run.trajectory()
         data: Data = {
@@ -419,7 +172,8 @@ class MotionStream:
 
     def _begin(self, found: Data) -> None:
         """Add the data of the first part: everything constant in time."""
-        scene, world = self.scene, self.world
+        scene = self.scene
+        world = self.world
         for k, body in enumerate(world.bodies):
             found["bodies"][k] |= figure(scene, k, body)
         found |= fixed_data(scene, world) | {
@@ -486,7 +240,8 @@ class Live:
     """
 
     def __init__(self, path: Path, allow_outside: bool = False) -> None:
-        self.path, self.allow_outside = path, allow_outside
+        self.path = path
+        self.allow_outside = allow_outside
         self._lock = RLock()
         self._warm = Stages(Keep.EDITING)
         self._opened: Recent[OpenedScene] = Recent(6)
@@ -658,125 +413,3 @@ class Live:
         if scene is not None and not problem.place.line and problem.path:
             problem = replace(problem, place=scene.place(problem.path))
         return problem_data(problem, os.fspath(self.path))
-
-
-# Images
-
-
-class Pictures:
-    """Pictures of one scene file during editing.
-
-    The methods are thread-safe, and their own lock keeps them from blocking looks.
-    """
-
-    def __init__(self, live: Live) -> None:
-        self._live, self._lock = live, Lock()
-        self._stages: Recent[Stage] = Recent(2)
-
-    def look(self, key: str) -> Data | None:
-        """Return the background and the sprites for a picture's key; None for a dropped
-        key.
-
-        `names`: the objects; `background` and `sprites` as in `report.cutouts`.
-        """
-        sight = self._live.sight(key)
-        if sight is None:
-            return None
-        with self._lock:
-            render_stage = self._stage(key, sight)
-            background = plate(render_stage, range(len(render_stage.sprites)))
-            names = [item.name for item in sight.scene.objects]
-            return {
-                "key": key,
-                "names": names,
-                "background": background,
-                "sprites": sprites(render_stage),
-                "shadows": [],
-            }
-
-    def shadows(self, key: str, motion: str) -> Data | None:
-        """Return the shadows of every object for a motion, which is simulated to its
-        end.
-
-        None if the picture or the motion was dropped.
-        """
-        sight = self._live.sight(key)
-        motion_and_world = None if sight is None else self._live.whole(motion)
-        if sight is None or motion_and_world is None:
-            return None
-        trajectory, world = motion_and_world
-        with self._lock:
-            render_stage = replace(self._stage(key, sight), starts=photo_poses(world))
-            # The text may have changed between the picture and the motion, with another
-            # set of objects.
-            is_same_scene = len(trajectory.names) == len(sight.scene.objects)
-            rows = (
-                shadows(render_stage, trajectory, range(len(render_stage.sprites)))
-                if is_same_scene
-                else []
-            )
-            return {"key": key, "motion": motion, "shadows": rows}
-
-    def frame(self, key: str, motion: str, number: int) -> bytes | None:
-        """Render the photo at a frame of a motion as a PNG, as in the video.
-
-        A number beyond the last frame selects the last. None if the picture or the
-        motion was dropped.
-        """
-        sight = self._live.sight(key)
-        motion_and_world = None if sight is None else self._live.whole(motion)
-        if sight is None or motion_and_world is None:
-            return None
-        trajectory, world = motion_and_world
-        with self._lock:
-            render_stage = replace(self._stage(key, sight), starts=photo_poses(world))
-        blur = sight.scene.render.motion_blur
-        at_frames = trajectory.sampled(world.times)
-        # Motion blur averages several samples within the exposure of a frame.
-        exposure_moments, parts = exposure_times(at_frames, world, blur)
-        exposure_samples = (
-            at_frames if parts == 1 else trajectory.sampled(exposure_moments)
-        )
-        first_sample = min(number, len(world.times) - 1) * parts
-        sample_indices = range(first_sample, first_sample + parts)
-        frame = next(
-            render_frames(render_stage, exposure_samples, sample_indices, parts)
-        )
-        return _png(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR))
-
-    def _stage(self, key: str, sight: LiveScene) -> Stage:
-        """Prepare the stage of a scene, with objects at the poses of the photo."""
-        return self._stages.of(
-            key, lambda: stage(sight.scene, sight.compiled, sight.percepts)
-        )
-
-
-def photo_png(sight: LiveScene) -> bytes:
-    """Encode the photo as a PNG; a scene without a photo has a plain background."""
-    from physgen.render.staging import flat_background
-
-    maps = sight.percepts
-    rgb = flat_background(sight.compiled.world, 1.0) if maps is None else maps.rgb
-    return _png(cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2BGR))
-
-
-def mask_png(sight: LiveScene, name: str) -> bytes:
-    """Encode an object's mask as a grey PNG of the photo's size, 0 or 255.
-
-    Raises EditError, InputError.
-    """
-    names = [item.name for item in sight.scene.objects]
-    if name not in names:
-        raise Message.NAME_UNKNOWN.impossible(name=name)
-    return _png(
-        np.where(
-            sight.compiled.labels == names.index(name) + 1, np.uint8(255), np.uint8(0)
-        )
-    )
-
-
-def _png(picture: NDArray[Any]) -> bytes:
-    """Encode a picture, (H, W) or (H, W, 3) BGR, as a PNG."""
-    is_encoded, data = cv2.imencode(".png", picture)
-    assert is_encoded
-    return data.tobytes()

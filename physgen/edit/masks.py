@@ -168,7 +168,8 @@ def _apply_prompted_mask(
     work: Correction, name: str | None, is_new: bool, found: PromptedMask, prompt: Data
 ) -> str:
     """Use the mask of a box or a point for an existing object, or for a new one."""
-    labels, number = work.labels, len(work.scene.objects)
+    labels = work.labels
+    number = len(work.scene.objects)
     mask = found.mask
     # Without a name, the mask corrects the object with the largest overlap, unless the
     # overlap is so small that another object is meant.
@@ -225,7 +226,8 @@ def _brush(work: Correction, op: BrushOp) -> str:
 def _new(work: Correction, mask: Mask) -> str:
     """Create a new object and return its name, derived from its label."""
     check_size(mask, "the new object")
-    id_, size = len(work.scene.objects) + 1, work.scene.size
+    id_ = len(work.scene.objects) + 1
+    size = work.scene.size
     labels = np.where(mask, np.uint16(id_), work.labels)
     new_object = photo_object(id_, fit_outlines(labels, [id_])[id_], "", size)
     guess: Mapping[int, Name] = registry.make("label")(
@@ -404,7 +406,9 @@ def stroke(
         if distance_count > MAX_STROKE_WORK:
             raise Message.STROKE_TOO_LONG.impossible()
         y, x = np.mgrid[y0:y1, x0:x1]
-        direction, (dx, dy) = end - start, (x - start[0], y - start[1])
+        direction = end - start
+        dx = x - start[0]
+        dy = y - start[1]
         length = float(direction @ direction)
         # Parameter of the nearest point on the segment, 0 at its start and 1 at its
         # end; a single point has no direction.

@@ -98,7 +98,8 @@ def begin(live: Live, text: str) -> Correction:
     percepts = sight.percepts
     if percepts is None:
         raise Message.NO_PHOTO_TO_MASK.impossible()
-    scene, own_entries = sight.scene, file_document.get("objects") or {}
+    scene = sight.scene
+    own_entries = file_document.get("objects") or {}
     names = [item.name for item in scene.objects if item.name in own_entries]
     # Only objects of this file can be corrected, not those of a file that it extends.
     own_document = {
@@ -219,7 +220,8 @@ def joined_mass(work: Correction, *names: str) -> float:
 
 def written(work: Correction, name: str, made: Data) -> list[Data]:
     """Return the operations for all differences from the entry in the file."""
-    old_entry, path = work.was(name), ["objects", name]
+    old_entry = work.was(name)
+    path = ["objects", name]
     # `from` is always written, since the file may name values that the user changed.
     ops = [
         {"set": [*path, key], "value": value}

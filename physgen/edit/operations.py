@@ -146,17 +146,24 @@ def _make(target: Target, op: Op | MergeOp) -> str:
             target.write(replaced(target.data, str(op.merge[-1]), op.to)[0])
             return f"merge {op.merge[-1]} into {op.to}"
         case UnsetOp():
-            path, value, kind = tuple(op.unset), None, "unset"
+            path = tuple(op.unset)
+            value = None
+            kind = "unset"
         case SetOp():
-            path, value, kind = tuple(op.set), op.value, "set"
+            path = tuple(op.set)
+            value = op.value
+            kind = "set"
         case AddOp():
-            path, value, kind = tuple(op.add), op.value, "add"
+            path = tuple(op.add)
+            value = op.value
+            kind = "add"
     if target.variant is not None and path[0] in SEALED:
         raise Message.VARIANT_SECTION_FIXED.impossible(path=path[0])
     if value is None:
         target.unset(path)
         return f"unset {_name(path)}"
-    value, data = short(value), deepcopy(target.data)
+    value = short(value)
+    data = deepcopy(target.data)
     if kind == "add":
         present_value = reach(data, path)
         is_list = (schema_at(path) or {}).get("type") == "array"
@@ -275,7 +282,8 @@ class Target:
     """
 
     def __init__(self, text: str, variant: str | None) -> None:
-        self.text, self.variant = text, variant
+        self.text = text
+        self.variant = variant
         self._whole: Data = mark_values(text).data()
         if self._whole.get("extends") is not None:
             raise Message.FILE_EXTENDS.impossible()
@@ -446,7 +454,8 @@ def _rename(target: Target, path: KeyPath, to: str) -> str:
     rule = load_published_schema()["$defs"]["name"]
     if not re.fullmatch(rule["pattern"].strip("^$"), to):
         raise Message.NEW_NAME_WRONG.impossible(form=rule["x-pattern"])
-    section, old = str(path[0]), str(path[1])
+    section = str(path[0])
+    old = str(path[1])
     new_names = {old: to} if section == "objects" else {}
     if to != old:
         if reach(target.data, (section, to)) is not ABSENT:
@@ -473,7 +482,8 @@ def replaced(data: Data, name: str, to: str | None) -> tuple[Data, list[str]]:
     Returns the new data, and in words all parts that were removed with it: forces on a
     removed object, and joints of two objects that became one.
     """
-    data, removed_parts = deepcopy(data), list[str]()
+    data = deepcopy(data)
+    removed_parts = list[str]()
     is_merged = to in data["objects"]
     if to is None or is_merged:
         del data["objects"][name]
@@ -503,53 +513,80 @@ def replaced(data: Data, name: str, to: str | None) -> tuple[Data, list[str]]:
 def _refer(part: Data, name: str, to: str | None, gone: list[str]) -> int:
     """Replace an object's name in all references, in place; return the number of lost
     forces.
+
+    `to` None: the object is removed. Removed parts are added to `gone` in words.
     """
-    # A force acts on one object alone: without its object it has no meaning and is
-    # removed.
-    forces, lost_count = part.get("forces"), 0
-    if isinstance(forces, list):
-        own_forces = [
-            force
-            for force in forces
-            if isinstance(force, dict) and force.get("object") == name
-        ]
-        for force in own_forces:
-            force["object"] = to
-        lost_count = len(own_forces) if to is None else 0
-        part["forces"] = [
-            force for force in forces if to is not None or force not in own_forces
-        ]
-    # Joints and fields list several objects. Without the object, a field goes on for
-    # the others; a joint of one object, or a magnet without a partner, is removed.
+    lost_count = _refer_in_forces(part, name, to)
     for section in ("joints", "fields"):
         for key, entry in _entries(part, section):
-            list_key = "magnet" if "magnet" in entry else "objects"
-            names = entry.get(list_key)
-            if not isinstance(names, list) or name not in names:
-                continue
-            remaining_names = list(
-                dict.fromkeys(
-                    to if other == name else other
-                    for other in names
-                    if other != name or to
-                )
-            )
-            is_pair = section == "joints" and len(remaining_names) < len(names)
-            is_single_magnet = list_key == "magnet" and len(remaining_names) < 2
-            if not remaining_names or is_pair or is_single_magnet:
+            if not _refer_in_list(section, entry, name, to):
                 del part[section][key]
                 gone.append(f"{section[:-1]} {key}")
-            else:
-                entry[list_key] = remaining_names
-    # A camera that follows the object stays where it is, if the object is removed.
-    camera = reach(part, ("render", "camera"))
-    for view in camera if isinstance(camera, list) else [camera]:
-        if isinstance(view, dict) and view.get("follow") == name:
-            view["follow"] = to
-            if to is None:
-                del view["follow"]
-                gone.append("the camera that follows it")
+    _refer_in_cameras(part, name, to, gone)
     return lost_count
+
+
+def _refer_in_forces(part: Data, name: str, to: str | None) -> int:
+    """Replace an object's name in the forces on it; return the number of lost
+    forces.
+    """
+    forces = part.get("forces")
+    if not isinstance(forces, list):
+        return 0
+    own_forces = [
+        force
+        for force in forces
+        if isinstance(force, dict) and force.get("object") == name
+    ]
+    for force in own_forces:
+        force["object"] = to
+    # A force acts on one object alone: without its object it has no meaning and is
+    # removed.
+    if to is not None:
+        return 0
+    part["forces"] = [force for force in forces if force not in own_forces]
+    return len(own_forces)
+
+
+def _refer_in_list(section: str, entry: Data, name: str, to: str | None) -> bool:
+    """Replace an object's name in a joint or a field; return whether the entry still
+    has a meaning.
+
+    Without the object, a field goes on for the others; a joint of one object, or a
+    magnet without a partner, has no meaning.
+    """
+    list_key = "magnet" if "magnet" in entry else "objects"
+    names = entry.get(list_key)
+    if not isinstance(names, list) or name not in names:
+        return True
+    new_names: list[Any] = []
+    for other in names:
+        if other == name and not to:
+            continue
+        new_name = to if other == name else other
+        # Two objects that became one are named once.
+        if new_name not in new_names:
+            new_names.append(new_name)
+    is_shorter = len(new_names) < len(names)
+    is_single_magnet = list_key == "magnet" and len(new_names) < 2
+    if not new_names or is_single_magnet or (section == "joints" and is_shorter):
+        return False
+    entry[list_key] = new_names
+    return True
+
+
+def _refer_in_cameras(part: Data, name: str, to: str | None, gone: list[str]) -> None:
+    """Replace an object's name in the cameras that follow it."""
+    camera = reach(part, ("render", "camera"))
+    views = camera if isinstance(camera, list) else [camera]
+    for view in views:
+        if not isinstance(view, dict) or view.get("follow") != name:
+            continue
+        view["follow"] = to
+        # A camera that follows the object stays where it is, if the object is removed.
+        if to is None:
+            del view["follow"]
+            gone.append("the camera that follows it")
 
 
 def _change_edits(data: Data, change: Callable[[KeyPath], KeyPath | None]) -> list[str]:

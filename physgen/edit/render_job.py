@@ -55,7 +55,9 @@ class RenderJob:
     """
 
     def __init__(self, path: Path, output: Path, allow_outside: bool = False) -> None:
-        self.path, self.output, self.allow_outside = path, output, allow_outside
+        self.path = path
+        self.output = output
+        self.allow_outside = allow_outside
         self._lock = Lock()
         self._process: subprocess.Popen[str] | None = None
         self._thread: Thread | None = None
@@ -85,7 +87,8 @@ class RenderJob:
         folders = [row["folder"] for row in self.status()["result"] or ()]
         try:
             # Links are resolved, so that no name leads out of the folders of this run.
-            path, root = (self.output / name).resolve(), self.output.resolve()
+            path = (self.output / name).resolve()
+            root = self.output.resolve()
             is_inside = any(
                 path.is_relative_to((root / folder).resolve()) for folder in folders
             )
@@ -149,7 +152,8 @@ class RenderJob:
         """
         with self._lock:
             self._stopped = self._status["running"]
-            process, thread = self._process, self._thread
+            process = self._process
+            thread = self._thread
         if process is not None:
             stop_process(process)
             try:

@@ -19,9 +19,10 @@ from pydantic import BeforeValidator, Field
 
 from physgen.edit.corrections import correct
 from physgen.edit.draft import Draft, Unsaved, draft_folder
-from physgen.edit.live import Live, Pictures, mask_png, photo_png
+from physgen.edit.live import Live
 from physgen.edit.masks import PromptSegmenter
 from physgen.edit.operations import Body, Op, SetOp, edited, whole
+from physgen.edit.pictures import Pictures, mask_png, photo_png
 from physgen.edit.view_change import hold_objects
 from physgen.files import back_up, file_stamp, write_atomic
 from physgen.messages import Message
@@ -160,7 +161,8 @@ class Session:
     def __init__(
         self, path: Path, allow_outside: bool = False, send: Send = lambda event: None
     ) -> None:
-        self.path, self.allow_outside = path, allow_outside
+        self.path = path
+        self.allow_outside = allow_outside
         self.is_new = False
         """True if the photo was perceived for this session; the page then says so."""
         self.real = Path(os.path.realpath(path))
@@ -176,7 +178,8 @@ class Session:
         )
         data = b"" if is_removed else scene_bytes(path, str(path))
         text = decode(data, str(path))
-        self._bom, self._crlf = data.startswith(codecs.BOM_UTF8), "\r\n" in text
+        self._bom = data.startswith(codecs.BOM_UTF8)
+        self._crlf = "\r\n" in text
         self.draft = Draft(path)
         try:
             draft = self.draft.load()
@@ -189,7 +192,8 @@ class Session:
         self._folders: list[str] = []
         # The first state is the file, the second the draft: undo restores the file.
         if draft is not None and draft.text != draft.saved:
-            self.saved, self._folders = draft.saved, draft.folders
+            self.saved = draft.saved
+            self._folders = draft.folders
             states = [
                 State(draft.saved if is_removed else text),
                 State(draft.text, "the edits of last time"),
@@ -309,7 +313,8 @@ class Session:
             # After a change of the view, objects would fall without new supports.
             change = hold_objects(self.live, present_state.text, text, request.variant)
             if change is not None:
-                text, title = change.text, f"{request.what or title}: {change.what}"
+                text = change.text
+                title = f"{request.what or title}: {change.what}"
                 request = request.model_copy(update={"what": None})
             self._push(request, text, title)
         return self.state(request.variant)
@@ -479,7 +484,8 @@ class Session:
 
     def _set_saved(self, saved: str) -> None:
         """Record the text of the file as saved, and remove the draft."""
-        self.saved, self.outside = saved, None
+        self.saved = saved
+        self.outside = None
         self.history.end_step()
         self.draft.clear()
 
@@ -492,7 +498,8 @@ class Session:
         if not self._edits.acquire(blocking=False):
             return  # an edit is in progress: the next call compares again
         try:
-            before, self._stamp = self._stamp, file_stamp(self.real)
+            before = self._stamp
+            self._stamp = file_stamp(self.real)
             if self._stamp == self._read or self._stamp != before:
                 return
             outcome = self._look_outside()

@@ -8,7 +8,7 @@ objects with a prompt.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 from zlib import crc32
 
@@ -20,6 +20,7 @@ from physgen.perceive.roles import (
     BoundaryGuess,
     Detections,
     Labels,
+    Mask,
     Name,
     PerceivedScene,
     Rgb,
@@ -50,6 +51,8 @@ existing object.
 """
 PIXEL_KEYS = ("mask", "shape", "prompt")
 """Keys of an object that depend on its pixels."""
+MOTION_KEYS = ("motion", "velocity", "spin")
+"""Keys of an object that describe its motion."""
 LINES, SAME = {"segment", "polyline"}, 3.0
 """Keys of a boundary's points; largest distance (px) of a boundary found again."""
 Entry = Mapping[str, Any]
@@ -114,6 +117,49 @@ def prompts_of(objects: Sequence[Object]) -> tuple[list[Box], list[Point]]:
     return boxes, points
 
 
+@dataclass
+class _ObjectDrawing:
+    """The masks of objects, while prompts are drawn one after the other."""
+
+    labels: Labels
+    owners: dict[int, int]
+    """Index of the scene's object by id."""
+    confidence: dict[int, float] = field(default_factory=dict)
+    """By id, of masks from prompts."""
+    prompts: dict[int, Mapping[str, Any]] = field(default_factory=dict)
+    """By id."""
+    replaced_ids: set[int] = field(default_factory=set)
+    """Ids of new prompts; the labels of these objects are estimated again."""
+    absorbed_indices: list[int] = field(default_factory=list)
+    """Indices of the objects that a new prompt absorbed."""
+
+    def cover(self, id_: int, mask: Mask, confidence: float, prompt: Entry) -> None:
+        """Draw the mask of a prompt over the other objects."""
+        self.labels[mask] = id_
+        self.confidence[id_] = confidence
+        self.prompts[id_] = prompt
+
+    def absorb(self, id_: int) -> None:
+        """Remove an object in favour of the one that a new prompt selects."""
+        self.absorbed_indices.append(self.owners.pop(id_))
+        self.confidence.pop(id_, None)
+        self.prompts.pop(id_, None)
+
+    def selected_ids(self, mask: Mask, largest_id: int) -> list[int]:
+        """Return the ids of objects that a mask selects, the largest overlap first."""
+        overlaps = np.bincount(self.labels[mask], minlength=largest_id + 1)
+        areas = np.bincount(self.labels.ravel(), minlength=largest_id + 1)
+        size = int(mask.sum())
+        selected_ids = []
+        for i in self.owners:
+            smaller_area = min(size, areas[i])
+            threshold = max(OVERLAP[0] * smaller_area, OVERLAP[1] * areas[i])
+            if overlaps[i] > threshold:
+                selected_ids.append(i)
+        selected_ids.sort(key=lambda i: -int(overlaps[i]))
+        return selected_ids
+
+
 def start_refresh(
     rgb: Rgb,
     objects: Sequence[Object],
@@ -131,95 +177,91 @@ def start_refresh(
     sources. `labels` (H, W): id k + 1 is the k-th of `objects`. Ids of masks stay.
     Raises InputError as `from_prompts`.
     """
-    ids = _mask_ids(objects)
-    by_box = [k for k, item in enumerate(objects) if isinstance(item.prompt, BoxPrompt)]
-    by_point = [
-        k
-        for k, item in enumerate(objects)
-        if item.prompt is not None and k not in by_box
-    ]
-    frames = frames or PromptFrames(PromptFrame.of(rgb), PromptFrame.of(rgb))
+    if frames is None:
+        frames = PromptFrames(PromptFrame.of(rgb), PromptFrame.of(rgb))
     new = from_prompts(rgb, boxes, points, segment, frames.new)
     # Stored prompts select whole objects, whatever the choice for the new prompts.
     whole_segmenter = replace(segment, is_smallest_meant=False)
-    new_detections = from_prompts(
-        rgb, *prompts_of(objects), whole_segmenter, frames.old
+    stored = from_prompts(rgb, *prompts_of(objects), whole_segmenter, frames.old)
+    drawing = _draw_present_objects(objects, labels, stored)
+    _draw_new_objects(drawing, new, max(_mask_ids(objects), default=0))
+    items = {i: objects[k] for i, k in drawing.owners.items()}
+    prompted_names = [items[i].name for i in drawing.prompts if i in items]
+    absorbed_names = [objects[k].name for k in drawing.absorbed_indices]
+    return RefreshStart(
+        _detections(drawing, items, old),
+        frozenset(prompted_names),
+        tuple(absorbed_names),
     )
 
-    result = np.zeros(labels.shape, np.uint16)
-    # Maps ids to indices of `objects`.
-    owner = {i: k for k, i in enumerate(ids)}
-    confidence: dict[int, float] = {}
-    prompts: dict[int, Mapping[str, Any]] = {}
+
+def _draw_present_objects(
+    objects: Sequence[Object], labels: Labels, stored: Detections
+) -> _ObjectDrawing:
+    """Draw the objects of a scene; `stored` are the detections of their prompts."""
+    ids = _mask_ids(objects)
+    owners = {i: k for k, i in enumerate(ids)}
+    drawing = _ObjectDrawing(np.zeros(labels.shape, np.uint16), owners)
     # Masks without a prompt stay; masks with a prompt are drawn over them.
     for k, i in enumerate(ids):
         if objects[k].prompt is None:
-            result[labels == k + 1] = i
-    for n, k in enumerate([*by_box, *by_point], 1):
-        result[new_detections.labels == n] = ids[k]
-        confidence[ids[k]], prompts[ids[k]] = (
-            new_detections.confidence[n],
-            new_detections.prompts[n],
-        )
-    absorbed_names: list[str] = []
-    # Labels of these objects are estimated again.
-    replaced_ids = set()
-    largest_id = max(ids, default=0) + len(new.prompts)
+            drawing.labels[labels == k + 1] = i
+    indices = {item.name: k for k, item in enumerate(objects)}
+    for n, item in enumerate(prompted(objects), 1):
+        id_ = ids[indices[item.name]]
+        mask = stored.labels == n
+        drawing.cover(id_, mask, stored.confidence[n], stored.prompts[n])
+    return drawing
+
+
+def _draw_new_objects(
+    drawing: _ObjectDrawing, new: Detections, largest_old_id: int
+) -> None:
+    """Draw the masks of new prompts in place of the objects that they select."""
+    largest_id = largest_old_id + len(new.prompts)
     for n, prompt in new.prompts.items():
         mask = new.labels == n
-        common, areas = (
-            np.bincount(part.ravel(), minlength=largest_id + 1)
-            for part in (result[mask], result)
-        )
-        size = int(mask.sum())
         # A new prompt selects the old objects under it: the largest overlap keeps its
         # id, the others are absorbed.
-        selected_ids = [
-            i
-            for i in owner
-            if common[i] > max(OVERLAP[0] * min(size, areas[i]), OVERLAP[1] * areas[i])
-        ]
-        selected_ids.sort(key=lambda i: -int(common[i]))
-        result[np.isin(result, selected_ids)] = 0
-        for i in selected_ids[1:]:
-            absorbed_names.append(objects[owner.pop(i)].name)
-            confidence.pop(i, None)
-            prompts.pop(i, None)
-        i = selected_ids[0] if selected_ids else max(ids, default=0) + n
-        result[mask] = i
-        confidence[i], prompts[i] = new.confidence[n], prompt
-        replaced_ids.add(i)
-    items = {i: objects[k] for i, k in owner.items()}
-    sources = {
-        i: old["objects"].get(item.name, {}).get("from", {})
-        for i, item in items.items()
-    }
-    # Masks with a new prompt have no old source.
-    masks = {
-        i: origins.get("mask", "") for i, origins in sources.items() if i not in prompts
-    }
-    confidence |= {
-        i: value
-        for i, text in masks.items()
-        if (value := source(text).sure) is not None
-    }
-    detections = Detections(
-        result,
+        selected_ids = drawing.selected_ids(mask, largest_id)
+        drawing.labels[np.isin(drawing.labels, selected_ids)] = 0
+        for absorbed_id in selected_ids[1:]:
+            drawing.absorb(absorbed_id)
+        id_ = selected_ids[0] if selected_ids else largest_old_id + n
+        drawing.cover(id_, mask, new.confidence[n], prompt)
+        drawing.replaced_ids.add(id_)
+
+
+def _detections(
+    drawing: _ObjectDrawing, items: Mapping[int, Object], old: Entry
+) -> Detections:
+    """Return the drawn objects with the sources, labels and names of a scene's objects.
+
+    `items`: objects of the scene by id.
+    """
+    mask_sources: dict[int, str] = {}
+    names: dict[int, Name] = {}
+    for i, item in items.items():
+        sources = old["objects"].get(item.name, {}).get("from", {})
+        # Masks with a new prompt have no old source.
+        if i not in drawing.prompts:
+            mask_sources[i] = sources.get("mask", "")
+        is_estimated_again = i in drawing.replaced_ids and "label" in sources
+        if item.label and not is_estimated_again:
+            names[i] = Name(item.label, label_confidence(item.provenance))
+    confidence = dict(drawing.confidence)
+    for i, text in mask_sources.items():
+        old_confidence = source(text).sure
+        if old_confidence is not None:
+            confidence[i] = old_confidence
+    return Detections(
+        drawing.labels,
         "kept",
         confidence,
-        names={
-            i: Name(item.label, label_confidence(item.provenance))
-            for i, item in items.items()
-            if item.label and not (i in replaced_ids and "label" in sources[i])
-        },
-        prompts=prompts,
+        names=names,
+        prompts=drawing.prompts,
         object_names={i: item.name for i, item in items.items()},
-        mask_sources=masks,
-    )
-    return RefreshStart(
-        detections,
-        frozenset(items[i].name for i in prompts if i in items),
-        tuple(absorbed_names),
+        mask_sources=mask_sources,
     )
 
 
@@ -352,60 +394,75 @@ def merge_documents(
     objects: dict[str, Any] = {}
     # Start from the user's entries and replace the values of perception.
     for name, old_entry in old["objects"].items():
-        if name not in start.gone:
-            new_entry = new["objects"].get(name)
-            objects[name] = (
-                old_entry
-                if new_entry is None
-                else merge_object(old_entry, new_entry, name in start.prompted)
-            )
-            static_motion = old_entry.get("motion")
-            static_motion = static_motion and static_motion == record.entry(
-                name, old_entry
-            ).get("motion")
-            if new_entry is not None and name in start.prompted and static_motion:
-                # An object with new pixels gets the motion of those pixels.
-                moves = {
-                    key: new_entry[key]
-                    for key in ("motion", "velocity", "spin")
-                    if key in new_entry
-                }
-                objects[name] = {
-                    key: v for key, v in objects[name].items() if key != "motion"
-                } | moves
-        if name in renamed and name in objects:
-            sources = {
-                key: origin
-                for key, origin in objects[name].get("from", {}).items()
-                if key != "label"
-            }
-            objects[name] |= {"label": renamed[name]} | (
-                {"from": sources} if "from" in old_entry else {}
-            )
-    objects |= {
-        name: new_entry
-        for name, new_entry in new["objects"].items()
-        if name not in old["objects"]
-    }
-    world, new_world = dict(old.get("world", {})), new["world"]
-    if scaled and new_world["pixels_per_meter"] != world.get(
-        "pixels_per_meter", PAPER_SCALE
-    ):
-        world["pixels_per_meter"] = new_world["pixels_per_meter"]
-    if "table" not in new_world and world.get("table") in (
-        document.TABLE,
-        {"friction": 0},
-    ):
+        if name in start.gone:
+            continue
+        new_entry = new["objects"].get(name)
+        is_prompted = name in start.prompted
+        entry = old_entry
+        if new_entry is not None:
+            entry = merge_object(old_entry, new_entry, is_prompted)
+            # An object with new pixels gets the motion of those pixels.
+            if is_prompted and _has_perceived_motion(name, old_entry, record):
+                entry = _with_motion(entry, new_entry)
+        if name in renamed:
+            entry = _with_label(entry, renamed[name], "from" in old_entry)
+        objects[name] = entry
+    for name, new_entry in new["objects"].items():
+        if name not in old["objects"]:
+            objects[name] = new_entry
+    world = _merge_worlds(old.get("world", {}), new["world"], scaled, record)
+    # Boundaries are merged by position, since their names may change.
+    walls = merge_boundaries(old.get("boundaries", {}), new["boundaries"], record)
+    result = {**old, "objects": objects}
+    if world:
+        result["world"] = world
+    if walls or "boundaries" in old:
+        result["boundaries"] = walls
+    return result
+
+
+def _has_perceived_motion(name: str, entry: Entry, record: Record) -> bool:
+    """Check whether perception wrote the key `motion` of an object."""
+    motion = entry.get("motion")
+    return bool(motion) and motion == record.entry(name, entry).get("motion")
+
+
+def _with_motion(entry: Entry, new_entry: Entry) -> dict[str, Any]:
+    """Return the entry of an object with the motion of another entry."""
+    result = {key: value for key, value in entry.items() if key != "motion"}
+    for key in MOTION_KEYS:
+        if key in new_entry:
+            result[key] = new_entry[key]
+    return result
+
+
+def _with_label(entry: Entry, label: str, has_sources: bool) -> dict[str, Any]:
+    """Return the entry of an object with a label of the user, which has no source."""
+    result = {**entry, "label": label}
+    if has_sources:
+        sources = dict(entry.get("from", {}))
+        sources.pop("label", None)
+        result["from"] = sources
+    return result
+
+
+def _merge_worlds(
+    old_world: Entry, new_world: Entry, scaled: bool, record: Record
+) -> dict[str, Any]:
+    """Return the old `world` with the scale and the view's values of the new one."""
+    world = dict(old_world)
+    new_scale = new_world["pixels_per_meter"]
+    if scaled and new_scale != world.get("pixels_per_meter", PAPER_SCALE):
+        world["pixels_per_meter"] = new_scale
+    perceived_tables = document.TABLE, {"friction": 0}
+    if "table" not in new_world and world.get("table") in perceived_tables:
         # The new view is from the side, so there is no table.
         del world["table"]
     has_new_view = new_world["view"] != record.world.get("view")
     for key in ("table", "tilt"):
         if has_new_view and key in new_world and key not in world:
             world[key] = new_world[key]
-    # Boundaries are merged by position, since their names may change.
-    walls = merge_boundaries(old.get("boundaries", {}), new["boundaries"], record)
-    result = {**old, "objects": objects} | ({"world": world} if world else {})
-    return result | ({"boundaries": walls} if walls or "boundaries" in old else {})
+    return world
 
 
 def merge_boundaries(was: Entry, now: Entry, record: Record) -> dict[str, Any]:

@@ -158,8 +158,10 @@ def make_cache(percepts: Percepts, text: str, target: Path | None) -> None:
     `text` is the text of the scene, and `target` its file or None. Large photos get no
     cache, which would be larger than all other files of the scene.
     """
-    folder, data = Path() if target is None else target.parent, text.encode("utf-8")
-    assets, photo = named_assets(data, folder), named_photo(data, folder)
+    folder = Path() if target is None else target.parent
+    data = text.encode("utf-8")
+    assets = named_assets(data, folder)
+    photo = named_photo(data, folder)
     if assets is None or photo is None or percepts.labels.size > MOST_PIXELS:
         return
     cache = AssetCache(assets)

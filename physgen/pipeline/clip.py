@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from physgen.export.video import I16, U8, Format
 from physgen.files import file_stamp
@@ -57,6 +58,7 @@ from physgen.report.folders import (
 from physgen.scene.scene import ADD_OBJECT, Motion
 
 if TYPE_CHECKING:
+    from physgen.compile.world import World
     from physgen.export.formats import LabelFormat
     from physgen.export.labels import Moment, MomentQueue
     from physgen.maps import Percepts
@@ -64,7 +66,7 @@ if TYPE_CHECKING:
     from physgen.report.perception import Comparison, Perception
     from physgen.report.player import Data
     from physgen.report.record import RunRecord
-    from physgen.scene.scene import Scene
+    from physgen.scene.scene import Object, Scene
     from physgen.simulate.trajectory import Trajectory
 
 
@@ -206,14 +208,13 @@ class Labels:
                 exposure_samples, parts = film.exposed(trajectory)
                 samples = [sample * parts + parts - 1 for sample in shot.order]
                 for frame in frames:
-                    wall_time, cpu_time = time.perf_counter(), time.thread_time()
+                    wall_time = time.perf_counter()
+                    cpu_time = time.thread_time()
                     if not queues:
                         queues.append(open_queue(clip, exposure_samples, samples))
                     write(queues[0].put(frame))
-                    wall_time, cpu_time = (
-                        time.perf_counter() - wall_time,
-                        time.thread_time() - cpu_time,
-                    )
+                    wall_time = time.perf_counter() - wall_time
+                    cpu_time = time.thread_time() - cpu_time
                     # The caller counts all time of this generator as drawing.
                     for stage, sign in (("export", 1), ("render", -1)):
                         times = record.stages.setdefault(stage, StageTime())
@@ -269,6 +270,14 @@ def render_scene(
         run.aside.join()
 
 
+def _displacements(world: World, trajectory: Trajectory) -> NDArray[np.float64]:
+    """Return the displacements (N, 3) of bodies in a motion: px, px, px by rotation."""
+    # A rotation moves a body's farthest point by angle times reach.
+    reach = np.array([body.reach for body in world.bodies])[:, None]
+    lengths = np.concatenate([np.ones((len(reach), 2)), reach], 1)
+    return np.asarray(np.ptp(trajectory.poses, axis=0) * lengths)
+
+
 class _Run:
     """The state of one render, shared by its stages."""
 
@@ -283,24 +292,26 @@ class _Run:
     ) -> None:
         from physgen.report.record import RunRecord, inputs, source_of
 
-        self.options, self.progress, self._warn = options, progress, warn
+        self.options = options
+        self.progress = progress
+        self._warn = warn
         variant = options.variant
         command = command_alone(path, options)
         record = RunRecord(
             scene="", command=list(options.command) or command, alone=command
         )
-        record.overrides, record.variant, record.mark = (
-            list(options.overrides),
-            variant,
-            options.mark,
-        )
+        record.overrides = list(options.overrides)
+        record.variant = variant
+        record.mark = options.mark
         # Files that another program writes after this time make the clip outdated.
-        self.record, self._begun = record, time.time_ns()
+        self.record = record
+        self._begun = time.time_ns()
         with record.stage("load"):
             scene = stages.load(path, options.overrides, variant, options.allow_outside)
             scene = replace(scene, name=options.name or output_name(path, variant))
             maps = stages.maps(scene)
-        self.scene, self._stamps = scene, maps.stamps
+        self.scene = scene
+        self._stamps = maps.stamps
         self.final = output_folder(out, scene.name)
         record.scene = scene.name
         record.seeds = {"refine": scene.refine.seed}
@@ -333,7 +344,8 @@ class _Run:
 
     def made(self, refiners: Refiners) -> Path:
         """Write the complete folder and return it. Raises InputError."""
-        record, film = self.record, self.film
+        record = self.record
+        film = self.film
         faults: Sequence[Problem] = ()
         footage = trajectory = None
         if self.scene.refine.backend != "none":
@@ -349,7 +361,8 @@ class _Run:
         draws = self.analyse(trajectory)
         with atomic_folder(self.final) as folder:
             if footage is None:
-                first_frame, comparison = self.draw(trajectory, folder), None
+                first_frame = self.draw(trajectory, folder)
+                comparison = None
             else:
                 faults, comparison = self.refine(footage, folder, refiners)
                 first_frame = footage.rgb[0]
@@ -367,7 +380,8 @@ class _Run:
                 record.mark = ""
             write_manifest(record, folder)
             earlier_manifest = read_manifest(self.final)
-        source, place = earlier_manifest.get("source"), Place(str(self.final))
+        source = earlier_manifest.get("source")
+        place = Place(str(self.final))
         # Two scenes of the same name replace each other's clips.
         other_scene = os.path.normpath(self.final / str(source))
         if source != record.source and os.path.isfile(other_scene):
@@ -397,7 +411,8 @@ class _Run:
 
         if self.paged:
             make = partial(perception, self.scene, self.film.compiled, self._percepts)
-            self._perceived, self._percepts = self.aside.start("report", make), None
+            self._perceived = self.aside.start("report", make)
+            self._percepts = None
 
     def _sample_player(self, trajectory: Trajectory) -> None:
         """Start to collect the report's data of the motion, from frames that are
@@ -437,65 +452,13 @@ class _Run:
         """Check motion and energy balance; return draws of uncertain values, if
         requested.
         """
-        from physgen.compile.shapes import shapes_of
-        from physgen.pipeline.pushes import default_push
-
-        scene, record, options, world = (
-            self.scene,
-            self.record,
-            self.options,
-            self.film.compiled.world,
-        )
-        reach = np.array([body.reach for body in world.bodies])[:, None]
-        # Displacements, px: a rotation moves a body's farthest point by angle times
-        # reach.
-        displacements = np.ptp(trajectory.poses, axis=0) * np.concatenate(
-            [np.ones((len(reach), 2)), reach], 1
-        )
-        pushed_objects = [item for item in scene.objects if any(item.velocity)]
-        smallest_visible = HARDLY * max(scene.size) if pushed_objects else UNMOVED
-        if displacements.max(initial=0.0) < smallest_visible:
-            look_hint = (
-                'see what holds it by --set "render.overlay=[outlines, contacts]"'
-            )
-            motion_hint = "write motion: dynamic, or " * any(
-                item.motion is Motion.STATIC for item in scene.objects
-            )
-            fix = (
-                f"no push moves anything: {motion_hint}{look_hint}"
-                if world.bodies
-                else ADD_OBJECT
-            )
-            if pushed_objects:
-                speed = float(np.hypot(*pushed_objects[0].velocity))
-                is_slow = speed * world.duration < smallest_visible
-                fix = (
-                    f"{pushed_objects[0].name} has a velocity and is stuck: {look_hint}"
-                )
-                if is_slow:
-                    fix = f"{pushed_objects[0].name} has {speed:.3g} px/s, too little to see"
-            elif push := default_push(scene, shapes_of(scene, self._mask_ids), {}):
-                fix = (
-                    f"try --push {push.name}={push.way}, or write a velocity or a force"
-                )
-            template = (
-                Message.NOTHING_MOVES if world.bodies else Message.NOTHING_TO_MOVE
-            )
-            self.warn(template.warning(scene.place("objects"), fix=fix))
-        else:
-            record.imbalance = imbalance(world, trajectory)
-            # A rocking object moves its corners farther than its centre.
-            sweep = measure_sweep(world, trajectory.poses)
-            farthest = float(max(displacements.max(), sweep.max()))
-            if pushed_objects and farthest < LITTLE * max(scene.size):
-                place = scene.place(f"objects.{pushed_objects[0].name}.velocity")
-                self.warn(Message.HARDLY_MOVES.warning(place, pushed_objects[0].name))
-            for problem in departure_warnings(scene, world, trajectory):
-                self.warn(problem)
-        record.samples, record.effort = (
-            trajectory.sample_hashes(),
-            asdict(trajectory.effort),
-        )
+        record = self.record
+        options = self.options
+        scene = self.scene
+        world = self.film.compiled.world
+        self._check_motion(trajectory)
+        record.samples = trajectory.sample_hashes()
+        record.effort = asdict(trajectory.effort)
         for problem in accuracy_warnings(scene, world, trajectory, record.imbalance):
             self.warn(problem)
         if not options.draws:
@@ -506,6 +469,58 @@ class _Run:
             record.fan = None if draws is None else draws.as_dict()
         return draws
 
+    def _check_motion(self, trajectory: Trajectory) -> None:
+        """Warn if little or nothing moves or if objects leave, and record the energy
+        balance of a motion.
+        """
+        scene = self.scene
+        world = self.film.compiled.world
+        displacements = _displacements(world, trajectory)
+        pushed_objects = [item for item in scene.objects if any(item.velocity)]
+        smallest_visible = HARDLY * max(scene.size) if pushed_objects else UNMOVED
+        if displacements.max(initial=0.0) < smallest_visible:
+            template = Message.NOTHING_MOVES
+            if not world.bodies:
+                template = Message.NOTHING_TO_MOVE
+            fix = self._advise_motion(pushed_objects, smallest_visible)
+            self.warn(template.warning(scene.place("objects"), fix=fix))
+            return
+        self.record.imbalance = imbalance(world, trajectory)
+        # A rocking object moves its corners farther than its centre.
+        sweep = measure_sweep(world, trajectory.poses)
+        farthest = float(max(displacements.max(), sweep.max()))
+        if pushed_objects and farthest < LITTLE * max(scene.size):
+            name = pushed_objects[0].name
+            place = scene.place(f"objects.{name}.velocity")
+            self.warn(Message.HARDLY_MOVES.warning(place, name))
+        for problem in departure_warnings(scene, world, trajectory):
+            self.warn(problem)
+
+    def _advise_motion(
+        self, pushed_objects: Sequence[Object], smallest_visible: float
+    ) -> str:
+        """Return advice for a scene in which nothing moves by `smallest_visible` px."""
+        from physgen.compile.shapes import shapes_of
+        from physgen.pipeline.pushes import default_push
+
+        scene = self.scene
+        world = self.film.compiled.world
+        look_hint = 'see what holds it by --set "render.overlay=[outlines, contacts]"'
+        if pushed_objects:
+            name = pushed_objects[0].name
+            speed = float(np.hypot(*pushed_objects[0].velocity))
+            if speed * world.duration < smallest_visible:
+                return f"{name} has {speed:.3g} px/s, too little to see"
+            return f"{name} has a velocity and is stuck: {look_hint}"
+        push = default_push(scene, shapes_of(scene, self._mask_ids), {})
+        if push:
+            return f"try --push {push.name}={push.way}, or write a velocity or a force"
+        if not world.bodies:
+            return ADD_OBJECT
+        if any(item.motion is Motion.STATIC for item in scene.objects):
+            look_hint = f"write motion: dynamic, or {look_hint}"
+        return f"no push moves anything: {look_hint}"
+
     def _draws(self) -> Draws | None:
         """Simulate with random values; None and a warning if no value of the scene is
         uncertain.
@@ -513,7 +528,9 @@ class _Run:
         from physgen.simulate.uncertain_values import uncertain_values
         from physgen.simulate.uncertainty import verdicts
 
-        scene, compiled_scene, options = self.scene, self.film.compiled, self.options
+        scene = self.scene
+        compiled_scene = self.film.compiled
+        options = self.options
         if not uncertain_values(scene, options.variant):
             self.warn(
                 Message.NOTHING_UNCERTAIN.warning(scene.place("objects"), "--fan")
@@ -531,7 +548,8 @@ class _Run:
 
     def draw(self, trajectory: Trajectory, folder: Path) -> U8:
         """Write the video and the labels, and return the first frame."""
-        film, record = self.film, self.record
+        film = self.film
+        record = self.record
         film.exposed(trajectory)
         if not self.options.export:
             record.video |= film.deliver()
@@ -559,7 +577,8 @@ class _Run:
 
         Returns the reasons for a failure, and the comparison of the most changed frame.
         """
-        film, record = self.film, self.record
+        film = self.film
+        record = self.record
         files = VideoFiles(
             self.scene,
             folder,
@@ -622,13 +641,12 @@ class _Run:
         from physgen.scene.write import scene_text
 
         # A failed refinement leaves only the unrefined video.
-        scene, film, record, kinds = (
-            self.scene,
-            self.film,
-            self.record,
-            self.options.formats,
-        )
-        world, shot = film.compiled.world, film.shot(trajectory)
+        scene = self.scene
+        film = self.film
+        record = self.record
+        kinds = self.options.formats
+        world = film.compiled.world
+        shot = film.shot(trajectory)
         name = "video" if record.frames else "unrefined"
         names = [kind.file_name(name) for kind in kinds]
         video_files = [video for video in names if (folder / video).exists()]

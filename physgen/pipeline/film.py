@@ -35,7 +35,8 @@ class Aside:
 
     def __init__(self, record: RunRecord, size: tuple[int, int]) -> None:
         """Create a set of threads for a photo of this size, px."""
-        self._record, self._large = record, size[0] * size[1] > MOST_PIXELS
+        self._record = record
+        self._large = size[0] * size[1] > MOST_PIXELS
         self._threads: list[Thread] = []
 
     def start(self, stage: str, work: Callable[[], T]) -> Callable[[], T]:
@@ -85,12 +86,14 @@ class Film:
         record: RunRecord,
         stages: Stages,
     ) -> None:
-        self.scene, self.compiled = scene, compiled
+        self.scene = scene
+        self.compiled = compiled
         self.keeps_layers = False
         """Whether frames keep their layers, for labels."""
         self._delivery: Delivery | None = None
         self._maps: Maps | None = maps
-        self._record, self._stages = record, stages
+        self._record = record
+        self._stages = stages
         self._fine: tuple[Trajectory, Trajectory, int] | None = None
         """A trajectory, its samples for exposures, and their number per frame."""
 
@@ -205,7 +208,8 @@ class Film:
         delivery = self._delivery
         if delivery is None or delivery.enter is Striker.NONE:
             return None
-        world, hold = self.compiled.world, delivery.hold
+        world = self.compiled.world
+        hold = delivery.hold
         struck = with_strikers(stage, world, delivery.enter, exposed, through, hold)
         delivery.draws_hold = struck is not None
         return struck

@@ -18,7 +18,9 @@ def labelled_clip(
     film: Film, trajectory: Trajectory, record: RunRecord, maps: Percepts | None
 ) -> Clip:
     """Return the input of labels and sound; `maps` are the photo's maps, if needed."""
-    scene, compiled_scene, shot = film.scene, film.compiled, film.shot(trajectory)
+    scene = film.scene
+    compiled_scene = film.compiled
+    shot = film.shot(trajectory)
     labels = None if maps is None else maps.cut_out
     return Clip(
         scene.name,

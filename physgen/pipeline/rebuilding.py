@@ -55,7 +55,8 @@ def has_other_shape(ground: Ground) -> bool:
     """Check whether the photo's proportions have changed since it was perceived."""
     if ground.perceived_size is None or ground.size is None:
         return False
-    (width, height), (old_width, old_height) = ground.size, ground.perceived_size
+    width, height = ground.size
+    old_width, old_height = ground.perceived_size
     factor = width / old_width
     return abs(height - old_height * factor) > ROUNDING * max(1.0, factor)
 
@@ -93,7 +94,8 @@ def with_fitting_assets(
 
 def _lacks_masks(opened: OpenedScene) -> bool:
     """Check whether the assets of a scene were deleted, but not its photo."""
-    document, ground = opened.document(), opened.ground
+    document = opened.document()
+    ground = opened.ground
     if ground.image is None or ground.size is None or "assets" not in document:
         return False
     if ground.assets is None:

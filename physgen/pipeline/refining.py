@@ -50,7 +50,8 @@ class MostChanged:
         self.index = 0
         self.refined: U8 = np.zeros((0, 0, 3), np.uint8)
         """(H, W, 3) sRGB: that frame after refinement."""
-        self._seen, self._largest = 0, -1.0
+        self._seen = 0
+        self._largest = -1.0
 
     def add(self, guidance: U8, refined: U8) -> None:
         """Add the next frame, (H, W, 3) sRGB, before and after refinement."""
@@ -59,11 +60,9 @@ class MostChanged:
         )
         # The largest difference so far makes the best example for the report.
         if mean_difference > self._largest:
-            self._largest, self.index, self.refined = (
-                mean_difference,
-                self._seen,
-                refined.copy(),
-            )
+            self._largest = mean_difference
+            self.index = self._seen
+            self.refined = refined.copy()
         self._seen += 1
 
 
@@ -167,8 +166,11 @@ def refine_footage(
     from physgen.refine.fusion import Refinement, backend_errors
     from physgen.report.perception import compare_frames
 
-    scene, trajectory, record = film.scene, kept.trajectory, files.record
-    sample_order, count = film.shot(trajectory).order, len(kept.rgb)
+    scene = film.scene
+    trajectory = kept.trajectory
+    record = files.record
+    sample_order = film.shot(trajectory).order
+    count = len(kept.rgb)
 
     def clip(pictures: Iterator[U8]) -> Iterator[Frame]:
         return film.annotated(
@@ -209,10 +211,8 @@ def refine_footage(
         record.refine = {"backend": name, "failed": "; ".join(map(str, error.problems))}
         return Outcome(error.problems, None)
     record.refine = {"backend": name, **refinement.note()}
-    before, after = (
-        ("as it was drawn", kept.rgb[most_changed.index]),
-        ("refined", most_changed.refined),
-    )
+    before = ("as it was drawn", kept.rgb[most_changed.index])
+    after = ("refined", most_changed.refined)
     caption = f"The frame that changed most, at {float(trajectory.times[most_changed.index]):.2f} s."
     return Outcome((), compare_frames("refined", "Refined", caption, before, after))
 

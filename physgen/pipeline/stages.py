@@ -117,6 +117,15 @@ PAUSE_SAMPLES = 21
 """Number of samples in the pause at the end: 30 a second, as frames."""
 
 
+PARTS = (1.25, 2.5, 5.0)
+"""Lengths of the video, s, after which the simulation looks for the end of the motion.
+
+Most clips are much shorter than the limit.
+"""
+VISIBLE_MOTION = 1.0
+"""Displacement, px, of any point of a body above which its motion is visible."""
+
+
 def ended(
     scene: Scene, compiled: CompiledScene
 ) -> tuple[CompiledScene, Running | None]:
@@ -129,69 +138,63 @@ def ended(
         return compiled, None
     from physgen.compile.compile import frame_times
     from physgen.geometry.scale import PLAYBACK
-    from physgen.scene.scene import Solid
     from physgen.simulate.engine import Running
 
     slow_motion = 1.0 if scene.render.frames is not None else scene.render.slow
-    world, pause, maximum = (
-        compiled.world,
-        PLAYBACK.pause / slow_motion,
-        scene.world.duration / slow_motion,
-    )
+    world = compiled.world
+    pause = PLAYBACK.pause / slow_motion
+    maximum = scene.world.duration / slow_motion
+    latest_start = _latest_start(scene)
+    sample_times = np.arange(0.0, maximum, pause / PAUSE_SAMPLES)
+    with scene.located():
+        running = Running(replace(world, duration=maximum), sample_times)
+    limits = [part / slow_motion for part in PARTS if part / slow_motion < maximum]
+    # Simulate in parts of growing length, and stop as soon as all objects rest for two
+    # pauses.
+    for limit in (*limits, maximum):
+        with scene.located():
+            running.on(limit)
+        last_motion = max(_last_visible_motion(world, running, limit), latest_start)
+        if last_motion <= limit - 2 * pause:
+            break
+    shortest = PLAYBACK.shortest / slow_motion
+    duration = min(max(last_motion + pause, shortest), maximum)
+    times = frame_times(scene, duration)
+    world = replace(world, duration=duration, times=times)
+    return replace(compiled, world=world), running
+
+
+def _latest_start(scene: Scene) -> float:
+    """Return the time, s, of the last force, view or waypoint that begins."""
+    start_times = [force.start for force in scene.forces]
+    start_times += [view.time for view in scene.render.camera]
+    for item in scene.objects:
+        start_times += [point.time for point in item.path]
+    return max(start_times, default=0.0)
+
+
+def _last_visible_motion(world: World, running: Running, limit: float) -> float:
+    """Return the time, s, of the last motion before `limit` that the video shows."""
+    from physgen.scene.scene import Solid
+
+    times = running.times[running.times < limit]
+    poses = running.trajectory().poses[: len(times)]
     reach = np.array([body.reach for body in world.bodies] or [0.0])
     # A sphere without rolling resistance spins for ever: its rotation does not count.
     has_visible_spin = [
         body.solid is not Solid.SPHERE or body.rolling > 0 for body in world.bodies
     ]
-    start_times = [force.start for force in scene.forces] + [
-        sight.time for sight in scene.render.camera
-    ]
-    latest_start = max(
-        start_times + [point.time for item in scene.objects for point in item.path],
-        default=0.0,
+    # Displacements from the last sample, px; a rotation moves the farthest point of
+    # a body.
+    displacements = np.abs(poses - poses[-1:])
+    displacements[..., 2] *= reach * np.array(has_visible_spin or [False])
+    # Motion outside the picture is invisible.
+    is_outside = (poses[..., :2] < -reach[:, None]) | (
+        poses[..., :2] > reach[:, None] + world.size
     )
-    with scene.located():
-        running = Running(
-            replace(world, duration=maximum),
-            np.arange(0.0, maximum, pause / PAUSE_SAMPLES),
-        )
-    for limit in (
-        *(
-            part / slow_motion
-            for part in (1.25, 2.5, 5.0)
-            if part / slow_motion < maximum
-        ),
-        maximum,
-    ):
-        with scene.located():
-            running.on(limit)
-        # Simulate in parts of growing length, and stop as soon as all objects rest for
-        # two pauses: most clips are much shorter than the limit.
-        times = running.times[running.times < limit]
-        poses = running.trajectory().poses[: len(times)]
-        # Displacements from the last sample, px; a rotation moves the farthest point of
-        # a body.
-        displacements = np.abs(poses - poses[-1:]) * np.array([1.0, 1.0, 0.0])
-        displacements[..., 2] = (
-            np.abs(poses[..., 2] - poses[-1:, :, 2])
-            * reach
-            * np.array(has_visible_spin or [False])
-        )
-        # Motion outside the picture is invisible.
-        is_outside = (poses[..., :2] < -reach[:, None]) | (
-            poses[..., :2] > reach[:, None] + world.size
-        )
-        is_moving = (displacements.max(axis=2, initial=0) > 1) & ~is_outside.any(axis=2)
-        last_motion = max(
-            float(times[is_moving.any(axis=1)].max(initial=0.0)), latest_start
-        )
-        if last_motion <= limit - 2 * pause:
-            break
-    duration = min(max(last_motion + pause, PLAYBACK.shortest / slow_motion), maximum)
-    return replace(
-        compiled,
-        world=replace(world, duration=duration, times=frame_times(scene, duration)),
-    ), running
+    is_moving = displacements.max(axis=2, initial=0) > VISIBLE_MOTION
+    is_visible = is_moving & ~is_outside.any(axis=2)
+    return float(times[is_visible.any(axis=1)].max(initial=0.0))
 
 
 def resolved(scene: Scene, compiled: CompiledScene) -> dict[str, Any]:
@@ -360,10 +363,8 @@ def _put_back(
         if maps.clean is None
         else np.where(restored_channels, maps.rgb, maps.clean)
     )
-    coverage, background = (
-        np.where(restored_pixels, np.float32(0), coverage),
-        np.where(restored_channels, maps.rgb, background),
-    )
+    coverage = np.where(restored_pixels, np.float32(0), coverage)
+    background = np.where(restored_channels, maps.rgb, background)
     return replace(maps, clean=clean_photo), coverage, background
 
 

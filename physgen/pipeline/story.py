@@ -109,7 +109,9 @@ def tell_story(scene: Scene, compiled: CompiledScene, text: str) -> Telling:
     if not actors:
         raise Message.STORY_WITHOUT_ACTOR.error(STORY, quoted(text))
     quiet = _at_rest(scene, world)
-    best, best_merit, trial_count = None, -1.0, 0
+    best = None
+    best_merit = -1.0
+    trial_count = 0
     for start in _starts(scene, compiled, story, actors):
         motion = _simulate_start(scene, quiet, start)
         share = fulfilment(quiet, story, start, motion)
@@ -121,7 +123,10 @@ def tell_story(scene: Scene, compiled: CompiledScene, text: str) -> Telling:
             merit -= LIMITS.leaving
         # The trials begin with the gentlest. Of equal outcomes keep the first.
         if merit > best_merit + 1e-6:
-            best, best_merit, best_share, best_motion = start, merit, share, motion
+            best = start
+            best_merit = merit
+            best_share = share
+            best_motion = motion
         if merit >= LIMITS.partial or trial_count >= LIMITS.most:
             break
     assert best is not None
@@ -505,7 +510,8 @@ def story_edits(scene: Scene, compiled: CompiledScene, start: Start) -> dict[str
         edits["forces"] = forces
     if not start.is_moved:
         return edits
-    item, body = scene.objects[start.actor], compiled.world.bodies[start.actor]
+    item = scene.objects[start.actor]
+    body = compiled.world.bodies[start.actor]
     key = f"objects.{item.name}"
     if item.motion is not Motion.DYNAMIC:
         edits[f"{key}.motion"] = "dynamic"

@@ -180,7 +180,8 @@ class _Talk:
     def keep(self, telling: Telling, share: float) -> None:
         """Keep an outcome if it is nearer than those before."""
         if share > self.best_share:
-            self.best, self.best_share = telling, share
+            self.best = telling
+            self.best_share = share
 
 
 def ask_server(
@@ -298,7 +299,8 @@ def _proposal_frames(talk: _Talk, trial: _Trial) -> tuple[bytes, ...]:
 
 def _take_proposal(talk: _Talk, edits: list[Any]) -> bool:
     """Simulate a proposal and answer it; return whether it is right."""
-    share, verdict = UNJUDGED, JUDGE
+    share = UNJUDGED
+    verdict = JUDGE
     frames: tuple[bytes, ...] = ()
     try:
         trial = _simulate(talk, edits)

@@ -315,42 +315,18 @@ def _assemble(
 ) -> Story:
     """Combine mentions, verbs and the remaining words into a story."""
     place, verb = verbs[0]
-    wish = VERBS[verb]
     subjects = [mention for mention in mentions if mention.end <= place]
     objects_of_verb = [mention for mention in mentions if mention.start > place]
-    free_words = [k for k, word in enumerate(words) if not _is_within(k, mentions)]
-    direction = _direction([words[k] for k in free_words])
-    strength = 1.0
-    for k in free_words:
-        strength *= STRENGTHS.get(words[k], 1.0)
     # The actor precedes the verb; in an imperative sentence it follows the verb.
     actor = subjects[0] if subjects else _first_object(objects_of_verb, objects)
-    other_mentions = [mention for mention in objects_of_verb if mention is not actor]
+    targets = [mention for mention in objects_of_verb if mention is not actor]
+    free_words = [k for k, word in enumerate(words) if not _is_within(k, mentions)]
+    direction = _direction([words[k] for k in free_words])
     later_wishes = {VERBS[verb] for _, verb in verbs[1:]}
-    is_motion = wish is Wish.SHIFT
-    # A motion into something is an impact, an upward motion is a lift, and an object
-    # knocked off its support falls.
-    if (
-        is_motion
-        and other_mentions
-        and _has_target(words, other_mentions[-1], later_wishes)
-    ):
-        wish = Wish.TOUCH
-    elif is_motion and direction == (0, -1):
-        wish = Wish.RISE
-    if wish is Wish.TURN and "off" in words:
-        wish = Wish.DROP
-    has_target = wish in (Wish.TURN, Wish.TOUCH, Wish.RISE, Wish.DROP)
-    targets: list[int] = []
-    is_all = False
-    if has_target and other_mentions:
-        targets = [k for k in other_mentions[-1].members if k not in actor.members]
-        is_all = other_mentions[-1].is_all
-    names_others = any(words[k] in OTHERS for k in free_words if k > place)
-    # "Knocks the others over" names its targets only by a pronoun.
-    if has_target and not targets and names_others:
-        targets = sorted(objects - set(actor.members))
-        is_all = any(word in ALL for word in words)
+    has_target = bool(targets) and _has_target(words, targets[-1], later_wishes)
+    wish = _event(VERBS[verb], words, has_target, direction)
+    later_words = [words[k] for k in free_words if k > place]
+    target_indices, is_all = _targets(wish, targets, actor, objects, later_words, words)
     is_vertical = direction is not None and not direction[0]
     if wish in (Wish.TURN, Wish.TOUCH) and is_vertical:
         # "Knocks down" and "rolls down to" contain no direction of a push.
@@ -358,13 +334,66 @@ def _assemble(
     return Story(
         wish,
         tuple(k for k in actor.members if k in objects),
-        tuple(targets),
+        tuple(target_indices),
         is_all,
         direction,
-        strength,
+        _strength([words[k] for k in free_words]),
         must_rest=wish is not Wish.HALT and Wish.HALT in later_wishes,
         is_declared=bool(subjects),
     )
+
+
+def _strength(words: Sequence[str]) -> float:
+    """Return the factor of the speed that the words ask for."""
+    strength = 1.0
+    for word in words:
+        strength *= STRENGTHS.get(word, 1.0)
+    return strength
+
+
+def _event(
+    wish: Wish,
+    words: Sequence[str],
+    has_target: bool,
+    direction: tuple[int, int] | None,
+) -> Wish:
+    """Return the event of a verb's wish in a whole sentence."""
+    # A motion into something is an impact, an upward motion is a lift, and an object
+    # knocked off its support falls.
+    if wish is Wish.SHIFT and has_target:
+        return Wish.TOUCH
+    if wish is Wish.SHIFT and direction == (0, -1):
+        return Wish.RISE
+    if wish is Wish.TURN and "off" in words:
+        return Wish.DROP
+    return wish
+
+
+def _targets(
+    wish: Wish,
+    mentions: Sequence[Mention],
+    actor: Mention,
+    objects: set[int],
+    later_words: Sequence[str],
+    words: Sequence[str],
+) -> tuple[list[int], bool]:
+    """Return the targets of an event, and whether it must happen to all of them.
+
+    `mentions`: of possible targets; `later_words`: those after the verb outside of
+    mentions.
+    """
+    if wish not in (Wish.TURN, Wish.TOUCH, Wish.RISE, Wish.DROP):
+        return [], False
+    targets: list[int] = []
+    is_all = False
+    if mentions:
+        targets = [k for k in mentions[-1].members if k not in actor.members]
+        is_all = mentions[-1].is_all
+    # "Knocks the others over" names its targets only by a pronoun.
+    if not targets and any(word in OTHERS for word in later_words):
+        targets = sorted(objects - set(actor.members))
+        is_all = any(word in ALL for word in words)
+    return targets, is_all
 
 
 def _is_within(k: int, mentions: Sequence[Mention]) -> bool:

@@ -53,7 +53,8 @@ class VideoFiles:
         The drawing time of the frames counts as `stage`, the rest as encoding. Progress
         is shown as `shown` or `stage`. Raises InputError if no format can be written.
         """
-        record, render = self.record, self.scene.render
+        record = self.record
+        render = self.scene.render
         # A model computes in threads of its own: count the time of the whole process.
         clock = time.process_time if stage == "refine" else time.thread_time
         frame_hashes = []

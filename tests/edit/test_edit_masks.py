@@ -16,9 +16,10 @@ import yaml
 
 from physgen.cli.main import main
 from physgen.edit.corrections import Corrected, correct
-from physgen.edit.live import Live, mask_png
+from physgen.edit.live import Live
 from physgen.edit.masks import stroke
 from physgen.edit.operations import edited
+from physgen.edit.pictures import mask_png
 from physgen.geometry.polygon import Disc, Outline, mass_properties
 from physgen.problems import EditError
 from physgen.scene.load import OpenedScene

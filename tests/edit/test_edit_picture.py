@@ -13,8 +13,9 @@ from browser import lay, picture
 from PIL import Image
 
 from physgen import pipeline
-from physgen.edit.live import Live, Pictures, photo_png
+from physgen.edit.live import Live
 from physgen.edit.operations import edited
+from physgen.edit.pictures import Pictures, photo_png
 
 Copy = Callable[[str], Path]
 

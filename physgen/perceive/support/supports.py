@@ -80,91 +80,158 @@ def add_supports(
     Invisible walls without a function are removed. Objects are held if no wall can
     support them.
     """
-    all_walls = list(walls)
-    held_ids: set[int] = set()
-    outlines = [item.outline for item in objects]
-    boxes = np.array([bounds(outline) for outline in outlines]).reshape(-1, 4)
-    fixed_indices = {k for k, item in enumerate(objects) if item.cut}
-    object_contacts = contacts(outlines, [])
-    on = [
-        wall_contacts(outlines, boxes, np.array(w.points)) if w.name != "bottom" else []
-        for w in walls
-    ]
-    cache: dict[tuple[object, ...], list[int]] = {}
-    tries: dict[int, int] = {}
-    crowd = len(objects) > LIMITS.many
+    search = _SupportSearch(objects, walls, grip, (friction, elasticity))
+    search.add_needed_supports()
+    search.remove_idle_supports()
+    return search.walls, frozenset(search.held_ids)
 
-    def stands(found: Sequence[Contact], lost: int, chain: Array) -> bool:
-        all_contacts = [*found, *wall_contacts(outlines, boxes, chain)]
-        return (
-            len(
-                unstable_objects(
-                    outlines,
-                    all_contacts,
-                    _friction(objects, all_contacts, grip),
-                    fixed_indices,
-                )
+
+class _SupportSearch:
+    """Walls and held objects while supports are added one after the other."""
+
+    def __init__(
+        self,
+        objects: Sequence[PhotoObject],
+        walls: Sequence[Wall],
+        grip: dict[int, float],
+        surface: tuple[float, float],
+    ) -> None:
+        """Find the contacts of the objects; `surface`: friction and elasticity of new
+        walls.
+        """
+        self._objects = objects
+        self._grip = grip
+        self._surface = surface
+        self._outlines = [item.outline for item in objects]
+        boxes = [bounds(outline) for outline in self._outlines]
+        self._boxes = np.array(boxes).reshape(-1, 4)
+        self._fixed_indices = {k for k, item in enumerate(objects) if item.cut}
+        self._object_contacts = contacts(self._outlines, [])
+        self.walls: list[Wall] = []
+        self._wall_contacts: list[list[Contact]] = []
+        """Contacts of each wall."""
+        for wall in walls:
+            self._add_wall(wall)
+        self.held_ids: set[int] = set()
+        self._known_groups: dict[tuple[object, ...], list[int]] = {}
+        """Unstable objects of groups with the same contacts."""
+        self._attempts: dict[int, int] = {}
+        """Number of supports that were tried, by index of the object."""
+        self._is_crowd = len(objects) > LIMITS.many
+
+    def add_needed_supports(self) -> None:
+        """Add one support per unstable object and round, until all objects are at
+        rest.
+        """
+        round_count = 4 * len(self._objects) + 1
+        if self._is_crowd:
+            round_count = LIMITS.rounds
+        for round_number in range(round_count):
+            touches, unstable = self._find_unstable(self._wall_contacts)
+            if not unstable:
+                break
+            is_last = self._is_crowd and round_number == LIMITS.rounds - 1
+            # In a crowded photo all unstable objects get supports at once: an object on
+            # another's ledge then has a ledge of its own.
+            supported = unstable if self._is_crowd else unstable[:1]
+            for k in supported:
+                wall = self._find_support(k, touches, len(unstable))
+                if wall is None or is_last:
+                    # No support fits: hold the object itself.
+                    self.held_ids.add(self._objects[k].id)
+                    self._fixed_indices.add(k)
+                else:
+                    self._add_wall(wall)
+
+    def remove_idle_supports(self) -> None:
+        """Remove supports that later supports made unnecessary."""
+        for k in reversed(range(len(self.walls))):
+            wall = self.walls[k]
+            if wall.source != SOURCE or wall.name == "floor":
+                continue
+            other_contacts = self._wall_contacts[:k] + self._wall_contacts[k + 1 :]
+            touches, unstable = self._find_unstable(other_contacts)
+            bodies = [contact.body for contact in self._wall_contacts[k]]
+            if not unstable and all(_lies_on(touches, body) for body in bodies):
+                del self.walls[k], self._wall_contacts[k]
+
+    def _add_wall(self, wall: Wall) -> None:
+        """Add a wall with its contacts."""
+        touches: list[Contact] = []
+        # The photo's bottom supports no object of the photo.
+        if wall.name != "bottom":
+            points = np.array(wall.points)
+            touches = wall_contacts(self._outlines, self._boxes, points)
+        self.walls.append(wall)
+        self._wall_contacts.append(touches)
+
+    def _find_unstable(
+        self, contacts_of_walls: Sequence[Sequence[Contact]]
+    ) -> tuple[list[Contact], list[int]]:
+        """Return all contacts, and the indices of the unstable objects."""
+        touches = list(self._object_contacts)
+        for wall_touches in contacts_of_walls:
+            touches += wall_touches
+        friction = _friction(self._objects, touches, self._grip)
+        unstable = unstable_objects(
+            self._outlines,
+            touches,
+            friction,
+            self._fixed_indices,
+            known=self._known_groups,
+        )
+        return touches, unstable
+
+    def _stabilises(
+        self, touches: Sequence[Contact], unstable_count: int, chain: Array
+    ) -> bool:
+        """Check whether a chain leaves fewer than `unstable_count` unstable objects."""
+        all_touches = list(touches)
+        all_touches += wall_contacts(self._outlines, self._boxes, chain)
+        friction = _friction(self._objects, all_touches, self._grip)
+        unstable = unstable_objects(
+            self._outlines, all_touches, friction, self._fixed_indices
+        )
+        return len(unstable) < unstable_count
+
+    def _find_support(
+        self, k: int, touches: Sequence[Contact], unstable_count: int
+    ) -> Wall | None:
+        """Return the next support of an unstable object: a wall to lean on, a wedge or a
+        ledge.
+        """
+        item = self._objects[k]
+        attempt = self._attempts.get(k, 0) + 1
+        self._attempts[k] = attempt
+        others = [outline for i, outline in enumerate(self._outlines) if i != k]
+        if attempt == 1:
+            upright = _wall_to_lean_on(item, touches, k, others)
+            if upright:
+                return self._wall("wall", upright, 0.4, "holds what leans")
+        # An object that rolls off a visible support needs a wedge, not a ledge.
+        is_rolling = attempt == 3 or (attempt == 1 and _lies_on(touches, k))
+        if is_rolling and not self._is_crowd:
+            wedge = make_wedge(
+                item,
+                partial(free_parts, others=others),
+                partial(self._stabilises, touches, unstable_count),
             )
-            < lost
-        )
+            if wedge:
+                return self._wall("stop", wedge, 0.3, "else it rolls away")
+        if attempt > 2:
+            return None
+        self._attempts[k] = 2
+        ledge = _nest(item, others)
+        if not ledge:
+            return None
+        return self._wall("nest", ledge, 0.3, "else it falls")
 
-    def wall_of(kind: str, chain: Chain, confidence: float, reason: str) -> Wall:
-        name = f"{kind}-{1 + sum(wall.name.startswith(kind) for wall in all_walls)}"
-        return Wall(
-            name, tuple(chain), friction, elasticity, confidence, SOURCE, reason
-        )
-
-    def falls(on: Sequence[Sequence[Contact]]) -> tuple[list[Contact], list[int]]:
-        found = object_contacts + [contact for wall in on for contact in wall]
-        return found, unstable_objects(
-            outlines, found, _friction(objects, found, grip), fixed_indices, known=cache
-        )
-
-    # Each round finds the unstable objects and adds one support per object.
-    for times in range(LIMITS.rounds if crowd else 4 * len(objects) + 1):
-        found, lost = falls(on)
-        if not lost:
-            break
-        # In a crowded photo all unstable objects get supports at once: an object on
-        # another's ledge then has a ledge of its own.
-        for k in lost if crowd else lost[:1]:
-            item = objects[k]
-            tries[k] = tries.get(k, 0) + 1
-            others = [outline for i, outline in enumerate(outlines) if i != k]
-            wall = None
-            if tries[k] == 1 and (chain := _wall_to_lean_on(item, found, k, others)):
-                wall = wall_of("wall", chain, 0.4, "holds what leans")
-            # An object that rolls off a visible support needs a wedge, not a ledge.
-            if (
-                wall is None
-                and not crowd
-                and (tries[k] == 3 or (tries[k] == 1 and _lies_on(found, k)))
-            ):
-                chain = make_wedge(
-                    item,
-                    partial(free_parts, others=others),
-                    partial(stands, found, len(lost)),
-                )
-                if chain:
-                    wall = wall_of("stop", chain, 0.3, "else it rolls away")
-            if wall is None and tries[k] <= 2:
-                tries[k] = 2
-                if chain := _nest(item, others):
-                    wall = wall_of("nest", chain, 0.3, "else it falls")
-            # No support fits: hold the object itself.
-            if wall is None or (crowd and times == LIMITS.rounds - 1):
-                held_ids.add(item.id)
-                fixed_indices.add(k)
-            else:
-                all_walls.append(wall)
-                on.append(wall_contacts(outlines, boxes, np.array(wall.points)))
-    # Remove supports that later supports made unnecessary.
-    for k in reversed(range(len(all_walls))):
-        if all_walls[k].source == SOURCE and all_walls[k].name != "floor":
-            found, lost = falls(on[:k] + on[k + 1 :])
-            if not lost and all(_lies_on(found, contact.body) for contact in on[k]):
-                del all_walls[k], on[k]
-    return all_walls, frozenset(held_ids)
+    def _wall(self, kind: str, chain: Chain, confidence: float, reason: str) -> Wall:
+        """Return an invisible wall with the next free number of its kind."""
+        number = 1 + sum(wall.name.startswith(kind) for wall in self.walls)
+        points = tuple(chain)
+        name = f"{kind}-{number}"
+        return Wall(name, points, *self._surface, confidence, SOURCE, reason)
 
 
 def _lies_on(found: Sequence[Contact], k: int) -> bool:
