@@ -5,7 +5,11 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from physgen.perceive.inpaint.outgrowths import attach_outgrowths, outgrowths
+from physgen.perceive.inpaint.outgrowths import (
+    _Beside,
+    attach_outgrowths,
+    outgrowths,
+)
 from physgen.perceive.inpaint.poisson import with_rim
 
 
@@ -53,6 +57,23 @@ def test_wheel_with_a_clear_border_belongs_to_the_object():
     attached = attach_outgrowths(rgb, labels) > 0
     assert attached[wheel].mean() > 0.9
     assert (attached & ~wheel & ~mask).sum() < 0.1 * wheel.sum()
+
+
+def test_part_continues_while_its_colour_changes():
+    """Three bands of a tyre differ by 29 levels each, the first from the last by 58."""
+    photo = np.full((120, 100, 3), (200, 130, 100), np.uint8)
+    body = np.zeros(photo.shape[:2], bool)
+    body[10:60, 20:80] = True
+    photo[body] = (180, 30, 30)
+    bands = [np.s_[60 + 8 * k : 68 + 8 * k, 40:56] for k in range(3)]
+    for level, band in zip((20, 49, 78), bands, strict=True):
+        photo[band] = level
+    away = cv2.distanceTransform((~body).view(np.uint8), cv2.DIST_L2, 5)
+    first = np.zeros_like(body)
+    first[bands[0]] = True
+    parts = _Beside(photo, away, body, 30.0).parts(first)
+    assert parts[60:84, 40:56].all()
+    assert parts.sum() == 24 * 16
 
 
 def test_soft_shadow_stays_ground():

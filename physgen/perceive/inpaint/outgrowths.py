@@ -58,6 +58,8 @@ class OutgrowthConstants:
     ring: int = 4
     # 8-bit levels: largest colour difference of a part's continuation.
     alike: float = 45.0
+    # Largest number of continuations of a part.
+    continuations: int = 3
     # px at reduced size: largest width of a bright line across a part.
     highlight: int = 5
     # Levels across 3 px at the border of a part of the object ...
@@ -236,8 +238,8 @@ class _Beside:
             piece = names == k
             if np.count_nonzero(piece) < OUTGROWTHS.smallest:
                 continue
-            # Try the piece with its continuation first, then the piece alone.
-            for part in (self._whole(piece, like), piece):
+            # Try the piece with its longest continuation first, the piece alone last.
+            for part in reversed(self._continuations(piece, like)):
                 is_small = np.count_nonzero(part) <= OUTGROWTHS.part * area
                 if is_small and self._is_part(part):
                     parts |= part
@@ -263,6 +265,20 @@ class _Beside:
             sharp_pixels = slope[border] >= max(OUTGROWTHS.sharp, usual)
             if sharp_pixels.mean() >= OUTGROWTHS.bordered:
                 result |= piece
+        return result
+
+    def _continuations(self, piece: Mask, like: Mask) -> list[Mask]:
+        """Return a piece and its growing continuations, each from the one before.
+
+        The colour of a tyre changes along it: each continuation has a colour of its
+        own.
+        """
+        result = [piece]
+        for _ in range(OUTGROWTHS.continuations):
+            part = self._whole(result[-1], like)
+            if np.array_equal(part, result[-1]):
+                break
+            result.append(part)
         return result
 
     def _whole(self, piece: Mask, like: Mask) -> Mask:
