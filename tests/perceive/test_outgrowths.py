@@ -63,7 +63,7 @@ def test_part_continues_while_its_colour_changes():
     """Three bands of a tyre differ by 29 levels each, the first from the last by 58."""
     photo = np.full((120, 100, 3), (200, 130, 100), np.uint8)
     body = np.zeros(photo.shape[:2], bool)
-    body[10:60, 20:80] = True
+    body[10:60, 10:90] = True
     photo[body] = (180, 30, 30)
     bands = [np.s_[60 + 8 * k : 68 + 8 * k, 40:56] for k in range(3)]
     for level, band in zip((20, 49, 78), bands, strict=True):

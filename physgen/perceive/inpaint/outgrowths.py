@@ -275,7 +275,7 @@ class _Beside:
         """
         result = [piece]
         for _ in range(OUTGROWTHS.continuations):
-            part = self._whole(result[-1], like)
+            part = self._whole(result[-1], like | result[-1])
             if np.array_equal(part, result[-1]):
                 break
             result.append(part)
