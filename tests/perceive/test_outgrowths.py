@@ -65,15 +65,15 @@ def test_part_continues_while_its_colour_changes():
     body = np.zeros(photo.shape[:2], bool)
     body[10:60, 10:90] = True
     photo[body] = (180, 30, 30)
-    bands = [np.s_[60 + 6 * k : 66 + 6 * k, 40:64] for k in range(3)]
+    bands = [np.s_[60 + 8 * k : 68 + 8 * k, 40:60] for k in range(3)]
     for level, band in zip((20, 49, 78), bands, strict=True):
         photo[band] = level
     away = cv2.distanceTransform((~body).view(np.uint8), cv2.DIST_L2, 5)
     first = np.zeros_like(body)
     first[bands[0]] = True
     parts = _Beside(photo, away, body, 30.0).parts(first)
-    assert parts[60:78, 40:64].all()
-    assert parts.sum() == 18 * 24
+    assert parts[60:84, 40:60].all()
+    assert parts.sum() == 24 * 20
 
 
 def test_soft_shadow_stays_ground():
