@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.world import photo_poses
+from physgen.compile.world import World, photo_poses
 from physgen.edit.live import Live, LiveScene
 from physgen.messages import Message
 from physgen.pipeline.stages import Recent, stage
@@ -19,6 +19,7 @@ from physgen.render.frames import render_frames
 from physgen.render.stage import Stage
 from physgen.render.staging import flat_background
 from physgen.report.player import plate, shadows, sprites
+from physgen.simulate.trajectory import Trajectory
 
 Data = dict[str, Any]
 
@@ -61,11 +62,10 @@ class Pictures:
 
         None if the picture or the motion was dropped.
         """
-        sight = self._live.sight(key)
-        motion_and_world = None if sight is None else self._live.whole(motion)
-        if sight is None or motion_and_world is None:
+        moving_scene = self._moving_scene(key, motion)
+        if moving_scene is None:
             return None
-        trajectory, world = motion_and_world
+        sight, trajectory, world = moving_scene
         with self._lock:
             render_stage = replace(self._stage(key, sight), starts=photo_poses(world))
             # The text may have changed between the picture and the motion, with another
@@ -84,11 +84,10 @@ class Pictures:
         A number beyond the last frame selects the last. None if the picture or the
         motion was dropped.
         """
-        sight = self._live.sight(key)
-        motion_and_world = None if sight is None else self._live.whole(motion)
-        if sight is None or motion_and_world is None:
+        moving_scene = self._moving_scene(key, motion)
+        if moving_scene is None:
             return None
-        trajectory, world = motion_and_world
+        sight, trajectory, world = moving_scene
         with self._lock:
             render_stage = replace(self._stage(key, sight), starts=photo_poses(world))
         blur = sight.scene.render.motion_blur
@@ -104,6 +103,20 @@ class Pictures:
             render_frames(render_stage, exposure_samples, sample_indices, parts)
         )
         return _png(cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2BGR))
+
+    def _moving_scene(
+        self, key: str, motion: str
+    ) -> tuple[LiveScene, Trajectory, World] | None:
+        """Return the scene of a picture and a motion, simulated to its end, in its
+        world; None if the picture or the motion was dropped.
+        """
+        sight = self._live.sight(key)
+        if sight is None:
+            return None
+        motion_and_world = self._live.whole(motion)
+        if motion_and_world is None:
+            return None
+        return sight, *motion_and_world
 
     def _stage(self, key: str, sight: LiveScene) -> Stage:
         """Prepare the stage of a scene, with objects at the poses of the photo."""
