@@ -14,6 +14,9 @@ FILMED = --set world.table.friction=0.2 --set "objects.disc.velocity=[300, 60]" 
 TORCH = torch==2.13.0
 # as the command has it: each worker of pytest has a core, and more threads only wait, busily
 export OPENBLAS_NUM_THREADS ?= 1
+# without compiled modules on disk, each process that a test starts compiles physgen
+# again, and each worker of pytest rewrites the assertions of all tests again
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test test-slow browser docs bench studio train clean
 
