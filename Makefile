@@ -12,6 +12,8 @@ LEFT_OUT = cans cups kitchen marbles pendulum pyramid ramp seesaw shelf toy-car
 PUCK = scenes/physics/18-puck.yaml
 FILMED = --set world.table.friction=0.2 --set "objects.disc.velocity=[300, 60]" --set world.duration=0.5 --set render.frames=15
 TORCH = torch==2.13.0
+# each worker begins with half of the list of tests, so that the tests of a module share its fixtures
+PYTEST = $(BIN)/pytest -n auto --dist worksteal
 # as the command has it: each worker of pytest has a core, and more threads only wait, busily
 export OPENBLAS_NUM_THREADS ?= 1
 # without compiled modules on disk, each process that a test starts compiles physgen
@@ -32,13 +34,15 @@ demo: .venv/.demo
 	@echo "fit: $(CURDIR)/$(OUT)/fit/puck/report.html"
 	@echo "gallery: $(CURDIR)/$(OUT)/index.html"
 
+# mypy runs beside the tests: with an empty cache it takes a minute of one core
 test: .venv/.test browser
 	$(BIN)/ruff check .
-	$(BIN)/mypy
-	$(BIN)/pytest -n auto -m "not slow" </dev/null
+	@mkdir -p out
+	$(BIN)/mypy >out/types.txt 2>&1 & types=$$!; $(PYTEST) -m "not slow" </dev/null; tests=$$?; \
+	wait $$types; types=$$?; cat out/types.txt; exit $$((tests ? tests : types))
 
 test-slow: .venv/.test browser
-	$(BIN)/pytest -n auto -m slow </dev/null
+	$(PYTEST) -m slow </dev/null
 
 browser: .venv/.test
 	@$(BIN)/python tests/install_browser.py </dev/null

@@ -83,6 +83,9 @@ def test_any_size_is_refused_or_simulated(
 def test_least_size_is_drawn(kind: str, tmp_path: Path) -> None:
     size = 0.15 if kind in ("triangle", "star", "pieces") else 0.1
     path = write(tmp_path, shape(kind, size, 100.0, 100.0))
+    # In a scene without a visible motion, the advice would simulate many pushes.
+    moving = path.read_text().replace("mass:", "velocity: [400, 0], mass:")
+    path.write_text(moving)
     folder = pipeline.render_scene(path, tmp_path / "out", page=pipeline.Page.NONE)
     assert (folder / "video.mp4").is_file()
 

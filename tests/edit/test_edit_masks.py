@@ -110,6 +110,13 @@ def desk(perceived: Path, tmp_path: Path) -> Desk:
     return Desk(Path(shutil.copytree(perceived, tmp_path / "scene")))
 
 
+@pytest.fixture(scope="module")
+def refusing_desk(perceived: Path, tmp_path_factory: pytest.TempPathFactory) -> Desk:
+    """Return a desk for operations that are refused: each leaves it as it was."""
+    folder = tmp_path_factory.mktemp("refusing") / "scene"
+    return Desk(Path(shutil.copytree(perceived, folder)))
+
+
 def by_place(desk: Desk) -> tuple[str, str]:
     """The disc's and the block's names."""
     first, second = desk.names
@@ -499,8 +506,9 @@ def test_a_scripted_way_moves_along_with_the_centre(desk: Desk) -> None:
     ],
 )
 def test_what_cannot_be_done_leaves_nothing_behind(
-    desk: Desk, op: dict[str, Any], why: str
+    refusing_desk: Desk, op: dict[str, Any], why: str
 ) -> None:
+    desk = refusing_desk
     disc, _ = by_place(desk)
     named = {key: disc if value == "DISC" else value for key, value in op.items()}
     named |= {
@@ -513,6 +521,7 @@ def test_what_cannot_be_done_leaves_nothing_behind(
         desk.do(**named)
     assert told.value.fix
     assert sorted(desk.folder.iterdir()) == files
+    assert desk.path.read_text() == desk.text == desk.before
 
 
 def test_a_scene_without_a_photo_has_nothing_to_mask(

@@ -9,12 +9,15 @@ import numpy as np
 import pytest
 
 from physgen import pipeline
+from physgen.perceive.segment import detector, network
 
 
 def _perceived(photo: Path, masks: Path, scene: Path, threads: int) -> dict[str, bytes]:
     """Return the files of a scene that is perceived on so many threads of OpenCV."""
     before = cv2.getNumThreads()
     cv2.setNumThreads(threads)
+    network._seen.cache_clear()
+    detector._run.cache_clear()
     try:
         text = pipeline.perceive(photo, scene, masks=masks)
     finally:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,7 @@ def opened(name: str) -> OpenedScene:
     return OpenedScene(ROOT / "scenes" / name / "scene.yaml", False)
 
 
+@lru_cache(maxsize=2)
 def compiled_of(name: str, overrides: tuple[str, ...] = ()) -> tuple[Any, Any]:
     scene = opened(name).scene(overrides, None)
     compiled, _ = stages.ended(scene, stages.compile(scene, stages.percepts(scene)))
@@ -100,9 +101,17 @@ def is_fulfilled(row: dict[str, Any]) -> bool:
 
 @pytest.mark.slow
 def test_most_sentences_come_true() -> None:
-    missed = [row["sentence"] for row in SENTENCES if not is_fulfilled(row)]
     assert len(SENTENCES) == 40
-    assert len(SENTENCES) - len(missed) >= LEAST_FULFILLED, missed
+    missed, count = [], 0
+    # Many trials come last: if enough sentences came true before, they decide nothing.
+    for row in sorted(SENTENCES, key=lambda row: "trials" in row):
+        if count == LEAST_FULFILLED:
+            break
+        if is_fulfilled(row):
+            count += 1
+        else:
+            missed.append(row["sentence"])
+    assert count == LEAST_FULFILLED, missed
 
 
 @pytest.mark.slow
