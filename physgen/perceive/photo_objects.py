@@ -188,8 +188,9 @@ def _overlap_with_disc(labels: Labels, number: int, area: Mask) -> float:
     """
     mask = labels == number
     visible_area = area & (mask | (labels == 0))
-    union = np.count_nonzero(mask | visible_area)
-    return np.count_nonzero(mask & visible_area) / max(union, 1)
+    intersection = int(np.count_nonzero(mask & visible_area))
+    union = int(np.count_nonzero(mask | visible_area))
+    return intersection / max(union, 1)
 
 
 def _slivers(mask: Mask, area: Mask, disc: Disc) -> Mask:
