@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import os
 import signal
@@ -15,8 +14,6 @@ import pytest
 from browser import launched
 from install_browser import describe_installation, find_browser, is_required
 from vlm_stub import KEY, Stub
-
-from physgen.perceive.segment import detector, network
 
 # the same examples on every run, so that a red run tells of a change; no deadline: machines are shared
 hypothesis.settings.register_profile(
@@ -114,21 +111,6 @@ def peer_scenes() -> Path:
 @pytest.fixture(scope="session")
 def bundled() -> Path:
     return ROOT / "scenes"
-
-
-REMEMBERED_PHOTOS = 24
-"""Number of photos whose network outputs a process keeps: some 5 MB each."""
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _remembered_photos() -> Iterator[None]:
-    """Keep the networks' outputs of more than the last photo: many tests perceive the same ones."""
-    with pytest.MonkeyPatch.context() as patch:
-        for module, name in ((network, "_seen"), (detector, "_run")):
-            compute = getattr(module, name).__wrapped__
-            remember = functools.lru_cache(REMEMBERED_PHOTOS)
-            patch.setattr(module, name, remember(compute))
-        yield
 
 
 @pytest.fixture(scope="session", autouse=True)
