@@ -182,7 +182,9 @@ def ball_from_photo(
     use = normals.inside & (shine.max(axis=2) <= 0)
     paints = find_paints(ball.skin, *normals.parts, use)
     has_pattern = view is View.TOP and is_painted
-    most_mixed = BALL.painted_by_name if has_pattern else BALL.painted
+    most_mixed = BALL.painted
+    if has_pattern:
+        most_mixed = BALL.painted_by_name
     if paints is not None and paints.between < most_mixed:
         painted, painted_light = _with_paints(ball, paints, normals, use, has_pattern)
         if painted.pattern is not None or paints.between < BALL.painted:

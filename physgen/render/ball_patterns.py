@@ -290,7 +290,9 @@ def _with_disc(pattern: Pattern, places: F64, value: F64) -> Pattern:
         axis = np.eye(3)[np.abs(border.normal).argmin()]
         nowhere = replace(border, normal=axis, at=2.0)
         return Pattern(pattern.colours, nowhere, replace(border, sign=1.0))
-    return replace(pattern, disc=disc) if is_marked else pattern
+    if not is_marked:
+        return pattern
+    return replace(pattern, disc=disc)
 
 
 def _border(points: F64, value: F64, *, folded: bool) -> tuple[float, Border]:

@@ -503,8 +503,9 @@ def _with_vessels(
             # Only objects that are drawn later are nearer and may hide an opening.
             nearer_bodies = _bodies(sprites[k:])
             body = world.bodies[sprite.body]
-            is_shallow = is_shallow_vessel(scene.objects[sprite.body].label)
-            tuning = SHALLOW_VESSEL if is_shallow else VESSEL
+            tuning = VESSEL
+            if is_shallow_vessel(scene.objects[sprite.body].label):
+                tuning = SHALLOW_VESSEL
             sprite = change(sprite, body, labels, tilt, nearer_bodies, tuning)
         result.append(sprite)
     return result

@@ -101,17 +101,9 @@ def is_fulfilled(row: dict[str, Any]) -> bool:
 
 @pytest.mark.slow
 def test_most_sentences_come_true() -> None:
+    missed = [row["sentence"] for row in SENTENCES if not is_fulfilled(row)]
     assert len(SENTENCES) == 40
-    missed, count = [], 0
-    # Many trials come last: if enough sentences came true before, they decide nothing.
-    for row in sorted(SENTENCES, key=lambda row: "trials" in row):
-        if count == LEAST_FULFILLED:
-            break
-        if is_fulfilled(row):
-            count += 1
-        else:
-            missed.append(row["sentence"])
-    assert count == LEAST_FULFILLED, missed
+    assert len(SENTENCES) - len(missed) >= LEAST_FULFILLED, missed
 
 
 @pytest.mark.slow
