@@ -128,8 +128,6 @@ class StagingTuning:
     """Rows of these that objects' blurred rims and contact shadows may disturb, px."""
     alike: float = 0.7
     """Correlation with the upside-down object above which a floor mirrors it."""
-    soft: float = 0.1
-    """Direct over ambient light below which a light is soft."""
     joined: float = 9.0
     """Gap between two boundaries of one floor, px."""
 
@@ -444,7 +442,7 @@ def lit_stage(
     if not setting.top:
         mirror = floor_mirror(sprites, starts, photo - behind, coverage, setting.tilt)
     sprites = anchored(sprites, photo, behind, absent, lit.owner, halo_reach)
-    has_loose_shade = clean is None or _is_soft(setting.light)
+    has_loose_shade = clean is None or setting.light.is_soft
     if not setting.top and mirror is None and has_loose_shade:
         sprites = split_halos(
             sprites,
@@ -474,11 +472,6 @@ def _has_mirrors_alone(maps: Percepts) -> bool:
     return (
         maps.clean is not None and maps.shadows is not None and not maps.shadows.any()
     )
-
-
-def _is_soft(light: DistantLight) -> bool:
-    """Check whether a light has hardly a direction: geometry predicts few shadows."""
-    return light.intensity < STAGING.soft * light.ambient
 
 
 def _with_vessels(
