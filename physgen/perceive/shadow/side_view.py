@@ -199,11 +199,14 @@ def shade_without_light(
         return find_foot_shade(background, coverage, labels, objects)
     clean, owners = smooth_shade
     other_objects = [item for item in objects if not (owners == item.id).any()]
-    foot_shade = find_foot_shade(clean, coverage, labels, other_objects)
+    foot_shade = find_foot_shade(background, coverage, labels, other_objects)
     if foot_shade is None:
         return smooth_shade
-    clean, foot_owners = foot_shade
-    return clean, np.where(foot_owners > 0, foot_owners, owners)
+    # Both are measured on the same background; the whole shade has priority.
+    foot_clean, foot_owners = foot_shade
+    is_smooth = (clean != background).any(axis=2)
+    clean = np.where(is_smooth[..., None], clean, foot_clean)
+    return clean, np.where(owners > 0, owners, foot_owners)
 
 
 def _reduced_shadows(photo: _Photo, guess: LightGuess) -> Shadows:
