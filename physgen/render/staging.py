@@ -128,6 +128,10 @@ class StagingTuning:
     """Rows of these that objects' blurred rims and contact shadows may disturb, px."""
     alike: float = 0.7
     """Correlation with the upside-down object above which a floor mirrors it."""
+    wide: float = 40.0
+    """Half the width of a light, degrees, from which geometry predicts no dark contact
+    strip, as that of ambient shade.
+    """
     joined: float = 9.0
     """Gap between two boundaries of one floor, px."""
 
@@ -442,7 +446,8 @@ def lit_stage(
     if not setting.top:
         mirror = floor_mirror(sprites, starts, photo - behind, coverage, setting.tilt)
     sprites = anchored(sprites, photo, behind, absent, lit.owner, halo_reach)
-    has_loose_shade = clean is None or setting.light.is_soft
+    is_wide = setting.softness >= STAGING.wide
+    has_loose_shade = clean is None or is_wide or setting.light.is_soft
     if not setting.top and mirror is None and has_loose_shade:
         sprites = split_halos(
             sprites,
