@@ -45,6 +45,7 @@ from physgen.render.occlusion import (
     silhouette,
 )
 from physgen.render.shadow_decomposition import decompose_shadows
+from physgen.render.soft_rims import continue_soft_rims
 from physgen.render.sprites import (
     CUT,
     MARGIN,
@@ -457,6 +458,7 @@ def lit_stage(
             is_mirror=is_mirror,
             plate=None if clean is None else lit.plate,
         )
+    sprites = continue_soft_rims(sprites, behind)
     return Stage(
         background,
         sprites,
