@@ -82,14 +82,7 @@ def _continue_rim(sprite: Sprite, behind: F32, is_shared: Mask) -> Sprite:
     missing = -halo.mean(axis=2) / np.maximum(ground.mean(axis=2), DARKEST)
     if not ring.any() or (missing[ring] > SOFT_RIM.dark).mean() < SOFT_RIM.around:
         return sprite
-    inside = (reach == 0).astype(np.uint8)
-    depth = cv2.distanceTransform(inside, cv2.DIST_L2, 5)
-    band = (inside > 0) & (depth <= SOFT_RIM.depth) & ~is_shared[window]
-    known = ((reach > 0) & (reach <= SOFT_RIM.depth)).astype(np.float32)
-    weights = cv2.GaussianBlur(known, (0, 0), SOFT_RIM.spread)[..., None]
-    sums = cv2.GaussianBlur(halo * known[..., None], (0, 0), SOFT_RIM.spread)
-    rim = np.clip(sums / np.maximum(weights, DARKEST), -ground, 0)
-    rim = np.maximum(rim, (SOFT_RIM.least_light - 1) * ground) * band[..., None]
+    rim = _rim_below(halo, ground, reach) * ~is_shared[window][..., None]
     place, own = _boxes(sprite, (x, y), halo.shape)
     rest = sprite.rest.copy()
     # At its start, the object hides the rim except at its soft border.
@@ -97,3 +90,19 @@ def _continue_rim(sprite: Sprite, behind: F32, is_shared: Mask) -> Sprite:
     return replace(
         sprite, rest=rest, halo=((x, y), np.asarray(halo + rim, np.float32), numbers)
     )
+
+
+def _rim_below(halo: F32, ground: F32, reach: F32) -> F32:
+    """Return the light (h, w, 3), at most 0, of a `halo` continued below its object.
+
+    `ground`: light of the ground, (h, w, 3). `reach`: px to the object, (h, w).
+    """
+    inside = (reach == 0).astype(np.uint8)
+    depth = cv2.distanceTransform(inside, cv2.DIST_L2, 5)
+    band = (inside > 0) & (depth <= SOFT_RIM.depth)
+    known = ((reach > 0) & (reach <= SOFT_RIM.depth)).astype(np.float32)
+    weights = cv2.GaussianBlur(known, (0, 0), SOFT_RIM.spread)[..., None]
+    sums = cv2.GaussianBlur(halo * known[..., None], (0, 0), SOFT_RIM.spread)
+    darkest = (SOFT_RIM.least_light - 1) * ground
+    rim = np.clip(sums / np.maximum(weights, DARKEST), darkest, 0)
+    return np.asarray(rim * band[..., None], np.float32)
