@@ -69,6 +69,10 @@ def _encode_table() -> U8:
     return table
 
 
+SOFT_LIGHT = 0.1
+"""Direct over ambient light below which a light is soft."""
+
+
 @dataclass(frozen=True)
 class DistantLight:
     """One distant light and an even ambient one: shading = ambient + intensity max(0, n . direction)."""
@@ -77,6 +81,11 @@ class DistantLight:
     """Unit, towards the light: +x right, +y down, +z to the viewer."""
     intensity: float
     ambient: float
+
+    @property
+    def is_soft(self) -> bool:
+        """Return whether it has hardly a direction: geometry predicts few shadows."""
+        return self.intensity < SOFT_LIGHT * self.ambient
 
     def shade(self, normals: NDArray[Any]) -> F32:
         """Return the shading `(...)`, linear, of unit normals `(..., 3)` by Lambert's law."""

@@ -30,6 +30,7 @@ from physgen.perceive import document, naming, shape_entries
 from physgen.perceive.bites import fill_bites
 from physgen.perceive.hidden_parts import continue_outlines
 from physgen.perceive.inpaint.outgrowths import attach_outgrowths
+from physgen.perceive.part_joints import close_part_joints
 from physgen.perceive.perception_run import ROLES, PerceptionRun, nearest_labels
 from physgen.perceive.photo_objects import (
     attach_loose_parts,
@@ -184,6 +185,7 @@ def _detect_objects(
     # Models of the extras draw finer masks than the network that fills bites.
     if run.core("segment"):
         labels = fill_bites(run.rgb, labels)
+    labels = close_part_joints(detections.labels, labels)
     detections = replace(detections, labels=labels)
     detections = attach_loose_parts(run.rgb, detections, view)
     return detections, scenery, doubtful_parts

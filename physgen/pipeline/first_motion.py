@@ -223,7 +223,12 @@ def _add_story_push(
     held object is released and pushed alone.
     """
     from physgen.pipeline.refusals import find_refusals
-    from physgen.pipeline.releases import is_better, is_oblique, is_weak
+    from physgen.pipeline.releases import (
+        is_better,
+        is_oblique,
+        is_weak,
+        stands_behind,
+    )
     from physgen.pipeline.verdicts import stillness_doubts, with_doubts
 
     refusals = find_refusals(perceived)
@@ -234,11 +239,13 @@ def _add_story_push(
     # Try the objects that nothing speaks against; someone beside an object bars one
     # side.
     push = _chosen_push(perceived, movable_names, refusals.barred)
-    if not only and is_weak(perceived, push):
+    # At an angle, the upper border of a nearer thing is no ledge to slide along.
+    is_behind = push is not None and stands_behind(perceived, push.name)
+    if not only and (is_behind or is_weak(perceived, push)):
         # A push of an object on a guessed floor is still better than no motion, or than
         # a motion out of the picture.
         release = _release(perceived, refusals)
-        if release is not None and is_better(release[1], push):
+        if release is not None and is_better(release[1], None if is_behind else push):
             doubts = []
             # At an angle, the ground is visible around the object.
             if not is_oblique(perceived):

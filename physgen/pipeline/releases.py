@@ -78,6 +78,14 @@ class ReleaseLimits:
     """Largest distance on the ground between objects that meet, over the sum of their
     smaller sides.
     """
+    foot: float = 0.12
+    """Part of an object's height, from below, that is its foot ..."""
+    gap: float = 0.06
+    """... and largest gap below the foot, by the object's height."""
+    carried: float = 0.5
+    """Least share of a foot's columns above the object that seems to carry it."""
+    beside: float = 0.5
+    """Width, by that of the foot, of the places beside it where its carrier shows."""
 
 
 RELEASE = ReleaseLimits()
@@ -118,6 +126,38 @@ def is_weak(perceived: PerceivedScene, push: Push | None) -> bool:
     if push is None or not push.outcome.is_inside:
         return True
     return is_oblique(perceived) and push.outcome.travel < TRIAL.travel
+
+
+def stands_behind(photo_scene: PerceivedScene, name: str) -> bool:
+    """Return whether an object stands behind the wider thing that seems to carry it.
+
+    Seen at an angle, a bowl on a plate has the plate on both sides of its foot. Where
+    the plate begins below the foot, the bowl stands on the table behind the plate, and
+    the upper border of the plate is no ledge.
+    """
+    if not is_oblique(photo_scene):
+        return False
+    labels = photo_scene.percepts.labels
+    object_mask = labels == photo_scene.document["objects"][name]["mask"]
+    rows = np.flatnonzero(object_mask.any(axis=1))
+    if not len(rows):
+        return False
+    low, height = int(rows[-1]), int(rows[-1] - rows[0]) + 1
+    foot_height = max(round(RELEASE.foot * height), 1)
+    foot = np.flatnonzero(object_mask[low + 1 - foot_height : low + 1].any(axis=0))
+    gap = max(round(RELEASE.gap * height), 3)
+    below = labels[low + 1 : low + 1 + gap, foot]
+    width = max(round(RELEASE.beside * len(foot)), 1)
+    first, last = int(foot[0]), int(foot[-1])
+    left, right = slice(max(first - width, 0), first), slice(last + 1, last + 1 + width)
+    beside = np.concatenate([labels[:, left], labels[:, right]], axis=1)
+    for carrier in np.unique(below[below > 0]).tolist():
+        share = (below == carrier).any(axis=0).mean()
+        is_wider = bool((beside == carrier).any())
+        shows_beside = bool((beside[: low + 1 - foot_height] == carrier).any())
+        if share >= RELEASE.carried and is_wider and not shows_beside:
+            return True
+    return False
 
 
 def is_better(push: Push, other: Push | None) -> bool:

@@ -202,13 +202,13 @@ class _GroundBlur:
         """`distance` (h, w): px from the object. `sigma`: standard deviation, px."""
         self.sigma = sigma
         # Pixels of the object are unknown; the ground beside it continues below it.
-        self._known = (distance > 0).astype(np.float32)
-        blurred_known = cv2.GaussianBlur(self._known, (0, 0), self.sigma)
+        self.known = (distance > 0).astype(np.float32)
+        blurred_known = cv2.GaussianBlur(self.known, (0, 0), self.sigma)
         self.gain = 1 / np.maximum(blurred_known, np.float32(0.05))
 
     def smooth(self, picture: F32) -> F32:
         """Return a blurred picture (h, w, 3), continued below the object."""
-        known_picture = picture * self._known[..., None]
+        known_picture = picture * self.known[..., None]
         blurred_picture = cv2.GaussianBlur(known_picture, (0, 0), self.sigma)
         return np.asarray(blurred_picture * self.gain[..., None], np.float32)
 
@@ -222,8 +222,9 @@ def _carried_shade(halo: F32, ground: _Ground, blur: _GroundBlur) -> F32:
     """
     photo = ground.behind + halo
     # Detail that is dark all over is a rim that the mask lacks; other detail is the
-    # grain of the ground.
-    share = _rim_share(halo, blur)[..., None]
+    # grain of the ground. Under the soft border of the object, the halo is empty and
+    # would leave a bright line: the shade beside it continues there.
+    share = (_rim_share(halo, blur) * blur.known)[..., None]
     seen_light = share * photo + (1 - share) * blur.smooth(photo)
     full_light = share * ground.plate + (1 - share) * blur.smooth(ground.plate)
     drawn_shade = _relative_darkness(ground.behind, ground.plate)

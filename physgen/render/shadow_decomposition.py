@@ -284,15 +284,17 @@ class LitBackground:
             moved_picture *= np.clip(wall_foot - rows + 0.5, 0, 1)
         elif now.floor is not None and not np.isfinite(self.setting.backdrop):
             floor_shares = floor_share(now.ends, self.setting, box, now.floor)
+            # Upright surfaces behind the floor get no shadow of a moving object.
+            near_share = _near_share(self.setting, box, now.floor)
+            if self.setting.light.is_soft:
+                floor_shares *= near_share
             if cast.beyond is not None:
                 # A shadow of the photo beyond the floor is on another ground.
                 _, shares_beyond = shifted_picture(cast.beyond, (x0, y0), shift, size)
                 np.maximum(floor_shares, shares_beyond, out=floor_shares)
             moved_picture *= floor_shares
-            # Upright surfaces behind the floor get no shadow of a moving object.
-            rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
-            end = now.floor - self.setting.tilt * size[0]
-            moved_picture *= np.clip(rows - np.float32(end) + 0.5, 0, 1)
+            if not self.setting.light.is_soft:
+                moved_picture *= near_share
         return box, moved_picture
 
     def _on_wall(self, start: Silhouette) -> bool:
@@ -669,8 +671,21 @@ def _share_beyond_floor(
     box, picture = own
     if start.floor is None or np.isfinite(setting.backdrop) or not picture.size:
         return None
-    shares = 1 - floor_share(start.ends, setting, box, start.floor)
+    shares = floor_share(start.ends, setting, box, start.floor)
+    if setting.light.is_soft:
+        # The tilt of the floor is a guess then: it reaches as far as its shade.
+        shares *= _near_share(setting, box, start.floor)
+    shares = 1 - shares
     return shares if shares.any() else None
+
+
+def _near_share(setting: ShadowSetting, box: PixelBox, floor: float) -> F32:
+    """Return the share (h, 1) of a box's rows before the far end of a floor at a row
+    `floor`.
+    """
+    rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
+    end = floor - setting.tilt * setting.size[0]
+    return np.asarray(np.clip(rows - np.float32(end) + 0.5, 0, 1), np.float32)
 
 
 def _leaning(casts: list[CastShadow]) -> list[CastShadow]:

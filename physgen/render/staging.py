@@ -46,6 +46,7 @@ from physgen.render.occlusion import (
     silhouette,
 )
 from physgen.render.shadow_decomposition import decompose_shadows
+from physgen.render.soft_rims import continue_soft_rims
 from physgen.render.sprites import (
     CUT,
     MARGIN,
@@ -135,8 +136,10 @@ class StagingTuning:
     """Rows of these that objects' blurred rims and contact shadows may disturb, px."""
     alike: float = 0.7
     """Correlation with the upside-down object above which a floor mirrors it."""
-    soft: float = 0.1
-    """Direct over ambient light below which a light is soft."""
+    wide: float = 40.0
+    """Half the width of a light, degrees, from which geometry predicts no dark contact
+    strip, as that of ambient shade.
+    """
     joined: float = 9.0
     """Gap between two boundaries of one floor, px."""
 
@@ -451,7 +454,8 @@ def lit_stage(
     if not setting.top:
         mirror = floor_mirror(sprites, starts, photo - behind, coverage, setting.tilt)
     sprites = anchored(sprites, photo, behind, absent, lit.owner, halo_reach)
-    has_loose_shade = clean is None or _is_soft(setting.light)
+    is_wide = setting.softness >= STAGING.wide
+    has_loose_shade = clean is None or is_wide or setting.light.is_soft
     if not setting.top and mirror is None and has_loose_shade:
         sprites = split_halos(
             sprites,
@@ -461,6 +465,7 @@ def lit_stage(
             is_mirror=is_mirror,
             plate=None if clean is None else lit.plate,
         )
+    sprites = continue_soft_rims(sprites, behind)
     return Stage(
         background,
         sprites,
@@ -481,11 +486,6 @@ def _has_mirrors_alone(maps: Percepts) -> bool:
     return (
         maps.clean is not None and maps.shadows is not None and not maps.shadows.any()
     )
-
-
-def _is_soft(light: DistantLight) -> bool:
-    """Check whether a light has hardly a direction: geometry predicts few shadows."""
-    return light.intensity < STAGING.soft * light.ambient
 
 
 def _with_vessels(

@@ -22,7 +22,7 @@ from physgen.perceive.shadow.shadow_removal import (
     remove_reflections,
     remove_shadows,
 )
-from physgen.photometry import DistantLight, decode
+from physgen.photometry import DistantLight, decode, encode_u8
 from physgen.scene.scene import View
 from tests.perceive.lambertian import overlap
 
@@ -608,3 +608,18 @@ def test_removal_leaves_nothing_brighter_than_the_ground() -> None:
     clean = lightened(picture, dark, ground, free)
     assert clean[away < 36].max() <= picture[away > 40].max()
     assert np.array_equal(clean[away > 36], picture[away > 36])
+
+
+def test_soft_shade_leaves_no_bright_ground() -> None:
+    rng = np.random.default_rng(4)
+    ground = 0.3 * np.exp(rng.normal(0, 0.05, (120, 160)))
+    rows, columns = np.mgrid[:120, :160]
+    spot = np.exp(-(((rows - 70) / 12) ** 2) - ((columns - 80) / 30) ** 2)
+    shaded = ground * np.exp(-0.3 * spot)
+    rgb = encode_u8(np.repeat(shaded[..., None], 3, axis=2).astype(np.float32))
+    coverage = np.zeros((120, 160), np.float32)
+    # The prediction is three times as deep as the shade.
+    prediction = np.asarray(0.9 * spot, np.float32)
+    clean = remove_shadows(rgb, coverage, prediction, 40.0, is_soft=True)
+    level = decode(clean)[64:76, 60:100].mean() / ground[64:76, 60:100].mean()
+    assert 0.9 < level < 1.05

@@ -6,6 +6,7 @@ import numpy as np
 
 from physgen.geometry.fitting import fit_outlines
 from physgen.geometry.scale import photo_object
+from physgen.perceive.shadow.side_view import shade_without_light
 from physgen.perceive.shadow.smooth_shade import find_smooth_shade
 from physgen.photometry import decode, encode_u8
 
@@ -74,3 +75,29 @@ def test_paint_away_from_an_object_is_no_shade():
     paint[185:215, 60:240] = True
     rgb, labels, _ = _drawing(_none, paint)
     assert _found(rgb, labels) is None
+
+
+def test_gaps_between_boards_stay_in_shade():
+    def on_boards(rows, columns):
+        return _around(rows, columns) + 1.5 * (np.abs(columns - 100) < 2)
+
+    rgb, labels, _ = _drawing(on_boards)
+    clean, _ = _found(rgb, labels)
+    light = decode(clean).mean(axis=2)[:, 80:121]
+    # The gap ends in the shade, and goes on through it.
+    for rows in (slice(155, 165), slice(200, 210)):
+        boards = np.r_[light[rows, :15].ravel(), light[rows, -15:].ravel()].mean()
+        assert light[rows, 19:22].mean() < 0.4 * boards
+
+
+def test_an_object_of_the_side_view_loses_its_whole_shade():
+    rgb, labels, lit = _drawing(_around)
+    outlines = fit_outlines(labels, [1])
+    objects = [photo_object(1, outlines[1], "", SIZE)]
+    coverage = (labels > 0).astype(np.float32)
+    clean, owners = shade_without_light(rgb, coverage, labels, objects)
+    above_foot = np.s_[135:145, 95:115]
+    before = np.log(decode(rgb)[above_foot].mean() / lit[above_foot].mean())
+    after = np.log(decode(clean)[above_foot].mean() / lit[above_foot].mean())
+    assert abs(after) < 0.4 * abs(before)
+    assert (owners[above_foot] == 1).mean() > 0.8

@@ -11,7 +11,7 @@ import pytest
 
 from physgen.maps import Percepts
 from physgen.perceive.roles import PerceivedScene, Suitability
-from physgen.pipeline.releases import releases
+from physgen.pipeline.releases import releases, stands_behind
 
 HELD = {"motion": "static"}
 SURE = "masks 0.9"
@@ -90,3 +90,38 @@ def test_a_sure_neighbour_is_no_part() -> None:
     scene = scene_of({"box-1": WHOLE, "box-2": (140, 90, 160, 120)})
     _, released = next(iter(releases(scene, ())))
     assert list(released.document["objects"]) == ["box-1", "box-2"]
+
+
+PLATE, BOWL = (20, 80, 180, 140), (80, 40, 120, 79)
+
+
+def tilted_scene(boxes: Mapping[str, tuple[int, ...]], tilt: float) -> PerceivedScene:
+    scene = scene_of(boxes)
+    world = scene.document["world"] | {"tilt": tilt}
+    return replace(scene, document=scene.document | {"world": world})
+
+
+def test_a_bowl_stands_behind_a_nearer_plate() -> None:
+    boxes = {"plate-1": PLATE, "bowl-1": BOWL}
+    assert stands_behind(tilted_scene(boxes, 45.0), "bowl-1")
+    assert not stands_behind(tilted_scene(boxes, 45.0), "plate-1")
+    # From the side, the bowl stands on the plate.
+    assert not stands_behind(tilted_scene(boxes, 10.0), "bowl-1")
+
+
+def test_a_bowl_with_a_plate_on_both_sides_stands_on_it() -> None:
+    boxes = {"plate-1": PLATE, "bowl-1": (80, 60, 120, 99)}
+    assert not stands_behind(tilted_scene(boxes, 45.0), "bowl-1")
+
+
+def test_the_upper_of_two_equal_boxes_stands_on_the_lower_one() -> None:
+    boxes = {"box-1": (80, 80, 120, 140), "box-2": BOWL}
+    assert not stands_behind(tilted_scene(boxes, 45.0), "box-2")
+
+
+def test_a_bowl_behind_a_plate_passes_it_on_its_own_ground() -> None:
+    scene = tilted_scene({"plate-1": PLATE, "bowl-1": BOWL}, 45.0)
+    released = dict(releases(scene, ["plate-1"]))["bowl-1"].document
+    assert released["objects"]["bowl-1"]["collides_with"] == ["moving"]
+    assert released["objects"]["plate-1"]["layer"] > 0
+    assert released["boundaries"]["floor"]["collision_group"] == "moving"

@@ -98,6 +98,26 @@ def test_a_contact_shadow_moves_along_the_floor() -> None:
     assert (np.diff(depths) > 0).all()
 
 
+def test_shade_continues_below_the_soft_border_of_the_object() -> None:
+    """Its halo is empty there: the ground would be a bright line."""
+    coverage = np.zeros((62 + 2 * MARGIN, 40 + 2 * MARGIN), np.float32)
+    coverage[MARGIN : MARGIN + 60, MARGIN:-MARGIN] = 1
+    coverage[MARGIN + 60 : MARGIN + 62, MARGIN:-MARGIN] = 0.3
+    corner = (70 - MARGIN, 40 - MARGIN)
+    halo = np.zeros((SIZE[1], SIZE[0], 3), np.float32)
+    halo[FOOT + 2 : FOOT + 14, 70:110] = -0.3
+    near = np.zeros(halo.shape[:2], np.int32)
+    picture = 0.1 * coverage[..., None].repeat(3, axis=2)
+    sprite = Sprite(0, corner, picture, coverage, halo=((0, 0), halo, near))
+    start = Silhouette(
+        coverage, corner, (90.0, 70.0), None, 40.0, FOOT - 0.5, ends=(0.0, 150.0)
+    )
+    split = split_halos([sprite], [start], 0.1, GROUND, is_mirror=False)
+    shade, _ = on_photo(foot_halo_of(split[0]))
+    rows = shade[FOOT : FOOT + 4, 80:100].mean(axis=(1, 2))
+    assert rows[:2].min() > 0.7 * rows[2:].max()
+
+
 def test_it_vanishes_if_the_object_leaves_the_floor() -> None:
     foot_halo = foot_halo_of(standing(-0.2)[1])
     assert foot_halo.moved(START, START._replace(y=40.0), 0.0, SIZE) is None

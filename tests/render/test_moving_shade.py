@@ -9,7 +9,14 @@ import numpy as np
 import pytest
 
 from physgen.compile.world import Body
-from physgen.render.shadow_decomposition import BEYOND, EDGE, _owned
+from physgen.geometry.shadows import ShadowSetting, Silhouette
+from physgen.photometry import DistantLight
+from physgen.render.shadow_decomposition import (
+    BEYOND,
+    EDGE,
+    _owned,
+    _share_beyond_floor,
+)
 from physgen.render.sprites import Sprite
 from physgen.render.staging import _is_lump
 
@@ -38,6 +45,22 @@ def test_shade_at_the_border_fades_beyond_the_photo(turn: int) -> None:
     assert np.abs(np.diff(row[: SIDE + 50])).max() <= 0.2 / (BEYOND * SIDE) + 1e-6
     assert row[SIDE : SIDE + 50 - EDGE].min() > 0.15
     assert row[0] == 0
+
+
+@pytest.mark.parametrize(("direct", "is_kept"), [(0.06, True), (0.8, False)])
+def test_shade_in_soft_light_shows_how_far_a_floor_reaches(direct, is_kept) -> None:
+    """The tilt of the floor is a guess then, and its far end is unknown."""
+    light = DistantLight((0.0, -0.6, 0.8), direct, 1.14)
+    setting = ShadowSetting(light, 40.0, False, 0.1, np.inf, (SIDE, SIDE))
+    figure = np.ones((40, 20), np.float32)
+    start = Silhouette(figure, (40, 50), (50.0, 70.0), None, 20.0, 90.0)
+    shade = (10, 60, 40, 90), np.full((30, 30), 0.3, np.float32)
+    shares = _share_beyond_floor(start, shade, setting)
+    # The guessed floor ends in row 80.
+    assert (shares is not None) == is_kept
+    if shares is not None:
+        assert shares[:19].min() == 1
+        assert shares[21:].max() == 0
 
 
 def _sprite(mask) -> Sprite:

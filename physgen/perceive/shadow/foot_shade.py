@@ -19,6 +19,7 @@ from physgen.geometry.polygon import mass_properties
 from physgen.maps import F32
 from physgen.perceive.inpaint.poisson import harmonic_fill
 from physgen.perceive.roles import Labels, Mask, PhotoObject, Rgb
+from physgen.perceive.shadow.seams import without_seams
 from physgen.perceive.shadow.silhouettes import DARKEST, away_from_objects
 from physgen.photometry import decode, encode_u8
 
@@ -223,9 +224,10 @@ def _ground(
     level = _level_below(smooth, foot, open_mask, side)
     if level is None:
         return None
-    depth = np.asarray(membrane - smooth, np.float32)
+    depth = without_seams(np.asarray(membrane - smooth, np.float32), foot, side)
     sharp_depth = np.asarray(membrane - logs, np.float32)
-    return _Ground(depth, sharp_depth, room, foot, distance, noise, level - smooth)
+    below = without_seams(np.asarray(level - smooth, np.float32), foot, side)
+    return _Ground(depth, sharp_depth, room, foot, distance, noise, below)
 
 
 def _level_below(smooth: F32, foot: Mask, open_mask: Mask, side: float) -> F32 | None:

@@ -42,6 +42,8 @@ SMOOTH = 2.0
 GROUND_REACH = 20.0
 # Standard deviations by which single grains may be brighter.
 GROUND_GRAIN = 2.0
+# px: standard deviation of the blur over which ground is as bright as similar ground.
+LEVEL_REACH = 6.0
 # px: smaller patches are noise.
 SPECK = 16
 
@@ -220,11 +222,19 @@ def mean_of_kind(
     return np.asarray(result / total, np.float32)
 
 
-def remove_shadows(background: Rgb, coverage: F32, predicted: F32, size: float) -> Rgb:
+def remove_shadows(
+    background: Rgb,
+    coverage: F32,
+    predicted: F32,
+    size: float,
+    *,
+    is_soft: bool = False,
+) -> Rgb:
     """Return the background without shadows.
 
     `predicted` (H, W) is -log of the remaining light; `size` is the size of a typical
-    object, px.
+    object, px. Soft shade (`is_soft`) has no edges that would show how deep it is: its
+    ground becomes at most as bright as similar ground nearby.
     """
     free = away_from_objects(coverage).astype(np.float32)
     shadow_mask = predicted > 0.01
@@ -244,8 +254,24 @@ def remove_shadows(background: Rgb, coverage: F32, predicted: F32, size: float) 
         linear, free[part], predicted[part], size
     ).darkness()
     result = background.copy()
-    result[part] = lightened(background[part], darkness, clean_light, free[part])
+    light_part = lightened(background[part], darkness, clean_light, free[part])
+    if is_soft:
+        light_part = _not_brighter(light_part, background[part], clean_light)
+    result[part] = light_part
     return result
+
+
+def _not_brighter(lifted: Rgb, background: Rgb, clean: F32) -> Rgb:
+    """Return `lifted` (h, w, 3), locally at most as bright as similar ground `clean`.
+
+    It stays at least as bright as the `background`, and keeps its grain.
+    """
+    light, before = decode(lifted), decode(background)
+    levels = [cv2.GaussianBlur(part, (0, 0), LEVEL_REACH) for part in (clean, light)]
+    gain = np.minimum(levels[0] / np.maximum(levels[1], DARKEST), 1)
+    limited = np.maximum(light * gain, before).astype(np.float32)
+    is_lifted = (lifted != background).any(axis=2, keepdims=True)
+    return np.where(is_lifted, encode_u8(limited), background)
 
 
 def lightened(background: Rgb, dark: F32, clean: F32, free: F32) -> Rgb:

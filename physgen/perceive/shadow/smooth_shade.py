@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from physgen.geometry.polygon import mass_properties
 from physgen.maps import F32
 from physgen.perceive.roles import Labels, Mask, PhotoObject, Rgb
+from physgen.perceive.shadow.seams import without_seams
 from physgen.perceive.shadow.silhouettes import DARKEST, away_from_objects
 from physgen.photometry import decode, encode_u8
 
@@ -193,6 +194,7 @@ def _depth(around: _Surroundings) -> Darkness | None:
     lit_mask = _select_unshaded_ground(shade, ground)
     planes = [_plane(around.smooth[..., c], lit_mask) for c in range(3)]
     depth = np.clip(np.stack(planes, axis=-1) - around.smooth, 0, TUNING.deepest)
+    depth = without_seams(depth.astype(np.float32), around.own_mask, around.size)
     inside = cv2.dilate(connected_shade.astype(np.uint8), np.ones((5, 5), np.uint8))
     sigma = max(TUNING.smooth * around.size, 1.0)
     weight = cv2.GaussianBlur(inside.astype(np.float32), (0, 0), sigma)
@@ -211,7 +213,9 @@ def _shade_mask(around: _Surroundings) -> Mask:
     # The first plane contains some shade; a second one is fitted without it.
     first_mask = ground & (level - grey > limit)
     level = _plane(grey, _select_unshaded_ground(first_mask, ground))
-    return np.asarray(ground & (level - grey > limit))
+    dark_mask = (ground & (level - grey > limit)).astype(np.float32)
+    wide_mask = without_seams(dark_mask[..., None], around.own_mask, around.size)
+    return (wide_mask[..., 0] > 0) & ground
 
 
 def _is_shade(around: _Surroundings, shade_mask: Mask, joined_mask: Mask) -> bool:
