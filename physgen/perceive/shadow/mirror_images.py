@@ -107,16 +107,15 @@ def find_mirror_image(rgb: Rgb, labels: Labels, number: int) -> Mask | None:
     ground = _ground(rgb[lower_window], left - lower_window[1].start, width)
     if part is None or ground is None:
         return None
-    below, turned = rgb[lower_window], rgb[upright][::-1]
-    if not _shows_mirror_image(below, turned, part, ground):
-        # The end of a large object may have no structure itself, but an outline.
-        is_compared = part.any(axis=1).reshape(-1, 1)
-        beside = np.asarray(is_compared & (labels[lower_window] == 0) & ~mirrored_mask)
-        step = _outline_step(below - ground.colours, part, beside)
-        if step < MIRROR.outline or not _shows_mirror_image(
-            below, turned, part, ground, structure=-1.0
-        ):
-            return None
+    beside = np.asarray((labels[lower_window] == 0) & ~mirrored_mask)
+    # The end of a large object may have no structure itself, but an outline.
+    has_outline = _has_outline(rgb[lower_window] - ground.colours, part, beside)
+    least_structure = -1.0 if has_outline else MIRROR.structure
+    turned = rgb[upright][::-1]
+    if not _shows_mirror_image(
+        rgb[lower_window], turned, part, ground, least_structure
+    ):
+        return None
     image = _below_raised_parts(mask, lower_window[0], height)
     image[lower_window] |= mirrored_mask.view(np.uint8)
     # The blurred border of the mirror image is removed, too.
@@ -176,21 +175,26 @@ def _dilate_mask(image: NDArray[np.uint8], reach: int) -> Mask:
     return np.asarray(cv2.dilate(image, kernel) > 0)
 
 
-def _outline_step(differences: F32, part: Mask, beside: Mask) -> float:
-    """Return the step of `differences` (h, w, 3) between `part` (h, w) and the ground
-    `beside` it, over their mean in the part.
+def _has_outline(differences: F32, part: Mask, beside: Mask) -> bool:
+    """Return whether `differences` (h, w, 3) step between `part` (h, w) and the ground
+    `beside` it.
     """
     width = max(3.0, MIRROR.edge * part.shape[1])
     grey = differences.mean(axis=2)
-    bands = []
-    for mask, other in ((part, beside), (beside, part)):
-        distance = cv2.distanceTransform((~other).view(np.uint8), cv2.DIST_L2, 5)
-        band = mask & (distance <= width)
-        if not band.any():
-            return 0.0
-        bands.append(float(grey[band].mean()))
     mean = float(grey[part].mean())
-    return (bands[0] - bands[1]) / mean if abs(mean) >= MIRROR.least else 0.0
+    beside = beside & part.any(axis=1).reshape(-1, 1)
+    inner_band = part & _within(beside, width)
+    outer_band = beside & _within(part, width)
+    if abs(mean) < MIRROR.least or not inner_band.any() or not outer_band.any():
+        return False
+    step = float(grey[inner_band].mean() - grey[outer_band].mean())
+    return step / mean >= MIRROR.outline
+
+
+def _within(mask: Mask, distance: float) -> Mask:
+    """Return the pixels (h, w) at most `distance` px from `mask` (h, w)."""
+    distances = cv2.distanceTransform((~mask).view(np.uint8), cv2.DIST_L2, 5)
+    return np.asarray(distances <= distance)
 
 
 def _shows_mirror_image(
@@ -198,10 +202,10 @@ def _shows_mirror_image(
     turned: Rgb,
     part: Mask,
     ground: _Ground,
-    structure: float = MIRROR.structure,
+    least_structure: float,
 ) -> bool:
     """Return whether the ground (h, w, 3) shows the inverted object `turned`, with this
-    least `structure`.
+    `least_structure`.
     """
     height = round(np.count_nonzero(part.any(axis=1)) / MIRROR.near)
     image, item = (
@@ -210,7 +214,7 @@ def _shows_mirror_image(
         ]
         for picture in (below, turned)
     )
-    return _is_mirrored(image, item, ground.texture, structure)
+    return _is_mirrored(image, item, ground.texture, least_structure)
 
 
 @dataclass(frozen=True, eq=False)
