@@ -233,9 +233,9 @@ def _best_pieces(fills: list[_Fill], search: _Search) -> _Fill:
         astray = np.bincount(pieces[inside], departures[inside], len(count)) / area
         seam = seams(fill.guess, level.picture, level.hole, pieces)
         excess = np.maximum(np.abs(fill.guess - rows).mean(axis=2) - row_error, 0)
-        across = np.bincount(pieces[inside], excess[inside], len(count)) / area
+        row_gap = np.bincount(pieces[inside], excess[inside], len(count)) / area
         scores.append(
-            cost + TUNING.astray * astray + TUNING.seam * seam + TUNING.across * across
+            cost + TUNING.astray * astray + TUNING.seam * seam + TUNING.across * row_gap
         )
     at_best = np.argmin(scores, axis=0)[pieces], *np.indices(pieces.shape)
     guess, similarity, field = (

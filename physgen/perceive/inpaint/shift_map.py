@@ -136,7 +136,8 @@ def block_others(piece: Mask, hole: Mask) -> Mask:
     )
     # Pixels at the border of the piece are not sources but boundary values.
     border = dilate(piece, TUNING.ring)
-    factor, most = TUNING.around_others, hole.size - TUNING.sources * piece.sum()
+    factor = TUNING.around_others
+    max_area = hole.size - TUNING.sources * piece.sum()
     while factor > TUNING.around_others / 8:
         blocked_mask = hole.copy()
         for number in range(1, count):
@@ -144,7 +145,7 @@ def block_others(piece: Mask, hole: Mask) -> Mask:
             is_free = (names != number).view(np.uint8)
             blocked_mask |= cv2.distanceTransform(is_free, cv2.DIST_L2, 5) <= reach
         blocked_mask &= hole | ~border
-        if blocked_mask.sum() <= most:
+        if blocked_mask.sum() <= max_area:
             return np.asarray(blocked_mask)
         factor /= 2
     return hole

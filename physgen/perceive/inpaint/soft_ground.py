@@ -86,8 +86,8 @@ def interpolate_shading(photo: F32, hole: Mask) -> F32:
     """
     # Colours at the border of the hole are means, so that texture leaves no streaks.
     border = _blur_known(photo, hole, TUNING.border)
-    filled = harmonic_fill(border, hole, TUNING.error)
-    composite = np.where(hole[..., None], filled, photo)
+    fill_result = harmonic_fill(border, hole, TUNING.error)
+    composite = np.where(hole[..., None], fill_result, photo)
     return np.asarray(cv2.GaussianBlur(composite, (0, 0), TUNING.shading), np.float32)
 
 

@@ -107,14 +107,9 @@ def find_mirror_image(rgb: Rgb, labels: Labels, number: int) -> Mask | None:
     ground = _ground(rgb[lower_window], left - lower_window[1].start, width)
     if part is None or ground is None:
         return None
-    beside = np.asarray((labels[lower_window] == 0) & ~mirrored_mask)
-    # The end of a large object may have no structure itself, but an outline.
-    has_outline = _has_outline(rgb[lower_window] - ground.colours, part, beside)
-    least_structure = -1.0 if has_outline else MIRROR.structure
-    turned = rgb[upright][::-1]
-    if not _shows_mirror_image(
-        rgb[lower_window], turned, part, ground, least_structure
-    ):
+    free_ground = np.asarray((labels[lower_window] == 0) & ~mirrored_mask)
+    pictures = rgb[lower_window], rgb[upright][::-1]
+    if not _shows_mirror_image(pictures, part, ground, free_ground):
         return None
     image = _below_raised_parts(mask, lower_window[0], height)
     image[lower_window] |= mirrored_mask.view(np.uint8)
@@ -130,10 +125,11 @@ def _below_raised_parts(mask: Mask, rows: slice, height: int) -> NDArray[np.uint
     Such a part, e.g. a strap, touches the ground farther back.
     """
     last_rows = len(mask) - 1 - np.argmax(mask[::-1], axis=0)
-    is_raised = mask.any(axis=0) & (last_rows >= rows.start - MIRROR.raised * height)
+    highest_row = rows.start - MIRROR.raised * height
+    has_part = mask.any(axis=0) & (last_rows >= highest_row)
     row_numbers = np.arange(len(mask))[:, None]
-    below = (row_numbers > last_rows) & (row_numbers < rows.stop) & is_raised
-    return np.asarray(below, np.uint8)
+    ground = (row_numbers > last_rows) & (row_numbers < rows.stop) & has_part
+    return np.asarray(ground, np.uint8)
 
 
 def _windows(
@@ -175,16 +171,16 @@ def _dilate_mask(image: NDArray[np.uint8], reach: int) -> Mask:
     return np.asarray(cv2.dilate(image, kernel) > 0)
 
 
-def _has_outline(differences: F32, part: Mask, beside: Mask) -> bool:
+def _has_outline(differences: F32, part: Mask, free_ground: Mask) -> bool:
     """Return whether `differences` (h, w, 3) step between `part` (h, w) and the ground
-    `beside` it.
+    beside it.
     """
     width = max(3.0, MIRROR.edge * part.shape[1])
     grey = differences.mean(axis=2)
     mean = float(grey[part].mean())
-    beside = beside & part.any(axis=1).reshape(-1, 1)
-    inner_band = part & _within(beside, width)
-    outer_band = beside & _within(part, width)
+    compared_ground = free_ground & part.any(axis=1).reshape(-1, 1)
+    inner_band = part & _within(compared_ground, width)
+    outer_band = compared_ground & _within(part, width)
     if abs(mean) < MIRROR.least or not inner_band.any() or not outer_band.any():
         return False
     step = float(grey[inner_band].mean() - grey[outer_band].mean())
@@ -198,21 +194,21 @@ def _within(mask: Mask, distance: float) -> Mask:
 
 
 def _shows_mirror_image(
-    below: Rgb,
-    turned: Rgb,
-    part: Mask,
-    ground: _Ground,
-    least_structure: float,
+    pictures: tuple[Rgb, Rgb], part: Mask, ground: _Ground, free_ground: Mask
 ) -> bool:
-    """Return whether the ground (h, w, 3) shows the inverted object `turned`, with this
-    `least_structure`.
+    """Return whether the ground shows the inverted object.
+
+    `pictures` (h, w, 3) are those of the ground and of the inverted object.
     """
+    # The end of a large object may have no structure itself, but an outline.
+    has_outline = _has_outline(pictures[0] - ground.colours, part, free_ground)
+    least_structure = -1.0 if has_outline else MIRROR.structure
     height = round(np.count_nonzero(part.any(axis=1)) / MIRROR.near)
     image, item = (
         _blur_within_part(picture.astype(np.float32) - ground.colours, part, height)[
             part
         ]
-        for picture in (below, turned)
+        for picture in pictures
     )
     return _is_mirrored(image, item, ground.texture, least_structure)
 
