@@ -65,3 +65,37 @@ def test_the_clean_background_lacks_mirror_images() -> None:
         remove_mirror_images(matt, matt, labels, coverage, [1], fill_with_ground)
         is None
     )
+
+
+def photo_of_bag(softness: float) -> tuple[np.ndarray, np.ndarray]:
+    """Draw a plain bag with a strap above a low strip of ground that mirrors it.
+
+    `softness` is the blur of the image below the bag, px.
+    """
+    random = np.random.default_rng(2)
+    labels = np.zeros((430, 320), np.uint16)
+    labels[20:400, 60:300] = labels[100:370, 20:40] = 1
+    rgb = np.full((*labels.shape, 3), 250, np.float32)
+    image = np.zeros(labels.shape, np.float32)
+    image[400:, 60:300] = image[370:, 20:40] = 1
+    if softness:
+        image = cv2.GaussianBlur(image, (0, 0), softness)
+    rgb -= 14 * image[..., None]
+    rgb[labels > 0] = 90
+    noisy = rgb + random.normal(0, 0.5, rgb.shape)
+    return np.clip(noisy, 0, 255).astype(np.uint8), labels
+
+
+def test_a_plain_mirror_image_has_the_outline_of_its_object() -> None:
+    rgb, labels = photo_of_bag(0)
+    image = find_mirror_image(rgb, labels, 1)
+    assert image is not None
+    assert image[400:, 60:300].all()
+    # The strap ends above the foot: it stands on the ground farther back.
+    assert image[370:, 20:40].all()
+    assert not image[:340].any()
+
+
+def test_a_soft_shadow_below_is_no_mirror_image() -> None:
+    rgb, labels = photo_of_bag(20.0)
+    assert find_mirror_image(rgb, labels, 1) is None

@@ -34,6 +34,10 @@ from physgen.perceive.inpaint.poisson import (
     hole_pieces,
 )
 from physgen.perceive.inpaint.shift_map import shift_map_fill
+from physgen.perceive.inpaint.soft_ground import (
+    find_soft_pieces,
+    interpolate_shading,
+)
 from physgen.perceive.roles import Inpaint, Mask, Rgb
 from physgen.perceive.working_size import working_size
 
@@ -78,6 +82,8 @@ class _Limits:
 
 
 LIMITS = _Limits()
+GREY = np.float32(128)
+"""Level of a texture without detail."""
 SAMPLED_COLUMNS = 1024
 """Row length of sampled pixels: OpenCV allows at most 32,767 columns."""
 
@@ -110,6 +116,59 @@ def _fill(rgb: Rgb, hole: Mask, *, copies: bool) -> Rgb:
     if not hole.any() or hole.all():
         return rgb.copy()
     photo = rgb.astype(np.float32)
+    soft_mask, shading = _soft_ground(photo, hole)
+    if shading is None:
+        picture = _fill_picture(photo, hole, copies=copies)
+    else:
+        # On softly shaded ground only the texture is filled.
+        texture = photo - shading + GREY
+        picture = _fill_picture(texture, hole, copies=copies) - GREY + shading
+        if (hole & ~soft_mask).any():
+            other_picture = _fill_picture(photo, hole, copies=copies)
+            picture = np.where(soft_mask[..., None], picture, other_picture)
+    left, top, width, height = cv2.boundingRect(hole.view(np.uint8))
+    box = np.s_[
+        max(0, top - LIMITS.around) : top + height + LIMITS.around,
+        max(0, left - LIMITS.around) : left + width + LIMITS.around,
+    ]
+    result = rgb.copy()
+    result[box] = blend_at_border(picture[box], rgb[box], hole[box])
+    return result
+
+
+def _soft_ground(photo: F32, hole: Mask) -> tuple[Mask, F32 | None]:
+    """Return the softly shaded pieces of `hole` (H, W) with the pixels beside them, and
+    the shading (H, W, 3) or None.
+    """
+    size = working_size(hole.shape)
+    picture, small_hole = photo, hole
+    if size is not None:
+        picture = np.asarray(
+            cv2.resize(photo, size, interpolation=cv2.INTER_AREA), np.float32
+        )
+        share = cv2.resize(hole.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+        small_hole = np.asarray(share > 0)
+    small_hole = dilate(close_gaps(small_hole), LIMITS.mixed + LIMITS.band)
+    soft_mask = find_soft_pieces(picture, small_hole)
+    if not soft_mask.any():
+        return np.zeros_like(hole), None
+    shading = interpolate_shading(picture, small_hole)
+    if size is not None:
+        full_size = hole.shape[1], hole.shape[0]
+        shading = np.asarray(cv2.resize(shading, full_size), np.float32)
+        soft_mask = np.asarray(
+            cv2.resize(
+                soft_mask.view(np.uint8), full_size, interpolation=cv2.INTER_NEAREST
+            )
+            > 0
+        )
+    return soft_mask, shading
+
+
+def _fill_picture(photo: F32, hole: Mask, *, copies: bool) -> F32:
+    """Return a picture (H, W, 3) with a filled hole (H, W); pixels beside the hole may
+    change.
+    """
     size = working_size(hole.shape)
     guide = (
         _make_guide(photo, hole)
@@ -124,16 +183,7 @@ def _fill(rgb: Rgb, hole: Mask, *, copies: bool) -> Rgb:
     if guide.lines:
         scale = 1.0 if size is None else max(hole.shape) / max(size)
         picture = paint_lines(picture, photo, guide.near, guide.lines, scale)
-    if size is None:
-        return blend_at_border(picture, rgb, hole)
-    left, top, width, height = cv2.boundingRect(hole.view(np.uint8))
-    box = np.s_[
-        max(0, top - LIMITS.around) : top + height + LIMITS.around,
-        max(0, left - LIMITS.around) : left + width + LIMITS.around,
-    ]
-    result = rgb.copy()
-    result[box] = blend_at_border(picture[box], rgb[box], hole[box])
-    return result
+    return picture
 
 
 def _make_guide(photo: F32, hole: Mask) -> _Guide:

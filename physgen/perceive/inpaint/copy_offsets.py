@@ -63,6 +63,8 @@ class _Tuning:
 TUNING = _Tuning()
 UNUSABLE = np.float32(1e9)
 """Squared levels: larger than any difference of colours."""
+COLOURS = 3
+"""Colours of a pixel; squared differences are sums over them."""
 
 
 def offset_cost(offsets: Offsets, shape: tuple[int, ...]) -> F32:
@@ -71,26 +73,44 @@ def offset_cost(offsets: Offsets, shape: tuple[int, ...]) -> F32:
     return np.asarray(length / max(shape[:2]), np.float32)
 
 
-def copy_offsets(picture: F32, hole: Mask, blocked: Mask, far: float) -> Offsets:
-    """Return candidate offsets for the `hole` (H, W) of `picture` (H, W, 3).
+@dataclass(frozen=True, eq=False)
+class PatchMatches:
+    """The most similar other patches of known patches."""
+
+    votes: F32
+    """(2 H - 1, 2 W - 1): histogram of the offsets to them, smoothed by 1 px."""
+    rarity: F32
+    """(H, W) squared levels: difference of the nearest searched patch from its match.
+
+    A copy of a rare patch, e.g. the tip of a saucer, shows an object twice.
+    """
+
+
+def copy_offsets(
+    picture: F32, hole: Mask, blocked: Mask, far: float
+) -> tuple[Offsets, F32]:
+    """Return candidate offsets for the `hole` (H, W) of `picture` (H, W, 3), and the
+    rarity (H, W) of patches.
 
     `blocked` (H, W) is the hole and other pixels that must not be copied. `far` is the
     penalty of distance in squared levels per longer side of the picture.
     """
-    offsets = [*_dominant_offsets(picture, hole, blocked)]
+    offsets: list[tuple[int, int]] = []
+    rarity = np.zeros(hole.shape, np.float32)
+    matches = match_patches(picture, hole, blocked)
+    if matches is not None:
+        offsets += _dominant_offsets(matches.votes, hole, blocked)
+        rarity = matches.rarity
     offsets += _ring_offsets(picture, hole, blocked, far)
     unique = list(dict.fromkeys(offsets))
-    return np.array(unique, np.int64).reshape(-1, 2)
+    return np.array(unique, np.int64).reshape(-1, 2), rarity
 
 
 def _dominant_offsets(
-    picture: F32, hole: Mask, blocked: Mask
+    votes: F32, hole: Mask, blocked: Mask
 ) -> Iterator[tuple[int, int]]:
-    """Yield the most frequent offsets between similar patches, most frequent first."""
+    """Yield the most frequent offsets of `votes`, most frequent first."""
     height, width = hole.shape
-    votes = _offset_votes(picture, hole, blocked)
-    if votes is None:
-        return
     # Peaks of the histogram of offsets.
     rows, columns = np.nonzero(
         (votes == cv2.dilate(votes, np.ones((3, 3)))) & (votes > 0)
@@ -111,31 +131,58 @@ def _dominant_offsets(
             return
 
 
-def _offset_votes(picture: F32, hole: Mask, blocked: Mask) -> F32 | None:
-    """Return the histogram (2 H - 1, 2 W - 1) of offsets to best matches, smoothed by 1
-    px.
+def match_patches(picture: F32, hole: Mask, blocked: Mask) -> PatchMatches | None:
+    """Return matches of the patches around `hole` (H, W), or None if too few are
+    known.
     """
     height, width = hole.shape
     places, features = _known_patches(picture, blocked)
     if len(places) < 2 * (2 * TUNING.patch_radius + 1) ** 2:
         return None
     votes = np.zeros((2 * height - 1, 2 * width - 1), np.float32)
-    square = (features**2).sum(axis=1)
     least_shift = max(TUNING.patch_radius, TUNING.least_shift * max(hole.shape))
     queries = _queries(places, hole)
+    differences = []
     for start in range(0, len(queries), TUNING.chunk):
         part = queries[start : start + TUNING.chunk]
-        # The squared norm of the query is constant per row and is omitted.
-        gap = square[None, :] - 2 * (features[part] @ features.T)
         shift = places[None, :, :].astype(np.int16) - places[part, None, :].astype(
             np.int16
         )
+        gap = _patch_differences(features, part)
         gap[(np.abs(shift) < least_shift).all(axis=2)] = UNUSABLE
+        differences.append(gap.min(axis=1))
         _add_votes(votes, shift, gap)
         # A second vote considers only level offsets.
         gap[np.abs(shift[..., 0]) > TUNING.level_rows] = UNUSABLE
         _add_votes(votes, shift, gap)
-    return np.asarray(cv2.GaussianBlur(votes, (0, 0), 1.0), np.float32)
+    rarity = np.asarray(np.concatenate(differences), np.float32)
+    smooth_votes = cv2.GaussianBlur(votes, (0, 0), 1.0)
+    return PatchMatches(
+        np.asarray(smooth_votes, np.float32),
+        _spread_values(places[queries], rarity, hole.shape),
+    )
+
+
+def _patch_differences(features: F32, part: I64) -> F32:
+    """Return the squared differences (k, n) per pixel of the patches `part` (k,) and
+    all patches with `features` (n, m).
+    """
+    square = (features**2).sum(axis=1)
+    gap = square[part, None] + square[None, :] - 2 * (features[part] @ features.T)
+    # The colours of features are halved.
+    return np.asarray(4 * COLOURS / features.shape[1] * gap, np.float32)
+
+
+def _spread_values(places: I64, values: F32, shape: tuple[int, ...]) -> F32:
+    """Return a map (H, W) with the value of the nearest of `places` (n, 2)."""
+    is_free = np.ones(shape, np.uint8)
+    is_free[places[:, 0], places[:, 1]] = 0
+    _, labels = cv2.distanceTransformWithLabels(
+        is_free, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    nearest_values = np.zeros(labels.max() + 1, np.float32)
+    nearest_values[labels[places[:, 0], places[:, 1]]] = values
+    return np.asarray(nearest_values[labels], np.float32)
 
 
 def _add_votes(votes: F32, shift: NDArray[np.int16], gap: F32) -> None:

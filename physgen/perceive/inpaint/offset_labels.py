@@ -40,6 +40,10 @@ class _Costs:
     contrast_most: float = 6.0
     # Cost of an offset as long as the picture.
     far: float = 30.0
+    # Factor of the difference between a source and the patch most similar to it ...
+    rare: float = 0.25
+    # ... up to this difference.
+    rarest: float = 2000.0
     # Cost of the guide, used only without a usable offset.
     keep: float = 5e5
     # Factor of the squared difference from known neighbours.
@@ -70,6 +74,8 @@ class ReducedPhoto:
     blocked: Mask
     # Logarithm of mean squared fine detail; arbitrary in blocked pixels.
     contrast: F32
+    # Squared difference of a patch from the most similar other one.
+    rarity: F32
 
 
 class OffsetLabels:
@@ -116,6 +122,7 @@ class OffsetLabels:
         photo, sources = self.photo, self._sources()
         costs = self._guide_costs(sources) + COSTS.rim * self._rim_costs()
         costs += COSTS.far * offset_cost(self.offsets, photo.hole.shape)
+        costs += COSTS.rare * np.minimum(photo.rarity, COSTS.rarest)[sources]
         costs[~self._usable(sources)] = COSTS.unusable
         costs += self._contrast_costs(sources)
         guide = np.full_like(costs[..., :1], COSTS.keep)

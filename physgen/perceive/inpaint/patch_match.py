@@ -52,6 +52,11 @@ class _Tuning:
     astray: float = 0.18
     # ... and the weight of seams.
     seam: float = 3.0
+    # Weight of departures from rows with the same colour on both sides of the hole, per
+    # level, ...
+    across: float = 0.2
+    # ... above this many levels.
+    same_row: float = 12.0
     # Rounds of search and vote: at the finest searched scale, and at coarser ones.
     rounds: tuple[int, ...] = (1, 3)
     # Factor by which trust decreases per px of depth in the hole.
@@ -218,6 +223,7 @@ def _best_pieces(fills: list[_Fill], search: _Search) -> _Fill:
     count = np.maximum(np.bincount(piece_numbers, weight), 1e-9)
     area = np.maximum(np.bincount(pieces[inside], minlength=len(count)), 1)
     scores = []
+    rows, row_error = _row_colours(level.picture, inside)
     for fill in fills:
         cost = (
             np.bincount(piece_numbers, weight * np.sqrt(np.maximum(fill.cost, 0)))
@@ -226,7 +232,11 @@ def _best_pieces(fills: list[_Fill], search: _Search) -> _Fill:
         departures = np.abs(fill.guess - level.picture).mean(2) * level.drawn
         astray = np.bincount(pieces[inside], departures[inside], len(count)) / area
         seam = seams(fill.guess, level.picture, level.hole, pieces)
-        scores.append(cost + TUNING.astray * astray + TUNING.seam * seam)
+        excess = np.maximum(np.abs(fill.guess - rows).mean(axis=2) - row_error, 0)
+        row_gap = np.bincount(pieces[inside], excess[inside], len(count)) / area
+        scores.append(
+            cost + TUNING.astray * astray + TUNING.seam * seam + TUNING.across * row_gap
+        )
     at_best = np.argmin(scores, axis=0)[pieces], *np.indices(pieces.shape)
     guess, similarity, field = (
         np.stack([getattr(fill, name) for fill in fills])[at_best]
@@ -248,6 +258,36 @@ def level_fill(picture: F32, hole: Mask) -> F32:
                 inside, known_columns, picture[y, known_columns, c]
             )
     return np.where(hole[:, :, None], cv2.GaussianBlur(result, (0, 0), 0.7), picture)
+
+
+def _row_colours(picture: F32, hole: Mask) -> tuple[F32, F32]:
+    """Return colours (H, W, 3) between the ends of each row of `hole` (H, W), and their
+    tolerance (H, W) in levels.
+
+    The tolerance grows with the difference between both ends and is infinite if one end
+    is unknown.
+    """
+    columns = np.arange(hole.shape[1])
+    left = np.maximum.accumulate(np.where(hole, -1, columns), axis=1)
+    last = hole.shape[1]
+    right = np.minimum.accumulate(np.where(hole, last, columns)[:, ::-1], axis=1)
+    right = right[:, ::-1]
+    rows = np.arange(len(hole))[:, None]
+    smooth_picture = _blur_known(picture, hole)
+    ends = [smooth_picture[rows, np.clip(end, 0, last - 1)] for end in (left, right)]
+    error = TUNING.same_row + np.abs(ends[0] - ends[1]).mean(axis=2)
+    error[(left < 0) | (right == last)] = np.inf
+    share = ((columns - left) / np.maximum(right - left, 1))[..., None]
+    colours = (1 - share) * ends[0] + share * ends[1]
+    return np.asarray(colours, np.float32), np.asarray(error, np.float32)
+
+
+def _blur_known(picture: F32, hole: Mask) -> F32:
+    """Return a blur of `picture` (H, W, 3) from pixels outside `hole` (H, W)."""
+    weights = (~hole).astype(np.float32)
+    total = cv2.GaussianBlur(weights, (0, 0), TUNING.grain_blur)
+    sums = cv2.GaussianBlur(picture * weights[..., None], (0, 0), TUNING.grain_blur)
+    return np.asarray(sums / np.maximum(total, 1e-3)[..., None], np.float32)
 
 
 def thin_out(places: Places, most: int) -> Places:

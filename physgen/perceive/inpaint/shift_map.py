@@ -9,7 +9,7 @@ et al. 2003). A mean of many patches is blurred; a copy is as sharp as the photo
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
@@ -56,6 +56,16 @@ class _Tuning:
     seam_band: int = 2
     # Largest number of compared pixels of that band.
     beside: int = 400
+    # Largest number of pixels of a copy that are compared with the guide, ...
+    compared: int = 400
+    # ... and their weight relative to the band: the guide continues strong edges at
+    # the right place.
+    guide_weight: float = 0.1
+    # Width around another piece of the hole that is not copied over the square root of
+    # its area: an object's rim, shadow, reflection or saucer would appear twice.
+    around_others: float = 0.5
+    # Least area of the sources over that of the piece.
+    sources: float = 4.0
     # Positions per side in one comparison.
     tries: int = 15
     # px: width of the compared bands beside the border ...
@@ -86,7 +96,8 @@ def shift_map_fill(picture: F32, hole: Mask, guide: F32) -> F32:
     """
     result = np.where(hole[..., None], guide, picture)
     for part, piece in _windows(hole):
-        window = _Window(picture[part], guide[part], piece, hole[part])
+        blocked_mask = block_others(piece, hole[part])
+        window = _Window(picture[part], guide[part], piece, blocked_mask)
         copies, joint_copies = window.fill()
         strong_fill = window.strengthened(joint_copies)
         # Copies replace the guide only if contrast and seams improve.
@@ -115,6 +126,31 @@ def _windows(hole: Mask) -> Iterator[tuple[tuple[slice, slice], Mask]]:
         yield (rows, columns), names[rows, columns] == number
 
 
+def block_others(piece: Mask, hole: Mask) -> Mask:
+    """Return `hole` (H, W) with the surroundings of its pieces other than `piece`."""
+    others = hole & ~piece
+    if not others.any():
+        return hole
+    count, names, stats, _ = cv2.connectedComponentsWithStats(
+        others.astype(np.uint8), connectivity=8
+    )
+    # Pixels at the border of the piece are not sources but boundary values.
+    border = dilate(piece, TUNING.ring)
+    factor = TUNING.around_others
+    max_area = hole.size - TUNING.sources * piece.sum()
+    while factor > TUNING.around_others / 8:
+        blocked_mask = hole.copy()
+        for number in range(1, count):
+            reach = factor * float(stats[number, cv2.CC_STAT_AREA]) ** 0.5
+            is_free = (names != number).view(np.uint8)
+            blocked_mask |= cv2.distanceTransform(is_free, cv2.DIST_L2, 5) <= reach
+        blocked_mask &= hole | ~border
+        if blocked_mask.sum() <= max_area:
+            return np.asarray(blocked_mask)
+        factor /= 2
+    return hole
+
+
 @dataclass(frozen=True)
 class _Window:
     """A piece of the hole and its surroundings, (H, W) and (H, W, 3)."""
@@ -128,11 +164,12 @@ class _Window:
         """Return copies and guide in the hole (H, W, 3), before and after joining."""
         scale = self._scale()
         reduced_photo = self._reduced(scale)
-        offsets = copy_offsets(
+        offsets, rarity = copy_offsets(
             reduced_photo.picture, reduced_photo.hole, reduced_photo.blocked, COSTS.far
         )
         if not len(offsets):
             return self.guide, self.guide
+        reduced_photo = replace(reduced_photo, rarity=rarity)
         labels = OffsetLabels(reduced_photo, offsets).solve()
         shifts = self._shifts(labels, offsets, scale)
         rows, columns = np.nonzero(self.hole)
@@ -245,7 +282,8 @@ class _Window:
         guide = _block_means(guided_picture, scale)
         detail = self._detail(self.picture, ~self.blocked)
         energy = np.log(_block_means(detail, scale) + TUNING.noise)
-        return ReducedPhoto(guide, guide, hole, blocked_mask, energy)
+        rarity = np.zeros(hole.shape, np.float32)
+        return ReducedPhoto(guide, guide, hole, blocked_mask, energy, rarity)
 
     @staticmethod
     def _detail(picture: F32, known: Mask) -> F32:
@@ -298,13 +336,10 @@ class _Window:
         """
         down, right = np.meshgrid(steps, steps, indexing="ij")
         tries = offset + np.stack([down.ravel(), right.ravel()], axis=1)
-        band_pixels = composed.beside(piece)
-        aim = composed.picture[band_pixels[:, 0], band_pixels[:, 1]]
+        costs = self._gaps(composed.picture, composed.beside(piece), tries)
+        inside = thin_out(piece.pixels(), TUNING.compared)
+        costs = costs + TUNING.guide_weight * self._gaps(self.guide, inside, tries)
         last = np.array(self.hole.shape) - 1
-        source_pixels = np.clip(band_pixels + tries[:, None], 0, last)
-        gaps = self.picture[source_pixels[..., 0], source_pixels[..., 1]]
-        gaps -= aim
-        costs = np.einsum("nkc,nkc->n", gaps, gaps)
         for k in np.argsort(costs, kind="stable").tolist():
             rows, columns = piece.moved(tries[k])
             if min(rows.start, columns.start) < 0:
@@ -315,6 +350,17 @@ class _Window:
                 return np.asarray(tries[k], np.int64)
         return None
 
+    def _gaps(self, picture: F32, pixels: I64, tries: I64) -> F32:
+        """Return mean squared differences (n,) of `picture` and the sources of `pixels`
+        (k, 2) at the offsets `tries` (n, 2).
+        """
+        last = np.array(self.hole.shape) - 1
+        sources = np.clip(pixels + tries[:, None], 0, last)
+        gaps = self.picture[sources[..., 0], sources[..., 1]]
+        gaps -= picture[pixels[:, 0], pixels[:, 1]]
+        sums = np.einsum("nkc,nkc->n", gaps, gaps)
+        return np.asarray(sums / max(len(pixels), 1), np.float32)
+
 
 @dataclass(frozen=True)
 class _Piece:
@@ -323,6 +369,11 @@ class _Piece:
     box: tuple[slice, slice]
     mask: Mask
     """(h, w) in the box."""
+
+    def pixels(self) -> I64:
+        """Return the rows and columns (n, 2) of the piece in the window."""
+        corner = [part.start for part in self.box]
+        return np.asarray(np.argwhere(self.mask) + corner, np.int64)
 
     def moved(self, offset: I64) -> tuple[slice, slice]:
         """Return rows and columns of the box at an offset."""
