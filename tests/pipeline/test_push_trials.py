@@ -12,13 +12,17 @@ from physgen import pipeline
 from physgen.compile.shapes import shapes_of
 from physgen.geometry.scale import PLAYBACK, push_speed
 from physgen.pipeline import push_trials
-from physgen.pipeline.push_outcomes import TRIAL, Grade, TrialScene
+from physgen.pipeline.push_outcomes import (
+    TRIAL,
+    Grade,
+    TrialScene,
+    playback_of,
+    ramp_of,
+)
 from physgen.pipeline.push_ranks import rank_pushes
 from physgen.pipeline.push_trials import (
     choose_push,
     compile_trials,
-    playback_of,
-    ramp_of,
     simulate_push,
 )
 from physgen.simulate.engine import simulate
