@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import degrees, hypot, radians, sqrt
 from typing import TYPE_CHECKING
@@ -35,7 +35,7 @@ class SwayLimits:
 
     turn: float = 4.0
     """Wanted rotation, degrees: visible, without showing the hidden foot."""
-    round_turn: float = 3.0
+    round_turn: float = 2.5
     """The same of an object with a round foot, which seems to float, degrees."""
     range: tuple[float, float] = (0.6, 1.35)
     """Rotations that are taken, relative to the wanted one."""
@@ -43,7 +43,7 @@ class SwayLimits:
     """Largest lift of an end of the foot: that of a wide object shows much ground."""
     units: float = 2.0
     """Expected time of the motion, units of time."""
-    trials: int = 3
+    trials: int = 4
     """Number of trials to reach the rotation."""
     least: float = 0.2
     """Smallest measured rotation, relative to the wanted one."""
@@ -59,6 +59,8 @@ class SwayLimits:
     """Smallest and largest path of the slide."""
     softest: float = 0.25
     """Smallest share of the weight's torque that friction leaves during the slide."""
+    oblique: float = 30.0
+    """Angle of the camera, degrees, from which no object with a round foot rocks."""
     flat: float = 0.3
     """Height over width below which a rotation is not visible."""
 
@@ -104,6 +106,11 @@ class Hand:
         return self.body.radius is None and not (is_driving or is_loaded)
 
     @property
+    def has_round_foot(self) -> bool:
+        """Check whether the object stands on a hidden base."""
+        return any(name == self.item.name for name, _ in self.trials.round_ends)
+
+    @property
     def is_filling(self) -> bool:
         """Check whether the object fills the picture."""
         return max(measure_extent(self.body)) > TRIAL.filling * self.trials.side
@@ -121,7 +128,11 @@ class Hand:
     def can_sway(self) -> bool:
         """Check whether a small rotation of the object is visible."""
         width, height = measure_extent(self.body)
-        return self.is_free and height >= SWAY.flat * width
+        # At an angle, a round foot lies far above the front of its hidden base.
+        is_oblique = self.trials.scene.world.tilt >= SWAY.oblique
+        seems_to_float = is_oblique and self.has_round_foot
+        is_flat = height < SWAY.flat * width
+        return self.is_free and not (seems_to_float or is_flat)
 
     def tips(self, attempt: Attempt) -> Iterator[Candidate]:
         """Yield pushes at the top of the object, by which it rocks without a slide."""
@@ -143,7 +154,8 @@ class Hand:
         Friction at the foot adds to the rotation during the slide: repeat the push
         until the rotation is small, and visible.
         """
-        if not self.can_sway:
+        opposite = replace(self, side=-self.side)
+        if not self.can_sway or (opposite.can_rock and not self.can_rock):
             return
         wanted_turn = self._wanted_turn()
         lowest, highest = (share * wanted_turn for share in SWAY.range)
@@ -170,8 +182,7 @@ class Hand:
         """Return the wanted rotation, degrees."""
         _, left, right = measure_foot(self.body)
         largest = SWAY.lift * self.trials.side / max(right - left, 1.0)
-        is_round = any(name == self.item.name for name, _ in self.trials.round_ends)
-        turn = SWAY.round_turn if is_round else SWAY.turn
+        turn = SWAY.round_turn if self.has_round_foot else SWAY.turn
         return min(turn, degrees(largest))
 
     def _sway_start(self, turn: float) -> tuple[float, float]:
