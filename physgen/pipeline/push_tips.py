@@ -164,7 +164,8 @@ class Hand:
         for _ in range(SWAY.trials):
             candidate = attempt(self._push(angle, speed, ramp))
             outcome = candidate.outcome
-            if outcome.turn > TRIAL.tumble:
+            is_blocked = outcome.grade is Grade.NOTHING
+            if is_blocked or outcome.turn > TRIAL.tumble:
                 return
             factor = wanted_turn / max(outcome.turn, SWAY.least * wanted_turn)
             if lowest <= outcome.turn <= highest:
