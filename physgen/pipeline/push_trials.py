@@ -484,7 +484,6 @@ def simulate_push(
     fallen_names = find_fallen_objects(world, motion)
     score = float(np.minimum(travel / full_travel(world, fallen_names), 1.0).sum())
     score += TRIAL.falls * len(fallen_names)
-    turn = measure_turn(motion, velocities)
     if any(spins.values()) and rocks(world, motion):
         # A small slide with a rotation tells as much as a long slide.
         score = max(score, min(float(travel.max()) / TRIAL.travel, 1.0))
@@ -518,7 +517,7 @@ def simulate_push(
         moving_names,
         leaving_names,
         work,
-        turn,
+        measure_turn(motion, velocities),
     )
 
 
