@@ -154,21 +154,19 @@ class Hand:
         Friction at the foot adds to the rotation during the slide: repeat the push
         until the rotation is small, and visible.
         """
-        opposite = replace(self, side=-self.side)
-        if not self.can_sway or (opposite.can_rock and not self.can_rock):
+        rocks_to_other_side = replace(self, side=-self.side).can_rock
+        if not self.can_sway or (rocks_to_other_side and not self.can_rock):
             return
         wanted_turn = self._wanted_turn()
-        lowest, highest = (share * wanted_turn for share in SWAY.range)
         speed, angle = self._sway_start(wanted_turn)
         ramp = self.ramp
         for _ in range(SWAY.trials):
             candidate = attempt(self._push(angle, speed, ramp))
             outcome = candidate.outcome
-            is_blocked = outcome.grade is Grade.NOTHING
-            if is_blocked or outcome.turn > TRIAL.tumble:
+            if outcome.grade is Grade.NOTHING or outcome.turn > TRIAL.tumble:
                 return
             factor = wanted_turn / max(outcome.turn, SWAY.least * wanted_turn)
-            if lowest <= outcome.turn <= highest:
+            if SWAY.range[0] <= outcome.turn / wanted_turn <= SWAY.range[1]:
                 yield candidate
                 change = _change_of_push(outcome, speed)
                 if change is None:
