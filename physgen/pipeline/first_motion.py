@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from physgen.geometry import scale
 from physgen.messages import Message, Note
-from physgen.pipeline.push_trials import ramp_of
+from physgen.pipeline.push_outcomes import ramp_of
 from physgen.pipeline.trial_scenes import open_trial
 from physgen.problems import InputError, Place, Warn
 from physgen.scene.provenance import meters, source, stated_scale

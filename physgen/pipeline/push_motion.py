@@ -157,6 +157,21 @@ def tumbles(world: World, motion: Trajectory, name: str) -> bool:
     return bool(np.abs(turns).max() > radians(TRIAL.tumble))
 
 
+def measure_turn(motion: Trajectory, names: Collection[str]) -> float:
+    """Return the largest rotation of the objects of these names, degrees."""
+    columns = [motion.names.index(name) for name in names]
+    turns = motion.poses[:, columns, 2] - motion.poses[0, columns, 2]
+    return degrees(float(np.abs(turns).max(initial=0.0)))
+
+
+def measure_foot(body: Body) -> tuple[float, float, float]:
+    """Return the lower end of a body and both ends of its foot, px from its centre."""
+    points = np.concatenate(body.rings)
+    low, high = float(points[:, 1].min()), float(points[:, 1].max())
+    foot = points[points[:, 1] > high - TRIAL.foot * (high - low), 0]
+    return high, float(foot.min()), float(foot.max())
+
+
 def rocks(world: World, motion: Trajectory) -> bool:
     """Check whether an object tips visibly and settles as it stood."""
     turns = motion.poses[..., 2] - motion.poses[0, :, 2]
@@ -176,10 +191,8 @@ def tipping_motion(
     the push, 1 right or -1 left: kinetic energy about the corner becomes height. The
     body reaches its velocity within `ramp`, s, and has risen by then.
     """
-    points = np.concatenate(body.rings)
-    low, high = float(points[:, 1].min()), float(points[:, 1].max())
-    foot = points[points[:, 1] > high - TRIAL.foot * (high - low)]
-    half_width = max(float((side * foot[:, 0]).max()), 1.0)
+    high, left, right = measure_foot(body)
+    half_width = max(side * left, side * right, 1.0)
     falling_angle = atan2(half_width, high)
     turn = min(radians(angle), TRIAL.rocks_most * falling_angle)
     reach = hypot(half_width, high)

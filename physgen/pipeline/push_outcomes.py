@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.geometry.scale import PLAYBACK, push_speed
+from physgen.geometry.scale import PLAYBACK, push_speed, slow_motion, story_slow_motion
 from physgen.scene.scene import Object, Scene
 
 if TYPE_CHECKING:
@@ -111,8 +111,8 @@ class TrialLimits:
     """
     rocks_most: float = 0.5
     """Largest such rotation, relative to that at which the object falls over."""
-    rocks_visible: float = 5.0
-    """Rotation from which an object rocks, and to which it returns, degrees."""
+    rocks_visible: float = 2.0
+    """Rotation from which an object rocks; it returns to half of it, degrees."""
     rocking: float = 0.3
     """Score of an object that rocks and settles, relative to one with a long path: a
     slide in one piece looks dull, and uncovers more background.
@@ -199,6 +199,8 @@ class Outcome:
     """Names of the objects outside the picture at the end."""
     work: float = 0.0
     """Work of the trial, in steps of the engine."""
+    turn: float = 0.0
+    """Largest rotation of a pushed object, degrees."""
 
     @property
     def is_inside(self) -> bool:
@@ -272,3 +274,14 @@ class TrialScene:
         """Return the time of a fall over half of the longer side, s."""
         gravity = PLAYBACK.gravity * self.scene.world.pixels_per_meter
         return sqrt(self.side / gravity)
+
+
+def playback_of(trials: TrialScene, seconds: float) -> int:
+    """Return the slow motion of a clip with a motion of these seconds."""
+    default_slow = slow_motion(trials.side, trials.scene.world.pixels_per_meter)
+    return story_slow_motion(default_slow, seconds)
+
+
+def ramp_of(slow: int) -> float:
+    """Return the time, s, of a push in a clip with this slow motion."""
+    return float(f"{TRIAL.ramp_frames / (TRIAL.fps * slow):.2g}")

@@ -89,6 +89,13 @@ def is_loaded(scene: Scene, corners: Sequence[Array], k: int) -> bool:
     return False
 
 
+def loaded_names(trials: TrialScene) -> set[str]:
+    """Return the names of objects on which others lie."""
+    corners = [np.concatenate(body.rings) + body.center for body in trials.world.bodies]
+    objects = enumerate(trials.scene.objects)
+    return {item.name for k, item in objects if is_loaded(trials.scene, corners, k)}
+
+
 def _directions(scene: Scene, bodies: Sequence[Body], k: int) -> list[Direction]:
     """Return the unit directions of possible pushes of an object.
 

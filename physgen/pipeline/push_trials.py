@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.geometry.scale import PLAYBACK, slow_motion, story_slow_motion
+from physgen.geometry.scale import PLAYBACK
 from physgen.pipeline.push_motion import (
     PictureBorder,
     climbs,
@@ -31,11 +31,11 @@ from physgen.pipeline.push_motion import (
     measure_moving_time,
     measure_sweep,
     measure_travel,
+    measure_turn,
     overhangs,
     returns,
     rocks,
     throws,
-    tipping_motion,
     tumbles,
 )
 from physgen.pipeline.push_outcomes import (
@@ -47,8 +47,11 @@ from physgen.pipeline.push_outcomes import (
     Grade,
     Outcome,
     TrialScene,
+    playback_of,
+    ramp_of,
 )
-from physgen.pipeline.push_ranks import is_loaded, rank_pushes
+from physgen.pipeline.push_ranks import loaded_names, rank_pushes
+from physgen.pipeline.push_tips import Hand
 from physgen.scene.scene import Motion, Object, Scene, View
 
 if TYPE_CHECKING:
@@ -130,26 +133,14 @@ def _verify(
     return replace(best, outcome=replace(best.outcome, work=work))
 
 
-def ramp_of(slow: int) -> float:
-    """Return the time, s, of a push in a clip with this slow motion."""
-    return float(f"{TRIAL.ramp_frames / (TRIAL.fps * slow):.2g}")
-
-
 def _free_of_load(
     trials: TrialScene, candidates: Sequence[Candidate]
 ) -> Sequence[Candidate]:
     """Return the pushes of objects without a load; all if none of those is a story."""
-    loaded = _loaded_names(trials)
+    loaded = loaded_names(trials)
     free = [trial for trial in candidates if trial.item.name not in loaded]
     has_story = any(trial.outcome.grade is Grade.STORY for trial in free)
     return free if has_story else candidates
-
-
-def _loaded_names(trials: TrialScene) -> set[str]:
-    """Return the names of objects on which others lie."""
-    corners = [np.concatenate(body.rings) + body.center for body in trials.world.bodies]
-    objects = enumerate(trials.scene.objects)
-    return {item.name for k, item in objects if is_loaded(trials.scene, corners, k)}
 
 
 def _weight_candidate(
@@ -206,11 +197,13 @@ def _candidates(
         search = _pushes_of_pair
         # A slide to one side is no reason not to try the other side.
         if not is_tall(dynamic_bodies[0]) and any(
-            _can_rock(trials, item, direction[0], facing)
+            _hand(trials, item, direction[0], facing).can_sway
             for item, direction in sorted_pushes
         ):
             highest_score += TRIAL.rocking
-    effort = _SearchEffort(highest_score, _loaded_names(trials))
+    names = {item.name for item, _ in sorted_pushes}
+    highest_score *= max((confidence.get(name, 1.0) for name in names), default=1.0)
+    effort = _SearchEffort(highest_score, loaded_names(trials))
     for pair in sorted_pushes:
         if effort.ends_before_pair():
             return
@@ -351,66 +344,21 @@ def _pushes_of_pair(
     Pushes through the centre come first for a tall object, which they may topple.
     """
     body = next(body for body in trials.world.bodies if body.name == item.name)
+
+    def attempt(candidate: Candidate) -> Candidate:
+        return _try(trials, candidate, facing, world)
+
     slides = _search(trials, item, direction, facing, world)
-    tips = _tips(trials, item, direction, facing, world)
+    hand = _hand(trials, item, direction[0], facing)
+    tips = chain(hand.tips(attempt), hand.sways(attempt))
     yield from chain(slides, tips) if is_tall(body) else chain(tips, slides)
 
 
-def _tips(
-    trials: TrialScene,
-    item: Object,
-    direction: Direction,
-    facing: Mapping[str, str],
-    world: World,
-) -> Iterator[Candidate]:
-    """Yield pushes at the top of an object, by which it rocks on its foot."""
-    if not _can_rock(trials, item, direction[0], facing):
-        return
-    first_angle, smaller_angle, larger_angle = TRIAL.rocks
-    candidate = _tip(trials, item, direction[0], first_angle)
-    candidate = _try(trials, candidate, facing, world)
-    yield candidate
-    outcome = candidate.outcome
-    is_hard = outcome.grade in (Grade.LEAVES, Grade.RESTLESS)
-    if is_hard or outcome.travel > TRIAL.far:
-        candidate = _tip(trials, item, direction[0], smaller_angle)
-    elif outcome.travel < TRIAL.slide:
-        candidate = _tip(trials, item, direction[0], larger_angle)
-    else:
-        return
-    yield _try(trials, candidate, facing, world)
-
-
-def _can_rock(
+def _hand(
     trials: TrialScene, item: Object, side: float, facing: Mapping[str, str]
-) -> bool:
-    """Check whether a hand at its top tips an object: vehicles and plates glide."""
-    body = next(body for body in trials.world.bodies if body.name == item.name)
-    if trials.scene.world.view is not View.SIDE or body.radius is not None:
-        return False
-    is_vehicle = item.wheels or item.facing or item.name in facing
-    if is_vehicle or item.name in _loaded_names(trials):
-        return False
-    end = "right" if side > 0 else "left"
-    if (item.name, end) in trials.round_ends:
-        return False
-    width, height = measure_extent(body)
-    is_filling = max(width, height) > TRIAL.filling * trials.side
-    is_flat = height < TRIAL.flat * width
-    return not (is_filling or is_flat)
-
-
-def _tip(trials: TrialScene, item: Object, side: float, angle: float) -> Candidate:
-    """Return the push that tips an object by an angle, degrees, before its trial."""
-    body = next(body for body in trials.world.bodies if body.name == item.name)
-    gravity = hypot(*trials.world.gravity)
-    ramp = trials.ramp
-    if ramp is None:
-        ramp = ramp_of(playback_of(trials, 2 * trials.unit))
-    (x, y), spin = tipping_motion(body, side, angle, gravity, ramp)
-    speed = hypot(x, y)
-    direction = (x / speed, y / speed)
-    return Candidate(item, direction, speed, NO_MOTION, ramp, round(spin, 1))
+) -> Hand:
+    """Return the hand that pushes an object at its top."""
+    return Hand(trials, item, side, item.name in facing)
 
 
 def _is_too_hard(outcome: Outcome, gentler: Outcome) -> bool:
@@ -537,6 +485,8 @@ def simulate_push(
     score = float(np.minimum(travel / full_travel(world, fallen_names), 1.0).sum())
     score += TRIAL.falls * len(fallen_names)
     if any(spins.values()) and rocks(world, motion):
+        # A small slide with a rotation tells as much as a long slide.
+        score = max(score, min(float(travel.max()) / TRIAL.travel, 1.0))
         score += TRIAL.rocking
     # Penalties for implausible motion.
     if any(returns(motion, *push) for push in velocities.items()):
@@ -560,14 +510,15 @@ def simulate_push(
         grade = Grade.SHORT
         score *= film_share
     return Outcome(
-        grade, score, float(travel.max()), seconds, moving_names, leaving_names, work
+        grade,
+        score,
+        float(travel.max()),
+        seconds,
+        moving_names,
+        leaving_names,
+        work,
+        measure_turn(motion, velocities),
     )
-
-
-def playback_of(trials: TrialScene, seconds: float) -> int:
-    """Return the slow motion of a clip with a motion of these seconds."""
-    default_slow = slow_motion(trials.side, trials.scene.world.pixels_per_meter)
-    return story_slow_motion(default_slow, seconds)
 
 
 def _pushed_world(

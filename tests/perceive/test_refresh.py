@@ -20,7 +20,7 @@ from physgen.geometry.scale import slow_motion_comment
 from physgen.maps import read_labels, write_png
 from physgen.materials import kind
 from physgen.perceive.backends import boundary_support
-from physgen.pipeline.push_trials import ramp_of
+from physgen.pipeline.push_outcomes import ramp_of
 from physgen.scene.scene import BoxPrompt, Circle, Scene
 from physgen.scene.write import scene_text
 from physgen.scene.yaml_edit import written_anew

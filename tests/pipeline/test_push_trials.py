@@ -12,13 +12,17 @@ from physgen import pipeline
 from physgen.compile.shapes import shapes_of
 from physgen.geometry.scale import PLAYBACK, push_speed
 from physgen.pipeline import push_trials
-from physgen.pipeline.push_outcomes import TRIAL, Grade, TrialScene
+from physgen.pipeline.push_outcomes import (
+    TRIAL,
+    Grade,
+    TrialScene,
+    playback_of,
+    ramp_of,
+)
 from physgen.pipeline.push_ranks import rank_pushes
 from physgen.pipeline.push_trials import (
     choose_push,
     compile_trials,
-    playback_of,
-    ramp_of,
     simulate_push,
 )
 from physgen.simulate.engine import simulate
@@ -203,7 +207,7 @@ def test_a_push_up_to_the_border_counts_less(tmp_path: Path) -> None:
 
 def test_a_slide_of_a_hand_counts_in_full(tmp_path: Path) -> None:
     """A longer one uncovers more of what is filled in, and tells no more."""
-    trials = trials_of(tmp_path, box("crate", 200, 80, 50))
+    trials = trials_of(tmp_path, box("crate", 200, 120, 30))
     chosen = choose_push(trials, {}, {})
     assert chosen is not None
     assert TRIAL.slide < chosen.outcome.travel < 2.2 * TRIAL.slide
@@ -296,7 +300,8 @@ def test_a_given_ramp_is_tried_and_kept(tmp_path: Path) -> None:
     chosen = choose_push(trials, {}, {})
     assert chosen is not None
     assert chosen.ramp == 0.04
-    again = simulate_push(trials, {"crate": chosen.velocity}, None, 0.04)
+    push = {"crate": chosen.velocity}
+    again = simulate_push(trials, push, None, 0.04, {"crate": chosen.spin})
     assert again.travel == chosen.outcome.travel
 
 

@@ -288,7 +288,7 @@ def test_what_hardly_moves_is_pushed_harder(tmp_path: Path) -> None:
     path = tmp_path / "scene.yaml"
     path.write_text(
         "physgen: 1\nsize: [400, 200]\nworld: {pixels_per_meter: 800}\nobjects:\n"
-        "  block: {shape: {polygon: [[100, 130], [140, 130], [140, 150], [100, 150]]}, friction: 1.9}\n"
+        "  block: {shape: {polygon: [[100, 130], [180, 130], [180, 150], [100, 150]]}, friction: 1.9}\n"
         "boundaries: {floor: {segment: [[-200, 150], [800, 150]], friction: 1.9}}\n"
     )
     scene = pipeline.load(path)

@@ -17,6 +17,7 @@ from physgen.perceive.roles import PerceivedScene
 from physgen.pipeline.push_choice import round_ends
 from physgen.pipeline.push_motion import tipping_motion
 from physgen.pipeline.push_outcomes import TRIAL, Grade, TrialScene
+from physgen.pipeline.push_tips import SWAY
 from physgen.pipeline.push_trials import choose_push, compile_trials
 from physgen.simulate.engine import simulate
 
@@ -28,6 +29,7 @@ def box_trials(
     size: str,
     motion: str = "",
     round_ends: Collection[tuple[str, str]] = (),
+    friction: float = 0.8,
 ) -> TrialScene:
     """Compile a lone box of a size, px, on a floor in the side view."""
     height = float(size.strip("[]").split(",")[1])
@@ -35,8 +37,9 @@ def box_trials(
     path.write_text(
         "physgen: 1\nsize: [400, 300]\nworld: {pixels_per_meter: 800}\n"
         f"objects: {{box: {{shape: {{box: {{center: [200, {250 - height / 2}], "
-        f"size: {size}}}}}, friction: 0.8, elasticity: 0{motion}}}}}\n"
-        "boundaries: {floor: {segment: [[-400, 250], [800, 250]], friction: 0.8}}\n"
+        f"size: {size}}}}}, friction: {friction}, elasticity: 0{motion}}}}}\n"
+        "boundaries: {floor: {segment: [[-400, 250], [800, 250]], "
+        f"friction: {friction}}}}}\n"
     )
     scene = pipeline.load(path)
     return compile_trials(scene, shapes_of(scene, None), round_ends=round_ends)
@@ -90,9 +93,31 @@ def test_flat_object_slides(tmp_path: Path) -> None:
     assert not chosen.spin
 
 
-def test_object_that_fills_the_picture_slides(tmp_path: Path) -> None:
-    chosen = choose_push(box_trials(tmp_path, "[330, 200]"), {}, {})
-    assert chosen is None or not chosen.spin
+@pytest.mark.parametrize("size", ["[120, 50]", "[90, 60]"])
+@pytest.mark.parametrize("friction", [0.3, 0.8])
+def test_wide_object_sways_by_a_small_angle(
+    tmp_path: Path, size: str, friction: float
+) -> None:
+    trials = box_trials(tmp_path, size, friction=friction)
+    chosen = choose_push(trials, {}, {})
+    assert chosen is not None
+    assert chosen.spin
+    assert chosen.outcome.grade >= Grade.SHORT
+    velocity = [round(part, 1) for part in chosen.velocity]
+    edits = [f"objects.box.velocity={velocity}", f"objects.box.spin={chosen.spin}"]
+    edits.append(f"world.ramp={chosen.ramp}")
+    scene = pipeline.load(tmp_path / "scene.yaml", edits)
+    world = pipeline.compile(scene, None).world
+    turns = np.degrees(simulate(world, np.linspace(0, 2, 241)).poses[:, 0, 2])
+    assert 1.0 < abs(turns).max() < 2 * SWAY.turn
+    assert abs(turns[-1]) < 0.2
+
+
+def test_object_that_fills_the_picture_stays_inside(tmp_path: Path) -> None:
+    chosen = choose_push(box_trials(tmp_path, "[370, 200]"), {}, {})
+    assert chosen is not None
+    assert chosen.spin
+    assert chosen.outcome.grade is Grade.SHORT
 
 
 def test_object_tips_only_over_a_visible_end(tmp_path: Path) -> None:
@@ -102,13 +127,14 @@ def test_object_tips_only_over_a_visible_end(tmp_path: Path) -> None:
     assert chosen.spin < 0
 
 
-def test_object_with_a_round_foot_slides(tmp_path: Path) -> None:
+def test_object_with_a_round_foot_sways_less(tmp_path: Path) -> None:
     trials = box_trials(
         tmp_path, f"[{WIDTH}, {HEIGHT}]", round_ends=[("box", "left"), ("box", "right")]
     )
     chosen = choose_push(trials, {}, {})
     assert chosen is not None
-    assert not chosen.spin
+    assert chosen.spin
+    assert chosen.outcome.turn <= SWAY.range[1] * SWAY.round_turn
 
 
 @pytest.mark.parametrize("is_round", [True, False])
