@@ -124,6 +124,13 @@ CUE_DISTANCE = 40
 """Distance from the row to the cue ball, beyond its place in the row, px."""
 
 
+def _lane_point(distance: float, *, offset: float, direction: Point) -> Point:
+    """Return the point of a lane at a distance from the middle of the lane, px."""
+    c, s = direction
+    x = 260 + distance * c - offset * s
+    return x, 260 + distance * s + offset * c
+
+
 def _row_of_balls(draw: Draw) -> list[Case]:
     """Return the case of rows of balls in four lanes, one per gap.
 
@@ -149,12 +156,7 @@ def _row_of_balls(draw: Draw) -> list[Case]:
     velocity = [speed * c, speed * s]
     objects: dict[str, Document] = {}
     for j, (lane, gap) in enumerate(GAPS.items()):
-        offset = (j - 1.5) * 70
-
-        def place(distance: float, offset: float = offset) -> Point:
-            x = 260 + distance * c - offset * s
-            return x, 260 + distance * s + offset * c
-
+        place = partial(_lane_point, offset=(j - 1.5) * 70, direction=(c, s))
         names = [f"{lane}-{k}" for k in range(1, 6)]
         if has_cue:
             distance = -100 - (2 * radius + gap) - CUE_DISTANCE

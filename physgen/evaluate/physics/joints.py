@@ -396,6 +396,18 @@ class _WeldedPair:
             moment += mass * (own_moment + float(arm @ arm))
         return moment
 
+    def motion_after_impact(
+        self, y: float, speed_change: float, ball_mass: float
+    ) -> tuple[float, float]:
+        """Return the velocity (px/s) and the spin (rad/s) after a ball's impact at the
+        height y, which changes the relative speed by `speed_change` (px/s).
+        """
+        offset = y - self.center()[1]
+        moment = self.moment()
+        softness = 1 / ball_mass + 1 / self.mass + offset**2 / moment
+        impulse = speed_change / softness
+        return impulse / self.mass, -offset * impulse / moment
+
     def seam_center(self) -> list[float]:
         """Return the middle of the common surface of both boxes, px."""
         width = min(self.sizes[0][0], self.sizes[1][0])
@@ -416,6 +428,13 @@ class _WeldHit:
     """rad/s."""
 
 
+def _draw_impact_height(draw: Draw, upper_height: float, lower_height: float) -> float:
+    """Return the y of the impact, px, beside the upper or the lower box."""
+    if draw.sign() > 0:
+        return SEAM_Y - draw.number(0.4, 0.9) * upper_height
+    return SEAM_Y + draw.number(0.4, 0.9) * lower_height
+
+
 def _weld(draw: Draw) -> list[Case]:
     """Return the case of a ball against the flush side of two welded boxes, off-centre
     and without friction.
@@ -433,10 +452,7 @@ def _weld(draw: Draw) -> list[Case]:
     masses = (draw.mass(), draw.mass())
     side = draw.sign()
     welded = _WeldedPair((upper_size, lower_size), masses, side)
-    if draw.sign() > 0:
-        y = SEAM_Y - draw.number(0.4, 0.9) * upper_size[1]
-    else:
-        y = SEAM_Y + draw.number(0.4, 0.9) * lower_size[1]
+    y = _draw_impact_height(draw, upper_size[1], lower_size[1])
     ball = circle(
         (WELD_X - side * BALL_DISTANCE, y),
         radius,
@@ -452,30 +468,26 @@ def _weld(draw: Draw) -> list[Case]:
     }
     weld = {"objects": ["upper", "lower"], "weld": welded.seam_center()}
     joints = {"weld": weld}
-    offset = y - welded.center()[1]
-    moment = welded.moment()
-    softness = 1 / ball_mass + 1 / welded.mass + offset**2 / moment
-    impulse = side * (1 + elasticity) * speed / softness
-    hit = _WeldHit(
-        time=(BALL_DISTANCE - radius) / speed + 0.1,
-        velocity=impulse / welded.mass,
-        spin=-offset * impulse / moment,
+    velocity, spin = welded.motion_after_impact(
+        y, side * (1 + elasticity) * speed, ball_mass
     )
+    time = (BALL_DISTANCE - radius) / speed + 0.1
+    hit = _WeldHit(time, velocity, spin)
     document = scene((520, 360), 1.1, objects, world=FLOATING, joints=joints)
     return [Case(document, partial(_weld_errors, welded, hit))]
 
 
-def _weld_errors(welded: _WeldedPair, hit: _WeldHit, run: Run) -> Errors:
+def _weld_errors(pair: _WeldedPair, hit: _WeldHit, run: Run) -> Errors:
     """Return the errors of both spins, and of the velocity of the common centre, over
     one rigid body's.
     """
     upper = run.track("upper")
     lower = run.track("lower")
     sample = upper.sample(hit.time)
-    first, second = welded.masses
+    first, second = pair.masses
     momentum = first * upper.velocity[sample] + second * lower.velocity[sample]
     expected = np.array([hit.velocity, 0.0])
-    deviation = momentum / welded.mass - expected
+    deviation = momentum / pair.mass - expected
     return {
         "spin": worst(
             [_spin_error(track, sample, hit.spin) for track in (upper, lower)]
