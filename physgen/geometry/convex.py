@@ -7,7 +7,7 @@ longest edges (Hertel and Mehlhorn 1983).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import combinations
 
 import mapbox_earcut
@@ -190,6 +190,19 @@ def _orient(points: Array, triangles: NDArray[np.int64]) -> list[list[int]]:
     return counterclockwise
 
 
+def _squared_length(xy: list[list[float]], edge: tuple[int, int]) -> float:
+    """Return the squared length of an edge between two points of `xy`, px²."""
+    (ax, ay), (bx, by) = xy[edge[0]], xy[edge[1]]
+    return (ax - bx) ** 2 + (ay - by) ** 2
+
+
+def _is_convex(xy: list[list[float]], before: int, corner: int, after: int) -> bool:
+    """Return whether the corner between two points of `xy` is convex."""
+    (ax, ay), (bx, by), (cx, cy) = xy[before], xy[corner], xy[after]
+    turn = (bx - ax) * (cy - by) - (by - ay) * (cx - bx)
+    return turn >= -PIECES.flat
+
+
 def _merge(points: Array, faces: list[list[int]]) -> list[list[int]]:
     """Remove inner edges, the longest first, if both faces together are convex."""
     xy = points.tolist()
@@ -203,15 +216,7 @@ def _merge(points: Array, faces: list[list[int]]) -> list[list[int]]:
         if start < end and (end, start) in edges:
             inner.append((start, end))
 
-    def length(edge: tuple[int, int]) -> float:
-        (ax, ay), (bx, by) = xy[edge[0]], xy[edge[1]]
-        return float((ax - bx) ** 2 + (ay - by) ** 2)
-
-    def is_convex(before: int, corner: int, after: int) -> bool:
-        (ax, ay), (bx, by), (cx, cy) = xy[before], xy[corner], xy[after]
-        turn = (bx - ax) * (cy - by) - (by - ay) * (cx - bx)
-        return bool(turn >= -PIECES.flat)
-
+    length = partial(_squared_length, xy)
     for start, end in sorted(inner, key=length, reverse=True):
         left, right = edges[start, end], edges[end, start]
         if left == right:
@@ -222,8 +227,8 @@ def _merge(points: Array, faces: list[list[int]]) -> list[list[int]]:
         if len(set(face) & set(other)) > 2:
             continue
         # The union is convex if both ends of the removed edge are.
-        meets = is_convex(face[-2], start, other[1])
-        if meets and is_convex(other[-2], end, face[1]):
+        is_convex = _is_convex(xy, face[-2], start, other[1])
+        if is_convex and _is_convex(xy, other[-2], end, face[1]):
             faces[left] = face + other[1:-1]
             faces[right] = []
             for k, corner in enumerate(other[:-1]):

@@ -247,6 +247,15 @@ def meters(speed: float) -> Any:
     return f"{float(f'{speed:.3g}'):g} m/s" if abs(speed) > 1e-9 else 0
 
 
+def _changed_labels(objects: Entry, entries: Mapping[str, Entry]) -> list[str]:
+    """Return the names of the objects whose label is not that of the record."""
+    names = []
+    for name, entry in entries.items():
+        if objects[name]["label"] != entry["label"]:
+            names.append(name)
+    return names
+
+
 def apply_consequences(
     written_data: Entry,
     full_data: Entry,
@@ -264,10 +273,7 @@ def apply_consequences(
     """
     objects, side = full_data["objects"], max(size)
     entries_by_name = _labelled_entries(written_data, objects, record, outlines)
-    new_labels = []
-    for name, entry in entries_by_name.items():
-        if objects[name]["label"] != entry["label"]:
-            new_labels.append(name)
+    new_labels = _changed_labels(objects, entries_by_name)
     per_meter = full_data["world"]["pixels_per_meter"]
     values: dict[tuple[str, ...], Any] = {}
     if new_labels and follows_scale(written_data, record, side):
