@@ -432,62 +432,99 @@ def _at(
     return vx - spin * (points[:, 1] - y), vy + spin * (points[:, 0] - x)
 
 
+def _move_back(
+    pose: Array, velocity: Array, point: Array, seconds: float
+) -> tuple[float, float, float, float]:
+    """Return the centre of a body, and the place of a point fixed to it, some seconds
+    earlier: x, y, x, y px.
+    """
+    x, y, _ = pose.tolist()
+    vx, vy, spin = velocity.tolist()
+    px, py = point.tolist()
+    return (
+        x - seconds * vx,
+        y - seconds * vy,
+        px - seconds * (vx - spin * (py - y)),
+        py - seconds * (vy + spin * (px - x)),
+    )
+
+
+def _normal_and_point(
+    first_center: tuple[float, float],
+    second_center: tuple[float, float],
+    radii: tuple[float, float],
+    normal: tuple[float, float],
+    point: tuple[float, float],
+) -> tuple[float, float, float, float]:
+    """Return the normal and the place of a contact: x, y, x, y px.
+
+    A circle turns without moving its contact point: the point follows from the centre
+    and the normal. A radius is NaN if a body is not a circle.
+    """
+    ax, ay = first_center
+    bx, by = second_center
+    ra, rb = radii
+    nx, ny = normal
+    if isnan(ra):
+        if isnan(rb):
+            return nx, ny, *point
+        return nx, ny, bx - rb * nx, by - rb * ny
+    if isnan(rb):
+        return nx, ny, ax + ra * nx, ay + ra * ny
+    distance = max(hypot(bx - ax, by - ay), 1e-12)
+    return (
+        (bx - ax) / distance,
+        (by - ay) / distance,
+        ax + (bx - ax) * ra / (ra + rb),
+        ay + (by - ay) * ra / (ra + rb),
+    )
+
+
+def _levers(x: float, y: float, nx: float, ny: float) -> tuple[float, float]:
+    """Return the levers of the normal and of the tangential impulse at (x, y), px,
+    about the centre of a body.
+    """
+    return x * ny - y * nx, x * nx + y * ny
+
+
 def point_at_closing(
     objects: ContactProperties,
-    found: Points,
+    points: Points,
     k: int,
     pose: Array,
     velocity: Array,
     earlier: Array,
-    own: Flags,
+    is_own: Flags,
 ) -> Point:
     """Return point `k` as it was `earlier` s (P,) before the poses (N, 3).
 
-    `velocity` (N, 3) within the step; `own` (P,) as in `Points.earlier`. The levers of
+    `velocity` (N, 3) within the step; `is_own` (P,) as in `Points.earlier`. The levers of
     both bodies lead to one common point, so that angular momentum is conserved to the
     last digit.
     """
     seconds_back = float(earlier[k])
-    a, b = int(found.first[k]), int(found.second[k])
-    nx, ny = found.normal[k].tolist()
-    places = []
-    centers = []
-    # Move both bodies back in time, with the points fixed to them.
-    for body, points_on_body in ((a, found.on_first), (b, found.on_second)):
-        x, y, _ = pose[body].tolist()
-        vx, vy, spin = velocity[body].tolist()
-        px, py = points_on_body[k].tolist()
-        centers.append((x - seconds_back * vx, y - seconds_back * vy))
-        places.append(
-            (
-                px - seconds_back * (vx - spin * (py - y)),
-                py - seconds_back * (vy + spin * (px - x)),
-            )
-        )
-    (ax, ay), (bx, by) = centers
-    px, py = (places[0][0] + places[1][0]) / 2, (places[0][1] + places[1][1]) / 2
-    # A circle turns without moving its contact point: the point follows from the centre
-    # and the normal.
-    ra, rb = objects.radius[a], objects.radius[b]
-    if not (isnan(ra) or isnan(rb)):
-        distance = max(hypot(bx - ax, by - ay), 1e-12)
-        nx, ny = (bx - ax) / distance, (by - ay) / distance
-        px, py = ax + (bx - ax) * ra / (ra + rb), ay + (by - ay) * ra / (ra + rb)
-    elif not isnan(ra):
-        px, py = ax + ra * nx, ay + ra * ny
-    elif not isnan(rb):
-        px, py = bx - rb * nx, by - rb * ny
-    ma, mb, ea, eb = (
-        objects.lightness[a],
-        objects.lightness[b],
-        objects.ease[a],
-        objects.ease[b],
+    a, b = int(points.first[k]), int(points.second[k])
+    ax, ay, first_x, first_y = _move_back(
+        pose[a], velocity[a], points.on_first[k], seconds_back
     )
-    # Levers of the normal and of the tangential impulse about both centres.
-    na, nb = (px - ax) * ny - (py - ay) * nx, (px - bx) * ny - (py - by) * nx
-    ta, tb = (px - ax) * nx + (py - ay) * ny, (px - bx) * nx + (py - by) * ny
+    bx, by, second_x, second_y = _move_back(
+        pose[b], velocity[b], points.on_second[k], seconds_back
+    )
+    nx, ny, px, py = _normal_and_point(
+        (ax, ay),
+        (bx, by),
+        (objects.radius[a], objects.radius[b]),
+        points.normal[k].tolist(),
+        ((first_x + second_x) / 2, (first_y + second_y) / 2),
+    )
+    ma = objects.lightness[a]
+    mb = objects.lightness[b]
+    ea = objects.ease[a]
+    eb = objects.ease[b]
+    na, ta = _levers(px - ax, py - ay, nx, ny)
+    nb, tb = _levers(px - bx, py - by, nx, ny)
     return Point(
-        a, b, nx, ny, seconds_back, bool(own[k]), ma, mb, ea, eb, na, nb, ta, tb,
+        a, b, nx, ny, seconds_back, bool(is_own[k]), ma, mb, ea, eb, na, nb, ta, tb,
         ma + mb + ea * na * na + eb * nb * nb,
         ea * na * ta + eb * nb * tb,
         ma + mb + ea * ta * ta + eb * tb * tb,

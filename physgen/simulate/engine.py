@@ -499,6 +499,12 @@ class JointMomentum(NamedTuple):
     impulse: Array  # (N, 3) g·px/s, g·px/s, g·px²/s
 
 
+def _inverse_inertia(properties: ContactProperties, count: int) -> Array:
+    """Return 1/mass, 1/mass and 1/moment of the bodies, (N, 3)."""
+    light = properties.lightness
+    return np.array([light, light, properties.ease]).T[:count]
+
+
 class Stepper:
     """The state of the engine and one step after the other."""
 
@@ -526,9 +532,7 @@ class Stepper:
         self._assemblies = Assemblies(world)
         self._jointed_bodies = self._assemblies.bodies
         self._curves = CurvedWalls(world, space.moving, self._jointed_bodies)
-        light = self._properties.lightness
-        ease = self._properties.ease
-        self._inverse = np.array([light, light, ease]).T[: len(bodies)]
+        self._inverse = _inverse_inertia(self._properties, len(bodies))
         self._center = np.array([[*b.center, 0.0] for b in bodies]).reshape(-1, 3)
         # Poses and velocities of bodies and walls; the rows of walls stay 0.
         self._all_poses = np.concatenate([self._center, np.zeros((len(walls), 3))])

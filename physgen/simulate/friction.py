@@ -85,6 +85,29 @@ NODES = 1024
 """Number of nodes in the tables of friction by the ratio of sliding to spinning."""
 
 
+def _ball_properties(
+    radii: Array, mass: Array, moment: Array, grip: Array, rolling: Array
+) -> list[Array]:
+    """Return the properties of B balls, (B,) each: radius (px), inverse lever (1/px),
+    the share of a mass in the inertia of a rolling ball, deceleration of pure sliding
+    (px/s²), and the decelerations by rolling resistance of a sliding and of a rolling
+    ball (rad/s²).
+
+    `grip` and `rolling` (B,) px/s² are the coefficients times the pressure.
+    """
+    # The ratio of a solid sphere is 5/2.
+    inertia_ratio = mass * radii**2 / np.maximum(moment, 1e-300)
+    deceleration = rolling / np.maximum(radii, 1e-300) * inertia_ratio
+    return [
+        radii,
+        inertia_ratio / np.maximum(radii, 1e-300),
+        1 / (1 + inertia_ratio),
+        grip,
+        deceleration,
+        deceleration / (1 + inertia_ratio),
+    ]
+
+
 class Table:
     """Friction of a table seen from above on the N bodies of a world.
 
@@ -117,24 +140,9 @@ class Table:
         ]
         """Properties of discs, (D,) each; the first is the deceleration of pure
         sliding, px/s²."""
-        balls = self._balls
-        radii = np.array([b.radius or 0.0 for b in bodies]).reshape(-1)[balls]
-        # The ratio of a solid sphere is 5/2.
-        inertia_ratio = mass[balls] * radii**2 / np.maximum(moment[balls], 1e-300)
-        deceleration = (
-            rolling[balls] * world.press / np.maximum(radii, 1e-300) * inertia_ratio
-        )
-        inverse_lever = inertia_ratio / np.maximum(radii, 1e-300)
-        self._of_balls = [
-            radii,
-            inverse_lever,
-            1 / (1 + inertia_ratio),
-            grip[balls] * world.press,
-            deceleration,
-            deceleration / (1 + inertia_ratio),
-        ]
-        """Properties of balls, (B,) each; the last two are the deceleration by rolling
-        resistance of a sliding and of a rolling ball, rad/s²."""
+        radii = np.array([b.radius or 0.0 for b in bodies]).reshape(-1)
+        properties = (radii, mass, moment, grip * world.press, rolling * world.press)
+        self._of_balls = _ball_properties(*(v[self._balls] for v in properties))
 
     def foreseen(
         self, velocity: Array, roll: Array, h: float, steps: int
