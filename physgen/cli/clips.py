@@ -148,7 +148,7 @@ def _story_edits(
     plan = story_server.load_plan(config=options.config)
     telling = story_server.tell(subject, options.story, plan, print_problem)
     verdict = "the story happens" if telling.is_fulfilled else "the nearest outcome"
-    print_error(f"{path}: {verdict}: {telling.outcome} ({telling.tried} tried)")
+    print_error(f"{path}: {verdict}: {telling.outcome} ({telling.trials} tried)")
     return telling.edits
 
 

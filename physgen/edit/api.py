@@ -80,7 +80,7 @@ class Services:
     events: Events
     rendering: RenderJob
     token: str
-    once: set[str]  # one-time keys that open the page
+    page_keys: set[str]  # one-time keys that open the page
 
 
 def services_of(request: Request) -> Services:

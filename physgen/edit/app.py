@@ -83,8 +83,8 @@ def page(served: Served, once: str | None = None) -> Response:
     """
     # A one-time key opens the page once: exchange it for the token, so that the key in
     # the history of the browser is worthless.
-    if once is not None and once in served.once:
-        served.once.discard(once)
+    if once is not None and once in served.page_keys:
+        served.page_keys.discard(once)
         return RedirectResponse(f"/?token={served.token}", 303)
     import jinja2
 
@@ -426,7 +426,7 @@ class Editor:
         hence the address of `once` must not contain the token.
         """
         key = secrets.token_urlsafe(24)
-        self.services.once.add(key)
+        self.services.page_keys.add(key)
         return f"{self.address.partition('?')[0]}?once={key}"
 
     def run(self) -> None:

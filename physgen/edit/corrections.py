@@ -71,14 +71,14 @@ time.
 class Corrected:
     """The result of a correction: the new text and its name in the history.
 
-    `made` is the name of a new object, `folder` the folder of new maps, if any.
+    `new_name` is the name of a new object, `folder` the folder of new maps, if any.
     """
 
     text: str
-    what: str
-    made: str | None = None
+    title: str
+    new_name: str | None = None
     folder: Path | None = None
-    corrected: str | None = None
+    changed_name: str | None = None
     """The object with a changed mask, if no object is new."""
 
 
@@ -90,7 +90,7 @@ class Painted:
 
     labels: U16  # (H, W): ids of `ids`, 0 for the background
     ids: Mapping[str, int]
-    stored: Mapping[str, int]
+    stored_ids: Mapping[str, int]
     """Ids in masks.png by name, for the objects with a mask stored there from
     now on.
     """
@@ -99,7 +99,7 @@ class Painted:
     file.
     """
     after: U16
-    touched: Mask  # (H, W): pixels of the corrected objects before or after
+    changed_mask: Mask  # (H, W): pixels of the corrected objects before or after
     union: Mask  # (H, W): pixels of all objects after, also of those left out
     union_before: Mask
 
@@ -121,7 +121,7 @@ def correct(
     try:
         correction = begin(live, text)
         title = make(correction, mask_op, segmenter or PromptSegmenter())
-        if correction.masks or correction.fresh:
+        if correction.masks or correction.new_masks:
             map_folder = _linked_maps(correction.scene.assets, live.path)
             _finish(correction, map_folder)
         new_text = edited(correction.text, correction.ops).text
@@ -131,8 +131,8 @@ def correct(
         changed_paths = [op["set"] for op in correction.ops if "set" in op]
         changed_paths += [["objects", name, "mask"] for name in correction.masks]
         new_text = without_comments(new_text, changed_paths, own_comments)
-        bodies = live.state(new_text).compiled.world.bodies
-        if correction.gone:
+        bodies = live.state(new_text).compiled_scene.world.bodies
+        if correction.merged_names:
             title += "".join(
                 f" ({body.mass:,.4g} g)"
                 for body in bodies
@@ -151,7 +151,7 @@ def correct(
                 reason=message, fix=problem.fix
             ) from error
         raise
-    new_name = next(iter(correction.fresh), None)
+    new_name = next(iter(correction.new_masks), None)
     changed_name = next(iter(correction.masks), None)
     return Corrected(
         new_text,
@@ -190,21 +190,21 @@ def _finish(work: Correction, out: Path) -> None:
     for name, new_object in objects.items():
         entry = _entry(work, name, new_object, painting.labels)
         _set_provenance(work, name, entry)
-        entry["mask"] = painting.stored[name]
+        entry["mask"] = painting.stored_ids[name]
         entries[name] = {
             **entry,
             "shape": shape_entries.shape_entry(new_object.outline),
         }
         work.ops += (
             [{"add": ["objects", name], "value": entry}]
-            if name in work.fresh
+            if name in work.new_masks
             else written(work, name, entry)
         )
     # The paint of a correction would be hidden by an outline in the file: such objects
     # get a mask in masks.png, too.
-    for name in painting.stored.keys() - objects.keys():
+    for name in painting.stored_ids.keys() - objects.keys():
         work.ops.append(
-            {"set": ["objects", name, "mask"], "value": painting.stored[name]}
+            {"set": ["objects", name, "mask"], "value": painting.stored_ids[name]}
         )
     _write_maps(work, out, painting, list(objects.values()))
     _write_record(out, entries, painting.after)
@@ -253,26 +253,26 @@ def _paint(work: Correction) -> Painted:
     labels = work.labels
     before = work.maps.cut_out
     ids = {item.name: k + 1 for k, item in enumerate(work.scene.objects)}
-    for name in work.fresh:
+    for name in work.new_masks:
         ids[name] = len(ids) + 1
     after = _paint_labels(work, ids)
-    repainted_names = [*work.masks, *work.fresh, *_covered_names(work, ids, after)]
+    repainted_names = [*work.masks, *work.new_masks, *_covered_names(work, ids, after)]
     stored_ids = _stored_ids(work, repainted_names)
-    cleared_names = [*repainted_names, *work.gone]
+    cleared_names = [*repainted_names, *work.merged_names]
     masks_png = _clear_masks(before, work, cleared_names)
     for name, id_ in stored_ids.items():
         masks_png[after == ids[name]] = id_
     # Boundaries in masks.png are part of the background, not of the union of objects.
-    is_movable = ~work.sight.compiled.scenery
-    old_ids = [ids[name] for name in (*work.masks, *work.gone)]
-    new_ids = [ids[name] for name in (*work.masks, *work.fresh)]
+    is_movable = ~work.sight.compiled_scene.scenery
+    old_ids = [ids[name] for name in (*work.masks, *work.merged_names)]
+    new_ids = [ids[name] for name in (*work.masks, *work.new_masks)]
     return Painted(
         labels=after,
         ids=ids,
-        stored=stored_ids,
+        stored_ids=stored_ids,
         before=before,
         after=masks_png,
-        touched=np.isin(labels, old_ids) | np.isin(after, new_ids),
+        changed_mask=np.isin(labels, old_ids) | np.isin(after, new_ids),
         union=(after > 0) | ((masks_png > 0) & is_movable),
         union_before=(labels > 0) | ((before > 0) & is_movable),
     )
@@ -290,10 +290,10 @@ def _clear_masks(masks_png: U16, work: Correction, names: Sequence[str]) -> U16:
 def _paint_labels(work: Correction, ids: Mapping[str, int]) -> U16:
     """Return the label map (H, W) after the correction."""
     # Clear all changed objects first: a pixel belongs to the object painted last.
-    cleared_ids = [ids[name] for name in (*work.masks, *work.gone)]
+    cleared_ids = [ids[name] for name in (*work.masks, *work.merged_names)]
     labels = work.labels.copy()
     labels[np.isin(work.labels, cleared_ids)] = 0
-    for name, mask in (*work.masks.items(), *work.fresh.items()):
+    for name, mask in (*work.masks.items(), *work.new_masks.items()):
         labels[mask] = ids[name]
     return labels
 
@@ -305,7 +305,7 @@ def _covered_names(work: Correction, ids: Mapping[str, int], after: U16) -> list
     """
     names = []
     for item in work.scene.objects:
-        if item.name in work.masks or item.name in work.gone:
+        if item.name in work.masks or item.name in work.merged_names:
             continue
         old_pixels = work.labels == ids[item.name]
         new_pixels = after == ids[item.name]
@@ -354,7 +354,7 @@ def _photo_objects(work: Correction, painted: Painted) -> dict[str, PhotoObject]
     """Fit new outlines to the corrected objects by name, and set them on their
     supports.
     """
-    names = (*work.masks, *work.fresh)
+    names = (*work.masks, *work.new_masks)
     ids = [painted.ids[name] for name in names]
     fits = fit_outlines(painted.labels, ids)
     outlines = snapped_to_boundaries(
@@ -391,9 +391,11 @@ def _entry(work: Correction, name: str, one: PhotoObject, labels: U16) -> Data:
     # Only a mass of the user is shared or added: one of the table follows from the
     # area.
     if "mass" in old_entry and "mass" not in table_keys(old_entry):
-        if work.gone:
-            entry["mass"] = float(f"{joined_mass(work, source, *work.gone):.4g}")
-        elif work.fresh:
+        if work.merged_names:
+            entry["mass"] = float(
+                f"{joined_mass(work, source, *work.merged_names):.4g}"
+            )
+        elif work.new_masks:
             share = count(labels == one.id) / max(count(work.mask(source)), 1)
             entry["mass"] = float(f"{joined_mass(work, source) * share:.4g}")
     return entry
@@ -410,8 +412,8 @@ def _set_provenance(work: Correction, name: str, made: Data) -> None:
     }
     # The old prompt found the old mask.
     made.pop("prompt", None)
-    if name in work.found:
-        confidence, prompt = work.found[name]
+    if name in work.prompts:
+        confidence, prompt = work.prompts[name]
         sources = {"mask": document.provenance("pointed at", confidence), **sources}
         made["prompt"] = prompt
     if sources:
@@ -428,7 +430,7 @@ class _ChangedPart:
     window: Window
     percepts: Percepts
     """Previous maps."""
-    touched: Mask
+    changed_mask: Mask
     """Pixels of the corrected objects before or after."""
     union: Mask
     """Pixels of all objects after."""
@@ -464,7 +466,7 @@ def _write_masks(folder: Path, painted: Painted, labels: U16) -> None:
 
 def _changed_part(maps: Percepts, painted: Painted) -> _ChangedPart:
     """Return the window of the maps that a correction changes."""
-    window = _window(painted.touched | (painted.union != painted.union_before))
+    window = _window(painted.changed_mask | (painted.union != painted.union_before))
     map_parts: dict[str, Any] = {}
     for one in fields(maps):
         values = getattr(maps, one.name)
@@ -473,7 +475,9 @@ def _changed_part(maps: Percepts, painted: Painted) -> _ChangedPart:
     # A matte is slow and soft: it is computed only in a band around the changed border.
     border_band = dilate(union != painted.union_before[window], SOFT)
     percepts = Percepts(**map_parts)
-    return _ChangedPart(window, percepts, painted.touched[window], union, border_band)
+    return _ChangedPart(
+        window, percepts, painted.changed_mask[window], union, border_band
+    )
 
 
 def _write_colours(folder: Path, part: _ChangedPart, old_coverage: F32) -> None:
@@ -484,7 +488,7 @@ def _write_colours(folder: Path, part: _ChangedPart, old_coverage: F32) -> None:
     )
     coverage = np.where(part.border_band, new_values, old_coverage)
     _patch(folder / "coverage.png", part.window, part.border_band, coverage)
-    changed_pixels = dilate(part.touched, PATCHED_AROUND) | part.border_band
+    changed_pixels = dilate(part.changed_mask, PATCHED_AROUND) | part.border_band
     hole = changed_pixels & (coverage > 0)
     pictures = {"background": percepts.background, "clean": percepts.clean}
     for name, picture in pictures.items():
@@ -526,7 +530,7 @@ def _write_normals(
     normals = registry.make("normals")(
         np.ascontiguousarray(part.percepts.rgb), labels, shifted_objects, guess
     )
-    is_uncovered = part.touched & (labels == 0)
+    is_uncovered = part.changed_mask & (labels == 0)
     changed_pixels = np.isin(labels, [one.id for one in objects]) | is_uncovered
     _patch(folder / "normals.png", part.window, changed_pixels, normals, signed=True)
 

@@ -203,12 +203,12 @@ class Look:
 
     problems: tuple[Data, ...] = ()  # errors, then lints
     scene: Data | None = None
-    derived: Data | None = None
+    derived_data: Data | None = None
     motion: Data | None = None  # the first part of the motion; see `MotionStream`
     picture: str | None = None  # key of the picture
     todo: tuple[Data, ...] = ()
     doubtful: tuple[Data, ...] = ()  # regions that may be objects
-    perceived: Data | None = None  # the verdict and the summary of perception
+    perception: Data | None = None  # the verdict and the summary of perception
 
 
 @dataclass(frozen=True)
@@ -218,7 +218,7 @@ class LiveScene:
     """
 
     scene: Scene
-    compiled: CompiledScene
+    compiled_scene: CompiledScene
     key: str  # key of the photo and its maps
     picture: str  # key of the picture
     read: Callable[[Scene], Percepts | None]
@@ -276,7 +276,7 @@ class Live:
                     tuple(
                         lint(
                             compiled_scene.scene,
-                            compiled_scene.compiled,
+                            compiled_scene.compiled_scene,
                             compiled_scene.percepts,
                         )
                     )
@@ -290,7 +290,7 @@ class Live:
             return Look(
                 rows,
                 scene_data(compiled_scene.scene),
-                derived_data(compiled_scene.scene, compiled_scene.compiled),
+                derived_data(compiled_scene.scene, compiled_scene.compiled_scene),
                 motion,
                 compiled_scene.picture,
                 (
@@ -392,7 +392,7 @@ class Live:
 
     def _motion(self, known: LiveScene, begun: float) -> tuple[MotionStream, Data]:
         """Return the stream of a scene's motion and its first part."""
-        world = known.compiled.world
+        world = known.compiled_scene.world
         stream_key = motion_key(world)
         stream = self._motions.of(
             stream_key, lambda: MotionStream(stream_key, known.scene, world)

@@ -189,10 +189,10 @@ def _apply_prompted_mask(
     mask = mask & ((labels == 0) | (labels == own_id))
     if name is None:
         name = _new(work, mask)
-        work.found[name] = found.confidence, prompt
+        work.prompts[name] = found.confidence, prompt
         return f"a new object, {name}"
     _set_mask(work, name, mask)
-    work.found[name] = found.confidence, prompt
+    work.prompts[name] = found.confidence, prompt
     return f"correct the mask of {name}"
 
 
@@ -239,7 +239,7 @@ def _new(work: Correction, mask: Mask) -> str:
         [new_object], {k + 1: item.name for k, item in enumerate(work.scene.objects)}
     )[id_]
     work.entries[name] = new_entry(work, labels, new_object, name, guess[id_])
-    work.fresh[name] = mask
+    work.new_masks[name] = mask
     return name
 
 
@@ -262,7 +262,7 @@ def _merge(work: Correction, op: MergeOp) -> str:
         document, removed_parts = replaced(document, name, target_name)
         all_removed_parts += removed_parts
         work.ops.append({"merge": ["objects", name], "to": target_name})
-        work.gone = (*work.gone, name)
+        work.merged_names = (*work.merged_names, name)
     # Distances of all pixels from the target, px: parts that lie apart become one rigid
     # body, and the title says so.
     distances = cv2.distanceTransform(
@@ -315,7 +315,7 @@ def _split(work: Correction, op: SplitOp) -> str:
     while f"{op.object}-{number}" in used_names:
         number += 1
     work.masks[op.object] = larger
-    work.fresh[f"{op.object}-{number}"] = smaller
+    work.new_masks[f"{op.object}-{number}"] = smaller
     return f"split {op.object}"
 
 

@@ -38,14 +38,14 @@ class Correction:
     document: Mapping[str, Any]  # the file's data with `extends`, without defaults
     masks: dict[str, Mask] = field(default_factory=dict)
     """New pixels of existing objects."""
-    fresh: dict[str, Mask] = field(default_factory=dict)  # pixels of new objects
+    new_masks: dict[str, Mask] = field(default_factory=dict)  # pixels of new objects
     entries: dict[str, Data] = field(default_factory=dict)
     """Entries of new objects, as far as known; masks, shapes and numbers are added at
     the end.
     """
-    found: dict[str, tuple[float, Data]] = field(default_factory=dict)
+    prompts: dict[str, tuple[float, Data]] = field(default_factory=dict)
     """Confidence of a mask, and the prompt that selected it."""
-    gone: tuple[str, ...] = ()  # objects that were merged into another
+    merged_names: tuple[str, ...] = ()  # objects that were merged into another
     ops: list[Data] = field(default_factory=list)
 
     @property
@@ -58,7 +58,7 @@ class Correction:
         """Return the label map before the correction, (H, W): k + 1 is the k-th
         object.
         """
-        return self.sight.compiled.labels
+        return self.sight.compiled_scene.labels
 
     def index(self, name: str) -> int:
         """Return the index of an object. Raises EditError."""
@@ -80,7 +80,7 @@ class Correction:
     def photo_object(self, name: str) -> PhotoObject:
         """Return the object as perception describes it."""
         k = self.index(name)
-        outline = self.sight.compiled.shapes.outlines[k]
+        outline = self.sight.compiled_scene.shapes.outlines[k]
         return photo_object(
             k + 1, outline, self.scene.objects[k].label, self.scene.size
         )
@@ -214,7 +214,7 @@ def changed_entry(
 def joined_mass(work: Correction, *names: str) -> float:
     """Return the sum of masses, g."""
     return sum(
-        work.sight.compiled.world.bodies[work.index(name)].mass for name in names
+        work.sight.compiled_scene.world.bodies[work.index(name)].mass for name in names
     )
 
 

@@ -109,7 +109,7 @@ class Edited:
     """A text after operations, and the title of the edit."""
 
     text: str
-    what: str
+    title: str
 
 
 def edited(

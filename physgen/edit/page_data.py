@@ -229,7 +229,7 @@ def _uncertain_guesses(entry: _Entry, provenance: Provenance) -> list[_Guess]:
     """Return the uncertain guesses of an entry, the least certain first."""
     guesses: list[_Guess] = []
     for key, guess in entry.sources.items():
-        confidence = source(guess).sure
+        confidence = source(guess).confidence
         if confidence is None or confidence >= SURE:
             continue
         from_path = f"{entry.dotted_path}.from"

@@ -38,16 +38,17 @@ MAX_STEPS = 200
 """Number of steps for undo; older steps are removed."""
 BY_OTHERS = "changed by another program"
 """Name in the history for a state written by another program."""
-LOOK_KEYS = (
-    "problems",
-    "todo",
-    "scene",
-    "derived",
-    "motion",
-    "picture",
-    "doubtful",
-    "perceived",
-)
+LOOK_KEYS = {
+    "problems": "problems",
+    "todo": "todo",
+    "scene": "scene",
+    "derived": "derived_data",
+    "motion": "motion",
+    "picture": "picture",
+    "doubtful": "doubtful",
+    "perceived": "perception",
+}
+"""Key of the page -> field of a Look."""
 
 MAX_WORDS = 200
 """Maximum number of characters of names and of titles of edits."""
@@ -65,7 +66,7 @@ class State:
     """
 
     text: str
-    what: str = ""
+    title: str = ""
     """The edit that led here, for the undo button: `push cue-ball`."""
     tag: str | None = None
     """Consecutive edits with the same tag are one step, unless the file was saved or
@@ -93,13 +94,13 @@ class History:
     @property
     def undo(self) -> str | None:
         """Return the title of the edit to undo; None at the beginning."""
-        return self.now.what if self._at else None
+        return self.now.title if self._at else None
 
     @property
     def redo(self) -> str | None:
         """Return the title of the edit to redo; None at the end."""
         return (
-            self._states[self._at + 1].what
+            self._states[self._at + 1].title
             if self._at + 1 < len(self._states)
             else None
         )
@@ -264,7 +265,9 @@ class Session:
             }
         # Simulation takes long and must not block edits: it runs outside the lock.
         look = self.live.look(text, variant)
-        look_data: Data = {name: getattr(look, name) for name in LOOK_KEYS}
+        look_data: Data = {
+            key: getattr(look, field) for key, field in LOOK_KEYS.items()
+        }
         if look_data["perceived"] is not None:
             look_data["perceived"] = look_data["perceived"] | {"new": self.is_new}
         return session_data | look_data
@@ -309,12 +312,12 @@ class Session:
                 text = without_comments(
                     text, [op.set for op in ops if isinstance(op, SetOp)], own_comments
                 )
-            title = edit_result.what
+            title = edit_result.title
             # After a change of the view, objects would fall without new supports.
             change = hold_objects(self.live, present_state.text, text, request.variant)
             if change is not None:
                 text = change.text
-                title = f"{request.what or title}: {change.what}"
+                title = f"{request.what or title}: {change.changes}"
                 request = request.model_copy(update={"what": None})
             self._push(request, text, title)
         return self.state(request.variant)
@@ -353,12 +356,12 @@ class Session:
             if correction.folder is not None:
                 self._folders.append(correction.folder.name)
             try:
-                self._push(request, correction.text, correction.what)
+                self._push(request, correction.text, correction.title)
             except BaseException:
                 if correction.folder is not None:
                     shutil.rmtree(correction.folder, ignore_errors=True)
                 raise
-        outcome = {"made": correction.made, "corrected": correction.corrected}
+        outcome = {"made": correction.new_name, "corrected": correction.changed_name}
         return self.state(request.variant) | outcome
 
     def step(self, request: EditRequest, by: int) -> Data:
@@ -466,7 +469,7 @@ class Session:
                 self._add(State(disk_text, BY_OTHERS))
                 self._add(
                     replace(
-                        own_state, what="keep mine over another program's", tag=None
+                        own_state, title="keep mine over another program's", tag=None
                     )
                 )
             data = (codecs.BOM_UTF8 if self._bom else b"") + self.now.text.encode()

@@ -55,7 +55,7 @@ class ViewChange:
     """
 
     text: str
-    what: str
+    changes: str
 
 
 def hold_objects(
@@ -115,12 +115,12 @@ def _guess(state: LiveScene, percepts: Percepts) -> BoundaryGuess:
     objects = [
         photo_object(k + 1, outline, item.label, scene.size)
         for k, (item, outline) in enumerate(
-            zip(scene.objects, state.compiled.shapes.outlines, strict=True)
+            zip(scene.objects, state.compiled_scene.shapes.outlines, strict=True)
         )
     ]
     find_boundaries = registry.make("boundary")
     guess: BoundaryGuess = find_boundaries(
-        percepts.rgb, state.compiled.labels, objects, scene.world.view
+        percepts.rgb, state.compiled_scene.labels, objects, scene.world.view
     )
     return guess
 
@@ -241,7 +241,7 @@ def _leaving(
         for item in state.scene.objects
     )
     scene = replace(state.scene, objects=objects)
-    world = compile_shapes(scene, state.compiled.shapes).world
+    world = compile_shapes(scene, state.compiled_scene.shapes).world
     end_positions = simulate(world, np.linspace(0, PUSHED, SAMPLES)).poses[-1, :, :2]
     is_inside = np.all((end_positions >= 0) & (end_positions < scene.size), axis=1)
     outside_indices = np.flatnonzero(~is_inside).tolist()
@@ -259,7 +259,7 @@ def _falling(state: LiveScene) -> list[str]:
     # Hold the first objects that move and simulate again: objects that rest on them may
     # stay at rest then.
     while True:
-        world = compile_shapes(scene, state.compiled.shapes).world
+        world = compile_shapes(scene, state.compiled_scene.shapes).world
         poses = simulate(world, times).poses[..., :2]
         distances = np.hypot(*np.moveaxis(poses - poses[:1], -1, 0))
         is_free = [item.motion is Motion.DYNAMIC for item in scene.objects]

@@ -29,7 +29,7 @@ class _Edges:
     """(E,) px."""
     columns: NDArray[np.intp]
     """(E,) px."""
-    directions: NDArray[np.float32]
+    directions: NDArray[np.floating]
     """Unit gradients, (2, E): x, y."""
 
     def votes(self, radius: float, shape: tuple[int, int]) -> NDArray[np.float32]:

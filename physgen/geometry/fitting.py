@@ -28,7 +28,7 @@ fitting).
 class FitTuning:
     """Thresholds of fitted outlines."""
 
-    round: float = 0.93
+    round_iou: float = 0.93
     """IoU of a circle that replaces a completely visible mask, reduced by half a pixel
     at its border. In photos of COCO, cakes, pizzas, cups and bananas reach less; balls
     of 6 px and more reach more in photos of any quality.
@@ -48,7 +48,7 @@ class FitTuning:
     """IoU of a disc below which it is replaced by a region, after it was moved to make
     room. In a rack of balls of 20 px, in a photo of low quality, discs at the right
     places keep 0.78."""
-    hidden: float = 0.1
+    hidden_weight: float = 0.1
     """Weight of a border point beside another object, as it may be the other's
     border.
     """
@@ -67,7 +67,7 @@ def disc_of(mask: Mask, whole: bool) -> Disc | None:
     disc, iou = fit_circle(mask, border)
     lowest_iou = CIRCLE_IOU
     if whole:
-        lowest_iou = max(CIRCLE_IOU, FIT.round - 1 / disc.radius)
+        lowest_iou = max(CIRCLE_IOU, FIT.round_iou - 1 / disc.radius)
     return disc if iou >= lowest_iou and iou > box_iou(border) else None
 
 
@@ -333,7 +333,7 @@ def _rough_shape(owned: NDArray[np.int64], i: int, view: View, disc: Disc) -> Ro
     border = local + _corner(view)
     last = np.array([owned.shape[1] - 1, owned.shape[0] - 1])
     is_cut = ((border < 0) | (border > last)).any(axis=1)
-    weight = np.where(is_cut, 1e-3, np.where(is_beside_other, FIT.hidden, 1.0))
+    weight = np.where(is_cut, 1e-3, np.where(is_beside_other, FIT.hidden_weight, 1.0))
     return RoughDisc(disc, border, weight)
 
 

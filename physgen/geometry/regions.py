@@ -40,7 +40,7 @@ class Border:
     corners: Array
     left: int
     right: int
-    closed: bool
+    is_loop: bool
 
     @property
     def middles(self) -> Array:
@@ -50,7 +50,7 @@ class Border:
         It differs from the pixel border by at most 0.354 px, and turns stairs into
         slopes.
         """
-        if self.closed:
+        if self.is_loop:
             return (self.corners + np.roll(self.corners, -1, axis=0)) / 2
         halves = (self.corners[1:] + self.corners[:-1]) / 2
         return np.concatenate([self.corners[:1], halves, self.corners[-1:]])
@@ -111,7 +111,7 @@ def _closed_loops(borders: Sequence[Border]) -> dict[int, list[Loop]]:
     """Return the loops of single closed borders, by label."""
     loops: dict[int, list[Loop]] = {}
     for index, border in enumerate(borders):
-        if border.closed:
+        if border.is_loop:
             loops.setdefault(border.right, []).append((Step(index, False),))
             loops.setdefault(border.left, []).append((Step(index, True),))
     return loops
@@ -299,7 +299,7 @@ def fit_regions(labels: NDArray[np.int64]) -> dict[int, Region]:
     tiny = {label for label in borders.loops if areas[label] < _TINY}
     # Junctions first: their places decide the ends of lines, which are simplified next.
     lines = _untangle(borders, _settle_junctions(borders.borders, tiny), tiny)
-    closed = [border.closed for border in borders.borders]
+    closed = [border.is_loop for border in borders.borders]
     regions = {}
     for label, loops in sorted(borders.loops.items()):
         rings = []
@@ -353,7 +353,7 @@ def _settle_junctions(borders: tuple[Border, ...], tiny: set[int]) -> list[Array
     runs = {}
     # Collect the open ends that meet at each junction.
     for index, border in enumerate(borders):
-        if border.closed:
+        if border.is_loop:
             continue
         runs[index] = end_lines(lines[index], _tolerance(border))
         for end in (0, -1):
@@ -404,8 +404,8 @@ def _untangle(traced: BorderMap, middles: list[Array], tiny: set[int]) -> list[A
     lines = []
     for k, border in enumerate(borders):
         line = middles[k]
-        if border.closed or not {border.left, border.right} & tiny:
-            line = simplify(line, tolerance[k], border.closed)
+        if border.is_loop or not {border.left, border.right} & tiny:
+            line = simplify(line, tolerance[k], border.is_loop)
         lines.append(line)
     rings = [_there_and_back(line, b) for line, b in zip(lines, borders, strict=True)]
     for attempt in range(6):
@@ -429,7 +429,7 @@ def _untangle(traced: BorderMap, middles: list[Array], tiny: set[int]) -> list[A
 
 def _there_and_back(line: Array, border: Border) -> Array:
     """Return an open line as a closed one, there and back."""
-    return line if border.closed else np.concatenate([line, line[-2:0:-1]])
+    return line if border.is_loop else np.concatenate([line, line[-2:0:-1]])
 
 
 def _nest(loops: list[Array]) -> list[Ring]:

@@ -47,7 +47,7 @@ class _ShapeLimits:
     """Cost of an inclined axis."""
     end_on: float = 0.4
     """Cost of a view from the object's end."""
-    flat: float = 0.2
+    flat_depth: float = 0.2
     """Depth over width of a disc or ring of unknown thickness."""
 
 
@@ -65,9 +65,9 @@ class _ScaleLimits:
     """
     any_size: float = 0.5
     """Spread above which an object does not count: a plank has any length."""
-    vague: float = 0.3
+    vague_spread: float = 0.3
     """Spread at which the confidence is 1 / e."""
-    judged: float = 0.1
+    judged_spread: float = 0.1
     """Minimum spread of a size estimated by eye."""
 
 
@@ -287,7 +287,7 @@ def _mean_depth(outline: Outline, form: str) -> float:
     """Return the depth, px, of an object of unknown proportions."""
     long, short = box_sides(outline)
     if form in ("disc", "hoop"):
-        return SHAPE.flat * long if long < 2 * short else long * pi / 4
+        return SHAPE.flat_depth * long if long < 2 * short else long * pi / 4
     is_boxy = mass_properties(outline).area / (long * short) > SHAPE.boxy
     if form == "slab" or (form == "" and is_boxy):
         return short
@@ -298,7 +298,7 @@ def _mean_depth(outline: Outline, form: str) -> float:
 class WeighingConstants:
     """Constants of the masses."""
 
-    unscaled: float = 0.3
+    unscaled_confidence: float = 0.3
     """Maximum confidence of a mass with an assumed scale."""
     standard: float = 0.05
     """Spread of sizes up to which a kind has one standard mass."""
@@ -406,7 +406,7 @@ def photo_scale(
     if not witnesses:
         return None
     middle, spread = _combine(list(witnesses.values()))
-    confidence = 0.95 * exp(-((spread / LIMITS.vague) ** 2))
+    confidence = 0.95 * exp(-((spread / LIMITS.vague_spread) ** 2))
     # Do not pretend more precision than the spread allows.
     digits = 3 if spread < 0.05 else 2
     value = float(f"{exp(middle) * 1000:.{digits}g}")

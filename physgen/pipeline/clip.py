@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
 from enum import Enum
@@ -38,7 +38,7 @@ from physgen.pipeline.refining import (
     guidance_footage,
     refine_footage,
 )
-from physgen.pipeline.stages import Keep, Stages, fan, lint, render, resolved
+from physgen.pipeline.stages import Keep, Maps, Stages, fan, lint, render, resolved
 from physgen.pipeline.writing import VideoFiles
 from physgen.problems import (
     InputError,
@@ -278,6 +278,44 @@ def _displacements(world: World, trajectory: Trajectory) -> NDArray[np.float64]:
     return np.asarray(np.ptp(trajectory.poses, axis=0) * lengths)
 
 
+def _new_record(path: str | Path, options: RenderOptions) -> RunRecord:
+    """Return the record of a run that begins."""
+    from physgen.report.record import RunRecord
+
+    command = command_alone(path, options)
+    record = RunRecord(
+        scene="", command=list(options.command) or command, alone=command
+    )
+    record.overrides = list(options.overrides)
+    record.variant = options.variant
+    record.mark = options.mark
+    return record
+
+
+def _load_clip(
+    path: str | Path, options: RenderOptions, stages: Stages, record: RunRecord
+) -> tuple[Scene, Maps]:
+    """Return the scene of a clip, with the clip's name, and the maps of its photo."""
+    variant = options.variant
+    with record.stage("load"):
+        scene = stages.load(path, options.overrides, variant, options.allow_outside)
+        scene = replace(scene, name=options.name or output_name(path, variant))
+        return scene, stages.maps(scene)
+
+
+def _describe_inputs(
+    record: RunRecord, scene: Scene, path: Path, folder: Path, stages: Stages
+) -> None:
+    """Add the scene's name, its input files and the size of the video to a record."""
+    from physgen.report.record import inputs, source_of
+
+    record.scene = scene.name
+    record.seeds = {"refine": scene.refine.seed}
+    record.inputs = inputs(scene, path, stages.hash)
+    record.source = source_of(path, folder)
+    record.video = {"size": list(scene.video_size), "fps": scene.render.fps}
+
+
 class _Run:
     """The state of one render, shared by its stages."""
 
@@ -290,37 +328,20 @@ class _Run:
         progress: Progress,
         warn: Warn,
     ) -> None:
-        from physgen.report.record import RunRecord, inputs, source_of
-
         self.options = options
         self.progress = progress
         self._warn = warn
-        variant = options.variant
-        command = command_alone(path, options)
-        record = RunRecord(
-            scene="", command=list(options.command) or command, alone=command
-        )
-        record.overrides = list(options.overrides)
-        record.variant = variant
-        record.mark = options.mark
+        self.record = record = _new_record(path, options)
         # Files that another program writes after this time make the clip outdated.
-        self.record = record
         self._begun = time.time_ns()
-        with record.stage("load"):
-            scene = stages.load(path, options.overrides, variant, options.allow_outside)
-            scene = replace(scene, name=options.name or output_name(path, variant))
-            maps = stages.maps(scene)
+        scene, maps = _load_clip(path, options, stages, record)
         self.scene = scene
         self._stamps = maps.stamps
         self.final = output_folder(out, scene.name)
-        record.scene = scene.name
-        record.seeds = {"refine": scene.refine.seed}
-        record.inputs = inputs(scene, Path(path), stages.hash)
-        record.source = source_of(Path(path), self.final)
-        record.video = {"size": list(scene.video_size), "fps": scene.render.fps}
+        _describe_inputs(record, scene, Path(path), self.final, stages)
         progress("compile", 0, 1)
         # Problems of a variant name it, so that the user can find the edit.
-        with record.stage("compile"), variant_named(variant):
+        with record.stage("compile"), variant_named(options.variant):
             compiled_scene = stages.compile(scene, maps)
             record.document = resolved(scene, compiled_scene)
             warnings = lint(scene, compiled_scene, maps.percepts)
@@ -380,16 +401,7 @@ class _Run:
                 record.mark = ""
             write_manifest(record, folder)
             earlier_manifest = read_manifest(self.final)
-        source = earlier_manifest.get("source")
-        place = Place(str(self.final))
-        # Two scenes of the same name replace each other's clips.
-        other_scene = os.path.normpath(self.final / str(source))
-        if source != record.source and os.path.isfile(other_scene):
-            self._warn(Message.CLIP_REPLACED.warning(place, scene=other_scene))
-        elif replaced_files := lost_files(
-            earlier_manifest, {*record.files, "report.html"}
-        ):
-            self._warn(Message.FILES_REPLACED.warning(place, files=replaced_files))
+        self._warn_of_replaced_files(earlier_manifest)
         if faults:
             raise InputError(
                 [*faults, _kept(self.final, "has the clip without refinement")]
@@ -402,6 +414,19 @@ class _Run:
                 ]
             )
         return self.final
+
+    def _warn_of_replaced_files(self, earlier_manifest: Mapping[str, Any]) -> None:
+        """Warn if the clip replaced that of another scene, or files of a former run."""
+        source = earlier_manifest.get("source")
+        place = Place(str(self.final))
+        # Two scenes of the same name replace each other's clips.
+        other_scene = os.path.normpath(self.final / str(source))
+        if source != self.record.source and os.path.isfile(other_scene):
+            self._warn(Message.CLIP_REPLACED.warning(place, scene=other_scene))
+            return
+        files = lost_files(earlier_manifest, {*self.record.files, "report.html"})
+        if files:
+            self._warn(Message.FILES_REPLACED.warning(place, files=files))
 
     def _draw_perception(self) -> None:
         """Start to draw the report's pictures of the photo; its maps are
@@ -605,7 +630,7 @@ class _Run:
                     _kept(self.final, "keeps the clip that was refined before"),
                 ]
             )
-        return outcome.faults, outcome.changed
+        return outcome.faults, outcome.largest_change
 
     def _write_sound(self, trajectory: Trajectory, folder: Path) -> I16 | None:
         """Write the sound track, if a format of the clip can have one; return its

@@ -33,8 +33,8 @@ class Draws:
                 "path": doubt.path,
                 "value": doubt.value,
                 "from": doubt.source.text,
-                "sure": doubt.source.sure,
-                "alike": doubt.alike,
+                "sure": doubt.source.confidence,
+                "alike": doubt.shared_variance,
             }
             for doubt in ensemble.doubts
         ]

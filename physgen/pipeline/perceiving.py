@@ -104,7 +104,7 @@ def perceive(
     check_text_names(image, output)
     check_writable((output or stdout or Path()).parent)
     photo = perceive_photo(image, options, crew, progress, warn)
-    perceived = photo.perceived
+    perceived = photo.perceived_scene
     description = describe(perceived)
     text = write_scene(
         replace(perceived, description=description),
@@ -156,7 +156,7 @@ class PerceivedPhoto:
     file.
     """
 
-    perceived: PerceivedScene
+    perceived_scene: PerceivedScene
     is_nameable: bool
     """Whether the file has exactly the pixels of the scene."""
 

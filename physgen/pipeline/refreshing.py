@@ -90,7 +90,7 @@ def refresh(
         side = max(scene_file.ground.size or (0, 0)) or None
         prompts = PerceiveOptions(boxes=boxes, points=points, side=side)
         photo = perceive_photo(image, prompts, run.crew, progress, ignore_warning)
-        return photo.perceived
+        return photo.perceived_scene
 
     with with_fitting_assets(scene_file, path, output, perceive_objects) as (
         fitting_scene,
@@ -139,10 +139,10 @@ def _perceive_anew(opened: OpenedScene, run: _Refresh) -> str:
     assert image is not None
     new_photo = perceive_photo(image, run.options, run.crew, run.progress, run.warn)
     old_document = opened.document()
-    _report_lost_objects(old_document, new_photo.perceived, path, run.warn)
+    _report_lost_objects(old_document, new_photo.perceived_scene, path, run.warn)
     # Values with a meaning in any photo stay; those in pixels of the old photo are
     # dropped.
-    transfer = carry_over(old_document, opened.ground.record, new_photo.perceived)
+    transfer = carry_over(old_document, opened.ground.record, new_photo.perceived_scene)
     description = describe(transfer.perceived)
     for key in transfer.dropped:
         run.warn(Message.VALUE_OF_OTHER_PHOTO.warning(Place(str(path)), key))
@@ -205,7 +205,7 @@ class _OldScene:
 class _NewPerception:
     """The result of perceiving a photo again."""
 
-    perceived: PerceivedScene
+    perceived_scene: PerceivedScene
     labels: Labels | None
     """Label map with the doubtful and the removed regions of the old scene; None if
     that has no maps.
@@ -382,7 +382,7 @@ def _merge_scenes(
     that the user has changed.
     """
     record = old.scene.record
-    perceived = new.perceived
+    perceived = new.perceived_scene
     document = old_and_new.merge_documents(
         old.document,
         perceived.document,
@@ -412,7 +412,7 @@ def _final_percepts(old_maps: Percepts, new: _NewPerception) -> Percepts:
     """Return the new maps with the old scene's regions, and its depth if no new one
     exists.
     """
-    new_percepts = new.perceived.percepts
+    new_percepts = new.perceived_scene.percepts
     assert new.labels is not None
     # Whether the clean background exists depends on the light of this scene, not
     # on that of the new perception.
@@ -443,7 +443,7 @@ def _summary_scene(
 
     `motions`: values of objects that move as before, by name.
     """
-    perceived_document = new.perceived.document
+    perceived_document = new.perceived_scene.document
     final_objects = moving_scene.document["objects"]
     objects = dict(perceived_document["objects"])
     for name in objects.keys() & final_objects.keys():
@@ -455,5 +455,5 @@ def _summary_scene(
         }
         objects[name] = objects[name] | motion
     document = {**perceived_document, "objects": objects, "doubtful": new.doubtful}
-    comments = {**new.perceived.comments, **moving_scene.comments}
+    comments = {**new.perceived_scene.comments, **moving_scene.comments}
     return replace(moving_scene, document=document, comments=comments)

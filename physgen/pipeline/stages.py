@@ -39,6 +39,9 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+FRONTAL_LIGHT = (0.0, 0.0, 1.0)
+"""Direction of the light in a scene without a light: from the viewer."""
+
 MOST_HASHES = 20_000
 """Number of files with a hash in memory."""
 
@@ -254,6 +257,13 @@ def fan(
         return draw(scene, compiled, count, seed, variant, progress)
 
 
+def _layer_order(scene: Scene) -> dict[int, int]:
+    """Return the layers of the objects by number, from the back to the front."""
+    layers = [item.layer for item in scene.objects]
+    order = sorted(range(len(layers)), key=layers.__getitem__)
+    return {number: layers[number] for number in order}
+
+
 def stage(scene: Scene, compiled: CompiledScene, maps: Percepts | None) -> Stage:
     """Prepare the filled background and the sprites from the photo.
 
@@ -274,10 +284,7 @@ def stage(scene: Scene, compiled: CompiledScene, maps: Percepts | None) -> Stage
 
     start_poses = photo_poses(compiled.world)
     world = world_in_photo(compiled.world)
-    layers = [item.layer for item in scene.objects]
-    layer_order = {
-        k: layers[k] for k in sorted(range(len(layers)), key=layers.__getitem__)
-    }
+    layer_order = _layer_order(scene)
     supersample = scene.render.supersample
     if maps is None:
         scale = canvas_scale(scene)
@@ -296,19 +303,15 @@ def stage(scene: Scene, compiled: CompiledScene, maps: Percepts | None) -> Stage
     maps, coverage, background = _put_back(
         maps, doubtful, coverage, background, compiled.labels
     )
-    absent_pixels = (
-        (maps.cut_out > 0)
-        & (compiled.labels == 0)
-        & ~compiled.scenery
-        & ~np.isin(maps.labels, doubtful)
-    )
+    is_absent = (maps.cut_out > 0) & (compiled.labels == 0) & ~compiled.scenery
+    absent_pixels = is_absent & ~np.isin(maps.labels, doubtful)
     # Threads of OpenCV cost a third more CPU time, and the encoder uses the other core.
     with single_threaded():
         shapes = compiled.shapes.drawn
         world = world_as_drawn(world, shapes)
-        light_direction = (
-            (0.0, 0.0, 1.0) if scene.light is None else scene.light.direction
-        )
+        light_direction = FRONTAL_LIGHT
+        if scene.light is not None:
+            light_direction = scene.light.direction
         sprites = cut_sprites(
             maps.rgb,
             compiled.labels,

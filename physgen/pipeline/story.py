@@ -40,9 +40,9 @@ class StoryLimits:
     """Speeds of trials, by the ordinary speed of a push, from gentle to hard."""
     elevations: tuple[float, ...] = (0.0, 20.0, 40.0, 60.0)
     """Elevations of throws above the line to the target, degrees."""
-    fallen: float = 60.0
+    fallen_angle: float = 60.0
     """Smallest turn of an object that has fallen over, degrees."""
-    spun: float = 90.0
+    spun_angle: float = 90.0
     """Smallest turn of an object that spins, degrees."""
     shift: float = 0.05
     """Smallest visible shift, by the picture's longer side."""
@@ -54,7 +54,7 @@ class StoryLimits:
     """Ordinary spin, degrees/s."""
     actors: int = 4
     """Largest number of actors to try, if a sentence means one of many."""
-    most: int = 120
+    max_simulations: int = 120
     """Largest number of simulations."""
     rate: float = 60.0
     """Samples of a motion per second, from which its outcome is rated."""
@@ -93,7 +93,7 @@ class Telling:
     is_fulfilled: bool
     outcome: str
     """Description of the motion in words."""
-    tried: int
+    trials: int
     """Number of simulations."""
 
 
@@ -127,7 +127,7 @@ def tell_story(scene: Scene, compiled: CompiledScene, text: str) -> Telling:
             best_merit = merit
             best_share = share
             best_motion = motion
-        if merit >= LIMITS.partial or trial_count >= LIMITS.most:
+        if merit >= LIMITS.partial or trial_count >= LIMITS.max_simulations:
             break
     assert best is not None
     is_fulfilled = best_share >= LIMITS.partial
@@ -443,9 +443,12 @@ def _change(world: World, wish: Wish, k: int, motion: Trajectory) -> float:
     poses = motion.poses[:, k]
     height = _height(world.bodies[k])
     if wish is Wish.TURN:
-        value = degrees(float(np.abs(poses[:, 2] - poses[0, 2]).max())) / LIMITS.fallen
+        value = (
+            degrees(float(np.abs(poses[:, 2] - poses[0, 2]).max()))
+            / LIMITS.fallen_angle
+        )
     elif wish is Wish.SPIN:
-        value = degrees(float(np.abs(poses[-1, 2] - poses[0, 2]))) / LIMITS.spun
+        value = degrees(float(np.abs(poses[-1, 2] - poses[0, 2]))) / LIMITS.spun_angle
     elif wish is Wish.DROP:
         value = (poses[-1, 1] - poses[0, 1]) / (LIMITS.drop * height)
     else:
@@ -482,7 +485,7 @@ def outcome_words(
         angle = degrees(
             float(np.abs(motion.poses[:, k, 2] - motion.poses[0, k, 2]).max())
         )
-        if angle >= LIMITS.fallen and world.bodies[k].radius is None:
+        if angle >= LIMITS.fallen_angle and world.bodies[k].radius is None:
             turn_sentences.append(f"{name} turns by {angle:.0f} degrees")
     sentences += turn_sentences
     offset = motion.poses[-1, start.actor, :2] - motion.poses[0, start.actor, :2]

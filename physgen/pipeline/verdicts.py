@@ -26,7 +26,7 @@ class OutcomeLimits:
 
     brief: float = 0.5
     """Smallest duration of visible motion in the video, s; below it is a jerk."""
-    filled: float = 0.25
+    filled_area: float = 0.25
     """Area of filled background behind moving objects, on any ground."""
     busy_filled: float = 0.06
     """The same area beside fine detail, which a fill does not continue."""
@@ -117,7 +117,7 @@ def _fill_doubts(perceived: PerceivedScene, outcome: Outcome) -> list[str]:
         area += min(uncovered_share, 1.0) * float(object_mask.mean())
         mask |= object_mask
     detail_share = _detail_around(perceived, mask) if area else 0.0
-    is_large = area > OUTCOME.filled
+    is_large = area > OUTCOME.filled_area
     has_much_detail = area > OUTCOME.busy_filled and detail_share > OUTCOME.busy
     if not (is_large or has_much_detail):
         return []

@@ -307,12 +307,8 @@ class Refinement:
             raise Message.REFINED_NOT_FINITE.error(
                 "refine", str(model.note().get("dtype", ""))
             )
-        parts = zip(model.decode(z), model.decode(z0), strict=True)
-        pairs = (pair for part in parts for pair in zip(*part, strict=True))
-        # Leave out the additional frames at the end of the last latent frame.
-        for index, (refined_frame, guidance_frame) in enumerate(
-            islice(pairs, self._count)
-        ):
+        pairs = enumerate(self._decoded_pairs(z, z0))
+        for index, (refined_frame, guidance_frame) in pairs:
             yield restore_detail(
                 guidance[index],
                 fit.back(refined_frame),
@@ -323,9 +319,19 @@ class Refinement:
                 held=float(stay[index]),
             )
 
+    def _decoded_pairs(self, z: F32, z0: F32) -> Iterator[tuple[F32, F32]]:
+        """Yield each refined frame with its decoded guidance frame.
+
+        `z` and `z0` are the latents with and without refinement. The additional frames
+        at the end of the last latent frame are left out.
+        """
+        parts = zip(self._model.decode(z), self._model.decode(z0), strict=True)
+        pairs = (pair for part in parts for pair in zip(*part, strict=True))
+        return islice(pairs, self._count)
+
     def _too_large(self) -> Problem:
         """Return the problem of a video too large for the device."""
-        width, height = self._fit.padded
+        width, height = self._fit.padded_size
         size_text = f"{self._count} frames of {width} x {height} px"
         return Message.REFINING_TOO_LARGE.problem(Place("refine"), "", size_text)
 
@@ -345,7 +351,7 @@ class Refinement:
             "lock": settings.lock,
             "detail": settings.detail,
             "frames_held": settings.hold,
-            "size": list(self._fit.scaled),
+            "size": list(self._fit.scaled_size),
             "windows": [list(span) for span in self._windows],
             **self._model.note(),
         }

@@ -29,35 +29,35 @@ class Fit:
 
     size: Size
     """Size of the video."""
-    scaled: Size
+    scaled_size: Size
     """Size for the model: smaller if the video has more pixels than the training
     frames.
     """
-    padded: Size
+    padded_size: Size
     """Size with a mirrored border, up to multiples of the grid."""
 
     def shown(self, rgb: U8) -> U8:
-        """Resize (H, W, 3) of `size` to `padded`, in linear light."""
-        if self.scaled != self.size:
+        """Resize (H, W, 3) of `size` to `padded_size`, in linear light."""
+        if self.scaled_size != self.size:
             rgb = encode_u8(
-                cv2.resize(decode(rgb), self.scaled, interpolation=cv2.INTER_AREA)
+                cv2.resize(decode(rgb), self.scaled_size, interpolation=cv2.INTER_AREA)
             )
         return np.asarray(self._padded(rgb), np.uint8)
 
     def mask(self, coverage: F32) -> F32:
-        """Resize (H, W) of `size` to `padded`."""
-        if self.scaled != self.size:
+        """Resize (H, W) of `size` to `padded_size`."""
+        if self.scaled_size != self.size:
             coverage = np.asarray(
-                cv2.resize(coverage, self.scaled, interpolation=cv2.INTER_AREA),
+                cv2.resize(coverage, self.scaled_size, interpolation=cv2.INTER_AREA),
                 np.float32,
             )
         return np.asarray(self._padded(coverage), np.float32)
 
     def back(self, picture: F32) -> F32:
-        """Resize (H, W, 3) of `padded` to `size`."""
-        width, height = self.scaled
+        """Resize (H, W, 3) of `padded_size` to `size`."""
+        width, height = self.scaled_size
         picture = picture[:height, :width]
-        if self.scaled != self.size:
+        if self.scaled_size != self.size:
             picture = np.asarray(
                 cv2.resize(picture, self.size, interpolation=cv2.INTER_CUBIC),
                 np.float32,
@@ -65,11 +65,17 @@ class Fit:
         return picture
 
     def _padded(self, picture: NDArray[np.generic]) -> NDArray[np.generic]:
-        """Pad a picture by its mirrored border to `padded`."""
-        right, bottom = (p - s for p, s in zip(self.padded, self.scaled, strict=True))
+        """Pad a picture by its mirrored border to `padded_size`."""
+        right, bottom = (
+            p - s for p, s in zip(self.padded_size, self.scaled_size, strict=True)
+        )
         if not right and not bottom:
             return picture
-        edge = cv2.BORDER_REFLECT_101 if min(self.scaled) > 1 else cv2.BORDER_REPLICATE
+        edge = (
+            cv2.BORDER_REFLECT_101
+            if min(self.scaled_size) > 1
+            else cv2.BORDER_REPLICATE
+        )
         return np.asarray(
             cv2.copyMakeBorder(np.asarray(picture), 0, bottom, 0, right, edge)
         )

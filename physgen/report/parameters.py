@@ -94,7 +94,7 @@ def arrows(world: World) -> list[tuple[str, Array, Array, str]]:
             )
             arrow_list["force"].append(
                 (
-                    body.center + push.at,
+                    body.center + push.point,
                     push.vector,
                     f"{title} from {value_text(push.start)} s",
                 )
@@ -318,7 +318,11 @@ def differing(rows: Sequence[Row], common_cells: Mapping[str, Cell]) -> list[Row
 def _is_equal(first: Cell, second: Cell) -> bool:
     """Return whether two cells are equal without regard to lines of the file."""
     one, other = first.source, second.source
-    if (first.text, one.kind, one.sure) != (second.text, other.kind, other.sure):
+    if (first.text, one.kind, one.confidence) != (
+        second.text,
+        other.kind,
+        other.confidence,
+    ):
         return False
     # Lines of the file differ for each object: they are merged to a range.
     return one.kind == "file" or one.text == other.text

@@ -608,7 +608,7 @@ def _pushes(world: World) -> list[Data]:
             "load": push.load.value,
             "vector": [_short(v) for v in push.vector.tolist()],
             "torque": _short(push.torque),
-            "at": [round(v, 2) for v in push.at.tolist()],
+            "at": [round(v, 2) for v in push.point.tolist()],
             "start": push.start,
             "end": push.start
             if push.load is Load.IMPULSE

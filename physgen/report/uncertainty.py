@@ -124,5 +124,5 @@ def _row(v: Verdict) -> dict[str, Any]:
         "event": VERBS[v.event],
         "radius": rounded(v.radius),
         "size": rounded(v.size),
-        "clip": VERBS[v.own],
+        "clip": VERBS[v.clip_fate],
     }

@@ -419,7 +419,7 @@ def _marked_fault(
     fault = explain_syntax(error, text)
     if fault is None:
         return place, reason, ""
-    return Place(source.name, fault.line, fault.column), fault.expected, fault.fix
+    return Place(source.name, fault.line, fault.column), fault.expectation, fault.fix
 
 
 def _place_of_control_character(

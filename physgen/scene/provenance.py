@@ -40,7 +40,7 @@ class Source:
     kind: str
     text: str
     # Confidence, 0 to 1.
-    sure: float | None = None
+    confidence: float | None = None
 
 
 def source(text: str) -> Source:
@@ -287,7 +287,9 @@ def apply_consequences(
         if record.scale is not None and not equal(record.scale, per_meter):
             names = entries_by_name
     # A mass cannot be more certain than the scale behind it.
-    highest_confidence = WEIGHING.unscaled if is_assumed(per_meter, side) else 1.0
+    highest_confidence = (
+        WEIGHING.unscaled_confidence if is_assumed(per_meter, side) else 1.0
+    )
     entries = dict(record.objects)
     for name in names:
         item, entry = objects[name], entries_by_name[name]
@@ -421,5 +423,5 @@ def table_confidences(mass: float) -> dict[str, float]:
 def label_confidence(sources: object) -> float:
     """Return the label's confidence in a `from`, or 1 without one."""
     text = sources.get("label") if isinstance(sources, Mapping) else None
-    confidence = source(text).sure if isinstance(text, str) else None
+    confidence = source(text).confidence if isinstance(text, str) else None
     return 1.0 if confidence is None else confidence

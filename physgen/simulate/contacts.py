@@ -50,7 +50,7 @@ class Brakes:
 
     pairs: list[Pair]
     array: NDArray[np.int64]  # (B, 2): the pairs as an array
-    by: list[tuple[float, list[int]]]
+    levers: list[tuple[float, list[int]]]
     """Lever of the normal forces, px, and rows of contacts, of each brake."""
 
 

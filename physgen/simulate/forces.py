@@ -106,7 +106,7 @@ class Impulses:
         push = self._queue.pop(0)
         body = self._bodies[push.body]
         old_velocity = velocity[push.body]
-        arm = _turned(push.at, pose[push.body, 2] + old_velocity[2] * since)
+        arm = _turned(push.point, pose[push.body, 2] + old_velocity[2] * since)
         change = np.array(
             [*push.vector, arm[0] * push.vector[1] - arm[1] * push.vector[0]]
         )
@@ -300,7 +300,7 @@ class ForceFields:
             return
         if push.profile is not None:
             share = mean_factor(push, begin, end)
-        arm = _turned(push.at, pose[push.body, 2])
+        arm = _turned(push.point, pose[push.body, 2])
         force = push.vector * share
         total.drive[push.body, :2] += force
         total.drive[push.body, 2] += (

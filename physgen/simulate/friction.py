@@ -45,12 +45,12 @@ class Resistance:
         if order.brakes is None:
             order.brakes = self._found(order.contacts)
         self.brakes, self.torques = order.brakes, []
-        if not self.brakes.by:
+        if not self.brakes.levers:
             return
         normal_impulses = [
             abs(ix * nx + iy * ny) for ix, iy, nx, ny in impulses_and_normals(numbers)
         ]
-        for lever, rows in self.brakes.by:
+        for lever, rows in self.brakes.levers:
             torque = 0.0
             # Sum in sorted order: the result must not depend on the order of contacts.
             for normal in (

@@ -31,9 +31,9 @@ class EdgeTolerance:
     """Difference of height of two surfaces, px: four times the overlap of a resting
     contact.
     """
-    above: float = 0.06
+    rise: float = 0.06
     """Height over the surface, px, at which a rising shape is searched for."""
-    below: float = 1.0
+    depth: float = 1.0
     """Depth under the surface, px, of a contact of a body that lands beside a seam."""
     gap: float = 0.5
     """Gap between the ends of two surfaces, px; as of walls in `space`."""
@@ -48,7 +48,7 @@ class EdgeTolerance:
 
 
 TOLERANCE = EdgeTolerance()
-ABOVE, BELOW = TOLERANCE.above, TOLERANCE.below
+ABOVE, BELOW = TOLERANCE.rise, TOLERANCE.depth
 LEVEL, GAP = TOLERANCE.level, TOLERANCE.gap
 # Module variables are faster than attributes, and these are read for each edge and
 # point of each step.

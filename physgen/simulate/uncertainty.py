@@ -82,7 +82,7 @@ class Ensemble:
     times: Array  # (K,) s
     poses: Array  # (N, K, B, 3): px, px, rad; NaN for failed draws
     outcomes: tuple[Outcome | None, ...]  # one per draw
-    own: Outcome  # outcome with the values of the file, as in the clip
+    clip_outcome: Outcome  # outcome with the values of the file, as in the clip
     own_poses: Array  # (K, B, 3)
     failures: tuple[Problem, ...] = ()
     """Reasons of failed draws, each once."""
@@ -167,7 +167,7 @@ def simulate_ensemble(
         times=times[stored_samples],
         poses=poses,
         outcomes=tuple(outcomes),
-        own=own_outcome,
+        clip_outcome=own_outcome,
         own_poses=own_poses,
         failures=tuple(failures.values()),
     )
@@ -318,7 +318,7 @@ class Verdict:
     radius: float
     """Radius around the median final place with 9 of 10 draws, px."""
     size: float  # px; see `uncertainty.size`
-    own: Fate  # fate in the clip
+    clip_fate: Fate  # fate in the clip
 
     @property
     def total(self) -> int:
@@ -380,7 +380,7 @@ class Verdict:
             "place_decided": self.placed,
             "place_radius_px": round(self.radius, 3),
             "size_px": round(self.size, 3),
-            "clip": self.own.name.lower(),
+            "clip": self.clip_fate.name.lower(),
             "verdict": " ".join(self.sentences()),
         }
 
@@ -417,5 +417,5 @@ def _verdict(fan: Ensemble, b: int, outcomes: list[Outcome]) -> Verdict:
         interval=wilson(counts[event], len(outcomes)),
         radius=radius(np.array([outcome.final[b, :2] for outcome in outcomes])),
         size=float(fan.sizes[b]),
-        own=Fate(int(fan.own.fates[b])),
+        clip_fate=Fate(int(fan.clip_outcome.fates[b])),
     )

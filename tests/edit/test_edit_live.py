@@ -129,10 +129,10 @@ def test_a_run_that_leaves_all_numbers_ends_there_and_says_so(tmp_path: Path) ->
     sight = Live(scene(tmp_path, text)).state(text)
     light = tuple(
         replace(body, mass=1e-300, moment=1e-300)
-        for body in sight.compiled.world.bodies
+        for body in sight.compiled_scene.world.bodies
     )
     stream = MotionStream(
-        "motion", sight.scene, replace(sight.compiled.world, bodies=light)
+        "motion", sight.scene, replace(sight.compiled_scene.world, bodies=light)
     )
     part = stream.part(0, time.perf_counter() + 60)
     assert part["done"]
@@ -148,9 +148,9 @@ def test_a_file_that_it_extends_is_read_again(tmp_path: Path) -> None:
     base.write_text(FREE % "")
     text = "extends: base.yaml\nobjects: {ball: {mass: 30}}\n"
     live = Live(scene(tmp_path, text))
-    assert live.look(text).derived["objects"]["ball"]["centre"] == [60, 150]  # type: ignore[index]
+    assert live.look(text).derived_data["objects"]["ball"]["centre"] == [60, 150]  # type: ignore[index]
     base.write_text((FREE % "").replace("[60, 150]", "[90, 150]"))
-    assert live.look(text).derived["objects"]["ball"]["centre"] == [90, 150]  # type: ignore[index]
+    assert live.look(text).derived_data["objects"]["ball"]["centre"] == [90, 150]  # type: ignore[index]
 
 
 def test_centres_and_masses_are_those_of_the_engine(tmp_path: Path) -> None:
@@ -158,7 +158,7 @@ def test_centres_and_masses_are_those_of_the_engine(tmp_path: Path) -> None:
     text = (FREE % "").replace(
         "size: [20, 20]}}}", "size: [40, 20]}}, density: 2, place: [200, 100, 90]}"
     )
-    derived = Live(scene(tmp_path, text)).look(text).derived
+    derived = Live(scene(tmp_path, text)).look(text).derived_data
     assert derived is not None
     box = derived["objects"]["box"]
     assert box["mass"] == pytest.approx(2 * 40 * 20)

@@ -457,7 +457,7 @@ def test_edits_of_variants_that_count_forces_go_with_a_force_and_are_named() -> 
     new = data(made(FULL, op))
     assert [force["object"] for force in new["forces"]] == ["ball", "kite"]
     assert set(new["variants"]["hard"]) == {"objects.ball.velocity"}
-    assert "forces[2].force of hard" in edited(FULL, [op]).what
+    assert "forces[2].force of hard" in edited(FULL, [op]).title
     gone = data(made(FULL, {"remove": ["objects", "kite"]}))
     assert set(gone["variants"]["hard"]) == {"objects.ball.velocity"}
     assert set(gone["variants"]["soft"]) == {"objects.*.rolling"}

@@ -54,7 +54,7 @@ def turned(scene: Path, view: str) -> tuple[Session, str]:
 
 def displacements(session: Session) -> np.ndarray:
     """(N,) px by which objects move in 2 s."""
-    world = session.live.state(session.now.text).compiled.world
+    world = session.live.state(session.now.text).compiled_scene.world
     poses = simulate(world, np.linspace(0, 2, 81)).poses[..., :2]
     return np.hypot(*np.moveaxis(poses - poses[:1], -1, 0)).max(axis=0)
 

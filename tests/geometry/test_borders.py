@@ -11,7 +11,7 @@ from physgen.geometry.simplify import crossings, distances_to_line, simplify
 
 def rings(traced, label, lines):
     return [
-        walk(loop, lines, [b.closed for b in traced.borders])
+        walk(loop, lines, [b.is_loop for b in traced.borders])
         for loop in traced.loops.get(label, ())
     ]
 
@@ -79,7 +79,7 @@ def test_simplified_by_at_most_half_a_pixel(seed):
 def test_open_lines_keep_their_ends(seed):
     traced = trace_borders(blob_labels(seed, count=3))
     for border in traced.borders:
-        if not border.closed:
+        if not border.is_loop:
             found = simplify(border.middles, 0.5, closed=False)
             assert found[[0, -1]].tolist() == border.middles[[0, -1]].tolist()
 

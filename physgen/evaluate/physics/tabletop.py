@@ -307,17 +307,17 @@ def _struck_shots(draw: Draw) -> list[Case]:
 class _Strike:
     """The roll of a struck ball, in parts of its speed, and its lane."""
 
-    along: float
+    forward_roll: float
     """Roll along its path."""
-    across: float
+    side_roll: float
     """Roll to its side."""
     lane: int
 
 
 STRIKES = {
-    "back-spin": _Strike(along=-1.0, across=0.0, lane=-1),
-    "top-spin": _Strike(along=1.8, across=0.0, lane=0),
-    "masse": _Strike(along=0.0, across=1.0, lane=1),
+    "back-spin": _Strike(forward_roll=-1.0, side_roll=0.0, lane=-1),
+    "top-spin": _Strike(forward_roll=1.8, side_roll=0.0, lane=0),
+    "masse": _Strike(forward_roll=0.0, side_roll=1.0, lane=1),
 }
 
 
@@ -337,7 +337,9 @@ def _struck_balls(draw: Draw) -> Case:
         velocity = speed * np.array([cos(angle), sin(angle)])
         sideways = velocity[::-1] * (-1, 1)
         # The velocity of a roll without slip at the ball's spin.
-        roll_velocity = part * strike.along * velocity + part * strike.across * sideways
+        roll_velocity = (
+            part * strike.forward_roll * velocity + part * strike.side_roll * sideways
+        )
         roll_x = degrees(roll_velocity[1] / radius)
         roll_y = degrees(-roll_velocity[0] / radius)
         lane = 110 * strike.lane

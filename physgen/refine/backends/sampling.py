@@ -144,9 +144,9 @@ class Schedule:
     """Class of the scheduler."""
     times: torch.Tensor
     """Noise level of each step for the model, (count,)."""
-    noised: Callable[[F32, F32, int], F32]
+    add_noise: Callable[[F32, F32, int], F32]
     """From latents, noise and k to latents at the noise level of step k's start."""
-    stepped: Callable[[F32, F32, int], F32]
+    step: Callable[[F32, F32, int], F32]
     """From prediction, latents and k to the latents after step k."""
 
 
@@ -279,7 +279,7 @@ class TrainingSettings:
     """Limits of the training, from the configurations of the weights."""
 
     grid: Grid
-    most: int
+    max_frames: int
     """Maximum number of frames in one pass of the model."""
 
 
@@ -288,11 +288,11 @@ class Kind:
     """The description of a backend by its own file."""
 
     name: str
-    what: str
+    title: str
     """Name in messages."""
     guidance: float
     """Weight of the texts recommended by the authors."""
-    trained: Callable[[tuple[str, ...]], TrainingSettings]
+    read_training: Callable[[tuple[str, ...]], TrainingSettings]
     """Reads only configurations. Raises InputError for weights of another model."""
     load: Callable[[tuple[str, ...], str, torch.dtype], Network]
     """From weights, the future device and the type to the network on the processor."""
@@ -326,10 +326,10 @@ class Sampler:
         self._dtype = dtype_of(setup, self._device)
         # Check that the weights are on the disk or can be downloaded.
         collect(
-            partial(load_weights, lambda _: None, weights, kind.what, REFINE)
+            partial(load_weights, lambda _: None, weights, kind.title, REFINE)
             for weights in self._weights
         )
-        self._trained = kind.trained(self._weights)
+        self._trained = kind.read_training(self._weights)
         self.grid = self._apply_grid_options()
         self._offload = "none"
         self._tiled = False
@@ -345,10 +345,10 @@ class Sampler:
         if side:
             grid = replace(grid, area=side * side)
         if window:
-            if window > self._trained.most:
+            if window > self._trained.max_frames:
                 window_text, most_frames = (
                     f"{self._kind.name}.window: {window}",
-                    self._trained.most,
+                    self._trained.max_frames,
                 )
                 raise Message.TOO_MANY_FRAMES.error(
                     "physgen.toml", window_text, most=most_frames
@@ -364,7 +364,7 @@ class Sampler:
         def place(_: str) -> str:
             return place_pipeline(network.pipe, self._device)
 
-        self._offload = load_weights(place, self._weights[0], self._kind.what, REFINE)
+        self._offload = load_weights(place, self._weights[0], self._kind.title, REFINE)
         return network
 
     def begin(
@@ -398,7 +398,9 @@ class Sampler:
         """Return noisy latents; see `Denoiser`."""
         schedule = self._at().schedule
         return (
-            schedule.noised(latents, noise, k) if k < len(schedule.times) else latents
+            schedule.add_noise(latents, noise, k)
+            if k < len(schedule.times)
+            else latents
         )
 
     def predict(self, latents: F32, k: int, first: int) -> F32:
@@ -425,7 +427,7 @@ class Sampler:
 
     def stepped(self, prediction: F32, latents: F32, k: int) -> F32:
         """Return the latents after a step; see `Denoiser`."""
-        return self._at().schedule.stepped(prediction, latents, k)
+        return self._at().schedule.step(prediction, latents, k)
 
     def decode(self, latents: F32) -> Iterator[F32]:
         """Decode latents; see `Denoiser`."""
