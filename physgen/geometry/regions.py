@@ -418,7 +418,7 @@ def _untangle(traced: BorderMap, middles: list[Array], tiny: set[int]) -> list[A
             # After several attempts the line is not simplified, and finally its
             # junctions are not moved.
             if attempt < 3:
-                lines[k] = simplify(middles[k], tolerance[k], border.closed)
+                lines[k] = simplify(middles[k], tolerance[k], border.is_loop)
             elif attempt < 4:
                 lines[k] = middles[k]
             else:

@@ -47,7 +47,7 @@ def source(text: str) -> Source:
     """Return the source of an entry of `from`.
 
     >>> source("table 0.4")
-    Source(kind='guess', text='table', sure=0.4)
+    Source(kind='guess', text='table', confidence=0.4)
     """
     match = _SURE.match(text.strip())
     if match is None or not match[1]:
