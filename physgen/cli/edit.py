@@ -78,7 +78,7 @@ def edit(options: argparse.Namespace) -> int:
             import webbrowser
 
             threading.Thread(
-                target=webbrowser.open, args=(editor.once(),), daemon=True
+                target=webbrowser.open, args=(editor.new_page_key(),), daemon=True
             ).start()
         if sys.stderr.isatty():
             print_error("Ctrl-C ends it")
@@ -97,7 +97,7 @@ def _edit_objects(path: Path, options: argparse.Namespace) -> Any:
     """Return the result of the edit. Raise InputError if it is impossible."""
     from physgen.edit.corrections import correct
     from physgen.edit.live import Live
-    from physgen.edit.operations import edited
+    from physgen.edit.operations import apply_operations
     from physgen.problems import EditError
 
     text = path.read_bytes().decode("utf-8-sig")
@@ -111,7 +111,7 @@ def _edit_objects(path: Path, options: argparse.Namespace) -> Any:
     try:
         if options.command == "merge":
             return correct(Live(path), text, {"kind": "merge", "objects": names})
-        return edited(text, ops)
+        return apply_operations(text, ops)
     except EditError as error:
         refusal = RefusedError(error.message, error.fix, error.code)
         raise InputError([refusal.problem(Place(str(path)))]) from None

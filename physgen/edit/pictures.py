@@ -113,7 +113,7 @@ class Pictures:
         sight = self._live.sight(key)
         if sight is None:
             return None
-        motion_and_world = self._live.whole(motion)
+        motion_and_world = self._live.full_motion(motion)
         if motion_and_world is None:
             return None
         return sight, *motion_and_world

@@ -17,7 +17,7 @@ import numpy as np
 from physgen import registry
 from physgen.compile.compile import compile_shapes
 from physgen.edit.live import Live, LiveScene
-from physgen.edit.operations import edited
+from physgen.edit.operations import apply_operations
 from physgen.geometry.scale import photo_object
 from physgen.maps import Percepts
 from physgen.perceive import document, shape_entries
@@ -73,13 +73,13 @@ def hold_objects(
         is_same = state.scene.world.view is old
         if is_same or percepts is None or not state.scene.objects:
             return None
-        return _held(live, after, state, percepts, variant)
+        return _hold(live, after, state, percepts, variant)
     except (InputError, EditError):
         # The edit of the user is applied even if no supports can be found.
         return None
 
 
-def _held(
+def _hold(
     live: Live,
     text: str,
     state: LiveScene,
@@ -93,7 +93,7 @@ def _held(
         *_wall_ops(state.scene, guess),
         *_shape_ops(state.scene, guess),
     ]
-    text = edited(text, ops, variant).text
+    text = apply_operations(text, ops, variant).text
     # Seen from above, gravity acts only along a tilted table, and no object falls.
     held_objects: list[str] = []
     if state.scene.world.view is View.SIDE:
@@ -101,12 +101,12 @@ def _held(
     ops = [
         {"set": ["objects", name, "motion"], "value": "static"} for name in held_objects
     ]
-    text = edited(text, ops, variant).text
+    text = apply_operations(text, ops, variant).text
     ops = _push_ops(live.state(text, variant))
     title = f"{counted(len(guess.walls), 'support')} found"
     if held_objects:
         title += f", {counted(len(held_objects), 'object')} held"
-    return ViewChange(edited(text, ops, variant).text, title)
+    return ViewChange(apply_operations(text, ops, variant).text, title)
 
 
 def _guess(state: LiveScene, percepts: Percepts) -> BoundaryGuess:
@@ -126,13 +126,13 @@ def _guess(state: LiveScene, percepts: Percepts) -> BoundaryGuess:
 
 
 def _world_ops(
-    scene: Scene, written: Mapping[str, Any], tilt: float | None
+    scene: Scene, document_data: Mapping[str, Any], tilt: float | None
 ) -> list[Data]:
     """Return the operations on gravity, on the table in the picture and on its tilt.
 
     `tilt`: degrees by which the camera looks down, if perception finds an angle.
     """
-    world = written.get("world") or {}
+    world = document_data.get("world") or {}
     ops: list[Data] = []
     is_top = scene.world.view is View.TOP
     # Seen from above, a gravity for the side view would move objects over the table.

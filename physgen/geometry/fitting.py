@@ -57,16 +57,16 @@ class FitTuning:
 FIT = FitTuning()
 
 
-def disc_of(mask: Mask, whole: bool) -> Disc | None:
+def disc_of(mask: Mask, is_whole_mask: bool) -> Disc | None:
     """Fit a circle to a clean mask; None if it fits too badly, or worse than a
     rectangle.
 
-    `whole`: no part of the mask can be hidden.
+    `is_whole_mask`: no part of the mask can be hidden.
     """
     border = long_border(mask)
     disc, iou = fit_circle(mask, border)
     lowest_iou = CIRCLE_IOU
-    if whole:
+    if is_whole_mask:
         lowest_iou = max(CIRCLE_IOU, FIT.round_iou - 1 / disc.radius)
     return disc if iou >= lowest_iou and iou > box_iou(border) else None
 
@@ -160,7 +160,7 @@ def fit_outlines(
     of `never_discs`, and those on a flat foot, are regions. Pieces of a few px² are
     dropped, and such holes are filled. Raises ValueError if an id has no pixels.
     """
-    owners = _owned(labels, ids)
+    owners = _clean_labels(labels, ids)
     views = _views(owners, ids)
     rough_shapes = {}
     for i, view in views.items():
@@ -193,7 +193,7 @@ def _disc_in_view(part: NDArray[np.int64], i: int) -> Disc | None:
     others = np.pad((part > 0) & ~mask, 1, constant_values=True)
     padded_mask = np.pad(mask, 1).astype(np.uint8)
     surroundings = cv2.dilate(padded_mask, np.ones((5, 5), np.uint8)) > 0
-    disc = disc_of(mask, whole=not (surroundings & others).any())
+    disc = disc_of(mask, is_whole_mask=not (surroundings & others).any())
     if disc is None or stands_flat(part, i, disc):
         return None
     return disc
@@ -264,7 +264,7 @@ def _corner(view: View) -> Array:
     return np.array([view[1].start, view[0].start], dtype=np.float64)
 
 
-def _owned(labels: NDArray[np.integer], ids: Sequence[int]) -> NDArray[np.int64]:
+def _clean_labels(labels: NDArray[np.integer], ids: Sequence[int]) -> NDArray[np.int64]:
     """Return the label map of the ids alone, without specks."""
     known_labels = np.where(np.isin(labels, list(ids)), labels, 0).astype(np.int64)
     owners = np.zeros_like(known_labels)
@@ -277,7 +277,7 @@ def _owned(labels: NDArray[np.integer], ids: Sequence[int]) -> NDArray[np.int64]
 
 
 def _fit_together(
-    owned: NDArray[np.int64],
+    label_map: NDArray[np.int64],
     views: dict[int, View],
     rough: dict[int, Disc],
     regions: dict[int, Region],
@@ -285,7 +285,7 @@ def _fit_together(
     """Move discs until they touch their neighbours, discs and regions."""
     ids = list(rough)
     place = {i: k for k, i in enumerate(ids)}
-    pairs = touching_masks(owned, [*ids, *regions])
+    pairs = touching_masks(label_map, [*ids, *regions])
     contacts = []
     for i, j in pairs:
         if i in place and j in place and _could_touch(rough[i], rough[j]):
@@ -296,7 +296,7 @@ def _fit_together(
             if _is_near(rough[i], region):
                 touches = (min(i, j), max(i, j)) in pairs
                 obstacles.setdefault(place[i], []).append((region, touches))
-    rough_discs = [_rough_shape(owned, i, views[i], rough[i]) for i in ids]
+    rough_discs = [_rough_shape(label_map, i, views[i], rough[i]) for i in ids]
     return dict(zip(ids, fit_discs(rough_discs, contacts, obstacles), strict=True))
 
 
@@ -317,11 +317,13 @@ def _could_touch(a: Disc, b: Disc) -> bool:
     return gap <= max(2.0 * FIT.touch, 0.1 * min(a.radius, b.radius))
 
 
-def _rough_shape(owned: NDArray[np.int64], i: int, view: View, disc: Disc) -> RoughDisc:
+def _rough_shape(
+    label_map: NDArray[np.int64], i: int, view: View, disc: Disc
+) -> RoughDisc:
     """Return a disc with the border of its mask; hidden and cut parts have little
     weight.
     """
-    part = owned[view]
+    part = label_map[view]
     local = long_border(part == i)
     local = local[:: max(1, len(local) // 128)]
     others = ((part != 0) & (part != i)).astype(np.uint8)
@@ -331,7 +333,7 @@ def _rough_shape(owned: NDArray[np.int64], i: int, view: View, disc: Disc) -> Ro
     pixels = np.clip(np.round(local).astype(np.intp), 0, last_local)
     is_beside_other = is_near_other[pixels[:, 1], pixels[:, 0]]
     border = local + _corner(view)
-    last = np.array([owned.shape[1] - 1, owned.shape[0] - 1])
+    last = np.array([label_map.shape[1] - 1, label_map.shape[0] - 1])
     is_cut = ((border < 0) | (border > last)).any(axis=1)
     weight = np.where(is_cut, 1e-3, np.where(is_beside_other, FIT.hidden_weight, 1.0))
     return RoughDisc(disc, border, weight)

@@ -600,7 +600,7 @@ def _add_sky_below(
     hidden_share: F32,
     gaps: F32,
     first_column: int,
-    half: float,
+    half_thickness: float,
     columns: F32,
     depths: F32,
 ) -> None:
@@ -622,7 +622,10 @@ def _add_sky_below(
     side_share = (x - x0) / np.hypot(x - x0, height) + (x1 - x) / np.hypot(
         x1 - x, height
     )
-    front, back = np.float32(half) - depths, np.float32(half) + depths
+    front, back = (
+        np.float32(half_thickness) - depths,
+        np.float32(half_thickness) + depths,
+    )
     square = height * height
     to_front = front / np.sqrt(front * front + square)
     depth_share = to_front + back / np.sqrt(back * back + square)

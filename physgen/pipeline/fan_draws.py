@@ -41,7 +41,7 @@ class Draws:
         return {
             "draws": len(ensemble.outcomes),
             "seed": ensemble.seed,
-            "simulated": len(ensemble.whole),
+            "simulated": len(ensemble.complete_draws),
             "verdict": headline(ensemble, self.verdicts),
             "objects": {verdict.name: verdict.as_dict() for verdict in self.verdicts},
             "drawn": drawn_values,

@@ -156,7 +156,7 @@ def ended(
     # pauses.
     for limit in (*limits, maximum):
         with scene.located():
-            running.on(limit)
+            running.advance(limit)
         last_motion = max(_last_visible_motion(world, running, limit), latest_start)
         if last_motion <= limit - 2 * pause:
             break

@@ -293,7 +293,7 @@ def sampled_motion(world: World) -> Trajectory:
     count = max(int(world.duration * LIMITS.rate), 2)
     times = np.linspace(0.0, world.duration, count + 1)
     running = Running(world, times)
-    running.on(float(times[-1]))
+    running.advance(float(times[-1]))
     return running.trajectory()
 
 

@@ -89,47 +89,47 @@ def rising(k: int, count: int) -> float:
     return k / count
 
 
-def each_step(held: Any, count: int) -> Any:
+def each_step(share: Any, count: int) -> Any:
     """Return the share of the guidance to restore in each of `count` steps.
 
-    The share `held` then remains at the end. Blends multiply: with 0.15 in each of 25
+    The share `share` then remains at the end. Blends multiply: with 0.15 in each of 25
     steps, only 0.85^25 = 0.02 of the model's changes would remain.
 
     >>> each_step(1.0, 25), each_step(0.0, 25), round(each_step(0.75, 2), 6)
     (1.0, 0.0, 0.5)
     """
-    return 1 - (1 - held) ** (1 / count)
+    return 1 - (1 - share) ** (1 / count)
 
 
 def fuse_latents(
     guidance: Latent,
     mask: Any,
     *,
-    noised: Callable[[Latent, int], Latent],
-    denoised: Callable[[Latent, int], Latent],
+    add_noise: Callable[[Latent, int], Latent],
+    denoise: Callable[[Latent, int], Latent],
     count: int,
     stop: int,
     weight: Weight = rising,
-    held: Any = 0.0,
+    held_share: Any = 0.0,
 ) -> Latent:
     """Fuse the guidance with the model's latents; return refined latents of equal
     shape.
 
     `mask` 0..1 broadcasts against latents. `noised(z0, k)` is z0 at the noise level at
-    the start of step k, and z0 itself at k = count; `denoised(z, k)` is step k. `held`
+    the start of step k, and z0 itself at k = count; `denoised(z, k)` is step k. `held_share`
     0..1 is the share of the guidance in every step, also in free ones. It broadcasts,
     too, and is 1 on the first frame, the photo; see `each_step`.
     """
-    z = noised(guidance, 0)
+    z = add_noise(guidance, 0)
     fusing = steps_fused(count, stop)
     for k in range(count):
-        z = denoised(z, k)
+        z = denoise(z, k)
         share = mask * (1 - weight(k, count)) if k < fusing else 0 * mask
         # Line 8; the held share applies in free steps, too.
-        share = np.maximum(share, held)
+        share = np.maximum(share, held_share)
         # With a share of 1, this form equals z~ to the last bit; z + share (z~ - z)
         # would not.
-        z = (1 - share) * z + share * noised(guidance, k + 1)
+        z = (1 - share) * z + share * add_noise(guidance, k + 1)
     return z
 
 
@@ -157,25 +157,25 @@ def prompt_of(labels: Iterable[str]) -> str:
 
 def restore_detail(
     guidance: U8,
-    refined: F32,
-    guided: F32,
+    refined_frame: F32,
+    guidance_frame: F32,
     coverage: F32,
     *,
     detail: float,
     lock: float,
-    held: float,
+    held_share: float,
 ) -> U8:
     """Restore detail of the guidance in a refined frame, (H, W, 3) sRGB.
 
-    `refined` and `guided` (H, W, 3) sRGB 0..1: the decoded latents of the refined video
+    `refined_frame` and `guidance_frame` (H, W, 3) sRGB 0..1: the decoded latents of the refined video
     and of the guidance; `coverage` (H, W) of objects. Shares 0..1: `detail`, of the
-    detail lost by the decoder; `lock`, of the guidance at objects; `held`, of the
+    detail lost by the decoder; `lock`, of the guidance at objects; `held_share`, of the
     guidance everywhere.
     """
     before = guidance.astype(np.float32) / np.float32(255)
     # Autoencoders lose detail. The loss in the guidance is known: add it to the result.
-    after = refined + np.float32(detail) * (before - guided)
-    after = before + np.float32(1 - held) * (after - before)
+    after = refined_frame + np.float32(detail) * (before - guidance_frame)
+    after = before + np.float32(1 - held_share) * (after - before)
     refined_rgb: U8 = np.rint(np.clip(after, 0, 1) * 255).astype(np.uint8)
     # Where objects are locked, blend the guidance over the result in linear light.
     share = np.float32(lock) * coverage
@@ -237,7 +237,7 @@ class Refinement:
     def __init__(
         self,
         model: Denoiser,
-        how: RefineSettings,
+        settings: RefineSettings,
         size: tuple[int, int],
         count: int,
         progress: Progress = silent,
@@ -249,7 +249,7 @@ class Refinement:
         """
         self._model, self._how, self._count, self._progress, self._weight = (
             model,
-            how,
+            settings,
             count,
             progress,
             weight,
@@ -274,7 +274,9 @@ class Refinement:
         """Yield refined frames; raises MemoryError."""
         model, settings, fit, grid = self._model, self._how, self._fit, self._model.grid
         frame_total = frames_held(self._latents, grid)
-        padded_guidance = pad_frames([fit.shown(rgb) for rgb in guidance], frame_total)
+        padded_guidance = pad_frames(
+            [fit.to_model(rgb) for rgb in guidance], frame_total
+        )
         self._progress("refine", 0, settings.count)
         z0 = model.begin(
             padded_guidance, settings.prompt, settings.steps, settings.count
@@ -296,12 +298,14 @@ class Refinement:
         z = fuse_latents(
             z0,
             mask,
-            noised=lambda latents, k: model.noised(latents, noise, k),
-            denoised=denoised,
+            add_noise=lambda latents, k: model.noised(latents, noise, k),
+            denoise=denoised,
             count=settings.count,
             stop=settings.stop,
             weight=self._weight,
-            held=each_step(over_time(stay, grid), settings.count)[:, None, None, None],
+            held_share=each_step(over_time(stay, grid), settings.count)[
+                :, None, None, None
+            ],
         )
         if not np.isfinite(z).all():
             raise Message.REFINED_NOT_FINITE.error(
@@ -311,12 +315,12 @@ class Refinement:
         for index, (refined_frame, guidance_frame) in pairs:
             yield restore_detail(
                 guidance[index],
-                fit.back(refined_frame),
-                fit.back(guidance_frame),
+                fit.from_model(refined_frame),
+                fit.from_model(guidance_frame),
                 coverage[index],
                 detail=settings.detail,
                 lock=settings.lock,
-                held=float(stay[index]),
+                held_share=float(stay[index]),
             )
 
     def _decoded_pairs(self, z: F32, z0: F32) -> Iterator[tuple[F32, F32]]:

@@ -36,13 +36,13 @@ class Fit:
     padded_size: Size
     """Size with a mirrored border, up to multiples of the grid."""
 
-    def shown(self, rgb: U8) -> U8:
+    def to_model(self, rgb: U8) -> U8:
         """Resize (H, W, 3) of `size` to `padded_size`, in linear light."""
         if self.scaled_size != self.size:
             rgb = encode_u8(
                 cv2.resize(decode(rgb), self.scaled_size, interpolation=cv2.INTER_AREA)
             )
-        return np.asarray(self._padded(rgb), np.uint8)
+        return np.asarray(self._pad(rgb), np.uint8)
 
     def mask(self, coverage: F32) -> F32:
         """Resize (H, W) of `size` to `padded_size`."""
@@ -51,9 +51,9 @@ class Fit:
                 cv2.resize(coverage, self.scaled_size, interpolation=cv2.INTER_AREA),
                 np.float32,
             )
-        return np.asarray(self._padded(coverage), np.float32)
+        return np.asarray(self._pad(coverage), np.float32)
 
-    def back(self, picture: F32) -> F32:
+    def from_model(self, picture: F32) -> F32:
         """Resize (H, W, 3) of `padded_size` to `size`."""
         width, height = self.scaled_size
         picture = picture[:height, :width]
@@ -64,7 +64,7 @@ class Fit:
             )
         return picture
 
-    def _padded(self, picture: NDArray[np.generic]) -> NDArray[np.generic]:
+    def _pad(self, picture: NDArray[np.generic]) -> NDArray[np.generic]:
         """Pad a picture by its mirrored border to `padded_size`."""
         right, bottom = (
             p - s for p, s in zip(self.padded_size, self.scaled_size, strict=True)
@@ -87,14 +87,14 @@ def fit_to_grid(size: Size, grid: Grid) -> Fit:
     width, height = (max(1, round(side * scale)) for side in size)
     most_pixels = max(MOST * grid.area, grid.side**2)
     # Padding makes a very narrow video much larger: reduce it further.
-    while (padded_size := _padded(width, height, grid))[0] * padded_size[
+    while (padded_size := grid_size(width, height, grid))[0] * padded_size[
         1
     ] > most_pixels:
         width, height = max(1, round(width * 0.9)), max(1, round(height * 0.9))
     return Fit(size, (width, height), padded_size)
 
 
-def _padded(width: int, height: int, grid: Grid) -> Size:
+def grid_size(width: int, height: int, grid: Grid) -> Size:
     """Return width and height as multiples of the grid, px."""
     return ceil(width / grid.side) * grid.side, ceil(height / grid.side) * grid.side
 
@@ -142,17 +142,17 @@ def over_time(values: F32, grid: Grid) -> F32:
     return means
 
 
-def hold_weights(frames: int, over: int) -> F32:
+def hold_weights(frames: int, held_frames: int) -> F32:
     """Return the share of the guidance in each frame, (F,).
 
-    It is 1 in the first frame, and falls smoothly to 0 over `over` frames.
+    It is 1 in the first frame, and falls smoothly to 0 over `held_frames` frames.
 
     >>> hold_weights(6, 4).tolist()
     [1.0, 0.84375, 0.5, 0.15625, 0.0, 0.0]
     """
-    if over <= 0:
+    if held_frames <= 0:
         return np.zeros(frames, np.float32)
-    s = np.minimum(np.arange(frames) / over, 1.0)
+    s = np.minimum(np.arange(frames) / held_frames, 1.0)
     return np.asarray(1 - s * s * (3 - 2 * s), np.float32)
 
 

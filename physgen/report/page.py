@@ -99,7 +99,7 @@ class PageParts:
     """The folder of the page, for links to the documentation."""
 
 
-def _source_text(scene: Scene) -> str | None:
+def _scene_file_text(scene: Scene) -> str | None:
     """Return the text of the scene file; None if it cannot be read."""
     # Places contain the user's own file names.
     path = scene.folder / Path(scene.place("").file).name
@@ -191,7 +191,7 @@ def report_page(
         retouched=parts.refinement,
         fan=parts.uncertainty,
         sound=parts.sound,
-        provenance=provenance(record, scene_text, _source_text(scene)),
+        provenance=provenance(record, scene_text, _scene_file_text(scene)),
         version=__version__,
     )
     return page

@@ -271,7 +271,8 @@ def parameter_rows(scene: Scene, world: World, variant: str | None) -> list[Row]
         shape = "mask" if item.mask is not None else "wall"
         cells = {
             "shape": Cell(
-                f"{corners} points", sources.of(f"{path}.{shape}", None, near=True)
+                f"{corners} points",
+                sources.of(f"{path}.{shape}", None, uses_parent=True),
             ),
             "friction": Cell(
                 value_text(item.friction), sources.of(f"{path}.friction", None)
@@ -378,7 +379,7 @@ def _object(scene: Scene, index: int, body: Body, sources: Provenance) -> Row:
             sources.of(
                 f"{path}.{key}",
                 item.provenance.get(key),
-                written_at=f"{path}.from.{key}",
+                text_path=f"{path}.from.{key}",
             ),
             small,
         )

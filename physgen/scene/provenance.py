@@ -75,19 +75,19 @@ class Provenance:
         path: str,
         provenance: str | None,
         *,
-        written_at: str | None = None,
-        near: bool = False,
+        text_path: str | None = None,
+        uses_parent: bool = False,
     ) -> Source:
         """Return the source of the value at `path`, or its `provenance` if that is
-        newer. `written_at` is the path of the provenance's text.
+        newer. `text_path` is the path of the provenance's text.
 
-        With `near`, an unwritten value has the source of its parent.
+        With `uses_parent`, an unwritten value has the source of its parent.
         """
         place = self._scene.places.get(path)
-        if place is None and near:
+        if place is None and uses_parent:
             place = self._scene.place(path)
         if provenance is not None and self._counts(
-            place, None if written_at is None else self._scene.place(written_at)
+            place, None if text_path is None else self._scene.place(text_path)
         ):
             return source(provenance)
         if place is None:

@@ -195,13 +195,13 @@ def bounds_of(
     size: int,
     h: float,
     strength: float | None,
-    near: float = TAUT,
+    reach: float = TAUT,
 ) -> list[BoundedRow]:
     """Return the bounds of a joint in a step of h seconds; motors have `strength` times
     their limit.
 
     With `strength` None, return only the bounds that hold at once: those nearer than
-    `near` px, or `near` times `ANGLE_NEAR` rad.
+    `reach` px, or `reach` times `ANGLE_NEAR` rad.
     """
     rows: list[tuple[list[float], float]] = []
     bounds: list[BoundedRow] = []
@@ -233,7 +233,7 @@ def bounds_of(
         # step's end.
         if strength is not None:
             bounds.append(BoundedRow(row, -distance / h, 0.0, inf))
-        elif distance <= max(TAUT, near * unit):
+        elif distance <= max(TAUT, reach * unit):
             bounds.append(BoundedRow(row, 0.0, 0.0, inf))
     return bounds
 
@@ -253,13 +253,15 @@ def _angle_limits(
     return [(turning, angle - smallest), (opposite, largest - angle)]
 
 
-def _speed_in_bounds(speed: float, behind: float, ahead: float, h: float) -> float:
+def _speed_in_bounds(
+    speed: float, distance_behind: float, ahead: float, h: float
+) -> float:
     """Return the speed of a drive such that it stops at the ends, and does not push
     against them.
 
-    `behind`, `ahead`: px or rad to the ends.
+    `distance_behind`, `ahead`: px or rad to the ends.
     """
-    return min(max(speed, -behind / h), ahead / h)
+    return min(max(speed, -distance_behind / h), ahead / h)
 
 
 def motor_bound(
@@ -461,12 +463,12 @@ class BoundedGroup:
         bounds: list[BoundedRow],
         light: list[float],
         before: list[float],
-        within: Array | None,
+        free_velocities: Array | None,
     ) -> BoundedMotion:
         """Return the velocities at which equations `rows` have `speeds` and all bounds
         hold.
 
-        `light`: 1/mass and 1/moment of each velocity in `before`; `within`: velocities
+        `light`: 1/mass and 1/moment of each velocity in `before`; `free_velocities`: velocities
         before lasting forces changed them, None outside a step.
         """
         start_velocities = np.array(before)
@@ -485,10 +487,10 @@ class BoundedGroup:
         after = start_velocities + inverse_masses * (J.T @ impulse)
         works = (impulse * (J @ (start_velocities + after)) / 2)[count:].tolist()
         work, loss = _motor_works(bounds, works)
-        if within is None:
+        if free_velocities is None:
             return BoundedMotion(after, work, loss, 0.0)
-        closing = (J @ within)[count:]
-        doubled_energy = _doubled_energy(within, inverse_masses)
+        closing = (J @ free_velocities)[count:]
+        doubled_energy = _doubled_energy(free_velocities, inverse_masses)
         is_jerk = closing < -JERK * np.sqrt(np.diag(response)[count:] * doubled_energy)
         bound_impulse = impulse[count:]
         is_holding = (bound_impulse > 0) & (low[count:] == 0)

@@ -256,13 +256,13 @@ def _pairs(words: bytes) -> Index:
     )
 
 
-def contacts_jumped(now: bytes, before: bytes, places: Array) -> bool:
+def contacts_jumped(numbers: bytes, before: bytes, places: Array) -> bool:
     """Check whether a contact is at another corner than in the step before.
 
-    Both steps have contacts of the same pairs in the same order. `now`, `before`: their
+    Both steps have contacts of the same pairs in the same order. `numbers`, `before`: their
     numbers (14 K,); `places` (14 K,): 1 for those of points, else 0.
     """
-    displacements = np.frombuffer(now) - np.frombuffer(before)
+    displacements = np.frombuffer(numbers) - np.frombuffer(before)
     # The sum of squares is quick, and excludes most steps.
     return bool(
         (displacements * displacements).dot(places) > LEAP * LEAP
@@ -283,7 +283,7 @@ class Points:
     depth: Array
     closing: Array  # (P,) px/s: closing speeds by velocities before contacts
 
-    def sorted(self) -> Points:
+    def sort(self) -> Points:
         """Sort the points by objects, pairs of shapes and place; objects and pairs are
         sorted already.
         """
@@ -301,22 +301,24 @@ class Points:
         order[second_rows[is_swapped] - 1] += 1
         return Points(*(getattr(self, field.name)[order] for field in fields(self)))
 
-    def earlier(self, own: Flags, touched: Flags, h: float) -> Array:
+    def times_since_closing(
+        self, is_own: Flags, touched_pairs: Flags, h: float
+    ) -> Array:
         """Return the time (P,) s before the step's end at which each point closed.
 
-        `own` (P,): points that close by the motion before all impacts; `touched` (K,):
+        `is_own` (P,): points that close by the motion before all impacts; `touched_pairs` (K,):
         pairs that touched a step ago, which close again only by an impact.
         """
         row = self.row
         depth = np.maximum(self.depth, 0.0)
         earlier = np.where(
-            own & ~touched[row],
+            is_own & ~touched_pairs[row],
             np.minimum(depth / np.maximum(self.closing, 1e-300), h),
             0.0,
         )
         # Two points of one pair with almost equal times close together, so that a body
         # that lands flat does not start to turn.
-        first_rows = np.flatnonzero((row[:-1] == row[1:]) & own[:-1] & own[1:])
+        first_rows = np.flatnonzero((row[:-1] == row[1:]) & is_own[:-1] & is_own[1:])
         first_rows = first_rows[
             np.abs(earlier[first_rows] - earlier[first_rows + 1]) < 0.5 * h
         ]
@@ -407,8 +409,8 @@ def contact_points(
     points_on_first, points_on_second = (
         flat_numbers.take(np.add.outer(columns, [part, part + 1])) for part in (0, 2)
     )
-    x1, y1 = _at(velocity, first, points_on_first, pose)
-    x2, y2 = _at(velocity, second, points_on_second, pose)
+    x1, y1 = _point_velocities(velocity, first, points_on_first, pose)
+    x2, y2 = _point_velocities(velocity, second, points_on_second, pose)
     # Closing speed: relative velocity of both surfaces along the normal, px/s.
     closing = (x1 - x2) * normal[:, 0] + (y1 - y2) * normal[:, 1]
     return Points(
@@ -423,7 +425,7 @@ def contact_points(
     )
 
 
-def _at(
+def _point_velocities(
     velocity: Array, objects: Index, points: Array, pose: Array
 ) -> tuple[Array, Array]:
     """Return the velocities (P,), (P,) px/s of points (P, 2) on bodies."""

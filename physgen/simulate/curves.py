@@ -63,7 +63,7 @@ class CurvedWalls:
     them.
     """
 
-    def __init__(self, world: World, moving: Index, held: list[int]) -> None:
+    def __init__(self, world: World, moving: Index, held_bodies: list[int]) -> None:
         """Collect the walls; bodies on joints are left out."""
         count = len(world.bodies)
         self._walls = {
@@ -73,7 +73,7 @@ class CurvedWalls:
         self._rows = {
             body: row
             for body, row in rows.items()
-            if world.bodies[body].motion is Motion.DYNAMIC and body not in held
+            if world.bodies[body].motion is Motion.DYNAMIC and body not in held_bodies
         }
         self._mass = [body.mass for body in world.bodies]
         scales = np.array([body.gravity_scale for body in world.bodies])

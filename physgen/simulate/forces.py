@@ -106,7 +106,7 @@ class Impulses:
         push = self._queue.pop(0)
         body = self._bodies[push.body]
         old_velocity = velocity[push.body]
-        arm = _turned(push.point, pose[push.body, 2] + old_velocity[2] * since)
+        arm = _rotate(push.point, pose[push.body, 2] + old_velocity[2] * since)
         change = np.array(
             [*push.vector, arm[0] * push.vector[1] - arm[1] * push.vector[0]]
         )
@@ -258,7 +258,9 @@ class ForceFields:
                 )
         return fastest_rate
 
-    def at(self, pose: Array, velocity: Array, begin: float, end: float) -> LoadSum:
+    def mean_loads(
+        self, pose: Array, velocity: Array, begin: float, end: float
+    ) -> LoadSum:
         """Return the mean loads from `begin` to `end`, s.
 
         `pose` (N, 3) is that of the middle, `velocity` (N, 3) that of half the time
@@ -300,7 +302,7 @@ class ForceFields:
             return
         if push.profile is not None:
             share = mean_factor(push, begin, end)
-        arm = _turned(push.point, pose[push.body, 2])
+        arm = _rotate(push.point, pose[push.body, 2])
         force = push.vector * share
         total.drive[push.body, :2] += force
         total.drive[push.body, 2] += (
@@ -364,7 +366,7 @@ class ForceFields:
         """Add the lift of the displaced water as work, and drag on the immersed
         part.
         """
-        for body, displaced, center in pool.displaced(pose):
+        for body, displaced, center in pool.immersions(pose):
             lift = -pool.field.density * displaced * self._gravity
             arm = center - pose[body, :2]
             total.drive[body, :2] += lift
@@ -395,7 +397,7 @@ class ForceFields:
         x, y = (float(np.interp(time, knots[:, 0], knots[:, k])) for k in (1, 2))
         time_share = (min(end, knots[-1, 0]) - max(begin, knots[0, 0])) / h
         body = finger.first
-        arm = _turned(finger.first_at, pose[body, 2])
+        arm = _rotate(finger.first_at, pose[body, 2])
         vx, vy, spin = velocity[body]
         speed = np.array([vx - spin * arm[1], vy + spin * arm[0]])
         pull = finger.stiffness * (np.array([x, y]) - pose[body, :2] - arm)
@@ -454,11 +456,11 @@ class ForceFields:
 
     def _ends(self, spring: Joint, pose: Array) -> tuple[Array, Array, Array]:
         """Return both arms and the vector from the second end to the first, px."""
-        arm1 = _turned(spring.first_at, pose[spring.first, 2])
+        arm1 = _rotate(spring.first_at, pose[spring.first, 2])
         end1 = pose[spring.first, :2] + arm1
         if spring.second is None:
             return arm1, np.zeros(2), end1 - spring.second_at
-        arm2 = _turned(spring.second_at, pose[spring.second, 2])
+        arm2 = _rotate(spring.second_at, pose[spring.second, 2])
         return arm1, arm2, end1 - pose[spring.second, :2] - arm2
 
     def _spring(
@@ -515,7 +517,7 @@ class Pool:
         self._reach = {k: bodies[k].reach for k in field.bodies}
         self.areas = {k: area(bodies[k]) for k in field.bodies}
 
-    def displaced(self, pose: Array) -> Iterator[tuple[int, float, Array]]:
+    def immersions(self, pose: Array) -> Iterator[tuple[int, float, Array]]:
         """Yield each body in the water, with its immersed area, px², and centre, px."""
         left, top, right, bottom = self._box
         for body, pieces in self._shapes.items():
@@ -554,12 +556,12 @@ class Pool:
                 yield body, total_area, moment_sum / total_area
 
 
-def _clip_outline(corners: Array, axis: int, bound: float, sign: float) -> Array:
-    """Return a convex outline (K, 2) clipped at `bound` on one axis.
+def _clip_outline(corners: Array, axis: int, limit: float, sign: float) -> Array:
+    """Return a convex outline (K, 2) clipped at `limit` on one axis.
 
     The part below the bound (sign 1) or above it (-1) is removed.
     """
-    depth = sign * (corners[:, axis] - bound) if len(corners) else np.zeros(0)
+    depth = sign * (corners[:, axis] - limit) if len(corners) else np.zeros(0)
     if (depth >= 0).all():
         return corners
     kept_corners: list[Array] = []
@@ -629,10 +631,10 @@ def area(body: Body) -> float:
     return float(sum(abs(polygon_moments(piece).area) for piece in body.pieces))
 
 
-def _turned(at: Array, angle: float) -> Array:
+def _rotate(vector: Array, angle: float) -> Array:
     """Rotate a vector by an angle, rad."""
     c, s = np.cos(angle), np.sin(angle)
-    return np.array([c * at[0] - s * at[1], s * at[0] + c * at[1]])
+    return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])
 
 
 class Forces(NamedTuple):
@@ -717,7 +719,7 @@ class StepForces:
         if self._loads.busy:
             pose = self._spread(state[:, :3] + state[:, 3:] * h, self._center)
             begin, duration = (end, 0.5) if is_half else (end - h / 2, 1.0)
-            loads = self._loads.at(pose, velocity, begin, end + h / 2)
+            loads = self._loads.mean_loads(pose, velocity, begin, end + h / 2)
             drive = loads.drive * duration
             spend = loads.spend * duration
             load = Forces(loads.hold * duration + drive + spend, drive, spend, None)
@@ -775,7 +777,7 @@ class StepForces:
         if pushed_roll is not None:
             roll = roll + pushed_roll
         if steps == 1 or not self._foreseen:
-            self._foreseen = self._table.foreseen(velocity, roll, duration, steps)
+            self._foreseen = self._table.predict(velocity, roll, duration, steps)
         change, roll_change = self._foreseen.pop()
         friction = change * self._weight
         work = 0.0

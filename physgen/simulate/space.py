@@ -511,20 +511,20 @@ class Space:
         contact = Contact((touch[0], touch[1]), points)
         return self._edges.room(frames, key, self._partners, contact)
 
-    def _order(self, listed: bytes) -> Order:
+    def _order(self, contact_list: bytes) -> Order:
         """Return the order of pymunk's list of contacts, which is by memory
         addresses.
         """
-        if len(self._orders) * max(len(listed), 8000) >= 8_000_000:
+        if len(self._orders) * max(len(contact_list), 8000) >= 8_000_000:
             self._orders.clear()
         # Memory addresses differ from run to run: replace them by our numbers of
         # bodies.
-        pairs = np.frombuffer(listed, np.int64).reshape(-1, WORDS).copy()
+        pairs = np.frombuffer(contact_list, np.int64).reshape(-1, WORDS).copy()
         pairs[:, :2] = self._by_id[
             np.searchsorted(self._ids, pairs[:, :2].view(np.uint64))
         ]
-        self._orders[listed] = Order(pairs)
-        return self._orders[listed]
+        self._orders[contact_list] = Order(pairs)
+        return self._orders[contact_list]
 
     def release(self, joint: Joint) -> None:
         """Remove the effect of a joint; its bodies collide once they do not overlap."""
@@ -707,7 +707,7 @@ def _add_walls(space: pymunk.Space, walls: Sequence[Wall]) -> list[pymunk.Body]:
 
 
 def _add_wall(
-    space: pymunk.Space, wall: Wall, smooth: dict[tuple[float, ...], list[float]]
+    space: pymunk.Space, wall: Wall, neighbours: dict[tuple[float, ...], list[float]]
 ) -> pymunk.Body:
     """Add a wall as a body of its own, to identify the wall in contacts."""
     body = pymunk.Body(body_type=pymunk.Body.STATIC)
@@ -725,8 +725,8 @@ def _add_wall(
         for a, b in pairwise(line.tolist()):
             segment = pymunk.Segment(body, a, b, 0.0)
             segment.friction = wall.surface.friction
-            before = smooth.get((*a, *b))
-            after = smooth.get((*b, *a))
+            before = neighbours.get((*a, *b))
+            after = neighbours.get((*b, *a))
             if before is not None or after is not None:
                 # Without a neighbour, a point on the segment's own line permits hits of
                 # its end only from outside.

@@ -63,7 +63,7 @@ class Spread:
     is_upper_half: bool = False  # only the part above the median
     logit: bool = False
 
-    def at(self, z: float) -> float:
+    def quantile(self, z: float) -> float:
         """Return the value at a quantile `z` of the standard normal distribution; rises
         with `z`.
         """
@@ -87,13 +87,13 @@ class Spread:
 
 
 def spread(
-    parameter: str, value: float, confidence: float, at_least: bool = False
+    parameter: str, value: float, confidence: float, is_upper_half: bool = False
 ) -> Spread | None:
     """Return the distribution of a value with a confidence of 0..1; None if it is
     certain.
 
     >>> wide = spread("mass", 100.0, 0.5)
-    >>> [round(wide.at(z), 9) for z in (-1, 0, 1)]
+    >>> [round(wide.quantile(z), 9) for z in (-1, 0, 1)]
     [50.0, 100.0, 200.0]
     """
     sigma = POWERS[parameter] * -log(min(max(confidence, MIN_CONFIDENCE), 1.0))
@@ -103,7 +103,7 @@ def spread(
         is_certain = not CERTAIN_ELASTICITY < value < 1 - CERTAIN_ELASTICITY
         return None if is_certain else Spread(value, sigma, logit=True)
     maximum = MAX_VALUES[parameter]
-    return Spread(value, sigma, maximum, at_least) if 0 < value < maximum else None
+    return Spread(value, sigma, maximum, is_upper_half) if 0 < value < maximum else None
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ def _of_object(
     if label not in VAGUE_LABELS:
         origin = item.provenance.get("label")
         label_source = provenance.of(
-            f"{path}.label", origin, written_at=f"{path}.from.label"
+            f"{path}.label", origin, text_path=f"{path}.from.label"
         )
         shared_part = (
             1.0
@@ -173,7 +173,7 @@ def _of_object(
         value_source = provenance.of(
             f"{path}.{parameter}",
             item.provenance[parameter],
-            written_at=f"{path}.from.{parameter}",
+            text_path=f"{path}.from.{parameter}",
         )
         is_lower_limit = parameter == "friction" and value_source.text == AT_LEAST
         distribution = (
@@ -202,7 +202,7 @@ def _of_boundary(
     path = f"boundaries.{item.name}"
     for parameter in BOUNDARY_PARAMETERS if origin is not None else ():
         value_source = provenance.of(
-            f"{path}.{parameter}", origin, written_at=f"{path}.from"
+            f"{path}.{parameter}", origin, text_path=f"{path}.from"
         )
         value = getattr(item, parameter)
         distribution = (
@@ -240,7 +240,7 @@ def draw_values(values: Sequence[UncertainValue], seed: int, count: int) -> Arra
             z += sqrt(1 - value.shared_variance) * normal(
                 value.section, value.name, value.parameter
             )
-        return [value.spread.at(each) for each in z.tolist()]
+        return [value.spread.quantile(each) for each in z.tolist()]
 
     return np.array([column(value) for value in values]).T.reshape(count, len(values))
 

@@ -193,7 +193,12 @@ class Both:
             return model.noised(z, self.noise, k)
 
         return fuse_latents(
-            self.z0, mask, noised=noised, denoised=denoised, count=self.count, stop=stop
+            self.z0,
+            mask,
+            add_noise=noised,
+            denoise=denoised,
+            count=self.count,
+            stop=stop,
         )
 
 

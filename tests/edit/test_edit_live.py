@@ -13,7 +13,7 @@ import pytest
 from served import simulated, unpacked
 
 from physgen.edit.live import COLUMNS, Live, Look, MotionStream
-from physgen.edit.operations import edited
+from physgen.edit.operations import apply_operations
 
 Copy = Callable[[str], Path]
 FREE = """\
@@ -45,7 +45,7 @@ def parts(live: Live, look: Look) -> tuple[np.ndarray, list[int]]:
         found.append(np.moveaxis(np.array(columns), 2, 0))
         if part["done"]:
             break
-        part = live.more(part["key"], part["upto"])
+        part = live.next_part(part["key"], part["upto"])
         assert part is not None
         assert part["upto"] > part["from"], "every answer brings something"
     every = np.concatenate(found)
@@ -71,7 +71,7 @@ def test_poses_are_those_of_simulate_to_the_bit(
 ) -> None:
     """After an edit, of the file as it is saved: no pose and no velocity differs in its last place."""
     path = copied(name)
-    text = edited(path.read_text(), ops).text if ops else path.read_text()
+    text = apply_operations(path.read_text(), ops).text if ops else path.read_text()
     live = Live(path)
     every, frames = parts(live, live.look(text, variant=variant))
     path.write_text(text)

@@ -15,10 +15,10 @@ import pytest
 import yaml
 
 from physgen.cli.main import main
-from physgen.edit.corrections import Corrected, correct
+from physgen.edit.corrections import CorrectionResult, correct
 from physgen.edit.live import Live
 from physgen.edit.masks import stroke
-from physgen.edit.operations import edited
+from physgen.edit.operations import apply_operations
 from physgen.edit.pictures import mask_png
 from physgen.geometry.polygon import Disc, Outline, mass_properties
 from physgen.problems import EditError
@@ -65,7 +65,7 @@ class Desk:
         self.live, self.text = Live(self.path), self.path.read_text()
         self.before = self.text
 
-    def do(self, **op: Any) -> Corrected:
+    def do(self, **op: Any) -> CorrectionResult:
         made = correct(self.live, self.text, op)
         self.before, self.text = self.text, made.text
         return made
@@ -380,7 +380,7 @@ def test_what_perception_said_of_a_number_goes_when_a_person_sets_it(
         {"set": ["objects", disc, "label"], "value": "steel ball"},
         {"set": ["world", "pixels_per_meter"], "value": 555},
     ]
-    made = edited(desk.text, ops).text
+    made = apply_operations(desk.text, ops).text
     ours = OpenedScene(desk.path).scene().record.comments
     after = without_comments(made, [op["set"] for op in ops], ours).split("\n")
     diff = [

@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 
 from physgen.edit.live import Live
-from physgen.edit.operations import edited
+from physgen.edit.operations import apply_operations
 
 SCENE = """\
 physgen: 1
@@ -69,7 +69,7 @@ def test_what_a_row_offers_settles_it(tmp_path: Path) -> None:
         rows = [row for row in live.look(text).todo if row["ops"]]
         if not rows:
             break
-        made = edited(text, rows[0]["ops"]).text
+        made = apply_operations(text, rows[0]["ops"]).text
         left = live.look(made)
         assert left.scene is not None
         assert key(rows[0]) not in {key(row) for row in left.todo}

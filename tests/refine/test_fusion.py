@@ -48,8 +48,8 @@ def refined(
     return fuse_latents(
         guidance,
         mask,
-        noised=lambda z, k: exact.noised(z, noise, k),
-        denoised=lambda z, k: exact.stepped(exact.predict(z, k, 0), z, k),
+        add_noise=lambda z, k: exact.noised(z, noise, k),
+        denoise=lambda z, k: exact.stepped(exact.predict(z, k, 0), z, k),
         count=count,
         stop=stop,
         **more,
@@ -66,7 +66,7 @@ def test_the_last_steps_are_free_and_weights_rise() -> None:
         return 1.0
 
     last = fuse_latents(
-        0.0, 1.0, noised=lambda z, k: z, denoised=denoised, count=COUNT, stop=STOP
+        0.0, 1.0, add_noise=lambda z, k: z, denoise=denoised, count=COUNT, stop=STOP
     )
     assert [*shares, last] == approx([k / 25 for k in range(20)] + [1.0] * 5)
 
@@ -141,8 +141,8 @@ def measured(fresh: bool, mask: float, spread: float, draws: int = 200_000) -> f
     z = fuse_latents(
         guidance,
         mask,
-        noised=lambda z, k: exact.noised(z, noise(), k),
-        denoised=lambda z, k: exact.stepped(exact.predict(z, k, 0), z, k),
+        add_noise=lambda z, k: exact.noised(z, noise(), k),
+        denoise=lambda z, k: exact.stepped(exact.predict(z, k, 0), z, k),
         count=COUNT,
         stop=STOP,
     )

@@ -47,12 +47,12 @@ FULL = 0.7
 """Share of a GPU's free memory above which weights are moved there part by part."""
 
 
-def pipeline_index(weights: str, what: str) -> dict[str, Any]:
+def pipeline_index(weights: str, title: str) -> dict[str, Any]:
     """Read `model_index.json`: the pipeline of weights, and the classes of its
     parts.
     """
     index = load_weights(
-        lambda path: dict(DiffusionPipeline.load_config(path)), weights, what, REFINE
+        lambda path: dict(DiffusionPipeline.load_config(path)), weights, title, REFINE
     )
     for part, kind in index.items():
         if isinstance(kind, list) and kind[0] not in (
@@ -65,19 +65,19 @@ def pipeline_index(weights: str, what: str) -> dict[str, Any]:
     return index
 
 
-def part_config(weights: str, part: str, what: str) -> dict[str, Any]:
+def part_config(weights: str, part: str, title: str) -> dict[str, Any]:
     """Read `config.json` of a part; `""` for weights that are a single part."""
     subfolder = {"subfolder": part} if part else {}
     return load_weights(
         lambda path: dict(AutoencoderKL.load_config(path, **subfolder)),
         weights,
-        what,
+        title,
         REFINE,
     )
 
 
 def load_pipeline(
-    kind: Any, weights: str, dtype: torch.dtype, what: str, vae: Any, **parts: Any
+    kind: Any, weights: str, dtype: torch.dtype, title: str, vae: Any, **parts: Any
 ) -> Any:
     """Load the pipeline on the processor, with its VAE (of the class `vae`) in float32.
 
@@ -93,16 +93,20 @@ def load_pipeline(
             kind, path, dtype, vae=as_dtype(fine, torch.float32), **parts
         )
 
-    return load_weights(load, weights, what, REFINE)
+    return load_weights(load, weights, title, REFINE)
 
 
 def check_pipeline_class(
-    weights: str, found: str, known: tuple[str, ...], what: str
+    weights: str, class_name: str, known_classes: tuple[str, ...], title: str
 ) -> None:
-    """Raise InputError if the pipeline class `found` is not among the `known` ones."""
-    if found not in known:
+    """Raise InputError if the pipeline class `class_name` is not among the `known_classes` ones."""
+    if class_name not in known_classes:
         raise Message.WRONG_WEIGHTS.error(
-            REFINE.name, f'"{weights}"', known=known[0], kind=found, purpose=what
+            REFINE.name,
+            f'"{weights}"',
+            known=known_classes[0],
+            kind=class_name,
+            purpose=title,
         )
 
 
@@ -188,16 +192,18 @@ def ddim(scheduler: Any, steps: int, count: int) -> Schedule:
     return Schedule(type(scheduler).__name__, torch.from_numpy(times), noised, stepped)
 
 
-def levels(most: int, steps: int, offset: int) -> NDArray[np.int64]:
-    """Return (steps,) of `most` noise levels, the noisiest first.
+def levels(count: int, steps: int, offset: int) -> NDArray[np.int64]:
+    """Return (steps,) of `count` noise levels, the noisiest first.
 
-    They equal diffusers' `leading` spacing if `steps` divides `most`.
+    They equal diffusers' `leading` spacing if `steps` divides `count`.
 
     >>> levels(1000, 4, 1).tolist()
     [751, 501, 251, 1]
     """
     down = np.arange(steps)[::-1]
-    return np.minimum(np.floor(down * most / steps).astype(np.int64) + offset, most - 1)
+    return np.minimum(
+        np.floor(down * count / steps).astype(np.int64) + offset, count - 1
+    )
 
 
 def euler(scheduler: Any, steps: int, count: int, **settings: Any) -> Schedule:
