@@ -48,31 +48,45 @@ class _Swing:
     """Angle at the start, rad."""
 
 
+def _hang(
+    draw: Draw, name: str, x: float, angles: tuple[int, int]
+) -> tuple[Document, Document, _Swing]:
+    """Return a ball `bob` or a rod on a pin, its pin, and its swing.
+
+    `angles` are the limits of its first angle, degrees.
+    """
+    degrees = draw.number(*angles, 1)
+    side = draw.sign()
+    pivot = np.array([x, 190.0])
+    arm = draw.number(50, 90, 1)
+    mass = draw.mass()
+    direction = np.array([side * sin(radians(degrees)), cos(radians(degrees))])
+    center = pivot + arm * direction
+    if name == "bob":
+        radius = draw.number(14, 26)
+        body = circle(center, radius, mass=mass)
+        moment = mass * radius**2 / 2
+    else:
+        width = draw.number(10, 20)
+        height = round(2 * arm + 10, 1)
+        body = box(center, (width, height), -side * degrees, mass=mass)
+        moment = mass * (width**2 + height**2) / 12
+    small_period = 4 * sqrt((moment + mass * arm**2) / (mass * GRAVITY * arm))
+    period = small_period * integrate_ellipse(sin(radians(degrees / 2)))[0]
+    pin = {"objects": [name], "pivot": pivot.tolist()}
+    return body, pin, _Swing(period, side * radians(degrees))
+
+
 def _pendulum(draw: Draw) -> list[Case]:
     """Return the case of a ball and a rod, each on a pin."""
     objects: dict[str, Document] = {}
     joints, swings = {}, {}
-    for k, (name, lowest, highest) in enumerate((("bob", 20, 80), ("rod", 80, 130))):
-        degrees = draw.number(lowest, highest, 1)
-        side = draw.sign()
-        pivot = np.array([130.0 + 310 * k, 190.0])
-        arm = draw.number(50, 90, 1)
-        mass = draw.mass()
-        direction = np.array([side * sin(radians(degrees)), cos(radians(degrees))])
-        center = pivot + arm * direction
-        if name == "bob":
-            radius = draw.number(14, 26)
-            objects[name] = circle(center, radius, mass=mass)
-            moment = mass * radius**2 / 2
-        else:
-            width = draw.number(10, 20)
-            height = round(2 * arm + 10, 1)
-            objects[name] = box(center, (width, height), -side * degrees, mass=mass)
-            moment = mass * (width**2 + height**2) / 12
-        joints[f"{name}-pin"] = {"objects": [name], "pivot": pivot.tolist()}
-        small_period = 4 * sqrt((moment + mass * arm**2) / (mass * GRAVITY * arm))
-        period = small_period * integrate_ellipse(sin(radians(degrees / 2)))[0]
-        swings[name] = _Swing(period, side * radians(degrees))
+    pendulums = (("bob", 130.0, (20, 80)), ("rod", 440.0, (80, 130)))
+    for name, x, angles in pendulums:
+        body, pin, swing = _hang(draw, name, x, angles)
+        objects[name] = body
+        joints[f"{name}-pin"] = pin
+        swings[name] = swing
     duration = 1.3 * max(swing.period for swing in swings.values())
     document = scene((640, 390), duration, objects, joints=joints)
     return [Case(document, partial(_period_error, swings))]
@@ -111,43 +125,56 @@ class _Spring:
     """w = sqrt(k/m - d²), rad/s."""
 
 
+def _spring_lane(
+    draw: Draw, lane: str, y: float, damping_part: float
+) -> tuple[dict[str, Document], Document, _Spring]:
+    """Return the bodies of a lane, their spring, and its closed form.
+
+    The lane `pair` has a body at both ends.
+    """
+    mass = draw.mass()
+    length = draw.number(120, 160, 0)
+    stretch = draw.sign() * draw.number(20, 50, 0)
+    frequency = draw.number(1.5, 3)
+    anchor = [ANCHOR_X, y]
+    center = [ANCHOR_X + length + stretch, y]
+    partner_mass = None
+    swinging_mass = mass
+    if lane == "pair":
+        partner_mass = draw.mass()
+        swinging_mass = mass * partner_mass / (mass + partner_mass)
+    stiffness = round(swinging_mass * (2 * pi * frequency) ** 2, 2)
+    damping = round(2 * damping_part * sqrt(stiffness * swinging_mass), 3)
+    objects = {lane: circle(center, draw.number(12, 22), mass=mass)}
+    if partner_mass is not None:
+        objects["partner"] = box(anchor, (30, 30), mass=partner_mass)
+    spring = {
+        "objects": list(objects),
+        "spring": [center, anchor],
+        "stiffness": stiffness,
+        "damping": damping,
+        "length": length,
+    }
+    decay = damping / (2 * swinging_mass)
+    omega = sqrt(stiffness / swinging_mass - decay**2)
+    return objects, spring, _Spring(length, decay, omega)
+
+
 def _springs(draw: Draw) -> list[Case]:
-    """Return the case of three lanes of springs; in the lowest, two bodies swing against each other.
+    """Return the case of three lanes of springs; in the lowest, two bodies swing
+    against each other.
 
     Their reduced mass m1 m2/(m1 + m2) is the mass of the closed form.
     """
-    objects = {}
+    objects: dict[str, Document] = {}
     joints = {}
     springs = {}
     lanes = {"free": 0.0, "damped": draw.number(0.03, 0.1, 3), "pair": 0.0}
     for k, (lane, damping_part) in enumerate(lanes.items()):
-        y = 80.0 + 110 * k
-        mass = draw.mass()
-        length = draw.number(120, 160, 0)
-        stretch = draw.sign() * draw.number(20, 50, 0)
-        frequency = draw.number(1.5, 3)
-        anchor = [ANCHOR_X, y]
-        center = [ANCHOR_X + length + stretch, y]
-        names, swinging_mass = [lane], mass
-        if lane == "pair":
-            partner_mass = draw.mass()
-            swinging_mass = mass * partner_mass / (mass + partner_mass)
-            names.append("partner")
-        stiffness = round(swinging_mass * (2 * pi * frequency) ** 2, 2)
-        damping = round(2 * damping_part * sqrt(stiffness * swinging_mass), 3)
-        objects[lane] = circle(center, draw.number(12, 22), mass=mass)
-        if lane == "pair":
-            objects["partner"] = box(anchor, (30, 30), mass=partner_mass)
-        joints[f"{lane}-spring"] = {
-            "objects": names,
-            "spring": [center, anchor],
-            "stiffness": stiffness,
-            "damping": damping,
-            "length": length,
-        }
-        decay = damping / (2 * swinging_mass)
-        omega = sqrt(stiffness / swinging_mass - decay**2)
-        springs[lane] = _Spring(length, decay, omega)
+        bodies, joint, spring = _spring_lane(draw, lane, 80.0 + 110 * k, damping_part)
+        objects |= bodies
+        joints[f"{lane}-spring"] = joint
+        springs[lane] = spring
     document = scene((360, 380), 2.0, objects, world=FLOATING, joints=joints)
     return [Case(document, partial(_spring_errors, springs))]
 
@@ -296,39 +323,47 @@ class _Ramp:
 MOTOR_SOLIDS = ("disc", "hoop", "sphere")
 
 
+def _drive(
+    draw: Draw, name: str, x: float
+) -> tuple[dict[str, Document], Document, _Ramp]:
+    """Return a wheel, for a `fan` also its base, its motor and its start-up."""
+    center = [x, 110.0]
+    radius = draw.number(30, 55)
+    mass = draw.mass()
+    solid = MOTOR_SOLIDS[draw.count(0, 2)]
+    objects = {name: circle(center, radius, solid=solid, mass=mass)}
+    inverse_moment = 1 / (INERTIA[solid] * mass * radius**2)
+    if name == "fan":
+        width = draw.number(30, 60)
+        height = draw.number(90, 140)
+        base_mass = draw.mass()
+        objects["base"] = box(center, (width, height), mass=base_mass)
+        inverse_moment += 12 / (base_mass * (width**2 + height**2))
+    speed = draw.sign() * draw.number(300, 900, 0)
+    time = draw.number(0.4, 0.8, 3)
+    motor = {
+        "objects": list(objects),
+        "motor": center,
+        "speed": speed,
+        "limit": radians(abs(speed)) / time / inverse_moment,
+    }
+    return objects, motor, _Ramp(radians(speed), time)
+
+
 def _motor(draw: Draw) -> list[Case]:
     """Return the case of two motors: one wheel on the world, the other on a turning
     base.
 
     The second motor's torque acts on wheel and base, with 1/I = 1/I1 + 1/I2.
     """
-    objects = {}
+    objects: dict[str, Document] = {}
     joints = {}
     ramps = {}
-    for k, name in enumerate(("wheel", "fan")):
-        center = [110.0 + 200 * k, 110.0]
-        radius = draw.number(30, 55)
-        mass = draw.mass()
-        solid = MOTOR_SOLIDS[draw.count(0, 2)]
-        objects[name] = circle(center, radius, solid=solid, mass=mass)
-        inverse_moment = 1 / (INERTIA[solid] * mass * radius**2)
-        names = [name]
-        if name == "fan":
-            width = draw.number(30, 60)
-            height = draw.number(90, 140)
-            base_mass = draw.mass()
-            objects["base"] = box(center, (width, height), mass=base_mass)
-            inverse_moment += 12 / (base_mass * (width**2 + height**2))
-            names.append("base")
-        speed = draw.sign() * draw.number(300, 900, 0)
-        time = draw.number(0.4, 0.8, 3)
-        joints[f"{name}-motor"] = {
-            "objects": names,
-            "motor": center,
-            "speed": speed,
-            "limit": radians(abs(speed)) / time / inverse_moment,
-        }
-        ramps[name] = _Ramp(radians(speed), time)
+    for name, x in (("wheel", 110.0), ("fan", 310.0)):
+        bodies, motor, ramp = _drive(draw, name, x)
+        objects |= bodies
+        joints[f"{name}-motor"] = motor
+        ramps[name] = ramp
     document = scene((420, 220), 1.0, objects, world=FLOATING, joints=joints)
     return [Case(document, partial(_ramp_error, ramps))]
 

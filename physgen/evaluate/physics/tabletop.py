@@ -321,40 +321,61 @@ STRIKES = {
 }
 
 
+@dataclass(frozen=True)
+class _StruckBall:
+    """A ball with a slip that ends in a roll."""
+
+    body: Document
+    last_velocity: Array
+    """Velocity of the roll, (2,) px/s."""
+    slip_time: float
+    """s."""
+
+
+def _strike_ball(
+    draw: Draw, strike: _Strike, lane_angle: float, mu: float
+) -> _StruckBall:
+    """Return a ball in its lane after a strike."""
+    angle = lane_angle + radians(draw.number(-8, 8, 0))
+    speed = draw.number(100, 250, 0)
+    radius = draw.number(12, 24)
+    part = draw.number(0.4, 1.0)
+    velocity = speed * np.array([cos(angle), sin(angle)])
+    sideways = velocity[::-1] * (-1, 1)
+    # The velocity of a roll without slip at the ball's spin.
+    forward_roll = part * strike.forward_roll * velocity
+    roll_velocity = forward_roll + part * strike.side_roll * sideways
+    roll_x = degrees(roll_velocity[1] / radius)
+    roll_y = degrees(-roll_velocity[0] / radius)
+    c, s = cos(lane_angle), sin(lane_angle)
+    lane = 110 * strike.lane
+    body = circle(
+        (300 - 90 * c - lane * s, 300 - 90 * s + lane * c),
+        radius,
+        solid="sphere",
+        mass=draw.mass(),
+        friction=mu,
+        velocity=velocity.tolist(),
+        roll=[round(roll_x, 9), round(roll_y, 9)],
+    )
+    slip = float(np.hypot(*(velocity - roll_velocity)))
+    return _StruckBall(
+        body, (5 * velocity + 2 * roll_velocity) / 7, 2 * slip / (7 * mu * GRAVITY)
+    )
+
+
 def _struck_balls(draw: Draw) -> Case:
     """Return the case of back spin, top spin, and a roll across the path, which bends
     it, in three lanes.
     """
     mu = draw.number(0.15, 0.3, 3)
     lane_angle = draw.angle()
-    c, s = cos(lane_angle), sin(lane_angle)
     objects, last_velocities, longest = {}, {}, 0.0
     for name, strike in STRIKES.items():
-        angle = lane_angle + radians(draw.number(-8, 8, 0))
-        speed = draw.number(100, 250, 0)
-        radius = draw.number(12, 24)
-        part = draw.number(0.4, 1.0)
-        velocity = speed * np.array([cos(angle), sin(angle)])
-        sideways = velocity[::-1] * (-1, 1)
-        # The velocity of a roll without slip at the ball's spin.
-        roll_velocity = (
-            part * strike.forward_roll * velocity + part * strike.side_roll * sideways
-        )
-        roll_x = degrees(roll_velocity[1] / radius)
-        roll_y = degrees(-roll_velocity[0] / radius)
-        lane = 110 * strike.lane
-        objects[name] = circle(
-            (300 - 90 * c - lane * s, 300 - 90 * s + lane * c),
-            radius,
-            solid="sphere",
-            mass=draw.mass(),
-            friction=mu,
-            velocity=velocity.tolist(),
-            roll=[round(roll_x, 9), round(roll_y, 9)],
-        )
-        last_velocities[name] = (5 * velocity + 2 * roll_velocity) / 7
-        slip = float(np.hypot(*(velocity - roll_velocity)))
-        longest = max(longest, 2 * slip / (7 * mu * GRAVITY))
+        ball = _strike_ball(draw, strike, lane_angle, mu)
+        objects[name] = ball.body
+        last_velocities[name] = ball.last_velocity
+        longest = max(longest, ball.slip_time)
     document = scene((600, 600), longest + 0.1, objects, world=_table(mu))
     return Case(document, partial(_roll_error, last_velocities), "struck")
 
