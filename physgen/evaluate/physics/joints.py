@@ -241,35 +241,59 @@ class _Tilt:
         return np.array([spin, self.torque * cos(angle) + self.tilting * sin(angle)])
 
 
-def _seesaw(draw: Draw) -> list[Case]:
-    """Return the case of three see-saws: one far from balance, two with moments of 0.99 and 1.01.
+@dataclass(frozen=True)
+class _Seesaw:
+    """A plank with two weights on a pin."""
 
-    Moment x angular acceleration = torque: J a'' = g (m2 d2 - m1 d1) cos a + g (m1 h1 + m2 h2) sin a, for weights at
-    d to the left and right of the pin and h above it, J with all parallel axes.
+    objects: dict[str, Document]
+    """Plank, left and right weight."""
+    pin: list[float]
+    """px."""
+    tilt: _Tilt
+    """The closed form."""
+
+
+def _draw_seesaw(draw: Draw, x: float, part: float) -> _Seesaw:
+    """Return a see-saw with its pin at `x`, px.
+
+    `part` is the moment of the right weight over that of the left one.
+    """
+    surface = {"friction": 0.9, "elasticity": 0.0}
+    pin = np.array([x, 150.0])
+    plank = (draw.number(220, 260, 0), draw.number(8, 14, 0))
+    mass = draw.mass()
+    left, right = _draw_weights(draw, plank[1], part)
+    objects = {"plank": box(pin, plank, mass=mass, **surface)}
+    for label, weight, weight_x in (
+        ("left", left, pin[0] - left.arm),
+        ("right", right, pin[0] + right.arm),
+    ):
+        center = (weight_x, pin[1] - weight.height)
+        size = (weight.side, weight.side)
+        objects[label] = box(center, size, mass=weight.mass, **surface)
+    plank_moment = mass * (plank[0] ** 2 + plank[1] ** 2) / 12
+    moment = plank_moment + left.moment() + right.moment()
+    return _Seesaw(objects, pin.tolist(), _tilt(left, right, moment))
+
+
+def _seesaw(draw: Draw) -> list[Case]:
+    """Return the case of three see-saws: one far from balance, two with moments of
+    0.99 and 1.01.
+
+    Moment x angular acceleration = torque: J a'' = g (m2 d2 - m1 d1) cos a + g (m1 h1 +
+    m2 h2) sin a, for weights at d to the left and right of the pin and h above it, J
+    with all parallel axes.
     """
     objects: dict[str, Document] = {}
     joints, tilts = {}, {}
-    surface = {"friction": 0.9, "elasticity": 0.0}
     for k, name in enumerate(("light", "heavy", "far")):
         # Drawn for each see-saw, so that all have the same number of draws.
         parts = (0.99, 1.01, draw.number(1.1, 1.25))
-        pin = np.array([180.0 + 320 * k, 150.0])
-        plank = (draw.number(220, 260, 0), draw.number(8, 14, 0))
-        plank_mass = draw.mass()
-        left, right = _draw_weights(draw, plank[1], parts[k])
-        objects[f"{name}-plank"] = box(pin, plank, mass=plank_mass, **surface)
-        for label, weight, x in (
-            ("left", left, pin[0] - left.arm),
-            ("right", right, pin[0] + right.arm),
-        ):
-            center = (x, pin[1] - weight.height)
-            size = (weight.side, weight.side)
-            body = box(center, size, mass=weight.mass, **surface)
-            objects[f"{name}-{label}"] = body
-        joints[f"{name}-pin"] = {"objects": [f"{name}-plank"], "pivot": pin.tolist()}
-        plank_moment = plank_mass * (plank[0] ** 2 + plank[1] ** 2) / 12
-        moment = plank_moment + left.moment() + right.moment()
-        tilts[name] = _tilt(left, right, moment)
+        seesaw = _draw_seesaw(draw, 180.0 + 320 * k, parts[k])
+        for part, body in seesaw.objects.items():
+            objects[f"{name}-{part}"] = body
+        joints[f"{name}-pin"] = {"objects": [f"{name}-plank"], "pivot": seesaw.pin}
+        tilts[name] = seesaw.tilt
     document = scene((1000, 300), 1.0, objects, joints=joints)
     return [Case(document, partial(_seesaw_errors, tilts["far"]))]
 

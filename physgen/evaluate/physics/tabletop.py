@@ -4,7 +4,7 @@ balls, a break.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import cos, degrees, inf, log, radians, sin, sqrt
@@ -44,6 +44,17 @@ UNBROKEN = 1000.0
 """Error of an untouched rack, px."""
 
 
+def _rack(distance: float) -> Iterator[tuple[int, int, tuple[float, float]]]:
+    """Yield row, number in the row (both from 1) and centre (px) of each ball.
+
+    `distance` is that of two neighbours, px.
+    """
+    for i in range(RACK_ROWS):
+        for j in range(i + 1):
+            x = 360 + i * distance * sqrt(0.75)
+            yield i + 1, j + 1, (x, AXIS_Y + (j - i / 2) * distance)
+
+
 def _break(draw: Draw) -> list[Case]:
     """Return the case of a cue ball against a rack of 15 on its axis."""
     overlap = 0.0 if draw.index in (0, 3) else 0.5
@@ -62,14 +73,10 @@ def _break(draw: Draw) -> list[Case]:
     velocity = [draw.number(800, 1400, 0), 0]
     objects = {"cue": circle((120, AXIS_Y), radius, velocity=velocity, **ball)}
     mirror_pairs = [("cue", "cue")]
-    distance = 2 * radius - overlap
-    for i in range(RACK_ROWS):
-        for j in range(i + 1):
-            x = 360 + i * distance * sqrt(0.75)
-            center = (x, AXIS_Y + (j - i / 2) * distance)
-            name = f"ball-{i + 1}-{j + 1}"
-            objects[name] = circle(center, radius, **ball)
-            mirror_pairs.append((name, f"ball-{i + 1}-{i - j + 1}"))
+    for row, k, center in _rack(2 * radius - overlap):
+        name = f"ball-{row}-{k}"
+        objects[name] = circle(center, radius, **ball)
+        mirror_pairs.append((name, f"ball-{row}-{row + 1 - k}"))
     world = _table(0.2 if has_friction else 0.0)
     document = scene((1000, 600), 1.0, objects, world=world)
     return [Case(document, partial(_mirror_error, mirror_pairs, radius))]
