@@ -251,6 +251,8 @@ OPEN_VESSELS = frozenset(
     ]
 )
 """Nouns of upright vessels with an opening at their top."""
+SHALLOW_VESSELS = frozenset(["saucer", "plate"])
+"""Nouns of vessels whose inside is as bright as their outside."""
 CLOSED = re.compile(
     r"\b(?:closed|sealed|corked|covered|lidded|inverted|overturned|upturned)\b"
     r"|\bupside[ -]down\b|\bwith (?:a |an |its |the |\w+ )?(?:lid|cover|cap|cork)\b"
@@ -269,6 +271,16 @@ def is_open_vessel(label: str) -> bool:
     """
     is_closed = CLOSED.search(label.lower()[:LONGEST_LABEL]) is not None
     return not is_closed and kind(label).noun in OPEN_VESSELS
+
+
+def is_shallow_vessel(label: str) -> bool:
+    """Return whether a label names a vessel whose whole inside is lit.
+
+    >>> is_shallow_vessel("saucer"), is_shallow_vessel("cup")
+    (True, False)
+    """
+    is_closed = CLOSED.search(label.lower()[:LONGEST_LABEL]) is not None
+    return not is_closed and kind(label).noun in SHALLOW_VESSELS
 
 
 MIRROR = 0.6

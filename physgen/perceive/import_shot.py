@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import copysign, degrees, radians, sqrt
+from math import copysign, degrees, hypot, radians, sqrt
 from typing import Any
 
 import cv2
@@ -42,6 +42,14 @@ class ShotTuning:
     """Elasticity of the walls of a table, if it is 0."""
     rolling: float = 0.01
     """Rolling resistance of balls."""
+    fastest: float = 3.0
+    """Largest speed of a push on a table, longer sides of the photo per second: faster
+    balls cannot be followed.
+    """
+    beyond: float = 0.5
+    """Distance of a table's unseen walls from the picture's border, sides of the
+    photo.
+    """
     ramp: str = "0.1 s"
     """Three frames of a push that does not turn an object."""
 
@@ -68,6 +76,8 @@ def as_shot(imported: PerceivedScene) -> PerceivedScene:
     for name, entry in document["objects"].items():
         objects[name] = _natural_form(entry, floors)
     _push_by_velocity(document["forces"], objects)
+    if document["world"]["view"] == "top":
+        _limit_speeds(objects, SHOT.fastest * max(width, height))
     world, boundaries = _natural_world(document, comments, (width, height))
     if any(entry.get("spin") for entry in objects.values()):
         # Held against the floor while it turns, an object would be flung away.
@@ -99,7 +109,7 @@ def _natural_world(
     comments["world.pixels_per_meter"] = reason
     comments["world.table"] = "as of cloth"
     comments["world.view"] = "gravity 0: seen from above"
-    return world, _with_cushions(boundaries, comments)
+    return world, _with_cushions(boundaries, size, comments)
 
 
 def _natural_form(
@@ -182,17 +192,58 @@ def _ring(piece: Mapping[str, Any]) -> Ring:
     return Ring(np.array(piece["outline"], np.float64), tuple(holes))
 
 
+def _limit_speeds(objects: dict[str, dict[str, Any]], limit: float) -> None:
+    """Reduce velocities to a speed of at most `limit`, px/s, in place."""
+    for entry in objects.values():
+        speed = hypot(*entry.get("velocity", (0.0, 0.0)))
+        if speed > limit:
+            entry["velocity"] = [
+                float(f"{part * limit / speed:.4g}") for part in entry["velocity"]
+            ]
+
+
 def _with_cushions(
-    boundaries: Mapping[str, dict[str, Any]], comments: dict[str, str]
+    boundaries: Mapping[str, dict[str, Any]],
+    size: tuple[int, int],
+    comments: dict[str, str],
 ) -> dict[str, dict[str, Any]]:
-    """Return the boundaries of a table, from which objects bounce."""
+    """Return the boundaries of a table, from which objects bounce.
+
+    Walls along the border of a photo of `size` (W, H) are no cushions that it shows:
+    they are moved outwards.
+    """
     cushions = {}
+    remarks = []
     for name, wall in boundaries.items():
-        cushions[name] = dict(wall)
+        cushions[name] = wall | {"segment": _moved_outwards(wall["segment"], size)}
         if not wall["elasticity"]:
             cushions[name]["elasticity"] = SHOT.cushion
-            comments["boundaries"] = "0 in sim.yaml: nothing bounced off them"
+            remarks = ["0 in sim.yaml: nothing bounced off them"]
+    if any(
+        cushions[name]["segment"] != boundaries[name]["segment"] for name in cushions
+    ):
+        remarks.append(
+            "those at the picture's border lie outside, where they are not seen"
+        )
+    if remarks:
+        comments["boundaries"] = "; ".join(remarks)
     return cushions
+
+
+def _moved_outwards(
+    segment: Sequence[Sequence[float]], size: tuple[int, int]
+) -> list[list[float]]:
+    """Return a segment, with ends at the border of a photo of `size` moved outwards.
+
+    A segment that only ends at the border stays.
+    """
+    ends = np.array(segment, np.float64)
+    last = np.array(size, np.float64) - 1
+    is_low, is_high = ends <= SHOT.border, ends >= last - SHOT.border
+    is_along_border = bool(is_low.all(axis=0).any() or is_high.all(axis=0).any())
+    if is_along_border:
+        ends += SHOT.beyond * np.array(size) * (is_high.astype(int) - is_low)
+    return [[short(x), short(y)] for x, y in ends.tolist()]
 
 
 def _with_long_floors(

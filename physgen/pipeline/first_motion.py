@@ -80,7 +80,7 @@ def start_motion(
         perceived = with_living_named(perceived)
     perceived = with_toys_named(perceived)
     if pushes:
-        perceived = _pushed_by_user(perceived, pushes)
+        perceived = push_by_request(perceived, pushes)
     if story is not None:
         perceived = _moved_by_story(perceived, story)
     return perceived
@@ -422,7 +422,7 @@ def _set_ramp(perceived_scene: PerceivedScene, ramp: float) -> PerceivedScene:
     return replace(perceived_scene, document=document, comments=comments)
 
 
-def _pushed_by_user(perceived: PerceivedScene, pushes: Sequence[str]) -> PerceivedScene:
+def push_by_request(perceived: PerceivedScene, pushes: Sequence[str]) -> PerceivedScene:
     """Return the scene with the pushes `NAME=DIRECTION[@SPEED]`. Raises InputError."""
     from physgen.compile.shapes import shapes_of
     from physgen.pipeline.push_trials import compile_trials, simulate_push
@@ -465,7 +465,7 @@ def push_anew(
             objects[name] = still_item | {"velocity": [0, 0]}
     document = perceived.document | {"objects": objects}
     perceived = replace(perceived, document=document)
-    pushed_scene = _pushed_by_user(_with_usual_playback(perceived, scene), pushes)
+    pushed_scene = push_by_request(_with_usual_playback(perceived, scene), pushes)
     document = pushed_scene.document | _playback(perceived, pushed_scene, scene)
     return replace(pushed_scene, document=document)
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from math import atan2, degrees
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ from physgen.files import check_text_names, check_writable
 from physgen.messages import Message
 from physgen.pipeline.first_motion import (
     StoryRequest,
+    push_by_request,
     start_motion,
 )
 from physgen.pipeline.trial_scenes import open_trial
@@ -32,6 +34,12 @@ if TYPE_CHECKING:
         Rgb,
     )
     from physgen.registry import Backends
+
+GENTLE_PUSH = (
+    "the direction of sim.yaml; physgen chose the speed, as the paper's code pushes at"
+    " the picture's corner, which flings an object away"
+)
+"""Comment of such a push."""
 
 Keep = Callable[[Path], None]
 """Callback with the new name of every file renamed to make room."""
@@ -356,7 +364,7 @@ def import_physgen(
     check_writable((output or stdout or Path()).parent)
     scene = run(folder, progress=progress)
     if not faithful:
-        scene = as_shot(scene)
+        scene = _with_gentle_pushes(as_shot(scene))
     for problem in scene.warnings:
         warn(problem)
     return write_scene(
@@ -367,3 +375,31 @@ def import_physgen(
         keep,
         stdout=stdout,
     )
+
+
+def _with_gentle_pushes(shot: PerceivedScene) -> PerceivedScene:
+    """Return an imported shot in which a push that flings an object is gentle.
+
+    The paper's code pushes polygons at the picture's corner, a long lever. Here, the
+    direction stays, and physgen chooses the speed.
+    """
+    flung = {
+        name: entry
+        for name, entry in shot.document["objects"].items()
+        if entry.get("spin")
+    }
+    pushes = []
+    objects = dict(shot.document["objects"])
+    for name, entry in flung.items():
+        right, down = entry["velocity"]
+        pushes.append(f"{name}={degrees(atan2(down, right)):.4g}")
+        without_spin = {key: value for key, value in entry.items() if key != "spin"}
+        objects[name] = without_spin | {"velocity": [0.0, 0.0]}
+    if not pushes:
+        return shot
+    at_rest = replace(shot, document=shot.document | {"objects": objects})
+    pushed = push_by_request(at_rest, pushes)
+    comments = dict(pushed.comments)
+    for name in flung:
+        comments[f"objects.{name}.velocity"] = GENTLE_PUSH
+    return replace(pushed, comments=comments)

@@ -181,9 +181,12 @@ def ball_from_photo(
     smooth_light = np.ones_like(normals.rho)
     use = normals.inside & (shine.max(axis=2) <= 0)
     paints = find_paints(ball.skin, *normals.parts, use)
-    if paints is not None and paints.between < BALL.painted:
-        has_pattern = view is View.TOP and is_painted
-        ball, smooth_light = _with_paints(ball, paints, normals, use, has_pattern)
+    has_pattern = view is View.TOP and is_painted
+    most_mixed = BALL.painted_by_name if has_pattern else BALL.painted
+    if paints is not None and paints.between < most_mixed:
+        painted, painted_light = _with_paints(ball, paints, normals, use, has_pattern)
+        if painted.pattern is not None or paints.between < BALL.painted:
+            ball, smooth_light = painted, painted_light
     if _plain(ball.skin, *normals.parts, normals.inside):
         return _with_one_colour(ball, colour, normals.inside)
     if view is View.TOP and not is_painted:

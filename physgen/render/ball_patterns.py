@@ -277,17 +277,20 @@ def _with_disc(pattern: Pattern, places: F64, value: F64) -> Pattern:
     `places`.
     """
     border = pattern.border
-    if border.folded and border.at > BALL.disc:
-        # A band of this size is a disc, and the rest of the ball has one paint.
-        axis = np.eye(3)[np.abs(border.normal).argmin()]
-        nowhere = replace(border, normal=axis, at=2.0)
-        return Pattern(pattern.colours, nowhere, replace(border, sign=1.0))
     is_right = value * pattern.values(places) > 0
     share, disc = _border(places, np.where(is_right, -1.0, 1.0), folded=True)
     is_disc = disc.sign > 0 and disc.at > BALL.disc
-    if is_disc and share > is_right.mean() + BALL.marked:
-        return replace(pattern, disc=disc)
-    return pattern
+    is_marked = is_disc and share > is_right.mean() + BALL.marked
+    if border.folded and border.at > BALL.disc:
+        # A band of this size is a disc, and the rest of the ball has one paint, unless
+        # a disc lies between its two caps.
+        is_between = abs(float(border.normal @ disc.normal)) < BALL.apart
+        if is_marked and is_between:
+            return replace(pattern, disc=disc)
+        axis = np.eye(3)[np.abs(border.normal).argmin()]
+        nowhere = replace(border, normal=axis, at=2.0)
+        return Pattern(pattern.colours, nowhere, replace(border, sign=1.0))
+    return replace(pattern, disc=disc) if is_marked else pattern
 
 
 def _border(points: F64, value: F64, *, folded: bool) -> tuple[float, Border]:

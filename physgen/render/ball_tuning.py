@@ -32,6 +32,8 @@ class BallTuning:
     """Share of full light below which the photo's darkness belongs to the skin."""
     painted: float = 0.5
     """Share of mixed pixels below which a ball counts as painted."""
+    painted_by_name: float = 0.65
+    """The same for a ball of billiards with a pattern: it mirrors its neighbours."""
     plainly: float = 0.6
     """Slope of brightness over predicted shading above which the light is used
     fully.
@@ -70,6 +72,8 @@ class BallTuning:
     """Search ranges around the best direction in later rounds, rad."""
     disc: float = 0.8
     """Minimum cosine of a disc's radius."""
+    apart: float = 0.5
+    """Maximum cosine between a stripe's axis and a disc on the stripe."""
     seen: float = 0.2
     """Cosine to the viewer above which writing is readable in the photo."""
     marked: float = 0.015

@@ -27,6 +27,7 @@ from physgen.materials import (
     is_book,
     is_open_vessel,
     is_polished_metal,
+    is_shallow_vessel,
 )
 from physgen.photometry import DistantLight, decode
 from physgen.render.ball import ball_from_photo, sphere_shading
@@ -57,7 +58,13 @@ from physgen.render.sprites import (
     relief_of,
 )
 from physgen.render.stage import Frame, Mirror, ShadowBody, Stage, three_channels
-from physgen.render.vessels import open_vessel, with_room_for_opening
+from physgen.render.vessels import (
+    SHALLOW_VESSEL,
+    VESSEL,
+    VesselTuning,
+    open_vessel,
+    with_room_for_opening,
+)
 from physgen.render.wheel_sprites import drawn_wheel, wheel_from_photo
 from physgen.scene.scene import Scene, Solid, View
 
@@ -482,7 +489,7 @@ def _is_soft(light: DistantLight) -> bool:
 
 
 def _with_vessels(
-    change: Callable[[Sprite, Body, U16, float, Sequence[int]], Sprite],
+    change: Callable[[Sprite, Body, U16, float, Sequence[int], VesselTuning], Sprite],
     scene: Scene,
     world: World,
     sprites: Sequence[Sprite],
@@ -496,7 +503,9 @@ def _with_vessels(
             # Only objects that are drawn later are nearer and may hide an opening.
             nearer_bodies = _bodies(sprites[k:])
             body = world.bodies[sprite.body]
-            sprite = change(sprite, body, labels, tilt, nearer_bodies)
+            is_shallow = is_shallow_vessel(scene.objects[sprite.body].label)
+            tuning = SHALLOW_VESSEL if is_shallow else VESSEL
+            sprite = change(sprite, body, labels, tilt, nearer_bodies, tuning)
         result.append(sprite)
     return result
 
@@ -523,7 +532,8 @@ def _bodies(sprites: Sequence[Sprite]) -> list[int]:
 def _may_be_open(scene: Scene, world: World, sprite: Sprite) -> bool:
     """Check whether a sprite shows a vessel from the side."""
     label = scene.objects[sprite.body].label
-    return world.view is not View.TOP and is_open_vessel(label)
+    is_vessel = is_open_vessel(label) or is_shallow_vessel(label)
+    return world.view is not View.TOP and is_vessel
 
 
 def _shadow_setting(scene: Scene, world: World) -> ShadowSetting:

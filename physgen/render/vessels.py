@@ -45,6 +45,8 @@ class VesselTuning:
     """Light of the inner wall at the far rim over that of the outer wall."""
     near_shade: float = 0.42
     """The same at the near rim, deeper in the vessel."""
+    fewest_visible: int = 20
+    """Least number of visible pixels inside an opening that set its brightness."""
     most_light: float = 0.95
     """Largest linear light of a rim."""
     subpixels: int = 4
@@ -54,6 +56,11 @@ class VesselTuning:
 
 
 VESSEL = VesselTuning()
+# Around the load of a saucer or a plate, the inside is visible and nearly as bright as
+# the outside.
+SHALLOW_VESSEL = VesselTuning(
+    hidden_share=0.3, wall=0.1, rim_width=0.02, far_shade=0.98, near_shade=0.86
+)
 
 
 @dataclass(frozen=True)
@@ -89,7 +96,12 @@ def opening_of(body: Body, corner: Sequence[int], tilt: float) -> Opening | None
 
 
 def with_room_for_opening(
-    sprite: Sprite, body: Body, labels: U16, tilt: float, bodies: Sequence[int] = ()
+    sprite: Sprite,
+    body: Body,
+    labels: U16,
+    tilt: float,
+    bodies: Sequence[int] = (),
+    tuning: VesselTuning = VESSEL,
 ) -> Sprite:
     """Return a vessel's sprite with empty rows above, for the far rim of an opening
     that `open_vessel` will draw.
@@ -103,13 +115,18 @@ def with_room_for_opening(
     rows = max(min(rows, sprite.corner[1] + MARGIN), 0)
     roomy_sprite = _extend_upwards(sprite, rows)
     opening = replace(opening, y=opening.y + rows)
-    if not _is_covered(_others(roomy_sprite, labels, bodies), opening):
+    if not _is_covered(_others(roomy_sprite, labels, bodies), opening, tuning):
         return sprite
     return roomy_sprite
 
 
 def open_vessel(
-    sprite: Sprite, body: Body, labels: U16, tilt: float, bodies: Sequence[int] = ()
+    sprite: Sprite,
+    body: Body,
+    labels: U16,
+    tilt: float,
+    bodies: Sequence[int] = (),
+    tuning: VesselTuning = VESSEL,
 ) -> Sprite:
     """Return a vessel's sprite with its opening, if other objects hide it in the photo.
 
@@ -121,12 +138,14 @@ def open_vessel(
     if opening is None:
         return sprite
     hidden_mask = _others(sprite, labels, bodies)
-    if not _is_covered(hidden_mask, opening):
+    if not _is_covered(hidden_mask, opening, tuning):
         return sprite
-    wall = _wall_light(sprite, opening)
+    wall = _wall_light(sprite, opening, tuning)
     if wall is None:
         return sprite
-    light, cover = _draw(wall, sprite.coverage.shape, opening)
+    light, cover = _draw(wall, sprite.coverage.shape, opening, tuning)
+    if tuning is SHALLOW_VESSEL:
+        light = light * _visible_gain(sprite, hidden_mask, light, cover)
     # Pixels beside the border of the other object are mixtures, and stay.
     share = cv2.erode(hidden_mask.astype(np.uint8), np.ones((3, 3), np.uint8))
     share = cv2.blur(share.astype(np.float32), (3, 3))
@@ -138,11 +157,25 @@ def open_vessel(
     )
 
 
-def _is_covered(hidden: Mask, opening: Opening) -> bool:
+def _visible_gain(sprite: Sprite, hidden: Mask, light: F32, cover: F32) -> F32:
+    """Return the light (3,) of the visible part of an inside over the drawn `light`.
+
+    `light` (h, w, 3) times coverage `cover` (h, w); `hidden` (h, w): other objects.
+    """
+    is_near_other = cv2.dilate(hidden.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    is_visible = (cover >= 1) & (sprite.coverage >= 1) & ~is_near_other
+    if np.count_nonzero(is_visible) < VESSEL.fewest_visible:
+        return np.ones(3, np.float32)
+    actual_light = np.median(sprite.light[is_visible], axis=0)
+    drawn_light = np.median(light[is_visible], axis=0)
+    return np.asarray(actual_light / np.maximum(drawn_light, 1e-3), np.float32)
+
+
+def _is_covered(hidden: Mask, opening: Opening, tuning: VesselTuning) -> bool:
     """Check whether other objects cover most of an opening."""
     is_inside = _size(hidden.shape, opening, 0.0, 1) <= 1
     share = hidden[is_inside].mean() if is_inside.any() else 0.0
-    return bool(share >= VESSEL.hidden_share)
+    return bool(share >= tuning.hidden_share)
 
 
 def _extend_upwards(sprite: Sprite, rows: int) -> Sprite:
@@ -186,10 +219,10 @@ def _size(
     return np.asarray(x * x + (y * y)[:, None], np.float32)
 
 
-def _wall_light(sprite: Sprite, opening: Opening) -> F32 | None:
+def _wall_light(sprite: Sprite, opening: Opening, tuning: VesselTuning) -> F32 | None:
     """Return the light of the outer wall below the near rim by column, (w, 3)."""
     first = round(opening.y + opening.half_height) + 2
-    last = first + max(round(2 * VESSEL.wall * opening.half_width), 3)
+    last = first + max(round(2 * tuning.wall * opening.half_width), 3)
     is_wall = (sprite.coverage[first:last] >= 1).astype(np.float32)
     if is_wall.sum() < opening.half_width:
         return None
@@ -207,9 +240,11 @@ def _wall_light(sprite: Sprite, opening: Opening) -> F32 | None:
     return np.asarray(light[0][columns], np.float32)
 
 
-def _draw(wall: F32, shape: tuple[int, ...], opening: Opening) -> tuple[F32, F32]:
+def _draw(
+    wall: F32, shape: tuple[int, ...], opening: Opening, tuning: VesselTuning
+) -> tuple[F32, F32]:
     """Return light times coverage (h, w, 3) and coverage (h, w) of an opening."""
-    thickness = max(2 * VESSEL.rim_width * opening.half_width, 1.0)
+    thickness = max(2 * tuning.rim_width * opening.half_width, 1.0)
     outer = _coverage(shape, opening, 0.0)
     inner = _coverage(shape, opening, thickness)
     # The inner wall faces the outer one on the other side of the axis.
@@ -219,7 +254,7 @@ def _draw(wall: F32, shape: tuple[int, ...], opening: Opening) -> tuple[F32, F32
     )
     depth = (np.arange(shape[0]) - opening.y) / (2 * opening.half_height) + 0.5
     depth = np.clip(depth, 0, 1)
-    shade = VESSEL.far_shade + (VESSEL.near_shade - VESSEL.far_shade) * depth
+    shade = tuning.far_shade + (tuning.near_shade - tuning.far_shade) * depth
     inside = shade[:, None, None] * wall[mirror_columns]
     rim = np.minimum(VESSEL.rim_gain * wall, max(VESSEL.most_light, float(wall.max())))
     light = inner[..., None] * inside + (outer - inner)[..., None] * rim

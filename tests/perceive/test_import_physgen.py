@@ -252,10 +252,32 @@ def test_import_is_a_shot_unless_faithful(tmp_path: Path, faithful: bool) -> Non
     assert scene.world.until_rest
     assert not scene.forces
     toy = next(item for item in scene.objects if item.label == "toy")
+    # The push at the picture's corner would fling it; its direction stays.
+    assert toy.spin == 0
+    assert toy.velocity[0] < 0
+    assert toy.velocity[1] == 0
+    assert scene.world.ramp > 0
+
+
+def test_lever_of_the_papers_push_is_a_spin(tmp_path: Path) -> None:
+    shot = as_shot(import_physgen(folder(tmp_path / "two")))
+    (toy,) = (
+        entry for entry in shot.document["objects"].values() if entry["label"] == "toy"
+    )
     # A disc of radius r pushed at the picture's corner: v y / (r² / 2).
     spin = np.degrees(-50 * 60 / (14**2 / 2))
-    assert toy.spin == pytest.approx(spin, rel=0.05)
-    assert scene.world.ramp == 0
+    assert toy["spin"] == pytest.approx(spin, rel=0.05)
+
+
+def test_shot_of_a_table_has_slow_balls_and_unseen_walls(tmp_path: Path) -> None:
+    shot = as_shot(import_physgen(folder(tmp_path / "table", TABLE)))
+    (ball,) = (
+        entry for entry in shot.document["objects"].values() if entry.get("velocity")
+    )
+    assert np.hypot(*ball["velocity"]) == pytest.approx(3 * 96)
+    assert ball["velocity"][0] == pytest.approx(-4 / 3 * ball["velocity"][1])
+    walls = [wall["segment"] for wall in shot.document["boundaries"].values()]
+    assert walls == [[[-47, -47], [-47, 143]], [[20, 1], [20, 95]]]
 
 
 def test_shot_has_boxes_and_long_floors(tmp_path: Path) -> None:
@@ -274,6 +296,18 @@ def test_shot_has_boxes_and_long_floors(tmp_path: Path) -> None:
     assert entry["velocity"] == pytest.approx([30, 0], rel=0.001)
     (wall,) = shot.document["boundaries"].values()
     assert wall["segment"] == [[-96, 82], [191, 82]]
+
+
+TABLE = """\
+cat: table
+num_steps: 60
+animation_frames: 16
+gravity: 0
+init_acc: {1: [-4000, 3000]}
+edge_list: [[[1, 1], [1, 95]], [[20, 1], [20, 95]]]
+obj_info:
+  1: {label: ball, mass: 170, primitive: circle}
+"""
 
 
 TOWER = """\

@@ -22,7 +22,12 @@ from physgen.render.hanging_ball import has_one_hue, without_eyelet
 from physgen.render.highlights import DiscPicture, shared_highlights
 from physgen.render.sprites import MARGIN, Gloss, Sprite, cut_sprites
 from physgen.render.stage import draw_sprite, place_sprite
-from physgen.render.vessels import open_vessel, opening_of, with_room_for_opening
+from physgen.render.vessels import (
+    SHALLOW_VESSEL,
+    open_vessel,
+    opening_of,
+    with_room_for_opening,
+)
 from physgen.scene.scene import View
 
 FINE = 8
@@ -125,6 +130,31 @@ def test_a_vessel_below_its_lid_is_open() -> None:
     inside = columns[(columns > 29) & (columns < 90)]
     assert abs(inside.mean() - 59.5) < 0.6
     assert np.array_equal(opened.light[60:], sprite.light[60:])
+
+
+def test_saucer_below_its_cup_is_lit_like_its_visible_inside() -> None:
+    """The visible ends of the ellipse set the light between them."""
+    sprite, body, labels = vessel()
+    tilt = float(np.tan(np.radians(12)))
+    opening = opening_of(body, sprite.corner, tilt)
+    assert opening is not None
+    rows, columns = np.mgrid[:120, :120]
+    distance = np.hypot(
+        (columns - opening.x) / opening.half_width,
+        (rows - opening.y) / opening.half_height,
+    )
+    sprite.light[distance < 1] = 0.8
+    sprite.coverage[distance < 1] = 1
+    labels[:] = np.where(sprite.coverage > 0, 1, 0)
+    labels[20:47, 45:75] = 2
+    sprite.light[20:47, 45:75] = sprite.coverage[20:47, 45:75] = 0
+    opened = open_vessel(sprite, body, labels, tilt, tuning=SHALLOW_VESSEL)
+    inside = opened.light[:, 48:72][distance[:, 48:72] < 0.8]
+    assert inside.mean() == pytest.approx(0.8, rel=0.08)
+    assert inside.std() < 0.08
+    # A deep vessel is dark inside.
+    deep = open_vessel(sprite, body, labels, tilt)
+    assert deep.light[:, 48:72][distance[:, 48:72] < 0.8].mean() < 0.5
 
 
 def test_a_vessel_without_a_lid_stays_as_it_is() -> None:
