@@ -55,6 +55,15 @@ from physgen.report.folders import (
     output_folder,
     read_manifest,
 )
+from physgen.report.record import (
+    TIMING,
+    RunRecord,
+    StageTime,
+    file_hash,
+    inputs,
+    source_of,
+    write_json,
+)
 from physgen.scene.scene import ADD_OBJECT, Motion
 
 if TYPE_CHECKING:
@@ -65,7 +74,6 @@ if TYPE_CHECKING:
     from physgen.render.stage import Frame
     from physgen.report.perception import Comparison, Perception
     from physgen.report.player import Data
-    from physgen.report.record import RunRecord
     from physgen.scene.scene import Object, Scene
     from physgen.simulate.trajectory import Trajectory
 
@@ -188,7 +196,6 @@ class Labels:
             return
         from physgen.export.formats import open_writers
         from physgen.pipeline.labelling import labelled_clip, open_queue
-        from physgen.report.record import StageTime
 
         shot = film.shot(trajectory)
         clip = labelled_clip(film, trajectory, record, self.maps)
@@ -280,8 +287,6 @@ def _displacements(world: World, trajectory: Trajectory) -> NDArray[np.float64]:
 
 def _new_record(path: str | Path, options: RenderOptions) -> RunRecord:
     """Return the record of a run that begins."""
-    from physgen.report.record import RunRecord
-
     command = command_alone(path, options)
     record = RunRecord(
         scene="", command=list(options.command) or command, alone=command
@@ -307,8 +312,6 @@ def _describe_inputs(
     record: RunRecord, scene: Scene, path: Path, folder: Path, stages: Stages
 ) -> None:
     """Add the scene's name, its input files and the size of the video to a record."""
-    from physgen.report.record import inputs, source_of
-
     record.scene = scene.name
     record.seeds = {"refine": scene.refine.seed}
     record.inputs = inputs(scene, path, stages.hash)
@@ -702,8 +705,6 @@ def write_manifest(record: RunRecord, folder: Path) -> None:
     """Write the record with the hashes of all files in the folder, and its
     times apart.
     """
-    from physgen.report.record import TIMING, file_hash, write_json
-
     for file in sorted(
         p for p in folder.rglob("*") if p.is_file() and p != folder / TIMING
     ):

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from physgen.files import MOST_PIXELS
 from physgen.progress import Progress
+from physgen.report.record import RunRecord, StageTime
 
 if TYPE_CHECKING:
     from physgen.compile.compile import CompiledScene
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from physgen.render.squash import Squashes
     from physgen.render.stage import Frame, Stage
     from physgen.render.striker import StruckScene
-    from physgen.report.record import RunRecord
     from physgen.scene.scene import Scene
     from physgen.simulate.trajectory import Trajectory
 from physgen.pipeline.stages import Maps, Stages, T, render, shot
@@ -44,8 +44,6 @@ class Aside:
 
         Its CPU time counts for a stage.
         """
-        from physgen.report.record import StageTime
-
         future: Future[T] = Future()
         if self._large:
             with self._record.stage(stage, time.thread_time):
