@@ -158,7 +158,8 @@ def changed_entry(
     labels: U16,
     label: str | None = None,
 ) -> Data:
-    """Return the entry of `source` for `name`, with the outline or the label of `photo_object`.
+    """Return the entry of `source` for `name`, with the outline or the label of
+    `photo_object`.
 
     Values of the material table are computed again, values of the user stay. The caller
     sets the mask.

@@ -245,7 +245,9 @@ def _cells(row: Mapping[str, Any]) -> list[str]:
 
 
 def findings(runs: Sequence[Run], this_machine: str) -> Findings:
-    """Return the findings of one run or more; `this_machine` names this machine and its GPU."""
+    """Return the findings of one run or more; `this_machine` names this machine and its
+    GPU.
+    """
     machines = list(dict.fromkeys(run.machine for run in runs))
     sections: list[Section] = []
     rows: list[dict[str, Any]] = []

@@ -211,15 +211,15 @@ class _Problem:
 
     def __init__(
         self,
-        rough: Sequence[RoughDisc],
+        discs: Sequence[RoughDisc],
         contacts: Sequence[tuple[int, int]],
         obstacles: Mapping[int, Sequence[tuple[Region, bool]]],
     ) -> None:
-        self.rough = rough
-        self.count = len(rough)
-        self.group = _groups([float(r.disc.radius) for r in rough], contacts)
+        self.rough = discs
+        self.count = len(discs)
+        self.group = _groups([float(r.disc.radius) for r in discs], contacts)
         touching = {(min(pair), max(pair)) for pair in contacts}
-        self.pairs = _neighbours_of([r.disc for r in rough])
+        self.pairs = _neighbours_of([r.disc for r in discs])
         self.touching = np.array(
             [(int(i), int(j)) in touching for i, j in self.pairs], dtype=bool
         )

@@ -279,24 +279,24 @@ def _clean_labels(labels: NDArray[np.integer], ids: Sequence[int]) -> NDArray[np
 def _fit_together(
     label_map: NDArray[np.int64],
     views: dict[int, View],
-    rough: dict[int, Disc],
+    rough_shapes: dict[int, Disc],
     regions: dict[int, Region],
 ) -> dict[int, Disc]:
     """Move discs until they touch their neighbours, discs and regions."""
-    ids = list(rough)
+    ids = list(rough_shapes)
     place = {i: k for k, i in enumerate(ids)}
     pairs = touching_masks(label_map, [*ids, *regions])
     contacts = []
     for i, j in pairs:
-        if i in place and j in place and _could_touch(rough[i], rough[j]):
+        if i in place and j in place and _could_touch(rough_shapes[i], rough_shapes[j]):
             contacts.append((place[i], place[j]))
     obstacles: dict[int, list[tuple[Region, bool]]] = {}
     for i in ids:
         for j, region in regions.items():
-            if _is_near(rough[i], region):
+            if _is_near(rough_shapes[i], region):
                 touches = (min(i, j), max(i, j)) in pairs
                 obstacles.setdefault(place[i], []).append((region, touches))
-    rough_discs = [_rough_shape(label_map, i, views[i], rough[i]) for i in ids]
+    rough_discs = [_rough_shape(label_map, i, views[i], rough_shapes[i]) for i in ids]
     return dict(zip(ids, fit_discs(rough_discs, contacts, obstacles), strict=True))
 
 

@@ -378,7 +378,8 @@ def _moved_junction(
 ) -> Array:
     """Return the point (2,) px near a junction that is closest to its straight borders.
 
-    `straight_ends`: a border with point, direction and number of points of its straight end.
+    `straight_ends`: a border with point, direction and number of points of its straight
+    end.
     """
     normal = 0.5 * np.eye(2)
     target = 0.5 * junction

@@ -386,9 +386,10 @@ def photo_scale(
 ) -> Scale | None:
     """Estimate the photo's scale by the ordinary sizes of its objects.
 
-    `confidences` are the confidences of labels, 1 by default. All objects of one kind are one
-    witness, by their median. The result is the median of the witnesses, weighted by the
-    spread of their sizes. Cut objects do not count. None without any witness.
+    `confidences` are the confidences of labels, 1 by default. All objects of one kind
+    are one witness, by their median. The result is the median of the witnesses,
+    weighted by the spread of their sizes. Cut objects do not count. None without any
+    witness.
     """
     witnesses: dict[str, list[tuple[float, float]]] = {}
     for item in objects:

@@ -407,13 +407,13 @@ class _Run:
         self._warn_of_replaced_files(earlier_manifest)
         if faults:
             raise InputError(
-                [*faults, _kept(self.final, "has the clip without refinement")]
+                [*faults, _kept_clip(self.final, "has the clip without refinement")]
             )
         if self._failures:
             raise InputError(
                 [
                     *dict.fromkeys(self._failures),
-                    _kept(self.final, "has the clip in the other formats"),
+                    _kept_clip(self.final, "has the clip in the other formats"),
                 ]
             )
         return self.final
@@ -630,7 +630,7 @@ class _Run:
             raise InputError(
                 [
                     *outcome.faults,
-                    _kept(self.final, "keeps the clip that was refined before"),
+                    _kept_clip(self.final, "keeps the clip that was refined before"),
                 ]
             )
         return outcome.faults, outcome.largest_change
@@ -660,7 +660,7 @@ class _Run:
         trajectory: Trajectory,
         first: U8,
         folder: Path,
-        changed: Comparison | None,
+        comparison: Comparison | None,
         draws: Draws | None,
     ) -> None:
         """Write the report; `first` is the clip's first frame before refinement."""
@@ -687,7 +687,7 @@ class _Run:
         parts = PageParts(
             self._player(),
             self._perceived(),
-            changed,
+            comparison,
             section,
             home=self.final,
             sound=self._sound_section,
@@ -696,9 +696,9 @@ class _Run:
         (folder / "report.html").write_text(html, "utf-8", "backslashreplace")
 
 
-def _kept(folder: Path, what: str) -> Problem:
+def _kept_clip(folder: Path, description: str) -> Problem:
     """Return the warning that the folder contains an earlier or partial clip."""
-    return Message.CLIP_KEPT.warning(Place(str(folder)), content=what)
+    return Message.CLIP_KEPT.warning(Place(str(folder)), content=description)
 
 
 def write_manifest(record: RunRecord, folder: Path) -> None:

@@ -79,13 +79,13 @@ class Film:
     def __init__(
         self,
         scene: Scene,
-        compiled: CompiledScene,
+        compiled_scene: CompiledScene,
         maps: Maps,
         record: RunRecord,
         stages: Stages,
     ) -> None:
         self.scene = scene
-        self.compiled = compiled
+        self.compiled = compiled_scene
         self.keeps_layers = False
         """Whether frames keep their layers, for labels."""
         self._delivery: Delivery | None = None
@@ -197,7 +197,7 @@ class Film:
         )
 
     def _struck(
-        self, stage: Stage, exposed: tuple[Trajectory, int], through: Shot
+        self, stage: Stage, exposure: tuple[Trajectory, int], shot: Shot
     ) -> StruckScene | None:
         """Return the scene with what comes in and pushes; None if nothing does."""
         from physgen.render.striker import with_strikers
@@ -208,7 +208,7 @@ class Film:
             return None
         world = self.compiled.world
         hold = delivery.hold
-        struck = with_strikers(stage, world, delivery.enter, exposed, through, hold)
+        struck = with_strikers(stage, world, delivery.enter, exposure, shot, hold)
         delivery.draws_hold = struck is not None
         return struck
 

@@ -53,16 +53,16 @@ class MostChanged:
         self._seen = 0
         self._largest = -1.0
 
-    def add(self, guidance: U8, refined: U8) -> None:
+    def add(self, guidance: U8, refined_frame: U8) -> None:
         """Add the next frame, (H, W, 3) sRGB, before and after refinement."""
         mean_difference = float(
-            np.abs(np.subtract(refined, guidance, dtype=np.int16)).mean()
+            np.abs(np.subtract(refined_frame, guidance, dtype=np.int16)).mean()
         )
         # The largest difference so far makes the best example for the report.
         if mean_difference > self._largest:
             self._largest = mean_difference
             self.index = self._seen
-            self.refined = refined.copy()
+            self.refined = refined_frame.copy()
         self._seen += 1
 
 

@@ -87,15 +87,16 @@ MOVING, NEAR = "moving", "near"
 
 
 def releases(
-    photo_scene: PerceivedScene, refused: Collection[str]
+    photo_scene: PerceivedScene, refused_names: Collection[str]
 ) -> Iterator[tuple[str, PerceivedScene]]:
     """Yield scenes in which one object is released on a floor, the surest object first.
 
-    Objects that are `refused`, alive or cut off by the photo's border are not released.
+    Objects in `refused_names`, living objects and objects cut off by the photo's border
+    are not released.
     """
     if photo_scene.document["world"]["view"] != View.SIDE.value:
         return
-    sorted_names = _rank_releasable_objects(photo_scene, refused)
+    sorted_names = _rank_releasable_objects(photo_scene, refused_names)
     if is_oblique(photo_scene):
         sorted_names.sort(key=lambda name: -_low(photo_scene, name))
     for name in sorted_names[: RELEASE.max_trials]:
@@ -113,11 +114,11 @@ def is_oblique(photo_scene: PerceivedScene) -> bool:
     return tilt >= RELEASE.oblique
 
 
-def is_weak(perceived: PerceivedScene, push: Push | None) -> bool:
+def is_weak(photo_scene: PerceivedScene, push: Push | None) -> bool:
     """Return whether a released object may tell more than a push."""
     if push is None or not push.outcome.is_inside:
         return True
-    return is_oblique(perceived) and push.outcome.travel < TRIAL.travel
+    return is_oblique(photo_scene) and push.outcome.travel < TRIAL.travel
 
 
 def is_better(push: Push, other: Push | None) -> bool:
@@ -142,7 +143,7 @@ def _low(photo_scene: PerceivedScene, name: str) -> float:
 
 
 def _rank_releasable_objects(
-    photo_scene: PerceivedScene, refused: Collection[str]
+    photo_scene: PerceivedScene, refused_names: Collection[str]
 ) -> list[str]:
     """Sort the names of releasable objects, the surest large object first."""
     labels = photo_scene.percepts.labels
@@ -153,7 +154,7 @@ def _rank_releasable_objects(
         confidence = mask_confidence(item)
         is_cut = "cut off" in photo_scene.comments.get(f"objects.{name}.motion", "")
         is_unsure = confidence < RELEASE.confidence
-        if name in refused or is_cut or is_unsure or is_living(item["label"]):
+        if name in refused_names or is_cut or is_unsure or is_living(item["label"]):
             continue
         # The square root of the area is a length: size counts, but less than by area.
         weights[name] = confidence * sqrt(float(areas[item["mask"]]))

@@ -97,13 +97,13 @@ class Telling:
     """Number of simulations."""
 
 
-def tell_story(scene: Scene, compiled: CompiledScene, text: str) -> Telling:
+def tell_story(scene: Scene, compiled_scene: CompiledScene, text: str) -> Telling:
     """Return the edits for the motion that a sentence describes, or for the nearest
     one.
 
     Raises InputError if no verb or no object of the sentence is known.
     """
-    world = compiled.world
+    world = compiled_scene.world
     story = read_story(text, scene_names(scene, world))
     actors = [k for k in story.actors if world.bodies[k].motion is not Motion.SCRIPTED]
     if not actors:
@@ -112,7 +112,7 @@ def tell_story(scene: Scene, compiled: CompiledScene, text: str) -> Telling:
     best = None
     best_merit = -1.0
     trial_count = 0
-    for start in _starts(scene, compiled, story, actors):
+    for start in _starts(scene, compiled_scene, story, actors):
         motion = _simulate_start(scene, quiet, start)
         share = fulfilment(quiet, story, start, motion)
         trial_count += 1
@@ -132,7 +132,7 @@ def tell_story(scene: Scene, compiled: CompiledScene, text: str) -> Telling:
     assert best is not None
     is_fulfilled = best_share >= LIMITS.partial
     words = outcome_words(scene, quiet, story, best, best_motion)
-    edits = story_edits(scene, compiled, best)
+    edits = story_edits(scene, compiled_scene, best)
     return Telling(edits, is_fulfilled, words, trial_count)
 
 
@@ -164,10 +164,10 @@ def _at_rest(scene: Scene, world: World) -> World:
 
 
 def _starts(
-    scene: Scene, compiled: CompiledScene, story: Story, actors: Sequence[int]
+    scene: Scene, compiled_scene: CompiledScene, story: Story, actors: Sequence[int]
 ) -> Iterator[Start]:
     """Yield the ways to set an actor in motion, from gentle to hard."""
-    world = compiled.world
+    world = compiled_scene.world
     tried_actors = actors[: LIMITS.actors]
     # Without a push first: the outcome may happen by gravity alone.
     if story.is_declared or story.wish in (Wish.HALT, Wish.DROP):
@@ -496,7 +496,9 @@ def outcome_words(
     return "; ".join(sentences)
 
 
-def story_edits(scene: Scene, compiled: CompiledScene, start: Start) -> dict[str, Any]:
+def story_edits(
+    scene: Scene, compiled_scene: CompiledScene, start: Start
+) -> dict[str, Any]:
     """Return the edits of a start, by dotted key, with the scene's own pushes
     removed.
     """
@@ -514,7 +516,7 @@ def story_edits(scene: Scene, compiled: CompiledScene, start: Start) -> dict[str
     if not start.is_moved:
         return edits
     item = scene.objects[start.actor]
-    body = compiled.world.bodies[start.actor]
+    body = compiled_scene.world.bodies[start.actor]
     key = f"objects.{item.name}"
     if item.motion is not Motion.DYNAMIC:
         edits[f"{key}.motion"] = "dynamic"

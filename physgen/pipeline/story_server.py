@@ -376,11 +376,11 @@ def _overview(talk: _Talk) -> bytes:
 
 
 def _frames(
-    talk: _Talk, scene: Scene, compiled: CompiledScene, motion: Trajectory
+    talk: _Talk, scene: Scene, compiled_scene: CompiledScene, motion: Trajectory
 ) -> tuple[bytes, ...]:
     """Return pictures of a motion, PNG, evenly spread until its end."""
-    times = compiled.world.duration * np.arange(1, FRAMES + 1) / FRAMES
-    stage = talk.drawing.stage(scene, compiled, talk.drawing.maps(scene))
+    times = compiled_scene.world.duration * np.arange(1, FRAMES + 1) / FRAMES
+    stage = talk.drawing.stage(scene, compiled_scene, talk.drawing.maps(scene))
     frames = stages.render(stage, motion.sampled(times))
     return tuple(_small_png(frame.rgb) for frame in frames)
 

@@ -6,9 +6,9 @@
 | m | `mask` | coverage of the objects: 0 outside, 1 inside, here also in between |
 | T (line 1: nint(T s)) | `steps_run(steps, strength)` | number of denoising steps: 25 of 50 at s = 0.5 |
 | t = T .. 1 | `k = 0 .. count - 1`, k = T - t | steps run so far |
-| z_T, z~_T ~ q(z_T given z~0) (line 2) | `noised(guidance, 0)` | the guidance at the first step's noise |
-| p(z_t-1 given z_t) (lines 6, 12) | `denoised(z, k)` | one step of the model |
-| z~_t-1 ~ q(z_t-1 given z~0) (line 5) | `noised(guidance, k + 1)` | the guidance, as noisy as the step leaves z |
+| z_T, z~_T ~ q(z_T given z~0) (line 2) | `add_noise(guidance, 0)` | the guidance at the first step's noise |
+| p(z_t-1 given z_t) (lines 6, 12) | `denoise(z, k)` | one step of the model |
+| z~_t-1 ~ q(z_t-1 given z~0) (line 5) | `add_noise(guidance, k + 1)` | the guidance, as noisy as the step leaves z |
 | w = (T - t) / T (line 7) | `rising(k, count)` | share of the model's own in the objects: 0, 1/T .. (T - 1)/T |
 | delta (line 4) | `stop` | number of the last steps, without guidance |
 
@@ -17,7 +17,7 @@ delta steps free. The paper's text and public code leave the *last* delta steps 
 so does this module: the guidance places the objects at high noise, and the model then
 adapts their borders and light. Lines 2 and 5 draw new noise in every step. A blend of
 independent noises has less noise than the model expects (half its variance at w = 1/2),
-and objects lose texture. `noised` must therefore add the same noise every time;
+and objects lose texture. `add_noise` must therefore add the same noise every time;
 docs/models.md has the figures.
 
 A frame is the guidance plus the change by the model, D(z) - D(z~0), because the decoder
@@ -115,10 +115,10 @@ def fuse_latents(
     """Fuse the guidance with the model's latents; return refined latents of equal
     shape.
 
-    `mask` 0..1 broadcasts against latents. `noised(z0, k)` is z0 at the noise level at
-    the start of step k, and z0 itself at k = count; `denoised(z, k)` is step k. `held_share`
-    0..1 is the share of the guidance in every step, also in free ones. It broadcasts,
-    too, and is 1 on the first frame, the photo; see `each_step`.
+    `mask` 0..1 broadcasts against latents. `add_noise(z0, k)` is z0 at the noise level
+    at the start of step k, and z0 itself at k = count; `denoise(z, k)` is step k.
+    `held_share` 0..1 is the share of the guidance in every step, also in free ones. It
+    broadcasts, too, and is 1 on the first frame, the photo; see `each_step`.
     """
     z = add_noise(guidance, 0)
     fusing = steps_fused(count, stop)
@@ -167,10 +167,10 @@ def restore_detail(
 ) -> U8:
     """Restore detail of the guidance in a refined frame, (H, W, 3) sRGB.
 
-    `refined_frame` and `guidance_frame` (H, W, 3) sRGB 0..1: the decoded latents of the refined video
-    and of the guidance; `coverage` (H, W) of objects. Shares 0..1: `detail`, of the
-    detail lost by the decoder; `lock`, of the guidance at objects; `held_share`, of the
-    guidance everywhere.
+    `refined_frame` and `guidance_frame` (H, W, 3) sRGB 0..1: the decoded latents of the
+    refined video and of the guidance; `coverage` (H, W) of objects. Shares 0..1:
+    `detail`, of the detail lost by the decoder; `lock`, of the guidance at objects;
+    `held_share`, of the guidance everywhere.
     """
     before = guidance.astype(np.float32) / np.float32(255)
     # Autoencoders lose detail. The loss in the guidance is known: add it to the result.
@@ -288,18 +288,18 @@ class Refinement:
             z0.shape, np.float32
         )
 
-        def denoised(z: F32, k: int) -> F32:
+        def denoise(z: F32, k: int) -> F32:
             prediction = blend_predictions(
                 lambda part, first: model.predict(part, k, first), z, self._windows
             )
             self._progress("refine", k + 1, settings.count)
-            return model.stepped(prediction, z, k)
+            return model.step(prediction, z, k)
 
         z = fuse_latents(
             z0,
             mask,
-            add_noise=lambda latents, k: model.noised(latents, noise, k),
-            denoise=denoised,
+            add_noise=lambda latents, k: model.add_noise(latents, noise, k),
+            denoise=denoise,
             count=settings.count,
             stop=settings.stop,
             weight=self._weight,

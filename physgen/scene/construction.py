@@ -69,11 +69,11 @@ def _default_gravity(world: Mapping[str, Any]) -> list[float]:
 
 
 def _maps(
-    stored: Mapping[str, parts.Point], given: Mapping[str, Sequence[float]]
+    stored_maps: Mapping[str, parts.Point], file_maps: Mapping[str, Sequence[float]]
 ) -> Mapping[str, parts.Point]:
     """Return the ends of the maps; those in the file replace those of the record."""
-    ends = dict(stored)
-    for name, values in given.items():
+    ends = dict(stored_maps)
+    for name, values in file_maps.items():
         ends[name] = _pair(values)
     return MappingProxyType(ends)
 

@@ -468,8 +468,8 @@ class BoundedGroup:
         """Return the velocities at which equations `rows` have `speeds` and all bounds
         hold.
 
-        `light`: 1/mass and 1/moment of each velocity in `before`; `free_velocities`: velocities
-        before lasting forces changed them, None outside a step.
+        `light`: 1/mass and 1/moment of each velocity in `before`; `free_velocities`:
+        velocities before lasting forces changed them, None outside a step.
         """
         start_velocities = np.array(before)
         inverse_masses = np.array(light)

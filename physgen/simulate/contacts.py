@@ -259,8 +259,8 @@ def _pairs(words: bytes) -> Index:
 def contacts_jumped(numbers: bytes, before: bytes, places: Array) -> bool:
     """Check whether a contact is at another corner than in the step before.
 
-    Both steps have contacts of the same pairs in the same order. `numbers`, `before`: their
-    numbers (14 K,); `places` (14 K,): 1 for those of points, else 0.
+    Both steps have contacts of the same pairs in the same order. `numbers`, `before`:
+    their numbers (14 K,); `places` (14 K,): 1 for those of points, else 0.
     """
     displacements = np.frombuffer(numbers) - np.frombuffer(before)
     # The sum of squares is quick, and excludes most steps.
@@ -306,8 +306,9 @@ class Points:
     ) -> Array:
         """Return the time (P,) s before the step's end at which each point closed.
 
-        `is_own` (P,): points that close by the motion before all impacts; `touched_pairs` (K,):
-        pairs that touched a step ago, which close again only by an impact.
+        `is_own` (P,): points that close by the motion before all impacts;
+        `touched_pairs` (K,): pairs that touched a step ago, which close again only by
+        an impact.
         """
         row = self.row
         depth = np.maximum(self.depth, 0.0)
@@ -500,9 +501,10 @@ def point_at_closing(
 ) -> Point:
     """Return point `k` as it was `earlier` s (P,) before the poses (N, 3).
 
-    `velocity` (N, 3) within the step; `is_own` (P,) as in `Points.earlier`. The levers of
-    both bodies lead to one common point, so that angular momentum is conserved to the
-    last digit.
+    `velocity` (N, 3) within the step; `is_own` (P,) as in
+    `Points.times_since_closing`. The levers
+    of both bodies lead to one common point, so that angular momentum is conserved to
+    the last digit.
     """
     seconds_back = float(earlier[k])
     a, b = int(points.first[k]), int(points.second[k])

@@ -97,11 +97,12 @@ class CurvedWalls:
         numbers: bytes,
         impacts: list[Impacts],
     ) -> tuple[float, float]:
-        """Return the energy to bodies that curves took from them in a step of h seconds.
+        """Return the energy to bodies that curves took from them in a step of h
+        seconds.
 
-        `old_state` (M, 6): states before the step; `state` (M, 6) after it is changed in
-        place. Returns this energy, and the work of corrected overlaps against gravity,
-        which bodies lose, g·px²/s².
+        `old_state` (M, 6): states before the step; `state` (M, 6) after it is changed
+        in place. Returns this energy, and the work of corrected overlaps against
+        gravity, which bodies lose, g·px²/s².
         """
         lost_energies: dict[int, float] = {}
         lift_works: dict[int, float] = {}

@@ -188,8 +188,8 @@ class Running:
         progress: Progress = silent,
         should_stop: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Continue the simulation to the time `until`, s, or until `should_stop` returns
-        True.
+        """Continue the simulation to the time `until`, s, or until `should_stop`
+        returns True.
 
         `should_stop` is called before each step. Raises InputError if a body leaves the
         range of numbers.

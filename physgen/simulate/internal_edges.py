@@ -336,8 +336,8 @@ class InternalEdges:
         outlines: Sequence[ShapeOutline],
         separate_pairs: frozenset[tuple[int, int]],
     ) -> None:
-        """Index the shapes; `separate_pairs`: pairs of owners, in both orders, that do not
-        collide.
+        """Index the shapes; `separate_pairs`: pairs of owners, in both orders, that do
+        not collide.
         """
         self._outlines = outlines
         self._apart = set(separate_pairs)
@@ -515,32 +515,34 @@ class InternalEdges:
     def _room(
         self,
         frames: Frames,
-        own: int,
+        own_shape: int,
         other: int,
         partners: Mapping[int, Collection[int]],
         contact: Contact,
     ) -> float:
-        """Return `room` of a contact with its normal from `other` to `own`.
+        """Return `room` of a contact with its normal from `other` to `own_shape`.
 
         The contact is at an internal edge if third shapes cover all its points.
         """
-        shape, surface = self._outlines[own], self._outlines[other]
+        shape, surface = self._outlines[own_shape], self._outlines[other]
         if not surface.corners:
             return 0.0
         cover: Cover | None = None
-        nearby_edges = self._nearby_edges(frames, own, other, partners, contact.points)
+        nearby_edges = self._nearby_edges(
+            frames, own_shape, other, partners, contact.points
+        )
         for order, (place, edges) in enumerate(nearby_edges):
             if not edges:
                 continue
             if cover is None:
-                cover = self._begin_cover(frames, (own, other), contact)
+                cover = self._begin_cover(frames, (own_shape, other), contact)
             cover.extend(place, edges)
             if not cover.is_whole:
                 continue
             if shape.corners:
                 # The edges beside the other shape never change: remember them.
                 if order == 0:
-                    self._covering[own, other] = cover.edges
+                    self._covering[own_shape, other] = cover.edges
                 return STILL
             # The normal of a circle turns while it moves, other normals change at once.
             return STILL + cover.room * shape.reach / 4

@@ -150,7 +150,8 @@ class Space:
         relative position at the last one.
         """
         self.nudges: dict[int, tuple[float, float]] = {}
-        """Bodies whose contacts have a wrong normal, and the px by which to move them."""
+        """Bodies whose contacts have a wrong normal, and the px by which to move them.
+        """
         self.parting: list[Joint] = []
         """Broken joints of bodies that still overlap, and do not collide yet."""
         LIVING.add(self)

@@ -165,7 +165,8 @@ class Trajectory:
 
         `reaches` (N,) px are the radii about the centres of mass that contain the
         bodies, `size` is that of the picture in px. A body moves if its centre covers
-        `least_distance` px or more. None if a body is inside at the end, or if none moves.
+        `least_distance` px or more. None if a body is inside at the end, or if none
+        moves.
         """
         centres = self.poses[:, :, :2]
         is_moving = np.ptp(centres, axis=0).max(axis=-1, initial=0.0) >= least_distance

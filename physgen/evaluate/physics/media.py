@@ -34,10 +34,10 @@ def _sine_integral(frequency: float, span: float) -> float:
     return float((1 - np.cos(rate * span)) / rate)
 
 
-def _pulse_integral(on: float, off: float, span: float) -> float:
+def _pulse_integral(pulse_time: float, pause: float, span: float) -> float:
     """Return the time of the pulses between 0 and `span`, s."""
-    periods, remainder = divmod(span, on + off)
-    return periods * on + min(remainder, on)
+    periods, remainder = divmod(span, pulse_time + pause)
+    return periods * pulse_time + min(remainder, pulse_time)
 
 
 def _table_integral(values: Sequence[float], span: float) -> float:
@@ -186,7 +186,7 @@ def _buoyancy(draw: Draw) -> list[Case]:
 
 
 def _magnet_error(
-    run: Run, *, objects: dict[str, Document], period: float, apart: float
+    run: Run, *, objects: dict[str, Document], period: float, distance: float
 ) -> Errors:
     """Return the largest distance from the start after one turn, over the distance."""
     errors = []
@@ -196,7 +196,7 @@ def _magnet_error(
             float(np.interp(period, track.times, track.displacements[:, k]))
             for k in (0, 1)
         )
-        errors.append(float(np.hypot(x, y)) / apart)
+        errors.append(float(np.hypot(x, y)) / distance)
     return {"place": worst(errors)}
 
 
@@ -218,7 +218,7 @@ def _magnets(draw: Draw) -> list[Case]:
         )
     fields = {"pull": {"magnet": ["north", "south"], "pull": pull}}
 
-    measure = partial(_magnet_error, objects=objects, period=period, apart=apart)
+    measure = partial(_magnet_error, objects=objects, period=period, distance=apart)
 
     return [
         Case(

@@ -169,9 +169,9 @@ def _leaning_center(corner: Point, size: Point, lean: float) -> Point:
     return x, y
 
 
-def _wave_error(plain: Run, heavy: Run) -> Errors:
+def _wave_error(run: Run, heavy_run: Run) -> Errors:
     """Return the error of the ratio of wave speeds under 4 g and g, against 2."""
-    ratio = _wave_time(plain) / _wave_time(heavy)
+    ratio = _wave_time(run) / _wave_time(heavy_run)
     return {"ratio": abs(ratio / 2 - 1)}
 
 

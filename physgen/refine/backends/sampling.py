@@ -99,7 +99,7 @@ def load_pipeline(
 def check_pipeline_class(
     weights: str, class_name: str, known_classes: tuple[str, ...], title: str
 ) -> None:
-    """Raise InputError if the pipeline class `class_name` is not among the `known_classes` ones."""
+    """Raise InputError if the pipeline class is not among `known_classes`."""
     if class_name not in known_classes:
         raise Message.WRONG_WEIGHTS.error(
             REFINE.name,
@@ -174,10 +174,10 @@ def ddim(scheduler: Any, steps: int, count: int) -> Schedule:
         np.sqrt(1 - a).astype(np.float32),
     )
 
-    def noised(latents: F32, noise: F32, k: int) -> F32:
+    def add_noise(latents: F32, noise: F32, k: int) -> F32:
         return np.asarray(signal[k] * latents + noise_part[k] * noise, np.float32)
 
-    def stepped(prediction: F32, latents: F32, k: int) -> F32:
+    def step(prediction: F32, latents: F32, k: int) -> F32:
         s = signal[k]
         n = noise_part[k]
         # Recover picture and noise from the prediction, whichever of both it contains.
@@ -189,7 +189,7 @@ def ddim(scheduler: Any, steps: int, count: int) -> Schedule:
             noise = prediction
         return np.asarray(signal[k + 1] * z0 + noise_part[k + 1] * noise, np.float32)
 
-    return Schedule(type(scheduler).__name__, torch.from_numpy(times), noised, stepped)
+    return Schedule(type(scheduler).__name__, torch.from_numpy(times), add_noise, step)
 
 
 def levels(count: int, steps: int, offset: int) -> NDArray[np.int64]:
@@ -219,15 +219,15 @@ def euler(scheduler: Any, steps: int, count: int, **settings: Any) -> Schedule:
         scheduler.sigmas[-count - 1 :].numpy().astype(np.float32),
     )
 
-    def noised(latents: F32, noise: F32, k: int) -> F32:
+    def add_noise(latents: F32, noise: F32, k: int) -> F32:
         return np.asarray((1 - sigmas[k]) * latents + sigmas[k] * noise, np.float32)
 
-    def stepped(prediction: F32, latents: F32, k: int) -> F32:
+    def step(prediction: F32, latents: F32, k: int) -> F32:
         return np.asarray(
             latents + (sigmas[k + 1] - sigmas[k]) * prediction, np.float32
         )
 
-    return Schedule(type(scheduler).__name__, times, noised, stepped)
+    return Schedule(type(scheduler).__name__, times, add_noise, step)
 
 
 OPTIONS: Options = {
@@ -400,7 +400,7 @@ class Sampler:
             network.pipe.maybe_free_model_hooks()
         return latents
 
-    def noised(self, latents: F32, noise: F32, k: int) -> F32:
+    def add_noise(self, latents: F32, noise: F32, k: int) -> F32:
         """Return noisy latents; see `Denoiser`."""
         schedule = self._at().schedule
         return (
@@ -431,7 +431,7 @@ class Sampler:
         """Return the first frame of a window that begins with this latent frame."""
         return frames_held(latent, self.grid) if latent else 0
 
-    def stepped(self, prediction: F32, latents: F32, k: int) -> F32:
+    def step(self, prediction: F32, latents: F32, k: int) -> F32:
         """Return the latents after a step; see `Denoiser`."""
         return self._at().schedule.step(prediction, latents, k)
 
