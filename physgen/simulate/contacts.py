@@ -502,9 +502,8 @@ def point_at_closing(
     """Return point `k` as it was `earlier` s (P,) before the poses (N, 3).
 
     `velocity` (N, 3) within the step; `is_own` (P,) as in
-    `Points.times_since_closing`. The levers
-    of both bodies lead to one common point, so that angular momentum is conserved to
-    the last digit.
+    `Points.times_since_closing`. The levers of both bodies lead to one common point, so
+    that angular momentum is conserved to the last digit.
     """
     seconds_back = float(earlier[k])
     a, b = int(points.first[k]), int(points.second[k])

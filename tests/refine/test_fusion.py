@@ -105,7 +105,7 @@ def test_the_chain_is_the_exact_flow_when_steps_are_fine(kind: str) -> None:
 def test_what_is_held_stays_in_every_step() -> None:
     guidance, noise = drawn(0), drawn(1, spread=1.0)
     held = np.array([1, 0.5, 0, 0, 0, 0], np.float32)[:, None, None, None]
-    z = refined(model("ddim"), guidance, np.float32(0), noise, held=held)
+    z = refined(model("ddim"), guidance, np.float32(0), noise, held_share=held)
     free = refined(model("ddim"), guidance, np.float32(0), noise)
     apart, most = (np.abs(one - guidance).mean(axis=(1, 2, 3)) for one in (z, free))
     assert apart[0] == 0

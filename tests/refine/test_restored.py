@@ -15,7 +15,7 @@ NOTHING = np.zeros((16, 16), np.float32)
 rng = np.random.default_rng(0)
 REFINED = rng.normal(0.5, 0.6, CODES.shape).astype(np.float32)
 GUIDED = rng.normal(0.5, 0.6, CODES.shape).astype(np.float32)
-KEEP = {"detail": 1.0, "lock": 0.0, "held": 0.0}
+KEEP = {"detail": 1.0, "lock": 0.0, "held_share": 0.0}
 
 
 @pytest.mark.parametrize("held", [0.0, 0.3, 1.0])
