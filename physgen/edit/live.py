@@ -193,7 +193,7 @@ def _check_deadline(deadline: float) -> bool:
 def pack(values: Array) -> str:
     """Encode values as little-endian float64 in base64.
 
-    >>> packed(np.array([1.0]))
+    >>> pack(np.array([1.0]))
     'AAAAAAAA8D8='
     """
     return b64encode(np.ascontiguousarray(values, "<f8").tobytes()).decode("ascii")
