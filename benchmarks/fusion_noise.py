@@ -52,7 +52,7 @@ def refined(a: Array, b: Array, spread: float, mask: float, fresh: bool) -> floa
         return a[k + 1] * z0 + b[k + 1] / b[k] * (z - a[k] * z0)
 
     z = fuse_latents(
-        data, mask, noised=noised, denoised=denoised, count=len(a) - 1, stop=STOP
+        data, mask, add_noise=noised, denoise=denoised, count=len(a) - 1, stop=STOP
     )
     return round(float(z.var() / data.var()), 3)
 

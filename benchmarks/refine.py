@@ -85,13 +85,13 @@ class Idle:
         self._size, self._count = (height, width), count
         return np.zeros((len(frames), 4, height // 8, width // 8), np.float32)
 
-    def noised(self, latents: F32, noise: F32, k: int) -> F32:
+    def add_noise(self, latents: F32, noise: F32, k: int) -> F32:
         return latents + np.float32(1 - k / self._count) * noise
 
     def predict(self, latents: F32, k: int, first: int) -> F32:
         return latents
 
-    def stepped(self, prediction: F32, latents: F32, k: int) -> F32:
+    def step(self, prediction: F32, latents: F32, k: int) -> F32:
         return np.float32(0.9) * latents + np.float32(0.1) * prediction
 
     def decode(self, latents: F32) -> Iterator[F32]:

@@ -37,7 +37,7 @@ def sureness(folder: Path) -> list[dict]:
             rows = [
                 (
                     one["label"],
-                    source(one["from"]["mass"]).sure,
+                    source(one["from"]["mass"]).confidence,
                     float(np.log(true[one["mask"]] / one["mass"])),
                 )
                 for one in document["objects"].values()

@@ -148,7 +148,7 @@ def _story_edits(
     plan = story_server.load_plan(config=options.config)
     telling = story_server.tell(subject, options.story, plan, print_problem)
     verdict = "the story happens" if telling.is_fulfilled else "the nearest outcome"
-    print_error(f"{path}: {verdict}: {telling.outcome} ({telling.tried} tried)")
+    print_error(f"{path}: {verdict}: {telling.outcome} ({telling.trials} tried)")
     return telling.edits
 
 
@@ -363,6 +363,27 @@ class Tally:
         return ", ".join(parts)
 
 
+def _renew_gallery(out: Path, tally: Tally, bar: Bar) -> None:
+    """Write the gallery of a batch, unless nothing has changed.
+
+    An unchanged batch keeps its gallery, and its time stamp.
+    """
+    from physgen.report.gallery import write_gallery
+
+    index = out / INDEX
+    # An interrupted run leaves an old gallery.
+    is_old = not index.exists() or index.stat().st_mtime < tally.newest
+    if not (tally.counts["made"] or tally.counts["failed"] or is_old):
+        return
+    if tally.counts.total() > GALLERY_CLIPS:
+        print_error(
+            f"{out}: too many clips for one gallery; physgen gallery shows parts of them"
+        )
+    elif out.is_dir():
+        write_gallery([out], index, progress=bar.show, keep=print_backup)
+        bar.clear()
+
+
 def make_all(
     jobs: Iterable[Job],
     count: int,
@@ -416,20 +437,8 @@ def make_all(
     bar.clear()
     bar.prefix = ""
     files = finish()
-    # An interrupted run leaves an old gallery.
-    older = not index.exists() or index.stat().st_mtime < tally.newest
-    # An unchanged batch keeps its gallery, and its time stamp.
-    is_new = tally.counts["made"] or tally.counts["failed"] or older
-    if gallery and not tally.disk_full and is_new:
-        from physgen.report.gallery import write_gallery
-
-        if tally.counts.total() > GALLERY_CLIPS:
-            print_error(
-                f"{out}: too many clips for one gallery; physgen gallery shows parts of them"
-            )
-        elif out.is_dir():
-            write_gallery([out], index, progress=bar.show, keep=print_backup)
-            bar.clear()
+    if gallery and not tally.disk_full:
+        _renew_gallery(out, tally, bar)
     gallery_page = index if count > 1 and index.exists() else None
     return _sum_up(tally, count, gallery_page, files, options)
 

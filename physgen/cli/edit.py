@@ -31,6 +31,7 @@ from physgen.problems import InputError, Place, RefusedError
 from physgen.text import quoted
 
 if TYPE_CHECKING:
+    from physgen.scene.load import OpenedScene
     from physgen.scene.scene import Scene
 
 NEEDED = ("fastapi", "filelock", "uvicorn")
@@ -77,7 +78,7 @@ def edit(options: argparse.Namespace) -> int:
             import webbrowser
 
             threading.Thread(
-                target=webbrowser.open, args=(editor.once(),), daemon=True
+                target=webbrowser.open, args=(editor.new_page_key(),), daemon=True
             ).start()
         if sys.stderr.isatty():
             print_error("Ctrl-C ends it")
@@ -92,13 +93,50 @@ def edit(options: argparse.Namespace) -> int:
     return OK
 
 
-def edit_file(options: argparse.Namespace) -> int:
-    """Apply one edit of objects. All other lines and the comments stay."""
+def _edit_objects(path: Path, options: argparse.Namespace) -> Any:
+    """Return the result of the edit. Raise InputError if it is impossible."""
     from physgen.edit.corrections import correct
     from physgen.edit.live import Live
-    from physgen.edit.operations import edited
-    from physgen.pipeline.pushes import named
+    from physgen.edit.operations import apply_operations
     from physgen.problems import EditError
+
+    text = path.read_bytes().decode("utf-8-sig")
+    names = list(options.objects)
+    ops: list[dict[str, Any]] = []
+    if options.command == "rename":
+        new_name = getattr(options, "to", "")
+        ops.append({"rename": ["objects", names[0]], "to": new_name})
+    if options.command == "remove":
+        ops = [{"remove": ["objects", name]} for name in dict.fromkeys(names)]
+    try:
+        if options.command == "merge":
+            return correct(Live(path), text, {"kind": "merge", "objects": names})
+        return apply_operations(text, ops)
+    except EditError as error:
+        refusal = RefusedError(error.message, error.fix, error.code)
+        raise InputError([refusal.problem(Place(str(path)))]) from None
+
+
+def _check_edited(before: OpenedScene, after: OpenedScene) -> None:
+    """Read the new text before it is saved. Raise InputError for new problems.
+
+    An edit must not break a scene that was valid. Variants with older faults do not
+    block the edit.
+    """
+    after.scene()
+    failed_variants = {problem.variant for problem in before.variant_problems}
+    new_problems = [
+        problem
+        for problem in after.variant_problems
+        if problem.variant not in failed_variants
+    ]
+    if new_problems:
+        raise InputError(new_problems)
+
+
+def edit_file(options: argparse.Namespace) -> int:
+    """Apply one edit of objects. All other lines and the comments stay."""
+    from physgen.pipeline.pushes import named
     from physgen.scene.load import OpenedScene
     from physgen.scene.saving import note_copies, save_scene
 
@@ -122,32 +160,8 @@ def edit_file(options: argparse.Namespace) -> int:
         )
     if is_merge and names[0] in doubtful:
         _refuse_doubtful_first(scene, path, names)
-    text, object_path = path.read_bytes().decode("utf-8-sig"), ["objects", names[0]]
-    ops: dict[str, list[dict[str, Any]]] = {
-        "rename": [{"rename": object_path, "to": getattr(options, "to", "")}],
-        "remove": [{"remove": ["objects", name]} for name in dict.fromkeys(names)],
-    }
-    try:
-        merge_edit = {"kind": "merge", "objects": names}
-        correction: Any = (
-            correct(Live(path), text, merge_edit)
-            if is_merge
-            else edited(text, ops[options.command])
-        )
-    except EditError as error:
-        refusal = RefusedError(error.message, error.fix, error.code)
-        raise InputError([refusal.problem(Place(str(path)))]) from None
-    # Read the new text before it is saved: an edit must not break a scene that was
-    # valid.
-    after = OpenedScene(path, options.allow_outside, correction.text)
-    after.scene()
-    # Variants with older faults do not block the edit.
-    failed_variants = {problem.variant for problem in before.variant_problems}
-    new_problems = [
-        p for p in after.variant_problems if p.variant not in failed_variants
-    ]
-    if new_problems:
-        raise InputError(new_problems)
+    correction = _edit_objects(path, options)
+    _check_edited(before, OpenedScene(path, options.allow_outside, correction.text))
     folder = getattr(correction, "folder", None)
     if folder is not None and scene.assets is not None:
         note_copies(scene.assets, folder)
@@ -155,7 +169,7 @@ def edit_file(options: argparse.Namespace) -> int:
         path.resolve(),
         correction.text.encode("utf-8"),
         lambda kept: print_error(
-            Note.EDITED.text(edit=_past_tense(correction.what), backup=kept.name)
+            Note.EDITED.text(edit=_past_tense(correction.title), backup=kept.name)
         ),
     )
     print_line(str(path))

@@ -153,6 +153,33 @@ class WrittenScenes:
     """Problems of the photos without a scene."""
 
 
+def _flag_problems(options: argparse.Namespace, names: list[str]) -> list[Problem]:
+    """Return the problems of the flags for several photos, whose scenes get `names`."""
+    command = Place("perceive")
+    flags_of_one_photo = {
+        "--masks": options.masks,
+        "--box": options.box,
+        "--point": options.point,
+        "--smallest": options.smallest,
+        "--label": options.label,
+        "--push": options.push,
+    }
+    problems = [
+        Message.FLAG_OF_ONE_PHOTO.problem(command, "", flag)
+        for flag, value in flags_of_one_photo.items()
+        if value
+    ]
+    if options.output is None or options.output.suffix in (".yaml", ".yml"):
+        folder, value_text = Message.PHOTOS_NEED_FOLDER, f"{len(names)} photos"
+        problems.append(folder.problem(command, "", value_text))
+    for photo in options.image:
+        if not photo.is_file():
+            problems.append(Message.PHOTO_MISSING.problem(Place(str(photo))))
+    for name in sorted({name for name in names if names.count(name) > 1}):
+        problems.append(Message.PHOTOS_CALLED_ALIKE.problem(command, "", f'"{name}"'))
+    return problems
+
+
 def perceive_photos(options: argparse.Namespace, bar: Bar) -> WrittenScenes:
     """Perceive several photos into one folder, and load models once.
 
@@ -160,29 +187,10 @@ def perceive_photos(options: argparse.Namespace, bar: Bar) -> WrittenScenes:
     """
     from physgen import pipeline
 
-    single = {"--masks": options.masks, "--box": options.box, "--point": options.point, "--smallest": options.smallest,
-              "--label": options.label, "--push": options.push}  # fmt: skip
     names = _names(options.image)
-    twins = sorted({name for name in names if names.count(name) > 1})
-    command = Place("perceive")
-    wrong = [
-        Message.FLAG_OF_ONE_PHOTO.problem(command, "", flag)
-        for flag, value in single.items()
-        if value
-    ]
-    if options.output is None or options.output.suffix in (".yaml", ".yml"):
-        folder, value_text = Message.PHOTOS_NEED_FOLDER, f"{len(names)} photos"
-        wrong.append(folder.problem(command, "", value_text))
-    wrong += [
-        Message.PHOTO_MISSING.problem(Place(str(photo)))
-        for photo in options.image
-        if not photo.is_file()
-    ]
-    wrong += [
-        Message.PHOTOS_CALLED_ALIKE.problem(command, "", f'"{name}"') for name in twins
-    ]
-    if wrong:
-        raise InputError(wrong)
+    wrong_flags = _flag_problems(options, names)
+    if wrong_flags:
+        raise InputError(wrong_flags)
     check_folder_name(options.output)
     check_writable(options.output)
     # Models stay loaded for all photos.

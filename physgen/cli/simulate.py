@@ -82,7 +82,7 @@ def object_rows(scene: Scene, compilation: CompiledScene) -> list[dict[str, Any]
         speed = hypot(*body.velocity) / scene.world.pixels_per_meter
         confidence = scene.document["objects"][item.name].get("confidence")
         size_text = (
-            source(item.provenance["mask"]).sure
+            source(item.provenance["mask"]).confidence
             if "mask" in item.provenance
             else confidence
         )

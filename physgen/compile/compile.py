@@ -328,32 +328,7 @@ def compile_shapes(scene: Scene, shapes: Shapes) -> CompiledScene:
         scene, shapes.outlines, [it is None for it in shapes.written_outlines]
     )
     outlines = tuple(map(placed_outline, shown, scene.objects))
-    problems: list[Problem] = []
-    bodies, passing = [], passages(scene)
-    for item, outline, before in zip(scene.objects, outlines, shown, strict=True):
-        try:
-            body = replace(
-                _body(item, outline, scene), rest=rest_pose(before, item, scene)
-            )
-            passage = passing.get(f"objects.{item.name}")
-            body = body if passage is None else replace(body, passage=passage)
-            bodies.append(with_wheels(body, item, outline, before, scene))
-        except InputError as error:
-            problems += error.problems
-        except ValueError as error:
-            path = f"objects.{item.name}.shape"
-            problems.append(
-                Message.OUTLINE_UNUSABLE.problem(
-                    scene.place(path), path, "the outline", reason=str(error)
-                )
-            )
-    # Masses and rails need all bodies: check them only if every body is usable.
-    problems = problems or [
-        *mass_problems(scene, bodies),
-        *rail_problems(scene, bodies),
-    ]
-    if problems:
-        raise InputError(problems)
+    bodies = _compile_bodies(scene, shown, outlines)
     joints = joints_of(scene, bodies)
     world = World(
         size=scene.size,
@@ -375,6 +350,43 @@ def compile_shapes(scene: Scene, shapes: Shapes) -> CompiledScene:
         fields=fields_of(scene, bodies),
     )
     return CompiledScene(world, outlines, shapes)
+
+
+def _compile_bodies(
+    scene: Scene, photo_outlines: Sequence[Outline], outlines: Sequence[Outline]
+) -> list[Body]:
+    """Return the bodies of the objects. Raise InputError with all problems.
+
+    `photo_outlines` are the outlines in the photo, `outlines` those at the start.
+    """
+    problems: list[Problem] = []
+    bodies, passage_of = [], passages(scene)
+    rows = zip(scene.objects, outlines, photo_outlines, strict=True)
+    for item, outline, photo_outline in rows:
+        try:
+            rest = rest_pose(photo_outline, item, scene)
+            body = replace(_body(item, outline, scene), rest=rest)
+            passage = passage_of.get(f"objects.{item.name}")
+            if passage is not None:
+                body = replace(body, passage=passage)
+            bodies.append(with_wheels(body, item, outline, photo_outline, scene))
+        except InputError as error:
+            problems += error.problems
+        except ValueError as error:
+            path = f"objects.{item.name}.shape"
+            problems.append(
+                Message.OUTLINE_UNUSABLE.problem(
+                    scene.place(path), path, "the outline", reason=str(error)
+                )
+            )
+    # Masses and rails need all bodies: check them only if every body is usable.
+    problems = problems or [
+        *mass_problems(scene, bodies),
+        *rail_problems(scene, bodies),
+    ]
+    if problems:
+        raise InputError(problems)
+    return bodies
 
 
 def frame_times(scene: Scene, duration: float) -> Array:
@@ -433,19 +445,25 @@ def _form(item: Object, outline: Outline, center: Array, mass: float) -> Form:
     return Form(None, (moved_circle,), (moved_circle,), (offset, radius), moment)
 
 
+def _center_of_mass(item: Object, center_of_area: Array) -> Array:
+    """Return the centre of mass that the file gives, or that of the area, (2,) px."""
+    given_center = item.center_of_mass
+    if given_center is None:
+        return center_of_area
+    if item.place is not None:
+        return np.array(item.place[:2], np.float64)
+    return np.array(given_center, np.float64)
+
+
 def _body(item: Object, outline: Outline, scene: Scene) -> Body:
+    """Return the body of an object. Raise ValueError if it has no area."""
     properties = mass_properties(outline)
     if properties.area <= 1e-6:
         raise ValueError("has no area")
-    center = properties.center
-    given_center = item.center_of_mass
-    if given_center is not None:
-        center = np.array(
-            given_center if item.place is None else item.place[:2], np.float64
-        )
-    mass = (
-        item.mass if item.mass is not None else (item.density or 1.0) * properties.area
-    )
+    center = _center_of_mass(item, properties.center)
+    mass = item.mass
+    if mass is None:
+        mass = (item.density or 1.0) * properties.area
     form = _form(item, outline, center, mass)
     # The parallel axis theorem moves the moment from the centre of the area to the
     # centre of mass.

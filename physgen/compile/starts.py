@@ -52,6 +52,34 @@ def _swinging(
     return replace(body, velocity=body.spin * np.array([y, -x]))
 
 
+def _constraint_rows(joint: Joint, count: int) -> Array:
+    """Return the rows (R, 3 `count`) whose products with the velocities of all bodies
+    a joint keeps at zero.
+    """
+    block = np.zeros((3, count, 3))
+    for body, point, sign in (
+        (joint.first, joint.first_at, 1.0),
+        (joint.second, joint.second_at, -1.0),
+    ):
+        if body is not None:
+            x, y = point
+            # The velocity of a point of a body is v + omega x r; the third row is
+            # the spin.
+            block[:, body] = sign * np.array([[1, 0, -y], [0, 1, x], [0, 0, 1]])
+    if joint.kind is JointKind.SLIDER:
+        (rail,) = joint.guide
+        # A slider keeps the speed across its rail and the spin at zero.
+        normal = np.array([-rail[1], rail[0], 0.0]) / np.hypot(*rail)
+        block[0] = np.tensordot(normal, block, 1)
+        block[1] = block[2]
+    elif joint.kind is JointKind.GEAR:
+        block[0] = block[2]
+        if joint.second is not None:
+            block[0, joint.second] *= joint.ratio
+    rows = block[: ROWS_OF.get(joint.kind, 2)]
+    return rows.reshape(-1, 3 * count)
+
+
 def velocities_that_joints_allow(world: World) -> Array:
     """Return the velocities (N, 3) at t = 0 after the impulses of pins and welds: px/s,
     px/s, rad/s.
@@ -62,27 +90,7 @@ def velocities_that_joints_allow(world: World) -> Array:
     for joint in world.joints:
         if joint.kind in (*SPRINGS, JointKind.ROPE, JointKind.PULLEY):
             continue
-        block = np.zeros((3, len(bodies), 3))
-        for body, point, sign in (
-            (joint.first, joint.first_at, 1.0),
-            (joint.second, joint.second_at, -1.0),
-        ):
-            if body is not None:
-                x, y = point
-                # The velocity of a point of a body is v + omega x r; the third row is
-                # the spin.
-                block[:, body] = sign * np.array([[1, 0, -y], [0, 1, x], [0, 0, 1]])
-        if joint.kind is JointKind.SLIDER:
-            (rail,) = joint.guide
-            # A slider keeps the speed across its rail and the spin at zero.
-            normal = np.array([-rail[1], rail[0], 0.0]) / np.hypot(*rail)
-            block[0] = np.tensordot(normal, block, 1)
-            block[1] = block[2]
-        elif joint.kind is JointKind.GEAR:
-            block[0] = block[2]
-            if joint.second is not None:
-                block[0, joint.second] *= joint.ratio
-        rows += list(block[: ROWS_OF.get(joint.kind, 2)].reshape(-1, velocity.size))
+        rows += list(_constraint_rows(joint, len(bodies)))
     if not rows:
         return velocity.reshape(-1, 3)
     jacobian = np.array(rows)

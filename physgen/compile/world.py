@@ -237,7 +237,7 @@ class Push:
     """(2,) g·px/s or g·px/s², fixed in the world."""
     torque: float
     """g·px²/s²."""
-    at: Array
+    point: Array
     """(2,) px in the body's frame; the point moves with the body."""
     start: float
     end: float

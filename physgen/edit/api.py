@@ -80,7 +80,7 @@ class Services:
     events: Events
     rendering: RenderJob
     token: str
-    once: set[str]  # one-time keys that open the page
+    page_keys: set[str]  # one-time keys that open the page
 
 
 def services_of(request: Request) -> Services:
@@ -148,44 +148,44 @@ def materials() -> list[Data]:
 
 
 @api.get("/api/state")
-def state(served: Served, variant: Words | None = None) -> Response:
+def state(services: Served, variant: Words | None = None) -> Response:
     """Return the scene, its problems and its motion."""
-    served.session.look_outside()
-    return JSONResponse(served.session.state(variant or None))
+    services.session.look_outside()
+    return JSONResponse(services.session.state(variant or None))
 
 
 @api.get("/api/photo", responses=PNG, response_class=Response)
-def photo(served: Served) -> Response:
+def photo(services: Served) -> Response:
     """Return the photo as a PNG."""
-    return Response(served.session.photo(), media_type="image/png")
+    return Response(services.session.photo(), media_type="image/png")
 
 
 @api.get("/api/mask", responses=PNG, response_class=Response)
 def mask(
-    served: Served,
+    services: Served,
     object: Annotated[str, Query(min_length=1)],
     variant: Words | None = None,
 ) -> Response:
     """Return the mask of an object as a PNG."""
     return Response(
-        served.session.mask(variant or None, object), media_type="image/png"
+        services.session.mask(variant or None, object), media_type="image/png"
     )
 
 
 @api.get("/api/motion/{key}")
 def motion(
-    served: Served,
+    services: Served,
     key: str,
     start: Annotated[int, Query(alias="from", ge=0, le=MAX_SAMPLE)] = 0,
 ) -> Response:
     """Return the next part of a motion, from a sample on."""
-    return _present(served.session.live.more(key, start))
+    return _present(services.session.live.next_part(key, start))
 
 
 @api.get("/api/picture/{key}")
-def picture(served: Served, key: str, motion: str | None = None) -> Response:
+def picture(services: Served, key: str, motion: str | None = None) -> Response:
     """Return the background and the sprites; with `motion`, their shadows."""
-    pictures = served.session.pictures
+    pictures = services.session.pictures
     picture_data = (
         pictures.look(key) if motion is None else pictures.shadows(key, motion)
     )
@@ -194,47 +194,49 @@ def picture(served: Served, key: str, motion: str | None = None) -> Response:
 
 @api.get("/api/frame/{key}", responses=PNG, response_class=Response)
 def frame(
-    served: Served,
+    services: Served,
     key: str,
     motion: str,
     number: Annotated[int, Query(ge=0, le=MAX_SAMPLE)],
 ) -> Response:
     """Render a frame of a motion in the quality of the video, without its camera."""
-    frame_png = served.session.pictures.frame(key, motion, number)
+    frame_png = services.session.pictures.frame(key, motion, number)
     if frame_png is None:
         raise overtaken()
     return Response(frame_png, media_type="image/png")
 
 
-def _present(found: Mapping[str, Any] | None) -> Response:
-    if found is None:
+def _present(data: Mapping[str, Any] | None) -> Response:
+    if data is None:
         raise overtaken()
-    return JSONResponse(found)
+    return JSONResponse(data)
 
 
 @api.get("/api/events")
 def events(
-    served: Served, run: str = "", since: Annotated[int, Query(ge=0, le=MAX_EVENT)] = 0
+    services: Served,
+    run: str = "",
+    since: Annotated[int, Query(ge=0, le=MAX_EVENT)] = 0,
 ) -> Response:
     """Return the events after a number of a run of the server."""
-    served.session.look_outside()
-    return JSONResponse(served.events.since(run, since))
+    services.session.look_outside()
+    return JSONResponse(services.events.since(run, since))
 
 
 # Edits
 
 
 @api.post("/api/edit")
-def edit(served: Served, body: Operations) -> Response:
+def edit(services: Served, body: Operations) -> Response:
     """Apply operations, all or none."""
-    return JSONResponse(served.session.edit(body, body.ops))
+    return JSONResponse(services.session.edit(body, body.ops))
 
 
 @api.post("/api/preview")
-def preview(served: Served, body: Operations) -> Response:
+def preview(services: Served, body: Operations) -> Response:
     """Return the motion after operations; `overtaken` is true for an outdated version."""
     try:
-        return JSONResponse(served.session.preview(body, body.ops))
+        return JSONResponse(services.session.preview(body, body.ops))
     except EditError as error:
         if error.why is not Why.STALE:
             raise
@@ -244,88 +246,88 @@ def preview(served: Served, body: Operations) -> Response:
 
 
 @api.post("/api/undo")
-def undo(served: Served, body: EditRequest) -> Response:
+def undo(services: Served, body: EditRequest) -> Response:
     """Restore the state before the latest edit."""
-    return JSONResponse(served.session.step(body, -1))
+    return JSONResponse(services.session.step(body, -1))
 
 
 @api.post("/api/redo")
-def redo(served: Served, body: EditRequest) -> Response:
+def redo(services: Served, body: EditRequest) -> Response:
     """Restore the state after the last undone edit."""
-    return JSONResponse(served.session.step(body, 1))
+    return JSONResponse(services.session.step(body, 1))
 
 
 @api.put("/api/text")
-def write(served: Served, body: Text) -> Response:
+def write(services: Served, body: Text) -> Response:
     """Replace the text."""
-    return JSONResponse(served.session.write(body, body.text))
+    return JSONResponse(services.session.write(body, body.text))
 
 
 @api.post("/api/save")
-def save(served: Served, body: Save) -> Response:
+def save(services: Served, body: Save) -> Response:
     """Save the file; `resolve` chooses a text if another program changed the file."""
-    return JSONResponse(served.session.save(body, body.resolve))
+    return JSONResponse(services.session.save(body, body.resolve))
 
 
 @api.post("/api/mask")
-def correct(served: Served, body: MaskEdit) -> Response:
+def correct(services: Served, body: MaskEdit) -> Response:
     """Apply a correction of a mask, and change the values that follow from the mask."""
-    return JSONResponse(served.session.correct(body, body.op))
+    return JSONResponse(services.session.correct(body, body.op))
 
 
 # Rendering
 
 
 @api.post("/api/render")
-def render(served: Served, body: Render) -> Response:
+def render(services: Served, body: Render) -> Response:
     """Save the file and start to render it."""
-    unknown_variants = set(body.variants or ()) - {None, *served.session.variants()}
+    unknown_variants = set(body.variants or ()) - {None, *services.session.variants()}
     if unknown_variants:
         raise Message.NO_SUCH_VARIANT.impossible(
             name=quoted(str(unknown_variants.pop()))
         )
-    served.session.save_for_rendering(body.version)
-    job = served.rendering.start(
+    services.session.save_for_rendering(body.version)
+    job = services.rendering.start(
         body.variants, body.format or "mp4", body.refine is not False
     )
     return JSONResponse({"job": job})
 
 
 @api.get("/api/render")
-def rendered(served: Served) -> Response:
+def render_status(services: Served) -> Response:
     """Report the progress and the results of rendering."""
-    return JSONResponse(served.rendering.status())
+    return JSONResponse(services.rendering.status())
 
 
 @api.post("/api/render/stop")
-def stop(served: Served, body: Nothing) -> Response:
+def stop(services: Served, body: Nothing) -> Response:
     """Stop rendering."""
-    served.rendering.stop()
-    return JSONResponse(served.rendering.status())
+    services.rendering.stop()
+    return JSONResponse(services.rendering.status())
 
 
 @api.get("/api/command")
 def command(
-    served: Served,
+    services: Served,
     variant: Words | None = None,
     format: Words = "mp4",
     refine: Literal["true", "false"] = "true",
 ) -> Response:
     """Return the command line to render the same clips."""
-    line = served.rendering.command(variant or None, format, refine == "true")
+    line = services.rendering.command(variant or None, format, refine == "true")
     return JSONResponse({"command": line})
 
 
 @api.get("/result/{key}/{name:path}", include_in_schema=False)
-def result(served: Served, key: str, name: str) -> Response:
+def result(services: Served, key: str, name: str) -> Response:
     """Return a file of the latest run."""
-    job = served.rendering.status()["job"]
+    job = services.rendering.status()["job"]
     # Compare in constant time: the key of the job is also the permission to read its
     # files.
     is_current_job = job is not None and secrets.compare_digest(
         key.encode(), job.encode()
     )
-    path = served.rendering.file(name) if is_current_job else None
+    path = services.rendering.file(name) if is_current_job else None
     if path is None:
         raise EditError(Why.ABSENT, "there is no such result", "render again")
     return FileResponse(path)

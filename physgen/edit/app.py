@@ -76,16 +76,16 @@ def application(services: Services) -> FastAPI:
     return app
 
 
-def page(served: Served, once: str | None = None) -> Response:
+def page(services: Served, once: str | None = None) -> Response:
     """Return the page, without data of the scene.
 
     A one-time key is exchanged for the token by a redirection.
     """
     # A one-time key opens the page once: exchange it for the token, so that the key in
     # the history of the browser is worthless.
-    if once is not None and once in served.once:
-        served.once.discard(once)
-        return RedirectResponse(f"/?token={served.token}", 303)
+    if once is not None and once in services.page_keys:
+        services.page_keys.discard(once)
+        return RedirectResponse(f"/?token={services.token}", 303)
     import jinja2
 
     environment = jinja2.Environment(
@@ -419,14 +419,14 @@ class Editor:
         )
         self.server = uvicorn.Server(config)
 
-    def once(self) -> str:
+    def new_page_key(self) -> str:
         """Create an address to open the page one time.
 
         The list of processes shows the browser's address to all users of the machine,
-        hence the address of `once` must not contain the token.
+        hence the address of `new_page_key` must not contain the token.
         """
         key = secrets.token_urlsafe(24)
-        self.services.once.add(key)
+        self.services.page_keys.add(key)
         return f"{self.address.partition('?')[0]}?once={key}"
 
     def run(self) -> None:

@@ -32,9 +32,9 @@ from physgen.edit.object_entries import (
     changed_entry,
     joined_mass,
     table_keys,
-    written,
+    write_operations,
 )
-from physgen.edit.operations import edited
+from physgen.edit.operations import apply_operations
 from physgen.files import free_folder, write_atomic
 from physgen.geometry.fitting import fit_outlines
 from physgen.geometry.polygon import translated_outline
@@ -68,29 +68,29 @@ time.
 
 
 @dataclass(frozen=True)
-class Corrected:
+class CorrectionResult:
     """The result of a correction: the new text and its name in the history.
 
-    `made` is the name of a new object, `folder` the folder of new maps, if any.
+    `new_name` is the name of a new object, `folder` the folder of new maps, if any.
     """
 
     text: str
-    what: str
-    made: str | None = None
+    title: str
+    new_name: str | None = None
     folder: Path | None = None
-    corrected: str | None = None
+    changed_name: str | None = None
     """The object with a changed mask, if no object is new."""
 
 
 @dataclass(frozen=True)
-class Painted:
+class PaintedMaps:
     """The pixels of all objects after a correction, and masks.png before and
     after it.
     """
 
     labels: U16  # (H, W): ids of `ids`, 0 for the background
     ids: Mapping[str, int]
-    stored: Mapping[str, int]
+    stored_ids: Mapping[str, int]
     """Ids in masks.png by name, for the objects with a mask stored there from
     now on.
     """
@@ -99,7 +99,7 @@ class Painted:
     file.
     """
     after: U16
-    touched: Mask  # (H, W): pixels of the corrected objects before or after
+    changed_mask: Mask  # (H, W): pixels of the corrected objects before or after
     union: Mask  # (H, W): pixels of all objects after, also of those left out
     union_before: Mask
 
@@ -109,7 +109,7 @@ def correct(
     text: str,
     op: Mapping[str, Any],
     segmenter: PromptSegmenter | None = None,
-) -> Corrected:
+) -> CorrectionResult:
     """Apply one operation on masks; docs/editor.md describes the operations.
 
     If maps change, the new text names a new folder for all maps, in which unchanged
@@ -121,18 +121,18 @@ def correct(
     try:
         correction = begin(live, text)
         title = make(correction, mask_op, segmenter or PromptSegmenter())
-        if correction.masks or correction.fresh:
+        if correction.masks or correction.new_masks:
             map_folder = _linked_maps(correction.scene.assets, live.path)
             _finish(correction, map_folder)
-        new_text = edited(correction.text, correction.ops).text
+        new_text = apply_operations(correction.text, correction.ops).text
         # Comments of perception about values that changed are no longer true: remove
         # them.
         own_comments = correction.scene.record.comments
         changed_paths = [op["set"] for op in correction.ops if "set" in op]
         changed_paths += [["objects", name, "mask"] for name in correction.masks]
         new_text = without_comments(new_text, changed_paths, own_comments)
-        bodies = live.state(new_text).compiled.world.bodies
-        if correction.gone:
+        bodies = live.state(new_text).compiled_scene.world.bodies
+        if correction.merged_names:
             title += "".join(
                 f" ({body.mass:,.4g} g)"
                 for body in bodies
@@ -151,9 +151,9 @@ def correct(
                 reason=message, fix=problem.fix
             ) from error
         raise
-    new_name = next(iter(correction.fresh), None)
+    new_name = next(iter(correction.new_masks), None)
     changed_name = next(iter(correction.masks), None)
-    return Corrected(
+    return CorrectionResult(
         new_text,
         title,
         new_name,
@@ -190,21 +190,21 @@ def _finish(work: Correction, out: Path) -> None:
     for name, new_object in objects.items():
         entry = _entry(work, name, new_object, painting.labels)
         _set_provenance(work, name, entry)
-        entry["mask"] = painting.stored[name]
+        entry["mask"] = painting.stored_ids[name]
         entries[name] = {
             **entry,
             "shape": shape_entries.shape_entry(new_object.outline),
         }
         work.ops += (
             [{"add": ["objects", name], "value": entry}]
-            if name in work.fresh
-            else written(work, name, entry)
+            if name in work.new_masks
+            else write_operations(work, name, entry)
         )
     # The paint of a correction would be hidden by an outline in the file: such objects
     # get a mask in masks.png, too.
-    for name in painting.stored.keys() - objects.keys():
+    for name in painting.stored_ids.keys() - objects.keys():
         work.ops.append(
-            {"set": ["objects", name, "mask"], "value": painting.stored[name]}
+            {"set": ["objects", name, "mask"], "value": painting.stored_ids[name]}
         )
     _write_maps(work, out, painting, list(objects.values()))
     _write_record(out, entries, painting.after)
@@ -248,31 +248,31 @@ def _write_record(folder: Path, entries: Mapping[str, Data], labels: U16) -> Non
         )
 
 
-def _paint(work: Correction) -> Painted:
+def _paint(work: Correction) -> PaintedMaps:
     """Paint the label maps after the correction. Raises EditError."""
     labels = work.labels
     before = work.maps.cut_out
     ids = {item.name: k + 1 for k, item in enumerate(work.scene.objects)}
-    for name in work.fresh:
+    for name in work.new_masks:
         ids[name] = len(ids) + 1
     after = _paint_labels(work, ids)
-    repainted_names = [*work.masks, *work.fresh, *_covered_names(work, ids, after)]
+    repainted_names = [*work.masks, *work.new_masks, *_covered_names(work, ids, after)]
     stored_ids = _stored_ids(work, repainted_names)
-    cleared_names = [*repainted_names, *work.gone]
+    cleared_names = [*repainted_names, *work.merged_names]
     masks_png = _clear_masks(before, work, cleared_names)
     for name, id_ in stored_ids.items():
         masks_png[after == ids[name]] = id_
     # Boundaries in masks.png are part of the background, not of the union of objects.
-    is_movable = ~work.sight.compiled.scenery
-    old_ids = [ids[name] for name in (*work.masks, *work.gone)]
-    new_ids = [ids[name] for name in (*work.masks, *work.fresh)]
-    return Painted(
+    is_movable = ~work.sight.compiled_scene.scenery
+    old_ids = [ids[name] for name in (*work.masks, *work.merged_names)]
+    new_ids = [ids[name] for name in (*work.masks, *work.new_masks)]
+    return PaintedMaps(
         labels=after,
         ids=ids,
-        stored=stored_ids,
+        stored_ids=stored_ids,
         before=before,
         after=masks_png,
-        touched=np.isin(labels, old_ids) | np.isin(after, new_ids),
+        changed_mask=np.isin(labels, old_ids) | np.isin(after, new_ids),
         union=(after > 0) | ((masks_png > 0) & is_movable),
         union_before=(labels > 0) | ((before > 0) & is_movable),
     )
@@ -290,10 +290,10 @@ def _clear_masks(masks_png: U16, work: Correction, names: Sequence[str]) -> U16:
 def _paint_labels(work: Correction, ids: Mapping[str, int]) -> U16:
     """Return the label map (H, W) after the correction."""
     # Clear all changed objects first: a pixel belongs to the object painted last.
-    cleared_ids = [ids[name] for name in (*work.masks, *work.gone)]
+    cleared_ids = [ids[name] for name in (*work.masks, *work.merged_names)]
     labels = work.labels.copy()
     labels[np.isin(work.labels, cleared_ids)] = 0
-    for name, mask in (*work.masks.items(), *work.fresh.items()):
+    for name, mask in (*work.masks.items(), *work.new_masks.items()):
         labels[mask] = ids[name]
     return labels
 
@@ -305,7 +305,7 @@ def _covered_names(work: Correction, ids: Mapping[str, int], after: U16) -> list
     """
     names = []
     for item in work.scene.objects:
-        if item.name in work.masks or item.name in work.gone:
+        if item.name in work.masks or item.name in work.merged_names:
             continue
         old_pixels = work.labels == ids[item.name]
         new_pixels = after == ids[item.name]
@@ -350,13 +350,15 @@ def _stored_ids(work: Correction, names: Sequence[str]) -> dict[str, int]:
     return stored_ids
 
 
-def _photo_objects(work: Correction, painted: Painted) -> dict[str, PhotoObject]:
+def _photo_objects(
+    work: Correction, painted_maps: PaintedMaps
+) -> dict[str, PhotoObject]:
     """Fit new outlines to the corrected objects by name, and set them on their
     supports.
     """
-    names = (*work.masks, *work.fresh)
-    ids = [painted.ids[name] for name in names]
-    fits = fit_outlines(painted.labels, ids)
+    names = (*work.masks, *work.new_masks)
+    ids = [painted_maps.ids[name] for name in names]
+    fits = fit_outlines(painted_maps.labels, ids)
     outlines = snapped_to_boundaries(
         work.scene, tuple(fits[i] for i in ids), [True] * len(ids)
     )
@@ -374,7 +376,7 @@ def _label(work: Correction, name: str) -> str:
     return work.scene.objects[work.index(source)].label
 
 
-def _entry(work: Correction, name: str, one: PhotoObject, labels: U16) -> Data:
+def _entry(work: Correction, name: str, photo_object: PhotoObject, labels: U16) -> Data:
     """Return the entry of a corrected object with the numbers that follow from its
     shape.
 
@@ -383,39 +385,41 @@ def _entry(work: Correction, name: str, one: PhotoObject, labels: U16) -> Data:
     """
     if name in work.entries:
         return dict(work.entries[name]) | {
-            "shape": shape_entries.shape_entry(one.outline)
+            "shape": shape_entries.shape_entry(photo_object.outline)
         }
     source = name if name in work.masks else next(iter(work.masks))
-    entry = changed_entry(work, source, name, one, labels)
-    old_entry = work.was(source)
+    entry = changed_entry(work, source, name, photo_object, labels)
+    old_entry = work.old_entry(source)
     # Only a mass of the user is shared or added: one of the table follows from the
     # area.
     if "mass" in old_entry and "mass" not in table_keys(old_entry):
-        if work.gone:
-            entry["mass"] = float(f"{joined_mass(work, source, *work.gone):.4g}")
-        elif work.fresh:
-            share = count(labels == one.id) / max(count(work.mask(source)), 1)
+        if work.merged_names:
+            entry["mass"] = float(
+                f"{joined_mass(work, source, *work.merged_names):.4g}"
+            )
+        elif work.new_masks:
+            share = count(labels == photo_object.id) / max(count(work.mask(source)), 1)
             entry["mass"] = float(f"{joined_mass(work, source) * share:.4g}")
     return entry
 
 
-def _set_provenance(work: Correction, name: str, made: Data) -> None:
+def _set_provenance(work: Correction, name: str, entry: Data) -> None:
     """Set `from` and `prompt` to the source of the mask; a mask drawn by a user has no
     source.
     """
     sources = {
         key: value
-        for key, value in (made.pop("from", None) or {}).items()
+        for key, value in (entry.pop("from", None) or {}).items()
         if key != "mask"
     }
     # The old prompt found the old mask.
-    made.pop("prompt", None)
-    if name in work.found:
-        confidence, prompt = work.found[name]
+    entry.pop("prompt", None)
+    if name in work.prompts:
+        confidence, prompt = work.prompts[name]
         sources = {"mask": document.provenance("pointed at", confidence), **sources}
-        made["prompt"] = prompt
+        entry["prompt"] = prompt
     if sources:
-        made["from"] = sources
+        entry["from"] = sources
 
 
 # Maps
@@ -428,7 +432,7 @@ class _ChangedPart:
     window: Window
     percepts: Percepts
     """Previous maps."""
-    touched: Mask
+    changed_mask: Mask
     """Pixels of the corrected objects before or after."""
     union: Mask
     """Pixels of all objects after."""
@@ -437,43 +441,52 @@ class _ChangedPart:
 
 
 def _write_maps(
-    work: Correction, folder: Path, painted: Painted, objects: Sequence[PhotoObject]
+    work: Correction,
+    folder: Path,
+    painted_maps: PaintedMaps,
+    objects: Sequence[PhotoObject],
 ) -> None:
     """Write the maps that change into `folder`, which contains links to the previous
     maps.
     """
-    _write_masks(folder, painted, work.maps.labels)
-    part = _changed_part(work.maps, painted)
+    _write_masks(folder, painted_maps, work.maps.labels)
+    part = _changed_part(work.maps, painted_maps)
     if part.percepts.coverage is not None and part.border_band.any():
         _write_colours(folder, part, part.percepts.coverage)
     if part.percepts.normals is not None and objects:
         guess = BoundaryGuess(work.scene.world.view, 0.0, "", ())
-        _write_normals(folder, part, painted.labels[part.window], objects, guess)
+        _write_normals(folder, part, painted_maps.labels[part.window], objects, guess)
 
 
-def _write_masks(folder: Path, painted: Painted, labels: U16) -> None:
+def _write_masks(folder: Path, painted_maps: PaintedMaps, labels: U16) -> None:
     """Write masks.png if it changes; `labels`: the previous one with its doubtful
     regions.
     """
     path = folder / "masks.png"
-    if path.is_file() and not (painted.before != painted.after).any():
+    if path.is_file() and not (painted_maps.before != painted_maps.after).any():
         return
-    doubtful_labels = np.where(painted.before == 0, labels, np.uint16(0))
-    _write_map(path, np.where(painted.after == 0, doubtful_labels, painted.after))
+    doubtful_labels = np.where(painted_maps.before == 0, labels, np.uint16(0))
+    _write_map(
+        path, np.where(painted_maps.after == 0, doubtful_labels, painted_maps.after)
+    )
 
 
-def _changed_part(maps: Percepts, painted: Painted) -> _ChangedPart:
+def _changed_part(maps: Percepts, painted_maps: PaintedMaps) -> _ChangedPart:
     """Return the window of the maps that a correction changes."""
-    window = _window(painted.touched | (painted.union != painted.union_before))
+    window = _window(
+        painted_maps.changed_mask | (painted_maps.union != painted_maps.union_before)
+    )
     map_parts: dict[str, Any] = {}
     for one in fields(maps):
         values = getattr(maps, one.name)
         map_parts[one.name] = None if values is None else values[window]
-    union = painted.union[window]
+    union = painted_maps.union[window]
     # A matte is slow and soft: it is computed only in a band around the changed border.
-    border_band = dilate(union != painted.union_before[window], SOFT)
+    border_band = dilate(union != painted_maps.union_before[window], SOFT)
     percepts = Percepts(**map_parts)
-    return _ChangedPart(window, percepts, painted.touched[window], union, border_band)
+    return _ChangedPart(
+        window, percepts, painted_maps.changed_mask[window], union, border_band
+    )
 
 
 def _write_colours(folder: Path, part: _ChangedPart, old_coverage: F32) -> None:
@@ -484,7 +497,7 @@ def _write_colours(folder: Path, part: _ChangedPart, old_coverage: F32) -> None:
     )
     coverage = np.where(part.border_band, new_values, old_coverage)
     _patch(folder / "coverage.png", part.window, part.border_band, coverage)
-    changed_pixels = dilate(part.touched, PATCHED_AROUND) | part.border_band
+    changed_pixels = dilate(part.changed_mask, PATCHED_AROUND) | part.border_band
     hole = changed_pixels & (coverage > 0)
     pictures = {"background": percepts.background, "clean": percepts.clean}
     for name, picture in pictures.items():
@@ -526,9 +539,9 @@ def _write_normals(
     normals = registry.make("normals")(
         np.ascontiguousarray(part.percepts.rgb), labels, shifted_objects, guess
     )
-    is_uncovered = part.touched & (labels == 0)
+    is_uncovered = part.changed_mask & (labels == 0)
     changed_pixels = np.isin(labels, [one.id for one in objects]) | is_uncovered
-    _patch(folder / "normals.png", part.window, changed_pixels, normals, signed=True)
+    _patch(folder / "normals.png", part.window, changed_pixels, normals, is_signed=True)
 
 
 def _window(mask: Mask) -> Window:
@@ -562,24 +575,29 @@ def _write_map(path: Path, picture: U8 | U16) -> None:
 
 
 def _patch(
-    path: Path, part: Window, where: Mask, values: NDArray[Any], *, signed: bool = False
+    path: Path,
+    part: Window,
+    mask: Mask,
+    values: NDArray[Any],
+    *,
+    is_signed: bool = False,
 ) -> None:
     """Write values into a window of a stored map, in the depth of its file.
 
-    `values`: 0..1, or -1..1 if `signed`; `where` (h, w): the pixels to change.
+    `values`: 0..1, or -1..1 if `is_signed`; `mask` (h, w): the pixels to change.
     """
     old_values = read_channels(path)
     if old_values.ndim == 3:
         old_values = old_values[:, :, :3] if values.ndim == 3 else old_values[:, :, 0]
     old_values = old_values.copy()
     largest_value = np.iinfo(old_values.dtype).max
-    middle = (largest_value + 1) // 2 if signed else 0
+    middle = (largest_value + 1) // 2 if is_signed else 0
     encoded_values = np.clip(
-        np.rint(values * (middle - 1 if signed else largest_value)) + middle,
+        np.rint(values * (middle - 1 if is_signed else largest_value)) + middle,
         0,
         largest_value,
     ).astype(old_values.dtype)
     # A file without changes stays a link to the previous one.
-    if (encoded_values[where] != old_values[part][where]).any():
-        old_values[part][where] = encoded_values[where]
+    if (encoded_values[mask] != old_values[part][mask]).any():
+        old_values[part][mask] = encoded_values[mask]
         _write_map(path, old_values)

@@ -21,7 +21,7 @@ from physgen.operating_system import is_private
 from physgen.problems import InputError
 
 
-class Unsaved(BaseModel):
+class DraftContent(BaseModel):
     """The content of draft.json. Earlier formats stored the whole history, or copies of
     maps.
     """
@@ -78,15 +78,15 @@ class Draft:
                 address.read_text("utf-8") if address.is_file() else ""
             ) from None
 
-    def _create_draft_error(self, what: str) -> InputError:
-        return Message.DRAFT_STRANGE.error(str(self.folder), fault=what)
+    def _create_draft_error(self, fault: str) -> InputError:
+        return Message.DRAFT_STRANGE.error(str(self.folder), fault=fault)
 
-    def load(self) -> Unsaved | None:
+    def load(self) -> DraftContent | None:
         """Load the newest stored draft; None if nothing is stored. Raises
         InputError.
         """
         try:
-            return Unsaved.model_validate_json(self._file.read_bytes())
+            return DraftContent.model_validate_json(self._file.read_bytes())
         except FileNotFoundError:
             return None
         except (ValidationError, OSError):
@@ -94,7 +94,7 @@ class Draft:
                 "is a draft of another version of physgen"
             ) from None
 
-    def store(self, unsaved: Unsaved) -> None:
+    def store(self, draft: DraftContent) -> None:
         """Store a draft; the previous one stays until the new one is complete. Raises
         OSError.
         """
@@ -103,9 +103,9 @@ class Draft:
             self.folder.mkdir(mode=0o700, exist_ok=True)
             self._lock.release()
             self._lock.acquire()
-        write_atomic(self._file, unsaved.model_dump_json().encode())
+        write_atomic(self._file, draft.model_dump_json().encode())
 
-    def clear(self) -> None:
+    def remove(self) -> None:
         """Remove the stored draft, since everything is saved."""
         self._file.unlink(missing_ok=True)
 

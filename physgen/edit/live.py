@@ -95,8 +95,8 @@ class MotionStream:
         return len(self._running.times)
 
     @property
-    def done(self) -> bool:
-        return bool(self.problems) or self._running.done >= self.total
+    def is_complete(self) -> bool:
+        return bool(self.problems) or self._running.sample_count >= self.total
 
     def trajectory(self) -> Trajectory:
         """Return the motion; samples without simulation so far are zeros."""
@@ -111,7 +111,7 @@ class MotionStream:
         self.simulate(start + 1, deadline)
         run = self._running
         N = max(len(self.world.bodies), 1)
-        end = max(start, min(run.done, start + max(1, MAX_PART // N)))
+        end = max(start, min(run.sample_count, start + max(1, MAX_PART // N)))
         trajectory = run.trajectory()
         data: Data = {
             "key": self.key,
@@ -119,7 +119,7 @@ class MotionStream:
             "from": start,
             "upto": end,
             "total": self.total,
-            "done": self.done and end == run.done,
+            "done": self.is_complete and end == run.sample_count,
             "problems": [],
         }
         has_turns = trajectory.turns.shape[1] > 0
@@ -127,14 +127,14 @@ class MotionStream:
             {
                 "name": body.name,
                 **{
-                    name: packed(trajectory.poses[start:end, k, c])
+                    name: pack(trajectory.poses[start:end, k, c])
                     for c, name in enumerate(COLUMNS[:3])
                 },
                 **{
-                    name: packed(trajectory.velocities[start:end, k, c])
+                    name: pack(trajectory.velocities[start:end, k, c])
                     for c, name in enumerate(COLUMNS[3:])
                 },
-                "q": [packed(part) for part in trajectory.turns[start:end, k].T]
+                "q": [pack(part) for part in trajectory.turns[start:end, k].T]
                 if has_turns
                 else None,
             }
@@ -145,7 +145,7 @@ class MotionStream:
         data["contacts"] = data["energy"] = None
         if data["done"] and not self.problems:
             energy = trajectory.energy
-            data["energy"] = {name: packed(getattr(energy, name)) for name in ENERGY}
+            data["energy"] = {name: pack(getattr(energy, name)) for name in ENERGY}
             data["contacts"] = {
                 "surfaces": list(trajectory.contacts.surfaces),
                 "touches": touches(trajectory),
@@ -154,15 +154,17 @@ class MotionStream:
             self._begin(data)
         return data
 
-    def simulate(self, least: int, deadline: float) -> None:
-        """Simulate until the deadline, and until at least `least` samples are taken."""
+    def simulate(self, count: int, deadline: float) -> None:
+        """Simulate until the deadline, and until at least `count` samples are taken."""
         run = self._running
-        if self.done:
+        if self.is_complete:
             return
         try:
-            while not self.done:
-                run.on(run.end, enough=partial(_check_deadline, deadline))
-                if run.done >= min(least, self.total) and _check_deadline(deadline):
+            while not self.is_complete:
+                run.advance(run.end, should_stop=partial(_check_deadline, deadline))
+                if run.sample_count >= min(count, self.total) and _check_deadline(
+                    deadline
+                ):
                     break
                 # The deadline has passed without the required samples: simulate 10 ms
                 # at a time.
@@ -170,14 +172,14 @@ class MotionStream:
         except InputError as error:
             self.problems = error.problems
 
-    def _begin(self, found: Data) -> None:
+    def _begin(self, data: Data) -> None:
         """Add the data of the first part: everything constant in time."""
         scene = self.scene
         world = self.world
         for k, body in enumerate(world.bodies):
-            found["bodies"][k] |= figure(scene, k, body)
-        found |= fixed_data(scene, world) | {
-            "times": packed(self._running.times),
+            data["bodies"][k] |= figure(scene, k, body)
+        data |= fixed_data(scene, world) | {
+            "times": pack(self._running.times),
             "frames": self._frames.tolist(),
             "camera": None,
         }
@@ -188,10 +190,10 @@ def _check_deadline(deadline: float) -> bool:
     return time.perf_counter() > deadline
 
 
-def packed(values: Array) -> str:
+def pack(values: Array) -> str:
     """Encode values as little-endian float64 in base64.
 
-    >>> packed(np.array([1.0]))
+    >>> pack(np.array([1.0]))
     'AAAAAAAA8D8='
     """
     return b64encode(np.ascontiguousarray(values, "<f8").tobytes()).decode("ascii")
@@ -203,12 +205,12 @@ class Look:
 
     problems: tuple[Data, ...] = ()  # errors, then lints
     scene: Data | None = None
-    derived: Data | None = None
+    derived_data: Data | None = None
     motion: Data | None = None  # the first part of the motion; see `MotionStream`
     picture: str | None = None  # key of the picture
     todo: tuple[Data, ...] = ()
     doubtful: tuple[Data, ...] = ()  # regions that may be objects
-    perceived: Data | None = None  # the verdict and the summary of perception
+    perception: Data | None = None  # the verdict and the summary of perception
 
 
 @dataclass(frozen=True)
@@ -218,7 +220,7 @@ class LiveScene:
     """
 
     scene: Scene
-    compiled: CompiledScene
+    compiled_scene: CompiledScene
     key: str  # key of the photo and its maps
     picture: str  # key of the picture
     read: Callable[[Scene], Percepts | None]
@@ -276,7 +278,7 @@ class Live:
                     tuple(
                         lint(
                             compiled_scene.scene,
-                            compiled_scene.compiled,
+                            compiled_scene.compiled_scene,
                             compiled_scene.percepts,
                         )
                     )
@@ -290,7 +292,7 @@ class Live:
             return Look(
                 rows,
                 scene_data(compiled_scene.scene),
-                derived_data(compiled_scene.scene, compiled_scene.compiled),
+                derived_data(compiled_scene.scene, compiled_scene.compiled_scene),
                 motion,
                 compiled_scene.picture,
                 (
@@ -301,7 +303,7 @@ class Live:
                 perceived_data(compiled_scene.scene),
             )
 
-    def more(self, key: str, start: int) -> Data | None:
+    def next_part(self, key: str, start: int) -> Data | None:
         """Return the next part of a motion, from a sample on; None if its stream was
         dropped.
         """
@@ -313,7 +315,7 @@ class Live:
             part["problems"] = [self._row(problem) for problem in stream.problems]
             return part
 
-    def whole(self, key: str) -> tuple[Trajectory, World] | None:
+    def full_motion(self, key: str) -> tuple[Trajectory, World] | None:
         """Simulate a motion to its end, and return it with its world.
 
         None if its stream was dropped or cannot be simulated.
@@ -323,7 +325,7 @@ class Live:
                 stream = self._motions.get(key)
                 if stream is None or stream.problems:
                     return None
-                if stream.done:
+                if stream.is_complete:
                     return stream.trajectory(), stream.world
                 stream.simulate(0, time.perf_counter() + SLICE)
             # Let waiting threads take the lock between two slices.
@@ -359,11 +361,11 @@ class Live:
             opened = self._opened.of(text, read)
         return opened
 
-    def _mean(self, opened: OpenedScene, variant: str | None) -> LiveScene:
+    def _mean(self, opened_scene: OpenedScene, variant: str | None) -> LiveScene:
         """Compile the scene of a text. Raises InputError."""
-        scene = opened.scene((), variant)
+        scene = opened_scene.scene((), variant)
         maps = self._warm.maps(scene)
-        cache_key = (opened, variant, maps.key)
+        cache_key = (opened_scene, variant, maps.key)
 
         def make() -> LiveScene:
             compiled = self._warm.compile(scene, maps)
@@ -390,20 +392,22 @@ class Live:
         with self._lock:
             return self._warm.maps(scene).percepts
 
-    def _motion(self, known: LiveScene, begun: float) -> tuple[MotionStream, Data]:
+    def _motion(
+        self, live_scene: LiveScene, begin_time: float
+    ) -> tuple[MotionStream, Data]:
         """Return the stream of a scene's motion and its first part."""
-        world = known.compiled.world
+        world = live_scene.compiled_scene.world
         stream_key = motion_key(world)
         stream = self._motions.of(
-            stream_key, lambda: MotionStream(stream_key, known.scene, world)
+            stream_key, lambda: MotionStream(stream_key, live_scene.scene, world)
         )
         # Scenes with equal motion may differ in labels or the frame rate.
-        stream.scene = known.scene
+        stream.scene = live_scene.scene
         # Reading and compiling use up most of the time of a slow look: simulate at
         # least a third.
-        part = stream.part(0, max(begun + FIRST, time.perf_counter() + FIRST / 3))
+        part = stream.part(0, max(begin_time + FIRST, time.perf_counter() + FIRST / 3))
         part["problems"] = [
-            self._row(problem, known.scene) for problem in stream.problems
+            self._row(problem, live_scene.scene) for problem in stream.problems
         ]
         return stream, part
 

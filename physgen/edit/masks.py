@@ -23,9 +23,9 @@ from physgen.edit.object_entries import (
     Mask,
     changed_entry,
     new_entry,
-    written,
+    write_operations,
 )
-from physgen.edit.operations import replaced
+from physgen.edit.operations import replace_name
 from physgen.geometry.fitting import fit_outlines
 from physgen.geometry.scale import photo_object
 from physgen.messages import Message
@@ -165,12 +165,16 @@ def make(work: Correction, op: MaskOp, finder: PromptSegmenter) -> str:
 
 
 def _apply_prompted_mask(
-    work: Correction, name: str | None, is_new: bool, found: PromptedMask, prompt: Data
+    work: Correction,
+    name: str | None,
+    is_new: bool,
+    prompted_mask: PromptedMask,
+    prompt: Data,
 ) -> str:
     """Use the mask of a box or a point for an existing object, or for a new one."""
     labels = work.labels
     number = len(work.scene.objects)
-    mask = found.mask
+    mask = prompted_mask.mask
     # Without a name, the mask corrects the object with the largest overlap, unless the
     # overlap is so small that another object is meant.
     if name is None and not is_new:
@@ -189,10 +193,10 @@ def _apply_prompted_mask(
     mask = mask & ((labels == 0) | (labels == own_id))
     if name is None:
         name = _new(work, mask)
-        work.found[name] = found.confidence, prompt
+        work.prompts[name] = prompted_mask.confidence, prompt
         return f"a new object, {name}"
     _set_mask(work, name, mask)
-    work.found[name] = found.confidence, prompt
+    work.prompts[name] = prompted_mask.confidence, prompt
     return f"correct the mask of {name}"
 
 
@@ -239,7 +243,7 @@ def _new(work: Correction, mask: Mask) -> str:
         [new_object], {k + 1: item.name for k, item in enumerate(work.scene.objects)}
     )[id_]
     work.entries[name] = new_entry(work, labels, new_object, name, guess[id_])
-    work.fresh[name] = mask
+    work.new_masks[name] = mask
     return name
 
 
@@ -259,10 +263,10 @@ def _merge(work: Correction, op: MergeOp) -> str:
         if name in doubtful_ids(work.document):
             work.ops.append({"remove": ["doubtful", name]})
             continue
-        document, removed_parts = replaced(document, name, target_name)
+        document, removed_parts = replace_name(document, name, target_name)
         all_removed_parts += removed_parts
         work.ops.append({"merge": ["objects", name], "to": target_name})
-        work.gone = (*work.gone, name)
+        work.merged_names = (*work.merged_names, name)
     # Distances of all pixels from the target, px: parts that lie apart become one rigid
     # body, and the title says so.
     distances = cv2.distanceTransform(
@@ -315,7 +319,7 @@ def _split(work: Correction, op: SplitOp) -> str:
     while f"{op.object}-{number}" in used_names:
         number += 1
     work.masks[op.object] = larger
-    work.fresh[f"{op.object}-{number}"] = smaller
+    work.new_masks[f"{op.object}-{number}"] = smaller
     return f"split {op.object}"
 
 
@@ -325,7 +329,7 @@ def _relabel(work: Correction, op: RelabelOp) -> str:
     old_object = work.photo_object(op.object)
     new_object = PhotoObject(old_object.id, old_object.outline, label, old_object.cut)
     entry = changed_entry(work, op.object, op.object, new_object, work.labels, label)
-    work.ops += written(work, op.object, {**entry, "label": label})
+    work.ops += write_operations(work, op.object, {**entry, "label": label})
     return f"call {op.object} {label}"
 
 
@@ -334,10 +338,10 @@ def count(mask: Mask) -> int:
     return int(np.count_nonzero(mask))
 
 
-def check_size(mask: Mask, what: str) -> None:
+def check_size(mask: Mask, part: str) -> None:
     """Check the size of a mask. Raises EditError if it is only a speck."""
     if count(mask) < SMALLEST_OBJECT:
-        raise Message.MASK_TOO_SMALL.impossible(part=what, least=SMALLEST_OBJECT)
+        raise Message.MASK_TOO_SMALL.impossible(part=part, least=SMALLEST_OBJECT)
 
 
 # Pixels at the strokes and points of the user

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from physgen import registry
 from physgen.edit.live import Live, LiveScene
-from physgen.edit.operations import edited
+from physgen.edit.operations import apply_operations
 from physgen.geometry.polygon import Disc, mass_properties
 from physgen.geometry.scale import is_assumed, photo_object
 from physgen.maps import U16, Percepts
@@ -38,14 +38,14 @@ class Correction:
     document: Mapping[str, Any]  # the file's data with `extends`, without defaults
     masks: dict[str, Mask] = field(default_factory=dict)
     """New pixels of existing objects."""
-    fresh: dict[str, Mask] = field(default_factory=dict)  # pixels of new objects
+    new_masks: dict[str, Mask] = field(default_factory=dict)  # pixels of new objects
     entries: dict[str, Data] = field(default_factory=dict)
     """Entries of new objects, as far as known; masks, shapes and numbers are added at
     the end.
     """
-    found: dict[str, tuple[float, Data]] = field(default_factory=dict)
+    prompts: dict[str, tuple[float, Data]] = field(default_factory=dict)
     """Confidence of a mask, and the prompt that selected it."""
-    gone: tuple[str, ...] = ()  # objects that were merged into another
+    merged_names: tuple[str, ...] = ()  # objects that were merged into another
     ops: list[Data] = field(default_factory=list)
 
     @property
@@ -58,7 +58,7 @@ class Correction:
         """Return the label map before the correction, (H, W): k + 1 is the k-th
         object.
         """
-        return self.sight.compiled.labels
+        return self.sight.compiled_scene.labels
 
     def index(self, name: str) -> int:
         """Return the index of an object. Raises EditError."""
@@ -73,14 +73,14 @@ class Correction:
         """
         return np.asarray(self.labels == self.index(name) + 1)
 
-    def was(self, name: str) -> Data:
+    def old_entry(self, name: str) -> Data:
         """Return the entry of an object as it is in the file."""
         return dict(self.document["objects"][name])
 
     def photo_object(self, name: str) -> PhotoObject:
         """Return the object as perception describes it."""
         k = self.index(name)
-        outline = self.sight.compiled.shapes.outlines[k]
+        outline = self.sight.compiled_scene.shapes.outlines[k]
         return photo_object(
             k + 1, outline, self.scene.objects[k].label, self.scene.size
         )
@@ -110,15 +110,15 @@ def begin(live: Live, text: str) -> Correction:
     return Correction(live, text, sight, percepts, own_document)
 
 
-def table_keys(was: Data) -> set[str]:
+def table_keys(entry: Data) -> set[str]:
     """Return the keys of an object with values from the material table."""
-    return perceived_keys(was, [registry.find("physics").name])
+    return perceived_keys(entry, [registry.find("physics").name])
 
 
 def new_entry(
     work: Correction,
     labels: U16,
-    one: PhotoObject,
+    photo_object: PhotoObject,
     name: str,
     label: Name | None,
     scale: float | None = None,
@@ -131,15 +131,16 @@ def new_entry(
     scene_scale = scale or work.scene.world.pixels_per_meter
     # An assumed scale is no evidence about the size of an object.
     known_scale = None if is_assumed(scene_scale, max(work.scene.size)) else scene_scale
-    materials = registry.make("physics")(work.maps.rgb, [one], known_scale)
+    materials = registry.make("physics")(work.maps.rgb, [photo_object], known_scale)
     source = "" if label is None else registry.find("label").name
     labels_of_one = document.ObjectLabels(
-        {one.id: label or Name(one.label, 1.0)}, {one.id: source}
+        {photo_object.id: label or Name(photo_object.label, 1.0)},
+        {photo_object.id: source},
     )
     entries, _ = document.object_entries(
         Detections(labels, "drawn", {}, {}),
-        [one],
-        {one.id: name},
+        [photo_object],
+        {photo_object.id: name},
         materials,
         BoundaryGuess(work.scene.world.view, 0.0, "", ()),
         labels_of_one,
@@ -153,27 +154,28 @@ def changed_entry(
     work: Correction,
     source: str,
     name: str,
-    one: PhotoObject,
+    photo_object: PhotoObject,
     labels: U16,
     label: str | None = None,
 ) -> Data:
-    """Return the entry of `source` for `name`, with the outline or the label of `one`.
+    """Return the entry of `source` for `name`, with the outline or the label of
+    `photo_object`.
 
     Values of the material table are computed again, values of the user stay. The caller
     sets the mask.
     """
-    old_entry = work.was(source)
+    old_entry = work.old_entry(source)
     old_keys = table_keys(old_entry)
     scale = None
     if label is not None:
         # The scale may follow from the size of a labelled object: read it from the
         # scene with the new label.
-        named_text = edited(
+        named_text = apply_operations(
             work.text, [{"set": ["objects", name, "label"], "value": label}]
         ).text
         scale = work.live.state(named_text).scene.world.pixels_per_meter
     result = rewritten(
-        old_entry, new_entry(work, labels, one, name, None, scale), old_keys
+        old_entry, new_entry(work, labels, photo_object, name, None, scale), old_keys
     )
     if label is not None:
         result["label"] = label
@@ -182,9 +184,9 @@ def changed_entry(
                 key: author for key, author in result["from"].items() if key != "label"
             }
     if isinstance(result.get("shape"), Mapping):
-        result["shape"] = shape_entries.shape_entry(one.outline)
+        result["shape"] = shape_entries.shape_entry(photo_object.outline)
     # Only round objects roll.
-    if not isinstance(one.outline, Disc):
+    if not isinstance(photo_object.outline, Disc):
         if result.get("solid", "plate") != "plate":
             result["solid"] = "plate"
         result.pop("roll", None)
@@ -200,7 +202,7 @@ def changed_entry(
     if isinstance(path, Mapping) and path.get("path"):
         old_centre, new_centre = (
             mass_properties(outline).center
-            for outline in (work.photo_object(source).outline, one.outline)
+            for outline in (work.photo_object(source).outline, photo_object.outline)
         )
         dx, dy = (new_centre - old_centre).tolist()
         knots = [
@@ -214,24 +216,24 @@ def changed_entry(
 def joined_mass(work: Correction, *names: str) -> float:
     """Return the sum of masses, g."""
     return sum(
-        work.sight.compiled.world.bodies[work.index(name)].mass for name in names
+        work.sight.compiled_scene.world.bodies[work.index(name)].mass for name in names
     )
 
 
-def written(work: Correction, name: str, made: Data) -> list[Data]:
+def write_operations(work: Correction, name: str, entry: Data) -> list[Data]:
     """Return the operations for all differences from the entry in the file."""
-    old_entry = work.was(name)
+    old_entry = work.old_entry(name)
     path = ["objects", name]
     # `from` is always written, since the file may name values that the user changed.
     ops = [
         {"set": [*path, key], "value": value}
-        for key, value in made.items()
+        for key, value in entry.items()
         if key not in old_entry or old_entry[key] != value or key == "from"
     ]
     # Setting a mass also removes the density.
     removed_keys = [
         key
         for key in old_entry
-        if key not in made and (key != "density" or "mass" not in made)
+        if key not in entry and (key != "density" or "mass" not in entry)
     ]
     return ops + [{"unset": [*path, key]} for key in removed_keys]

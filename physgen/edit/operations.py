@@ -51,12 +51,12 @@ _NOWHERE = Source("", File())
 # The operations
 
 
-def whole(value: object) -> object:
+def to_integer(value: object) -> object:
     """Convert an integral number to an integer, since JSON does not tell 1.0 from 1."""
     return int(value) if isinstance(value, float) and value.is_integer() else value
 
 
-Index = Annotated[int, Field(strict=True, ge=0, le=10**6), BeforeValidator(whole)]
+Index = Annotated[int, Field(strict=True, ge=0, le=10**6), BeforeValidator(to_integer)]
 Path = Annotated[
     list[Annotated[str, Field(max_length=1000)] | Index],
     Field(min_length=1, max_length=64),
@@ -105,16 +105,16 @@ _PARSER: TypeAdapter[Op | MergeOp] = TypeAdapter(Op | MergeOp)
 
 
 @dataclass(frozen=True)
-class Edited:
+class EditResult:
     """A text after operations, and the title of the edit."""
 
     text: str
-    what: str
+    title: str
 
 
-def edited(
+def apply_operations(
     text: str, ops: Sequence[Op | Mapping[str, Any]], variant: str | None = None
-) -> Edited:
+) -> EditResult:
     """Apply all operations in order, to the file or to a variant.
 
     Raises EditError for the first impossible operation.
@@ -132,7 +132,7 @@ def edited(
             raise Message.UNUSABLE_VALUE.impossible(reason=str(error)) from None
         # The next operation applies to the result of this one.
         text = target.text
-    return Edited(text, ", ".join(dict.fromkeys(titles))[:200])
+    return EditResult(text, ", ".join(dict.fromkeys(titles))[:200])
 
 
 def _make(target: Target, op: Op | MergeOp) -> str:
@@ -143,7 +143,7 @@ def _make(target: Target, op: Op | MergeOp) -> str:
         case RenameOp():
             return _rename(target, tuple(op.rename), op.to)
         case MergeOp():
-            target.write(replaced(target.data, str(op.merge[-1]), op.to)[0])
+            target.write(replace_name(target.data, str(op.merge[-1]), op.to)[0])
             return f"merge {op.merge[-1]} into {op.to}"
         case UnsetOp():
             path = tuple(op.unset)
@@ -298,28 +298,32 @@ class Target:
     def write(
         self,
         data: Data,
-        at: KeyPath | None = None,
-        renamed: Mapping[str, str] | None = None,
+        changed_path: KeyPath | None = None,
+        new_names: Mapping[str, str] | None = None,
     ) -> None:
         """Change the text such that the scene is `data`.
 
-        A variant sets the changed value at a path `at` as a whole. `renamed` are new
-        names of objects by the old ones. Raises EditError.
+        A variant sets the changed value at `changed_path` as a whole. `new_names` are
+        new names of objects by the old ones. Raises EditError.
         """
         if self.variant is None:
             text = yaml_edit.write(self.text, data)
-            self.text = with_true_comments(text, self.data, renamed or {})
+            self.text = with_true_comments(text, self.data, new_names or {})
             return
         changes = {
             path: value
             for path, value in _changes(self.data, data, ())
             if path[0] not in SEALED
         }
-        if at is not None and any(path[: len(at)] == at for path in changes):
+        if changed_path is not None and any(
+            path[: len(changed_path)] == changed_path for path in changes
+        ):
             changes = {
-                path: value for path, value in changes.items() if path[: len(at)] != at
+                path: value
+                for path, value in changes.items()
+                if path[: len(changed_path)] != changed_path
             }
-            changes[at] = reach(data, at)
+            changes[changed_path] = reach(data, changed_path)
         new_edits: Data = {}
         for path, value in sorted(
             changes.items(), key=lambda change: change[1] is ABSENT
@@ -398,12 +402,12 @@ def _changes(old: Any, new: Any, path: KeyPath) -> Iterator[tuple[KeyPath, Any]]
         yield path, new
 
 
-def _with_edits(whole: Data, edits: Mapping[str, Any]) -> Data:
+def _with_edits(scene_data: Data, edits: Mapping[str, Any]) -> Data:
     """Return the scene with the edits of a variant.
 
     Wrong edits are left out, and reported as problems.
     """
-    root = _node(whole)
+    root = _node(scene_data)
     for key, value in edits.items():
         with suppress(InputError):
             root = apply(root, Edit(key, _node(value), ()))
@@ -430,7 +434,7 @@ def _remove(target: Target, path: KeyPath) -> str:
         raise Message.EDITOR_NOT_THERE.impossible(path=dotted(path))
     names = [str(path[-1])] if path[0] in NAMED else [dotted(path)]
     if len(path) == 2 and path[0] == "objects":
-        data, removed_parts = replaced(target.data, str(path[1]), None)
+        data, removed_parts = replace_name(target.data, str(path[1]), None)
         names += removed_parts
     else:
         data = deepcopy(target.data)
@@ -445,38 +449,40 @@ def _remove(target: Target, path: KeyPath) -> str:
     return "remove " + " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
 
 
-def _rename(target: Target, path: KeyPath, to: str) -> str:
+def _rename(target: Target, path: KeyPath, new_id: str) -> str:
     """Rename an entry and all references to it; return the title. Raises EditError."""
     if target.variant is not None:
         raise Message.VARIANT_CANNOT_RENAME.impossible()
     if len(path) != 2 or path[0] not in NAMED or reach(target.data, path) is ABSENT:
         raise Message.NOT_RENAMABLE.impossible(path=dotted(path))
     rule = load_published_schema()["$defs"]["name"]
-    if not re.fullmatch(rule["pattern"].strip("^$"), to):
+    if not re.fullmatch(rule["pattern"].strip("^$"), new_id):
         raise Message.NEW_NAME_WRONG.impossible(form=rule["x-pattern"])
     section = str(path[0])
     old = str(path[1])
-    new_names = {old: to} if section == "objects" else {}
-    if to != old:
-        if reach(target.data, (section, to)) is not ABSENT:
-            raise Message.NAME_TAKEN.impossible(name=to)
+    new_names = {old: new_id} if section == "objects" else {}
+    if new_id != old:
+        if reach(target.data, (section, new_id)) is not ABSENT:
+            raise Message.NAME_TAKEN.impossible(name=new_id)
         if section == "objects":
             # Forces, joints and fields refer to objects; only edits of variants refer
             # to others.
-            data, _ = replaced(target.data, old, to)
+            data, _ = replace_name(target.data, old, new_id)
         else:
             data = deepcopy(target.data)
             data[section] = {
-                to if key == old else key: value for key, value in data[section].items()
+                new_id if key == old else key: value
+                for key, value in data[section].items()
             }
             _change_edits(
-                data, lambda key: (section, to, *key[2:]) if key[:2] == path else key
+                data,
+                lambda key: (section, new_id, *key[2:]) if key[:2] == path else key,
             )
-        target.write(data, renamed=new_names)
-    return f"rename {old} to {to}"
+        target.write(data, new_names=new_names)
+    return f"rename {old} to {new_id}"
 
 
-def replaced(data: Data, name: str, to: str | None) -> tuple[Data, list[str]]:
+def replace_name(data: Data, name: str, new_name: str | None) -> tuple[Data, list[str]]:
     """Rename an object, merge it into another one, or (None) remove it.
 
     Returns the new data, and in words all parts that were removed with it: forces on a
@@ -484,15 +490,16 @@ def replaced(data: Data, name: str, to: str | None) -> tuple[Data, list[str]]:
     """
     data = deepcopy(data)
     removed_parts = list[str]()
-    is_merged = to in data["objects"]
-    if to is None or is_merged:
+    is_merged = new_name in data["objects"]
+    if new_name is None or is_merged:
         del data["objects"][name]
     else:
         data["objects"] = {
-            to if key == name else key: value for key, value in data["objects"].items()
+            new_name if key == name else key: value
+            for key, value in data["objects"].items()
         }
     joints = list(data.get("joints") or {})
-    forces = _refer(data, name, to, removed_parts)
+    forces = _refer(data, name, new_name, removed_parts)
     if forces:
         removed_parts.insert(0, "its force" if forces == 1 else f"its {forces} forces")
     # Edits of variants that refer to a removed part are removed with it.
@@ -502,7 +509,11 @@ def replaced(data: Data, name: str, to: str | None) -> tuple[Data, list[str]]:
 
     def change(key: KeyPath) -> KeyPath | None:
         if key[:2] == ("objects", name):
-            return None if to is None or is_merged else ("objects", to, *key[2:])
+            return (
+                None
+                if new_name is None or is_merged
+                else ("objects", new_name, *key[2:])
+            )
         return (
             None if key[:2] in removed_joints or (forces and _is_of_force(key)) else key
         )
@@ -510,23 +521,26 @@ def replaced(data: Data, name: str, to: str | None) -> tuple[Data, list[str]]:
     return data, removed_parts + _change_edits(data, change)
 
 
-def _refer(part: Data, name: str, to: str | None, gone: list[str]) -> int:
+def _refer(
+    part: Data, name: str, new_name: str | None, removed_parts: list[str]
+) -> int:
     """Replace an object's name in all references, in place; return the number of lost
     forces.
 
-    `to` None: the object is removed. Removed parts are added to `gone` in words.
+    `new_name` None: the object is removed. Removed parts are added to `removed_parts`
+    in words.
     """
-    lost_count = _refer_in_forces(part, name, to)
+    lost_count = _refer_in_forces(part, name, new_name)
     for section in ("joints", "fields"):
         for key, entry in _entries(part, section):
-            if not _refer_in_list(section, entry, name, to):
+            if not _refer_in_list(section, entry, name, new_name):
                 del part[section][key]
-                gone.append(f"{section[:-1]} {key}")
-    _refer_in_cameras(part, name, to, gone)
+                removed_parts.append(f"{section[:-1]} {key}")
+    _refer_in_cameras(part, name, new_name, removed_parts)
     return lost_count
 
 
-def _refer_in_forces(part: Data, name: str, to: str | None) -> int:
+def _refer_in_forces(part: Data, name: str, new_name: str | None) -> int:
     """Replace an object's name in the forces on it; return the number of lost
     forces.
     """
@@ -539,16 +553,18 @@ def _refer_in_forces(part: Data, name: str, to: str | None) -> int:
         if isinstance(force, dict) and force.get("object") == name
     ]
     for force in own_forces:
-        force["object"] = to
+        force["object"] = new_name
     # A force acts on one object alone: without its object it has no meaning and is
     # removed.
-    if to is not None:
+    if new_name is not None:
         return 0
     part["forces"] = [force for force in forces if force not in own_forces]
     return len(own_forces)
 
 
-def _refer_in_list(section: str, entry: Data, name: str, to: str | None) -> bool:
+def _refer_in_list(
+    section: str, entry: Data, name: str, target_name: str | None
+) -> bool:
     """Replace an object's name in a joint or a field; return whether the entry still
     has a meaning.
 
@@ -561,9 +577,9 @@ def _refer_in_list(section: str, entry: Data, name: str, to: str | None) -> bool
         return True
     new_names: list[Any] = []
     for other in names:
-        if other == name and not to:
+        if other == name and not target_name:
             continue
-        new_name = to if other == name else other
+        new_name = target_name if other == name else other
         # Two objects that became one are named once.
         if new_name not in new_names:
             new_names.append(new_name)
@@ -575,18 +591,20 @@ def _refer_in_list(section: str, entry: Data, name: str, to: str | None) -> bool
     return True
 
 
-def _refer_in_cameras(part: Data, name: str, to: str | None, gone: list[str]) -> None:
+def _refer_in_cameras(
+    part: Data, name: str, new_name: str | None, removed_parts: list[str]
+) -> None:
     """Replace an object's name in the cameras that follow it."""
     camera = reach(part, ("render", "camera"))
     views = camera if isinstance(camera, list) else [camera]
     for view in views:
         if not isinstance(view, dict) or view.get("follow") != name:
             continue
-        view["follow"] = to
+        view["follow"] = new_name
         # A camera that follows the object stays where it is, if the object is removed.
-        if to is None:
+        if new_name is None:
             del view["follow"]
-            gone.append("the camera that follows it")
+            removed_parts.append("the camera that follows it")
 
 
 def _change_edits(data: Data, change: Callable[[KeyPath], KeyPath | None]) -> list[str]:

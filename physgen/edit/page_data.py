@@ -108,11 +108,11 @@ def perceived_data(scene: Scene) -> Data | None:
     return {"verdict": verdict, "summary": lines}
 
 
-def derived_data(scene: Scene, compiled: CompiledScene) -> Data:
+def derived_data(scene: Scene, compiled_scene: CompiledScene) -> Data:
     """Return the values that follow from the scene: centres, masses and moments of the
     engine.
     """
-    world = compiled.world
+    world = compiled_scene.world
     objects: dict[str, Data] = {}
     for item, body in zip(scene.objects, world.bodies, strict=True):
         objects[item.name] = {
@@ -229,11 +229,11 @@ def _uncertain_guesses(entry: _Entry, provenance: Provenance) -> list[_Guess]:
     """Return the uncertain guesses of an entry, the least certain first."""
     guesses: list[_Guess] = []
     for key, guess in entry.sources.items():
-        confidence = source(guess).sure
+        confidence = source(guess).confidence
         if confidence is None or confidence >= SURE:
             continue
         from_path = f"{entry.dotted_path}.from"
-        value = provenance.of(entry.value_path(key), guess, written_at=from_path)
+        value = provenance.of(entry.value_path(key), guess, text_path=from_path)
         if value.kind == "guess":
             subject = key or entry.path[-1]
             text = f"{subject} ({guess.rpartition(' ')[0]}, {confidence:.0%})"

@@ -113,7 +113,7 @@ class Pictures:
         sight = self._live.sight(key)
         if sight is None:
             return None
-        motion_and_world = self._live.whole(motion)
+        motion_and_world = self._live.full_motion(motion)
         if motion_and_world is None:
             return None
         return sight, *motion_and_world
@@ -121,14 +121,14 @@ class Pictures:
     def _stage(self, key: str, sight: LiveScene) -> Stage:
         """Prepare the stage of a scene, with objects at the poses of the photo."""
         return self._stages.of(
-            key, lambda: stage(sight.scene, sight.compiled, sight.percepts)
+            key, lambda: stage(sight.scene, sight.compiled_scene, sight.percepts)
         )
 
 
 def photo_png(sight: LiveScene) -> bytes:
     """Encode the photo as a PNG; a scene without a photo has a plain background."""
     maps = sight.percepts
-    rgb = flat_background(sight.compiled.world, 1.0) if maps is None else maps.rgb
+    rgb = flat_background(sight.compiled_scene.world, 1.0) if maps is None else maps.rgb
     return _png(cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2BGR))
 
 
@@ -142,7 +142,9 @@ def mask_png(sight: LiveScene, name: str) -> bytes:
         raise Message.NAME_UNKNOWN.impossible(name=name)
     return _png(
         np.where(
-            sight.compiled.labels == names.index(name) + 1, np.uint8(255), np.uint8(0)
+            sight.compiled_scene.labels == names.index(name) + 1,
+            np.uint8(255),
+            np.uint8(0),
         )
     )
 

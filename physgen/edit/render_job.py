@@ -246,9 +246,9 @@ class RenderJob:
                     self._add_result(event, variant)
         return process.wait()
 
-    def _add_result(self, found: Data, variant: str | None) -> None:
+    def _add_result(self, result: Data, variant: str | None) -> None:
         """Add a complete clip to the results."""
-        folder = Path(found["folder"])
+        folder = Path(result["folder"])
         row = {
             "variant": variant,
             "folder": Path(os.path.relpath(folder, self.output)).as_posix(),

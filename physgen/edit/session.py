@@ -18,10 +18,10 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, Field
 
 from physgen.edit.corrections import correct
-from physgen.edit.draft import Draft, Unsaved, draft_folder
+from physgen.edit.draft import Draft, DraftContent, draft_folder
 from physgen.edit.live import Live
 from physgen.edit.masks import PromptSegmenter
-from physgen.edit.operations import Body, Op, SetOp, edited, whole
+from physgen.edit.operations import Body, Op, SetOp, apply_operations, to_integer
 from physgen.edit.pictures import Pictures, mask_png, photo_png
 from physgen.edit.view_change import hold_objects
 from physgen.files import back_up, file_stamp, write_atomic
@@ -38,16 +38,17 @@ MAX_STEPS = 200
 """Number of steps for undo; older steps are removed."""
 BY_OTHERS = "changed by another program"
 """Name in the history for a state written by another program."""
-LOOK_KEYS = (
-    "problems",
-    "todo",
-    "scene",
-    "derived",
-    "motion",
-    "picture",
-    "doubtful",
-    "perceived",
-)
+LOOK_KEYS = {
+    "problems": "problems",
+    "todo": "todo",
+    "scene": "scene",
+    "derived": "derived_data",
+    "motion": "motion",
+    "picture": "picture",
+    "doubtful": "doubtful",
+    "perceived": "perception",
+}
+"""Key of the page -> field of a Look."""
 
 MAX_WORDS = 200
 """Maximum number of characters of names and of titles of edits."""
@@ -65,7 +66,7 @@ class State:
     """
 
     text: str
-    what: str = ""
+    title: str = ""
     """The edit that led here, for the undo button: `push cue-ball`."""
     tag: str | None = None
     """Consecutive edits with the same tag are one step, unless the file was saved or
@@ -86,20 +87,20 @@ class History:
         self.version = 1
 
     @property
-    def now(self) -> State:
+    def current_state(self) -> State:
         """Return the present state."""
         return self._states[self._at]
 
     @property
     def undo(self) -> str | None:
         """Return the title of the edit to undo; None at the beginning."""
-        return self.now.what if self._at else None
+        return self.current_state.title if self._at else None
 
     @property
     def redo(self) -> str | None:
         """Return the title of the edit to redo; None at the end."""
         return (
-            self._states[self._at + 1].what
+            self._states[self._at + 1].title
             if self._at + 1 < len(self._states)
             else None
         )
@@ -111,26 +112,30 @@ class History:
         step.
         """
         has_same_tag = (
-            state.tag is not None and self.now.tag == state.tag and self._at > 0
+            state.tag is not None
+            and self.current_state.tag == state.tag
+            and self._at > 0
         )
-        if has_same_tag and state.time - self.now.time < PAUSE:
+        if has_same_tag and state.time - self.current_state.time < PAUSE:
             self._at -= 1
         self._states[self._at + 1 :] = [state]
         del self._states[: -MAX_STEPS - 1]
         self._at = len(self._states) - 1
         self.version += 1
 
-    def beside(self, by: int) -> State:
+    def neighbour(self, offset: int) -> State:
         """Return the state before (-1) or after (1) the present one. Raises
         EditError.
         """
-        if not 0 <= self._at + by < len(self._states):
-            raise Message.NOTHING_TO_UNDO.impossible(step="undo" if by < 0 else "redo")
-        return self._states[self._at + by]
+        if not 0 <= self._at + offset < len(self._states):
+            raise Message.NOTHING_TO_UNDO.impossible(
+                step="undo" if offset < 0 else "redo"
+            )
+        return self._states[self._at + offset]
 
-    def step(self, by: int) -> None:
+    def step(self, offset: int) -> None:
         """Move to the state before (-1) or after (1) the present one."""
-        self._at += by
+        self._at += offset
         self.end_step()
         self.version += 1
 
@@ -138,14 +143,14 @@ class History:
         """Remove the tag of the present state, so that the next edit is a step of its
         own.
         """
-        self._states[self._at] = replace(self.now, tag=None)
+        self._states[self._at] = replace(self.current_state, tag=None)
 
 
 class EditRequest(Body):
     """A request for an edit: its version and variant, and its title for the history."""
 
     version: Annotated[
-        int, Field(strict=True, ge=0, le=2**53 - 1), BeforeValidator(whole)
+        int, Field(strict=True, ge=0, le=2**53 - 1), BeforeValidator(to_integer)
     ]
     variant: Words | None = None
     what: Words | None = None
@@ -209,9 +214,9 @@ class Session:
         self._stamp = self._read = file_stamp(self.real)
 
     @property
-    def now(self) -> State:
+    def current_state(self) -> State:
         """Return the present state."""
-        return self.history.now
+        return self.history.current_state
 
     @property
     def is_saved(self) -> bool:
@@ -221,7 +226,7 @@ class Session:
     @property
     def _check_unchanged(self) -> bool:
         """Check whether the present text equals the saved one."""
-        return self.now.text == self.saved
+        return self.current_state.text == self.saved
 
     def close(self) -> Path | None:
         """Close the session; return the draft's folder if it has unsaved changes."""
@@ -230,7 +235,7 @@ class Session:
             # to.
             for name in self._folders:
                 if name not in self.saved and (
-                    self.is_saved or name not in self.now.text
+                    self.is_saved or name not in self.current_state.text
                 ):
                     shutil.rmtree(self.path.with_name(name), ignore_errors=True)
             self.draft.close(keep=not self.is_saved)
@@ -244,7 +249,7 @@ class Session:
         """
         with self._edits:
             history = self.history
-            text = self.now.text
+            text = self.current_state.text
             session_data: Data = {
                 "version": history.version,
                 "file": {
@@ -264,7 +269,9 @@ class Session:
             }
         # Simulation takes long and must not block edits: it runs outside the lock.
         look = self.live.look(text, variant)
-        look_data: Data = {name: getattr(look, name) for name in LOOK_KEYS}
+        look_data: Data = {
+            key: getattr(look, field) for key, field in LOOK_KEYS.items()
+        }
         if look_data["perceived"] is not None:
             look_data["perceived"] = look_data["perceived"] | {"new": self.is_new}
         return session_data | look_data
@@ -274,7 +281,7 @@ class Session:
         errors.
         """
         try:
-            node = mark_values(self.now.text).child("variants")
+            node = mark_values(self.current_state.text).child("variants")
         except EditError:
             return self._names
         self._names = [key for key, _, _ in node.keys] if node is not None else []
@@ -282,13 +289,13 @@ class Session:
 
     def photo(self) -> bytes:
         """Return the photo as a PNG. Raises InputError."""
-        return photo_png(self.live.state(self.now.text))
+        return photo_png(self.live.state(self.current_state.text))
 
     def mask(self, variant: str | None, name: str) -> bytes:
         """Return the mask of an object as a PNG of the photo's size, 0 or 255. Raises
         EditError.
         """
-        return mask_png(self.live.state(self.now.text, variant), name)
+        return mask_png(self.live.state(self.current_state.text, variant), name)
 
     # Edits
 
@@ -296,7 +303,7 @@ class Session:
         """Apply operations, all or none. Raises EditError."""
         with self._edits:
             present_state = self._current(request)
-            edit_result = edited(present_state.text, ops, request.variant)
+            edit_result = apply_operations(present_state.text, ops, request.variant)
             text = edit_result.text
             # Comments of perception about changed values are no longer true. A text
             # with errors keeps its comments, since its record cannot be read.
@@ -309,12 +316,12 @@ class Session:
                 text = without_comments(
                     text, [op.set for op in ops if isinstance(op, SetOp)], own_comments
                 )
-            title = edit_result.what
+            title = edit_result.title
             # After a change of the view, objects would fall without new supports.
             change = hold_objects(self.live, present_state.text, text, request.variant)
             if change is not None:
                 text = change.text
-                title = f"{request.what or title}: {change.what}"
+                title = f"{request.what or title}: {change.changes}"
                 request = request.model_copy(update={"what": None})
             self._push(request, text, title)
         return self.state(request.variant)
@@ -327,7 +334,7 @@ class Session:
         """
         with self._edits:
             text = self._current(request).text
-        edit_result = edited(text, ops, request.variant)
+        edit_result = apply_operations(text, ops, request.variant)
         look = self.live.look(edit_result.text, request.variant, motion_only=True)
         return {"motion": look.motion, "problems": look.problems}
 
@@ -353,21 +360,21 @@ class Session:
             if correction.folder is not None:
                 self._folders.append(correction.folder.name)
             try:
-                self._push(request, correction.text, correction.what)
+                self._push(request, correction.text, correction.title)
             except BaseException:
                 if correction.folder is not None:
                     shutil.rmtree(correction.folder, ignore_errors=True)
                 raise
-        outcome = {"made": correction.made, "corrected": correction.corrected}
+        outcome = {"made": correction.new_name, "corrected": correction.changed_name}
         return self.state(request.variant) | outcome
 
-    def step(self, request: EditRequest, by: int) -> Data:
+    def step(self, request: EditRequest, offset: int) -> Data:
         """Undo (-1) or redo (1) one step. Raises EditError."""
         with self._edits:
             self._current(request)
             # Store first: if the disk is full, the history stays.
-            self._store(self.history.beside(by))
-            self.history.step(by)
+            self._store(self.history.neighbour(offset))
+            self.history.step(offset)
             self._send_new_version()
         return self.state(request.variant)
 
@@ -380,20 +387,20 @@ class Session:
             message = f"version {request.version} is not the present one, {version}"
             fix = "ask for the state and edit again"
             raise EditError(Why.STALE, message, fix, {"version": version})
-        return self.now
+        return self.current_state
 
-    def _push(self, request: EditRequest, text: str, what: str) -> None:
+    def _push(self, request: EditRequest, text: str, title: str) -> None:
         """Add a state with a changed text. Raises EditError if the text is too
         large.
         """
-        if text == self.now.text:
+        if text == self.current_state.text:
             return
         if len(text.encode()) > Limit.BYTES.most:
             limit = Limit.BYTES
             message = f"the file would be {limit.expected}"
             raise EditError(Why.TOO_LARGE, message, limit.fix, code=limit.code)
         tag = None if request.tag is None else f"{request.variant or ''} {request.tag}"
-        self._add(State(text, request.what or what, tag, time.time()))
+        self._add(State(text, request.what or title, tag, time.time()))
         self._send_new_version()
 
     def _add(self, state: State) -> None:
@@ -406,7 +413,7 @@ class Session:
     def _store(self, state: State) -> None:
         """Store a state in the draft, before the request is answered."""
         self.draft.store(
-            Unsaved(text=state.text, saved=self.saved, folders=self._folders)
+            DraftContent(text=state.text, saved=self.saved, folders=self._folders)
         )
 
     def _send_new_version(self) -> None:
@@ -462,32 +469,34 @@ class Session:
                         {"conflict": True},
                     )
                 # Their text becomes the state before mine: one undo restores it.
-                own_state = self.now
+                own_state = self.current_state
                 self._add(State(disk_text, BY_OTHERS))
                 self._add(
                     replace(
-                        own_state, what="keep mine over another program's", tag=None
+                        own_state, title="keep mine over another program's", tag=None
                     )
                 )
-            data = (codecs.BOM_UTF8 if self._bom else b"") + self.now.text.encode()
+            data = (
+                codecs.BOM_UTF8 if self._bom else b""
+            ) + self.current_state.text.encode()
             write_atomic(self.real, data, durable=True)
-            self._set_saved(self.now.text)
+            self._set_saved(self.current_state.text)
         self._send_new_version()
 
-    def _take(self, theirs: str | None) -> None:
+    def _take(self, text: str | None) -> None:
         """Set the text on the disk as the newest state. Raises EditError."""
-        if theirs is None:
+        if text is None:
             raise Message.FILE_REMOVED.impossible()
-        if theirs != self.now.text:
-            self._add(State(theirs, BY_OTHERS))
-        self._set_saved(theirs)
+        if text != self.current_state.text:
+            self._add(State(text, BY_OTHERS))
+        self._set_saved(text)
 
-    def _set_saved(self, saved: str) -> None:
+    def _set_saved(self, text: str) -> None:
         """Record the text of the file as saved, and remove the draft."""
-        self.saved = saved
+        self.saved = text
         self.outside = None
         self.history.end_step()
-        self.draft.clear()
+        self.draft.remove()
 
     def look_outside(self) -> None:
         """Compare the file with the disk; called with each poll of a page.

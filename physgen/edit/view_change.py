@@ -17,7 +17,7 @@ import numpy as np
 from physgen import registry
 from physgen.compile.compile import compile_shapes
 from physgen.edit.live import Live, LiveScene
-from physgen.edit.operations import edited
+from physgen.edit.operations import apply_operations
 from physgen.geometry.scale import photo_object
 from physgen.maps import Percepts
 from physgen.perceive import document, shape_entries
@@ -55,7 +55,7 @@ class ViewChange:
     """
 
     text: str
-    what: str
+    changes: str
 
 
 def hold_objects(
@@ -73,13 +73,13 @@ def hold_objects(
         is_same = state.scene.world.view is old
         if is_same or percepts is None or not state.scene.objects:
             return None
-        return _held(live, after, state, percepts, variant)
+        return _hold(live, after, state, percepts, variant)
     except (InputError, EditError):
         # The edit of the user is applied even if no supports can be found.
         return None
 
 
-def _held(
+def _hold(
     live: Live,
     text: str,
     state: LiveScene,
@@ -93,7 +93,7 @@ def _held(
         *_wall_ops(state.scene, guess),
         *_shape_ops(state.scene, guess),
     ]
-    text = edited(text, ops, variant).text
+    text = apply_operations(text, ops, variant).text
     # Seen from above, gravity acts only along a tilted table, and no object falls.
     held_objects: list[str] = []
     if state.scene.world.view is View.SIDE:
@@ -101,12 +101,12 @@ def _held(
     ops = [
         {"set": ["objects", name, "motion"], "value": "static"} for name in held_objects
     ]
-    text = edited(text, ops, variant).text
+    text = apply_operations(text, ops, variant).text
     ops = _push_ops(live.state(text, variant))
     title = f"{counted(len(guess.walls), 'support')} found"
     if held_objects:
         title += f", {counted(len(held_objects), 'object')} held"
-    return ViewChange(edited(text, ops, variant).text, title)
+    return ViewChange(apply_operations(text, ops, variant).text, title)
 
 
 def _guess(state: LiveScene, percepts: Percepts) -> BoundaryGuess:
@@ -115,24 +115,24 @@ def _guess(state: LiveScene, percepts: Percepts) -> BoundaryGuess:
     objects = [
         photo_object(k + 1, outline, item.label, scene.size)
         for k, (item, outline) in enumerate(
-            zip(scene.objects, state.compiled.shapes.outlines, strict=True)
+            zip(scene.objects, state.compiled_scene.shapes.outlines, strict=True)
         )
     ]
     find_boundaries = registry.make("boundary")
     guess: BoundaryGuess = find_boundaries(
-        percepts.rgb, state.compiled.labels, objects, scene.world.view
+        percepts.rgb, state.compiled_scene.labels, objects, scene.world.view
     )
     return guess
 
 
 def _world_ops(
-    scene: Scene, written: Mapping[str, Any], tilt: float | None
+    scene: Scene, document_data: Mapping[str, Any], tilt: float | None
 ) -> list[Data]:
     """Return the operations on gravity, on the table in the picture and on its tilt.
 
     `tilt`: degrees by which the camera looks down, if perception finds an angle.
     """
-    world = written.get("world") or {}
+    world = document_data.get("world") or {}
     ops: list[Data] = []
     is_top = scene.world.view is View.TOP
     # Seen from above, a gravity for the side view would move objects over the table.
@@ -241,7 +241,7 @@ def _leaving(
         for item in state.scene.objects
     )
     scene = replace(state.scene, objects=objects)
-    world = compile_shapes(scene, state.compiled.shapes).world
+    world = compile_shapes(scene, state.compiled_scene.shapes).world
     end_positions = simulate(world, np.linspace(0, PUSHED, SAMPLES)).poses[-1, :, :2]
     is_inside = np.all((end_positions >= 0) & (end_positions < scene.size), axis=1)
     outside_indices = np.flatnonzero(~is_inside).tolist()
@@ -259,7 +259,7 @@ def _falling(state: LiveScene) -> list[str]:
     # Hold the first objects that move and simulate again: objects that rest on them may
     # stay at rest then.
     while True:
-        world = compile_shapes(scene, state.compiled.shapes).world
+        world = compile_shapes(scene, state.compiled_scene.shapes).world
         poses = simulate(world, times).poses[..., :2]
         distances = np.hypot(*np.moveaxis(poses - poses[:1], -1, 0))
         is_free = [item.motion is Motion.DYNAMIC for item in scene.objects]

@@ -425,23 +425,23 @@ def findings(pushes: PushSweep) -> Findings:
 
 
 def _sentences(
-    whole: PushGroup, pushes: PushSweep, lowest: float, drift: float
+    result: PushGroup, pushes: PushSweep, lowest: float, drift: float
 ) -> Iterator[str]:
     """Yield the sentences on all pushes. `lowest` is the lowest correlation, `drift`
     the motion without a push, px.
     """
-    if whole.steps[1]:
+    if result.steps[1]:
         yield (
-            f"A harder push takes {pushes.object} farther in {_share_text(whole.steps)} steps; Spearman's correlation "
-            f"of push and answer is {whole.spearman:.3f} on average over directions, {lowest:.3f} at the least."
+            f"A harder push takes {pushes.object} farther in {_share_text(result.steps)} steps; Spearman's correlation "
+            f"of push and answer is {result.spearman:.3f} on average over directions, {lowest:.3f} at the least."
         )
         has_contacts = any(outcome.has_contact for outcome in pushes.outcomes)
-        if whole.free_steps[1] and has_contacts:
-            yield f"Where it meets no object, a harder push takes it farther in {_share_text(whole.free_steps)} steps."
-    deviations = whole.deviations
-    if pushes.view is View.SIDE and whole.sideways[1]:
+        if result.free_steps[1] and has_contacts:
+            yield f"Where it meets no object, a harder push takes it farther in {_share_text(result.free_steps)} steps."
+    deviations = result.deviations
+    if pushes.view is View.SIDE and result.sideways[1]:
         yield (
-            f"Until it meets an object it goes to the side that it is pushed to in {_share_text(whole.sideways)} "
+            f"Until it meets an object it goes to the side that it is pushed to in {_share_text(result.sideways)} "
             "pushes. Seen from the side, angles say less: what is pushed up comes down again."
         )
     elif deviations:

@@ -308,8 +308,8 @@ def measure(
     for kind in KINDS:
         clouds = {name: cloud(side.features[kind]) for name, side in sides.items()}
 
-        def show(done: int, total: int, kind: str = kind) -> None:
-            progress(f"draw {kind}", done, total)
+        def show(count: int, total: int, kind: str = kind) -> None:
+            progress(f"draw {kind}", count, total)
 
         true_cloud = cloud(truth.features[kind])
         by_kind[kind] = distances(

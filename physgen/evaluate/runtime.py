@@ -244,8 +244,10 @@ def _cells(row: Mapping[str, Any]) -> list[str]:
     return [str(row["runs"]), *(number(row[key], ".3f") for key in keys)]
 
 
-def findings(runs: Sequence[Run], here: str) -> Findings:
-    """Return the findings of one run or more; `here` names this machine and its GPU."""
+def findings(runs: Sequence[Run], this_machine: str) -> Findings:
+    """Return the findings of one run or more; `this_machine` names this machine and its
+    GPU.
+    """
     machines = list(dict.fromkeys(run.machine for run in runs))
     sections: list[Section] = []
     rows: list[dict[str, Any]] = []
@@ -276,7 +278,7 @@ def findings(runs: Sequence[Run], here: str) -> Findings:
         rows=rows,
         extra={
             "machines": machines,
-            "here": here,
+            "here": this_machine,
             "runs": [_run_record(run) for run in runs],
             "paper": {**paper, "all": PAPER},
         },

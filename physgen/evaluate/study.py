@@ -366,10 +366,10 @@ def make(
     order = np.random.default_rng([seed, len(pairs)]).permutation(len(pairs)).tolist()
     photos: dict[str, str] = {}
 
-    def encode(done: int, method: str, scene: str) -> PageClip:
-        progress("clips", done, len(pairs))
+    def encode(count: int, method: str, scene: str) -> PageClip:
+        progress("clips", count, len(pairs))
         video, size = _encode_clip(methods.clips[method, scene])
-        return PageClip(f"c{done + 1}", method, scene, video, size)
+        return PageClip(f"c{count + 1}", method, scene, video, size)
 
     def encode_photo(scene: str) -> None:
         photos[scene] = webp(shrink(read_photo(methods.photos[scene]).rgb), QUALITY)

@@ -186,7 +186,7 @@ def _pushes(world: World, trajectory: Trajectory) -> Iterator[Event]:
         if world.bodies[push.body].motion is not Motion.DYNAMIC or push.start > end:
             continue
         pose = trajectory.poses[_sample(trajectory, push.start), push.body]
-        place = _point(pose[:2] + rotation(float(pose[2])) @ push.at)
+        place = _point(pose[:2] + rotation(float(pose[2])) @ push.point)
         is_impulse = push.load is Load.IMPULSE
         has_end = not is_impulse and push.end <= end
         yield Event(

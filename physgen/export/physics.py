@@ -246,7 +246,7 @@ def _push(push: Push, world: World) -> dict[str, Any]:
         row["torque"] = push.torque
     else:
         row[push.load.value] = push.vector.tolist()
-        row["place"] = (body.center + push.at).tolist()
+        row["place"] = (body.center + push.point).tolist()
     if push.profile is not None:
         row["profile"] = {push.profile.kind.value: push.profile.numbers}
     if push.load is not Load.IMPULSE:

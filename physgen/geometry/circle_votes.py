@@ -7,6 +7,7 @@ detecting points of interest, 2003).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -18,6 +19,33 @@ WEAKEST = 4.0
 """Smallest gradient beyond noise, 8-bit codes per px."""
 SPREAD = 0.12
 """Standard deviation of votes, radii, for a circle seen slightly from the side."""
+
+
+@dataclass(frozen=True)
+class _Edges:
+    """Edge pixels that vote for the centres of circles."""
+
+    rows: NDArray[np.intp]
+    """(E,) px."""
+    columns: NDArray[np.intp]
+    """(E,) px."""
+    directions: NDArray[np.floating]
+    """Unit gradients, (2, E): x, y."""
+
+    def votes(self, radius: float, shape: tuple[int, int]) -> NDArray[np.float32]:
+        """Return the number of edges at `radius` (px) from each pixel, (h, w)."""
+        height, width = shape
+        total = np.zeros(height * width, np.float32)
+        for sign in (1, -1):
+            offsets = sign * radius * self.directions
+            x = np.rint(self.columns + offsets[0]).astype(np.int64)
+            y = np.rint(self.rows + offsets[1]).astype(np.int64)
+            is_inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
+            place = y[is_inside] * width + x[is_inside]
+            # A circle may be brighter or darker than its surroundings.
+            counts = np.bincount(place, minlength=height * width)
+            total = np.maximum(total, counts.astype(np.float32))
+        return total.reshape(height, width)
 
 
 def circle_votes(
@@ -37,20 +65,12 @@ def circle_votes(
     lowest_gradient = max(float(np.quantile(size[surroundings], STRONG)), WEAKEST)
     rows, columns = np.nonzero(surroundings & (size >= lowest_gradient))
     directions = np.stack([gx, gy])[:, rows, columns] / size[rows, columns]
-    height, width = grey.shape
+    edges = _Edges(rows, columns, directions)
     votes = []
     for radius in radii:
-        total = np.zeros(height * width, np.float32)
-        for sign in (1, -1):
-            x = np.rint(columns + sign * radius * directions[0]).astype(np.int64)
-            y = np.rint(rows + sign * radius * directions[1]).astype(np.int64)
-            is_inside = (x >= 0) & (x < width) & (y >= 0) & (y < height)
-            place = y[is_inside] * width + x[is_inside]
-            # A circle may be brighter or darker than its surroundings.
-            counts = np.bincount(place, minlength=height * width)
-            total = np.maximum(total, counts.astype(np.float32))
+        total = edges.votes(radius, grey.shape)
         spread = max(SPREAD * radius, 1.0)
-        picture = cv2.GaussianBlur(total.reshape(height, width), (0, 0), spread)
+        picture = cv2.GaussianBlur(total, (0, 0), spread)
         # Normalise such that the votes of a complete circle, spread over its centre,
         # give 1.
         votes.append(picture * (2 * np.pi * spread**2) / (2 * np.pi * radius))

@@ -184,7 +184,7 @@ class RoughDisc:
 
 
 def fit_discs(
-    rough: Sequence[RoughDisc],
+    rough_discs: Sequence[RoughDisc],
     contacts: Sequence[tuple[int, int]],
     obstacles: Mapping[int, Sequence[tuple[Region, bool]]],
 ) -> list[Disc]:
@@ -193,9 +193,9 @@ def fit_discs(
     `contacts`: pairs of touching discs. `obstacles`: for a disc, the regions near it,
     and whether it touches them.
     """
-    if not rough:
+    if not rough_discs:
         return []
-    problem = _Problem(rough, contacts, obstacles)
+    problem = _Problem(rough_discs, contacts, obstacles)
     state = problem.start()
     # Stiffer and stiffer springs: with stiff ones from the start, the iteration would
     # not leave its start.
@@ -211,15 +211,15 @@ class _Problem:
 
     def __init__(
         self,
-        rough: Sequence[RoughDisc],
+        discs: Sequence[RoughDisc],
         contacts: Sequence[tuple[int, int]],
         obstacles: Mapping[int, Sequence[tuple[Region, bool]]],
     ) -> None:
-        self.rough = rough
-        self.count = len(rough)
-        self.group = _groups([float(r.disc.radius) for r in rough], contacts)
+        self.rough = discs
+        self.count = len(discs)
+        self.group = _groups([float(r.disc.radius) for r in discs], contacts)
         touching = {(min(pair), max(pair)) for pair in contacts}
-        self.pairs = _neighbours_of([r.disc for r in rough])
+        self.pairs = _neighbours_of([r.disc for r in discs])
         self.touching = np.array(
             [(int(i), int(j)) in touching for i, j in self.pairs], dtype=bool
         )
@@ -289,17 +289,17 @@ class _Problem:
         self,
         system: _NormalEquations,
         i: int,
-        rough: RoughDisc,
+        rough_disc: RoughDisc,
         center: Array,
         radius: float,
     ) -> None:
         """Add the distances of a mask's border from its circle."""
-        offset = rough.border - center
+        offset = rough_disc.border - center
         length = np.maximum(np.hypot(*offset.T), 1e-9)
         residual = length - radius
         jacobian = np.column_stack([-offset / length[:, None], -np.ones(len(offset))])
         huber = 1.0 / np.maximum(np.abs(residual), 1.0)  # 1 px
-        weight = rough.weight * huber / max(float(rough.weight.sum()), 1e-9)
+        weight = rough_disc.weight * huber / max(float(rough_disc.weight.sum()), 1e-9)
         system.add(self._columns(i), jacobian, residual, weight)
 
     def _contact_row(self, size: int, i: int, j: int, direction: Array) -> Array:

@@ -7,7 +7,7 @@ longest edges (Hertel and Mehlhorn 1983).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import combinations
 
 import mapbox_earcut
@@ -37,13 +37,13 @@ class PieceTuning:
     """Largest gap between two pieces of one object by an artefact, px."""
     flush: float = 0.02
     """Largest tolerated depth of corners within the hull of merged pieces, px."""
-    many: int = 200
+    max_pieces: int = 200
     """Number of pieces of a body above which seams stay: all pairs would be
     compared.
     """
-    remembered: int = 1000
+    cache_size: int = 1000
     """Number of regions in the cache."""
-    flat: float = 1e-9
+    straight_area: float = 1e-9
     """Area of a corner's triangle, px², below which the corner is straight."""
     rounding: float = 1e-9
     """Smallest area of an overlap beyond rounding errors, px²."""
@@ -54,7 +54,7 @@ class PieceTuning:
 PIECES = PieceTuning()
 
 
-@lru_cache(PIECES.remembered)
+@lru_cache(PIECES.cache_size)
 def convex_pieces(outline: Region) -> tuple[Array, ...]:
     """Return the convex pieces `(K, 2)` float64 px of a region, without slivers.
 
@@ -76,7 +76,7 @@ def _join(pieces: list[tuple[int, Array]]) -> list[tuple[int, Array]]:
     """Replace neighbours of different rings by their hull, if the hull only adds the
     seam.
     """
-    if len({ring for ring, _ in pieces}) < 2 or len(pieces) > PIECES.many:
+    if len({ring for ring, _ in pieces}) < 2 or len(pieces) > PIECES.max_pieces:
         return pieces
     while True:
         joint = _first_joint(pieces)
@@ -168,7 +168,9 @@ def _without_straight_corners(points: Array) -> Array:
     """Remove repeated points and straight corners."""
     while len(points) >= 3:
         before, after = np.roll(points, 1, axis=0), np.roll(points, -1, axis=0)
-        is_flat_corner = np.abs(cross(points - before, after - points)) <= PIECES.flat
+        is_flat_corner = (
+            np.abs(cross(points - before, after - points)) <= PIECES.straight_area
+        )
         if not is_flat_corner.any():
             break
         # Not two neighbours at once: without one, the other may be a true corner.
@@ -190,6 +192,19 @@ def _orient(points: Array, triangles: NDArray[np.int64]) -> list[list[int]]:
     return counterclockwise
 
 
+def _squared_length(xy: list[list[float]], edge: tuple[int, int]) -> float:
+    """Return the squared length of an edge between two points of `xy`, px²."""
+    (ax, ay), (bx, by) = xy[edge[0]], xy[edge[1]]
+    return (ax - bx) ** 2 + (ay - by) ** 2
+
+
+def _is_convex(xy: list[list[float]], before: int, corner: int, after: int) -> bool:
+    """Return whether the corner between two points of `xy` is convex."""
+    (ax, ay), (bx, by), (cx, cy) = xy[before], xy[corner], xy[after]
+    turn = (bx - ax) * (cy - by) - (by - ay) * (cx - bx)
+    return turn >= -PIECES.straight_area
+
+
 def _merge(points: Array, faces: list[list[int]]) -> list[list[int]]:
     """Remove inner edges, the longest first, if both faces together are convex."""
     xy = points.tolist()
@@ -203,15 +218,7 @@ def _merge(points: Array, faces: list[list[int]]) -> list[list[int]]:
         if start < end and (end, start) in edges:
             inner.append((start, end))
 
-    def length(edge: tuple[int, int]) -> float:
-        (ax, ay), (bx, by) = xy[edge[0]], xy[edge[1]]
-        return float((ax - bx) ** 2 + (ay - by) ** 2)
-
-    def is_convex(before: int, corner: int, after: int) -> bool:
-        (ax, ay), (bx, by), (cx, cy) = xy[before], xy[corner], xy[after]
-        turn = (bx - ax) * (cy - by) - (by - ay) * (cx - bx)
-        return bool(turn >= -PIECES.flat)
-
+    length = partial(_squared_length, xy)
     for start, end in sorted(inner, key=length, reverse=True):
         left, right = edges[start, end], edges[end, start]
         if left == right:
@@ -222,8 +229,8 @@ def _merge(points: Array, faces: list[list[int]]) -> list[list[int]]:
         if len(set(face) & set(other)) > 2:
             continue
         # The union is convex if both ends of the removed edge are.
-        meets = is_convex(face[-2], start, other[1])
-        if meets and is_convex(other[-2], end, face[1]):
+        is_convex = _is_convex(xy, face[-2], start, other[1])
+        if is_convex and _is_convex(xy, other[-2], end, face[1]):
             faces[left] = face + other[1:-1]
             faces[right] = []
             for k, corner in enumerate(other[:-1]):

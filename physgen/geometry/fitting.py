@@ -28,7 +28,7 @@ fitting).
 class FitTuning:
     """Thresholds of fitted outlines."""
 
-    round: float = 0.93
+    round_iou: float = 0.93
     """IoU of a circle that replaces a completely visible mask, reduced by half a pixel
     at its border. In photos of COCO, cakes, pizzas, cups and bananas reach less; balls
     of 6 px and more reach more in photos of any quality.
@@ -48,7 +48,7 @@ class FitTuning:
     """IoU of a disc below which it is replaced by a region, after it was moved to make
     room. In a rack of balls of 20 px, in a photo of low quality, discs at the right
     places keep 0.78."""
-    hidden: float = 0.1
+    hidden_weight: float = 0.1
     """Weight of a border point beside another object, as it may be the other's
     border.
     """
@@ -57,17 +57,17 @@ class FitTuning:
 FIT = FitTuning()
 
 
-def disc_of(mask: Mask, whole: bool) -> Disc | None:
+def disc_of(mask: Mask, is_whole_mask: bool) -> Disc | None:
     """Fit a circle to a clean mask; None if it fits too badly, or worse than a
     rectangle.
 
-    `whole`: no part of the mask can be hidden.
+    `is_whole_mask`: no part of the mask can be hidden.
     """
     border = long_border(mask)
     disc, iou = fit_circle(mask, border)
     lowest_iou = CIRCLE_IOU
-    if whole:
-        lowest_iou = max(CIRCLE_IOU, FIT.round - 1 / disc.radius)
+    if is_whole_mask:
+        lowest_iou = max(CIRCLE_IOU, FIT.round_iou - 1 / disc.radius)
     return disc if iou >= lowest_iou and iou > box_iou(border) else None
 
 
@@ -160,7 +160,7 @@ def fit_outlines(
     of `never_discs`, and those on a flat foot, are regions. Pieces of a few px² are
     dropped, and such holes are filled. Raises ValueError if an id has no pixels.
     """
-    owners = _owned(labels, ids)
+    owners = _clean_labels(labels, ids)
     views = _views(owners, ids)
     rough_shapes = {}
     for i, view in views.items():
@@ -193,7 +193,7 @@ def _disc_in_view(part: NDArray[np.int64], i: int) -> Disc | None:
     others = np.pad((part > 0) & ~mask, 1, constant_values=True)
     padded_mask = np.pad(mask, 1).astype(np.uint8)
     surroundings = cv2.dilate(padded_mask, np.ones((5, 5), np.uint8)) > 0
-    disc = disc_of(mask, whole=not (surroundings & others).any())
+    disc = disc_of(mask, is_whole_mask=not (surroundings & others).any())
     if disc is None or stands_flat(part, i, disc):
         return None
     return disc
@@ -264,7 +264,7 @@ def _corner(view: View) -> Array:
     return np.array([view[1].start, view[0].start], dtype=np.float64)
 
 
-def _owned(labels: NDArray[np.integer], ids: Sequence[int]) -> NDArray[np.int64]:
+def _clean_labels(labels: NDArray[np.integer], ids: Sequence[int]) -> NDArray[np.int64]:
     """Return the label map of the ids alone, without specks."""
     known_labels = np.where(np.isin(labels, list(ids)), labels, 0).astype(np.int64)
     owners = np.zeros_like(known_labels)
@@ -277,26 +277,26 @@ def _owned(labels: NDArray[np.integer], ids: Sequence[int]) -> NDArray[np.int64]
 
 
 def _fit_together(
-    owned: NDArray[np.int64],
+    label_map: NDArray[np.int64],
     views: dict[int, View],
-    rough: dict[int, Disc],
+    rough_shapes: dict[int, Disc],
     regions: dict[int, Region],
 ) -> dict[int, Disc]:
     """Move discs until they touch their neighbours, discs and regions."""
-    ids = list(rough)
+    ids = list(rough_shapes)
     place = {i: k for k, i in enumerate(ids)}
-    pairs = touching_masks(owned, [*ids, *regions])
+    pairs = touching_masks(label_map, [*ids, *regions])
     contacts = []
     for i, j in pairs:
-        if i in place and j in place and _could_touch(rough[i], rough[j]):
+        if i in place and j in place and _could_touch(rough_shapes[i], rough_shapes[j]):
             contacts.append((place[i], place[j]))
     obstacles: dict[int, list[tuple[Region, bool]]] = {}
     for i in ids:
         for j, region in regions.items():
-            if _is_near(rough[i], region):
+            if _is_near(rough_shapes[i], region):
                 touches = (min(i, j), max(i, j)) in pairs
                 obstacles.setdefault(place[i], []).append((region, touches))
-    rough_discs = [_rough_shape(owned, i, views[i], rough[i]) for i in ids]
+    rough_discs = [_rough_shape(label_map, i, views[i], rough_shapes[i]) for i in ids]
     return dict(zip(ids, fit_discs(rough_discs, contacts, obstacles), strict=True))
 
 
@@ -317,11 +317,13 @@ def _could_touch(a: Disc, b: Disc) -> bool:
     return gap <= max(2.0 * FIT.touch, 0.1 * min(a.radius, b.radius))
 
 
-def _rough_shape(owned: NDArray[np.int64], i: int, view: View, disc: Disc) -> RoughDisc:
+def _rough_shape(
+    label_map: NDArray[np.int64], i: int, view: View, disc: Disc
+) -> RoughDisc:
     """Return a disc with the border of its mask; hidden and cut parts have little
     weight.
     """
-    part = owned[view]
+    part = label_map[view]
     local = long_border(part == i)
     local = local[:: max(1, len(local) // 128)]
     others = ((part != 0) & (part != i)).astype(np.uint8)
@@ -331,9 +333,9 @@ def _rough_shape(owned: NDArray[np.int64], i: int, view: View, disc: Disc) -> Ro
     pixels = np.clip(np.round(local).astype(np.intp), 0, last_local)
     is_beside_other = is_near_other[pixels[:, 1], pixels[:, 0]]
     border = local + _corner(view)
-    last = np.array([owned.shape[1] - 1, owned.shape[0] - 1])
+    last = np.array([label_map.shape[1] - 1, label_map.shape[0] - 1])
     is_cut = ((border < 0) | (border > last)).any(axis=1)
-    weight = np.where(is_cut, 1e-3, np.where(is_beside_other, FIT.hidden, 1.0))
+    weight = np.where(is_cut, 1e-3, np.where(is_beside_other, FIT.hidden_weight, 1.0))
     return RoughDisc(disc, border, weight)
 
 

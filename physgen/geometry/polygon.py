@@ -203,12 +203,12 @@ def bounds(outline: Outline) -> tuple[float, float, float, float]:
     return float(low[0]), float(low[1]), float(high[0]), float(high[1])
 
 
-def translated_outline(outline: Outline, by: Array) -> Outline:
+def translated_outline(outline: Outline, offset: Array) -> Outline:
     """Return the outline at another place."""
     if isinstance(outline, Disc):
-        return Disc(outline.center + by, outline.radius)
+        return Disc(outline.center + offset, outline.radius)
     rings = []
     for ring in outline.rings:
-        holes = tuple(hole + by for hole in ring.holes)
-        rings.append(Ring(ring.outer + by, holes))
+        holes = tuple(hole + offset for hole in ring.holes)
+        rings.append(Ring(ring.outer + offset, holes))
     return Region(tuple(rings))

@@ -83,7 +83,7 @@ def _accumulate(sums: Array, points: Array, sign: float) -> None:
     if turn < 0:
         sign = -sign
     height, width = sums.shape
-    start, end = _within(start, end, width - 1, height)
+    start, end = _window(start, end, width - 1, height)
     for axis in (0, 1):
         start, end = _cut(start, end, axis)
     rise = (end[:, 1] - start[:, 1]) * sign
@@ -97,7 +97,7 @@ def _accumulate(sums: Array, points: Array, sign: float) -> None:
     np.add.at(sums, (row, column + 1), -rise * fraction)
 
 
-def _within(start: Array, end: Array, width: int, height: int) -> tuple[Array, Array]:
+def _window(start: Array, end: Array, width: int, height: int) -> tuple[Array, Array]:
     """Clip segments `(K, 2)` to a box.
 
     Rows outside are dropped; parts to the left or right move to the box's side.

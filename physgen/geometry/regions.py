@@ -40,7 +40,7 @@ class Border:
     corners: Array
     left: int
     right: int
-    closed: bool
+    is_loop: bool
 
     @property
     def middles(self) -> Array:
@@ -50,7 +50,7 @@ class Border:
         It differs from the pixel border by at most 0.354 px, and turns stairs into
         slopes.
         """
-        if self.closed:
+        if self.is_loop:
             return (self.corners + np.roll(self.corners, -1, axis=0)) / 2
         halves = (self.corners[1:] + self.corners[:-1]) / 2
         return np.concatenate([self.corners[:1], halves, self.corners[-1:]])
@@ -111,7 +111,7 @@ def _closed_loops(borders: Sequence[Border]) -> dict[int, list[Loop]]:
     """Return the loops of single closed borders, by label."""
     loops: dict[int, list[Loop]] = {}
     for index, border in enumerate(borders):
-        if border.closed:
+        if border.is_loop:
             loops.setdefault(border.right, []).append((Step(index, False),))
             loops.setdefault(border.left, []).append((Step(index, True),))
     return loops
@@ -156,7 +156,7 @@ def _next_step(
 
 
 def walk(
-    loop: Loop, lines: tuple[Array, ...] | list[Array], closed: list[bool]
+    loop: Loop, lines: tuple[Array, ...] | list[Array], is_loop: list[bool]
 ) -> Array:
     """Return the ring `(K, 2)` px of a loop.
 
@@ -167,17 +167,17 @@ def walk(
         line = lines[step.border]
         if step.backwards:
             line = line[::-1]
-        parts.append(line if closed[step.border] else line[:-1])
+        parts.append(line if is_loop[step.border] else line[:-1])
     return np.concatenate(parts)
 
 
-def _links(padded: NDArray[np.int64]) -> list[NDArray[np.int8]]:
+def _links(labels: NDArray[np.int64]) -> list[NDArray[np.int8]]:
     """Return the next edge of each edge, per direction `(H + 1, W + 1)` int8.
 
     -1 stands for a junction, -2 for no edge.
     """
-    nw, ne = padded[:-1, :-1], padded[:-1, 1:]
-    sw, se = padded[1:, :-1], padded[1:, 1:]
+    nw, ne = labels[:-1, :-1], labels[:-1, 1:]
+    sw, se = labels[1:, :-1], labels[1:, 1:]
     is_edge = np.stack([nw != ne, ne != se, sw != se, nw != sw])
     degree = is_edge.sum(axis=0)
     links = [np.where(is_edge[d], -1, -2).astype(np.int8) for d in range(4)]
@@ -226,14 +226,14 @@ def _walks(
 
 
 def _walk_starts(
-    table: NDArray[np.int8], onward: dict[tuple[int, ...], list[int]]
+    table: NDArray[np.int8], next_corners: dict[tuple[int, ...], list[int]]
 ) -> Iterator[tuple[int, int, int]]:
     """Yield edges from junctions, then edges to the right, as of loops without
     junctions.
     """
     for row, column in np.argwhere((table == -1).any(axis=-1)).tolist():
         for direction in range(4):
-            if onward[row, column][direction] == -1:
+            if next_corners[row, column][direction] == -1:
                 yield row, column, direction
     for row, column in np.argwhere(table[:, :, _EAST] >= 0).tolist():
         yield row, column, _EAST
@@ -241,8 +241,8 @@ def _walk_starts(
 
 def _follow(
     start: tuple[int, int, int],
-    onward: dict[tuple[int, ...], list[int]],
-    visited: set[tuple[int, int, int]],
+    next_corners: dict[tuple[int, ...], list[int]],
+    known_edges: set[tuple[int, int, int]],
 ) -> tuple[list[tuple[int, int]], list[int], bool]:
     """Follow edges to a junction or back to the start; mark both directions as
     visited.
@@ -250,23 +250,23 @@ def _follow(
     row, column, direction = start
     corners, directions = [(row, column)], []
     while True:
-        visited.add((row, column, direction))
+        known_edges.add((row, column, direction))
         directions.append(direction)
         row, column = row + _STEP[direction][0], column + _STEP[direction][1]
         corners.append((row, column))
         back = direction ^ 2
-        visited.add((row, column, back))
-        direction = onward[row, column][back]
+        known_edges.add((row, column, back))
+        direction = next_corners[row, column][back]
         if direction < 0 or (row, column, direction) == start:
             return corners, directions, direction >= 0
 
 
 def _sides(
-    padded: NDArray[np.int64], row: int, column: int, direction: int
+    labels: NDArray[np.int64], row: int, column: int, direction: int
 ) -> tuple[int, int]:
     """Return the labels to the left and right of an edge from a corner."""
-    nw, ne = int(padded[row, column]), int(padded[row, column + 1])
-    sw, se = int(padded[row + 1, column]), int(padded[row + 1, column + 1])
+    nw, ne = int(labels[row, column]), int(labels[row, column + 1])
+    sw, se = int(labels[row + 1, column]), int(labels[row + 1, column + 1])
     return ((nw, ne), (ne, se), (se, sw), (sw, nw))[direction]
 
 
@@ -299,7 +299,7 @@ def fit_regions(labels: NDArray[np.int64]) -> dict[int, Region]:
     tiny = {label for label in borders.loops if areas[label] < _TINY}
     # Junctions first: their places decide the ends of lines, which are simplified next.
     lines = _untangle(borders, _settle_junctions(borders.borders, tiny), tiny)
-    closed = [border.closed for border in borders.borders]
+    closed = [border.is_loop for border in borders.borders]
     regions = {}
     for label, loops in sorted(borders.loops.items()):
         rings = []
@@ -353,7 +353,7 @@ def _settle_junctions(borders: tuple[Border, ...], tiny: set[int]) -> list[Array
     runs = {}
     # Collect the open ends that meet at each junction.
     for index, border in enumerate(borders):
-        if border.closed:
+        if border.is_loop:
             continue
         runs[index] = end_lines(lines[index], _tolerance(border))
         for end in (0, -1):
@@ -374,15 +374,16 @@ def _settle_junctions(borders: tuple[Border, ...], tiny: set[int]) -> list[Array
 
 
 def _moved_junction(
-    junction: Array, straight: Sequence[tuple[Border, tuple[Array, Array, int]]]
+    junction: Array, straight_ends: Sequence[tuple[Border, tuple[Array, Array, int]]]
 ) -> Array:
     """Return the point (2,) px near a junction that is closest to its straight borders.
 
-    `straight`: a border with point, direction and number of points of its straight end.
+    `straight_ends`: a border with point, direction and number of points of its straight
+    end.
     """
     normal = 0.5 * np.eye(2)
     target = 0.5 * junction
-    for border, (point, direction, count) in straight:
+    for border, (point, direction, count) in straight_ends:
         if count < 4:
             continue
         # Borders between two objects have the most weight, so that contacts are
@@ -397,15 +398,17 @@ def _moved_junction(
     return junction + move * min(1.0, _JUNCTION_REACH / max(length, 1e-12))
 
 
-def _untangle(traced: BorderMap, middles: list[Array], tiny: set[int]) -> list[Array]:
+def _untangle(
+    border_map: BorderMap, middles: list[Array], tiny: set[int]
+) -> list[Array]:
     """Simplify each border; if two of them then cross, simplify these less."""
-    borders = traced.borders
+    borders = border_map.borders
     tolerance = [_tolerance(border) for border in borders]
     lines = []
     for k, border in enumerate(borders):
         line = middles[k]
-        if border.closed or not {border.left, border.right} & tiny:
-            line = simplify(line, tolerance[k], border.closed)
+        if border.is_loop or not {border.left, border.right} & tiny:
+            line = simplify(line, tolerance[k], border.is_loop)
         lines.append(line)
     rings = [_there_and_back(line, b) for line, b in zip(lines, borders, strict=True)]
     for attempt in range(6):
@@ -418,7 +421,7 @@ def _untangle(traced: BorderMap, middles: list[Array], tiny: set[int]) -> list[A
             # After several attempts the line is not simplified, and finally its
             # junctions are not moved.
             if attempt < 3:
-                lines[k] = simplify(middles[k], tolerance[k], border.closed)
+                lines[k] = simplify(middles[k], tolerance[k], border.is_loop)
             elif attempt < 4:
                 lines[k] = middles[k]
             else:
@@ -429,7 +432,7 @@ def _untangle(traced: BorderMap, middles: list[Array], tiny: set[int]) -> list[A
 
 def _there_and_back(line: Array, border: Border) -> Array:
     """Return an open line as a closed one, there and back."""
-    return line if border.closed else np.concatenate([line, line[-2:0:-1]])
+    return line if border.is_loop else np.concatenate([line, line[-2:0:-1]])
 
 
 def _nest(loops: list[Array]) -> list[Ring]:

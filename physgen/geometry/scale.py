@@ -47,7 +47,7 @@ class _ShapeLimits:
     """Cost of an inclined axis."""
     end_on: float = 0.4
     """Cost of a view from the object's end."""
-    flat: float = 0.2
+    flat_depth: float = 0.2
     """Depth over width of a disc or ring of unknown thickness."""
 
 
@@ -65,9 +65,9 @@ class _ScaleLimits:
     """
     any_size: float = 0.5
     """Spread above which an object does not count: a plank has any length."""
-    vague: float = 0.3
+    vague_spread: float = 0.3
     """Spread at which the confidence is 1 / e."""
-    judged: float = 0.1
+    judged_spread: float = 0.1
     """Minimum spread of a size estimated by eye."""
 
 
@@ -110,7 +110,7 @@ class Extent:
 
 
 @dataclass(frozen=True)
-class Revolved:
+class SolidOfRevolution:
     """A solid of revolution from the mirror-symmetric part of an outline, px."""
 
     volume: float
@@ -120,41 +120,41 @@ class Revolved:
     """Largest diameter."""
 
 
-def object_extent(outline: Outline, what: Kind) -> Extent:
+def object_extent(outline: Outline, kind: Kind) -> Extent:
     """Return size and depth of an object with this outline (px) and of this kind.
 
     The sides of the ordinary object tell hidden sizes: the two sides that fit the
     outline best are visible, and the third is the depth. A bottle's depth is its width,
     slice by slice.
     """
-    if what.form == "turned":
-        return _turned_extent(outline, what)
+    if kind.form == "turned":
+        return _turned_extent(outline, kind)
     area = mass_properties(outline).area
     long, short = box_sides(outline)
-    if what.form == "ball":
+    if kind.form == "ball":
         diameter = long if isinstance(outline, Disc) else 2 * sqrt(area / pi)
-        per_mm = long / what.size[0] if what.size else None
+        per_mm = long / kind.size[0] if kind.size else None
         return Extent(area * diameter * 2 / 3, per_mm, log(long / short))
-    if what.box is None:
-        return Extent(area * _mean_depth(outline, what.form), None, 0.0)
-    visible, depth, mismatch = _facing(long / short, what.box)
+    if kind.box is None:
+        return Extent(area * _mean_depth(outline, kind.form), None, 0.0)
+    visible, depth, mismatch = _facing(long / short, kind.box)
     per_mm = long / visible[0]
-    rounding = _rounding(what, shows_face=min(depth, visible[1]) == depth)
-    if what.form == "hoop" and isinstance(outline, Disc):
-        rounding *= what.share  # its hole is not in the outline
-    if what.share < SHAPE.boxy and mismatch < LIMITS.max_mismatch:
+    rounding = _rounding(kind, shows_face=min(depth, visible[1]) == depth)
+    if kind.form == "hoop" and isinstance(outline, Disc):
+        rounding *= kind.share  # its hole is not in the outline
+    if kind.share < SHAPE.boxy and mismatch < LIMITS.max_mismatch:
         # A rectangle around a fork covers air, too.
-        area = min(area, what.share * long * short)
+        area = min(area, kind.share * long * short)
     return Extent(area * depth * per_mm * rounding, per_mm, mismatch)
 
 
-def _rounding(what: Kind, shows_face: bool) -> float:
+def _rounding(kind: Kind, shows_face: bool) -> float:
     """Return the mean depth over the largest; discs seen from their face have a
     constant depth.
     """
-    if what.form == "lump":
+    if kind.form == "lump":
         return 2 / 3
-    if what.form == "slab" or shows_face:
+    if kind.form == "slab" or shows_face:
         return 1.0
     return pi / 4
 
@@ -174,7 +174,7 @@ def box_sides(outline: Outline) -> tuple[float, float]:
     )
 
 
-def revolve(outline: Region, axis: Array) -> Revolved:
+def revolve(outline: Region, axis: Array) -> SolidOfRevolution:
     """Revolve an outline about the line along `axis` (2,) with the largest volume.
 
     In each slice only the symmetric part counts, so that a mug's handle is left out.
@@ -184,7 +184,7 @@ def revolve(outline: Region, axis: Array) -> Revolved:
     # A narrow end, such as a stalk or a spout, does not count for the height.
     slices = np.count_nonzero(best > 0.05 * best.max())
     volume = float(pi * (best**2).sum() / scale)
-    return Revolved(volume, float(slices) / scale, float(2 * best.max()))
+    return SolidOfRevolution(volume, float(slices) / scale, float(2 * best.max()))
 
 
 def _symmetric_radii(outline: Region, axis: Array) -> tuple[Array, float]:
@@ -218,17 +218,17 @@ def _symmetric_radii(outline: Region, axis: Array) -> tuple[Array, float]:
     return np.where(is_inside, reach, 0.0) / scale, scale
 
 
-def _turned_extent(outline: Outline, what: Kind) -> Extent:
+def _turned_extent(outline: Outline, kind: Kind) -> Extent:
     """Return size and depth of a solid of revolution: upright, lying, or seen from its
     end.
     """
     long, short = box_sides(outline)
     area = mass_properties(outline).area
     end_on = None
-    if what.size:
-        height, width = what.size
+    if kind.size:
+        height, width = kind.size
         per_mm = long / width
-        end_on = Extent(area * height * per_mm * what.share, per_mm, log(long / short))
+        end_on = Extent(area * height * per_mm * kind.share, per_mm, log(long / short))
     if isinstance(outline, Disc):
         return end_on or Extent(area * 2 * outline.radius, None, 0.0)
     upright = revolve(outline, np.array([0.0, 1.0]))
@@ -250,7 +250,7 @@ def _turned_extent(outline: Outline, what: Kind) -> Extent:
     return min([*extents, *candidates], key=lambda candidate: candidate[0])[1]
 
 
-def _slenderness(solid: Revolved) -> float:
+def _slenderness(solid: SolidOfRevolution) -> float:
     """Return height over diameter."""
     return solid.height / max(solid.diameter, 1e-6)
 
@@ -287,7 +287,7 @@ def _mean_depth(outline: Outline, form: str) -> float:
     """Return the depth, px, of an object of unknown proportions."""
     long, short = box_sides(outline)
     if form in ("disc", "hoop"):
-        return SHAPE.flat * long if long < 2 * short else long * pi / 4
+        return SHAPE.flat_depth * long if long < 2 * short else long * pi / 4
     is_boxy = mass_properties(outline).area / (long * short) > SHAPE.boxy
     if form == "slab" or (form == "" and is_boxy):
         return short
@@ -298,7 +298,7 @@ def _mean_depth(outline: Outline, form: str) -> float:
 class WeighingConstants:
     """Constants of the masses."""
 
-    unscaled: float = 0.3
+    unscaled_confidence: float = 0.3
     """Maximum confidence of a mass with an assumed scale."""
     standard: float = 0.05
     """Spread of sizes up to which a kind has one standard mass."""
@@ -312,60 +312,60 @@ WEIGHING = WeighingConstants()
 
 
 def weigh(
-    outline: Outline, what: Kind, pixels_per_meter: float
+    outline: Outline, kind: Kind, pixels_per_meter: float
 ) -> tuple[float, float, str]:
     """Return the mass in g to three digits, its confidence and an explanation."""
-    extent = object_extent(outline, what)
-    mass, confidence, reason = _mass(extent, what, pixels_per_meter)
+    extent = object_extent(outline, kind)
+    mass, confidence, reason = _mass(extent, kind, pixels_per_meter)
     return float(f"{max(mass, WEIGHING.lightest):.3g}"), confidence, reason
 
 
 def _mass(
-    extent: Extent, what: Kind, pixels_per_meter: float
+    extent: Extent, kind: Kind, pixels_per_meter: float
 ) -> tuple[float, float, str]:
     """Return the mass in g, its confidence and an explanation."""
     volume = extent.volume / pixels_per_meter**3 * 1e6
-    what = what.hollowed(10 * (6 * volume / pi) ** (1 / 3))
-    mass = volume * what.density
-    estimate = f"{float(f'{volume:.3g}'):,g} cm³ of {_stuff(what)}"
-    if what.mass is None:
-        return mass, _confidence_of_kind(what), estimate
+    kind = kind.hollowed(10 * (6 * volume / pi) ** (1 / 3))
+    mass = volume * kind.density
+    estimate = f"{float(f'{volume:.3g}'):,g} cm³ of {_stuff(kind)}"
+    if kind.mass is None:
+        return mass, _confidence_of_kind(kind), estimate
     # An object of unusual size does not have the mass of an ordinary one.
     size_ratio = 0.0
     if extent.per_mm is not None:
         size_ratio = log(extent.per_mm * 1000 / pixels_per_meter)
     if abs(size_ratio) >= WEIGHING.like:
-        return mass, 0.4, f"{estimate}; an ordinary {what.noun} has another size"
-    if what.spread <= WEIGHING.standard:
-        source = what.source.replace("EST: ", "").replace("EST", "estimated")
-        return what.mass, 0.8, f"an ordinary {what.noun} ({source})"
-    ordinary = f"an ordinary {what.noun}, {what.mass:g} g"
-    return sqrt(mass * what.mass), 0.6, f"between {estimate}, and {ordinary}"
+        return mass, 0.4, f"{estimate}; an ordinary {kind.noun} has another size"
+    if kind.spread <= WEIGHING.standard:
+        source = kind.source.replace("EST: ", "").replace("EST", "estimated")
+        return kind.mass, 0.8, f"an ordinary {kind.noun} ({source})"
+    ordinary = f"an ordinary {kind.noun}, {kind.mass:g} g"
+    return sqrt(mass * kind.mass), 0.6, f"between {estimate}, and {ordinary}"
 
 
-def _confidence_of_kind(what: Kind) -> float:
+def _confidence_of_kind(kind: Kind) -> float:
     """Return the confidence of a mass by volume and density alone."""
-    if what.noun:
+    if kind.noun:
         return 0.4
-    return 0.35 if what.material.name != "unknown" else 0.15
+    return 0.35 if kind.material.name != "unknown" else 0.15
 
 
-def _stuff(what: Kind) -> str:
+def _stuff(kind: Kind) -> str:
     """Describe the material in words.
 
     >>> from physgen.materials import kind
     >>> _stuff(kind("steel ball")), _stuff(kind("beer bottle"))
     ('steel, 7.85 g/cm³', 'glass and content, 1.19 g/cm³')
     """
-    name, solid = what.material.name, what.material.density
+    name, solid = kind.material.name, kind.material.density
     name = "an unknown material" if name == "unknown" else name
-    if what.holds:
-        return f"{name} and content, {what.density:.3g} g/cm³"
-    if abs(what.filled - 1) < 0.01:
+    if kind.holds:
+        return f"{name} and content, {kind.density:.3g} g/cm³"
+    if abs(kind.filled - 1) < 0.01:
         return f"{name}, {solid:g} g/cm³"
-    if what.filled > 1:
-        return f"{name}, {what.density:.3g} g/cm³ in all"
-    return f"{name}, {solid:g} g/cm³ and {100 * what.filled:.2g} % of the volume"
+    if kind.filled > 1:
+        return f"{name}, {kind.density:.3g} g/cm³ in all"
+    return f"{name}, {solid:g} g/cm³ and {100 * kind.filled:.2g} % of the volume"
 
 
 @dataclass(frozen=True)
@@ -382,18 +382,19 @@ class Scale:
 def photo_scale(
     objects: Sequence[PhotoObject],
     kinds: Mapping[int, Kind],
-    sure: Mapping[int, float] | None = None,
+    confidences: Mapping[int, float] | None = None,
 ) -> Scale | None:
     """Estimate the photo's scale by the ordinary sizes of its objects.
 
-    `sure` are the confidences of labels, 1 by default. All objects of one kind are one
-    witness, by their median. The result is the median of the witnesses, weighted by the
-    spread of their sizes. Cut objects do not count. None without any witness.
+    `confidences` are the confidences of labels, 1 by default. All objects of one kind
+    are one witness, by their median. The result is the median of the witnesses,
+    weighted by the spread of their sizes. Cut objects do not count. None without any
+    witness.
     """
     witnesses: dict[str, list[tuple[float, float]]] = {}
     for item in objects:
         object_kind = kinds[item.id]
-        confidence = (sure or {}).get(item.id, 1.0)
+        confidence = (confidences or {}).get(item.id, 1.0)
         has_size = bool(object_kind.size) and object_kind.spread < LIMITS.any_size
         if item.cut or not has_size or confidence < LIMITS.min_label:
             continue
@@ -406,7 +407,7 @@ def photo_scale(
     if not witnesses:
         return None
     middle, spread = _combine(list(witnesses.values()))
-    confidence = 0.95 * exp(-((spread / LIMITS.vague) ** 2))
+    confidence = 0.95 * exp(-((spread / LIMITS.vague_spread) ** 2))
     # Do not pretend more precision than the spread allows.
     digits = 3 if spread < 0.05 else 2
     value = float(f"{exp(middle) * 1000:.{digits}g}")
@@ -469,21 +470,21 @@ def is_assumed(pixels_per_meter: float, side: int) -> bool:
 
 
 def scale_entry(
-    side: int, given: float | None, found: Scale | None
+    side: int, user_scale: float | None, photo_scale: Scale | None
 ) -> tuple[float, str]:
     """Return px/m for the scene, and its comment.
 
     The user's number has priority, then a scale with sufficient confidence.
     """
-    if given is not None:
-        return given, "as given"
-    if found is not None and found.confidence >= MIN_SCALE_CONFIDENCE:
-        comment = f"{found.reason} (confidence {found.confidence:g})"
-        return found.pixels_per_meter, comment
+    if user_scale is not None:
+        return user_scale, "as given"
+    if photo_scale is not None and photo_scale.confidence >= MIN_SCALE_CONFIDENCE:
+        comment = f"{photo_scale.reason} (confidence {photo_scale.confidence:g})"
+        return photo_scale.pixels_per_meter, comment
     comment = f"assumed: the photo's longer side is {PLAYBACK.width:g} m"
-    if found is not None:
-        reason = found.reason.partition(" (")[0]
-        comment += f"; perhaps {found.pixels_per_meter:g}, {reason}"
+    if photo_scale is not None:
+        reason = photo_scale.reason.partition(" (")[0]
+        comment += f"; perhaps {photo_scale.pixels_per_meter:g}, {reason}"
     return assumed_scale(side), comment
 
 

@@ -48,14 +48,14 @@ class ShadowModel:
     """Lines of the floor per row of pixels: in the side view, a row is deep."""
     wall: int = 4
     """Columns of a side wall per column of pixels: the wall is foreshortened."""
-    sunk: float = 3.0
+    sunk_depth: float = 3.0
     """Depth of an object's picture below its floor, px, beyond that by its
     thickness.
     """
-    far: float = 1e4
+    sky_distance: float = 1e4
     """Distance of an open sky, px."""
-    under: float = 0.9
-    beside: float = 0.4
+    share_below: float = 0.9
+    side_share: float = 0.4
     """Share of the hidden sky that an object does not replace by its own light: below
     it, and beside it."""
 
@@ -129,7 +129,7 @@ class Silhouette:
     """Centre, px."""
     radius: float | None
     """Radius of a sphere, px; None for other objects."""
-    thick: float
+    thickness: float
     """Thickness across the plane of motion (side view), or above the table (top view),
     px.
     """
@@ -282,7 +282,7 @@ class FloorContact:
     """Row of the photo at which the plane of motion meets the floor."""
     foot: float
     """Row of the foot of a standing object: its near edge, lower than `row`."""
-    half: float
+    half_thickness: float
     """Half the thickness of the object."""
     low: float
     """Height of its lowest point over the floor."""
@@ -307,10 +307,12 @@ def floor_contact(silhouette: Silhouette, tilt: float) -> FloorContact | None:
     top = silhouette.corner[1] + rows[0] - 0.5
     bottom = silhouette.corner[1] + rows[-1] + _row_share(silhouette)
     # An object is at most as thick as a disc of its area.
-    thickness = min(silhouette.thick, 1.13 * silhouette.area**0.5)
+    thickness = min(silhouette.thickness, 1.13 * silhouette.area**0.5)
     # Users draw floors either at the plane of motion, or at the visible feet of
     # objects.
-    hidden_height = min(max(bottom - floor, 0.0), tilt * thickness / 2 + MODEL.sunk)
+    hidden_height = min(
+        max(bottom - floor, 0.0), tilt * thickness / 2 + MODEL.sunk_depth
+    )
     half_depth = max(thickness / 2, hidden_height / tilt)
     foot = floor + hidden_height
     lift = min(max(foot - bottom, 0.0), 1.0)
@@ -367,11 +369,11 @@ def _floor_shadow_box(
     ax, az, rise = _slopes(setting)
     left, width = silhouette.corner[0], silhouette.coverage.shape[1]
     height = contact.high - contact.low
-    sky = 0.45 * min(max(height, width), 4 * silhouette.thick) + contact.low
+    sky = 0.45 * min(max(height, width), 4 * silhouette.thickness) + contact.low
     soft_x = 2 * penumbra_width(setting, contact.high, rise, ax)
     soft_z = 2 * penumbra_width(setting, contact.high, rise, az)
-    back = contact.half + max(soft_z - az * contact.high, sky)
-    front = contact.half + max(soft_z + az * contact.high, sky)
+    back = contact.half_thickness + max(soft_z - az * contact.high, sky)
+    front = contact.half_thickness + max(soft_z + az * contact.high, sky)
     box = (
         left + min(ax * contact.high - soft_x, -sky),
         contact.row - tilt * min(back, setting.backdrop) - 1,
@@ -501,7 +503,7 @@ def _blocked_by_silhouette(
     depth_widths = _penumbra_widths(setting, rise, az, height)
     # Distances in depth from the bands' shadows, in widths of their soft edges.
     gap = np.abs(depths.T - (az * height)[:, None].astype(np.float32))
-    reach = contact.half + abs(az) * (bands.upper - bands.lower) / 2
+    reach = contact.half_thickness + abs(az) * (bands.upper - bands.lower) / 2
     gap -= reach[:, None].astype(np.float32)
     gap /= 0.55 * depth_widths[:, None].astype(np.float32)
     fade = 1 / (1 + np.exp(np.clip(gap, -30, 30)))
@@ -547,10 +549,12 @@ def _hidden_sky(
     # Gap between the object and the floor in each of its columns, px.
     gaps = contact.foot - (silhouette.corner[1] + lowest - 0.5)
     gaps = np.maximum(gaps, 0.5).astype(np.float32)
-    gaps[lowest == 0] = MODEL.far
+    gaps[lowest == 0] = MODEL.sky_distance
     first_column = silhouette.corner[0] + left
     hidden_share = _sky_beside_feet(gaps, first_column, contact, columns, depths)
-    _add_sky_below(hidden_share, gaps, first_column, contact.half, columns, depths)
+    _add_sky_below(
+        hidden_share, gaps, first_column, contact.half_thickness, columns, depths
+    )
     return np.asarray(hidden_share, np.float32)
 
 
@@ -582,19 +586,21 @@ def _sky_beside_feet(
     to_right = np.abs(feet[np.minimum(following, len(feet) - 1)] - columns)
     nearest = np.minimum(to_left, to_right) - np.float32(0.5)
     gap_row = np.maximum(nearest, 0)[None]
-    before = np.maximum(np.abs(depths) - np.float32(contact.half), 0)
+    before = np.maximum(np.abs(depths) - np.float32(contact.half_thickness), 0)
     low = np.float32(contact.low**2)
     distance = np.sqrt(gap_row * gap_row + before * before + low)
-    size = min(max(height, len(gaps)), 8 * contact.half)
+    size = min(max(height, len(gaps)), 8 * contact.half_thickness)
     reach = np.float32(0.22 * size + 1)
-    return np.asarray(np.float32(MODEL.beside) * np.exp(-distance / reach), np.float32)
+    return np.asarray(
+        np.float32(MODEL.side_share) * np.exp(-distance / reach), np.float32
+    )
 
 
 def _add_sky_below(
     hidden_share: F32,
     gaps: F32,
     first_column: int,
-    half: float,
+    half_thickness: float,
     columns: F32,
     depths: F32,
 ) -> None:
@@ -616,12 +622,17 @@ def _add_sky_below(
     side_share = (x - x0) / np.hypot(x - x0, height) + (x1 - x) / np.hypot(
         x1 - x, height
     )
-    front, back = np.float32(half) - depths, np.float32(half) + depths
+    front, back = (
+        np.float32(half_thickness) - depths,
+        np.float32(half_thickness) + depths,
+    )
     square = height * height
     to_front = front / np.sqrt(front * front + square)
     depth_share = to_front + back / np.sqrt(back * back + square)
     part = hidden_share[:, start:end]
-    np.maximum(part, np.float32(MODEL.under / 4) * side_share * depth_share, out=part)
+    np.maximum(
+        part, np.float32(MODEL.share_below / 4) * side_share * depth_share, out=part
+    )
 
 
 def shadow_on_table(
@@ -700,7 +711,7 @@ def _silhouette_on_table(
     """
     ax, ay, rise = _slopes_before(setting)
     height, width = silhouette.coverage.shape
-    thickness = silhouette.thick
+    thickness = silhouette.thickness
     widest = penumbra_width(setting, thickness, rise)
     margin = ceil(2.5 * widest + 0.8 * thickness) + 1
     x0, y0 = silhouette.corner
@@ -783,7 +794,7 @@ def _silhouette_on_wall(
     distance, slope = setting.backdrop, hypot(ax, ay)
     blur_width = penumbra_width(setting, distance, rise, slope)
     (x0, y0), (height, width) = silhouette.corner, silhouette.coverage.shape
-    half_depth = min(silhouette.thick / 2, distance)
+    half_depth = min(silhouette.thickness / 2, distance)
     margin = ceil(2.5 * blur_width + half_depth * slope) + 1
     dx, dy = ax * distance, ay * distance - lean
     surroundings = (

@@ -18,16 +18,16 @@ _MOST_BREAKS = 600
 """Number of points above which only Douglas and Peucker's points may be breaks."""
 
 
-def simplify(points: Array, tolerance: float, closed: bool) -> Array:
+def simplify(points: Array, tolerance: float, is_loop: bool) -> Array:
     """Simplify `(n, 2)` px to `(K, 2)` px within `tolerance` px (Hausdorff distance).
 
     An open line keeps its ends. A closed line keeps its area within 3 %: for a small
     ring, a smaller tolerance is used.
     """
-    if not closed:
+    if not is_loop:
         if len(points) <= 2:
             return points.copy()
-        return _straighten(points, tolerance, closed=False)
+        return _straighten(points, tolerance, is_loop=False)
     # Start a closed line at its farthest point from the mean, a convex corner.
     area = abs(polygon_moments(points).area)
     squares = ((points - points.mean(axis=0)) ** 2).sum(axis=1)
@@ -35,7 +35,7 @@ def simplify(points: Array, tolerance: float, closed: bool) -> Array:
     ring = np.concatenate([points, points[:1]])
     # A line within the tolerance can still lose much of a small ring's area.
     for share in (1.0, 0.5, 0.25):
-        line = _distinct(_straighten(ring, share * tolerance, closed=True))
+        line = _distinct(_straighten(ring, share * tolerance, is_loop=True))
         if len(line) < 3:
             continue
         change = abs(abs(polygon_moments(line).area) - area)
@@ -44,12 +44,12 @@ def simplify(points: Array, tolerance: float, closed: bool) -> Array:
     return points
 
 
-def _straighten(points: Array, tolerance: float, closed: bool) -> Array:
+def _straighten(points: Array, tolerance: float, is_loop: bool) -> Array:
     """Simplify as `simplify`; a closed line repeats its first point at its end."""
     runs = _runs(points, tolerance)
     pinned_corners: set[int] = set()
     for _ in range(12):
-        corners = _corners(points, runs, pinned_corners, closed, tolerance)
+        corners = _corners(points, runs, pinned_corners, is_loop, tolerance)
         distant_runs = _deviation(points, runs, corners, tolerance)
         if not distant_runs:
             return np.array([corner for pair in corners for corner in pair])
@@ -142,10 +142,10 @@ def distances(points: Array, start: Array, end: Array) -> Array:
     return lengths
 
 
-def distances_to_line(points: Array, line: Array, closed: bool) -> Array:
+def distances_to_line(points: Array, line: Array, is_loop: bool) -> Array:
     """Return the distance (n,) px of each point from a line `(K, 2)`."""
     start, end = line[:-1], line[1:]
-    if closed:
+    if is_loop:
         start, end = line, np.roll(line, -1, axis=0)
     pair_distances = distances(points[:, None], start[None], end[None])
     nearest: Array = pair_distances.min(axis=1)
@@ -177,7 +177,7 @@ def _douglas_peucker(points: Array, tolerance: float) -> list[int]:
 
 
 def _corners(
-    points: Array, runs: list[int], pinned: set[int], closed: bool, limit: float
+    points: Array, runs: list[int], pinned_points: set[int], is_loop: bool, limit: float
 ) -> list[list[Array]]:
     """Return for each break one corner, or the two of a bevel.
 
@@ -187,15 +187,15 @@ def _corners(
     corners = []
     for k in range(1, len(runs) - 1):
         corner = points[runs[k]]
-        if runs[k] in pinned:
+        if runs[k] in pinned_points:
             corners.append([corner])
             continue
         run_points = points[runs[k - 1] : runs[k + 1] + 1]
         corners.append(_meet(run_points, corner, lines[k - 1], lines[k], limit))
     # A closed line has a corner at its seam, too, between the last run and the first.
-    if closed:
+    if is_loop:
         seam = [points[0]]
-        if not {0, runs[-1]} & pinned:
+        if not {0, runs[-1]} & pinned_points:
             run_points = np.concatenate([points[runs[-2] : -1], points[: runs[1] + 1]])
             seam = _meet(run_points, points[0], lines[-1], lines[0], limit)
         return [seam, *corners, seam]
@@ -218,16 +218,16 @@ def _joint(end: Array, line: tuple[Array, Array], sign: float) -> list[Array]:
 
 
 def _meet(
-    around: Array,
-    here: Array,
+    line: Array,
+    break_point: Array,
     before: tuple[Array, Array],
     after: tuple[Array, Array],
     limit: float,
 ) -> list[Array]:
     """Return the corner of two lines (a point and a direction each) at the break
-    `here`.
+    `break_point`.
 
-    A corner farther than `limit` from the points `around` is bevelled.
+    A corner farther than `limit` from the points `line` is bevelled.
     """
     (p, u), (q, v) = before, after
     turn = float(cross(u, v))
@@ -236,9 +236,9 @@ def _meet(
         for back in (0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0):
             ends = np.array([corner - back * u, corner + back * v])
             probe = np.array([ends[0], ends.mean(axis=0), ends[1]])
-            if distances_to_line(probe, around, closed=False).max() <= limit:
+            if distances_to_line(probe, line, is_loop=False).max() <= limit:
                 return [ends[0], ends[1]] if back else [corner]
-    return [p + u * ((here - p) @ u), q + v * ((here - q) @ v)]
+    return [p + u * ((break_point - p) @ u), q + v * ((break_point - q) @ v)]
 
 
 def _deviation(
@@ -262,36 +262,36 @@ def _deviation(
         probes = np.concatenate([start + (end - start) * share, corners[k + 1]])
         if (
             is_backwards
-            or distances_to_line(run, line, closed=False).max() > limit
-            or distances_to_line(probes, nearby_points, closed=False).max()
+            or distances_to_line(run, line, is_loop=False).max() > limit
+            or distances_to_line(probes, nearby_points, is_loop=False).max()
             > 0.99 * limit
         ):
             distant_runs.append((first, last))
     return distant_runs
 
 
-def _edge_with_neighbours(corners: list[list[Array]], k: int, closed: bool) -> Array:
+def _edge_with_neighbours(corners: list[list[Array]], k: int, is_loop: bool) -> Array:
     """Return the corners of edge k, with the corner before and the one after it."""
     line = [*corners[k], *corners[k + 1]]
     if k > 0:
         line.insert(0, corners[k - 1][-1])
-    elif closed:
+    elif is_loop:
         line.insert(0, corners[-2][-1])
     if k + 2 < len(corners):
         line.append(corners[k + 2][0])
-    elif closed:
+    elif is_loop:
         line.append(corners[1][0])
     return np.array(line)
 
 
-def _points_around(points: Array, runs: list[int], k: int, closed: bool) -> Array:
+def _points_around(points: Array, runs: list[int], k: int, is_loop: bool) -> Array:
     """Return the points of run k and of the runs beside it."""
     first = runs[k - 1] if k > 0 else runs[k]
     last = runs[k + 2] if k + 2 < len(runs) else runs[k + 1]
     nearby_points = points[first : last + 1]
-    if closed and k == 0:
+    if is_loop and k == 0:
         nearby_points = np.concatenate([points[runs[-2] : -1], nearby_points])
-    if closed and k == len(runs) - 2:
+    if is_loop and k == len(runs) - 2:
         nearby_points = np.concatenate([nearby_points, points[1 : runs[1] + 1]])
     return nearby_points
 

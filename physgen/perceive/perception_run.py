@@ -303,11 +303,15 @@ def judged_scale(
         return None
     logs = np.log([per_meter for per_meter, _ in estimates])
     middle = float(np.median(logs))
-    spread = 1.5 * LIMITS.judged
+    spread = 1.5 * LIMITS.judged_spread
     if len(logs) > 1:
-        spread = max(float(np.median(np.abs(logs - middle))) * 1.48, LIMITS.judged)
+        spread = max(
+            float(np.median(np.abs(logs - middle))) * 1.48, LIMITS.judged_spread
+        )
     reliability = float(np.median([confidence for _, confidence in estimates])) ** 0.5
     count = f"{len(estimates)} objects" if len(estimates) > 1 else "one object"
     reason = f"{source} judged the size of {count}, which agree to about {100 * spread:.0f} %"
-    confidence = round(0.95 * reliability * exp(-((spread / LIMITS.vague) ** 2)), 2)
+    confidence = round(
+        0.95 * reliability * exp(-((spread / LIMITS.vague_spread) ** 2)), 2
+    )
     return Scale(float(f"{exp(middle):.2g}"), confidence, reason)

@@ -251,7 +251,7 @@ def _detections(
             names[i] = Name(item.label, label_confidence(item.provenance))
     confidence = dict(drawing.confidence)
     for i, text in mask_sources.items():
-        old_confidence = source(text).sure
+        old_confidence = source(text).confidence
         if old_confidence is not None:
             confidence[i] = old_confidence
     return Detections(
@@ -304,7 +304,7 @@ def known_view(scene: Scene) -> BoundaryGuess:
     wrote = record.get("view_from") if record.get("view") == view.value else None
     origin = source(str(wrote or "as given 1"))
     return BoundaryGuess(
-        view, 1.0 if origin.sure is None else origin.sure, origin.text, ()
+        view, 1.0 if origin.confidence is None else origin.confidence, origin.text, ()
     )
 
 

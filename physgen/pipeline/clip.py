@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
 from enum import Enum
@@ -38,7 +38,7 @@ from physgen.pipeline.refining import (
     guidance_footage,
     refine_footage,
 )
-from physgen.pipeline.stages import Keep, Stages, fan, lint, render, resolved
+from physgen.pipeline.stages import Keep, Maps, Stages, fan, lint, render, resolved
 from physgen.pipeline.writing import VideoFiles
 from physgen.problems import (
     InputError,
@@ -55,6 +55,15 @@ from physgen.report.folders import (
     output_folder,
     read_manifest,
 )
+from physgen.report.record import (
+    TIMING,
+    RunRecord,
+    StageTime,
+    file_hash,
+    inputs,
+    source_of,
+    write_json,
+)
 from physgen.scene.scene import ADD_OBJECT, Motion
 
 if TYPE_CHECKING:
@@ -65,7 +74,6 @@ if TYPE_CHECKING:
     from physgen.render.stage import Frame
     from physgen.report.perception import Comparison, Perception
     from physgen.report.player import Data
-    from physgen.report.record import RunRecord
     from physgen.scene.scene import Object, Scene
     from physgen.simulate.trajectory import Trajectory
 
@@ -188,7 +196,6 @@ class Labels:
             return
         from physgen.export.formats import open_writers
         from physgen.pipeline.labelling import labelled_clip, open_queue
-        from physgen.report.record import StageTime
 
         shot = film.shot(trajectory)
         clip = labelled_clip(film, trajectory, record, self.maps)
@@ -278,6 +285,40 @@ def _displacements(world: World, trajectory: Trajectory) -> NDArray[np.float64]:
     return np.asarray(np.ptp(trajectory.poses, axis=0) * lengths)
 
 
+def _new_record(path: str | Path, options: RenderOptions) -> RunRecord:
+    """Return the record of a run that begins."""
+    command = command_alone(path, options)
+    record = RunRecord(
+        scene="", command=list(options.command) or command, alone=command
+    )
+    record.overrides = list(options.overrides)
+    record.variant = options.variant
+    record.mark = options.mark
+    return record
+
+
+def _load_clip(
+    path: str | Path, options: RenderOptions, stages: Stages, record: RunRecord
+) -> tuple[Scene, Maps]:
+    """Return the scene of a clip, with the clip's name, and the maps of its photo."""
+    variant = options.variant
+    with record.stage("load"):
+        scene = stages.load(path, options.overrides, variant, options.allow_outside)
+        scene = replace(scene, name=options.name or output_name(path, variant))
+        return scene, stages.maps(scene)
+
+
+def _describe_inputs(
+    record: RunRecord, scene: Scene, path: Path, folder: Path, stages: Stages
+) -> None:
+    """Add the scene's name, its input files and the size of the video to a record."""
+    record.scene = scene.name
+    record.seeds = {"refine": scene.refine.seed}
+    record.inputs = inputs(scene, path, stages.hash)
+    record.source = source_of(path, folder)
+    record.video = {"size": list(scene.video_size), "fps": scene.render.fps}
+
+
 class _Run:
     """The state of one render, shared by its stages."""
 
@@ -290,37 +331,20 @@ class _Run:
         progress: Progress,
         warn: Warn,
     ) -> None:
-        from physgen.report.record import RunRecord, inputs, source_of
-
         self.options = options
         self.progress = progress
         self._warn = warn
-        variant = options.variant
-        command = command_alone(path, options)
-        record = RunRecord(
-            scene="", command=list(options.command) or command, alone=command
-        )
-        record.overrides = list(options.overrides)
-        record.variant = variant
-        record.mark = options.mark
+        self.record = record = _new_record(path, options)
         # Files that another program writes after this time make the clip outdated.
-        self.record = record
         self._begun = time.time_ns()
-        with record.stage("load"):
-            scene = stages.load(path, options.overrides, variant, options.allow_outside)
-            scene = replace(scene, name=options.name or output_name(path, variant))
-            maps = stages.maps(scene)
+        scene, maps = _load_clip(path, options, stages, record)
         self.scene = scene
         self._stamps = maps.stamps
         self.final = output_folder(out, scene.name)
-        record.scene = scene.name
-        record.seeds = {"refine": scene.refine.seed}
-        record.inputs = inputs(scene, Path(path), stages.hash)
-        record.source = source_of(Path(path), self.final)
-        record.video = {"size": list(scene.video_size), "fps": scene.render.fps}
+        _describe_inputs(record, scene, Path(path), self.final, stages)
         progress("compile", 0, 1)
         # Problems of a variant name it, so that the user can find the edit.
-        with record.stage("compile"), variant_named(variant):
+        with record.stage("compile"), variant_named(options.variant):
             compiled_scene = stages.compile(scene, maps)
             record.document = resolved(scene, compiled_scene)
             warnings = lint(scene, compiled_scene, maps.percepts)
@@ -380,28 +404,32 @@ class _Run:
                 record.mark = ""
             write_manifest(record, folder)
             earlier_manifest = read_manifest(self.final)
-        source = earlier_manifest.get("source")
-        place = Place(str(self.final))
-        # Two scenes of the same name replace each other's clips.
-        other_scene = os.path.normpath(self.final / str(source))
-        if source != record.source and os.path.isfile(other_scene):
-            self._warn(Message.CLIP_REPLACED.warning(place, scene=other_scene))
-        elif replaced_files := lost_files(
-            earlier_manifest, {*record.files, "report.html"}
-        ):
-            self._warn(Message.FILES_REPLACED.warning(place, files=replaced_files))
+        self._warn_of_replaced_files(earlier_manifest)
         if faults:
             raise InputError(
-                [*faults, _kept(self.final, "has the clip without refinement")]
+                [*faults, _kept_clip(self.final, "has the clip without refinement")]
             )
         if self._failures:
             raise InputError(
                 [
                     *dict.fromkeys(self._failures),
-                    _kept(self.final, "has the clip in the other formats"),
+                    _kept_clip(self.final, "has the clip in the other formats"),
                 ]
             )
         return self.final
+
+    def _warn_of_replaced_files(self, earlier_manifest: Mapping[str, Any]) -> None:
+        """Warn if the clip replaced that of another scene, or files of a former run."""
+        source = earlier_manifest.get("source")
+        place = Place(str(self.final))
+        # Two scenes of the same name replace each other's clips.
+        other_scene = os.path.normpath(self.final / str(source))
+        if source != self.record.source and os.path.isfile(other_scene):
+            self._warn(Message.CLIP_REPLACED.warning(place, scene=other_scene))
+            return
+        files = lost_files(earlier_manifest, {*self.record.files, "report.html"})
+        if files:
+            self._warn(Message.FILES_REPLACED.warning(place, files=files))
 
     def _draw_perception(self) -> None:
         """Start to draw the report's pictures of the photo; its maps are
@@ -602,10 +630,10 @@ class _Run:
             raise InputError(
                 [
                     *outcome.faults,
-                    _kept(self.final, "keeps the clip that was refined before"),
+                    _kept_clip(self.final, "keeps the clip that was refined before"),
                 ]
             )
-        return outcome.faults, outcome.changed
+        return outcome.faults, outcome.largest_change
 
     def _write_sound(self, trajectory: Trajectory, folder: Path) -> I16 | None:
         """Write the sound track, if a format of the clip can have one; return its
@@ -632,7 +660,7 @@ class _Run:
         trajectory: Trajectory,
         first: U8,
         folder: Path,
-        changed: Comparison | None,
+        comparison: Comparison | None,
         draws: Draws | None,
     ) -> None:
         """Write the report; `first` is the clip's first frame before refinement."""
@@ -659,7 +687,7 @@ class _Run:
         parts = PageParts(
             self._player(),
             self._perceived(),
-            changed,
+            comparison,
             section,
             home=self.final,
             sound=self._sound_section,
@@ -668,17 +696,15 @@ class _Run:
         (folder / "report.html").write_text(html, "utf-8", "backslashreplace")
 
 
-def _kept(folder: Path, what: str) -> Problem:
+def _kept_clip(folder: Path, description: str) -> Problem:
     """Return the warning that the folder contains an earlier or partial clip."""
-    return Message.CLIP_KEPT.warning(Place(str(folder)), content=what)
+    return Message.CLIP_KEPT.warning(Place(str(folder)), content=description)
 
 
 def write_manifest(record: RunRecord, folder: Path) -> None:
     """Write the record with the hashes of all files in the folder, and its
     times apart.
     """
-    from physgen.report.record import TIMING, file_hash, write_json
-
     for file in sorted(
         p for p in folder.rglob("*") if p.is_file() and p != folder / TIMING
     ):

@@ -33,15 +33,15 @@ class Draws:
                 "path": doubt.path,
                 "value": doubt.value,
                 "from": doubt.source.text,
-                "sure": doubt.source.sure,
-                "alike": doubt.alike,
+                "sure": doubt.source.confidence,
+                "alike": doubt.shared_variance,
             }
             for doubt in ensemble.doubts
         ]
         return {
             "draws": len(ensemble.outcomes),
             "seed": ensemble.seed,
-            "simulated": len(ensemble.whole),
+            "simulated": len(ensemble.complete_draws),
             "verdict": headline(ensemble, self.verdicts),
             "objects": {verdict.name: verdict.as_dict() for verdict in self.verdicts},
             "drawn": drawn_values,

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from physgen.files import MOST_PIXELS
 from physgen.progress import Progress
+from physgen.report.record import RunRecord, StageTime
 
 if TYPE_CHECKING:
     from physgen.compile.compile import CompiledScene
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     from physgen.render.squash import Squashes
     from physgen.render.stage import Frame, Stage
     from physgen.render.striker import StruckScene
-    from physgen.report.record import RunRecord
     from physgen.scene.scene import Scene
     from physgen.simulate.trajectory import Trajectory
 from physgen.pipeline.stages import Maps, Stages, T, render, shot
@@ -44,8 +44,6 @@ class Aside:
 
         Its CPU time counts for a stage.
         """
-        from physgen.report.record import StageTime
-
         future: Future[T] = Future()
         if self._large:
             with self._record.stage(stage, time.thread_time):
@@ -81,13 +79,13 @@ class Film:
     def __init__(
         self,
         scene: Scene,
-        compiled: CompiledScene,
+        compiled_scene: CompiledScene,
         maps: Maps,
         record: RunRecord,
         stages: Stages,
     ) -> None:
         self.scene = scene
-        self.compiled = compiled
+        self.compiled = compiled_scene
         self.keeps_layers = False
         """Whether frames keep their layers, for labels."""
         self._delivery: Delivery | None = None
@@ -199,7 +197,7 @@ class Film:
         )
 
     def _struck(
-        self, stage: Stage, exposed: tuple[Trajectory, int], through: Shot
+        self, stage: Stage, exposure: tuple[Trajectory, int], shot: Shot
     ) -> StruckScene | None:
         """Return the scene with what comes in and pushes; None if nothing does."""
         from physgen.render.striker import with_strikers
@@ -210,7 +208,7 @@ class Film:
             return None
         world = self.compiled.world
         hold = delivery.hold
-        struck = with_strikers(stage, world, delivery.enter, exposed, through, hold)
+        struck = with_strikers(stage, world, delivery.enter, exposure, shot, hold)
         delivery.draws_hold = struck is not None
         return struck
 

@@ -200,7 +200,7 @@ def _first_to_go(world: World, is_free: NDArray[np.bool_]) -> NDArray[np.bool_]:
     running = Running(replace(world, steps_per_second=rate), times)
     # Simulate in blocks, to stop soon after the first motion.
     for stop in range(REST_BLOCK, REST_SAMPLES + 1, REST_BLOCK):
-        running.on(float(times[stop - 1]))
+        running.advance(float(times[stop - 1]))
         poses = running.trajectory().poses[:stop]
         positions = poses[:, :, :2]
         is_moving = np.hypot(*np.moveaxis(positions - positions[:1], -1, 0)) > REST_PX

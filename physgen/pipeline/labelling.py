@@ -39,9 +39,12 @@ def labelled_clip(
     )
 
 
-def open_queue(clip: Clip, fine: Trajectory, samples: Sequence[int]) -> MomentQueue:
+def open_queue(
+    clip: Clip, fine_motion: Trajectory, samples: Sequence[int]
+) -> MomentQueue:
     """Create a queue of frames.
 
-    `fine` is the motion within exposures, `samples` the last sample of each frame.
+    `fine_motion` is the motion within exposures, `samples` the last sample of each
+    frame.
     """
-    return MomentQueue(clip.world, fine, samples, clip.shot)
+    return MomentQueue(clip.world, fine_motion, samples, clip.shot)

@@ -112,7 +112,7 @@ def perceive(
     check_text_names(image, output)
     check_writable((output or stdout or Path()).parent)
     photo = perceive_photo(image, options, crew, progress, warn)
-    perceived = photo.perceived
+    perceived = photo.perceived_scene
     description = describe(perceived)
     text = write_scene(
         replace(perceived, description=description),
@@ -132,7 +132,7 @@ def perceive(
     return text
 
 
-def describe(perceived: PerceivedScene) -> Description:
+def describe(perceived_scene: PerceivedScene) -> Description:
     """Return the overview and the summary of a perceived photo."""
     from physgen.perceive.roles import Description
     from physgen.perceive.summary import summary
@@ -141,12 +141,12 @@ def describe(perceived: PerceivedScene) -> Description:
     velocities: dict[str, Sequence[float]] = {}
     # A problem of the scene is reported when the scene is rendered.
     with suppress(InputError):
-        for item in open_trial(perceived, "velocity").scene().objects:
+        for item in open_trial(perceived_scene, "velocity").scene().objects:
             velocities[item.name] = item.velocity
-    rgb = perceived.percepts.rgb
-    labels = perceived.percepts.labels
-    overview = overview_png(rgb, labels, perceived.document, velocities)
-    return Description(overview, summary(perceived))
+    rgb = perceived_scene.percepts.rgb
+    labels = perceived_scene.percepts.labels
+    overview = overview_png(rgb, labels, perceived_scene.document, velocities)
+    return Description(overview, summary(perceived_scene))
 
 
 def overview_lines(text: str, target: Path | None) -> list[str]:
@@ -164,7 +164,7 @@ class PerceivedPhoto:
     file.
     """
 
-    perceived: PerceivedScene
+    perceived_scene: PerceivedScene
     is_nameable: bool
     """Whether the file has exactly the pixels of the scene."""
 
@@ -189,14 +189,16 @@ def perceive_photo(
         detections = shrink_detections(detections, photo.full_size, rgb)
     is_full_size = photo.full_size == (rgb.shape[1], rgb.shape[0])
 
-    def set_in_motion(perceived: PerceivedScene) -> PerceivedScene:
+    def set_in_motion(perceived_scene: PerceivedScene) -> PerceivedScene:
         progress("push", 0, 1)
         full_size = None if is_full_size else photo.full_size
-        perceived = replace(perceived, full_size=full_size)
+        perceived_scene = replace(perceived_scene, full_size=full_size)
         story = None
         if options.story is not None:
             story = StoryRequest(options.story, crew.plan, warn)
-        moving_scene = start_motion(perceived, options.still, options.pushes, story)
+        moving_scene = start_motion(
+            perceived_scene, options.still, options.pushes, story
+        )
         for problem in moving_scene.warnings:
             warn(problem)
         return moving_scene

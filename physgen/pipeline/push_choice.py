@@ -32,7 +32,7 @@ def push_confidence(
         # An object whose parts may stay behind is pushed only for want of another.
         certainty = max(mask_confidence(objects[name]), least)
         if name in torn_names and certainty > TRIAL.confidence:
-            certainty = max(certainty * RELEASE.torn, TRIAL.confidence)
+            certainty = max(certainty * RELEASE.torn_weight, TRIAL.confidence)
         confidence[name] = certainty
     return confidence
 

@@ -127,12 +127,14 @@ def measure_sweep(world: World, poses: Array) -> Array:
     return np.array(distances, np.float64)
 
 
-def measure_moving_time(world: World, motion: Trajectory, least: float) -> float:
-    """Return the time after which no body is `least` px from its last pose, s."""
+def measure_moving_time(
+    world: World, motion: Trajectory, least_distance: float
+) -> float:
+    """Return the time after which no body is `least_distance` px from its last pose, s."""
     last_sample = 0
     for k, body in enumerate(world.bodies):
         distances = _shift(body, motion.poses[::-1, k])[::-1]
-        moving_samples = np.flatnonzero(distances > least)
+        moving_samples = np.flatnonzero(distances > least_distance)
         last_sample = max(last_sample, int(moving_samples.max(initial=0)))
     return float(motion.times[last_sample])
 
@@ -206,9 +208,11 @@ def tipping_motion(
     return velocity, degrees(side * rate)
 
 
-def full_travel(world: World, fallen: Collection[str]) -> Array:
+def full_travel(world: World, fallen_names: Collection[str]) -> Array:
     """Return the displacement (N,) of the full score for each body, as a share."""
-    is_free = [body.radius is not None or body.name in fallen for body in world.bodies]
+    is_free = [
+        body.radius is not None or body.name in fallen_names for body in world.bodies
+    ]
     return np.where(np.array(is_free, bool), TRIAL.far, TRIAL.slide)
 
 

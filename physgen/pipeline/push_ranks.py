@@ -31,13 +31,13 @@ class RankWeights:
 
     room: float = 0.3
     """Free distance ahead with full weight."""
-    beyond: float = 0.1
+    room_beyond: float = 0.1
     """Weight of the room behind the last object ahead, for its fall."""
     ahead: float = 1.5
     """Weight of objects ahead, relative to a free path: they will be struck."""
-    loaded: float = 0.5
+    load_weight: float = 0.5
     """Weight of an object jammed under others in the side view."""
-    beside: float = 0.1
+    side_share: float = 0.1
     """Smallest share of an object's width in the path to be ahead."""
     touch: float = 2.0
     """Gap between objects on each other, px."""
@@ -61,7 +61,7 @@ def rank_pushes(
             continue
         # Prefer objects without others on top, which would fall with them.
         weight = object_confidence * (
-            RANK.loaded if is_loaded(scene, corners, k) else 1.0
+            RANK.load_weight if is_loaded(scene, corners, k) else 1.0
         )
         barred_side = SIDES.get(trials.barred.get(item.name, ""), 0.0)
         for direction in _directions(scene, bodies, k):
@@ -134,7 +134,9 @@ def _room_score(
     overlaps = np.minimum(upper_corners, upper_corners[k]) - np.maximum(
         lower_corners, lower_corners[k]
     )
-    is_in_path = overlaps[:, 1] > RANK.beside * (upper_corners - lower_corners)[:, 1]
+    is_in_path = (
+        overlaps[:, 1] > RANK.side_share * (upper_corners - lower_corners)[:, 1]
+    )
     is_ahead = is_in_path & (lower_corners[:, 0] > upper_corners[k, 0] - RANK.touch)
     objects_ahead = [n for n in np.flatnonzero(is_ahead).tolist() if n != k]
     picture_end = max(np.array([[0, 0], trials.scene.size]) @ frame[0])
@@ -149,6 +151,6 @@ def _room_score(
     room_beyond = float(np.clip((picture_end - last_edge) / full_room, 0, 1))
     return (
         free_share
-        + RANK.beyond * room_beyond
+        + RANK.room_beyond * room_beyond
         + RANK.ahead * (1 - 0.5 ** len(objects_ahead))
     )

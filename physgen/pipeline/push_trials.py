@@ -566,7 +566,7 @@ def _run(
     # the time of short motions.
     while sample_count < len(running.times):
         next_count = min(sample_count + TRIAL.samples, len(running.times))
-        running.on(float(running.times[next_count - 1]))
+        running.advance(float(running.times[next_count - 1]))
         motion = running.trajectory()
         poses = motion.poses[sample_count:next_count]
         has_left = frame.leaving(poses)

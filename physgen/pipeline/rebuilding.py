@@ -63,7 +63,10 @@ def has_other_shape(ground: Ground) -> bool:
 
 @contextmanager
 def with_fitting_assets(
-    opened: OpenedScene, path: Path, output: Path, perceive_objects: PerceiveObjects
+    opened_scene: OpenedScene,
+    path: Path,
+    output: Path,
+    perceive_objects: PerceiveObjects,
 ) -> Iterator[tuple[OpenedScene, str]]:
     """Yield the scene with assets that fit its photo, and the text of its file.
 
@@ -73,10 +76,10 @@ def with_fitting_assets(
     from physgen.scene.load import OpenedScene
 
     text = path.read_bytes().decode("utf-8-sig")
-    ground = opened.ground
+    ground = opened_scene.ground
     is_resized = ground.perceived_size is not None
-    if not is_resized and not _lacks_masks(opened):
-        yield opened, text
+    if not is_resized and not _lacks_masks(opened_scene):
+        yield opened_scene, text
         return
     check_own_assets(text, path)
     # Write into a temporary folder beside the file, since its paths are relative.
@@ -87,19 +90,19 @@ def with_fitting_assets(
             text = _write_resized(text, ground, folder)
         else:
             text = _write_missing(text, path, ground, folder, perceive_objects)
-        yield OpenedScene(path, opened.allow_outside, text), text
+        yield OpenedScene(path, opened_scene.allow_outside, text), text
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
 
-def _lacks_masks(opened: OpenedScene) -> bool:
+def _lacks_masks(opened_scene: OpenedScene) -> bool:
     """Check whether the assets of a scene were deleted, but not its photo."""
-    document = opened.document()
-    ground = opened.ground
+    document = opened_scene.document()
+    ground = opened_scene.ground
     if ground.image is None or ground.size is None or "assets" not in document:
         return False
     if ground.assets is None:
-        return not os.path.lexists(opened.file.parent / str(document["assets"]))
+        return not os.path.lexists(opened_scene.file.parent / str(document["assets"]))
     has_masks = (ground.assets / "masks.png").is_file()
     return not has_masks and bool(_ids(document))
 

@@ -53,16 +53,16 @@ class MostChanged:
         self._seen = 0
         self._largest = -1.0
 
-    def add(self, guidance: U8, refined: U8) -> None:
+    def add(self, guidance: U8, refined_frame: U8) -> None:
         """Add the next frame, (H, W, 3) sRGB, before and after refinement."""
         mean_difference = float(
-            np.abs(np.subtract(refined, guidance, dtype=np.int16)).mean()
+            np.abs(np.subtract(refined_frame, guidance, dtype=np.int16)).mean()
         )
         # The largest difference so far makes the best example for the report.
         if mean_difference > self._largest:
             self._largest = mean_difference
             self.index = self._seen
-            self.refined = refined.copy()
+            self.refined = refined_frame.copy()
         self._seen += 1
 
 
@@ -109,7 +109,7 @@ class Outcome:
 
     faults: Sequence[Problem]
     """Reasons for a failure; empty after a success."""
-    changed: Comparison | None
+    largest_change: Comparison | None
     """Comparison of the most changed frame, before and after."""
 
 
@@ -160,28 +160,27 @@ def guidance_footage(film: Film, record: RunRecord, progress: Progress) -> Foota
 
 
 def refine_footage(
-    film: Film, kept: Footage, refiners: Refiners, files: VideoFiles
+    film: Film, footage: Footage, refiners: Refiners, files: VideoFiles
 ) -> Outcome:
     """Write the clip unrefined and, in all formats, refined."""
     from physgen.refine.fusion import Refinement, backend_errors
-    from physgen.report.perception import compare_frames
 
     scene = film.scene
-    trajectory = kept.trajectory
+    trajectory = footage.trajectory
     record = files.record
     sample_order = film.shot(trajectory).order
-    count = len(kept.rgb)
+    count = len(footage.rgb)
 
     def clip(pictures: Iterator[U8]) -> Iterator[Frame]:
         return film.annotated(
-            _frames(kept, pictures, sample_order, film.stage.faces), trajectory
+            _frames(footage, pictures, sample_order, film.stage.faces), trajectory
         )
 
-    def shown() -> Iterator[Frame]:
-        return clip(kept.rgb[sample] for sample in sample_order)
+    def unrefined_clip() -> Iterator[Frame]:
+        return clip(footage.rgb[sample] for sample in sample_order)
 
     # The unrefined clip comes first: it remains if the refinement fails after hours.
-    record.unrefined = _write_unrefined(files, shown, len(sample_order))
+    record.unrefined = _write_unrefined(files, unrefined_clip, len(sample_order))
     name = scene.refine.backend
     try:
         with record.stage("load model"), backend_errors("--refine", name):
@@ -191,7 +190,10 @@ def refine_footage(
         )
         most_changed = MostChanged()
         refined_frames = _record_frame_changes(
-            name, refinement.frames(kept.rgb, kept.coverage), kept, most_changed
+            name,
+            refinement.frames(footage.rgb, footage.coverage),
+            footage,
+            most_changed,
         )
         # The model yields each frame once: a clip that plays samples in another order
         # needs all of them in memory.
@@ -203,18 +205,33 @@ def refine_footage(
             clip(refined_frames), len(sample_order), "video", "refine", "decode"
         )[0]
     except InputError as error:
-        # Remove the incomplete files of the failed refinement.
-        for video_format in files.formats:
-            path = files.folder / video_format.file_name("video")
-            shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
+        _remove_refined(files)
         record.frames = []
         record.refine = {"backend": name, "failed": "; ".join(map(str, error.problems))}
         return Outcome(error.problems, None)
     record.refine = {"backend": name, **refinement.note()}
-    before = ("as it was drawn", kept.rgb[most_changed.index])
+    return Outcome((), _compare(footage, most_changed))
+
+
+def _compare(footage: Footage, most_changed: MostChanged) -> Comparison:
+    """Return the comparison of the most changed frame, before and after."""
+    from physgen.report.perception import compare_frames
+
+    time = float(footage.trajectory.times[most_changed.index])
+    before = ("as it was drawn", footage.rgb[most_changed.index])
     after = ("refined", most_changed.refined)
-    caption = f"The frame that changed most, at {float(trajectory.times[most_changed.index]):.2f} s."
-    return Outcome((), compare_frames("refined", "Refined", caption, before, after))
+    caption = f"The frame that changed most, at {time:.2f} s."
+    return compare_frames("refined", "Refined", caption, before, after)
+
+
+def _remove_refined(files: VideoFiles) -> None:
+    """Remove the incomplete files of a failed refinement."""
+    for video_format in files.formats:
+        path = files.folder / video_format.file_name("video")
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
 
 
 def _write_unrefined(
@@ -234,20 +251,20 @@ def _write_unrefined(
 
 
 def _record_frame_changes(
-    name: str, frames: Iterator[U8], kept: Footage, changed: MostChanged
+    name: str, frames: Iterator[U8], footage: Footage, most_changed: MostChanged
 ) -> Iterator[U8]:
-    """Yield the same frames, and add each to `changed`."""
+    """Yield the same frames, and add each to `most_changed`."""
     from physgen.refine.fusion import backend_errors
 
-    for before in kept.rgb:
+    for before in footage.rgb:
         with backend_errors("--refine", name):
             rgb = next(frames)
-        changed.add(before, rgb)
+        most_changed.add(before, rgb)
         yield rgb
 
 
 def _frames(
-    kept: Footage,
+    footage: Footage,
     pictures: Iterator[U8],
     order: Sequence[int],
     faces: Mapping[int, float],
@@ -256,7 +273,7 @@ def _frames(
     from physgen.render.stage import Frame
 
     for index, (sample, rgb) in enumerate(zip(order, pictures, strict=True)):
-        load_ids = partial(kept.ids.__getitem__, sample)
+        load_ids = partial(footage.ids.__getitem__, sample)
         yield Frame(
-            index, float(kept.trajectory.times[sample]), rgb, load_ids, faces=faces
+            index, float(footage.trajectory.times[sample]), rgb, load_ids, faces=faces
         )

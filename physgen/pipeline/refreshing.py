@@ -90,7 +90,7 @@ def refresh(
         side = max(scene_file.ground.size or (0, 0)) or None
         prompts = PerceiveOptions(boxes=boxes, points=points, side=side)
         photo = perceive_photo(image, prompts, run.crew, progress, ignore_warning)
-        return photo.perceived
+        return photo.perceived_scene
 
     with with_fitting_assets(scene_file, path, output, perceive_objects) as (
         fitting_scene,
@@ -100,7 +100,7 @@ def refresh(
 
 
 def _with_view(
-    opened: OpenedScene, text: str, view: str | None
+    opened_scene: OpenedScene, text: str, view: str | None
 ) -> tuple[OpenedScene, str]:
     """Return the scene and its text with another `world.view`, if one is given.
 
@@ -109,9 +109,9 @@ def _with_view(
     document = mark_values(text).data()
     world = document.get("world") or {}
     if view is None or world.get("view") == view:
-        return opened, text
+        return opened_scene, text
     text = write(text, document | {"world": {**world, "view": view}})
-    return OpenedScene(opened.file, opened.allow_outside, text), text
+    return OpenedScene(opened_scene.file, opened_scene.allow_outside, text), text
 
 
 @dataclass(frozen=True)
@@ -130,19 +130,21 @@ class _Refresh:
     """Whether the photo's size has changed since it was perceived."""
 
 
-def _perceive_anew(opened: OpenedScene, run: _Refresh) -> str:
+def _perceive_anew(opened_scene: OpenedScene, run: _Refresh) -> str:
     """Perceive a photo of other proportions; values without pixels of the old photo are
     kept.
     """
-    image = opened.ground.image
+    image = opened_scene.ground.image
     path = run.path
     assert image is not None
     new_photo = perceive_photo(image, run.options, run.crew, run.progress, run.warn)
-    old_document = opened.document()
-    _report_lost_objects(old_document, new_photo.perceived, path, run.warn)
+    old_document = opened_scene.document()
+    _report_lost_objects(old_document, new_photo.perceived_scene, path, run.warn)
     # Values with a meaning in any photo stay; those in pixels of the old photo are
     # dropped.
-    transfer = carry_over(old_document, opened.ground.record, new_photo.perceived)
+    transfer = carry_over(
+        old_document, opened_scene.ground.record, new_photo.perceived_scene
+    )
     description = describe(transfer.perceived)
     for key in transfer.dropped:
         run.warn(Message.VALUE_OF_OTHER_PHOTO.warning(Place(str(path)), key))
@@ -160,12 +162,12 @@ def _perceive_anew(opened: OpenedScene, run: _Refresh) -> str:
 
 
 def _report_lost_objects(
-    old: dict[str, Any], perceived: PerceivedScene, path: Path, warn: Warn
+    old: dict[str, Any], perceived_scene: PerceivedScene, path: Path, warn: Warn
 ) -> None:
     """Warn of objects that are missing in the new photo. Raises InputError if
     all are.
     """
-    names = perceived.document["objects"]
+    names = perceived_scene.document["objects"]
     lost_names = [name for name in old.get("objects", {}) if name not in names]
     if lost_names and not names:
         raise Message.NO_OBJECT_FOUND_AGAIN.error(str(path))
@@ -205,7 +207,7 @@ class _OldScene:
 class _NewPerception:
     """The result of perceiving a photo again."""
 
-    perceived: PerceivedScene
+    perceived_scene: PerceivedScene
     labels: Labels | None
     """Label map with the doubtful and the removed regions of the old scene; None if
     that has no maps.
@@ -214,9 +216,9 @@ class _NewPerception:
     """Entries of the doubtful regions that remain."""
 
 
-def _refresh(opened: OpenedScene, text: str, run: _Refresh) -> str:
+def _refresh(opened_scene: OpenedScene, text: str, run: _Refresh) -> str:
     """Refresh a scene with fitting assets; `text` is the text of its file."""
-    old, labels = _read_old_scene(opened, run)
+    old, labels = _read_old_scene(opened_scene, run)
     selection = _select_objects(old, labels, run)
     old_names = {
         i: name
@@ -252,7 +254,7 @@ def _refresh(opened: OpenedScene, text: str, run: _Refresh) -> str:
     return new_text
 
 
-def _prompt_frames(opened: OpenedScene, scene: Scene) -> PromptFrames:
+def _prompt_frames(opened_scene: OpenedScene, scene: Scene) -> PromptFrames:
     """Return the frames of new prompts, and of the prompts in a scene."""
     width, height = scene.size
     full_width, full_height = old_and_new.full_size(scene) or scene.size
@@ -263,7 +265,7 @@ def _prompt_frames(opened: OpenedScene, scene: Scene) -> PromptFrames:
         path = ("objects", item.name, "prompt")
         kind = "box" if isinstance(item.prompt, BoxPrompt) else "point"
         places[order] = (
-            opened.place((*path, kind)),
+            opened_scene.place((*path, kind)),
             f"objects.{item.name}.prompt.{kind}",
         )
     return old_and_new.PromptFrames(
@@ -272,22 +274,24 @@ def _prompt_frames(opened: OpenedScene, scene: Scene) -> PromptFrames:
     )
 
 
-def _read_old_scene(opened: OpenedScene, run: _Refresh) -> tuple[_OldScene, Labels]:
+def _read_old_scene(
+    opened_scene: OpenedScene, run: _Refresh
+) -> tuple[_OldScene, Labels]:
     """Read a scene with its photo, and return it with the label map of its objects.
 
     Raises InputError for a scene without a photo, and for wrong prompts.
     """
-    scene = opened.scene()
+    scene = opened_scene.scene()
     if scene.image is None:
         raise Message.REFRESH_WITHOUT_PHOTO.error("--refresh", f'"{run.path}"')
     # Check all prompts before any slow work.
-    frames = _prompt_frames(opened, scene)
+    frames = _prompt_frames(opened_scene, scene)
     check_prompts(run.options.boxes, run.options.points, frames.new)
     check_prompts(*old_and_new.prompts_of(scene.objects), frames.old)
     maps = percepts(scene)
     compiled_scene = compile_scene(scene, None if maps is None else maps.labels)
     photo = read_photo(scene.image)
-    written_document = opened.document()
+    written_document = opened_scene.document()
     old = _OldScene(
         scene,
         scene.image,
@@ -382,7 +386,7 @@ def _merge_scenes(
     that the user has changed.
     """
     record = old.scene.record
-    perceived = new.perceived
+    perceived = new.perceived_scene
     document = old_and_new.merge_documents(
         old.document,
         perceived.document,
@@ -412,7 +416,7 @@ def _final_percepts(old_maps: Percepts, new: _NewPerception) -> Percepts:
     """Return the new maps with the old scene's regions, and its depth if no new one
     exists.
     """
-    new_percepts = new.perceived.percepts
+    new_percepts = new.perceived_scene.percepts
     assert new.labels is not None
     # Whether the clean background exists depends on the light of this scene, not
     # on that of the new perception.
@@ -422,13 +426,13 @@ def _final_percepts(old_maps: Percepts, new: _NewPerception) -> Percepts:
 
 
 def _set_in_motion(
-    merged: PerceivedScene, old: _OldScene, run: _Refresh
+    merged_scene: PerceivedScene, old: _OldScene, run: _Refresh
 ) -> tuple[PerceivedScene, dict[str, Any]]:
     """Set the objects in motion, and return the values of those that move as before."""
     pushes = run.options.pushes
     is_still = run.options.still or bool(pushes)
     moving_scene, motions = refresh_motion(
-        merged, old.scene, old.document["objects"], is_still, run.warn
+        merged_scene, old.scene, old.document["objects"], is_still, run.warn
     )
     if pushes:
         moving_scene = push_anew(moving_scene, old.scene, pushes)
@@ -443,7 +447,7 @@ def _summary_scene(
 
     `motions`: values of objects that move as before, by name.
     """
-    perceived_document = new.perceived.document
+    perceived_document = new.perceived_scene.document
     final_objects = moving_scene.document["objects"]
     objects = dict(perceived_document["objects"])
     for name in objects.keys() & final_objects.keys():
@@ -455,5 +459,5 @@ def _summary_scene(
         }
         objects[name] = objects[name] | motion
     document = {**perceived_document, "objects": objects, "doubtful": new.doubtful}
-    comments = {**new.perceived.comments, **moving_scene.comments}
+    comments = {**new.perceived_scene.comments, **moving_scene.comments}
     return replace(moving_scene, document=document, comments=comments)

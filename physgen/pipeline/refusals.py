@@ -41,11 +41,11 @@ class RefusalLimits:
     """Chance of a photo without loose objects above which no object is pushed."""
     outdoors: float = 0.5
     """The same chance above which a boat is not a toy."""
-    staged: float = 0.3
+    staged_chance: float = 0.3
     """The same chance below which a person-like object is a figure."""
     person: float = 0.5
     """Smallest score of a person: hands score as high, toys less than 0.4."""
-    same: float = 0.6
+    same_iou: float = 0.6
     """Smallest IoU of two boxes around the same object."""
     touch: float = 0.01
     """Gap below which a person touches an object."""
@@ -155,9 +155,9 @@ class _Photo:
     def person_at(self, box: Array) -> Array | None:
         """Find the box (4,) of a person who may touch the object of a box (4,)."""
         for person in self.people:
-            is_same = box_overlap(box[None], person[None])[0, 0] >= REFUSAL.same
+            is_same = box_overlap(box[None], person[None])[0, 0] >= REFUSAL.same_iou
             # Indoors, a "person" with the object's own box is a figure or a doll.
-            if is_same and self.unsuitable < REFUSAL.staged:
+            if is_same and self.unsuitable < REFUSAL.staged_chance:
                 continue
             gaps = np.maximum(box[:2] - person[2:], person[:2] - box[2:])
             gap = float(np.hypot(*np.clip(gaps, 0, None)))
@@ -176,4 +176,4 @@ class _Photo:
         bottom_right = np.minimum(box[2:], person[2:])
         intersection = float(np.prod(np.clip(bottom_right - top_left, 0, None)))
         share = intersection / max(float(np.prod(box[2:] - box[:2])), 1.0)
-        return self.unsuitable < REFUSAL.staged and share < REFUSAL.same
+        return self.unsuitable < REFUSAL.staged_chance and share < REFUSAL.same_iou

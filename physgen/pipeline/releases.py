@@ -54,19 +54,19 @@ class ReleaseLimits:
     """
     certainty: float = TRIAL.confidence
     """Least confidence that a released object counts with in the choice of a push."""
-    most: int = 3
+    max_trials: int = 3
     """Number of objects to try: each takes the time of a search."""
     rag: float = 0.04
     """Height of an object's levelled lower border, by the object's height."""
     part: float = 0.35
     """Share of an object's area up to which an unsure object beside it is a part."""
-    unsure: float = 0.7
+    part_confidence: float = 0.7
     """Confidence below which an object can be such a part."""
     touch: float = 0.1
     """Smallest share of a part's border at its object."""
     friction: float = 0.6
     """Friction of the floor, equal to that of perceived floors."""
-    torn: float = 0.4
+    torn_weight: float = 0.4
     """Weight of an object with parts that may stay behind, in the order of releases
     and in the choice of a push.
     """
@@ -95,18 +95,19 @@ MOVING, NEAR = "moving", "near"
 
 
 def releases(
-    photo_scene: PerceivedScene, refused: Collection[str]
+    photo_scene: PerceivedScene, refused_names: Collection[str]
 ) -> Iterator[tuple[str, PerceivedScene]]:
     """Yield scenes in which one object is released on a floor, the surest object first.
 
-    Objects that are `refused`, alive or cut off by the photo's border are not released.
+    Objects in `refused_names`, living objects and objects cut off by the photo's border
+    are not released.
     """
     if photo_scene.document["world"]["view"] != View.SIDE.value:
         return
-    sorted_names = _rank_releasable_objects(photo_scene, refused)
+    sorted_names = _rank_releasable_objects(photo_scene, refused_names)
     if is_oblique(photo_scene):
         sorted_names.sort(key=lambda name: -_low(photo_scene, name))
-    for name in sorted_names[: RELEASE.most]:
+    for name in sorted_names[: RELEASE.max_trials]:
         if name not in photo_scene.document["objects"]:
             continue
         # An object whose outline cannot be made level is skipped.
@@ -121,11 +122,11 @@ def is_oblique(photo_scene: PerceivedScene) -> bool:
     return tilt >= RELEASE.oblique
 
 
-def is_weak(perceived: PerceivedScene, push: Push | None) -> bool:
+def is_weak(photo_scene: PerceivedScene, push: Push | None) -> bool:
     """Return whether a released object may tell more than a push."""
     if push is None or not push.outcome.is_inside:
         return True
-    return is_oblique(perceived) and push.outcome.travel < TRIAL.travel
+    return is_oblique(photo_scene) and push.outcome.travel < TRIAL.travel
 
 
 def stands_behind(photo_scene: PerceivedScene, name: str) -> bool:
@@ -182,7 +183,7 @@ def _low(photo_scene: PerceivedScene, name: str) -> float:
 
 
 def _rank_releasable_objects(
-    photo_scene: PerceivedScene, refused: Collection[str]
+    photo_scene: PerceivedScene, refused_names: Collection[str]
 ) -> list[str]:
     """Sort the names of releasable objects, the surest large object first."""
     labels = photo_scene.percepts.labels
@@ -193,11 +194,11 @@ def _rank_releasable_objects(
         confidence = mask_confidence(item)
         is_cut = "cut off" in photo_scene.comments.get(f"objects.{name}.motion", "")
         is_unsure = confidence < RELEASE.confidence
-        if name in refused or is_cut or is_unsure or is_living(item["label"]):
+        if name in refused_names or is_cut or is_unsure or is_living(item["label"]):
             continue
         # The square root of the area is a length: size counts, but less than by area.
         weights[name] = confidence * sqrt(float(areas[item["mask"]]))
-        weights[name] *= RELEASE.torn if name in torn_names else 1.0
+        weights[name] *= RELEASE.torn_weight if name in torn_names else 1.0
     return sorted(weights, key=lambda name: weights[name], reverse=True)
 
 
@@ -244,7 +245,7 @@ def _parts(photo_scene: PerceivedScene, name: str) -> list[str]:
     )
     parts = []
     for other, item in objects.items():
-        if other == name or mask_confidence(item) >= RELEASE.unsure:
+        if other == name or mask_confidence(item) >= RELEASE.part_confidence:
             continue
         part_mask = labels == item["mask"]
         # A part of an object touches it along much of its border.

@@ -39,6 +39,9 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+FRONTAL_LIGHT = (0.0, 0.0, 1.0)
+"""Direction of the light in a scene without a light: from the viewer."""
+
 MOST_HASHES = 20_000
 """Number of files with a hash in memory."""
 
@@ -127,7 +130,7 @@ VISIBLE_MOTION = 1.0
 
 
 def ended(
-    scene: Scene, compiled: CompiledScene
+    scene: Scene, compiled_scene: CompiledScene
 ) -> tuple[CompiledScene, Running | None]:
     """Resolve `duration: auto`, and return the run that found the duration.
 
@@ -135,13 +138,13 @@ def ended(
     waypoints that begin later; it takes at least 2.5 s.
     """
     if not scene.world.until_rest:
-        return compiled, None
+        return compiled_scene, None
     from physgen.compile.compile import frame_times
     from physgen.geometry.scale import PLAYBACK
     from physgen.simulate.engine import Running
 
     slow_motion = 1.0 if scene.render.frames is not None else scene.render.slow
-    world = compiled.world
+    world = compiled_scene.world
     pause = PLAYBACK.pause / slow_motion
     maximum = scene.world.duration / slow_motion
     latest_start = _latest_start(scene)
@@ -153,7 +156,7 @@ def ended(
     # pauses.
     for limit in (*limits, maximum):
         with scene.located():
-            running.on(limit)
+            running.advance(limit)
         last_motion = max(_last_visible_motion(world, running, limit), latest_start)
         if last_motion <= limit - 2 * pause:
             break
@@ -161,7 +164,7 @@ def ended(
     duration = min(max(last_motion + pause, shortest), maximum)
     times = frame_times(scene, duration)
     world = replace(world, duration=duration, times=times)
-    return replace(compiled, world=world), running
+    return replace(compiled_scene, world=world), running
 
 
 def _latest_start(scene: Scene) -> float:
@@ -197,23 +200,23 @@ def _last_visible_motion(world: World, running: Running, limit: float) -> float:
     return float(times[is_visible.any(axis=1)].max(initial=0.0))
 
 
-def resolved(scene: Scene, compiled: CompiledScene) -> dict[str, Any]:
+def resolved(scene: Scene, compiled_scene: CompiledScene) -> dict[str, Any]:
     """Return the scene's data with defaults and with the resolved duration."""
     resolved_values = (
-        {"duration": compiled.world.duration} if scene.world.until_rest else {}
+        {"duration": compiled_scene.world.duration} if scene.world.until_rest else {}
     )
     return {**scene.document, "world": {**scene.document["world"], **resolved_values}}
 
 
 def lint(
-    scene: Scene, compiled: CompiledScene, maps: Percepts | None = None
+    scene: Scene, compiled_scene: CompiledScene, maps: Percepts | None = None
 ) -> list[Problem]:
     """Return warnings about permitted but unlikely values of a scene and of its
     maps.
     """
     from physgen.compile.warnings import lint as lint_scene
 
-    return lint_scene(scene, compiled, maps)
+    return lint_scene(scene, compiled_scene, maps)
 
 
 def simulate(
@@ -237,7 +240,7 @@ def simulate(
 
 def fan(
     scene: Scene,
-    compiled: CompiledScene,
+    compiled_scene: CompiledScene,
     count: int,
     seed: int = 0,
     variant: str | None = None,
@@ -251,10 +254,17 @@ def fan(
     from physgen.simulate.uncertainty import simulate_ensemble as draw
 
     with scene.located():
-        return draw(scene, compiled, count, seed, variant, progress)
+        return draw(scene, compiled_scene, count, seed, variant, progress)
 
 
-def stage(scene: Scene, compiled: CompiledScene, maps: Percepts | None) -> Stage:
+def _layer_order(scene: Scene) -> dict[int, int]:
+    """Return the layers of the objects by number, from the back to the front."""
+    layers = [item.layer for item in scene.objects]
+    order = sorted(range(len(layers)), key=layers.__getitem__)
+    return {number: layers[number] for number in order}
+
+
+def stage(scene: Scene, compiled_scene: CompiledScene, maps: Percepts | None) -> Stage:
     """Prepare the filled background and the sprites from the photo.
 
     A scene without a photo gets flat shapes on a plain background, at the largest scale
@@ -272,46 +282,41 @@ def stage(scene: Scene, compiled: CompiledScene, maps: Percepts | None) -> Stage
         lit_stage,
     )
 
-    start_poses = photo_poses(compiled.world)
-    world = world_in_photo(compiled.world)
-    layers = [item.layer for item in scene.objects]
-    layer_order = {
-        k: layers[k] for k in sorted(range(len(layers)), key=layers.__getitem__)
-    }
+    start_poses = photo_poses(compiled_scene.world)
+    world = world_in_photo(compiled_scene.world)
+    layer_order = _layer_order(scene)
     supersample = scene.render.supersample
     if maps is None:
         scale = canvas_scale(scene)
-        world, outlines = enlarged_world(world, compiled.outlines, scale)
+        world, outlines = enlarged_world(world, compiled_scene.outlines, scale)
         sprites = flat_sprites(world, outlines, list(layer_order), scale)
         return Stage(
             flat_background(world, scale), sprites, supersample=supersample, scale=scale
         )
     # The background behind objects, and the soft borders of objects.
-    coverage, background = filled(maps, compiled.labels, compiled.scenery)
+    coverage, background = filled(maps, compiled_scene.labels, compiled_scene.scenery)
     # Perception cut out doubtful regions like objects, but in this scene they belong to
     # the background.
     doubtful = [
         region["mask"] for region in scene.document.get("doubtful", {}).values()
     ]
     maps, coverage, background = _put_back(
-        maps, doubtful, coverage, background, compiled.labels
+        maps, doubtful, coverage, background, compiled_scene.labels
     )
-    absent_pixels = (
-        (maps.cut_out > 0)
-        & (compiled.labels == 0)
-        & ~compiled.scenery
-        & ~np.isin(maps.labels, doubtful)
+    is_absent = (
+        (maps.cut_out > 0) & (compiled_scene.labels == 0) & ~compiled_scene.scenery
     )
+    absent_pixels = is_absent & ~np.isin(maps.labels, doubtful)
     # Threads of OpenCV cost a third more CPU time, and the encoder uses the other core.
     with single_threaded():
-        shapes = compiled.shapes.drawn
+        shapes = compiled_scene.shapes.drawn
         world = world_as_drawn(world, shapes)
-        light_direction = (
-            (0.0, 0.0, 1.0) if scene.light is None else scene.light.direction
-        )
+        light_direction = FRONTAL_LIGHT
+        if scene.light is not None:
+            light_direction = scene.light.direction
         sprites = cut_sprites(
             maps.rgb,
-            compiled.labels,
+            compiled_scene.labels,
             absent_pixels,
             coverage,
             background,
@@ -327,7 +332,7 @@ def stage(scene: Scene, compiled: CompiledScene, maps: Percepts | None) -> Stage
             background,
             coverage,
             absent_pixels,
-            compiled.labels,
+            compiled_scene.labels,
         )
     return replace(prepared_stage, supersample=supersample, starts=start_poses)
 
@@ -404,34 +409,32 @@ def shot(scene: Scene, trajectory: Trajectory) -> Shot:
 
 
 def render(
-    drawn: Stage, trajectory: Trajectory, parts: int = 1, through: Shot | None = None
+    stage: Stage, trajectory: Trajectory, parts: int = 1, shot: Shot | None = None
 ) -> Iterator[Frame]:
     """Yield frames, one at a time, each exposed over `parts` samples in linear light.
 
-    Without the shot `through`, the whole canvas is shown and played forwards. If its
+    Without the shot `shot`, the whole canvas is shown and played forwards. If its
     camera moves, an exposure is the mean of four views, if `parts` is divisible by
     four, else of one view per sample.
     """
     from physgen.render.camera import FEWEST, filmed, mean_exposures, ways_seen
     from physgen.render.frames import render_frames
 
-    if through is None:
-        return render_frames(drawn, trajectory, parts=parts)
-    samples = through.samples(parts)
+    if shot is None:
+        return render_frames(stage, trajectory, parts=parts)
+    samples = shot.samples(parts)
     # The camera also moves while the shutter is open: an object that it follows stays
     # sharp, and the background is blurred.
-    if parts > 1 and through.moves:
+    if parts > 1 and shot.moves:
         samples_per_view = 1 if parts % FEWEST else parts // FEWEST
-        poses_in_view = ways_seen(trajectory, through, samples_per_view)
+        poses_in_view = ways_seen(trajectory, shot, samples_per_view)
         frames = render_frames(
-            drawn, trajectory, samples, samples_per_view, poses_in_view
+            stage, trajectory, samples, samples_per_view, poses_in_view
         )
         return mean_exposures(
-            filmed(frames, through, drawn.scale), parts // samples_per_view
+            filmed(frames, shot, stage.scale), parts // samples_per_view
         )
-    return filmed(
-        render_frames(drawn, trajectory, samples, parts), through, drawn.scale
-    )
+    return filmed(render_frames(stage, trajectory, samples, parts), shot, stage.scale)
 
 
 class Keep(Enum):
@@ -603,29 +606,33 @@ class Stages:
             self._motions.of(motion_key(world), lambda: run.sampled(world.times))
         return compiled_scene
 
-    def stage(self, scene: Scene, compiled: CompiledScene, maps: Maps) -> Stage:
+    def stage(self, scene: Scene, compiled_scene: CompiledScene, maps: Maps) -> Stage:
         """Prepare the stage of a scene like `stage`, or return a known one."""
         from physgen.compile.world import appearance, photo_poses
         from physgen.pipeline.cache_keys import key
 
-        drawn_outlines = compiled.outlines if maps.percepts is None else ()
-        visible_properties = appearance(scene, compiled.world)
+        drawn_outlines = compiled_scene.outlines if maps.percepts is None else ()
+        visible_properties = appearance(scene, compiled_scene.world)
         labels = [item.label for item in scene.objects]
         doubtful = scene.document.get("doubtful", {})
         inputs = (
             *(dict(scene.maps), labels, doubtful, *visible_properties),
-            *(compiled.labels, compiled.scenery, drawn_outlines),
+            *(compiled_scene.labels, compiled_scene.scenery, drawn_outlines),
             maps.has_noise,
         )
         cache_key = key("stage", maps.key, *inputs)
         known_stage = self._stages.of(
-            cache_key, lambda: self._stage(scene, compiled, maps, inputs)
+            cache_key, lambda: self._stage(scene, compiled_scene, maps, inputs)
         )
         # The poses at the start of the motion do not change the sprites.
-        return replace(known_stage, starts=photo_poses(compiled.world))
+        return replace(known_stage, starts=photo_poses(compiled_scene.world))
 
     def _stage(
-        self, scene: Scene, compiled: CompiledScene, maps: Maps, depends: Sequence[Any]
+        self,
+        scene: Scene,
+        compiled_scene: CompiledScene,
+        maps: Maps,
+        depends: Sequence[Any],
     ) -> Stage:
         """Prepare a stage, or load it from the cache in the assets folder.
 
@@ -633,16 +640,16 @@ class Stages:
         """
         cache = None if maps.is_large else self._assets_cache(scene)
         if cache is None or scene.assets is None:
-            return stage(scene, compiled, maps.percepts)
+            return stage(scene, compiled_scene, maps.percepts)
         files = [file for file, _ in maps.stamps]
         try:
             entry = cache.entry("stage", files, self.hash, *depends)
         except OSError:
-            return stage(scene, compiled, maps.percepts)
+            return stage(scene, compiled_scene, maps.percepts)
         cached_stage = cache.load_stage(entry)
         if cached_stage is not None:
             return cached_stage
-        new_stage = stage(scene, compiled, maps.percepts)
+        new_stage = stage(scene, compiled_scene, maps.percepts)
         # A file that changed while the stage was prepared would make the entry wrong.
         # Each process writes one stage per folder, so that variants do not replace each
         # other's all the time.

@@ -40,9 +40,9 @@ class StoryLimits:
     """Speeds of trials, by the ordinary speed of a push, from gentle to hard."""
     elevations: tuple[float, ...] = (0.0, 20.0, 40.0, 60.0)
     """Elevations of throws above the line to the target, degrees."""
-    fallen: float = 60.0
+    fallen_angle: float = 60.0
     """Smallest turn of an object that has fallen over, degrees."""
-    spun: float = 90.0
+    spun_angle: float = 90.0
     """Smallest turn of an object that spins, degrees."""
     shift: float = 0.05
     """Smallest visible shift, by the picture's longer side."""
@@ -54,7 +54,7 @@ class StoryLimits:
     """Ordinary spin, degrees/s."""
     actors: int = 4
     """Largest number of actors to try, if a sentence means one of many."""
-    most: int = 120
+    max_simulations: int = 120
     """Largest number of simulations."""
     rate: float = 60.0
     """Samples of a motion per second, from which its outcome is rated."""
@@ -93,17 +93,17 @@ class Telling:
     is_fulfilled: bool
     outcome: str
     """Description of the motion in words."""
-    tried: int
+    trials: int
     """Number of simulations."""
 
 
-def tell_story(scene: Scene, compiled: CompiledScene, text: str) -> Telling:
+def tell_story(scene: Scene, compiled_scene: CompiledScene, text: str) -> Telling:
     """Return the edits for the motion that a sentence describes, or for the nearest
     one.
 
     Raises InputError if no verb or no object of the sentence is known.
     """
-    world = compiled.world
+    world = compiled_scene.world
     story = read_story(text, scene_names(scene, world))
     actors = [k for k in story.actors if world.bodies[k].motion is not Motion.SCRIPTED]
     if not actors:
@@ -112,7 +112,7 @@ def tell_story(scene: Scene, compiled: CompiledScene, text: str) -> Telling:
     best = None
     best_merit = -1.0
     trial_count = 0
-    for start in _starts(scene, compiled, story, actors):
+    for start in _starts(scene, compiled_scene, story, actors):
         motion = _simulate_start(scene, quiet, start)
         share = fulfilment(quiet, story, start, motion)
         trial_count += 1
@@ -127,12 +127,12 @@ def tell_story(scene: Scene, compiled: CompiledScene, text: str) -> Telling:
             best_merit = merit
             best_share = share
             best_motion = motion
-        if merit >= LIMITS.partial or trial_count >= LIMITS.most:
+        if merit >= LIMITS.partial or trial_count >= LIMITS.max_simulations:
             break
     assert best is not None
     is_fulfilled = best_share >= LIMITS.partial
     words = outcome_words(scene, quiet, story, best, best_motion)
-    edits = story_edits(scene, compiled, best)
+    edits = story_edits(scene, compiled_scene, best)
     return Telling(edits, is_fulfilled, words, trial_count)
 
 
@@ -164,10 +164,10 @@ def _at_rest(scene: Scene, world: World) -> World:
 
 
 def _starts(
-    scene: Scene, compiled: CompiledScene, story: Story, actors: Sequence[int]
+    scene: Scene, compiled_scene: CompiledScene, story: Story, actors: Sequence[int]
 ) -> Iterator[Start]:
     """Yield the ways to set an actor in motion, from gentle to hard."""
-    world = compiled.world
+    world = compiled_scene.world
     tried_actors = actors[: LIMITS.actors]
     # Without a push first: the outcome may happen by gravity alone.
     if story.is_declared or story.wish in (Wish.HALT, Wish.DROP):
@@ -293,7 +293,7 @@ def sampled_motion(world: World) -> Trajectory:
     count = max(int(world.duration * LIMITS.rate), 2)
     times = np.linspace(0.0, world.duration, count + 1)
     running = Running(world, times)
-    running.on(float(times[-1]))
+    running.advance(float(times[-1]))
     return running.trajectory()
 
 
@@ -443,9 +443,12 @@ def _change(world: World, wish: Wish, k: int, motion: Trajectory) -> float:
     poses = motion.poses[:, k]
     height = _height(world.bodies[k])
     if wish is Wish.TURN:
-        value = degrees(float(np.abs(poses[:, 2] - poses[0, 2]).max())) / LIMITS.fallen
+        value = (
+            degrees(float(np.abs(poses[:, 2] - poses[0, 2]).max()))
+            / LIMITS.fallen_angle
+        )
     elif wish is Wish.SPIN:
-        value = degrees(float(np.abs(poses[-1, 2] - poses[0, 2]))) / LIMITS.spun
+        value = degrees(float(np.abs(poses[-1, 2] - poses[0, 2]))) / LIMITS.spun_angle
     elif wish is Wish.DROP:
         value = (poses[-1, 1] - poses[0, 1]) / (LIMITS.drop * height)
     else:
@@ -482,7 +485,7 @@ def outcome_words(
         angle = degrees(
             float(np.abs(motion.poses[:, k, 2] - motion.poses[0, k, 2]).max())
         )
-        if angle >= LIMITS.fallen and world.bodies[k].radius is None:
+        if angle >= LIMITS.fallen_angle and world.bodies[k].radius is None:
             turn_sentences.append(f"{name} turns by {angle:.0f} degrees")
     sentences += turn_sentences
     offset = motion.poses[-1, start.actor, :2] - motion.poses[0, start.actor, :2]
@@ -493,7 +496,9 @@ def outcome_words(
     return "; ".join(sentences)
 
 
-def story_edits(scene: Scene, compiled: CompiledScene, start: Start) -> dict[str, Any]:
+def story_edits(
+    scene: Scene, compiled_scene: CompiledScene, start: Start
+) -> dict[str, Any]:
     """Return the edits of a start, by dotted key, with the scene's own pushes
     removed.
     """
@@ -511,7 +516,7 @@ def story_edits(scene: Scene, compiled: CompiledScene, start: Start) -> dict[str
     if not start.is_moved:
         return edits
     item = scene.objects[start.actor]
-    body = compiled.world.bodies[start.actor]
+    body = compiled_scene.world.bodies[start.actor]
     key = f"objects.{item.name}"
     if item.motion is not Motion.DYNAMIC:
         edits[f"{key}.motion"] = "dynamic"

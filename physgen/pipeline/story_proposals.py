@@ -31,12 +31,12 @@ LONGEST_NAME = 64
 """Characters of such a name."""
 
 
-def object_schema(properties: Schema, required: Sequence[str]) -> dict[str, Any]:
+def object_schema(properties: Schema, required_keys: Sequence[str]) -> dict[str, Any]:
     """Return the schema of an object with these properties and no others."""
     return {
         "type": "object",
         "properties": dict(properties),
-        "required": list(required),
+        "required": list(required_keys),
         "additionalProperties": False,
     }
 

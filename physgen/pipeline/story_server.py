@@ -105,8 +105,8 @@ class StoryScene:
     """A scene in which a story is to happen."""
 
     scene: Scene
-    compiled: CompiledScene
-    edited: Callable[[Mapping[str, Any]], Scene]
+    compiled_scene: CompiledScene
+    apply_edits: Callable[[Mapping[str, Any]], Scene]
     """The scene after edits by dotted key. Raises InputError."""
     picture: bytes | None = None
     """The overview, PNG; None: drawn from the scene."""
@@ -128,7 +128,7 @@ def tell(subject: StoryScene, text: str, plan: Plan, warn: Warn) -> Telling:
             server.close()
         if telling is not None:
             return telling
-    return tell_story(subject.scene, subject.compiled, text)
+    return tell_story(subject.scene, subject.compiled_scene, text)
 
 
 def _configured_server(plan: Plan, warn: Warn) -> StoryServer | None:
@@ -168,7 +168,7 @@ class _Talk:
     best: Telling | None = None
     best_share: float = -1.0
     last: Telling | None = None
-    tried: int = 0
+    trials: int = 0
     drawing: stages.Stages = field(default_factory=stages.Stages)
 
     def say(
@@ -228,7 +228,7 @@ def _warn_of_failure(error: InputError, has_best: bool, warn: Warn) -> None:
 
 def _open_talk(subject: StoryScene, text: str) -> _Talk:
     """Return a conversation with its first question."""
-    world = subject.compiled.world
+    world = subject.compiled_scene.world
     is_judge = _understood(text, subject.scene, world) is None
     rules = proposal_rules(subject.scene, subject.may_change_objects, is_judge)
     talk = _Talk(subject, text, rules, is_judge)
@@ -254,7 +254,7 @@ def _is_accepted(talk: _Talk, answer: Mapping[str, Any]) -> bool:
     share = float(answer.get("nearness", 0.0))
     is_right = share >= LIMITS.partial
     last = talk.last
-    talk.keep(Telling(last.edits, is_right, last.outcome, talk.tried), share)
+    talk.keep(Telling(last.edits, is_right, last.outcome, talk.trials), share)
     talk.last = None
     return is_right
 
@@ -266,17 +266,17 @@ class _Trial:
     values: dict[str, Any]
     """Edits by dotted key."""
     scene: Scene
-    compiled: CompiledScene
+    compiled_scene: CompiledScene
     motion: Trajectory
 
 
 def _simulate(talk: _Talk, edits: list[Any]) -> _Trial:
     """Return the simulation of proposed edits. Raises UnsuitableEditError."""
     subject = talk.subject
-    quiet = story_edits(subject.scene, subject.compiled, Start(0, is_moved=False))
-    values = scene_edits(subject.scene, subject.compiled.world, quiet, edits)
+    quiet = story_edits(subject.scene, subject.compiled_scene, Start(0, is_moved=False))
+    values = scene_edits(subject.scene, subject.compiled_scene.world, quiet, edits)
     try:
-        scene = subject.edited(values)
+        scene = subject.apply_edits(values)
         compiled = talk.drawing.compile(scene, talk.drawing.maps(scene))
         return _Trial(values, scene, compiled, sampled_motion(compiled.world))
     except InputError as error:
@@ -292,7 +292,7 @@ def _reasons(error: InputError) -> str:
 def _proposal_frames(talk: _Talk, trial: _Trial) -> tuple[bytes, ...]:
     """Return pictures of a proposal's motion. Raises UnsuitableEditError."""
     try:
-        return _frames(talk, trial.scene, trial.compiled, trial.motion)
+        return _frames(talk, trial.scene, trial.compiled_scene, trial.motion)
     except InputError as error:
         raise UnsuitableEditError(_reasons(error)) from None
 
@@ -313,9 +313,9 @@ def _take_proposal(talk: _Talk, edits: list[Any]) -> bool:
     except UnsuitableEditError as error:
         talk.say(AGAIN.format(fault=error))
         return False
-    talk.tried += 1
-    outcome = motion_words(trial.compiled.world, trial.motion)
-    talk.last = Telling(trial.values, is_right, outcome, talk.tried)
+    talk.trials += 1
+    outcome = motion_words(trial.compiled_scene.world, trial.motion)
+    talk.last = Telling(trial.values, is_right, outcome, talk.trials)
     talk.keep(talk.last, share)
     if not is_right:
         values = {"count": len(frames), "outcome": outcome, "verdict": verdict}
@@ -325,7 +325,7 @@ def _take_proposal(talk: _Talk, edits: list[Any]) -> bool:
 
 def _share(text: str, trial: _Trial) -> float:
     """Return how far a motion is what a story wants, by the best of its actors."""
-    world = trial.compiled.world
+    world = trial.compiled_scene.world
     story = _understood(text, trial.scene, world)
     if story is None:
         return 0.0
@@ -371,16 +371,16 @@ def _overview(talk: _Talk) -> bytes:
     maps = talk.drawing.maps(subject.scene)
     if maps.percepts is not None:
         return photo_overview(maps.percepts, subject.scene.document)
-    motion = sampled_motion(subject.compiled.world)
-    return _frames(talk, subject.scene, subject.compiled, motion)[0]
+    motion = sampled_motion(subject.compiled_scene.world)
+    return _frames(talk, subject.scene, subject.compiled_scene, motion)[0]
 
 
 def _frames(
-    talk: _Talk, scene: Scene, compiled: CompiledScene, motion: Trajectory
+    talk: _Talk, scene: Scene, compiled_scene: CompiledScene, motion: Trajectory
 ) -> tuple[bytes, ...]:
     """Return pictures of a motion, PNG, evenly spread until its end."""
-    times = compiled.world.duration * np.arange(1, FRAMES + 1) / FRAMES
-    stage = talk.drawing.stage(scene, compiled, talk.drawing.maps(scene))
+    times = compiled_scene.world.duration * np.arange(1, FRAMES + 1) / FRAMES
+    stage = talk.drawing.stage(scene, compiled_scene, talk.drawing.maps(scene))
     frames = stages.render(stage, motion.sampled(times))
     return tuple(_small_png(frame.rgb) for frame in frames)
 

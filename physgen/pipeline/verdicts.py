@@ -26,7 +26,7 @@ class OutcomeLimits:
 
     brief: float = 0.5
     """Smallest duration of visible motion in the video, s; below it is a jerk."""
-    filled: float = 0.25
+    filled_area: float = 0.25
     """Area of filled background behind moving objects, on any ground."""
     busy_filled: float = 0.06
     """The same area beside fine detail, which a fill does not continue."""
@@ -42,20 +42,26 @@ TOY_WORDS = frozenset(["toy", "toys", "model", "matchbox", "figure"])
 """Words of a label that mark a toy."""
 
 
-def with_doubts(perceived: PerceivedScene, reasons: Sequence[str]) -> PerceivedScene:
+def with_doubts(
+    perceived_scene: PerceivedScene, reasons: Sequence[str]
+) -> PerceivedScene:
     """Add reasons to doubt the suitability of a scene's photo."""
     earlier_reasons = (
-        () if perceived.suitability is None else perceived.suitability.reasons
+        ()
+        if perceived_scene.suitability is None
+        else perceived_scene.suitability.reasons
     )
     all_reasons = tuple(dict.fromkeys((*earlier_reasons, *reasons)))
-    return replace(perceived, suitability=Suitability(all_reasons))
+    return replace(perceived_scene, suitability=Suitability(all_reasons))
 
 
 def outcome_doubts(
-    perceived: PerceivedScene, pushed: Sequence[str], outcome: Outcome
+    perceived_scene: PerceivedScene, pushed_names: Sequence[str], outcome: Outcome
 ) -> list[str]:
-    """Return the doubts about a clip in which the objects `pushed` start a motion."""
-    names = listed(list(pushed), "and")
+    """Return the doubts about a clip in which the objects `pushed_names` start a
+    motion.
+    """
+    names = listed(list(pushed_names), "and")
     doubts = []
     if outcome.grade is Grade.NOTHING:
         doubts.append(Note.PUSH_MOVES_NOTHING.text(names=names))
@@ -67,12 +73,12 @@ def outcome_doubts(
     if outcome.grade is Grade.RESTLESS:
         doubts.append(Note.RESTLESS.text())
     # Viewers see the slow motion: judge the duration of the clip, not of the motion.
-    slow_motion = round(perceived.document.get("render", {}).get("slow", 1))
+    slow_motion = round(perceived_scene.document.get("render", {}).get("slow", 1))
     seconds = outcome.seconds * slow_motion
     if outcome.grade is Grade.SHORT and seconds < OUTCOME.brief:
         doubts.append(Note.MOTION_BRIEF.text(seconds=seconds))
-    doubts += _fill_doubts(perceived, outcome)
-    parts = list(dict.fromkeys(map(_part_owner, perceived.warnings)))
+    doubts += _fill_doubts(perceived_scene, outcome)
+    parts = list(dict.fromkeys(map(_part_owner, perceived_scene.warnings)))
     owners = [name for name in parts if name in outcome.moved]
     if owners:
         doubts.append(Note.PART_MAY_STAY.text(names=listed(owners, "and")))
@@ -104,20 +110,20 @@ def _part_owner(problem: Problem) -> str:
     return problem.path.split(".")[1]
 
 
-def _fill_doubts(perceived: PerceivedScene, outcome: Outcome) -> list[str]:
+def _fill_doubts(perceived_scene: PerceivedScene, outcome: Outcome) -> list[str]:
     """Return the doubt about the filled background behind moving objects."""
-    mask = np.zeros(perceived.percepts.labels.shape, bool)
+    mask = np.zeros(perceived_scene.percepts.labels.shape, bool)
     area = 0.0
     for name in outcome.moved:
-        object_mask = _object_mask(perceived, name)
+        object_mask = _object_mask(perceived_scene, name)
         columns = max(np.count_nonzero(object_mask.any(axis=0)), 1)
         # An object that moves by less than its own width uncovers only a part of its
         # background.
         uncovered_share = outcome.travel * max(object_mask.shape) / columns
         area += min(uncovered_share, 1.0) * float(object_mask.mean())
         mask |= object_mask
-    detail_share = _detail_around(perceived, mask) if area else 0.0
-    is_large = area > OUTCOME.filled
+    detail_share = _detail_around(perceived_scene, mask) if area else 0.0
+    is_large = area > OUTCOME.filled_area
     has_much_detail = area > OUTCOME.busy_filled and detail_share > OUTCOME.busy
     if not (is_large or has_much_detail):
         return []
@@ -125,19 +131,19 @@ def _fill_doubts(perceived: PerceivedScene, outcome: Outcome) -> list[str]:
     return [note.text(share=percent(area))]
 
 
-def _object_mask(perceived: PerceivedScene, name: str) -> NDArray[np.bool_]:
+def _object_mask(perceived_scene: PerceivedScene, name: str) -> NDArray[np.bool_]:
     """Return the mask (H, W) of an object."""
-    item = perceived.document["objects"].get(name, {})
-    labels = perceived.percepts.labels
+    item = perceived_scene.document["objects"].get(name, {})
+    labels = perceived_scene.percepts.labels
     number = item.get("mask")
     if not isinstance(number, int):
         return np.zeros(labels.shape, bool)
     return np.asarray(labels == number)
 
 
-def _detail_around(perceived: PerceivedScene, mask: NDArray[np.bool_]) -> float:
+def _detail_around(perceived_scene: PerceivedScene, mask: NDArray[np.bool_]) -> float:
     """Return the share of fine detail around a mask (H, W)."""
-    is_fine = fine_detail(perceived.percepts.rgb)
+    is_fine = fine_detail(perceived_scene.percepts.rgb)
     small_mask = cv2.resize(
         mask.astype(np.uint8), is_fine.shape[::-1], interpolation=cv2.INTER_AREA
     )
@@ -163,9 +169,9 @@ def with_toys_named(photo_scene: PerceivedScene) -> PerceivedScene:
     return replace(photo_scene, comments=comments)
 
 
-def living_doubts(perceived: PerceivedScene) -> list[str]:
+def living_doubts(perceived_scene: PerceivedScene) -> list[str]:
     """Return a reason with the names of people and animals; none is ever pushed."""
-    objects = perceived.document["objects"].items()
+    objects = perceived_scene.document["objects"].items()
     labels = {name: item.get("label", "") for name, item in objects}
     living_labels = {name: label for name, label in labels.items() if is_living(label)}
     if not living_labels:

@@ -61,7 +61,7 @@ class Denoiser(Protocol):
         """
         ...
 
-    def noised(self, latents: F32, noise: F32, k: int) -> F32:
+    def add_noise(self, latents: F32, noise: F32, k: int) -> F32:
         """Return latents at the noise level at the start of step `k`; unchanged at k =
         count.
         """
@@ -73,7 +73,7 @@ class Denoiser(Protocol):
         """
         ...
 
-    def stepped(self, prediction: F32, latents: F32, k: int) -> F32:
+    def step(self, prediction: F32, latents: F32, k: int) -> F32:
         """Return latents after step `k`."""
         ...
 

@@ -6,9 +6,9 @@
 | m | `mask` | coverage of the objects: 0 outside, 1 inside, here also in between |
 | T (line 1: nint(T s)) | `steps_run(steps, strength)` | number of denoising steps: 25 of 50 at s = 0.5 |
 | t = T .. 1 | `k = 0 .. count - 1`, k = T - t | steps run so far |
-| z_T, z~_T ~ q(z_T given z~0) (line 2) | `noised(guidance, 0)` | the guidance at the first step's noise |
-| p(z_t-1 given z_t) (lines 6, 12) | `denoised(z, k)` | one step of the model |
-| z~_t-1 ~ q(z_t-1 given z~0) (line 5) | `noised(guidance, k + 1)` | the guidance, as noisy as the step leaves z |
+| z_T, z~_T ~ q(z_T given z~0) (line 2) | `add_noise(guidance, 0)` | the guidance at the first step's noise |
+| p(z_t-1 given z_t) (lines 6, 12) | `denoise(z, k)` | one step of the model |
+| z~_t-1 ~ q(z_t-1 given z~0) (line 5) | `add_noise(guidance, k + 1)` | the guidance, as noisy as the step leaves z |
 | w = (T - t) / T (line 7) | `rising(k, count)` | share of the model's own in the objects: 0, 1/T .. (T - 1)/T |
 | delta (line 4) | `stop` | number of the last steps, without guidance |
 
@@ -17,7 +17,7 @@ delta steps free. The paper's text and public code leave the *last* delta steps 
 so does this module: the guidance places the objects at high noise, and the model then
 adapts their borders and light. Lines 2 and 5 draw new noise in every step. A blend of
 independent noises has less noise than the model expects (half its variance at w = 1/2),
-and objects lose texture. `noised` must therefore add the same noise every time;
+and objects lose texture. `add_noise` must therefore add the same noise every time;
 docs/models.md has the figures.
 
 A frame is the guidance plus the change by the model, D(z) - D(z~0), because the decoder
@@ -89,47 +89,47 @@ def rising(k: int, count: int) -> float:
     return k / count
 
 
-def each_step(held: Any, count: int) -> Any:
+def each_step(share: Any, count: int) -> Any:
     """Return the share of the guidance to restore in each of `count` steps.
 
-    The share `held` then remains at the end. Blends multiply: with 0.15 in each of 25
+    The share `share` then remains at the end. Blends multiply: with 0.15 in each of 25
     steps, only 0.85^25 = 0.02 of the model's changes would remain.
 
     >>> each_step(1.0, 25), each_step(0.0, 25), round(each_step(0.75, 2), 6)
     (1.0, 0.0, 0.5)
     """
-    return 1 - (1 - held) ** (1 / count)
+    return 1 - (1 - share) ** (1 / count)
 
 
 def fuse_latents(
     guidance: Latent,
     mask: Any,
     *,
-    noised: Callable[[Latent, int], Latent],
-    denoised: Callable[[Latent, int], Latent],
+    add_noise: Callable[[Latent, int], Latent],
+    denoise: Callable[[Latent, int], Latent],
     count: int,
     stop: int,
     weight: Weight = rising,
-    held: Any = 0.0,
+    held_share: Any = 0.0,
 ) -> Latent:
     """Fuse the guidance with the model's latents; return refined latents of equal
     shape.
 
-    `mask` 0..1 broadcasts against latents. `noised(z0, k)` is z0 at the noise level at
-    the start of step k, and z0 itself at k = count; `denoised(z, k)` is step k. `held`
-    0..1 is the share of the guidance in every step, also in free ones. It broadcasts,
-    too, and is 1 on the first frame, the photo; see `each_step`.
+    `mask` 0..1 broadcasts against latents. `add_noise(z0, k)` is z0 at the noise level
+    at the start of step k, and z0 itself at k = count; `denoise(z, k)` is step k.
+    `held_share` 0..1 is the share of the guidance in every step, also in free ones. It
+    broadcasts, too, and is 1 on the first frame, the photo; see `each_step`.
     """
-    z = noised(guidance, 0)
+    z = add_noise(guidance, 0)
     fusing = steps_fused(count, stop)
     for k in range(count):
-        z = denoised(z, k)
+        z = denoise(z, k)
         share = mask * (1 - weight(k, count)) if k < fusing else 0 * mask
         # Line 8; the held share applies in free steps, too.
-        share = np.maximum(share, held)
+        share = np.maximum(share, held_share)
         # With a share of 1, this form equals z~ to the last bit; z + share (z~ - z)
         # would not.
-        z = (1 - share) * z + share * noised(guidance, k + 1)
+        z = (1 - share) * z + share * add_noise(guidance, k + 1)
     return z
 
 
@@ -157,25 +157,25 @@ def prompt_of(labels: Iterable[str]) -> str:
 
 def restore_detail(
     guidance: U8,
-    refined: F32,
-    guided: F32,
+    refined_frame: F32,
+    guidance_frame: F32,
     coverage: F32,
     *,
     detail: float,
     lock: float,
-    held: float,
+    held_share: float,
 ) -> U8:
     """Restore detail of the guidance in a refined frame, (H, W, 3) sRGB.
 
-    `refined` and `guided` (H, W, 3) sRGB 0..1: the decoded latents of the refined video
-    and of the guidance; `coverage` (H, W) of objects. Shares 0..1: `detail`, of the
-    detail lost by the decoder; `lock`, of the guidance at objects; `held`, of the
-    guidance everywhere.
+    `refined_frame` and `guidance_frame` (H, W, 3) sRGB 0..1: the decoded latents of the
+    refined video and of the guidance; `coverage` (H, W) of objects. Shares 0..1:
+    `detail`, of the detail lost by the decoder; `lock`, of the guidance at objects;
+    `held_share`, of the guidance everywhere.
     """
     before = guidance.astype(np.float32) / np.float32(255)
     # Autoencoders lose detail. The loss in the guidance is known: add it to the result.
-    after = refined + np.float32(detail) * (before - guided)
-    after = before + np.float32(1 - held) * (after - before)
+    after = refined_frame + np.float32(detail) * (before - guidance_frame)
+    after = before + np.float32(1 - held_share) * (after - before)
     refined_rgb: U8 = np.rint(np.clip(after, 0, 1) * 255).astype(np.uint8)
     # Where objects are locked, blend the guidance over the result in linear light.
     share = np.float32(lock) * coverage
@@ -237,7 +237,7 @@ class Refinement:
     def __init__(
         self,
         model: Denoiser,
-        how: RefineSettings,
+        settings: RefineSettings,
         size: tuple[int, int],
         count: int,
         progress: Progress = silent,
@@ -249,7 +249,7 @@ class Refinement:
         """
         self._model, self._how, self._count, self._progress, self._weight = (
             model,
-            how,
+            settings,
             count,
             progress,
             weight,
@@ -274,7 +274,9 @@ class Refinement:
         """Yield refined frames; raises MemoryError."""
         model, settings, fit, grid = self._model, self._how, self._fit, self._model.grid
         frame_total = frames_held(self._latents, grid)
-        padded_guidance = pad_frames([fit.shown(rgb) for rgb in guidance], frame_total)
+        padded_guidance = pad_frames(
+            [fit.to_model(rgb) for rgb in guidance], frame_total
+        )
         self._progress("refine", 0, settings.count)
         z0 = model.begin(
             padded_guidance, settings.prompt, settings.steps, settings.count
@@ -286,46 +288,54 @@ class Refinement:
             z0.shape, np.float32
         )
 
-        def denoised(z: F32, k: int) -> F32:
+        def denoise(z: F32, k: int) -> F32:
             prediction = blend_predictions(
                 lambda part, first: model.predict(part, k, first), z, self._windows
             )
             self._progress("refine", k + 1, settings.count)
-            return model.stepped(prediction, z, k)
+            return model.step(prediction, z, k)
 
         z = fuse_latents(
             z0,
             mask,
-            noised=lambda latents, k: model.noised(latents, noise, k),
-            denoised=denoised,
+            add_noise=lambda latents, k: model.add_noise(latents, noise, k),
+            denoise=denoise,
             count=settings.count,
             stop=settings.stop,
             weight=self._weight,
-            held=each_step(over_time(stay, grid), settings.count)[:, None, None, None],
+            held_share=each_step(over_time(stay, grid), settings.count)[
+                :, None, None, None
+            ],
         )
         if not np.isfinite(z).all():
             raise Message.REFINED_NOT_FINITE.error(
                 "refine", str(model.note().get("dtype", ""))
             )
-        parts = zip(model.decode(z), model.decode(z0), strict=True)
-        pairs = (pair for part in parts for pair in zip(*part, strict=True))
-        # Leave out the additional frames at the end of the last latent frame.
-        for index, (refined_frame, guidance_frame) in enumerate(
-            islice(pairs, self._count)
-        ):
+        pairs = enumerate(self._decoded_pairs(z, z0))
+        for index, (refined_frame, guidance_frame) in pairs:
             yield restore_detail(
                 guidance[index],
-                fit.back(refined_frame),
-                fit.back(guidance_frame),
+                fit.from_model(refined_frame),
+                fit.from_model(guidance_frame),
                 coverage[index],
                 detail=settings.detail,
                 lock=settings.lock,
-                held=float(stay[index]),
+                held_share=float(stay[index]),
             )
+
+    def _decoded_pairs(self, z: F32, z0: F32) -> Iterator[tuple[F32, F32]]:
+        """Yield each refined frame with its decoded guidance frame.
+
+        `z` and `z0` are the latents with and without refinement. The additional frames
+        at the end of the last latent frame are left out.
+        """
+        parts = zip(self._model.decode(z), self._model.decode(z0), strict=True)
+        pairs = (pair for part in parts for pair in zip(*part, strict=True))
+        return islice(pairs, self._count)
 
     def _too_large(self) -> Problem:
         """Return the problem of a video too large for the device."""
-        width, height = self._fit.padded
+        width, height = self._fit.padded_size
         size_text = f"{self._count} frames of {width} x {height} px"
         return Message.REFINING_TOO_LARGE.problem(Place("refine"), "", size_text)
 
@@ -345,7 +355,7 @@ class Refinement:
             "lock": settings.lock,
             "detail": settings.detail,
             "frames_held": settings.hold,
-            "size": list(self._fit.scaled),
+            "size": list(self._fit.scaled_size),
             "windows": [list(span) for span in self._windows],
             **self._model.note(),
         }

@@ -29,47 +29,53 @@ class Fit:
 
     size: Size
     """Size of the video."""
-    scaled: Size
+    scaled_size: Size
     """Size for the model: smaller if the video has more pixels than the training
     frames.
     """
-    padded: Size
+    padded_size: Size
     """Size with a mirrored border, up to multiples of the grid."""
 
-    def shown(self, rgb: U8) -> U8:
-        """Resize (H, W, 3) of `size` to `padded`, in linear light."""
-        if self.scaled != self.size:
+    def to_model(self, rgb: U8) -> U8:
+        """Resize (H, W, 3) of `size` to `padded_size`, in linear light."""
+        if self.scaled_size != self.size:
             rgb = encode_u8(
-                cv2.resize(decode(rgb), self.scaled, interpolation=cv2.INTER_AREA)
+                cv2.resize(decode(rgb), self.scaled_size, interpolation=cv2.INTER_AREA)
             )
-        return np.asarray(self._padded(rgb), np.uint8)
+        return np.asarray(self._pad(rgb), np.uint8)
 
     def mask(self, coverage: F32) -> F32:
-        """Resize (H, W) of `size` to `padded`."""
-        if self.scaled != self.size:
+        """Resize (H, W) of `size` to `padded_size`."""
+        if self.scaled_size != self.size:
             coverage = np.asarray(
-                cv2.resize(coverage, self.scaled, interpolation=cv2.INTER_AREA),
+                cv2.resize(coverage, self.scaled_size, interpolation=cv2.INTER_AREA),
                 np.float32,
             )
-        return np.asarray(self._padded(coverage), np.float32)
+        return np.asarray(self._pad(coverage), np.float32)
 
-    def back(self, picture: F32) -> F32:
-        """Resize (H, W, 3) of `padded` to `size`."""
-        width, height = self.scaled
+    def from_model(self, picture: F32) -> F32:
+        """Resize (H, W, 3) of `padded_size` to `size`."""
+        width, height = self.scaled_size
         picture = picture[:height, :width]
-        if self.scaled != self.size:
+        if self.scaled_size != self.size:
             picture = np.asarray(
                 cv2.resize(picture, self.size, interpolation=cv2.INTER_CUBIC),
                 np.float32,
             )
         return picture
 
-    def _padded(self, picture: NDArray[np.generic]) -> NDArray[np.generic]:
-        """Pad a picture by its mirrored border to `padded`."""
-        right, bottom = (p - s for p, s in zip(self.padded, self.scaled, strict=True))
+    def _pad(self, picture: NDArray[np.generic]) -> NDArray[np.generic]:
+        """Pad a picture by its mirrored border to `padded_size`."""
+        right, bottom = (
+            p - s for p, s in zip(self.padded_size, self.scaled_size, strict=True)
+        )
         if not right and not bottom:
             return picture
-        edge = cv2.BORDER_REFLECT_101 if min(self.scaled) > 1 else cv2.BORDER_REPLICATE
+        edge = (
+            cv2.BORDER_REFLECT_101
+            if min(self.scaled_size) > 1
+            else cv2.BORDER_REPLICATE
+        )
         return np.asarray(
             cv2.copyMakeBorder(np.asarray(picture), 0, bottom, 0, right, edge)
         )
@@ -81,14 +87,14 @@ def fit_to_grid(size: Size, grid: Grid) -> Fit:
     width, height = (max(1, round(side * scale)) for side in size)
     most_pixels = max(MOST * grid.area, grid.side**2)
     # Padding makes a very narrow video much larger: reduce it further.
-    while (padded_size := _padded(width, height, grid))[0] * padded_size[
+    while (padded_size := grid_size(width, height, grid))[0] * padded_size[
         1
     ] > most_pixels:
         width, height = max(1, round(width * 0.9)), max(1, round(height * 0.9))
     return Fit(size, (width, height), padded_size)
 
 
-def _padded(width: int, height: int, grid: Grid) -> Size:
+def grid_size(width: int, height: int, grid: Grid) -> Size:
     """Return width and height as multiples of the grid, px."""
     return ceil(width / grid.side) * grid.side, ceil(height / grid.side) * grid.side
 
@@ -136,17 +142,17 @@ def over_time(values: F32, grid: Grid) -> F32:
     return means
 
 
-def hold_weights(frames: int, over: int) -> F32:
+def hold_weights(frames: int, held_frames: int) -> F32:
     """Return the share of the guidance in each frame, (F,).
 
-    It is 1 in the first frame, and falls smoothly to 0 over `over` frames.
+    It is 1 in the first frame, and falls smoothly to 0 over `held_frames` frames.
 
     >>> hold_weights(6, 4).tolist()
     [1.0, 0.84375, 0.5, 0.15625, 0.0, 0.0]
     """
-    if over <= 0:
+    if held_frames <= 0:
         return np.zeros(frames, np.float32)
-    s = np.minimum(np.arange(frames) / over, 1.0)
+    s = np.minimum(np.arange(frames) / held_frames, 1.0)
     return np.asarray(1 - s * s * (3 - 2 * s), np.float32)
 
 

@@ -69,7 +69,7 @@ def middle(figure: Silhouette, top: bool) -> float:
 
 def _half_depth(figure: Silhouette) -> float:
     """Return half the thickness of an object, px."""
-    return figure.thick / 2 if figure.radius is None else figure.radius
+    return figure.thickness / 2 if figure.radius is None else figure.radius
 
 
 def face(figure: Silhouette, top: bool) -> float:

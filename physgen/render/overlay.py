@@ -352,7 +352,7 @@ def _push(clip: OverlayClip, sheet: Sheet, layer: Layer, push: Push) -> None:
     """Draw one push."""
     x, y, angle = _poses(clip, sheet)[push.body].tolist()
     center = np.array([x, y])
-    place = center + rotation(angle) @ push.at
+    place = center + rotation(angle) @ push.point
     if push.load is Load.TORQUE:
         reach = clip.world.bodies[push.body].reach
         radius = min(1.25 * reach, 0.2 * max(clip.world.size))

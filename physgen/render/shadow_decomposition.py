@@ -305,7 +305,7 @@ class LitBackground:
             return False
         if start.floor is None:
             return True
-        return start.floor - start.center[1] > SHADOW.flies * start.thick
+        return start.floor - start.center[1] > SHADOW.flies * start.thickness
 
     def _kept(
         self, cast: CastShadow, now: Silhouette, turn: float
@@ -416,7 +416,7 @@ def _coarse_silhouette(silhouette: Silhouette, step: int) -> Silhouette:
         corner=((x - left) // step, (y - top) // step),
         center=(scale(cx), scale(cy)),
         radius=None if radius is None else radius / step,
-        thick=silhouette.thick / step,
+        thickness=silhouette.thickness / step,
         floor=None if floor is None else scale(floor),
         ends=(scale(first), scale(last)),
         walls=silhouette.walls,
@@ -704,7 +704,7 @@ def _leaning(casts: list[CastShadow]) -> list[CastShadow]:
             continue
         middle = np.array([moments["m10"], moments["m01"]]) / mass + corner
         places.append(cast.start.center)
-        offsets.append((middle - cast.start.center) / cast.start.thick)
+        offsets.append((middle - cast.start.center) / cast.start.thickness)
         masses.append(mass)
     if len(masses) < SHADOW.shadows:
         return casts
@@ -720,7 +720,7 @@ def _leaning(casts: list[CastShadow]) -> list[CastShadow]:
         return casts
     leaning = []
     for cast in casts:
-        lean = min(SHADOW.lamp * slope * cast.start.thick, SHADOW.leans)
+        lean = min(SHADOW.lamp * slope * cast.start.thickness, SHADOW.leans)
         leaning.append(replace(cast, lean=lean))
     return leaning
 

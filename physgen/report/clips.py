@@ -10,7 +10,7 @@ import hashlib
 import json
 import os
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from math import isfinite
@@ -230,6 +230,23 @@ def _find_clips(root: Path) -> Iterator[Clip]:
                 yield _read_failed(here / name, failure)
 
 
+def _first_film(folder: Path, files: Collection[str]) -> str | None:
+    """Return the name of a clip's video; None without one.
+
+    The listed `files` may have been deleted since.
+    """
+    for name in (*FILMS, *UNREFINED):
+        if name in files and (folder / name).is_file():
+            return name
+    return None
+
+
+def _fault(data: Mapping[str, Any]) -> str:
+    """Return the reason for the missing frames of a clip."""
+    refinement = data.get("refine") or {}
+    return str(refinement.get("failed") or "the frames could not be made")
+
+
 def _read_rendered(folder: Path) -> Clip | None:
     """Read a rendered clip. Return None for a manifest from another program."""
     path = folder / "manifest.json"
@@ -247,16 +264,8 @@ def _read_rendered(folder: Path) -> Clip | None:
             return None
         if not all(isinstance(item, dict) for item in objects):
             return None
-        fault = (data.get("refine") or {}).get(
-            "failed"
-        ) or "the frames could not be made"
-        # Listed files may have been deleted since.
-        films = (
-            name
-            for name in (*FILMS, *UNREFINED)
-            if name in files and (folder / name).is_file()
-        )
-        film = next(films, None)
+        film = _first_film(folder, files)
+        fault = _fault(data)
         return Clip(
             home=folder,
             name=str(data["scene"]),
@@ -268,7 +277,7 @@ def _read_rendered(folder: Path) -> Clip | None:
             fps=float(video["fps"]),
             frames=len(frames or data.get("unrefined") or data["samples"]),
             warnings=tuple(str(warning["text"]) for warning in data["warnings"]),
-            problems=() if frames else (str(fault),),
+            problems=() if frames else (fault,),
             film=None if film is None else folder / film,
             seal="" if film is None else _seal(files, film),
             report=folder / "report.html" if "report.html" in files else None,

@@ -133,6 +133,27 @@ def keep_pictures(home: Path, index: Path) -> None:
             clip_poster(clip, index.with_name(f"{index.stem}.files"))
 
 
+def _cards(
+    clips: Sequence[Clip],
+    shots: Sequence[str],
+    home: Path,
+    keys: Sequence[SweptKey],
+    results: Sequence[str],
+) -> list[dict[str, Any]]:
+    """Return the cards of all clips; see `gallery_page`."""
+    names = Counter(clip.name for clip in clips)
+    cards = []
+    for k, (clip, shot) in enumerate(zip(clips, shots, strict=True)):
+        values = [key.values[k] for key in keys]
+        card = _card(k, clip, shot, keys, values, home)
+        card["result"] = results[k] if results and not clip.problems else ""
+        # Clips of several folders may have the same name.
+        folder = _folder(clip, home) if names[clip.name] > 1 else ""
+        card["where"] = card["data"]["where"] = folder
+        cards.append(card)
+    return cards
+
+
 def gallery_page(
     clips: Sequence[Clip],
     shots: Sequence[str],
@@ -147,16 +168,7 @@ def gallery_page(
     empty without one.
     """
     keys = swept_keys(clips)
-    names = Counter(clip.name for clip in clips)
-    cards = []
-    for k, (clip, shot) in enumerate(zip(clips, shots, strict=True)):
-        values = [key.values[k] for key in keys]
-        card = _card(k, clip, shot, keys, values, home)
-        card["result"] = results[k] if results and not clip.problems else ""
-        # Clips of several folders may have the same name.
-        folder = _folder(clip, home) if names[clip.name] > 1 else ""
-        card["where"] = card["data"]["where"] = folder
-        cards.append(card)
+    cards = _cards(clips, shots, home, keys, results)
     free_keys = [key for key in keys if not key.follows]
     subjects = {clip.subject for clip in clips if clip.document}
     is_sweep = bool(free_keys) and len(subjects) == 1

@@ -99,6 +99,48 @@ class PageParts:
     """The folder of the page, for links to the documentation."""
 
 
+def _scene_file_text(scene: Scene) -> str | None:
+    """Return the text of the scene file; None if it cannot be read."""
+    # Places contain the user's own file names.
+    path = scene.folder / Path(scene.place("").file).name
+    with suppress(OSError, ValueError):
+        return path.read_text(encoding="utf-8")
+    return None
+
+
+def _walls(scene: Scene, world: World) -> list[dict[str, Any]]:
+    """Return the boundaries that the page draws."""
+    walls = []
+    for wall, item in zip(world.walls, scene.boundaries, strict=True):
+        row = {
+            "name": wall.name,
+            "chains": [svg_points(chain) for chain in wall.chains],
+            "friction": item.friction,
+            "elasticity": item.elasticity,
+        }
+        walls.append(row)
+    return walls
+
+
+def _player_values(player: Data | None, world: World) -> dict[str, Any]:
+    """Return the values of the page about the player and the contacts."""
+    if player is None:
+        return {
+            "touch_count": 0,
+            "impact_count": 0,
+            "touches": [],
+            "data": None,
+            "data_camera": False,
+        }
+    return {
+        "touch_count": len(player["touches"]),
+        "impact_count": len(player["impacts"]),
+        "touches": _contacts(player, world),
+        "data": script_json(player),
+        "data_camera": player["camera"] is not None,
+    }
+
+
 def report_page(
     scene: Scene,
     world: World,
@@ -114,12 +156,6 @@ def report_page(
     `scene_text` is the scene file with all defaults.
     """
     width, height = scene.size
-    player, source_text = parts.player, None
-    # Places contain the user's own file names.
-    with suppress(OSError, ValueError):
-        source_text = (scene.folder / Path(scene.place("").file).name).read_text(
-            encoding="utf-8"
-        )
     page: str = template("report.html.j2").render(
         title=scene.title or scene.name,
         size=(width, height),
@@ -132,15 +168,7 @@ def report_page(
         refined=_refinement(record.refine),
         photo=webp(fit_to_side(first, LIMITS.photo_side), LIMITS.photo_quality),
         view_box=f"-0.5 -0.5 {width} {height}",
-        walls=[
-            {
-                "name": wall.name,
-                "chains": [svg_points(chain) for chain in wall.chains],
-                "friction": item.friction,
-                "elasticity": item.elasticity,
-            }
-            for wall, item in zip(world.walls, scene.boundaries, strict=True)
-        ],
+        walls=_walls(scene, world),
         objects=outlines(world, {item.name: item.label for item in scene.objects}),
         assumptions=assumptions(scene, world),
         source=quote(record.source),
@@ -150,15 +178,9 @@ def report_page(
         edits=record.overrides,
         played=_describe_playback(scene.render),
         count=len(world.times),
-        touch_count=0 if player is None else len(player["touches"]),
-        impact_count=0 if player is None else len(player["impacts"]),
-        touches=[] if player is None else _contacts(player, world),
-        data=None if player is None else script_json(player),
-        data_camera=player is not None and player["camera"] is not None,
+        **_player_values(parts.player, world),
         script=_script(),
-        arrows=[
-            line(kind, tail, tip, title) for kind, tail, tip, title in arrows(world)
-        ],
+        arrows=[line(*arrow) for arrow in arrows(world)],
         holds=constraint_rows(scene),
         warnings=[str(warning["text"]) for warning in record.warnings],
         world=_world_facts(scene, world),
@@ -169,7 +191,7 @@ def report_page(
         retouched=parts.refinement,
         fan=parts.uncertainty,
         sound=parts.sound,
-        provenance=provenance(record, scene_text, source_text),
+        provenance=provenance(record, scene_text, _scene_file_text(scene)),
         version=__version__,
     )
     return page

@@ -94,7 +94,7 @@ def arrows(world: World) -> list[tuple[str, Array, Array, str]]:
             )
             arrow_list["force"].append(
                 (
-                    body.center + push.at,
+                    body.center + push.point,
                     push.vector,
                     f"{title} from {value_text(push.start)} s",
                 )
@@ -271,7 +271,8 @@ def parameter_rows(scene: Scene, world: World, variant: str | None) -> list[Row]
         shape = "mask" if item.mask is not None else "wall"
         cells = {
             "shape": Cell(
-                f"{corners} points", sources.of(f"{path}.{shape}", None, near=True)
+                f"{corners} points",
+                sources.of(f"{path}.{shape}", None, uses_parent=True),
             ),
             "friction": Cell(
                 value_text(item.friction), sources.of(f"{path}.friction", None)
@@ -318,7 +319,11 @@ def differing(rows: Sequence[Row], common_cells: Mapping[str, Cell]) -> list[Row
 def _is_equal(first: Cell, second: Cell) -> bool:
     """Return whether two cells are equal without regard to lines of the file."""
     one, other = first.source, second.source
-    if (first.text, one.kind, one.sure) != (second.text, other.kind, other.sure):
+    if (first.text, one.kind, one.confidence) != (
+        second.text,
+        other.kind,
+        other.confidence,
+    ):
         return False
     # Lines of the file differ for each object: they are merged to a range.
     return one.kind == "file" or one.text == other.text
@@ -374,7 +379,7 @@ def _object(scene: Scene, index: int, body: Body, sources: Provenance) -> Row:
             sources.of(
                 f"{path}.{key}",
                 item.provenance.get(key),
-                written_at=f"{path}.from.{key}",
+                text_path=f"{path}.from.{key}",
             ),
             small,
         )

@@ -24,6 +24,7 @@ from physgen.compile.world import Body, World
 from physgen.geometry.shadows import F32, PixelBox, joined_pictures
 from physgen.maps import U8
 from physgen.photometry import encode_u8
+from physgen.render.ball import Ball
 from physgen.render.camera import Shot
 from physgen.render.contacts import Impact, find_impacts, sample_times
 from physgen.render.occlusion import sprite_silhouette
@@ -162,36 +163,39 @@ def _cut(sprite: Sprite, display_scale: float, scale: float) -> dict[str, Any]:
     covers = np.rint(255 * np.clip(alpha, 0, 1)).astype(np.uint8)
     pixels = np.dstack([encode_u8(np.clip(colours, 0, 1)), covers])
     left, top = sprite.corner[0] + columns.start, sprite.corner[1] + rows.start
+    ball = sprite.ball
     # The rotation of a ball with one colour is invisible, and its shading does not
     # turn.
-    is_equal = (
-        sprite.ball is not None
-        and float(np.ptp(sprite.ball.skin, axis=(0, 1)).max()) < 1e-6
-    )
+    is_plain = ball is not None and float(np.ptp(ball.skin, axis=(0, 1)).max()) < 1e-6
+    height, width = alpha.shape
     picture = {
         "body": sprite.body,
-        "box": _place_box(
-            (left, top, left + alpha.shape[1], top + alpha.shape[0]), scale
-        ),
-        "turns": not is_equal,
+        "box": _place_box((left, top, left + width, top + height), scale),
+        "turns": not is_plain,
         "face": round(sprite.face / scale, 3),
         "src": webp(_smaller(pixels, display_scale), LIMITS.quality),
     }
-    if (
-        sprite.ball is not None
-        and picture["turns"]
-        and display_scale == 1
-        and alpha.size <= LIMITS.large
-    ):
-        ball = sprite.ball
-        picture["ball"] = {
-            "center": [round(ball.center[0] - left, 3), round(ball.center[1] - top, 3)],
-            "radius": round(ball.radius, 3),
-            "skin": _encode_roots(ball.skin[rows, columns]),
-            "lit": _encode_roots(ball.lit[rows, columns]),
-            "gloss": _encode_roots(ball.gloss[rows, columns], signed=True),
-        }
+    is_small = display_scale == 1 and alpha.size <= LIMITS.large
+    if ball is not None and not is_plain and is_small:
+        picture["ball"] = _ball_data(ball, (rows, columns), (left, top))
     return picture
+
+
+def _ball_data(
+    ball: Ball, window: tuple[slice, slice], corner: tuple[int, int]
+) -> dict[str, Any]:
+    """Return the textures of a ball in a window of its sprite, which begins at `corner`
+    of the photo, px.
+    """
+    x, y = ball.center
+    left, top = corner
+    return {
+        "center": [round(x - left, 3), round(y - top, 3)],
+        "radius": round(ball.radius, 3),
+        "skin": _encode_roots(ball.skin[window]),
+        "lit": _encode_roots(ball.lit[window]),
+        "gloss": _encode_roots(ball.gloss[window], signed=True),
+    }
 
 
 def _encode_roots(values: F32, *, signed: bool = False) -> dict[str, Any]:
@@ -355,6 +359,28 @@ def _shadow(box: PixelBox, darkness: F32) -> dict[str, Any]:
 Data = dict[str, Any]
 
 
+def _largest_impacts(world: World, samples: Trajectory) -> list[Impact]:
+    """Return the impacts with the largest impulses, by time."""
+    frame_time = world.duration / max(len(world.times), 1)
+    impacts = find_impacts(world, samples, frame_time / LIMITS.finer)
+    largest = sorted(impacts, key=lambda impact: -impact.impulse)
+    return sorted(largest[: LIMITS.most_impacts], key=lambda impact: impact.time)
+
+
+def _code_steps(samples: Trajectory) -> dict[str, float]:
+    """Return the units of the page's integers."""
+    fastest = float(np.abs(samples.velocities[..., :2]).max(initial=0.0))
+    spin = float(np.abs(samples.velocities[..., 2]).max(initial=0.0))
+    return {
+        "turn": LIMITS.turn,
+        "time": LIMITS.instant,
+        "place": LIMITS.place,
+        "angle": LIMITS.angle,
+        "speed": fastest / LIMITS.codes or 1.0,
+        "spin": spin / LIMITS.codes or 1.0,
+    }
+
+
 def player_data(
     scene: Scene, world: World, trajectory: Trajectory, stage: Stage, shot: Shot
 ) -> Data | None:
@@ -367,47 +393,31 @@ def player_data(
     T, N = len(trajectory.times), len(world.bodies)
     if not T or LIMITS.max_samples < T * N:
         return None
-    seen, impacts = trajectory, list[Impact]()
+    samples, impacts = trajectory, list[Impact]()
     # Contacts between frames need finer samples than the video's.
     if N and T > 1 and trajectory.effort.steps * N <= LIMITS.effort:
-        seen = trajectory.sampled(
-            sample_times(trajectory, LIMITS.finer, max(T, LIMITS.fine_samples // N))
-        )
-        impacts = find_impacts(
-            world, seen, world.duration / max(len(world.times), 1) / LIMITS.finer
-        )
-        impacts = sorted(
-            sorted(impacts, key=lambda impact: -impact.impulse)[: LIMITS.most_impacts],
-            key=lambda impact: impact.time,
-        )
+        times = sample_times(trajectory, LIMITS.finer, max(T, LIMITS.fine_samples // N))
+        samples = trajectory.sampled(times)
+        impacts = _largest_impacts(world, samples)
     kinds = set(Overlay)
     moving = _moving(stage, trajectory)
-    fastest = float(np.abs(seen.velocities[..., :2]).max(initial=0.0))
-    spin = float(np.abs(seen.velocities[..., 2]).max(initial=0.0))
-    steps = {
-        "turn": LIMITS.turn,
-        "time": LIMITS.instant,
-        "place": LIMITS.place,
-        "angle": LIMITS.angle,
-        "speed": fastest / LIMITS.codes or 1.0,
-        "spin": spin / LIMITS.codes or 1.0,
-    }
+    steps = _code_steps(samples)
     return {
         **fixed_data(scene, world),
         "steps": steps,
-        "times": column(seen.times, LIMITS.instant),
+        "times": column(samples.times, LIMITS.instant),
         "frames": np.searchsorted(
-            seen.times, trajectory.times - LIMITS.instant / 2
+            samples.times, trajectory.times - LIMITS.instant / 2
         ).tolist(),
         "camera": _camera(shot),
         "bodies": [
-            _body(scene, k, body, seen, steps) for k, body in enumerate(world.bodies)
+            _body(scene, k, body, samples, steps) for k, body in enumerate(world.bodies)
         ],
-        "energy": _energy(seen),
-        "touches": touches(seen),
+        "energy": _energy(samples),
+        "touches": touches(samples),
         "impacts": [_impact(impact) for impact in impacts],
         "arrows": asdict(
-            scales(world, seen, kinds, [impact.impulse for impact in impacts])
+            scales(world, samples, kinds, [impact.impulse for impact in impacts])
         ),
         "background": plate(stage, moving),
         "sprites": sprites(stage),
@@ -608,7 +618,7 @@ def _pushes(world: World) -> list[Data]:
             "load": push.load.value,
             "vector": [_short(v) for v in push.vector.tolist()],
             "torque": _short(push.torque),
-            "at": [round(v, 2) for v in push.at.tolist()],
+            "at": [round(v, 2) for v in push.point.tolist()],
             "start": push.start,
             "end": push.start
             if push.load is Load.IMPULSE

@@ -54,7 +54,9 @@ def uncertainty_section(
     """
     # The page must stay quick with many objects.
     points = len(fan.times) * max(len(fan.names), 1)
-    shown = fan.whole[: max(2, min(LIMITS.most_draws, LIMITS.most_points // points))]
+    shown = fan.complete_draws[
+        : max(2, min(LIMITS.most_draws, LIMITS.most_points // points))
+    ]
     ways = _paths(fan, shown, world)
     fates = {way["fate"] for way in ways}
     return {
@@ -81,7 +83,7 @@ def uncertainty_section(
 def _facts(fan: Ensemble) -> str:
     draws, number_count = len(fan.outcomes), len(fan.doubts)
     number_text = f"{number_count} number{'s' * (number_count != 1)}"
-    failure_count = draws - len(fan.whole)
+    failure_count = draws - len(fan.complete_draws)
     failure_note = f"; {failure_count} could not be simulated" if failure_count else ""
     return (
         f"{draws} draws (seed {fan.seed}) of {number_text}, each as wide as its source is unsure, "
@@ -124,5 +126,5 @@ def _row(v: Verdict) -> dict[str, Any]:
         "event": VERBS[v.event],
         "radius": rounded(v.radius),
         "size": rounded(v.size),
-        "clip": VERBS[v.own],
+        "clip": VERBS[v.clip_fate],
     }

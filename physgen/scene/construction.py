@@ -38,6 +38,64 @@ of scenes.
 """
 
 
+def _complete_objects(
+    items: dict[str, Any], entries: Mapping[str, Any], record: Record, ground: Ground
+) -> None:
+    """Add the sources and the computed defaults to the objects of a scene.
+
+    `entries` are the objects of the file, `items` those with defaults.
+    """
+    for name, entry in entries.items():
+        item = items[name]
+        item["from"] = record.sources(entry, item, name)
+        if "shape" in entry or not isinstance(entry.get("mask"), int):
+            continue
+        # The file's own shape has its own solid; the stored one belongs to the stored
+        # shape.
+        stored_shapes = ground.outlines.get(entry["mask"])
+        if stored_shapes is not None and stored_shapes[2] is not None:
+            item.setdefault("solid", stored_shapes[2])
+    for item in items.values():
+        # Without mass and density, objects have the density 1 g/px².
+        if "mass" not in item and "density" not in item:
+            item["density"] = 1
+
+
+def _default_gravity(world: Mapping[str, Any]) -> list[float]:
+    """Return the gravity of the earth, or none from above, px/s²."""
+    if world["view"] != "side":
+        return [0, 0]
+    return [0, round(EARTH * world["pixels_per_meter"], 9)]
+
+
+def _maps(
+    stored_maps: Mapping[str, parts.Point], file_maps: Mapping[str, Sequence[float]]
+) -> Mapping[str, parts.Point]:
+    """Return the ends of the maps; those in the file replace those of the record."""
+    ends = dict(stored_maps)
+    for name, values in file_maps.items():
+        ends[name] = _pair(values)
+    return MappingProxyType(ends)
+
+
+def _settings(root: Node, world: Mapping[str, Any]) -> parts.Settings:
+    """Return the settings of the world."""
+    return _make(
+        parts.Settings,
+        world,
+        gravity_in_units=_has_unit(children(root, "world").get("gravity")),
+        table_friction=float(world["table"]["friction"]),
+        until_rest=isinstance(world["duration"], OpenDuration),
+    )
+
+
+def _real_path(path: Path | None) -> Path | None:
+    """Return a path without symbolic links."""
+    if path is None:
+        return None
+    return Path(os.path.realpath(path))
+
+
 def scene_from_tree(
     root: Node, record: Record, name: str, source: Source, ground: Ground
 ) -> parts.Scene:
@@ -52,58 +110,27 @@ def scene_from_tree(
     # Defaults come before the construction, so that the manifest's document has them
     # too.
     data = with_defaults(scene_data)
-    for own_name, entry in scene_data.get("objects", {}).items():
-        item = data["objects"][own_name]
-        item["from"] = record.sources(entry, item, own_name)
-        stored_shapes = (
-            ground.outlines.get(entry["mask"])
-            if isinstance(entry.get("mask"), int)
-            else None
-        )
-        # The file's own shape has its own solid; the stored one belongs to the stored
-        # shape.
-        if (
-            stored_shapes is not None
-            and stored_shapes[2] is not None
-            and "shape" not in entry
-        ):
-            item.setdefault("solid", stored_shapes[2])
+    _complete_objects(data["objects"], scene_data.get("objects", {}), record, ground)
     # Paths of an extended file start at its own folder.
     for key in ("image", "assets"):
         node = children(root).get(key)
         if node is not None and node.source.folder != source.folder:
-            data[key] = Path(
-                os.path.relpath(node.source.folder / str(node.value), source.folder)
-            ).as_posix()
+            path = node.source.folder / str(node.value)
+            data[key] = Path(os.path.relpath(path, source.folder)).as_posix()
     world = data["world"]
     # The default of gravity depends on the scale and the view, and cannot be in the
     # schema.
     if "gravity" not in world:
-        down = (
-            round(EARTH * world["pixels_per_meter"], 9)
-            if world["view"] == "side"
-            else 0
-        )
-        world["gravity"] = [0, down]
-    for item in data["objects"].values():
-        # Without mass and density, objects have the density 1 g/px².
-        if "mass" not in item and "density" not in item:
-            item["density"] = 1
+        world["gravity"] = _default_gravity(world)
     assert ground.size is not None
     return parts.Scene(
         name=name,
         folder=source.folder,
         # Real paths: a link that changes later must not change a loaded scene.
-        image=None if ground.image is None else Path(os.path.realpath(ground.image)),
+        image=_real_path(ground.image),
         size=ground.size,
-        assets=None if ground.assets is None else Path(os.path.realpath(ground.assets)),
-        world=_make(
-            parts.Settings,
-            world,
-            gravity_in_units=_has_unit(children(root, "world").get("gravity")),
-            table_friction=float(world["table"]["friction"]),
-            until_rest=isinstance(world["duration"], OpenDuration),
-        ),
+        assets=_real_path(ground.assets),
+        world=_settings(root, world),
         objects=tuple(
             _add_stored_shape(item, ground)
             for item in _make_named(data["objects"], _object)
@@ -115,12 +142,7 @@ def scene_from_tree(
         light=_light(data["light"]) if "light" in data else None,
         render=_render(data["render"]),
         refine=refinement(data["refine"]),
-        maps=MappingProxyType(
-            {
-                **ground.record.maps,
-                **{name: _pair(ends) for name, ends in data.get("maps", {}).items()},
-            }
-        ),
+        maps=_maps(ground.record.maps, data.get("maps", {})),
         record=replace(ground.record, world=record.world),
         places=MappingProxyType(dict(_places(root, ()))),
         document=MappingProxyType(data),

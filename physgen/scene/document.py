@@ -203,7 +203,7 @@ def read(
     try:
         root = reader.tree(yaml.parse(text, Loader=LOADER))
     except yaml.YAMLError as error:
-        raise InputError([_syntax(error, text, source)]) from None
+        raise InputError([_syntax_problem(error, text, source)]) from None
     # Collected problems are reported together, after the syntax is known to be right.
     if reader.problems:
         raise InputError(reader.problems)
@@ -234,7 +234,31 @@ class _Reader:
         line = event.start_mark.line + 1 if self.has_lines else 0
         return Place(self.source.name, line, event.start_mark.column + 1 if line else 0)
 
+    def _count_documents(self, event: Any, documents: int) -> int:
+        """Return the number of documents after an event; refuse aliases and a second
+        document.
+        """
+        if type(event) is AliasEvent:
+            raise self._refusal(event)
+        if type(event) is not DocumentStartEvent:
+            return documents
+        if documents:
+            raise self._error(Message.SECOND_DOCUMENT, event)
+        return documents + 1
+
+    def _resolved(self, event: Any, stack: list[Node], key: str | None) -> Scalar:
+        """Return the value of a plain scalar; collect the problem of a refused one."""
+        try:
+            return resolve(event.value)
+        except RefusedError as error:
+            place, key_path = self._place(event), _path(stack, key)
+            value_text = quoted(event.value, "")
+            self._collect(error.problem(place, key_path, value_text))
+        text: str = event.value
+        return text
+
     def tree(self, events: Iterator[Any]) -> Node | None:
+        """Return the root of the tree of a document's events; None if it is empty."""
         source, has_lines = self.source, self.has_lines
         root: Node | None = None
         stack: list[Node] = []
@@ -262,14 +286,8 @@ class _Reader:
                 # are refused.
                 if event.anchor is not None or event.tag is not None:
                     raise self._refusal(event)
-            elif kind is AliasEvent:
-                raise self._refusal(event)
-            elif kind is DocumentStartEvent:
-                documents += 1
-                if documents > 1:
-                    raise self._error(Message.SECOND_DOCUMENT, event)
-                continue
             else:
+                documents = self._count_documents(event, documents)
                 continue
 
             nodes += 1
@@ -283,20 +301,15 @@ class _Reader:
                 key_place = (line, column)
                 continue
             if kind is ScalarEvent:
-                value: Scalar = event.value
+                value: Any = event.value
                 # A quoted scalar is text, even if it looks like a number.
                 if event.implicit[0]:
-                    try:
-                        value = resolve(event.value)
-                    except RefusedError as error:
-                        place, key_path = self._place(event), _path(stack, key)
-                        value_text = quoted(event.value, "")
-                        self._collect(error.problem(place, key_path, value_text))
-                node = Node(value, source, line, column)
+                    value = self._resolved(event, stack, key)
+            elif kind is SequenceStartEvent:
+                value = []
             else:
-                node = Node(
-                    [] if kind is SequenceStartEvent else {}, source, line, column
-                )
+                value = {}
+            node = Node(value, source, line, column)
             if key is not None:
                 node.key = key_place
                 # The first of two equal keys counts; the second is reported.
@@ -367,62 +380,78 @@ def _path(stack: list[Node], key: str | None) -> str:
 
 _OPEN = re.compile(r"""(?<=[:,\[{-] )(?:"[^"\n]*|'[^'\n]*)$""", re.MULTILINE)
 """An unclosed quote at the end of a line."""
+_CONTROL_CHARACTER = re.compile(
+    r"[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
+)
+"""A character that YAML does not allow."""
 
 
-def _syntax(error: yaml.YAMLError, text: str, source: Source) -> Problem:
+def _line_and_column(text: str, index: int) -> tuple[int, int]:
+    """Return the line and the column of a character, both from 1."""
+    start = text.rfind("\n", 0, index) + 1
+    return text.count("\n", 0, index) + 1, index - start + 1
+
+
+def _marked_fault(
+    error: yaml.MarkedYAMLError, text: str, source: Source
+) -> tuple[Place, str, str]:
+    """Return place, reason and fix of an error with a position; the fix may be
+    empty.
+    """
+    mark = error.problem_mark or error.context_mark
+    place = Place(source.name)
+    line_start = 0
+    if mark:
+        place = Place(source.name, mark.line + 1, mark.column + 1)
+        line_start = text.rfind("\n", 0, mark.index) + 1
+    reason = error.problem or error.context or "wrong YAML"
+    if error.context and error.problem:
+        reason = f"{error.problem} {error.context}"
+    # PyYAML reports an unclosed quote at the end of the file. The first open quote is
+    # the better place.
+    quote_places = [match.start() for match in _OPEN.finditer(text, 0, line_start)]
+    if "quoted scalar" in reason and error.context_mark:
+        quote_places = [error.context_mark.index]
+    if quote_places:
+        reason = "a quoted scalar begins here and does not end in its line"
+        place = Place(source.name, *_line_and_column(text, quote_places[-1]))
+        return place, reason, ""
+    fault = explain_syntax(error, text)
+    if fault is None:
+        return place, reason, ""
+    return Place(source.name, fault.line, fault.column), fault.expectation, fault.fix
+
+
+def _place_of_control_character(
+    error: yaml.YAMLError, text: str, source: Source
+) -> Place:
+    """Return the place of the first control character."""
+    index = min(getattr(error, "position", 0), len(text))
+    # The error's position may not be an index into the text: find the character
+    # itself.
+    control_character = _CONTROL_CHARACTER.search(text)
+    if control_character:
+        index = control_character.start()
+    return Place(source.name, *_line_and_column(text, index))
+
+
+def _syntax_problem(error: yaml.YAMLError, text: str, source: Source) -> Problem:
     """Return PyYAML's message as a Problem, without its drawings."""
-    fix = ""
     if isinstance(error, yaml.MarkedYAMLError):
-        mark = error.problem_mark or error.context_mark
-        place = (
-            Place(source.name, mark.line + 1, mark.column + 1)
-            if mark
-            else Place(source.name)
-            # PyYAML reports an unclosed quote at the end of the file. The first open
-            # quote
-            # is the better place.
-        )
-        text_ = error.problem or error.context or "wrong YAML"
-        if error.context and error.problem:
-            text_ = f"{error.problem} {error.context}"
-        before = text.rfind("\n", 0, mark.index) + 1 if mark else 0
-        quote_places = [m.start() for m in _OPEN.finditer(text, 0, before)]
-        if "quoted scalar" in text_ and error.context_mark:
-            quote_places = [error.context_mark.index]
-        if quote_places:
-            text_ = "a quoted scalar begins here and does not end in its line"
-            line, column = (
-                text.count("\n", 0, quote_places[-1]) + 1,
-                quote_places[-1] - text.rfind("\n", 0, quote_places[-1]),
-            )
-            place = Place(source.name, line, column)
-        elif (fault := explain_syntax(error, text)) is not None:
-            place = Place(source.name, fault.line, fault.column)
-            text_, fix = fault.expected, fault.fix
+        place, reason, fix = _marked_fault(error, text, source)
     else:
-        position = min(getattr(error, "position", 0), len(text))
-        # The error's position may not be an index into the text: find the character
-        # itself.
-        control_character = re.search(
-            r"[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", text
-        )
-        position = control_character.start() if control_character else position
-        start = text.rfind("\n", 0, position) + 1
-        place = Place(
-            source.name, text.count("\n", 0, position) + 1, position - start + 1
-        )
-        text_ = "control characters are not allowed"
+        place = _place_of_control_character(error, text, source)
+        reason, fix = "control characters are not allowed", ""
     # A flag has no lines: its text is the place.
     if source.name.startswith("--set "):
         place = Place(source.name)
     # libyaml 0.2.6 and later reach their own limit before ours.
-    if "maximum nesting depth" in text_:
+    if "maximum nesting depth" in reason:
         return Limit.DEPTH.error(place).problems[0]
-    fix = fix or next(
-        (fix for start, fix in _FIXES if start in text_),
-        "write `key: value`, one a line",
-    )
-    return Message.NOT_YAML.problem(place, reason=text_, fix=fix)
+    if not fix:
+        fixes = [text for start, text in _FIXES if start in reason]
+        fix = [*fixes, "write `key: value`, one a line"][0]
+    return Message.NOT_YAML.problem(place, reason=reason, fix=fix)
 
 
 _FIXES = (

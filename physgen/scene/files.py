@@ -370,18 +370,18 @@ def read_written_record(path: Path) -> Record:
         return Record()
 
 
-def equal(first: object, second: object, within: float = WRITTEN) -> bool:
+def equal(first: object, second: object, tolerance: float = WRITTEN) -> bool:
     """Return whether two values are equal. Numbers may differ by the unwritten digits,
-    or by `within`.
+    or by `tolerance`.
     """
     if isinstance(first, Mapping) and isinstance(second, Mapping):
         return first.keys() == second.keys() and all(
-            equal(first[key], second[key], within) for key in first
+            equal(first[key], second[key], tolerance) for key in first
         )
     if isinstance(first, list | tuple) and isinstance(second, list | tuple):
         return len(first) == len(second) and all(
-            equal(*pair, within) for pair in zip(first, second, strict=True)
+            equal(*pair, tolerance) for pair in zip(first, second, strict=True)
         )
     if isinstance(first, int | float) and isinstance(second, int | float):
-        return isclose(first, second, rel_tol=WRITTEN, abs_tol=within)
+        return isclose(first, second, rel_tol=WRITTEN, abs_tol=tolerance)
     return first == second

@@ -40,14 +40,14 @@ class Source:
     kind: str
     text: str
     # Confidence, 0 to 1.
-    sure: float | None = None
+    confidence: float | None = None
 
 
 def source(text: str) -> Source:
     """Return the source of an entry of `from`.
 
     >>> source("table 0.4")
-    Source(kind='guess', text='table', sure=0.4)
+    Source(kind='guess', text='table', confidence=0.4)
     """
     match = _SURE.match(text.strip())
     if match is None or not match[1]:
@@ -75,19 +75,19 @@ class Provenance:
         path: str,
         provenance: str | None,
         *,
-        written_at: str | None = None,
-        near: bool = False,
+        text_path: str | None = None,
+        uses_parent: bool = False,
     ) -> Source:
         """Return the source of the value at `path`, or its `provenance` if that is
-        newer. `written_at` is the path of the provenance's text.
+        newer. `text_path` is the path of the provenance's text.
 
-        With `near`, an unwritten value has the source of its parent.
+        With `uses_parent`, an unwritten value has the source of its parent.
         """
         place = self._scene.places.get(path)
-        if place is None and near:
+        if place is None and uses_parent:
             place = self._scene.place(path)
         if provenance is not None and self._counts(
-            place, None if written_at is None else self._scene.place(written_at)
+            place, None if text_path is None else self._scene.place(text_path)
         ):
             return source(provenance)
         if place is None:
@@ -247,6 +247,15 @@ def meters(speed: float) -> Any:
     return f"{float(f'{speed:.3g}'):g} m/s" if abs(speed) > 1e-9 else 0
 
 
+def _changed_labels(objects: Entry, entries: Mapping[str, Entry]) -> list[str]:
+    """Return the names of the objects whose label is not that of the record."""
+    names = []
+    for name, entry in entries.items():
+        if objects[name]["label"] != entry["label"]:
+            names.append(name)
+    return names
+
+
 def apply_consequences(
     written_data: Entry,
     full_data: Entry,
@@ -264,10 +273,7 @@ def apply_consequences(
     """
     objects, side = full_data["objects"], max(size)
     entries_by_name = _labelled_entries(written_data, objects, record, outlines)
-    new_labels = []
-    for name, entry in entries_by_name.items():
-        if objects[name]["label"] != entry["label"]:
-            new_labels.append(name)
+    new_labels = _changed_labels(objects, entries_by_name)
     per_meter = full_data["world"]["pixels_per_meter"]
     values: dict[tuple[str, ...], Any] = {}
     if new_labels and follows_scale(written_data, record, side):
@@ -281,7 +287,9 @@ def apply_consequences(
         if record.scale is not None and not equal(record.scale, per_meter):
             names = entries_by_name
     # A mass cannot be more certain than the scale behind it.
-    highest_confidence = WEIGHING.unscaled if is_assumed(per_meter, side) else 1.0
+    highest_confidence = (
+        WEIGHING.unscaled_confidence if is_assumed(per_meter, side) else 1.0
+    )
     entries = dict(record.objects)
     for name in names:
         item, entry = objects[name], entries_by_name[name]
@@ -415,5 +423,5 @@ def table_confidences(mass: float) -> dict[str, float]:
 def label_confidence(sources: object) -> float:
     """Return the label's confidence in a `from`, or 1 without one."""
     text = sources.get("label") if isinstance(sources, Mapping) else None
-    confidence = source(text).sure if isinstance(text, str) else None
+    confidence = source(text).confidence if isinstance(text, str) else None
     return 1.0 if confidence is None else confidence

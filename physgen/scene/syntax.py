@@ -19,7 +19,7 @@ class SyntaxFault(NamedTuple):
 
     line: int
     column: int
-    expected: str
+    expectation: str
     fix: str
 
 

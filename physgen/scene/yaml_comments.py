@@ -163,14 +163,14 @@ def _without_support(words: str) -> str:
 
 
 def _hidden_names(
-    words: str, names: Collection[str], renamed: Mapping[str, str]
+    words: str, names: Collection[str], new_name_of: Mapping[str, str]
 ) -> str:
     """Return a comment on a layer with the current names of hidden objects."""
     match = _HIDDEN.fullmatch(words)
     if match is None:
         return words
     before = re.split(", | and ", match[1])
-    new_names = [renamed.get(name, name) for name in before]
+    new_names = [new_name_of.get(name, name) for name in before]
     hidden_names = [name for name in new_names if name in names]
     return _HIDING + listed(hidden_names, "and") if hidden_names else ""
 

@@ -4,6 +4,7 @@ friction in pins.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import hypot, inf
 from typing import NamedTuple, Protocol
 
@@ -194,61 +195,73 @@ def bounds_of(
     size: int,
     h: float,
     strength: float | None,
-    near: float = TAUT,
+    reach: float = TAUT,
 ) -> list[BoundedRow]:
     """Return the bounds of a joint in a step of h seconds; motors have `strength` times
     their limit.
 
     With `strength` None, return only the bounds that hold at once: those nearer than
-    `near` px, or `near` times `ANGLE_NEAR` rad.
+    `reach` px, or `reach` times `ANGLE_NEAR` rad.
     """
     rows: list[tuple[list[float], float]] = []
     bounds: list[BoundedRow] = []
+    unit = 1.0
     if joint.kind is JointKind.SLIDER:
         along_row, _, position, _, length = _rail(joint, place, spots, size)
         rows = [(along_row, position), ([-v for v in along_row], length - position)]
         if joint.drive is not None and strength is not None:
             largest_impulse = joint.force * h * strength
             speed = _speed_in_bounds(joint.drive, position, length - position, h)
-            bounds.append(
-                BoundedRow(along_row, speed, -largest_impulse, largest_impulse, True)
+            drive = BoundedRow(
+                along_row, speed, -largest_impulse, largest_impulse, True
             )
+            bounds.append(drive)
     elif joint.kind in (JointKind.ROPE, JointKind.PULLEY):
         rows = [_rope(joint, place, spots, size)]
         if joint.kind is JointKind.PULLEY:
             rows += _stops(joint, place, spots, size)
     elif joint.kind in UNIFORM:
+        unit = ANGLE_NEAR
         turning = _turning(joint, place, size, 1.0)
-        angle = _angle(joint.first, spots) - _angle(joint.second, spots)
-        if joint.limits is not None:
-            smallest_angle, largest_impulse = joint.limits
-            rows = [
-                (turning, angle - smallest_angle),
-                ([-v for v in turning], largest_impulse - angle),
-            ]
+        rows = _angle_limits(joint, turning, spots)
         if joint.friction > 0 and strength is not None:
             largest_impulse = joint.friction * h * strength
-            bounds.append(
-                BoundedRow(turning, 0.0, -largest_impulse, largest_impulse, True)
-            )
-    unit = ANGLE_NEAR if joint.kind in UNIFORM else 1.0
+            friction = BoundedRow(turning, 0.0, -largest_impulse, largest_impulse, True)
+            bounds.append(friction)
     for row, distance in rows:
         # Within a step, a bound may close at the speed with which it is reached at the
         # step's end.
         if strength is not None:
             bounds.append(BoundedRow(row, -distance / h, 0.0, inf))
-        elif distance <= max(TAUT, near * unit):
+        elif distance <= max(TAUT, reach * unit):
             bounds.append(BoundedRow(row, 0.0, 0.0, inf))
     return bounds
 
 
-def _speed_in_bounds(speed: float, behind: float, ahead: float, h: float) -> float:
+def _angle_limits(
+    joint: Joint, turning: list[float], spots: Places
+) -> list[tuple[list[float], float]]:
+    """Return the rows of a pin's limits, and the angles to them, rad.
+
+    `turning` is the row of the relative spin.
+    """
+    if joint.limits is None:
+        return []
+    smallest, largest = joint.limits
+    angle = _angle(joint.first, spots) - _angle(joint.second, spots)
+    opposite = [-value for value in turning]
+    return [(turning, angle - smallest), (opposite, largest - angle)]
+
+
+def _speed_in_bounds(
+    speed: float, distance_behind: float, ahead: float, h: float
+) -> float:
     """Return the speed of a drive such that it stops at the ends, and does not push
     against them.
 
-    `behind`, `ahead`: px or rad to the ends.
+    `distance_behind`, `ahead`: px or rad to the ends.
     """
-    return min(max(speed, -behind / h), ahead / h)
+    return min(max(speed, -distance_behind / h), ahead / h)
 
 
 def motor_bound(
@@ -392,6 +405,50 @@ class BoundedMotion(NamedTuple):
     """
 
 
+def _doubled_energy(velocities: Array, inverse_masses: Array) -> float:
+    """Return twice the kinetic energy of a group, g·px²/s²."""
+    is_movable = inverse_masses > 0
+    squares = velocities[is_movable] ** 2
+    return float((squares / inverse_masses[is_movable]).sum())
+
+
+def _catch_works(
+    impulse: Array, closing: Array, opening: Array, is_caught: Flags
+) -> tuple[float, float]:
+    """Return the work of reached bounds, and its part before the mean velocity,
+    g·px²/s².
+
+    `closing` and `opening` (B,) are the speeds before and after the step.
+    """
+    # Like a contact, a reached bound does its work at the mean of the velocities
+    # before and after the step.
+    works = impulse * (closing + opening) / 2
+    # The mean of the velocities already lacks the work that the impulse does from the
+    # velocity before to the mean.
+    mean = (closing + opening) / 2
+    early_works = impulse * (closing + mean) / 4
+    return float(works[is_caught].sum()), float(early_works[is_caught].sum())
+
+
+def _impulse_limits(count: int, bounds: Sequence[BoundedRow]) -> tuple[Array, Array]:
+    """Return the lowest and the highest impulses of `count` equations and of bounds."""
+    low = np.array([-inf] * count + [bound.low for bound in bounds])
+    high = np.array([inf] * count + [bound.high for bound in bounds])
+    return low, high
+
+
+def _motor_works(
+    bounds: Sequence[BoundedRow], works: Sequence[float]
+) -> tuple[float, float]:
+    """Return the sums of the work by motors and of the work against them."""
+    work = loss = 0.0
+    for bound, value in zip(bounds, works, strict=True):
+        if bound.is_motor:
+            work += max(value, 0.0)
+            loss += max(-value, 0.0)
+    return work, loss
+
+
 class BoundedGroup:
     """A group of bodies with bounds of some of its joints."""
 
@@ -406,13 +463,13 @@ class BoundedGroup:
         bounds: list[BoundedRow],
         light: list[float],
         before: list[float],
-        within: Array | None,
+        free_velocities: Array | None,
     ) -> BoundedMotion:
         """Return the velocities at which equations `rows` have `speeds` and all bounds
         hold.
 
-        `light`: 1/mass and 1/moment of each velocity in `before`; `within`: velocities
-        before lasting forces changed them, None outside a step.
+        `light`: 1/mass and 1/moment of each velocity in `before`; `free_velocities`:
+        velocities before lasting forces changed them, None outside a step.
         """
         start_velocities = np.array(before)
         inverse_masses = np.array(light)
@@ -420,43 +477,28 @@ class BoundedGroup:
         if not all_rows:
             return BoundedMotion(start_velocities, 0.0, 0.0)
         J = np.array(all_rows)
-        goal = (
-            np.array([*speeds, *(bound.speed for bound in bounds)])
-            - J @ start_velocities
-        )
+        goal_speeds = np.array([*speeds, *(bound.speed for bound in bounds)])
+        goal = goal_speeds - J @ start_velocities
         count = len(rows)
-        low = np.array([-inf] * count + [bound.low for bound in bounds])
-        high = np.array([inf] * count + [bound.high for bound in bounds])
+        low, high = _impulse_limits(count, bounds)
         response = (J * inverse_masses) @ J.T
         response.ravel()[:: len(response) + 1] *= 1 + 1e-12
         impulse, _ = bounded_impulses(response, goal, low, high)
         after = start_velocities + inverse_masses * (J.T @ impulse)
         works = (impulse * (J @ (start_velocities + after)) / 2)[count:].tolist()
-        driven_bounds = [k for k, bound in enumerate(bounds) if bound.is_motor]
-        work = sum(max(works[k], 0.0) for k in driven_bounds)
-        loss = sum(max(-works[k], 0.0) for k in driven_bounds)
-        early_loss = 0.0
-        if within is not None:
-            closing = (J @ within)[count:]
-            # Like a contact, a reached bound does its work at the mean of the
-            # velocities before and after the step.
-            bound_works = impulse[count:] * (closing + (J @ after)[count:]) / 2
-            is_movable = inverse_masses > 0
-            doubled_energy = float(
-                (within[is_movable] ** 2 / inverse_masses[is_movable]).sum()
-            )
-            is_jerk = closing < -JERK * np.sqrt(
-                np.diag(response)[count:] * doubled_energy
-            )
-            is_holding = (impulse[count:] > 0) & (low[count:] == 0)
-            is_caught = self._catches(is_holding, is_jerk)
-            loss -= float(bound_works[is_caught].sum())
-            # The mean of the velocities already lacks the work that the impulse does
-            # from the velocity before to the mean.
-            mean = (closing + (J @ after)[count:]) / 2
-            early_works = impulse[count:] * (closing + mean) / 4
-            early_loss -= float(early_works[is_caught].sum())
-        return BoundedMotion(after, work, loss, early_loss)
+        work, loss = _motor_works(bounds, works)
+        if free_velocities is None:
+            return BoundedMotion(after, work, loss, 0.0)
+        closing = (J @ free_velocities)[count:]
+        doubled_energy = _doubled_energy(free_velocities, inverse_masses)
+        is_jerk = closing < -JERK * np.sqrt(np.diag(response)[count:] * doubled_energy)
+        bound_impulse = impulse[count:]
+        is_holding = (bound_impulse > 0) & (low[count:] == 0)
+        is_caught = self._catches(is_holding, is_jerk)
+        work_of_bounds, early_work = _catch_works(
+            bound_impulse, closing, (J @ after)[count:], is_caught
+        )
+        return BoundedMotion(after, work, loss - work_of_bounds, 0.0 - early_work)
 
     def _catches(self, holds: Flags, is_jerk: Flags) -> Flags:
         """Return the mask (B,) of the bounds reached in a step.

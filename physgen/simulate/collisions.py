@@ -425,7 +425,7 @@ class ImpactSolver:
         (N, 3) within the step, if those of `motion` are the ones at its end: the
         contacts then act over the whole step.
         """
-        points = points.sorted()
+        points = points.sort()
         self._step_velocities = step_velocities
         half_step = h / 2 if step_velocities is None else 0.0
         self._middle = motion.pose - motion.velocity * half_step
@@ -442,7 +442,7 @@ class ImpactSolver:
         self._h = h
         self._threshold = threshold
         self._is_closing = points.closing > threshold
-        self._earlier = points.earlier(self._is_closing, has_touched, h)
+        self._earlier = points.times_since_closing(self._is_closing, has_touched, h)
         self._tolerance = (
             TUNING.tolerance
             if len(points.first) < TUNING.heap_points
@@ -620,15 +620,15 @@ class ImpactSolver:
                     velocity[0] += leap[0]
                     velocity[1] += leap[1]
 
-    def _groups(self, struck: list[int]) -> list[list[int]]:
+    def _groups(self, struck_points: list[int]) -> list[list[int]]:
         """Group the points that share movable bodies or groups of joints."""
-        if len(struck) == 1:
-            return [struck]
+        if len(struck_points) == 1:
+            return [struck_points]
         # Union-find: points on the same movable body, or on one group of joints,
         # interact.
-        root = {k: k for k in struck}
+        root = {k: k for k in struck_points}
         point_of_owner: dict[int, int] = {}
-        for k in struck:
+        for k in struck_points:
             point = self._point(k)
             for body in (point.a, point.b):
                 if self._is_free(body):
@@ -638,7 +638,7 @@ class ImpactSolver:
                     )
                     root[find(root, k)] = find(root, first_point)
         groups: dict[int, list[int]] = {}
-        for k in struck:
+        for k in struck_points:
             groups.setdefault(find(root, k), []).append(k)
         return list(groups.values())
 

@@ -50,7 +50,7 @@ class Brakes:
 
     pairs: list[Pair]
     array: NDArray[np.int64]  # (B, 2): the pairs as an array
-    by: list[tuple[float, list[int]]]
+    levers: list[tuple[float, list[int]]]
     """Lever of the normal forces, px, and rows of contacts, of each brake."""
 
 
@@ -256,13 +256,13 @@ def _pairs(words: bytes) -> Index:
     )
 
 
-def contacts_jumped(now: bytes, before: bytes, places: Array) -> bool:
+def contacts_jumped(numbers: bytes, before: bytes, places: Array) -> bool:
     """Check whether a contact is at another corner than in the step before.
 
-    Both steps have contacts of the same pairs in the same order. `now`, `before`: their
-    numbers (14 K,); `places` (14 K,): 1 for those of points, else 0.
+    Both steps have contacts of the same pairs in the same order. `numbers`, `before`:
+    their numbers (14 K,); `places` (14 K,): 1 for those of points, else 0.
     """
-    displacements = np.frombuffer(now) - np.frombuffer(before)
+    displacements = np.frombuffer(numbers) - np.frombuffer(before)
     # The sum of squares is quick, and excludes most steps.
     return bool(
         (displacements * displacements).dot(places) > LEAP * LEAP
@@ -283,7 +283,7 @@ class Points:
     depth: Array
     closing: Array  # (P,) px/s: closing speeds by velocities before contacts
 
-    def sorted(self) -> Points:
+    def sort(self) -> Points:
         """Sort the points by objects, pairs of shapes and place; objects and pairs are
         sorted already.
         """
@@ -301,22 +301,25 @@ class Points:
         order[second_rows[is_swapped] - 1] += 1
         return Points(*(getattr(self, field.name)[order] for field in fields(self)))
 
-    def earlier(self, own: Flags, touched: Flags, h: float) -> Array:
+    def times_since_closing(
+        self, is_own: Flags, touched_pairs: Flags, h: float
+    ) -> Array:
         """Return the time (P,) s before the step's end at which each point closed.
 
-        `own` (P,): points that close by the motion before all impacts; `touched` (K,):
-        pairs that touched a step ago, which close again only by an impact.
+        `is_own` (P,): points that close by the motion before all impacts;
+        `touched_pairs` (K,): pairs that touched a step ago, which close again only by
+        an impact.
         """
         row = self.row
         depth = np.maximum(self.depth, 0.0)
         earlier = np.where(
-            own & ~touched[row],
+            is_own & ~touched_pairs[row],
             np.minimum(depth / np.maximum(self.closing, 1e-300), h),
             0.0,
         )
         # Two points of one pair with almost equal times close together, so that a body
         # that lands flat does not start to turn.
-        first_rows = np.flatnonzero((row[:-1] == row[1:]) & own[:-1] & own[1:])
+        first_rows = np.flatnonzero((row[:-1] == row[1:]) & is_own[:-1] & is_own[1:])
         first_rows = first_rows[
             np.abs(earlier[first_rows] - earlier[first_rows + 1]) < 0.5 * h
         ]
@@ -407,8 +410,8 @@ def contact_points(
     points_on_first, points_on_second = (
         flat_numbers.take(np.add.outer(columns, [part, part + 1])) for part in (0, 2)
     )
-    x1, y1 = _at(velocity, first, points_on_first, pose)
-    x2, y2 = _at(velocity, second, points_on_second, pose)
+    x1, y1 = _point_velocities(velocity, first, points_on_first, pose)
+    x2, y2 = _point_velocities(velocity, second, points_on_second, pose)
     # Closing speed: relative velocity of both surfaces along the normal, px/s.
     closing = (x1 - x2) * normal[:, 0] + (y1 - y2) * normal[:, 1]
     return Points(
@@ -423,7 +426,7 @@ def contact_points(
     )
 
 
-def _at(
+def _point_velocities(
     velocity: Array, objects: Index, points: Array, pose: Array
 ) -> tuple[Array, Array]:
     """Return the velocities (P,), (P,) px/s of points (P, 2) on bodies."""
@@ -432,62 +435,99 @@ def _at(
     return vx - spin * (points[:, 1] - y), vy + spin * (points[:, 0] - x)
 
 
+def _move_back(
+    pose: Array, velocity: Array, point: Array, seconds: float
+) -> tuple[float, float, float, float]:
+    """Return the centre of a body, and the place of a point fixed to it, some seconds
+    earlier: x, y, x, y px.
+    """
+    x, y, _ = pose.tolist()
+    vx, vy, spin = velocity.tolist()
+    px, py = point.tolist()
+    return (
+        x - seconds * vx,
+        y - seconds * vy,
+        px - seconds * (vx - spin * (py - y)),
+        py - seconds * (vy + spin * (px - x)),
+    )
+
+
+def _normal_and_point(
+    first_center: tuple[float, float],
+    second_center: tuple[float, float],
+    radii: tuple[float, float],
+    normal: tuple[float, float],
+    point: tuple[float, float],
+) -> tuple[float, float, float, float]:
+    """Return the normal and the place of a contact: x, y, x, y px.
+
+    A circle turns without moving its contact point: the point follows from the centre
+    and the normal. A radius is NaN if a body is not a circle.
+    """
+    ax, ay = first_center
+    bx, by = second_center
+    ra, rb = radii
+    nx, ny = normal
+    if isnan(ra):
+        if isnan(rb):
+            return nx, ny, *point
+        return nx, ny, bx - rb * nx, by - rb * ny
+    if isnan(rb):
+        return nx, ny, ax + ra * nx, ay + ra * ny
+    distance = max(hypot(bx - ax, by - ay), 1e-12)
+    return (
+        (bx - ax) / distance,
+        (by - ay) / distance,
+        ax + (bx - ax) * ra / (ra + rb),
+        ay + (by - ay) * ra / (ra + rb),
+    )
+
+
+def _levers(x: float, y: float, nx: float, ny: float) -> tuple[float, float]:
+    """Return the levers of the normal and of the tangential impulse at (x, y), px,
+    about the centre of a body.
+    """
+    return x * ny - y * nx, x * nx + y * ny
+
+
 def point_at_closing(
     objects: ContactProperties,
-    found: Points,
+    points: Points,
     k: int,
     pose: Array,
     velocity: Array,
     earlier: Array,
-    own: Flags,
+    is_own: Flags,
 ) -> Point:
     """Return point `k` as it was `earlier` s (P,) before the poses (N, 3).
 
-    `velocity` (N, 3) within the step; `own` (P,) as in `Points.earlier`. The levers of
-    both bodies lead to one common point, so that angular momentum is conserved to the
-    last digit.
+    `velocity` (N, 3) within the step; `is_own` (P,) as in
+    `Points.times_since_closing`. The levers of both bodies lead to one common point, so
+    that angular momentum is conserved to the last digit.
     """
     seconds_back = float(earlier[k])
-    a, b = int(found.first[k]), int(found.second[k])
-    nx, ny = found.normal[k].tolist()
-    places = []
-    centers = []
-    # Move both bodies back in time, with the points fixed to them.
-    for body, points_on_body in ((a, found.on_first), (b, found.on_second)):
-        x, y, _ = pose[body].tolist()
-        vx, vy, spin = velocity[body].tolist()
-        px, py = points_on_body[k].tolist()
-        centers.append((x - seconds_back * vx, y - seconds_back * vy))
-        places.append(
-            (
-                px - seconds_back * (vx - spin * (py - y)),
-                py - seconds_back * (vy + spin * (px - x)),
-            )
-        )
-    (ax, ay), (bx, by) = centers
-    px, py = (places[0][0] + places[1][0]) / 2, (places[0][1] + places[1][1]) / 2
-    # A circle turns without moving its contact point: the point follows from the centre
-    # and the normal.
-    ra, rb = objects.radius[a], objects.radius[b]
-    if not (isnan(ra) or isnan(rb)):
-        distance = max(hypot(bx - ax, by - ay), 1e-12)
-        nx, ny = (bx - ax) / distance, (by - ay) / distance
-        px, py = ax + (bx - ax) * ra / (ra + rb), ay + (by - ay) * ra / (ra + rb)
-    elif not isnan(ra):
-        px, py = ax + ra * nx, ay + ra * ny
-    elif not isnan(rb):
-        px, py = bx - rb * nx, by - rb * ny
-    ma, mb, ea, eb = (
-        objects.lightness[a],
-        objects.lightness[b],
-        objects.ease[a],
-        objects.ease[b],
+    a, b = int(points.first[k]), int(points.second[k])
+    ax, ay, first_x, first_y = _move_back(
+        pose[a], velocity[a], points.on_first[k], seconds_back
     )
-    # Levers of the normal and of the tangential impulse about both centres.
-    na, nb = (px - ax) * ny - (py - ay) * nx, (px - bx) * ny - (py - by) * nx
-    ta, tb = (px - ax) * nx + (py - ay) * ny, (px - bx) * nx + (py - by) * ny
+    bx, by, second_x, second_y = _move_back(
+        pose[b], velocity[b], points.on_second[k], seconds_back
+    )
+    nx, ny, px, py = _normal_and_point(
+        (ax, ay),
+        (bx, by),
+        (objects.radius[a], objects.radius[b]),
+        points.normal[k].tolist(),
+        ((first_x + second_x) / 2, (first_y + second_y) / 2),
+    )
+    ma = objects.lightness[a]
+    mb = objects.lightness[b]
+    ea = objects.ease[a]
+    eb = objects.ease[b]
+    na, ta = _levers(px - ax, py - ay, nx, ny)
+    nb, tb = _levers(px - bx, py - by, nx, ny)
     return Point(
-        a, b, nx, ny, seconds_back, bool(own[k]), ma, mb, ea, eb, na, nb, ta, tb,
+        a, b, nx, ny, seconds_back, bool(is_own[k]), ma, mb, ea, eb, na, nb, ta, tb,
         ma + mb + ea * na * na + eb * nb * nb,
         ea * na * ta + eb * nb * tb,
         ma + mb + ea * ta * ta + eb * tb * tb,

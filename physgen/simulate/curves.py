@@ -8,6 +8,7 @@ correction of this overlap does work against gravity: a ball in a bowl gained 1 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from math import hypot, sqrt
 
 import numpy as np
@@ -33,12 +34,36 @@ overlapped from the start.
 """
 
 
+def _closing_speed(state: Array, normal: tuple[float, float], lever: float) -> float:
+    """Return the speed of a point of a body along a normal, px/s.
+
+    `state` (6,) as in `Space`; `lever` of the normal about the body's centre, px.
+    """
+    nx, ny = normal
+    return float(state[3] * nx + state[4] * ny + state[5] * lever)
+
+
+def _gentle_closing(
+    old_state: Array, state: Array, normal: tuple[float, float], lever: float
+) -> float | None:
+    """Return the sum of the closing speeds before and after a step, px/s.
+
+    None if the body has not followed the curve before. `old_state` and `state` (6,) as
+    in `Space`.
+    """
+    closing_before = _closing_speed(old_state, normal, lever)
+    speed = hypot(old_state[3], old_state[4])
+    if not 0 < closing_before < GENTLE * speed:
+        return None
+    return closing_before + _closing_speed(state, normal, lever)
+
+
 class CurvedWalls:
     """The walls of a world that are smooth curves, and the bodies that slide along
     them.
     """
 
-    def __init__(self, world: World, moving: Index, held: list[int]) -> None:
+    def __init__(self, world: World, moving: Index, held_bodies: list[int]) -> None:
         """Collect the walls; bodies on joints are left out."""
         count = len(world.bodies)
         self._walls = {
@@ -48,7 +73,7 @@ class CurvedWalls:
         self._rows = {
             body: row
             for body, row in rows.items()
-            if world.bodies[body].motion is Motion.DYNAMIC and body not in held
+            if world.bodies[body].motion is Motion.DYNAMIC and body not in held_bodies
         }
         self._mass = [body.mass for body in world.bodies]
         scales = np.array([body.gravity_scale for body in world.bodies])
@@ -65,46 +90,29 @@ class CurvedWalls:
 
     def restore(
         self,
-        begun: Array,
+        old_state: Array,
         state: Array,
         h: float,
         order: Order,
         numbers: bytes,
         impacts: list[Impacts],
     ) -> tuple[float, float]:
-        """Return the energy to bodies that curves took from them in a step of h seconds.
+        """Return the energy to bodies that curves took from them in a step of h
+        seconds.
 
-        `begun` (M, 6): states before the step; `state` (M, 6) after it is changed in
-        place. Returns this energy, and the work of corrected overlaps against gravity,
-        which bodies lose, g·px²/s².
+        `old_state` (M, 6): states before the step; `state` (M, 6) after it is changed
+        in place. Returns this energy, and the work of corrected overlaps against
+        gravity, which bodies lose, g·px²/s².
         """
         lost_energies: dict[int, float] = {}
         lift_works: dict[int, float] = {}
         impulses: dict[int, tuple[float, float]] = {}
         impact_impulses = _blows(impacts)
         self._steps += 1
-        contacts = np.frombuffer(numbers).reshape(-1, NUMBERS).tolist()
-        for (first, second, count), contact in zip(
-            order.contacts.tolist(), contacts, strict=True
-        ):
-            body = first
-            wall = second
-            sign = 1.0
-            if first in self._walls:
-                body = second
-                wall = first
-                sign = -1.0
-            if wall not in self._walls or body not in self._rows or not count:
-                continue
-            # Only a body that has touched the curve for a while slides along it; a body
-            # that lands on the curve loses its closing speed as on any wall.
-            last_step = self._touched.get((body, wall), -RECENT)
-            self._touched[body, wall] = self._steps
-            if self._steps - last_step >= RECENT:
-                continue
+        for body, wall, sign, contact in self._slides(order, numbers):
             row = self._rows[body]
             if not impacts:
-                shift = state[row, :2] - begun[row, :2] - h * begun[row, 3:5]
+                shift = state[row, :2] - old_state[row, :2] - h * old_state[row, 3:5]
                 lift_works[body] = -float(self._weight[body] @ shift)
             # The normal points towards the wall.
             nx, ny = sign * contact[2], sign * contact[3]
@@ -115,19 +123,42 @@ class CurvedWalls:
             # The work of the normal impulse: impulse times the mean closing speed of
             # the step.
             normal_impulse = -(ix * nx + iy * ny)
-            px, py = contact[4], contact[5]
-            lever = (px - state[row, 0]) * ny - (py - state[row, 1]) * nx
-            closing_before, closing_after = (
-                float(speed[0] * nx + speed[1] * ny + speed[2] * lever)
-                for speed in (begun[row, 3:], state[row, 3:])
-            )
-            speed = hypot(begun[row, 3], begun[row, 4])
-            if 0 < closing_before < GENTLE * speed:
-                lost_energies[body] = (
-                    lost_energies.get(body, 0.0)
-                    + normal_impulse * (closing_before + closing_after) / 2
-                )
+            arm_x = contact[4] - state[row, 0]
+            arm_y = contact[5] - state[row, 1]
+            lever = arm_x * ny - arm_y * nx
+            closing_sum = _gentle_closing(old_state[row], state[row], (nx, ny), lever)
+            if closing_sum is not None:
+                energy = normal_impulse * closing_sum / 2
+                lost_energies[body] = lost_energies.get(body, 0.0) + energy
         return self._scale_speeds(lost_energies, lift_works, impulses, state)
+
+    def _slides(
+        self, order: Order, numbers: bytes
+    ) -> Iterator[tuple[int, int, float, list[float]]]:
+        """Yield body, wall and contact of each body that slides along a curve.
+
+        With each, the sign of the contact's normal: 1 if it points towards the wall.
+        """
+        contacts = np.frombuffer(numbers).reshape(-1, NUMBERS).tolist()
+        rows = zip(order.contacts.tolist(), contacts, strict=True)
+        for (first, second, count), contact in rows:
+            body, wall, sign = first, second, 1.0
+            if first in self._walls:
+                body, wall, sign = second, first, -1.0
+            if wall not in self._walls or body not in self._rows or not count:
+                continue
+            if not self._is_new_touch(body, wall):
+                yield body, wall, sign, contact
+
+    def _is_new_touch(self, body: int, wall: int) -> bool:
+        """Note a touch; return whether it is the first one in a while.
+
+        Only a body that has touched the curve for a while slides along it; a body that
+        lands on the curve loses its closing speed as on any wall.
+        """
+        last_step = self._touched.get((body, wall), -RECENT)
+        self._touched[body, wall] = self._steps
+        return self._steps - last_step >= RECENT
 
     def _scale_speeds(
         self,

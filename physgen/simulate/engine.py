@@ -99,7 +99,7 @@ def simulate(
     body leaves the range of numbers.
     """
     running = Running(world, times)
-    running.on(running.end, progress)
+    running.advance(running.end, progress)
     return running.trajectory()
 
 
@@ -178,20 +178,20 @@ class Running:
         return self._stepper.steps + self._bytes / 7000
 
     @property
-    def done(self) -> int:
+    def sample_count(self) -> int:
         """Return the number of samples so far."""
         return self._recorder.sample_count
 
-    def on(
+    def advance(
         self,
         until: float,
         progress: Progress = silent,
-        enough: Callable[[], bool] = lambda: False,
+        should_stop: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Continue the simulation to the time `until`, s, or until `enough` returns
-        True.
+        """Continue the simulation to the time `until`, s, or until `should_stop`
+        returns True.
 
-        `enough` is called before each step. Raises InputError if a body leaves the
+        `should_stop` is called before each step. Raises InputError if a body leaves the
         range of numbers.
         """
         with self._report_overflow():
@@ -199,7 +199,7 @@ class Running:
                 self._step_number = 0
                 self._start()
             last = ceil(until / self._base_step - 1e-9)
-            while self._step_number < last and not enough():
+            while self._step_number < last and not should_stop():
                 old_number = self._step_number
                 self._advance()
                 if self._step_number // 256 > old_number // 256:
@@ -207,7 +207,7 @@ class Running:
             self._recorder.read()
 
     def trajectory(self) -> Trajectory:
-        """Return the motion so far; its samples from `done` on are zeros."""
+        """Return the motion so far; its samples from `sample_count` on are zeros."""
         trajectory = self._recorder.trajectory(Effort(*self._effort()), self.sampled)
         return fold_wheels(trajectory, self._vehicles)
 
@@ -220,7 +220,7 @@ class Running:
         recorder = self._new_recorder(times)
         last = (ceil(until / self._base_step - 1e-9) + 1e-6) * self._base_step
         with self._lock:
-            self.on(until, enough=lambda: self._bytes > self._max_bytes)
+            self.advance(until, should_stop=lambda: self._bytes > self._max_bytes)
             records = list(
                 takewhile(lambda record: record[0].time < last, self._step_records)
             )
@@ -499,6 +499,12 @@ class JointMomentum(NamedTuple):
     impulse: Array  # (N, 3) g·px/s, g·px/s, g·px²/s
 
 
+def _inverse_inertia(properties: ContactProperties, count: int) -> Array:
+    """Return 1/mass, 1/mass and 1/moment of the bodies, (N, 3)."""
+    light = properties.lightness
+    return np.array([light, light, properties.ease]).T[:count]
+
+
 class Stepper:
     """The state of the engine and one step after the other."""
 
@@ -526,9 +532,7 @@ class Stepper:
         self._assemblies = Assemblies(world)
         self._jointed_bodies = self._assemblies.bodies
         self._curves = CurvedWalls(world, space.moving, self._jointed_bodies)
-        light = self._properties.lightness
-        ease = self._properties.ease
-        self._inverse = np.array([light, light, ease]).T[: len(bodies)]
+        self._inverse = _inverse_inertia(self._properties, len(bodies))
         self._center = np.array([[*b.center, 0.0] for b in bodies]).reshape(-1, 3)
         # Poses and velocities of bodies and walls; the rows of walls stay 0.
         self._all_poses = np.concatenate([self._center, np.zeros((len(walls), 3))])

@@ -26,6 +26,11 @@ from physgen.simulate.friction import Resistance, Table
 from physgen.simulate.moving_tables import MovingTable
 from physgen.simulate.ramps import Ramps, has_ramp
 
+Flags = NDArray[np.bool_]
+
+STEPS_AHEAD = 32
+"""Steps of table friction that are computed at once for bodies without contacts."""
+
 
 def spring_joints(world: World) -> list[Joint]:
     """Return the springs among the joints of a world."""
@@ -101,7 +106,7 @@ class Impulses:
         push = self._queue.pop(0)
         body = self._bodies[push.body]
         old_velocity = velocity[push.body]
-        arm = _turned(push.at, pose[push.body, 2] + old_velocity[2] * since)
+        arm = _rotate(push.point, pose[push.body, 2] + old_velocity[2] * since)
         change = np.array(
             [*push.vector, arm[0] * push.vector[1] - arm[1] * push.vector[0]]
         )
@@ -123,6 +128,43 @@ class LoadSum:
     spend: Array  # loads that dissipate energy: dampers
 
 
+def _inverse(values: Array, is_dynamic: Flags) -> Array:
+    """Return the inverse masses or moments (N,); 0 for bodies that are not dynamic."""
+    return np.divide(1.0, values, out=np.zeros(len(values)), where=is_dynamic)
+
+
+def _lasting_pushes(world: World, is_dynamic: Flags) -> list[Push]:
+    """Return the forces and torques on dynamic bodies."""
+    pushes = []
+    for push in world.pushes:
+        if push.load is not Load.IMPULSE and is_dynamic[push.body]:
+            pushes.append(push)
+    return pushes
+
+
+def _extra_weights(world: World, is_dynamic: Flags) -> Array:
+    """Return the weight beyond that by the world's gravity, (N, 2) g·px/s²."""
+    scale = np.array([body.gravity_scale for body in world.bodies])
+    mass = np.array([body.mass for body in world.bodies])
+    extra_weight = np.where(is_dynamic, (scale - 1) * mass, 0.0)
+    return np.asarray(extra_weight[:, None] * world.gravity)
+
+
+def _fields_of(world: World, *kinds: FieldKind) -> list[Field]:
+    """Return the fields of some kinds, in the order of the world."""
+    return [field for field in world.fields if field.kind in kinds]
+
+
+def _count_dampers(springs: Sequence[Joint]) -> dict[int, int]:
+    """Return the number of damped springs at each body with a spring."""
+    counts: dict[int, int] = {}
+    for spring in springs:
+        for body in (spring.first, spring.second):
+            if body is not None:
+                counts[body] = counts.get(body, 0) + (spring.damping > 0)
+    return counts
+
+
 class ForceFields:
     """All lasting forces of a world."""
 
@@ -131,54 +173,47 @@ class ForceFields:
         self._N = len(bodies)
         is_dynamic = np.array([b.motion is Motion.DYNAMIC for b in bodies], bool)
         self._mass = np.array([b.mass for b in bodies])
+        self._moment = np.array([b.moment for b in bodies])
         self._gravity = world.gravity
-        self._lightness = np.divide(
-            1.0, self._mass, out=np.zeros(self._N), where=is_dynamic
-        )
-        moment = np.array([b.moment for b in bodies])
-        self._ease = np.divide(1.0, moment, out=np.zeros(self._N), where=is_dynamic)
-        self._pushes = [
-            p for p in world.pushes if p.load is not Load.IMPULSE and is_dynamic[p.body]
-        ]
-        self._springs = spring_joints(world)
-        self._fingers = [s for s in self._springs if s.kind is JointKind.FINGER]
-        self._springs = [s for s in self._springs if s.kind is JointKind.SPRING]
-        self._winds = [
-            f for f in world.fields if f.kind in (FieldKind.WIND, FieldKind.AIR)
-        ]
-        self._pools = [
-            Pool(f, bodies) for f in world.fields if f.kind is FieldKind.WATER
-        ]
-        self._magnets = [f for f in world.fields if f.kind is FieldKind.MAGNET]
-        self._attractors = [f for f in world.fields if f.kind is FieldKind.ATTRACTOR]
-        self._width = np.array(
-            [2 * np.sqrt(area(b) / pi) for b in bodies if self._winds or self._pools]
-        )
+        self._lightness = _inverse(self._mass, is_dynamic)
+        self._ease = _inverse(self._moment, is_dynamic)
+        self._pushes = _lasting_pushes(world, is_dynamic)
+        springs = spring_joints(world)
+        self._fingers = [s for s in springs if s.kind is JointKind.FINGER]
+        self._springs = [s for s in springs if s.kind is JointKind.SPRING]
+        self._winds = _fields_of(world, FieldKind.WIND, FieldKind.AIR)
+        self._pools = [Pool(f, bodies) for f in _fields_of(world, FieldKind.WATER)]
+        self._magnets = _fields_of(world, FieldKind.MAGNET)
+        self._attractors = _fields_of(world, FieldKind.ATTRACTOR)
+        self._width = np.zeros(0)
+        if self._winds or self._pools:
+            self._width = np.array([2 * np.sqrt(area(body) / pi) for body in bodies])
         self._broken: list[tuple[Joint, float]] = []
         """Broken springs, and the times of their breaking, s."""
-        self._dampers: dict[int, int] = {}
         # Dampers on one body share the step, see `_spring`.
-        for spring in self._springs:
-            for body in (spring.first, spring.second):
-                if body is not None:
-                    self._dampers[body] = self._dampers.get(body, 0) + (
-                        spring.damping > 0
-                    )
-        scale = np.array([b.gravity_scale for b in bodies])
-        extra_weight = np.where(is_dynamic, (scale - 1) * self._mass, 0.0)
-        self._lift = extra_weight[:, None] * world.gravity
-        """Weight beyond that by the world's gravity, (N, 2) g·px/s²."""
+        self._dampers = _count_dampers(self._springs)
+        self._lift = _extra_weights(world, is_dynamic)
         self._lifts = bool(self._lift.any())
         self._damping = np.where(is_dynamic, [b.damping for b in bodies], 0.0)
         self._damped = np.flatnonzero(self._damping)
-        self._moment = moment
         self.has_centres = bool(self._attractors or self._magnets)
         """Whether `fastest_rate` may limit the step."""
-        self.busy = bool(
-            self._pushes or self._springs or self._winds or self._attractors
-        ) or bool(self._lifts or len(self._damped) or self._fingers)
         self.ramps = Ramps(world)
-        self.busy |= bool(self._pools or self._magnets or self.ramps.busy)
+        self.busy = self._has_loads()
+
+    def _has_loads(self) -> bool:
+        """Return whether any force may act besides gravity."""
+        loads = (
+            *self._pushes,
+            *self._springs,
+            *self._fingers,
+            *self._winds,
+            *self._pools,
+            *self._magnets,
+            *self._attractors,
+        )
+        has_own_terms = self._lifts or len(self._damped) or self.ramps.busy
+        return bool(loads or has_own_terms)
 
     def release(self, joint: Joint, pose: Array, time: float) -> float:
         """Remove a spring from a time on, s; return its energy at that time."""
@@ -223,7 +258,9 @@ class ForceFields:
                 )
         return fastest_rate
 
-    def at(self, pose: Array, velocity: Array, begin: float, end: float) -> LoadSum:
+    def mean_loads(
+        self, pose: Array, velocity: Array, begin: float, end: float
+    ) -> LoadSum:
         """Return the mean loads from `begin` to `end`, s.
 
         `pose` (N, 3) is that of the middle, `velocity` (N, 3) that of half the time
@@ -234,60 +271,17 @@ class ForceFields:
         )
         h = end - begin
         for push in self._pushes:
-            share = (min(push.end, end) - max(push.start, begin)) / h
-            if share > 0:
-                if push.profile is not None:
-                    share = mean_factor(push, begin, end)
-                arm = _turned(push.at, pose[push.body, 2])
-                force = push.vector * share
-                total.drive[push.body, :2] += force
-                total.drive[push.body, 2] += (
-                    push.torque * share + arm[0] * force[1] - arm[1] * force[0]
-                )
+            self._push(push, pose, (begin, end), total)
         for spring in self._springs:
             self._spring(spring, pose, velocity, h, total)
-        for field in self._attractors:
-            bodies = np.array(field.bodies, np.int64)
-            offsets = field.vector - pose[bodies, :2]
-            square_distances = (offsets**2).sum(axis=1) + field.soften**2
-            pull = (
-                self._mass[bodies]
-                * field.strength
-                / np.maximum(square_distances, 1e-12) ** 1.5
-            )
-            total.hold[bodies, :2] += pull[:, None] * offsets
+        for attractor in self._attractors:
+            self._pull(attractor, pose, total)
         if self._lifts:
             total.hold[:, :2] += self._lift
         if len(self._damped):
             self._damp(velocity, h, total)
-        for field in self._winds:
-            bodies = np.array(field.bodies, np.int64)
-            # Drag acts on the velocity of the middle of the step, which other forces
-            # have changed.
-            known_acceleration = (
-                self._gravity + total.hold[bodies, :2] * self._lightness[bodies, None]
-            )
-            relative_velocity = (
-                field.vector - velocity[bodies, :2] - h / 2 * known_acceleration
-            )
-            # Quadratic drag alone divides the relative velocity by 1 + k |u| t: this
-            # closed form is exact, and never overshoots the wind's own speed.
-            slowing = (
-                field.drag
-                * self._width[bodies]
-                * self._lightness[bodies]
-                * np.hypot(*relative_velocity.T)
-                * h
-            )
-            share = slowing / (1 + slowing)
-            if field.linear > 0:
-                rate = field.linear * self._width[bodies] * self._lightness[bodies] * h
-                linear_decay = np.exp(-rate)
-                share = 1 - linear_decay / (1 + slowing * linear_decay)
-            loads = total.spend if field.kind is FieldKind.AIR else total.drive
-            loads[bodies, :2] += (self._mass[bodies] * share / h)[
-                :, None
-            ] * relative_velocity
+        for wind in self._winds:
+            self._blow(wind, velocity, h, total)
         for magnet in self._magnets:
             self._attract(magnet, pose, total)
         for pool in self._pools:
@@ -297,6 +291,65 @@ class ForceFields:
         for finger in self._fingers:
             self._lead(finger, pose, velocity, (begin, end), total)
         return total
+
+    def _push(
+        self, push: Push, pose: Array, span: tuple[float, float], total: LoadSum
+    ) -> None:
+        """Add the force and the torque of a push during `span`, s."""
+        begin, end = span
+        share = (min(push.end, end) - max(push.start, begin)) / (end - begin)
+        if share <= 0:
+            return
+        if push.profile is not None:
+            share = mean_factor(push, begin, end)
+        arm = _rotate(push.point, pose[push.body, 2])
+        force = push.vector * share
+        total.drive[push.body, :2] += force
+        total.drive[push.body, 2] += (
+            push.torque * share + arm[0] * force[1] - arm[1] * force[0]
+        )
+
+    def _pull(self, field: Field, pose: Array, total: LoadSum) -> None:
+        """Add the forces of an attractor: strength * mass / distance², softened."""
+        bodies = np.array(field.bodies, np.int64)
+        offsets = field.vector - pose[bodies, :2]
+        square_distances = (offsets**2).sum(axis=1) + field.soften**2
+        pull = (
+            self._mass[bodies]
+            * field.strength
+            / np.maximum(square_distances, 1e-12) ** 1.5
+        )
+        total.hold[bodies, :2] += pull[:, None] * offsets
+
+    def _blow(self, field: Field, velocity: Array, h: float, total: LoadSum) -> None:
+        """Add the drag of a wind or of still air."""
+        bodies = np.array(field.bodies, np.int64)
+        # Drag acts on the velocity of the middle of the step, which other forces
+        # have changed.
+        known_acceleration = (
+            self._gravity + total.hold[bodies, :2] * self._lightness[bodies, None]
+        )
+        relative_velocity = (
+            field.vector - velocity[bodies, :2] - h / 2 * known_acceleration
+        )
+        # Quadratic drag alone divides the relative velocity by 1 + k |u| t: this
+        # closed form is exact, and never overshoots the wind's own speed.
+        slowing = (
+            field.drag
+            * self._width[bodies]
+            * self._lightness[bodies]
+            * np.hypot(*relative_velocity.T)
+            * h
+        )
+        share = slowing / (1 + slowing)
+        if field.linear > 0:
+            rate = field.linear * self._width[bodies] * self._lightness[bodies] * h
+            linear_decay = np.exp(-rate)
+            share = 1 - linear_decay / (1 + slowing * linear_decay)
+        loads = total.spend if field.kind is FieldKind.AIR else total.drive
+        loads[bodies, :2] += (self._mass[bodies] * share / h)[
+            :, None
+        ] * relative_velocity
 
     def _attract(self, magnet: Field, pose: Array, total: LoadSum) -> None:
         """Add the forces between magnets: pull / distance², softened."""
@@ -313,7 +366,7 @@ class ForceFields:
         """Add the lift of the displaced water as work, and drag on the immersed
         part.
         """
-        for body, displaced, center in pool.displaced(pose):
+        for body, displaced, center in pool.immersions(pose):
             lift = -pool.field.density * displaced * self._gravity
             arm = center - pose[body, :2]
             total.drive[body, :2] += lift
@@ -344,7 +397,7 @@ class ForceFields:
         x, y = (float(np.interp(time, knots[:, 0], knots[:, k])) for k in (1, 2))
         time_share = (min(end, knots[-1, 0]) - max(begin, knots[0, 0])) / h
         body = finger.first
-        arm = _turned(finger.first_at, pose[body, 2])
+        arm = _rotate(finger.first_at, pose[body, 2])
         vx, vy, spin = velocity[body]
         speed = np.array([vx - spin * arm[1], vy + spin * arm[0]])
         pull = finger.stiffness * (np.array([x, y]) - pose[body, :2] - arm)
@@ -403,11 +456,11 @@ class ForceFields:
 
     def _ends(self, spring: Joint, pose: Array) -> tuple[Array, Array, Array]:
         """Return both arms and the vector from the second end to the first, px."""
-        arm1 = _turned(spring.first_at, pose[spring.first, 2])
+        arm1 = _rotate(spring.first_at, pose[spring.first, 2])
         end1 = pose[spring.first, :2] + arm1
         if spring.second is None:
             return arm1, np.zeros(2), end1 - spring.second_at
-        arm2 = _turned(spring.second_at, pose[spring.second, 2])
+        arm2 = _rotate(spring.second_at, pose[spring.second, 2])
         return arm1, arm2, end1 - pose[spring.second, :2] - arm2
 
     def _spring(
@@ -464,7 +517,7 @@ class Pool:
         self._reach = {k: bodies[k].reach for k in field.bodies}
         self.areas = {k: area(bodies[k]) for k in field.bodies}
 
-    def displaced(self, pose: Array) -> Iterator[tuple[int, float, Array]]:
+    def immersions(self, pose: Array) -> Iterator[tuple[int, float, Array]]:
         """Yield each body in the water, with its immersed area, px², and centre, px."""
         left, top, right, bottom = self._box
         for body, pieces in self._shapes.items():
@@ -503,12 +556,12 @@ class Pool:
                 yield body, total_area, moment_sum / total_area
 
 
-def _clip_outline(corners: Array, axis: int, bound: float, sign: float) -> Array:
-    """Return a convex outline (K, 2) clipped at `bound` on one axis.
+def _clip_outline(corners: Array, axis: int, limit: float, sign: float) -> Array:
+    """Return a convex outline (K, 2) clipped at `limit` on one axis.
 
     The part below the bound (sign 1) or above it (-1) is removed.
     """
-    depth = sign * (corners[:, axis] - bound) if len(corners) else np.zeros(0)
+    depth = sign * (corners[:, axis] - limit) if len(corners) else np.zeros(0)
     if (depth >= 0).all():
         return corners
     kept_corners: list[Array] = []
@@ -578,10 +631,10 @@ def area(body: Body) -> float:
     return float(sum(abs(polygon_moments(piece).area) for piece in body.pieces))
 
 
-def _turned(at: Array, angle: float) -> Array:
+def _rotate(vector: Array, angle: float) -> Array:
     """Rotate a vector by an angle, rad."""
     c, s = np.cos(angle), np.sin(angle)
-    return np.array([c * at[0] - s * at[1], s * at[0] + c * at[1]])
+    return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])
 
 
 class Forces(NamedTuple):
@@ -666,63 +719,76 @@ class StepForces:
         if self._loads.busy:
             pose = self._spread(state[:, :3] + state[:, 3:] * h, self._center)
             begin, duration = (end, 0.5) if is_half else (end - h / 2, 1.0)
-            loads = self._loads.at(pose, velocity, begin, end + h / 2)
+            loads = self._loads.mean_loads(pose, velocity, begin, end + h / 2)
             drive = loads.drive * duration
             spend = loads.spend * duration
             load = Forces(loads.hold * duration + drive + spend, drive, spend, None)
-        if self._table.busy:
-            duration = h / 2 if is_half else h
-            predicted_velocity = (
-                velocity + load.total / self._weight * h
-                if self._loads.busy
-                else velocity
-            )
-            predicted_velocity = (
-                predicted_velocity + self._fall * duration
-                if self._falls
-                else predicted_velocity
-            )
-            is_free &= not (self._loads.busy or self._falls or self._belts.busy)
-            table_velocity = None
-            if self._belts.busy:
-                # where bodies are when they have their new velocities
-                middle = self._spread(
-                    state[:, :3] + 1.5 * h * state[:, 3:], self._center
-                )
-                table_velocity = self._belts.velocities(middle[:, :2])
-                predicted_velocity = predicted_velocity - table_velocity
-            roll = self.roll
-            begin = end if is_half else end - h / 2
-            pushed_roll = self._loads.ramps.roll_change(begin, end + h / 2, len(roll))
-            if pushed_roll is not None:
-                roll = roll + pushed_roll
-            if not (is_free and self._foreseen):
-                self._foreseen = self._table.foreseen(
-                    predicted_velocity, roll, duration, 32 if is_free else 1
-                )
-            change, roll_change = self._foreseen.pop()
-            if pushed_roll is not None:
-                roll_change = roll_change + pushed_roll
-            friction = change * self._weight
-            carried = (
-                0.0
-                if table_velocity is None
-                else float((friction * table_velocity).sum())
-            )
-            if pushed_roll is not None:
-                middle_roll = self.roll + roll_change / 2
-                inertia = self._weight[:, 2:]
-                carried += float((inertia * middle_roll * pushed_roll).sum())
-            friction /= h
-            spend = friction if load.spend is None else load.spend + friction
-            load = Forces(
-                load.total + friction if self._loads.busy else friction,
-                load.drive,
-                spend,
-                roll_change,
-                carried,
-            )
-        return load
+        if not self._table.busy:
+            return load
+        duration = h / 2 if is_half else h
+        predicted_velocity = velocity
+        if self._loads.busy:
+            predicted_velocity = velocity + load.total / self._weight * h
+        if self._falls:
+            predicted_velocity = predicted_velocity + self._fall * duration
+        table_velocity = self._table_velocity(state, h)
+        if table_velocity is not None:
+            predicted_velocity = predicted_velocity - table_velocity
+        is_free &= not (self._loads.busy or self._falls or self._belts.busy)
+        begin = end if is_half else end - h / 2
+        friction, roll_change, work = self._rub(
+            predicted_velocity,
+            table_velocity,
+            self._loads.ramps.roll_change(begin, end + h / 2, len(self.roll)),
+            duration,
+            steps=STEPS_AHEAD if is_free else 1,
+        )
+        friction /= h
+        spend = friction if load.spend is None else load.spend + friction
+        total = load.total + friction if self._loads.busy else friction
+        return Forces(total, load.drive, spend, roll_change, work)
+
+    def _table_velocity(self, state: Array, h: float) -> Array | None:
+        """Return the velocities (N, 3) of the table below the bodies at the time of
+        their new velocities; None if it does not move.
+        """
+        if not self._belts.busy:
+            return None
+        middle = self._spread(state[:, :3] + 1.5 * h * state[:, 3:], self._center)
+        return self._belts.velocities(middle[:, :2])
+
+    def _rub(
+        self,
+        velocity: Array,
+        table_velocity: Array | None,
+        pushed_roll: Array | None,
+        duration: float,
+        *,
+        steps: int,
+    ) -> tuple[Array, Array, float]:
+        """Return the impulses of the table's friction (N, 3), the changes of the roll
+        (N, 2), and the work of belts and of pushes of the roll.
+
+        `velocity` (N, 3) is relative to the table at `table_velocity` (N, 3);
+        `pushed_roll` (N, 2) is the change of the roll by pushes. The friction of
+        `steps` steps is computed at once.
+        """
+        roll = self.roll
+        if pushed_roll is not None:
+            roll = roll + pushed_roll
+        if steps == 1 or not self._foreseen:
+            self._foreseen = self._table.predict(velocity, roll, duration, steps)
+        change, roll_change = self._foreseen.pop()
+        friction = change * self._weight
+        work = 0.0
+        if table_velocity is not None:
+            work = float((friction * table_velocity).sum())
+        if pushed_roll is not None:
+            roll_change = roll_change + pushed_roll
+            middle_roll = self.roll + roll_change / 2
+            inertia = self._weight[:, 2:]
+            work += float((inertia * middle_roll * pushed_roll).sum())
+        return friction, roll_change, work
 
     def _spread(self, rows: Array, others: Array) -> Array:
         """Expand rows (M, 3) of moving bodies to all bodies (N, 3)."""

@@ -45,12 +45,12 @@ class Resistance:
         if order.brakes is None:
             order.brakes = self._found(order.contacts)
         self.brakes, self.torques = order.brakes, []
-        if not self.brakes.by:
+        if not self.brakes.levers:
             return
         normal_impulses = [
             abs(ix * nx + iy * ny) for ix, iy, nx, ny in impulses_and_normals(numbers)
         ]
-        for lever, rows in self.brakes.by:
+        for lever, rows in self.brakes.levers:
             torque = 0.0
             # Sum in sorted order: the result must not depend on the order of contacts.
             for normal in (
@@ -61,13 +61,13 @@ class Resistance:
                 torque += lever * normal / h
             self.torques.append(torque)
 
-    def _found(self, listed: NDArray[np.int64]) -> Brakes:
+    def _found(self, contacts: NDArray[np.int64]) -> Brakes:
         """Return the brakes of contacts (K, 3): one for each pair of bodies."""
         levers, rows = dict[Pair, float](), dict[Pair, list[int]]()
-        partners = listed.tolist()
+        partners = contacts.tolist()
         # Sort the contacts, so that the brakes of equal contacts are equal in any
         # order.
-        for k in np.lexsort(listed.T[2::-1]).tolist():
+        for k in np.lexsort(contacts.T[2::-1]).tolist():
             a, b, _ = partners[k]
             # The first body of a pair has rolling resistance.
             if (self._lever[a] == 0, a) > (self._lever[b] == 0, b):
@@ -83,6 +83,29 @@ class Resistance:
 
 NODES = 1024
 """Number of nodes in the tables of friction by the ratio of sliding to spinning."""
+
+
+def _ball_properties(
+    radii: Array, mass: Array, moment: Array, grip: Array, rolling: Array
+) -> list[Array]:
+    """Return the properties of B balls, (B,) each: radius (px), inverse lever (1/px),
+    the share of a mass in the inertia of a rolling ball, deceleration of pure sliding
+    (px/s²), and the decelerations by rolling resistance of a sliding and of a rolling
+    ball (rad/s²).
+
+    `grip` and `rolling` (B,) px/s² are the coefficients times the pressure.
+    """
+    # The ratio of a solid sphere is 5/2.
+    inertia_ratio = mass * radii**2 / np.maximum(moment, 1e-300)
+    deceleration = rolling / np.maximum(radii, 1e-300) * inertia_ratio
+    return [
+        radii,
+        inertia_ratio / np.maximum(radii, 1e-300),
+        1 / (1 + inertia_ratio),
+        grip,
+        deceleration,
+        deceleration / (1 + inertia_ratio),
+    ]
 
 
 class Table:
@@ -117,26 +140,11 @@ class Table:
         ]
         """Properties of discs, (D,) each; the first is the deceleration of pure
         sliding, px/s²."""
-        balls = self._balls
-        radii = np.array([b.radius or 0.0 for b in bodies]).reshape(-1)[balls]
-        # The ratio of a solid sphere is 5/2.
-        inertia_ratio = mass[balls] * radii**2 / np.maximum(moment[balls], 1e-300)
-        deceleration = (
-            rolling[balls] * world.press / np.maximum(radii, 1e-300) * inertia_ratio
-        )
-        inverse_lever = inertia_ratio / np.maximum(radii, 1e-300)
-        self._of_balls = [
-            radii,
-            inverse_lever,
-            1 / (1 + inertia_ratio),
-            grip[balls] * world.press,
-            deceleration,
-            deceleration / (1 + inertia_ratio),
-        ]
-        """Properties of balls, (B,) each; the last two are the deceleration by rolling
-        resistance of a sliding and of a rolling ball, rad/s²."""
+        radii = np.array([b.radius or 0.0 for b in bodies]).reshape(-1)
+        properties = (radii, mass, moment, grip * world.press, rolling * world.press)
+        self._of_balls = _ball_properties(*(v[self._balls] for v in properties))
 
-    def foreseen(
+    def predict(
         self, velocity: Array, roll: Array, h: float, steps: int
     ) -> list[tuple[Array, Array]]:
         """Return the changes of velocity (N, 3) and roll (N, 2) in the next steps.
@@ -212,13 +220,17 @@ class Table:
 
 
 def _path(
-    kind: Callable[..., Any], of: list[Array], motion: Array, h: float, steps: int
+    kind: Callable[..., Any],
+    properties: list[Array],
+    motion: Array,
+    h: float,
+    steps: int,
 ) -> list[Any]:
     """Return the changes of velocity, spin and roll of several bodies in each step."""
     v, spin, roll = motion
     spin, changes = spin.real, []
     for _ in range(steps):
-        changes.append(kind(of, v, spin, roll, h))
+        changes.append(kind(properties, v, spin, roll, h))
         v, spin, roll = (
             value + change
             for value, change in zip((v, spin, roll), changes[-1], strict=True)
@@ -227,19 +239,28 @@ def _path(
 
 
 def _slide(
-    of: list[Array], v: Array, spin: Array, roll: Array, h: float
+    properties: list[Array], v: Array, spin: Array, roll: Array, h: float
 ) -> tuple[Array, Array, Array]:
     """Return the changes of discs' velocity, spin and roll, by the midpoint rule."""
-    half_change, half_turn = _slid(of, v, spin, h / 2, v, spin)
-    return *_slid(of, v, spin, h, v + half_change, spin + half_turn), 0 * roll
+    half_change, half_turn = _friction_changes(properties, v, spin, h / 2, v, spin)
+    return *_friction_changes(
+        properties, v, spin, h, v + half_change, spin + half_turn
+    ), 0 * roll
 
 
-def _slid(
-    of: list[Array], v: Array, spin: Array, h: float, at: Array, at_spin: Array
+def _friction_changes(
+    properties: list[Array],
+    v: Array,
+    spin: Array,
+    h: float,
+    mid_velocity: Array,
+    at_spin: Array,
 ) -> tuple[Array, Array]:
     """Return the changes by friction at other speeds; never beyond rest."""
-    grip, mass, patch, moment, ring = of
-    force_share, torque_share = _parts(np.arctan2(abs(at), patch * abs(at_spin)), ring)
+    grip, mass, patch, moment, ring = properties
+    force_share, torque_share = _parts(
+        np.arctan2(abs(mid_velocity), patch * abs(at_spin)), ring
+    )
     speed, rim_spin, stopping_speed = abs(v), abs(spin), grip * h
     # The force acts against the motion at the step's start: friction never reverses it.
     brake = np.minimum(force_share * stopping_speed, speed) / np.maximum(speed, 1e-300)
@@ -254,10 +275,10 @@ def _slid(
 
 
 def _slide_one(
-    of: list[float], motion: list[complex], h: float, steps: int
+    properties: list[float], motion: list[complex], h: float, steps: int
 ) -> NDArray[np.complex128]:
     """Return the changes (steps, 3) of one disc, as `_slide` for several."""
-    (grip, mass, patch, moment, ring), (v, spin, _) = of, motion
+    (grip, mass, patch, moment, ring), (v, spin, _) = properties, motion
     _, forces, torques = _listed_shares(bool(ring))
     nodes_per_radian, last_node = (NODES - 1) / (pi / 2), NODES - 2
     changes, spin_now = np.zeros((steps, 3), complex), spin.real
@@ -310,10 +331,10 @@ def _parts(ratio: Array, ring: Any) -> list[Array]:
 
 
 def _roll(
-    of: list[Array], v: Array, spin: Array, roll: Array, h: float
+    properties: list[Array], v: Array, spin: Array, roll: Array, h: float
 ) -> tuple[Array, Array, Array]:
     """Return the changes of spheres' velocity, spin and roll."""
-    r, lever, gives, grip, lost_sliding, lost_rolling = of
+    r, lever, gives, grip, lost_sliding, lost_rolling = properties
     # Velocity of the lowest point relative to the table.
     slip = v - 1j * r * roll
     slip_speed = abs(slip)
@@ -343,10 +364,13 @@ def _roll(
 
 
 def _roll_one(
-    of: list[float], motion: list[complex], h: float, steps: int
+    properties: list[float], motion: list[complex], h: float, steps: int
 ) -> NDArray[np.complex128]:
     """Return the changes (steps, 3) of one sphere, as `_roll` for several."""
-    (r, lever, gives, grip, lost_sliding, lost_rolling), (v, spin, roll) = of, motion
+    (r, lever, gives, grip, lost_sliding, lost_rolling), (v, spin, roll) = (
+        properties,
+        motion,
+    )
     changes, spin_now, spin_loss = (
         np.zeros((steps, 3), complex),
         spin.real,

@@ -31,9 +31,9 @@ class EdgeTolerance:
     """Difference of height of two surfaces, px: four times the overlap of a resting
     contact.
     """
-    above: float = 0.06
+    rise: float = 0.06
     """Height over the surface, px, at which a rising shape is searched for."""
-    below: float = 1.0
+    depth: float = 1.0
     """Depth under the surface, px, of a contact of a body that lands beside a seam."""
     gap: float = 0.5
     """Gap between the ends of two surfaces, px; as of walls in `space`."""
@@ -48,7 +48,7 @@ class EdgeTolerance:
 
 
 TOLERANCE = EdgeTolerance()
-ABOVE, BELOW = TOLERANCE.above, TOLERANCE.below
+ABOVE, BELOW = TOLERANCE.rise, TOLERANCE.depth
 LEVEL, GAP = TOLERANCE.level, TOLERANCE.gap
 # Module variables are faster than attributes, and these are read for each edge and
 # point of each step.
@@ -332,13 +332,15 @@ class InternalEdges:
     """Finds contacts at internal edges, by the shapes of a world."""
 
     def __init__(
-        self, outlines: Sequence[ShapeOutline], apart: frozenset[tuple[int, int]]
+        self,
+        outlines: Sequence[ShapeOutline],
+        separate_pairs: frozenset[tuple[int, int]],
     ) -> None:
-        """Index the shapes; `apart`: pairs of owners, in both orders, that do not
-        collide.
+        """Index the shapes; `separate_pairs`: pairs of owners, in both orders, that do
+        not collide.
         """
         self._outlines = outlines
-        self._apart = set(apart)
+        self._apart = set(separate_pairs)
         self._edges = [edges_of(outline) for outline in outlines]
         self._boxes = [_box_around(outline.corners) for outline in outlines]
         """Around what is near a shape, in the frame of its owner."""
@@ -513,32 +515,34 @@ class InternalEdges:
     def _room(
         self,
         frames: Frames,
-        own: int,
+        own_shape: int,
         other: int,
         partners: Mapping[int, Collection[int]],
         contact: Contact,
     ) -> float:
-        """Return `room` of a contact with its normal from `other` to `own`.
+        """Return `room` of a contact with its normal from `other` to `own_shape`.
 
         The contact is at an internal edge if third shapes cover all its points.
         """
-        shape, surface = self._outlines[own], self._outlines[other]
+        shape, surface = self._outlines[own_shape], self._outlines[other]
         if not surface.corners:
             return 0.0
         cover: Cover | None = None
-        nearby_edges = self._nearby_edges(frames, own, other, partners, contact.points)
+        nearby_edges = self._nearby_edges(
+            frames, own_shape, other, partners, contact.points
+        )
         for order, (place, edges) in enumerate(nearby_edges):
             if not edges:
                 continue
             if cover is None:
-                cover = self._begin_cover(frames, (own, other), contact)
+                cover = self._begin_cover(frames, (own_shape, other), contact)
             cover.extend(place, edges)
             if not cover.is_whole:
                 continue
             if shape.corners:
                 # The edges beside the other shape never change: remember them.
                 if order == 0:
-                    self._covering[own, other] = cover.edges
+                    self._covering[own_shape, other] = cover.edges
                 return STILL
             # The normal of a circle turns while it moves, other normals change at once.
             return STILL + cover.room * shape.reach / 4
@@ -547,7 +551,7 @@ class InternalEdges:
     def _nearby_edges(
         self,
         frames: Frames,
-        own: int,
+        shape: int,
         other: int,
         partners: Mapping[int, Collection[int]],
         points: Sequence[Spot],
@@ -555,17 +559,17 @@ class InternalEdges:
         """Yield the edges near points that may continue the other shape, with their
         frames.
         """
-        owner, other_owner = self._outlines[own].owner, self._outlines[other].owner
+        owner, other_owner = self._outlines[shape].owner, self._outlines[other].owner
         is_static = self._outlines[other].is_static
         if is_static:
             yield WORLD, self._edges_beside_static(other, frames)
-        elif self._outlines[own].corners:
+        elif self._outlines[shape].corners:
             # Circles are left out: one crosses the seams of a body's pieces with a loss
             # below 0.2 px/s, and bowls have many pieces.
             yield frames.of(other_owner), self._edges_beside(other)
         third_owners = partners.get(owner, ())
         # A floor has many partners: only those of both owners can be at the contact.
-        if self._outlines[own].is_static:
+        if self._outlines[shape].is_static:
             third_owners = set(third_owners).intersection(partners.get(other_owner, ()))
         for third_owner in third_owners:
             shapes = self._of_owner.get(third_owner, ())
@@ -629,9 +633,9 @@ class InternalEdges:
             ]
         return self._own_edges[shape]
 
-    def _are_near(self, one: int, other: int) -> bool:
+    def _are_near(self, shape: int, other: int) -> bool:
         """Check whether circles around two shapes of one owner are near each other."""
-        a, b = self._outlines[one], self._outlines[other]
+        a, b = self._outlines[shape], self._outlines[other]
         distance = hypot(a.center[0] - b.center[0], a.center[1] - b.center[1])
         return distance < a.reach + b.reach + NEIGHBOURS
 
@@ -656,13 +660,13 @@ def _is_in(box: Box, spots: Sequence[Spot]) -> bool:
     return any(left < x < right and top < y < bottom for x, y in spots)
 
 
-def _do_meet(one: Box, other: Box) -> bool:
+def _do_meet(box: Box, other: Box) -> bool:
     """Return whether two boxes overlap."""
     return (
-        one[0] <= other[2]
-        and other[0] <= one[2]
-        and one[1] <= other[3]
-        and other[1] <= one[3]
+        box[0] <= other[2]
+        and other[0] <= box[2]
+        and box[1] <= other[3]
+        and other[1] <= box[3]
     )
 
 

@@ -908,7 +908,7 @@ class Recorder:
         self,
         step: Step,
         time: float,
-        elapsed: float,
+        seconds: float,
         h: float,
         x: Array,
         v: Array,
@@ -930,11 +930,11 @@ class Recorder:
         if time < step.time - impact_age:
             v[bodies] = step.velocities_before_impacts[changed_rows]
             x[bodies] = (
-                pose0[bodies] + step.velocities_before_impacts[changed_rows] * elapsed
+                pose0[bodies] + step.velocities_before_impacts[changed_rows] * seconds
             )
         else:
             v[bodies] = step.velocities[changed_rows]
-            x[bodies] = pose1[bodies] - step.velocities[changed_rows] * (h - elapsed)
+            x[bodies] = pose1[bodies] - step.velocities[changed_rows] * (h - seconds)
 
     def _energy(
         self, times: Array, pose: Array, velocity: Array, roll: Array

@@ -120,22 +120,47 @@ class Space:
         self._space = space
         self._gravity = world.gravity
         bodies = [_add_body(space, body) for body in world.bodies]
-        by_passage: dict[Passage, list[Wall]] = {}
-        for wall in world.walls:
-            by_passage.setdefault(wall.passage, []).append(wall)
-        # Only walls of one passage are neighbours: a body that passes through one wall
-        # still hits the end of another.
-        smooth = {p: _neighbours(alike) for p, alike in by_passage.items()}
-        walls = [_add_wall(space, wall, smooth[wall.passage]) for wall in world.walls]
+        walls = _add_walls(space, world.walls)
         self._bodies = bodies
         self._anchor = pymunk.Body(body_type=pymunk.Body.STATIC)
         space.add(self._anchor)
         self._parts = _add_joints(space, world.joints, bodies, self._anchor)
         """Constraints of the engine by the name of a joint."""
         # The engine's ids are memory addresses.
-        ids = np.array([body.id for body in (*bodies, *walls)], np.uint64)
+        owners = [*bodies, *walls]
+        ids = np.array([body.id for body in owners], np.uint64)
         self._by_id = np.argsort(ids)
         self._ids = ids[self._by_id]
+        self._prepare_buffers(world)
+        self._brakes: dict[Pair, tuple[pymunk.SimpleMotor, Any]] = {}
+        self._brake_pairs: Sequence[Pair] = ()
+        self._motors: list[Any] = []
+        """Motors of the present brakes."""
+        self._special = self._watch(world, owners)
+        self._sweeps = int(space.iterations)
+        self._orders: dict[bytes, Order] = {}
+        """Orders by pymunk's list of contacts: a run has few different lists."""
+        self._index_shapes(world, owners)
+        self._partners: dict[int, set[int]] = {}
+        """Touched owners of each owner at the latest search for internal edges."""
+        self.hidden: dict[Pair, tuple[float, Distances]] = {}
+        """Pairs of shapes with contacts at internal edges, which are not solved.
+
+        With each, the distance that they may move before the next test, px, and their
+        relative position at the last one.
+        """
+        self.nudges: dict[int, tuple[float, float]] = {}
+        """Bodies whose contacts have a wrong normal, and the px by which to move them.
+        """
+        self.parting: list[Joint] = []
+        """Broken joints of bodies that still overlap, and do not collide yet."""
+        LIVING.add(self)
+
+    def _prepare_buffers(self, world: World) -> None:
+        """Prepare the memory in which the engine's states and loads are read and
+        written at once.
+        """
+        space = self._space
         self.moving = np.flatnonzero(
             [body.motion is not Motion.STATIC for body in world.bodies]
         )
@@ -150,13 +175,14 @@ class Space:
             space, "pmSpaceArbiterIteratorFuncBatched", _CONTACT, self._contacts
         )
         # The batch functions visit the moving bodies in the order of addition, and then
-        # the static ones.
-        static_centres = [
-            b.center for b in world.bodies if b.motion is Motion.STATIC
-        ] + [np.zeros(2)] * (len(walls) + 1)
-        self._placing = np.zeros((M + len(static_centres), 6))
-        self._pushing = np.zeros((M + len(static_centres), 3))
-        self._placing[M:, :2] = np.array(static_centres).reshape(-1, 2)
+        # the static ones: bodies, walls and the anchor.
+        static_centers = [
+            body.center for body in world.bodies if body.motion is Motion.STATIC
+        ]
+        static_centers += [np.zeros(2)] * (len(world.walls) + 1)
+        self._placing = np.zeros((M + len(static_centers), 6))
+        self._pushing = np.zeros((M + len(static_centers), 3))
+        self._placing[M:, :2] = np.array(static_centers).reshape(-1, 2)
         self._place_buffer = batch.Buffer()
         self._push_buffer = batch.Buffer()
         if M:
@@ -169,53 +195,38 @@ class Space:
         self._write_loads = _prepare_batch_arguments(
             space, writer, _LOAD, self._push_buffer
         )
-        self._brakes: dict[Pair, tuple[pymunk.SimpleMotor, Any]] = {}
-        self._brake_pairs: Sequence[Pair] = ()
-        self._motors: list[Any] = []
-        """Motors of the present brakes."""
-        self._special = self._watch(world, [*bodies, *walls])
+
+    def _index_shapes(self, world: World, owners: Sequence[pymunk.Body]) -> None:
+        """Number the shapes of all owners, and find their internal edges."""
         self._smooth = frozenset(
-            len(bodies) + k for k, wall in enumerate(world.walls) if wall.is_smooth
+            len(world.bodies) + k
+            for k, wall in enumerate(world.walls)
+            if wall.is_smooth
         )
         """Smooth curves, without internal edges."""
-        self._sweeps = int(space.iterations)
-        self._orders: dict[bytes, Order] = {}
-        """Orders by pymunk's list of contacts: a run has few different lists."""
-        places = [*bodies, *walls]
-        self._still_poses = [(*body.position, body.angle) for body in places]
-        self._shapes = [shape._shape for body in places for shape in body.shapes]
+        self._still_poses = [(*body.position, body.angle) for body in owners]
+        self._shapes = [shape._shape for body in owners for shape in body.shapes]
         self._numbers = {shape: k for k, shape in enumerate(self._shapes)}
         outlines = tuple(
             _shape_outline(shape, owner)
-            for owner, body in enumerate(places)
+            for owner, body in enumerate(owners)
             for shape in body.shapes
         )
         self._outlines = outlines
         self._dynamic = {
-            k for k, b in enumerate(world.bodies) if b.motion is Motion.DYNAMIC
+            k for k, body in enumerate(world.bodies) if body.motion is Motion.DYNAMIC
         }
         self._circles = {o.owner: o for o in outlines if not o.corners}
         self._owners = [outline.owner for outline in outlines]
-        reach = [hypot(*outline.center) + outline.reach for outline in outlines]
-        self._reach = [
-            radius if outline.corners else 0.0
-            for radius, outline in zip(reach, outlines, strict=True)
-        ]
-        poses = tuple(self._still_poses)
-        self._edges = internal_edges(outlines, _pairs_apart(world), poses)
-        self._partners: dict[int, set[int]] = {}
-        """Touched owners of each owner at the latest search for internal edges."""
-        self.hidden: dict[Pair, tuple[float, Distances]] = {}
-        """Pairs of shapes with contacts at internal edges, which are not solved.
-
-        With each, the distance that they may move before the next test, px, and their
-        relative position at the last one.
-        """
-        self.nudges: dict[int, tuple[float, float]] = {}
-        """Bodies whose contacts have a wrong normal, and the px by which to move them."""
-        self.parting: list[Joint] = []
-        """Broken joints of bodies that still overlap, and do not collide yet."""
-        LIVING.add(self)
+        self._reach: list[float] = []
+        for outline in outlines:
+            reach = 0.0
+            if outline.corners:
+                reach = hypot(*outline.center) + outline.reach
+            self._reach.append(reach)
+        self._edges = internal_edges(
+            outlines, _pairs_apart(world), tuple(self._still_poses)
+        )
 
     def _watch(self, world: World, parts: list[pymunk.Body]) -> SpecialSurfaces | None:
         """Register callbacks for surfaces that move, stick or let others pass.
@@ -501,20 +512,20 @@ class Space:
         contact = Contact((touch[0], touch[1]), points)
         return self._edges.room(frames, key, self._partners, contact)
 
-    def _order(self, listed: bytes) -> Order:
+    def _order(self, contact_list: bytes) -> Order:
         """Return the order of pymunk's list of contacts, which is by memory
         addresses.
         """
-        if len(self._orders) * max(len(listed), 8000) >= 8_000_000:
+        if len(self._orders) * max(len(contact_list), 8000) >= 8_000_000:
             self._orders.clear()
         # Memory addresses differ from run to run: replace them by our numbers of
         # bodies.
-        pairs = np.frombuffer(listed, np.int64).reshape(-1, WORDS).copy()
+        pairs = np.frombuffer(contact_list, np.int64).reshape(-1, WORDS).copy()
         pairs[:, :2] = self._by_id[
             np.searchsorted(self._ids, pairs[:, :2].view(np.uint64))
         ]
-        self._orders[listed] = Order(pairs)
-        return self._orders[listed]
+        self._orders[contact_list] = Order(pairs)
+        return self._orders[contact_list]
 
     def release(self, joint: Joint) -> None:
         """Remove the effect of a joint; its bodies collide once they do not overlap."""
@@ -683,8 +694,21 @@ def _add_body(space: pymunk.Space, model: Body) -> pymunk.Body:
     return body
 
 
+def _add_walls(space: pymunk.Space, walls: Sequence[Wall]) -> list[pymunk.Body]:
+    """Add the walls to the space; return their bodies.
+
+    Only walls of one passage are neighbours: a body that passes through one wall still
+    hits the end of another.
+    """
+    by_passage: dict[Passage, list[Wall]] = {}
+    for wall in walls:
+        by_passage.setdefault(wall.passage, []).append(wall)
+    neighbours = {key: _neighbours(group) for key, group in by_passage.items()}
+    return [_add_wall(space, wall, neighbours[wall.passage]) for wall in walls]
+
+
 def _add_wall(
-    space: pymunk.Space, wall: Wall, smooth: dict[tuple[float, ...], list[float]]
+    space: pymunk.Space, wall: Wall, neighbours: dict[tuple[float, ...], list[float]]
 ) -> pymunk.Body:
     """Add a wall as a body of its own, to identify the wall in contacts."""
     body = pymunk.Body(body_type=pymunk.Body.STATIC)
@@ -702,8 +726,8 @@ def _add_wall(
         for a, b in pairwise(line.tolist()):
             segment = pymunk.Segment(body, a, b, 0.0)
             segment.friction = wall.surface.friction
-            before = smooth.get((*a, *b))
-            after = smooth.get((*b, *a))
+            before = neighbours.get((*a, *b))
+            after = neighbours.get((*b, *a))
             if before is not None or after is not None:
                 # Without a neighbour, a point on the segment's own line permits hits of
                 # its end only from outside.

@@ -136,11 +136,11 @@ class Trajectory:
     run, not for a file.
     """
 
-    def imbalance(self, least: float = 0.0) -> float:
+    def imbalance(self, least_flow: float = 0.0) -> float:
         """Return the largest error of the energy balance as a share of the energy flow.
 
         The error is the largest change of kinetic + potential + dissipated - work. The
-        flow counts as at least `least`, g·px²/s², since no energy flows at rest.
+        flow counts as at least `least_flow`, g·px²/s², since no energy flows at rest.
         """
         energy = self.energy
         total = energy.kinetic + energy.potential + energy.dissipated - energy.work
@@ -155,20 +155,21 @@ class Trajectory:
                 energy.work,
             )
         ]
-        flow = max(least, float(energy.kinetic.max()), *flows)
+        flow = max(least_flow, float(energy.kinetic.max()), *flows)
         return float(np.ptp(total)) / flow if flow > 0 else 0.0
 
     def time_of_departure(
-        self, reaches: Array, size: tuple[int, int], least: float
+        self, reaches: Array, size: tuple[int, int], least_distance: float
     ) -> float | None:
         """Return the time in s after which all moving bodies are outside the picture.
 
         `reaches` (N,) px are the radii about the centres of mass that contain the
         bodies, `size` is that of the picture in px. A body moves if its centre covers
-        `least` px or more. None if a body is inside at the end, or if none moves.
+        `least_distance` px or more. None if a body is inside at the end, or if none
+        moves.
         """
         centres = self.poses[:, :, :2]
-        is_moving = np.ptp(centres, axis=0).max(axis=-1, initial=0.0) >= least
+        is_moving = np.ptp(centres, axis=0).max(axis=-1, initial=0.0) >= least_distance
         margins = reaches[is_moving][:, None]
         centres = centres[:, is_moving]
         is_beyond = (centres < -margins) | (centres > np.array(size) + margins)

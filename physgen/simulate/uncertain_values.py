@@ -53,45 +53,47 @@ NORMAL = NormalDist()
 
 @dataclass(frozen=True)
 class Spread:
-    """Distribution of a positive number up to `most`, or, with `logit`, of one
+    """Distribution of a positive number up to `maximum`, or, with `logit`, of one
     in 0..1.
     """
 
     median: float  # before truncation
     sigma: float  # standard deviation of the logarithm, or of the logarithm of the odds
-    most: float = inf
-    at_least: bool = False  # only the part above the median
+    maximum: float = inf
+    is_upper_half: bool = False  # only the part above the median
     logit: bool = False
 
-    def at(self, z: float) -> float:
+    def quantile(self, z: float) -> float:
         """Return the value at a quantile `z` of the standard normal distribution; rises
         with `z`.
         """
         if self.logit:
             return 1 / (1 + (1 - self.median) / self.median * exp(-self.sigma * z))
-        if self.at_least or self.most < inf:
+        if self.is_upper_half or self.maximum < inf:
             # A truncated distribution: map the quantile to the permitted range of
             # probabilities.
-            low_share = 0.5 if self.at_least else 0.0
+            low_share = 0.5 if self.is_upper_half else 0.0
             high_share = (
                 1.0
-                if self.most == inf
-                else NORMAL.cdf(log(self.most / self.median) / self.sigma)
+                if self.maximum == inf
+                else NORMAL.cdf(log(self.maximum / self.median) / self.sigma)
             )
             share = low_share + NORMAL.cdf(z) * (high_share - low_share)
             z = NORMAL.inv_cdf(min(max(share, 1e-300), 1 - 2**-53))
         value = self.median * exp(self.sigma * z)
-        return min(max(value, self.median) if self.at_least else value, self.most)
+        return min(
+            max(value, self.median) if self.is_upper_half else value, self.maximum
+        )
 
 
 def spread(
-    parameter: str, value: float, confidence: float, at_least: bool = False
+    parameter: str, value: float, confidence: float, is_upper_half: bool = False
 ) -> Spread | None:
     """Return the distribution of a value with a confidence of 0..1; None if it is
     certain.
 
     >>> wide = spread("mass", 100.0, 0.5)
-    >>> [round(wide.at(z), 9) for z in (-1, 0, 1)]
+    >>> [round(wide.quantile(z), 9) for z in (-1, 0, 1)]
     [50.0, 100.0, 200.0]
     """
     sigma = POWERS[parameter] * -log(min(max(confidence, MIN_CONFIDENCE), 1.0))
@@ -101,7 +103,7 @@ def spread(
         is_certain = not CERTAIN_ELASTICITY < value < 1 - CERTAIN_ELASTICITY
         return None if is_certain else Spread(value, sigma, logit=True)
     maximum = MAX_VALUES[parameter]
-    return Spread(value, sigma, maximum, at_least) if 0 < value < maximum else None
+    return Spread(value, sigma, maximum, is_upper_half) if 0 < value < maximum else None
 
 
 @dataclass(frozen=True)
@@ -116,7 +118,7 @@ class UncertainValue:
     spread: Spread
     label: str = ""
     """Label of the object: the common part of all values of one label is drawn once."""
-    alike: float = 0.0
+    shared_variance: float = 0.0
     """Part of the variance, 0..1, that all objects of the label share."""
 
     @property
@@ -155,12 +157,12 @@ def _of_object(
     if label not in VAGUE_LABELS:
         origin = item.provenance.get("label")
         label_source = provenance.of(
-            f"{path}.label", origin, written_at=f"{path}.from.label"
+            f"{path}.label", origin, text_path=f"{path}.from.label"
         )
         shared_part = (
             1.0
             if origin is None or label_source.kind != "guess"
-            else source(origin).sure or 0.0
+            else source(origin).confidence or 0.0
         )
     for parameter in OBJECT_PARAMETERS:
         value = getattr(item, parameter)
@@ -171,13 +173,13 @@ def _of_object(
         value_source = provenance.of(
             f"{path}.{parameter}",
             item.provenance[parameter],
-            written_at=f"{path}.from.{parameter}",
+            text_path=f"{path}.from.{parameter}",
         )
         is_lower_limit = parameter == "friction" and value_source.text == AT_LEAST
         distribution = (
             None
-            if value_source.sure is None
-            else spread(parameter, value, value_source.sure, is_lower_limit)
+            if value_source.confidence is None
+            else spread(parameter, value, value_source.confidence, is_lower_limit)
         )
         if distribution is not None:
             yield UncertainValue(
@@ -200,13 +202,13 @@ def _of_boundary(
     path = f"boundaries.{item.name}"
     for parameter in BOUNDARY_PARAMETERS if origin is not None else ():
         value_source = provenance.of(
-            f"{path}.{parameter}", origin, written_at=f"{path}.from"
+            f"{path}.{parameter}", origin, text_path=f"{path}.from"
         )
         value = getattr(item, parameter)
         distribution = (
             None
-            if value_source.sure is None
-            else spread(parameter, value, value_source.sure)
+            if value_source.confidence is None
+            else spread(parameter, value, value_source.confidence)
         )
         if distribution is not None:
             yield UncertainValue(
@@ -230,13 +232,15 @@ def draw_values(values: Sequence[UncertainValue], seed: int, count: int) -> Arra
         # The sum of a shared and an own normal variable has a variance of 1 in any
         # proportion.
         z = np.zeros(count)
-        if value.alike > 0:
-            z += sqrt(value.alike) * normal("label", value.label, value.parameter)
-        if value.alike < 1:
-            z += sqrt(1 - value.alike) * normal(
+        if value.shared_variance > 0:
+            z += sqrt(value.shared_variance) * normal(
+                "label", value.label, value.parameter
+            )
+        if value.shared_variance < 1:
+            z += sqrt(1 - value.shared_variance) * normal(
                 value.section, value.name, value.parameter
             )
-        return [value.spread.at(each) for each in z.tolist()]
+        return [value.spread.quantile(each) for each in z.tolist()]
 
     return np.array([column(value) for value in values]).T.reshape(count, len(values))
 

@@ -82,13 +82,13 @@ class Ensemble:
     times: Array  # (K,) s
     poses: Array  # (N, K, B, 3): px, px, rad; NaN for failed draws
     outcomes: tuple[Outcome | None, ...]  # one per draw
-    own: Outcome  # outcome with the values of the file, as in the clip
+    clip_outcome: Outcome  # outcome with the values of the file, as in the clip
     own_poses: Array  # (K, B, 3)
     failures: tuple[Problem, ...] = ()
     """Reasons of failed draws, each once."""
 
     @property
-    def whole(self) -> list[int]:
+    def complete_draws(self) -> list[int]:
         """Return the numbers of the simulated draws."""
         return [k for k, outcome in enumerate(self.outcomes) if outcome is not None]
 
@@ -116,7 +116,7 @@ class Ensemble:
 
 def simulate_ensemble(
     scene: Scene,
-    compiled: CompiledScene,
+    compiled_scene: CompiledScene,
     count: int,
     seed: int = 0,
     variant: str | None = None,
@@ -127,7 +127,7 @@ def simulate_ensemble(
     Failed draws are in `failures`. Raises InputError if the scene itself cannot be
     simulated.
     """
-    world = compiled.world
+    world = compiled_scene.world
     doubts = uncertain_values(scene, variant)
     values = draw_values(doubts, seed, count)
     samples = max(ceil(world.duration * RATE), 2) + 1
@@ -145,7 +145,7 @@ def simulate_ensemble(
         progress("fan", number, count)
         try:
             drawn_world = compile_shapes(
-                with_draw(scene, doubts, values[number]), compiled.shapes
+                with_draw(scene, doubts, values[number]), compiled_scene.shapes
             ).world
             run = simulate(drawn_world, times)
         except InputError as error:
@@ -167,7 +167,7 @@ def simulate_ensemble(
         times=times[stored_samples],
         poses=poses,
         outcomes=tuple(outcomes),
-        own=own_outcome,
+        clip_outcome=own_outcome,
         own_poses=own_poses,
         failures=tuple(failures.values()),
     )
@@ -318,7 +318,7 @@ class Verdict:
     radius: float
     """Radius around the median final place with 9 of 10 draws, px."""
     size: float  # px; see `uncertainty.size`
-    own: Fate  # fate in the clip
+    clip_fate: Fate  # fate in the clip
 
     @property
     def total(self) -> int:
@@ -380,7 +380,7 @@ class Verdict:
             "place_decided": self.placed,
             "place_radius_px": round(self.radius, 3),
             "size_px": round(self.size, 3),
-            "clip": self.own.name.lower(),
+            "clip": self.clip_fate.name.lower(),
             "verdict": " ".join(self.sentences()),
         }
 
@@ -391,16 +391,16 @@ def verdicts(fan: Ensemble) -> list[Verdict]:
     return [_verdict(fan, b, outcomes) for b in range(len(fan.names)) if outcomes]
 
 
-def headline(fan: Ensemble, found: Sequence[Verdict]) -> str:
+def headline(fan: Ensemble, verdicts: Sequence[Verdict]) -> str:
     """Return one sentence about all bodies."""
-    if not found:
+    if not verdicts:
         return (
             f"None of the {len(fan.outcomes)} draws could be simulated."
             if fan.names
             else "Nothing can move."
         )
-    count, fates = len(found), sum(v.decided for v in found)
-    places = sum(v.decided and v.placed for v in found)
+    count, fates = len(verdicts), sum(v.decided for v in verdicts)
+    places = sum(v.decided and v.placed for v in verdicts)
     objects = f"{count} object{'s' * (count != 1)}"
     return f"The photo decides what becomes of {fates} of {objects}, and where {places} of {count} end."
 
@@ -417,5 +417,5 @@ def _verdict(fan: Ensemble, b: int, outcomes: list[Outcome]) -> Verdict:
         interval=wilson(counts[event], len(outcomes)),
         radius=radius(np.array([outcome.final[b, :2] for outcome in outcomes])),
         size=float(fan.sizes[b]),
-        own=Fate(int(fan.own.fates[b])),
+        clip_fate=Fate(int(fan.clip_outcome.fates[b])),
     )

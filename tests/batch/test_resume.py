@@ -200,7 +200,7 @@ def test_a_save_while_the_clip_is_made_has_it_made_again(
     lesson: Path, render: Render, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # as it is hashed after it was read, what was read and what the manifest tells may differ
-    monkeypatch.setattr("physgen.report.record.inputs", _late())
+    monkeypatch.setattr("physgen.pipeline.clip.inputs", _late())
     assert render(lesson) == {"lesson": "made"}
     monkeypatch.undo()
     assert [render(lesson)["lesson"], render(lesson)["lesson"]] == ["made", "unchanged"]

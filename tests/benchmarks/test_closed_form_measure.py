@@ -171,7 +171,7 @@ def test_json_is_of_these_rows() -> None:
     for row, kept in zip(ROWS, stored, strict=True):
         now = {
             "row": row.number, "name": row.name, "title": row.title, "closed_form": row.closed_form,
-            "draws": row.ranges, "why": row.why, "scenes": [scene_file(row, case, 0) for case in row.draw(0)],
+            "draws": row.ranges, "why": row.reason, "scenes": [scene_file(row, case, 0) for case in row.draw(0)],
         }  # fmt: skip
         assert {key: kept[key] for key in now} == now
         bars = [(m.name, m.bar, m.unit.value) for m in row.measures]

@@ -170,7 +170,7 @@ render: {frames: 10}
     assert w.bodies[1].motion is Motion.SCRIPTED
     assert w.bodies[1].path[-1] == approx([1, 90, 80, np.pi / 2])
     force, torque = w.pushes
-    assert force.at.tolist() == [5, 0]
+    assert force.point.tolist() == [5, 0]
     assert (force.start, force.end, torque.end) == (0.1, approx(0.3), np.inf)
     assert w.times == approx(np.arange(10) * 0.05)
 

@@ -157,7 +157,7 @@ def test_words_are_heard_as_much_as_is_said(variant: str, video: Video):
         z = model.begin(frames, PromptSettings("a red ball", "blur", scale), 4, 2)
         network = model._network
         network.predict = partial(counted, network.predict, scale)
-        said[scale] = model.predict(model.noised(z, np.ones_like(z), 0), 0, 0)
+        said[scale] = model.predict(model.add_noise(z, np.ones_like(z), 0), 0, 0)
         del network.predict
     assert [passes.count(scale) for scale in said] == [1, 2, 2]
     step = said[2.0] - said[1.0]

@@ -187,13 +187,18 @@ class Both:
         model = self.model
 
         def denoised(z: np.ndarray, k: int) -> np.ndarray:
-            return model.stepped(model.predict(z, k, 0), z, k)
+            return model.step(model.predict(z, k, 0), z, k)
 
-        def noised(z: np.ndarray, k: int) -> np.ndarray:
-            return model.noised(z, self.noise, k)
+        def add_noise(z: np.ndarray, k: int) -> np.ndarray:
+            return model.add_noise(z, self.noise, k)
 
         return fuse_latents(
-            self.z0, mask, noised=noised, denoised=denoised, count=self.count, stop=stop
+            self.z0,
+            mask,
+            add_noise=add_noise,
+            denoise=denoised,
+            count=self.count,
+            stop=stop,
         )
 
 

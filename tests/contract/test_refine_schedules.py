@@ -39,10 +39,10 @@ def pictures() -> tuple[np.ndarray, np.ndarray]:
 def test_no_noise_is_left(name: str, steps: int) -> None:
     scheduler, (z0, noise) = SCHEDULERS[name](), pictures()
     schedule = ddim(scheduler, steps, steps)
-    z = schedule.noised(z0, noise, 0)
+    z = schedule.add_noise(z0, noise, 0)
     for k, time in enumerate(schedule.times.tolist()):
-        assert z == approx(schedule.noised(z0, noise, k), abs=1e-3)
-        z = schedule.stepped(told(scheduler, z0, noise, time), z, k)
+        assert z == approx(schedule.add_noise(z0, noise, k), abs=1e-3)
+        z = schedule.step(told(scheduler, z0, noise, time), z, k)
     assert z == approx(z0, abs=1e-3)
 
 
@@ -57,4 +57,4 @@ def test_steps_are_those_of_diffusers(name: str, steps: int) -> None:
         expected = theirs.step(
             torch.from_numpy(said), time, torch.from_numpy(z)
         ).prev_sample.numpy()
-        assert schedule.stepped(said, z, k) == approx(expected, abs=2e-5, rel=1e-5)
+        assert schedule.step(said, z, k) == approx(expected, abs=2e-5, rel=1e-5)

@@ -41,15 +41,15 @@ def test_edits_of_one_tag_are_one_step_until_one_is_saved_or_a_while_passed(
     save(session)
     write(session, SCENE + "# later\n", "row")
     step(session, -1)
-    assert session.now.text == SCENE + "# 2\n" == scene.read_text()
+    assert session.current_state.text == SCENE + "# 2\n" == scene.read_text()
     session.close()
     history = History([State("0")])
     for at, text in ((0, "1"), (4, "2"), (8, "3"), (14, "4")):
         history.push(State(text, "type", "row", at))
     history.step(-1)
-    assert history.now.text == "3"
+    assert history.current_state.text == "3"
     history.step(-1)
-    assert history.now.text == "0"
+    assert history.current_state.text == "0"
 
 
 def test_a_second_editor_of_a_scene_is_refused_and_has_the_address_of_the_first(
@@ -93,15 +93,15 @@ def test_a_full_disk_leaves_the_state_as_it_was(scene, monkeypatch) -> None:
     with pytest.raises(OSError, match="No space"):
         step(session, -1)
     monkeypatch.undo()
-    assert session.now.text == SCENE + "# one\n"
+    assert session.current_state.text == SCENE + "# one\n"
     assert file.read_bytes() == data
     write(session, SCENE + "# three\n")
     assert session.close() == draft_folder(scene)
     again = Session(scene)
     assert again.recovered
-    assert again.now.text == SCENE + "# three\n"
+    assert again.current_state.text == SCENE + "# three\n"
     step(again, -1)  # back to the saved file
-    assert again.now.text == SCENE
+    assert again.current_state.text == SCENE
     assert again.is_saved
     with pytest.raises(EditError, match="nothing to undo"):
         step(again, -1)
@@ -156,7 +156,7 @@ def test_a_draft_outlives_its_file(scene) -> None:
     os.unlink(scene)
     again = Session(scene)
     assert again.outside == "gone"
-    assert again.now.text == SCENE + "# mine\n"
+    assert again.current_state.text == SCENE + "# mine\n"
     save(again)
     assert scene.read_text() == SCENE + "# mine\n"
     assert again.close() is None

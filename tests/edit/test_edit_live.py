@@ -13,7 +13,7 @@ import pytest
 from served import simulated, unpacked
 
 from physgen.edit.live import COLUMNS, Live, Look, MotionStream
-from physgen.edit.operations import edited
+from physgen.edit.operations import apply_operations
 
 Copy = Callable[[str], Path]
 FREE = """\
@@ -45,7 +45,7 @@ def parts(live: Live, look: Look) -> tuple[np.ndarray, list[int]]:
         found.append(np.moveaxis(np.array(columns), 2, 0))
         if part["done"]:
             break
-        part = live.more(part["key"], part["upto"])
+        part = live.next_part(part["key"], part["upto"])
         assert part is not None
         assert part["upto"] > part["from"], "every answer brings something"
     every = np.concatenate(found)
@@ -71,7 +71,7 @@ def test_poses_are_those_of_simulate_to_the_bit(
 ) -> None:
     """After an edit, of the file as it is saved: no pose and no velocity differs in its last place."""
     path = copied(name)
-    text = edited(path.read_text(), ops).text if ops else path.read_text()
+    text = apply_operations(path.read_text(), ops).text if ops else path.read_text()
     live = Live(path)
     every, frames = parts(live, live.look(text, variant=variant))
     path.write_text(text)
@@ -129,10 +129,10 @@ def test_a_run_that_leaves_all_numbers_ends_there_and_says_so(tmp_path: Path) ->
     sight = Live(scene(tmp_path, text)).state(text)
     light = tuple(
         replace(body, mass=1e-300, moment=1e-300)
-        for body in sight.compiled.world.bodies
+        for body in sight.compiled_scene.world.bodies
     )
     stream = MotionStream(
-        "motion", sight.scene, replace(sight.compiled.world, bodies=light)
+        "motion", sight.scene, replace(sight.compiled_scene.world, bodies=light)
     )
     part = stream.part(0, time.perf_counter() + 60)
     assert part["done"]
@@ -148,9 +148,9 @@ def test_a_file_that_it_extends_is_read_again(tmp_path: Path) -> None:
     base.write_text(FREE % "")
     text = "extends: base.yaml\nobjects: {ball: {mass: 30}}\n"
     live = Live(scene(tmp_path, text))
-    assert live.look(text).derived["objects"]["ball"]["centre"] == [60, 150]  # type: ignore[index]
+    assert live.look(text).derived_data["objects"]["ball"]["centre"] == [60, 150]  # type: ignore[index]
     base.write_text((FREE % "").replace("[60, 150]", "[90, 150]"))
-    assert live.look(text).derived["objects"]["ball"]["centre"] == [90, 150]  # type: ignore[index]
+    assert live.look(text).derived_data["objects"]["ball"]["centre"] == [90, 150]  # type: ignore[index]
 
 
 def test_centres_and_masses_are_those_of_the_engine(tmp_path: Path) -> None:
@@ -158,7 +158,7 @@ def test_centres_and_masses_are_those_of_the_engine(tmp_path: Path) -> None:
     text = (FREE % "").replace(
         "size: [20, 20]}}}", "size: [40, 20]}}, density: 2, place: [200, 100, 90]}"
     )
-    derived = Live(scene(tmp_path, text)).look(text).derived
+    derived = Live(scene(tmp_path, text)).look(text).derived_data
     assert derived is not None
     box = derived["objects"]["box"]
     assert box["mass"] == pytest.approx(2 * 40 * 20)

@@ -15,10 +15,10 @@ import pytest
 import yaml
 
 from physgen.cli.main import main
-from physgen.edit.corrections import Corrected, correct
+from physgen.edit.corrections import CorrectionResult, correct
 from physgen.edit.live import Live
 from physgen.edit.masks import stroke
-from physgen.edit.operations import edited
+from physgen.edit.operations import apply_operations
 from physgen.edit.pictures import mask_png
 from physgen.geometry.polygon import Disc, Outline, mass_properties
 from physgen.problems import EditError
@@ -65,14 +65,14 @@ class Desk:
         self.live, self.text = Live(self.path), self.path.read_text()
         self.before = self.text
 
-    def do(self, **op: Any) -> Corrected:
+    def do(self, **op: Any) -> CorrectionResult:
         made = correct(self.live, self.text, op)
         self.before, self.text = self.text, made.text
         return made
 
     def outline(self, name: str) -> Outline:
         sight = self.live.state(self.text)
-        return sight.compiled.outlines[
+        return sight.compiled_scene.outlines[
             [item.name for item in sight.scene.objects].index(name)
         ]
 
@@ -157,8 +157,8 @@ def test_a_box_mends_a_mask_and_all_that_follows_from_it(desk: Desk) -> None:
 
     made = desk.do(kind="box", box=[44, 34, 53, 53], object=None)
 
-    assert disc in made.what
-    assert made.made is None
+    assert disc in made.title
+    assert made.new_name is None
     assert iou(desk.mask(disc), DISC) > 0.95
     assert np.array_equal(desk.mask(block), BLOCK)
     off = np.abs(desk.map("background")[:, :, ::-1].astype(int) - ground)
@@ -222,10 +222,10 @@ def test_a_point_finds_what_was_not_found(desk: Desk) -> None:
     desk.text = desk.text[:start] + "\n".join(lines[end:])
     assert len(desk.names) == 1
     made = desk.do(kind="point", point=[170, 100], object=None)
-    assert made.made is not None
-    assert desk.names[-1] == made.made
-    assert iou(desk.mask(made.made), BLOCK) > 0.95
-    entry = desk.entry(made.made)
+    assert made.new_name is not None
+    assert desk.names[-1] == made.new_name
+    assert iou(desk.mask(made.new_name), BLOCK) > 0.95
+    entry = desk.entry(made.new_name)
     assert entry["mass"] > 0
     assert entry["prompt"] == {"point": [170, 100]}
     assert desk.live.look(desk.text).motion is not None
@@ -328,7 +328,7 @@ def test_what_named_the_one_names_the_other_once_they_are_merged(desk: Desk) -> 
         f"objects.{block}.velocity of fast",
         f"objects.{block}.motion of held",
     ):
-        assert left in made.what
+        assert left in made.title
     assert desk.live.look(desk.text, "fast").motion is not None
 
 
@@ -338,12 +338,12 @@ def test_split_halves_sum_to_the_whole(desk: Desk) -> None:
     hand_set(desk, block, 20)
     behind = (desk.folder / "scene.assets" / "background.png").read_bytes()
     made = desk.do(kind="split", object=block, line=[[160, 0], [160, 10]])
-    assert made.made == f"{block}-2"
-    right, left = desk.mask(block), desk.mask(made.made)
+    assert made.new_name == f"{block}-2"
+    right, left = desk.mask(block), desk.mask(made.new_name)
     assert not (right & left).any()
     assert np.array_equal(right | left, BLOCK)
     assert X[left].max() <= 160 < X[right].min() + 1
-    masses = [desk.entry(name)["mass"] for name in (block, made.made)]
+    masses = [desk.entry(name)["mass"] for name in (block, made.new_name)]
     assert sum(masses) == pytest.approx(20, rel=1e-3)
     assert masses[1] / 20 == pytest.approx(left.sum() / BLOCK.sum(), rel=1e-3)
     assert (desk.maps / "background.png").read_bytes() == behind
@@ -387,7 +387,7 @@ def test_what_perception_said_of_a_number_goes_when_a_person_sets_it(
         {"set": ["objects", disc, "label"], "value": "steel ball"},
         {"set": ["world", "pixels_per_meter"], "value": 555},
     ]
-    made = edited(desk.text, ops).text
+    made = apply_operations(desk.text, ops).text
     ours = OpenedScene(desk.path).scene().record.comments
     after = without_comments(made, [op["set"] for op in ops], ours).split("\n")
     diff = [
@@ -420,7 +420,7 @@ def test_masks_in_the_file_become_pixels_where_they_are_painted(tmp_path: Path) 
     )
     desk = Desk(tmp_path)
     before = desk.mask("disc")
-    area = desk.live.look(desk.text).derived["objects"]["disc"]["mass"] / 2  # type: ignore[index]
+    area = desk.live.look(desk.text).derived_data["objects"]["disc"]["mass"] / 2  # type: ignore[index]
     desk.do(kind="brush", object="disc", strokes=[[90, 60]], radius=15)
     painted_ = stroke([(90, 60)], 15, (W, H))
     assert np.array_equal(desk.mask("disc"), before | painted_)
@@ -430,7 +430,7 @@ def test_masks_in_the_file_become_pixels_where_they_are_painted(tmp_path: Path) 
     assert "# by hand" in desk.text
     assert "polygon: [[146, 83]" in desk.text
     assert sorted(bytes_of(desk.maps)) == ["masks.png"]
-    mass = desk.live.look(desk.text).derived["objects"]["disc"]["mass"]  # type: ignore[index]
+    mass = desk.live.look(desk.text).derived_data["objects"]["disc"]["mass"]  # type: ignore[index]
     assert mass / 2 - area == pytest.approx((painted_ & ~before).sum(), rel=0.05), (
         "mass follows area"
     )
@@ -442,7 +442,7 @@ def test_masks_in_the_file_become_pixels_where_they_are_painted(tmp_path: Path) 
 @pytest.mark.slow
 def test_a_scripted_way_moves_along_with_the_centre(desk: Desk) -> None:
     disc, _ = by_place(desk)
-    x, y = desk.live.look(desk.text).derived["objects"][disc]["centre"]  # type: ignore[index]
+    x, y = desk.live.look(desk.text).derived_data["objects"][disc]["centre"]  # type: ignore[index]
     start = desk.text.index(f"  {disc}:")
     knots = (
         f"    motion: {{path: [[0, {x:.2f}, {y:.2f}], [1, {x + 40:.2f}, {y:.2f}]]}}\n"

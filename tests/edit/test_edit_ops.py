@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from physgen.edit.operations import edited
+from physgen.edit.operations import apply_operations
 from physgen.problems import EditError
 from physgen.scene import yaml_edit
 from physgen.scene.document import Node, Source, read, to_plain_data
@@ -37,7 +37,7 @@ def data(text: str) -> Any:
 
 
 def made(text: str, *ops: dict[str, Any], variant: str | None = None) -> str:
-    return edited(text, ops, variant).text
+    return apply_operations(text, ops, variant).text
 
 
 def paths(node: Node, path: tuple[str | int, ...] = ()) -> list[tuple[str | int, ...]]:
@@ -457,7 +457,7 @@ def test_edits_of_variants_that_count_forces_go_with_a_force_and_are_named() -> 
     new = data(made(FULL, op))
     assert [force["object"] for force in new["forces"]] == ["ball", "kite"]
     assert set(new["variants"]["hard"]) == {"objects.ball.velocity"}
-    assert "forces[2].force of hard" in edited(FULL, [op]).what
+    assert "forces[2].force of hard" in apply_operations(FULL, [op]).title
     gone = data(made(FULL, {"remove": ["objects", "kite"]}))
     assert set(gone["variants"]["hard"]) == {"objects.ball.velocity"}
     assert set(gone["variants"]["soft"]) == {"objects.*.rolling"}

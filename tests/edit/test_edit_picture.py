@@ -14,7 +14,7 @@ from PIL import Image
 
 from physgen import pipeline
 from physgen.edit.live import Live
-from physgen.edit.operations import edited
+from physgen.edit.operations import apply_operations
 from physgen.edit.pictures import Pictures, photo_png
 
 Copy = Callable[[str], Path]
@@ -26,7 +26,7 @@ def changed(text: str, *edits: str) -> str:
     ops = [
         {"set": key.split("."), "value": yaml.safe_load(value)} for key, value in pairs
     ]
-    return edited(text, ops).text
+    return apply_operations(text, ops).text
 
 
 def test_background_shadows_and_objects_are_the_photo_again(copied: Copy) -> None:

@@ -197,7 +197,7 @@ def test_the_page_holds_nothing_of_the_scene_and_nothing_from_elsewhere(
 def test_a_browser_is_started_with_an_address_that_is_good_once(serving: Serve) -> None:
     served = serving("physics/05-slide")
     assert served.editor is not None
-    once = served.editor.once()
+    once = served.editor.new_page_key()
     assert served.token not in once  # the list of processes shows it to everybody
     query = once.partition("?")[2]
     first = served.client.get(f"/?{query}", headers={"X-Physgen-Token": ""})

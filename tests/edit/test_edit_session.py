@@ -194,15 +194,15 @@ def test_maps_of_a_correction_are_a_folder_of_their_own_and_the_text_chooses(
             "radius": 4,
         }
         session.correct(request(), op)
-    assert "assets: scene-2.assets\n" in session.now.text
+    assert "assets: scene-2.assets\n" in session.current_state.text
     session.save(request())
-    assert disc.read_text() == session.now.text
+    assert disc.read_text() == session.current_state.text
     assert maps_of(home / "scene-2.assets")["masks.png"] != before["masks.png"]
     session.step(request(), -1)
     assert session.close() is not None
     assert (home / "scene.assets").is_dir()  # of the draft
     session = Session(disc)
-    assert "assets: scene.assets\n" in session.now.text
+    assert "assets: scene.assets\n" in session.current_state.text
     session.write(request(), text)
     session.save(request())
     assert session.close() is None

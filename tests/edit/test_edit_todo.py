@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 
 from physgen.edit.live import Live
-from physgen.edit.operations import edited
+from physgen.edit.operations import apply_operations
 
 SCENE = """\
 physgen: 1
@@ -69,7 +69,7 @@ def test_what_a_row_offers_settles_it(tmp_path: Path) -> None:
         rows = [row for row in live.look(text).todo if row["ops"]]
         if not rows:
             break
-        made = edited(text, rows[0]["ops"]).text
+        made = apply_operations(text, rows[0]["ops"]).text
         left = live.look(made)
         assert left.scene is not None
         assert key(rows[0]) not in {key(row) for row in left.todo}
@@ -109,7 +109,7 @@ def test_doubtful_regions_come_with_outlines(tmp_path: Path) -> None:
     assert corners == {(150, 20), (190, 20), (190, 50), (150, 50)}
     rows = [row for row in look.todo if row["path"] == "doubtful.maybe-1"]
     assert [row["kind"] for row in rows] == ["doubt"]
-    assert look.perceived is None
+    assert look.perception is None
 
 
 def test_verdict_and_summary_come_from_the_record(tmp_path: Path) -> None:
@@ -121,7 +121,7 @@ def test_verdict_and_summary_come_from_the_record(tmp_path: Path) -> None:
     }
     (tmp_path / "maps/perceived.json").write_text(json.dumps(record))
     live, text = photographed(tmp_path, text)
-    assert live.look(text).perceived == {
+    assert live.look(text).perception == {
         "verdict": "doubtful: few sure objects",
         "summary": ["2 objects", "  view      side"],
     }

@@ -49,12 +49,12 @@ def turned(scene: Path, view: str) -> tuple[Session, str]:
     session = Session(scene)
     request = EditRequest(version=session.history.version)
     session.edit(request, [SetOp(set=["world", "view"], value=view)])
-    return session, session.now.text
+    return session, session.current_state.text
 
 
 def displacements(session: Session) -> np.ndarray:
     """(N,) px by which objects move in 2 s."""
-    world = session.live.state(session.now.text).compiled.world
+    world = session.live.state(session.current_state.text).compiled_scene.world
     poses = simulate(world, np.linspace(0, 2, 81)).poses[..., :2]
     return np.hypot(*np.moveaxis(poses - poses[:1], -1, 0)).max(axis=0)
 
@@ -72,13 +72,13 @@ def test_objects_stay_in_changed_view(tmp_path: Path, seed: int) -> None:
         EditRequest(version=session.history.version),
         [SetOp(set=["world", "view"], value="top")],
     )
-    back = mark_values(session.now.text).data()
+    back = mark_values(session.current_state.text).data()
     assert back["world"]["table"] == {"friction": 0.2}
     assert "floor" not in back["boundaries"]
     assert displacements(session).max() < 1.5
     session.step(EditRequest(version=session.history.version), -1)
     session.step(EditRequest(version=session.history.version), -1)
-    assert session.now.text == scene.read_text()
+    assert session.current_state.text == scene.read_text()
 
 
 def test_gravity_of_side_view_leaves_table(tmp_path: Path) -> None:
@@ -118,7 +118,7 @@ def test_impossible_edit_changes_no_view(tmp_path: Path) -> None:
                 SetOp(set=["objects", "thing-1", "mask", "x", "y"], value=1),
             ],
         )
-    assert session.now.text == scene.read_text()
+    assert session.current_state.text == scene.read_text()
 
 
 def test_oblique_photo_gets_its_tilt_from_the_side(
@@ -131,4 +131,4 @@ def test_oblique_photo_gets_its_tilt_from_the_side(
     assert mark_values(text).data()["world"]["tilt"] == chances.tilt
     top = [SetOp(set=["world", "view"], value="top")]
     session.edit(EditRequest(version=session.history.version), top)
-    assert "tilt" not in mark_values(session.now.text).data()["world"]
+    assert "tilt" not in mark_values(session.current_state.text).data()["world"]

@@ -15,7 +15,7 @@ from written import commented
 
 from physgen import pipeline
 from physgen.cli.main import main
-from physgen.edit.operations import edited
+from physgen.edit.operations import apply_operations
 from physgen.edit.session import EditRequest, Session
 
 SCENES = sorted((Path(__file__).parents[2] / "scenes").glob("*/scene.yaml"))
@@ -30,12 +30,12 @@ def test_edits_keep_every_comment(path: Path) -> None:
         {"set": ["objects", second, "layer"], "value": 3},
         {"set": ["objects", "the-first", "mass"], "value": 12.5},
     ]
-    after = edited(text, ops).text
+    after = apply_operations(text, ops).text
     assert [line for line in after.splitlines() if line in mine] == mine
     before, now = text.splitlines(), after.splitlines()
     changed = [line for line in now if line not in before]
     assert len(changed) <= 3 + text.count(first)
-    removed = edited(after, [{"remove": ["objects", second]}]).text
+    removed = apply_operations(after, [{"remove": ["objects", second]}]).text
     gone = set(mine) - {line for line in removed.splitlines() if line in mine}
     lines = after.splitlines()
     start = next(k for k, line in enumerate(lines) if line.startswith(f"  {second}:"))
@@ -131,7 +131,7 @@ def test_brush_removes_comment_of_mask_alone(tmp_path: Path) -> None:
     stroke = {"kind": "brush", "object": "block-1", "radius": 6}
     stroke["strokes"] = [[50, 60], [58, 60]]
     session.correct(EditRequest(version=session.history.version), stroke)
-    after = session.now.text
+    after = session.current_state.text
     assert re.findall(r"mask: \d+  # (.*)", after) == before[1:]
     assert "    # mine\n    mask: 1\n" in after
     assert "    # mine, too\n" in after

@@ -355,12 +355,12 @@ def test_command_writes_scene_and_report(
     sources = after.objects[0].provenance
     friction = source(sources["friction"])
     assert friction.text.startswith("fit 0.4")
-    assert friction.sure is not None
-    assert friction.sure > 0.8
+    assert friction.confidence is not None
+    assert friction.confidence > 0.8
     # the floor holds the other component at 0
     assert sources["velocity"].count(" px/s") == 1
     assert after.objects[0].velocity[1] == 0
-    assert source(sources["velocity"]).sure is None
+    assert source(sources["velocity"]).confidence is None
     page = (tmp_path / "fitted" / "report.html").read_text()
     assert "What this clip cannot determine" in page
     assert (tmp_path / "fitted" / "tracks.csv").is_file()

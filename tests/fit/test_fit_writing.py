@@ -38,8 +38,8 @@ def test_draws_by_the_confidence_fill_the_interval(
     assert sure is not None
     distribution = spread(kind.value, value, sure)
     assert distribution is not None
-    assert distribution.at(-1.645) == pytest.approx(low, rel=0.01)
-    assert distribution.at(1.645) == pytest.approx(high, rel=0.01)
+    assert distribution.quantile(-1.645) == pytest.approx(low, rel=0.01)
+    assert distribution.quantile(1.645) == pytest.approx(high, rel=0.01)
 
 
 def test_velocities_have_no_confidence() -> None:

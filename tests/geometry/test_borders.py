@@ -11,7 +11,7 @@ from physgen.geometry.simplify import crossings, distances_to_line, simplify
 
 def rings(traced, label, lines):
     return [
-        walk(loop, lines, [b.closed for b in traced.borders])
+        walk(loop, lines, [b.is_loop for b in traced.borders])
         for loop in traced.loops.get(label, ())
     ]
 
@@ -60,13 +60,13 @@ def test_simplified_by_at_most_half_a_pixel(seed):
     traced = trace_borders(blob_labels(seed, smooth=0.8 + (seed % 5) * 0.8))
     for border in traced.borders:
         middles = border.middles
-        found = simplify(middles, 0.5, closed=True)
+        found = simplify(middles, 0.5, is_loop=True)
         assert (
-            distances_to_line(dense(middles, 0.25), found, closed=True).max()
+            distances_to_line(dense(middles, 0.25), found, is_loop=True).max()
             <= 0.5 + 1e-6
         )
         assert (
-            distances_to_line(dense(found, 0.25), middles, closed=True).max()
+            distances_to_line(dense(found, 0.25), middles, is_loop=True).max()
             <= 0.5 + 1e-6
         )
         assert (
@@ -79,8 +79,8 @@ def test_simplified_by_at_most_half_a_pixel(seed):
 def test_open_lines_keep_their_ends(seed):
     traced = trace_borders(blob_labels(seed, count=3))
     for border in traced.borders:
-        if not border.closed:
-            found = simplify(border.middles, 0.5, closed=False)
+        if not border.is_loop:
+            found = simplify(border.middles, 0.5, is_loop=False)
             assert found[[0, -1]].tolist() == border.middles[[0, -1]].tolist()
 
 

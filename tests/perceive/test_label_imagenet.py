@@ -124,8 +124,8 @@ def test_what_is_sure_is_written_with_the_alternatives(photo, tmp_path: Path) ->
     for item in scene.objects:
         where = source(item.provenance["label"])
         assert where.text.startswith("imagenet")
-        assert where.sure is not None
-        assert naming.heads().sure - 0.01 <= where.sure < 1
+        assert where.confidence is not None
+        assert naming.heads().sure - 0.01 <= where.confidence < 1
 
 
 @pytest.mark.slow
@@ -137,7 +137,7 @@ def test_what_is_not_sure_is_named_by_shape(photo) -> None:
     entry = next(iter(perceive(plain, from_masks(labels)).document["objects"].values()))
     assert entry["label"] == "ball"
     assert entry["from"]["label"].startswith("shape ")
-    assert source(entry["from"]["label"]).sure == 0.5
+    assert source(entry["from"]["label"]).confidence == 0.5
 
 
 @pytest.mark.slow

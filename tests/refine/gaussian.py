@@ -96,7 +96,7 @@ class Gaussian:
         )
         return (blocks.mean(axis=(1, 3)) / np.float32(127.5) - 1).transpose(2, 0, 1)
 
-    def noised(self, latents: Any, noise: Any, k: int) -> Any:
+    def add_noise(self, latents: Any, noise: Any, k: int) -> Any:
         return np.float32(self.a[k]) * latents + np.float32(self.b[k]) * noise
 
     def expected(self, latents: Any, k: int) -> Any:
@@ -114,7 +114,7 @@ class Gaussian:
             (latents - self.a[k] * self.expected(latents, k)) / self.b[k], np.float32
         )
 
-    def stepped(
+    def step(
         self, prediction: NDArray[np.float32], latents: NDArray[np.float32], k: int
     ) -> NDArray[np.float32]:
         """DDIM's step without fresh noise; for straight paths it is Euler's."""
@@ -166,7 +166,7 @@ class Straight(Gaussian):
         z0 = self.expected(latents, k)
         return np.asarray((latents - self.a[k] * z0) / self.b[k] - z0, np.float32)
 
-    def stepped(
+    def step(
         self, prediction: NDArray[np.float32], latents: NDArray[np.float32], k: int
     ) -> NDArray[np.float32]:
         return np.asarray(

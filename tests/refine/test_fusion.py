@@ -48,8 +48,8 @@ def refined(
     return fuse_latents(
         guidance,
         mask,
-        noised=lambda z, k: exact.noised(z, noise, k),
-        denoised=lambda z, k: exact.stepped(exact.predict(z, k, 0), z, k),
+        add_noise=lambda z, k: exact.add_noise(z, noise, k),
+        denoise=lambda z, k: exact.step(exact.predict(z, k, 0), z, k),
         count=count,
         stop=stop,
         **more,
@@ -66,7 +66,7 @@ def test_the_last_steps_are_free_and_weights_rise() -> None:
         return 1.0
 
     last = fuse_latents(
-        0.0, 1.0, noised=lambda z, k: z, denoised=denoised, count=COUNT, stop=STOP
+        0.0, 1.0, add_noise=lambda z, k: z, denoise=denoised, count=COUNT, stop=STOP
     )
     assert [*shares, last] == approx([k / 25 for k in range(20)] + [1.0] * 5)
 
@@ -95,7 +95,7 @@ def test_no_objects_is_plain_sdedit(kind: str) -> None:
 def test_the_chain_is_the_exact_flow_when_steps_are_fine(kind: str) -> None:
     """Of Gaussian data, noise free steps lead z to mean + (z - a mean) spread / sqrt(a^2 spread^2 + b^2)."""
     exact, guidance, noise = model(kind, 2000, 4000), drawn(0), drawn(1, spread=1.0)
-    z = exact.noised(guidance, noise, 0)
+    z = exact.add_noise(guidance, noise, 0)
     flow = z * 0.5 / np.hypot(exact.a[0] * 0.5, exact.b[0])
     assert refined(exact, guidance, np.float32(0), noise, count=2000) == approx(
         flow, abs=0.02
@@ -105,7 +105,7 @@ def test_the_chain_is_the_exact_flow_when_steps_are_fine(kind: str) -> None:
 def test_what_is_held_stays_in_every_step() -> None:
     guidance, noise = drawn(0), drawn(1, spread=1.0)
     held = np.array([1, 0.5, 0, 0, 0, 0], np.float32)[:, None, None, None]
-    z = refined(model("ddim"), guidance, np.float32(0), noise, held=held)
+    z = refined(model("ddim"), guidance, np.float32(0), noise, held_share=held)
     free = refined(model("ddim"), guidance, np.float32(0), noise)
     apart, most = (np.abs(one - guidance).mean(axis=(1, 2, 3)) for one in (z, free))
     assert apart[0] == 0
@@ -141,8 +141,8 @@ def measured(fresh: bool, mask: float, spread: float, draws: int = 200_000) -> f
     z = fuse_latents(
         guidance,
         mask,
-        noised=lambda z, k: exact.noised(z, noise(), k),
-        denoised=lambda z, k: exact.stepped(exact.predict(z, k, 0), z, k),
+        add_noise=lambda z, k: exact.add_noise(z, noise(), k),
+        denoise=lambda z, k: exact.step(exact.predict(z, k, 0), z, k),
         count=COUNT,
         stop=STOP,
     )

@@ -40,7 +40,7 @@ def test_cells_hold_the_mean_coverage_of_their_pixels_and_frames(
     masks = [fit.mask(rng.random(size[::-1]).astype(np.float32)) for _ in range(count)]
     latents = latent_frames(count, grid)
     found = cell_coverage(iter(masks), latents, grid)
-    width, height = fit.padded
+    width, height = fit.padded_size
     assert found.shape == (latents, 1, height // 8, width // 8)
     for f in range(latents):
         if grid.stride == 1:
@@ -63,12 +63,12 @@ def test_sizes_are_multiples_and_no_larger_than_a_model_knows(
     width: int, height: int
 ) -> None:
     fit = fit_to_grid((width, height), WAN)
-    (sw, sh), (pw, ph) = fit.scaled, fit.padded
+    (sw, sh), (pw, ph) = fit.scaled_size, fit.padded_size
     assert pw % 16 == ph % 16 == 0
     assert 0 <= pw - sw < 16
     assert 0 <= ph - sh < 16
     if width * height <= WAN.area:
-        assert fit.scaled == (width, height)
+        assert fit.scaled_size == (width, height)
     else:
         assert sw * sh <= WAN.area + (sw + sh) / 2 + 1  # sides are rounded
         assert sw / width == approx(sh / height, abs=max(1 / width, 1 / height))
@@ -82,9 +82,9 @@ def test_frames_come_back_as_they_were_shown(size: tuple[int, int]) -> None:
         .astype(np.uint8)
     )
     fit = fit_to_grid(size, WAN)
-    shown = fit.shown(rgb)
-    assert shown.shape == (*fit.padded[::-1], 3)
-    back = fit.back(shown.astype(np.float32))
+    shown = fit.to_model(rgb)
+    assert shown.shape == (*fit.padded_size[::-1], 3)
+    back = fit.from_model(shown.astype(np.float32))
     assert np.array_equal(back, rgb)
     grey = rgb[..., 0] / np.float32(255)
     assert np.array_equal(fit.mask(grey)[: size[1], : size[0]], grey)

@@ -15,7 +15,7 @@ NOTHING = np.zeros((16, 16), np.float32)
 rng = np.random.default_rng(0)
 REFINED = rng.normal(0.5, 0.6, CODES.shape).astype(np.float32)
 GUIDED = rng.normal(0.5, 0.6, CODES.shape).astype(np.float32)
-KEEP = {"detail": 1.0, "lock": 0.0, "held": 0.0}
+KEEP = {"detail": 1.0, "lock": 0.0, "held_share": 0.0}
 
 
 @pytest.mark.parametrize("held", [0.0, 0.3, 1.0])
@@ -25,7 +25,7 @@ def test_what_the_model_leaves_alone_is_the_guidance_to_the_byte(
 ) -> None:
     cover = rng.random((16, 16)).astype(np.float32)
     made = restore_detail(
-        CODES, GUIDED, GUIDED.copy(), cover, detail=1.0, lock=lock, held=held
+        CODES, GUIDED, GUIDED.copy(), cover, detail=1.0, lock=lock, held_share=held
     )
     assert np.array_equal(made, CODES)
 
@@ -42,7 +42,7 @@ def test_a_frame_that_is_held_is_the_guidance_to_the_byte(
 ) -> None:
     assert np.array_equal(
         restore_detail(
-            CODES, REFINED, GUIDED, NOTHING, detail=detail, lock=lock, held=1.0
+            CODES, REFINED, GUIDED, NOTHING, detail=detail, lock=lock, held_share=1.0
         ),
         CODES,
     )
@@ -51,7 +51,9 @@ def test_a_frame_that_is_held_is_the_guidance_to_the_byte(
 def test_locked_objects_are_the_guidance_to_the_byte_and_borders_mix_light() -> None:
     cover = np.zeros((16, 16), np.float32)
     cover[4:10, 4:10], cover[10, 4:10] = 1, 0.5
-    made = restore_detail(CODES, REFINED, GUIDED, cover, detail=1.0, lock=1.0, held=0.0)
+    made = restore_detail(
+        CODES, REFINED, GUIDED, cover, detail=1.0, lock=1.0, held_share=0.0
+    )
     free = restore_detail(CODES, REFINED, GUIDED, NOTHING, **KEEP)
     assert np.array_equal(made[cover == 1], CODES[cover == 1])
     assert np.array_equal(made[cover == 0], free[cover == 0])
@@ -78,6 +80,6 @@ def test_codes_that_neither_side_changes_survive_the_mixing() -> None:
         cover,
         detail=0.0,
         lock=0.8,
-        held=0.0,
+        held_share=0.0,
     )
     assert np.array_equal(made, CODES)

@@ -45,7 +45,11 @@ def hidden(point, what: Silhouette, top: bool) -> bool:
             ) ** 2 < what.radius**2:
                 return True
         else:
-            low, high = (0, what.thick) if top else (-what.thick / 2, what.thick / 2)
+            low, high = (
+                (0, what.thickness)
+                if top
+                else (-what.thickness / 2, what.thickness / 2)
+            )
             h, w = what.coverage.shape
             inside = 0 <= x - what.corner[0] < w and 0 <= y - what.corner[1] < h
             if inside and low < z < high:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from physgen.edit.operations import edited
+from physgen.edit.operations import apply_operations
 from physgen.scene.yaml_comments import without_comments
 from physgen.scene.yaml_edit import is_json, mark_values
 
@@ -108,7 +108,9 @@ def test_removed_object_takes_its_comments_alone(
     layout: str, name: str, end: str
 ) -> None:
     text = LAYOUTS[layout]
-    new = edited(text.replace("\n", end), [{"remove": ["objects", name]}]).text
+    new = apply_operations(
+        text.replace("\n", end), [{"remove": ["objects", name]}]
+    ).text
     expected = [one for one in comments_of(text) if not one.startswith(f"{name} ")]
     assert comments_of(new) == expected
     assert [*mark_values(new).data()["objects"]] == [
@@ -121,7 +123,7 @@ def test_removed_object_takes_its_comments_alone(
 @pytest.mark.parametrize("layout", [key for key in LAYOUTS if "brackets" not in key])
 def test_only_object_leaves_comments_of_section(layout: str) -> None:
     text = LAYOUTS[layout]
-    new = edited(text, [{"remove": ["objects", name]} for name in NAMES]).text
+    new = apply_operations(text, [{"remove": ["objects", name]} for name in NAMES]).text
     kept = [one for one in comments_of(text) if not one.startswith(NAMES)]
     assert comments_of(new) == kept
     assert mark_values(new).data()["objects"] == {}
@@ -135,8 +137,8 @@ def test_removed_item_takes_its_comments_alone() -> None:
         "forces:\n  # of ball\n  - object: ball\n    # ball deeper\n    impulse: [1, 2]\n"
         "  # of cup\n  - {object: cup, impulse: [1, 2]}  # cup, too\n",
     )
-    without_ball = edited(text, [{"remove": ["objects", "ball"]}]).text
-    without_cup = edited(text, [{"remove": ["objects", "cup"]}]).text
+    without_ball = apply_operations(text, [{"remove": ["objects", "ball"]}]).text
+    without_cup = apply_operations(text, [{"remove": ["objects", "cup"]}]).text
     top = ["about the file", "about forces"]
     assert comments_of(without_ball) == [*top, "of cup", "cup, too"]
     assert comments_of(without_cup) == [*top, "of ball", "ball deeper"]
@@ -201,21 +203,23 @@ HIDES = "in front: it hides parts of"
 def test_comments_of_perception_stay_true(
     op: dict[str, Any], expected: list[str]
 ) -> None:
-    assert comments_of(edited(PERCEIVED, [op]).text) == expected
+    assert comments_of(apply_operations(PERCEIVED, [op]).text) == expected
 
 
 def test_comments_that_a_user_continued_stay() -> None:
     text = PERCEIVED.replace("to right\n", "to right, and mine\n")
     text = text.replace("and cup-1\n", "and cup-1, and mine\n")
     text = text.replace("}  # under 3 objects\n", "}  # under 3 objects, and mine\n")
-    new = edited(text, [{"remove": ["objects", "ball-2"]}]).text
+    new = apply_operations(text, [{"remove": ["objects", "ball-2"]}]).text
     own = [one for one in comments_of(text) if "and mine" in one]
     assert len(own) == 3
     assert [one for one in comments_of(new) if "and mine" in one] == own
 
 
 def test_updated_comments_are_still_those_of_perception() -> None:
-    text = edited(PERCEIVED, [{"rename": ["objects", "cup-1"], "to": "mug"}]).text
+    text = apply_operations(
+        PERCEIVED, [{"rename": ["objects", "cup-1"], "to": "mug"}]
+    ).text
     text = without_comments(text, [("objects", "ball-1", "layer")], ())
     assert HIDES not in text
     assert "# mine: under 3 objects" in text
@@ -265,7 +269,7 @@ def test_json_stays_json(scene: tuple[str, list[str]], draw: st.DataObject) -> N
         for force in expected["forces"]:
             if force["object"] == name:
                 force["object"] = "a-new-name"
-    new = edited(text, [op]).text
+    new = apply_operations(text, [op]).text
     assert is_json(new)
     assert json.loads(new) == expected
     if text.count("\n") < 2:

@@ -58,7 +58,7 @@ def test_displaced_areas_are_those_of_shapely(tmp_path: Path) -> None:
     pool = Pool(next(f for f in world.fields if f.name == "pool"), world.bodies)
     water = shapely.box(100, 100, 280, 250)
     pose = np.array([[*body.center, 0.0] for body in world.bodies])
-    for body, area, middle in pool.displaced(pose):
+    for body, area, middle in pool.immersions(pose):
         rings = world.bodies[body].rings[0] + world.bodies[body].center
         wet = shapely.Polygon(rings).intersection(water)
         assert area == pytest.approx(wet.area, rel=5e-3)

@@ -42,7 +42,7 @@ def test_pieces_of_a_run_are_the_run(scene: str) -> None:
     assert whole.effort.divided or "walls" not in scene
     running, random, rounds = Running(world), np.random.default_rng(5), 0
     early: list[np.ndarray] = []
-    while running.done < len(whole.times):
+    while running.sample_count < len(whole.times):
         left = int(random.integers(1, 20))
 
         def enough() -> bool:
@@ -50,9 +50,9 @@ def test_pieces_of_a_run_are_the_run(scene: str) -> None:
             left -= 1
             return left < 0
 
-        running.on(running.end, enough=enough)
+        running.advance(running.end, should_stop=enough)
         if rounds % 3:
-            early.append(running.trajectory().poses[: running.done].copy())
+            early.append(running.trajectory().poses[: running.sample_count].copy())
         rounds += 1
     made = running.trajectory()
     assert rounds > 20
@@ -88,7 +88,7 @@ def test_a_run_too_large_to_be_kept_is_simulated_again(most: int) -> None:
     """Too large from the start, within the clip, and where it goes on beyond its end."""
     world = read("cups/scene.yaml", "world.duration=0.2")
     running = Running(world, max_bytes=most)
-    running.on(running.end)
+    running.advance(running.end)
     same_at_other_times(world, running.trajectory())
 
 

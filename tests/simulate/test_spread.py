@@ -59,14 +59,14 @@ def test_draws_are_distributed_as_scipy_has_it(
     assert stats.kstest(unbounded(parameter, drawn), known.cdf).pvalue > 1e-3
     found = spread(parameter, value, sure)
     for z in (-2.0, -0.5, 0.0, 1.0, 3.0):
-        at = unbounded(parameter, np.array(found.at(z)))
+        at = unbounded(parameter, np.array(found.quantile(z)))
         assert known.cdf(at) == pytest.approx(stats.norm.cdf(z), abs=1e-9)
 
 
 def test_what_is_known_to_be_reached_is() -> None:
     """A half-normal distribution of the logarithm."""
-    found = spread("friction", 0.67, 0.5, at_least=True)
-    drawn = np.array([found.at(z) for z in stats.norm.ppf(uniform(0, MANY, "x"))])
+    found = spread("friction", 0.67, 0.5, is_upper_half=True)
+    drawn = np.array([found.quantile(z) for z in stats.norm.ppf(uniform(0, MANY, "x"))])
     assert drawn.min() >= 0.67
     sigma = -np.log(0.5) / 2
     assert (
@@ -84,7 +84,7 @@ def test_bounds_hold_however_unsure(value: float) -> None:
                 assert parameter == "elasticity"
                 assert value > 1
                 continue
-            ends = [found.at(z) for z in (-8.0, -3.0, 0.0, 3.0, 8.0)]
+            ends = [found.quantile(z) for z in (-8.0, -3.0, 0.0, 3.0, 8.0)]
             assert ends == sorted(ends)
             assert 0 <= ends[0] <= ends[-1] <= (1 if parameter == "elasticity" else 10)
 
@@ -94,10 +94,10 @@ def test_less_sure_is_wider_and_sure_is_a_point(parameter: str) -> None:
     widths = []
     for sure in (0.05, 0.2, 0.5, 0.8, 0.99):
         found = spread(parameter, 0.1, sure)
-        assert found.at(0.0) == pytest.approx(0.1, rel=0.2), (
+        assert found.quantile(0.0) == pytest.approx(0.1, rel=0.2), (
             "the file's number is the median"
         )
-        widths.append(found.at(1.645) - found.at(-1.645))
+        widths.append(found.quantile(1.645) - found.quantile(-1.645))
     assert widths == sorted(widths, reverse=True)
     assert len(set(widths)) == len(widths)
     assert spread(parameter, 0.1, 1.0) is None

@@ -166,7 +166,9 @@ SCENES = {
 def test_fates_are_called_by_their_names(tmp_path: Path, name: str) -> None:
     text, fate = SCENES[name]
     found = made(tmp_path, HEAD + text, 2)
-    assert {Fate(int(one.fates[0])) for one in (found.own, *found.outcomes)} == {fate}
+    assert {
+        Fate(int(one.fates[0])) for one in (found.clip_outcome, *found.outcomes)
+    } == {fate}
 
 
 def test_a_draw_that_cannot_be_simulated_is_told(tmp_path: Path) -> None:

@@ -132,7 +132,7 @@ class _World:
                 body.angularVelocity = float(rate[2]) * u.time
         for push, part in loads(self._model, begin, end):
             body = self._bodies[push.body]
-            where = body.GetWorldPoint(_vector(push.at / u.length))
+            where = body.GetWorldPoint(_vector(push.point / u.length))
             impulse = push.vector / (u.mass * u.speed)
             if push.load is Load.IMPULSE:
                 body.ApplyLinearImpulse(_vector(impulse), where, True)

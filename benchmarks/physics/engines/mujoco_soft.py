@@ -126,7 +126,7 @@ class _Model:
             if body.motion is Motion.SCRIPTED:
                 self._place(k, begin, end)
         for push, part in loads(self._world, begin, end):
-            arm = rotation(self._state[push.body, 2]) @ push.at
+            arm = rotation(self._state[push.body, 2]) @ push.point
             load = np.array(
                 [*push.vector, float(cross(arm, push.vector)) + push.torque]
             )

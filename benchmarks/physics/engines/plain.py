@@ -70,7 +70,7 @@ class _Space:
                 body.velocity, body.angular_velocity = _pair(rate), float(rate[2])
         for push, part in loads(self._world, begin, end):
             body = self._bodies[push.body]
-            where = body.local_to_world(_pair(push.at))
+            where = body.local_to_world(_pair(push.point))
             if push.load is Load.IMPULSE:
                 body.apply_impulse_at_world_point(_pair(push.vector), where)
             elif push.load is Load.FORCE:

@@ -4,6 +4,8 @@ round scenery, and repeated paths.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from math import cos, exp, radians, sin, sqrt
 
 import numpy as np
@@ -22,6 +24,17 @@ from physgen.evaluate.physics.scorecard import (
 from physgen.evaluate.physics.staging import GRAVITY, box, circle, scene, segment
 
 Array = NDArray[np.float64]
+
+
+def _swing_error(
+    run: Run, *, rate: Callable[[Array], Array], spin: float, swing: float
+) -> Errors:
+    """Return the largest deviation of the angle over the swing."""
+    track = run.track("toy")
+    exact = runge_kutta(rate, np.array([0.0, spin]), 2.0, 480)
+    count = min(len(exact), len(track.angle))
+    off = np.abs(track.angle[:count] - exact[:count, 0]).max()
+    return {"angle": float(off) / radians(swing)}
 
 
 def _roly_poly(draw: Draw) -> list[Case]:
@@ -60,14 +73,25 @@ def _roly_poly(draw: Draw) -> list[Case]:
         pull = mass * low * sin(angle) * (GRAVITY + radius * speed**2)
         return np.array([speed, -pull / inertia])
 
-    def measure(run: Run) -> Errors:
-        track = run.track("toy")
-        exact = runge_kutta(rate, np.array([0.0, spin]), 2.0, 480)
-        count = min(len(exact), len(track.angle))
-        off = np.abs(track.angle[:count] - exact[:count, 0]).max()
-        return {"angle": float(off) / radians(swing)}
+    measure = partial(_swing_error, rate=rate, spin=spin, swing=swing)
 
     return [Case(scene((640, 340), 2.0, objects, {"floor": floor}), measure)]
+
+
+def _motion_error(
+    run: Run, *, damping: float, scale: float, speed: float, spin: float, gain: float
+) -> Errors:
+    """Return the largest deviation of the three motions from their closed forms."""
+    slowed, light, turned = (run.track(name) for name in ("slowed", "light", "turned"))
+    left = np.exp(-damping * slowed.times)
+    fall = scale * GRAVITY * light.times**2 / 2
+    off = [
+        np.abs(slowed.displacements[:, 0] * damping / speed - (1 - left)).max(),
+        np.abs(slowed.spin / radians(spin) - left).max(),
+        np.abs(light.displacements[:, 1] - fall).max() / np.abs(fall).max(),
+        abs(turned.spin[-1] / (gain * turned.times[-1]) - 1),
+    ]
+    return {"motion": worst([float(one) for one in off])}
 
 
 def _own_numbers(draw: Draw) -> list[Case]:
@@ -90,19 +114,9 @@ def _own_numbers(draw: Draw) -> list[Case]:
     }  # fmt: skip
     forces = [{"object": "turned", "torque": gain * moment}]
 
-    def measure(run: Run) -> Errors:
-        slowed, light, turned = (
-            run.track(name) for name in ("slowed", "light", "turned")
-        )
-        left = np.exp(-damping * slowed.times)
-        fall = scale * GRAVITY * light.times**2 / 2
-        off = [
-            np.abs(slowed.displacements[:, 0] * damping / speed - (1 - left)).max(),
-            np.abs(slowed.spin / radians(spin) - left).max(),
-            np.abs(light.displacements[:, 1] - fall).max() / np.abs(fall).max(),
-            abs(turned.spin[-1] / (gain * turned.times[-1]) - 1),
-        ]
-        return {"motion": worst([float(one) for one in off])}
+    measure = partial(
+        _motion_error, damping=damping, scale=scale, speed=speed, spin=spin, gain=gain
+    )
 
     return [Case(scene((640, 480), time, objects, forces=forces), measure)]
 

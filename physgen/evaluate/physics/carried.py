@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import partial
 from math import cos, degrees, pi, sin
 
 import numpy as np
@@ -25,6 +27,25 @@ BALL_RATE = 2 / 7
 """Angular velocity of a rolling sphere's circle over the turntable's."""
 
 
+def _belt_errors(
+    run: Run,
+    *,
+    time: float,
+    gain: float,
+    speed: float,
+    way: Array,
+    mass: float,
+    reach: float,
+) -> Errors:
+    """Return the errors of the puck's path and of the belt's work."""
+    track = run.track("puck")
+    rising = np.minimum(track.times, time)
+    exact = gain * rising**2 / 2 + speed * (track.times - rising)
+    off = np.abs(track.displacements @ way - exact).max()
+    work = float(run.trajectory.energy.work[-1]) / (mass * speed**2)
+    return {"way": float(off) / reach, "work": abs(work - 1)}
+
+
 def _belt(draw: Draw) -> Case:
     """Return the case of a puck on a belt. Errors: largest deviation of its path over
     the pick-up distance, and of the belt's work over m u².
@@ -39,17 +60,63 @@ def _belt(draw: Draw) -> Case:
     belt = {"belt": [0, 0, 640, 640], "velocity": (speed * way).tolist()}
     world = {"view": "top", "table": {"friction": mu}}
 
-    def measure(run: Run) -> Errors:
-        track = run.track("puck")
-        rising = np.minimum(track.times, time)
-        exact = gain * rising**2 / 2 + speed * (track.times - rising)
-        off = np.abs(track.displacements @ way - exact).max()
-        work = float(run.trajectory.energy.work[-1]) / (mass * speed**2)
-        return {"way": float(off) / reach, "work": abs(work - 1)}
+    measure = partial(
+        _belt_errors, time=time, gain=gain, speed=speed, way=way, mass=mass, reach=reach
+    )
 
     fields = {"belt": belt}
     document = scene((640, 640), time + 0.3, {"puck": puck}, world=world, fields=fields)
     return Case(document, measure, "belt")
+
+
+@dataclass(frozen=True)
+class _RollingBall:
+    """A ball that rolls on the turntable."""
+
+    start: Array
+    """First position, (2,) px."""
+    velocity: Array
+    """First velocity, (2,) px/s."""
+    rate: float
+    """Angular velocity of its circle, rad/s."""
+
+    def roll(self, radius: float, table_spin: float) -> list[float]:
+        """Return the roll without slip on the table, (2,) deg/s."""
+        table_velocity = table_spin * (self.start - MIDDLE)[::-1] * (-1, 1)
+        slip = self.velocity - table_velocity
+        rates: list[float] = np.degrees([slip[1] / radius, -slip[0] / radius]).tolist()
+        return rates
+
+    def error(self, run: Run) -> float:
+        """Return the largest deviation from the circle over its radius."""
+        ball = run.track("ball")
+        rotation = np.exp(1j * self.rate * ball.times)
+        velocity = complex(*self.velocity)
+        positions = complex(*self.start) + velocity * (rotation - 1) / (1j * self.rate)
+        deviation = np.abs(ball.x + 1j * ball.y - positions).max()
+        speed = float(np.hypot(*self.velocity))
+        return float(deviation * abs(self.rate) / speed)
+
+
+@dataclass(frozen=True)
+class _RidingPuck:
+    """A puck that turns with the turntable."""
+
+    arm: Array
+    """First position from the centre of the turntable, (2,) px."""
+    spin: float
+    """Angular velocity of the turntable, rad/s."""
+
+    def velocity(self) -> Array:
+        """Return the first velocity, (2,) px/s."""
+        return np.asarray(self.spin * self.arm[::-1] * (-1, 1))
+
+    def error(self, run: Run) -> float:
+        """Return the largest deviation from the circle over its radius."""
+        puck = run.track("puck")
+        circle_positions = complex(*self.arm) * np.exp(1j * self.spin * puck.times)
+        deviations = puck.x + 1j * puck.y - complex(*MIDDLE) - circle_positions
+        return float(np.abs(deviations).max()) / float(np.hypot(*self.arm))
 
 
 def _turntable(draw: Draw) -> Case:
@@ -59,19 +126,16 @@ def _turntable(draw: Draw) -> Case:
     The ball's velocity turns with 2/7 of the table's rate (Earnshaw 1844), for every
     initial velocity.
     """
-    turning = draw.sign() * draw.number(1.5, 3.0)
-    rate = BALL_RATE * turning
+    spin = draw.sign() * draw.number(1.5, 3.0)
     start = MIDDLE + draw.number(30, 60) * np.array([1.0, 0.0])
     speed = draw.number(0.6, 1.2) * 40
     heading = draw.angle()
     velocity = speed * np.array([cos(heading), sin(heading)])
+    ball = _RollingBall(start, velocity, BALL_RATE * spin)
     radius = draw.number(8, 14)
-    slip = velocity - turning * (start - MIDDLE)[::-1] * (-1, 1)
-    roll = np.degrees([slip[1] / radius, -slip[0] / radius])
-    far, side = draw.number(160, 220), draw.angle()
-    mu = draw.number(1.3, 2.0) * turning**2 * far / GRAVITY
-    arm = far * np.array([cos(side), sin(side)])
-    ride = turning * arm[::-1] * (-1, 1)
+    distance, side = draw.number(160, 220), draw.angle()
+    mu = draw.number(1.3, 2.0) * spin**2 * distance / GRAVITY
+    puck = _RidingPuck(distance * np.array([cos(side), sin(side)]), spin)
     objects = {
         "ball": circle(
             start,
@@ -80,37 +144,31 @@ def _turntable(draw: Draw) -> Case:
             mass=draw.mass(),
             friction=mu,
             velocity=velocity.tolist(),
-            roll=roll.tolist(),
+            roll=ball.roll(radius, spin),
             collides_with=["main"],
             collision_group="ball",
         ),
         "puck": circle(
-            MIDDLE + arm,
+            MIDDLE + puck.arm,
             14,
             mass=draw.mass(),
             friction=mu,
-            velocity=ride.tolist(),
-            spin=degrees(turning),
+            velocity=puck.velocity().tolist(),
+            spin=degrees(spin),
             collides_with=["main"],
             collision_group="puck",
         ),
     }
-    fields = {"disc": {"turntable": [320, 320, 310], "spin": degrees(turning)}}
+    fields = {"disc": {"turntable": [320, 320, 310], "spin": degrees(spin)}}
     world = {"view": "top", "table": {"friction": mu}}
-    duration = 2 * pi / abs(turning)
-
-    def measure(run: Run) -> Errors:
-        ball, puck = run.track("ball"), run.track("puck")
-        turned = np.exp(1j * rate * ball.times)
-        begun = complex(*velocity)
-        place = complex(*start) + begun * (turned - 1) / (1j * rate)
-        off = np.abs(ball.x + 1j * ball.y - place).max() * abs(rate) / speed
-        circled = complex(*arm) * np.exp(1j * turning * puck.times)
-        rode = np.abs(puck.x + 1j * puck.y - complex(*MIDDLE) - circled).max()
-        return {"ball": float(off), "puck": float(rode) / far}
-
+    duration = 2 * pi / abs(spin)
     document = scene((640, 640), duration, objects, world=world, fields=fields)
-    return Case(document, measure, "turntable")
+    return Case(document, partial(_turntable_errors, ball, puck), "turntable")
+
+
+def _turntable_errors(ball: _RollingBall, puck: _RidingPuck, run: Run) -> Errors:
+    """Return the errors of both paths."""
+    return {"ball": ball.error(run), "puck": puck.error(run)}
 
 
 def _cases(draw: Draw) -> list[Case]:

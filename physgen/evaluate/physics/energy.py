@@ -207,9 +207,16 @@ def _machine(draw: Draw) -> Case:
         "left": box((450, 220), (30, 30), mass=draw.mass(), **surface),
         "right": box((480, 220), (30, 50), mass=draw.mass(), **surface),
     }
+    joints = _machine_joints(draw, objects)
+    floor = {"floor": segment((-200, 320), (800, 320), **surface)}
+    return _case("machine", (700, 350), objects, boundaries=floor, joints=joints)
+
+
+def _machine_joints(draw: Draw, objects: dict[str, Document]) -> Document:
+    """Return the joints of the machine's objects."""
     spring_mass = objects["hung"]["mass"]
     wheel_moment = objects["wheel"]["mass"] * 40**2 / 2
-    joints = {
+    return {
         "shoulder": {"objects": ["upper"], "pivot": [220.0, 60.0]},
         "elbow": {"objects": ["upper", "lower"], "pivot": [315.0, 60.0]},
         "spring": {
@@ -227,8 +234,6 @@ def _machine(draw: Draw) -> Case:
         },
         "glue": {"objects": ["left", "right"], "weld": [465.0, 220.0]},
     }
-    floor = {"floor": segment((-200, 320), (800, 320), **surface)}
-    return _case("machine", (700, 350), objects, boundaries=floor, joints=joints)
 
 
 PADDLE_PATH = [[0, 500, 250], [0.4, 500, 250], [0.8, 430, 250, -20], [1.5, 480, 250, 0]]

@@ -94,9 +94,9 @@ def find_flights(track: Track, floor: float, gravity: float) -> list[Flight]:
 
 
 def _flight(
-    track: Track, early: int, late: int, floor: float, gravity: float
+    track: Track, first_sample: int, last_sample: int, floor: float, gravity: float
 ) -> Flight:
-    """Return the flight around the samples from `early` to `late`."""
+    """Return the flight around the samples from `first_sample` to `last_sample`."""
     vy = track.velocities[:, 1]
     y = track.y
     times = track.times
@@ -105,11 +105,11 @@ def _flight(
         squared_speed = vy[sample] ** 2 + 2 * gravity * (floor - y[sample])
         return sqrt(max(squared_speed, 0.0))
 
-    start_speed, impact_speed = floor_speed(early), floor_speed(late)
-    top = early + int(np.argmin(np.abs(vy[early : late + 1])))
+    start_speed, impact_speed = floor_speed(first_sample), floor_speed(last_sample)
+    top = first_sample + int(np.argmin(np.abs(vy[first_sample : last_sample + 1])))
     return Flight(
-        begin=float(times[early] - (vy[early] + start_speed) / gravity),
-        end=float(times[late] + (impact_speed - vy[late]) / gravity),
+        begin=float(times[first_sample] - (vy[first_sample] + start_speed) / gravity),
+        end=float(times[last_sample] + (impact_speed - vy[last_sample]) / gravity),
         start_speed=start_speed,
         impact_speed=impact_speed,
         apex=float(floor - y[top] + vy[top] ** 2 / (2 * gravity)),

@@ -243,18 +243,18 @@ def _orbits(draw: Draw) -> list[Case]:
     for name, (axis, eccentricity) in ellipses.items():
         angle = draw.angle()
         side = draw.sign()
-        farthest = axis * (1 + eccentricity)
-        speed = side * sqrt(strength * (2 / farthest - 1 / axis))
         outward = np.array([cos(angle), sin(angle)])
-        sideways = np.array([-sin(angle), cos(angle)])
+        sideways = side * np.array([-sin(angle), cos(angle)])
+        orbit = _Orbit(axis, eccentricity, np.array([outward, sideways]), strength)
+        farthest = axis * (1 + eccentricity)
+        speed = sqrt(strength * (2 / farthest - 1 / axis))
         objects[name] = circle(
             CENTER + farthest * outward,
             draw.number(6, 12),
             mass=draw.mass(),
             velocity=(speed * sideways).tolist(),
         )
-        frame = np.array([outward, side * sideways])
-        orbits[name] = _Orbit(axis, eccentricity, frame, strength)
+        orbits[name] = orbit
     period = 2 * pi * sqrt(orbits["circling"].axis ** 3 / strength)
     fields = {"sun": {"attractor": CENTER.tolist(), "strength": strength}}
     document = scene((520, 520), 1.1 * period, objects, world=FLOATING, fields=fields)

@@ -124,6 +124,13 @@ CUE_DISTANCE = 40
 """Distance from the row to the cue ball, beyond its place in the row, px."""
 
 
+def _lane_point(distance: float, *, offset: float, direction: Point) -> Point:
+    """Return the point of a lane at a distance from the middle of the lane, px."""
+    c, s = direction
+    x = 260 + distance * c - offset * s
+    return x, 260 + distance * s + offset * c
+
+
 def _row_of_balls(draw: Draw) -> list[Case]:
     """Return the case of rows of balls in four lanes, one per gap.
 
@@ -149,22 +156,16 @@ def _row_of_balls(draw: Draw) -> list[Case]:
     velocity = [speed * c, speed * s]
     objects: dict[str, Document] = {}
     for j, (lane, gap) in enumerate(GAPS.items()):
-        offset = (j - 1.5) * 70
-
-        def place(distance: float, offset: float = offset) -> Point:
-            x = 260 + distance * c - offset * s
-            return x, 260 + distance * s + offset * c
-
-        names = [f"{lane}-{k}" for k in range(1, 6)]
+        place = partial(_lane_point, offset=(j - 1.5) * 70, direction=(c, s))
+        distances = {
+            f"{lane}-{k}": -100 + (k - 1) * (2 * radius + gap) for k in range(1, 6)
+        }
         if has_cue:
-            distance = -100 - (2 * radius + gap) - CUE_DISTANCE
-            cue = circle(place(distance), radius, **ball, velocity=velocity)
-            objects[f"{lane}-cue"] = cue
-        for k, name in enumerate(names):
-            center = place(-100 + k * (2 * radius + gap))
-            objects[name] = circle(center, radius, **ball)
-        if not has_cue:
-            objects[names[0]]["velocity"] = velocity
+            cue_distance = -100 - (2 * radius + gap) - CUE_DISTANCE
+            distances = {f"{lane}-cue": cue_distance, **distances}
+        for name, distance in distances.items():
+            objects[name] = circle(place(distance), radius, **ball)
+        objects[next(iter(distances))]["velocity"] = velocity
     document = scene((520, 520), 0.5, objects, world=FLOATING)
     measure = partial(_row_error, tuple(objects), np.array([c, s]), speed)
     return [Case(document, measure)]

@@ -48,31 +48,45 @@ class _Swing:
     """Angle at the start, rad."""
 
 
+def _hang(
+    draw: Draw, name: str, x: float, angles: tuple[int, int]
+) -> tuple[Document, Document, _Swing]:
+    """Return a ball `bob` or a rod on a pin, its pin, and its swing.
+
+    `angles` are the limits of its first angle, degrees.
+    """
+    degrees = draw.number(*angles, 1)
+    side = draw.sign()
+    pivot = np.array([x, 190.0])
+    arm = draw.number(50, 90, 1)
+    mass = draw.mass()
+    direction = np.array([side * sin(radians(degrees)), cos(radians(degrees))])
+    center = pivot + arm * direction
+    if name == "bob":
+        radius = draw.number(14, 26)
+        body = circle(center, radius, mass=mass)
+        moment = mass * radius**2 / 2
+    else:
+        width = draw.number(10, 20)
+        height = round(2 * arm + 10, 1)
+        body = box(center, (width, height), -side * degrees, mass=mass)
+        moment = mass * (width**2 + height**2) / 12
+    small_period = 4 * sqrt((moment + mass * arm**2) / (mass * GRAVITY * arm))
+    period = small_period * integrate_ellipse(sin(radians(degrees / 2)))[0]
+    pin = {"objects": [name], "pivot": pivot.tolist()}
+    return body, pin, _Swing(period, side * radians(degrees))
+
+
 def _pendulum(draw: Draw) -> list[Case]:
     """Return the case of a ball and a rod, each on a pin."""
     objects: dict[str, Document] = {}
     joints, swings = {}, {}
-    for k, (name, lowest, highest) in enumerate((("bob", 20, 80), ("rod", 80, 130))):
-        degrees = draw.number(lowest, highest, 1)
-        side = draw.sign()
-        pivot = np.array([130.0 + 310 * k, 190.0])
-        arm = draw.number(50, 90, 1)
-        mass = draw.mass()
-        direction = np.array([side * sin(radians(degrees)), cos(radians(degrees))])
-        center = pivot + arm * direction
-        if name == "bob":
-            radius = draw.number(14, 26)
-            objects[name] = circle(center, radius, mass=mass)
-            moment = mass * radius**2 / 2
-        else:
-            width = draw.number(10, 20)
-            height = round(2 * arm + 10, 1)
-            objects[name] = box(center, (width, height), -side * degrees, mass=mass)
-            moment = mass * (width**2 + height**2) / 12
-        joints[f"{name}-pin"] = {"objects": [name], "pivot": pivot.tolist()}
-        small_period = 4 * sqrt((moment + mass * arm**2) / (mass * GRAVITY * arm))
-        period = small_period * integrate_ellipse(sin(radians(degrees / 2)))[0]
-        swings[name] = _Swing(period, side * radians(degrees))
+    pendulums = (("bob", 130.0, (20, 80)), ("rod", 440.0, (80, 130)))
+    for name, x, angles in pendulums:
+        body, pin, swing = _hang(draw, name, x, angles)
+        objects[name] = body
+        joints[f"{name}-pin"] = pin
+        swings[name] = swing
     duration = 1.3 * max(swing.period for swing in swings.values())
     document = scene((640, 390), duration, objects, joints=joints)
     return [Case(document, partial(_period_error, swings))]
@@ -111,43 +125,56 @@ class _Spring:
     """w = sqrt(k/m - d²), rad/s."""
 
 
+def _spring_lane(
+    draw: Draw, lane: str, y: float, damping_part: float
+) -> tuple[dict[str, Document], Document, _Spring]:
+    """Return the bodies of a lane, their spring, and its closed form.
+
+    The lane `pair` has a body at both ends.
+    """
+    mass = draw.mass()
+    length = draw.number(120, 160, 0)
+    stretch = draw.sign() * draw.number(20, 50, 0)
+    frequency = draw.number(1.5, 3)
+    anchor = [ANCHOR_X, y]
+    center = [ANCHOR_X + length + stretch, y]
+    partner_mass = None
+    swinging_mass = mass
+    if lane == "pair":
+        partner_mass = draw.mass()
+        swinging_mass = mass * partner_mass / (mass + partner_mass)
+    stiffness = round(swinging_mass * (2 * pi * frequency) ** 2, 2)
+    damping = round(2 * damping_part * sqrt(stiffness * swinging_mass), 3)
+    objects = {lane: circle(center, draw.number(12, 22), mass=mass)}
+    if partner_mass is not None:
+        objects["partner"] = box(anchor, (30, 30), mass=partner_mass)
+    spring = {
+        "objects": list(objects),
+        "spring": [center, anchor],
+        "stiffness": stiffness,
+        "damping": damping,
+        "length": length,
+    }
+    decay = damping / (2 * swinging_mass)
+    omega = sqrt(stiffness / swinging_mass - decay**2)
+    return objects, spring, _Spring(length, decay, omega)
+
+
 def _springs(draw: Draw) -> list[Case]:
-    """Return the case of three lanes of springs; in the lowest, two bodies swing against each other.
+    """Return the case of three lanes of springs; in the lowest, two bodies swing
+    against each other.
 
     Their reduced mass m1 m2/(m1 + m2) is the mass of the closed form.
     """
-    objects = {}
+    objects: dict[str, Document] = {}
     joints = {}
     springs = {}
     lanes = {"free": 0.0, "damped": draw.number(0.03, 0.1, 3), "pair": 0.0}
     for k, (lane, damping_part) in enumerate(lanes.items()):
-        y = 80.0 + 110 * k
-        mass = draw.mass()
-        length = draw.number(120, 160, 0)
-        stretch = draw.sign() * draw.number(20, 50, 0)
-        frequency = draw.number(1.5, 3)
-        anchor = [ANCHOR_X, y]
-        center = [ANCHOR_X + length + stretch, y]
-        names, swinging_mass = [lane], mass
-        if lane == "pair":
-            partner_mass = draw.mass()
-            swinging_mass = mass * partner_mass / (mass + partner_mass)
-            names.append("partner")
-        stiffness = round(swinging_mass * (2 * pi * frequency) ** 2, 2)
-        damping = round(2 * damping_part * sqrt(stiffness * swinging_mass), 3)
-        objects[lane] = circle(center, draw.number(12, 22), mass=mass)
-        if lane == "pair":
-            objects["partner"] = box(anchor, (30, 30), mass=partner_mass)
-        joints[f"{lane}-spring"] = {
-            "objects": names,
-            "spring": [center, anchor],
-            "stiffness": stiffness,
-            "damping": damping,
-            "length": length,
-        }
-        decay = damping / (2 * swinging_mass)
-        omega = sqrt(stiffness / swinging_mass - decay**2)
-        springs[lane] = _Spring(length, decay, omega)
+        bodies, joint, spring = _spring_lane(draw, lane, 80.0 + 110 * k, damping_part)
+        objects |= bodies
+        joints[f"{lane}-spring"] = joint
+        springs[lane] = spring
     document = scene((360, 380), 2.0, objects, world=FLOATING, joints=joints)
     return [Case(document, partial(_spring_errors, springs))]
 
@@ -214,35 +241,59 @@ class _Tilt:
         return np.array([spin, self.torque * cos(angle) + self.tilting * sin(angle)])
 
 
-def _seesaw(draw: Draw) -> list[Case]:
-    """Return the case of three see-saws: one far from balance, two with moments of 0.99 and 1.01.
+@dataclass(frozen=True)
+class _Seesaw:
+    """A plank with two weights on a pin."""
 
-    Moment x angular acceleration = torque: J a'' = g (m2 d2 - m1 d1) cos a + g (m1 h1 + m2 h2) sin a, for weights at
-    d to the left and right of the pin and h above it, J with all parallel axes.
+    objects: dict[str, Document]
+    """Plank, left and right weight."""
+    pin: list[float]
+    """px."""
+    tilt: _Tilt
+    """The closed form."""
+
+
+def _draw_seesaw(draw: Draw, x: float, part: float) -> _Seesaw:
+    """Return a see-saw with its pin at `x`, px.
+
+    `part` is the moment of the right weight over that of the left one.
+    """
+    surface = {"friction": 0.9, "elasticity": 0.0}
+    pin = np.array([x, 150.0])
+    plank = (draw.number(220, 260, 0), draw.number(8, 14, 0))
+    mass = draw.mass()
+    left, right = _draw_weights(draw, plank[1], part)
+    objects = {"plank": box(pin, plank, mass=mass, **surface)}
+    for label, weight, weight_x in (
+        ("left", left, pin[0] - left.arm),
+        ("right", right, pin[0] + right.arm),
+    ):
+        center = (weight_x, pin[1] - weight.height)
+        size = (weight.side, weight.side)
+        objects[label] = box(center, size, mass=weight.mass, **surface)
+    plank_moment = mass * (plank[0] ** 2 + plank[1] ** 2) / 12
+    moment = plank_moment + left.moment() + right.moment()
+    return _Seesaw(objects, pin.tolist(), _tilt(left, right, moment))
+
+
+def _seesaw(draw: Draw) -> list[Case]:
+    """Return the case of three see-saws: one far from balance, two with moments of
+    0.99 and 1.01.
+
+    Moment x angular acceleration = torque: J a'' = g (m2 d2 - m1 d1) cos a + g (m1 h1 +
+    m2 h2) sin a, for weights at d to the left and right of the pin and h above it, J
+    with all parallel axes.
     """
     objects: dict[str, Document] = {}
     joints, tilts = {}, {}
-    surface = {"friction": 0.9, "elasticity": 0.0}
     for k, name in enumerate(("light", "heavy", "far")):
         # Drawn for each see-saw, so that all have the same number of draws.
         parts = (0.99, 1.01, draw.number(1.1, 1.25))
-        pin = np.array([180.0 + 320 * k, 150.0])
-        plank = (draw.number(220, 260, 0), draw.number(8, 14, 0))
-        plank_mass = draw.mass()
-        left, right = _draw_weights(draw, plank[1], parts[k])
-        objects[f"{name}-plank"] = box(pin, plank, mass=plank_mass, **surface)
-        for label, weight, x in (
-            ("left", left, pin[0] - left.arm),
-            ("right", right, pin[0] + right.arm),
-        ):
-            center = (x, pin[1] - weight.height)
-            size = (weight.side, weight.side)
-            body = box(center, size, mass=weight.mass, **surface)
-            objects[f"{name}-{label}"] = body
-        joints[f"{name}-pin"] = {"objects": [f"{name}-plank"], "pivot": pin.tolist()}
-        plank_moment = plank_mass * (plank[0] ** 2 + plank[1] ** 2) / 12
-        moment = plank_moment + left.moment() + right.moment()
-        tilts[name] = _tilt(left, right, moment)
+        seesaw = _draw_seesaw(draw, 180.0 + 320 * k, parts[k])
+        for part, body in seesaw.objects.items():
+            objects[f"{name}-{part}"] = body
+        joints[f"{name}-pin"] = {"objects": [f"{name}-plank"], "pivot": seesaw.pin}
+        tilts[name] = seesaw.tilt
     document = scene((1000, 300), 1.0, objects, joints=joints)
     return [Case(document, partial(_seesaw_errors, tilts["far"]))]
 
@@ -296,39 +347,47 @@ class _Ramp:
 MOTOR_SOLIDS = ("disc", "hoop", "sphere")
 
 
+def _drive(
+    draw: Draw, name: str, x: float
+) -> tuple[dict[str, Document], Document, _Ramp]:
+    """Return a wheel, for a `fan` also its base, its motor and its start-up."""
+    center = [x, 110.0]
+    radius = draw.number(30, 55)
+    mass = draw.mass()
+    solid = MOTOR_SOLIDS[draw.count(0, 2)]
+    objects = {name: circle(center, radius, solid=solid, mass=mass)}
+    inverse_moment = 1 / (INERTIA[solid] * mass * radius**2)
+    if name == "fan":
+        width = draw.number(30, 60)
+        height = draw.number(90, 140)
+        base_mass = draw.mass()
+        objects["base"] = box(center, (width, height), mass=base_mass)
+        inverse_moment += 12 / (base_mass * (width**2 + height**2))
+    speed = draw.sign() * draw.number(300, 900, 0)
+    time = draw.number(0.4, 0.8, 3)
+    motor = {
+        "objects": list(objects),
+        "motor": center,
+        "speed": speed,
+        "limit": radians(abs(speed)) / time / inverse_moment,
+    }
+    return objects, motor, _Ramp(radians(speed), time)
+
+
 def _motor(draw: Draw) -> list[Case]:
     """Return the case of two motors: one wheel on the world, the other on a turning
     base.
 
     The second motor's torque acts on wheel and base, with 1/I = 1/I1 + 1/I2.
     """
-    objects = {}
+    objects: dict[str, Document] = {}
     joints = {}
     ramps = {}
-    for k, name in enumerate(("wheel", "fan")):
-        center = [110.0 + 200 * k, 110.0]
-        radius = draw.number(30, 55)
-        mass = draw.mass()
-        solid = MOTOR_SOLIDS[draw.count(0, 2)]
-        objects[name] = circle(center, radius, solid=solid, mass=mass)
-        inverse_moment = 1 / (INERTIA[solid] * mass * radius**2)
-        names = [name]
-        if name == "fan":
-            width = draw.number(30, 60)
-            height = draw.number(90, 140)
-            base_mass = draw.mass()
-            objects["base"] = box(center, (width, height), mass=base_mass)
-            inverse_moment += 12 / (base_mass * (width**2 + height**2))
-            names.append("base")
-        speed = draw.sign() * draw.number(300, 900, 0)
-        time = draw.number(0.4, 0.8, 3)
-        joints[f"{name}-motor"] = {
-            "objects": names,
-            "motor": center,
-            "speed": speed,
-            "limit": radians(abs(speed)) / time / inverse_moment,
-        }
-        ramps[name] = _Ramp(radians(speed), time)
+    for name, x in (("wheel", 110.0), ("fan", 310.0)):
+        bodies, motor, ramp = _drive(draw, name, x)
+        objects |= bodies
+        joints[f"{name}-motor"] = motor
+        ramps[name] = ramp
     document = scene((420, 220), 1.0, objects, world=FLOATING, joints=joints)
     return [Case(document, partial(_ramp_error, ramps))]
 
@@ -396,6 +455,18 @@ class _WeldedPair:
             moment += mass * (own_moment + float(arm @ arm))
         return moment
 
+    def motion_after_impact(
+        self, y: float, speed_change: float, ball_mass: float
+    ) -> tuple[float, float]:
+        """Return the velocity (px/s) and the spin (rad/s) after a ball's impact at the
+        height y, which changes the relative speed by `speed_change` (px/s).
+        """
+        offset = y - self.center()[1]
+        moment = self.moment()
+        softness = 1 / ball_mass + 1 / self.mass + offset**2 / moment
+        impulse = speed_change / softness
+        return impulse / self.mass, -offset * impulse / moment
+
     def seam_center(self) -> list[float]:
         """Return the middle of the common surface of both boxes, px."""
         width = min(self.sizes[0][0], self.sizes[1][0])
@@ -416,6 +487,13 @@ class _WeldHit:
     """rad/s."""
 
 
+def _draw_impact_height(draw: Draw, upper_height: float, lower_height: float) -> float:
+    """Return the y of the impact, px, beside the upper or the lower box."""
+    if draw.sign() > 0:
+        return SEAM_Y - draw.number(0.4, 0.9) * upper_height
+    return SEAM_Y + draw.number(0.4, 0.9) * lower_height
+
+
 def _weld(draw: Draw) -> list[Case]:
     """Return the case of a ball against the flush side of two welded boxes, off-centre
     and without friction.
@@ -433,10 +511,7 @@ def _weld(draw: Draw) -> list[Case]:
     masses = (draw.mass(), draw.mass())
     side = draw.sign()
     welded = _WeldedPair((upper_size, lower_size), masses, side)
-    if draw.sign() > 0:
-        y = SEAM_Y - draw.number(0.4, 0.9) * upper_size[1]
-    else:
-        y = SEAM_Y + draw.number(0.4, 0.9) * lower_size[1]
+    y = _draw_impact_height(draw, upper_size[1], lower_size[1])
     ball = circle(
         (WELD_X - side * BALL_DISTANCE, y),
         radius,
@@ -452,30 +527,26 @@ def _weld(draw: Draw) -> list[Case]:
     }
     weld = {"objects": ["upper", "lower"], "weld": welded.seam_center()}
     joints = {"weld": weld}
-    offset = y - welded.center()[1]
-    moment = welded.moment()
-    softness = 1 / ball_mass + 1 / welded.mass + offset**2 / moment
-    impulse = side * (1 + elasticity) * speed / softness
-    hit = _WeldHit(
-        time=(BALL_DISTANCE - radius) / speed + 0.1,
-        velocity=impulse / welded.mass,
-        spin=-offset * impulse / moment,
+    velocity, spin = welded.motion_after_impact(
+        y, side * (1 + elasticity) * speed, ball_mass
     )
+    time = (BALL_DISTANCE - radius) / speed + 0.1
+    hit = _WeldHit(time, velocity, spin)
     document = scene((520, 360), 1.1, objects, world=FLOATING, joints=joints)
     return [Case(document, partial(_weld_errors, welded, hit))]
 
 
-def _weld_errors(welded: _WeldedPair, hit: _WeldHit, run: Run) -> Errors:
+def _weld_errors(pair: _WeldedPair, hit: _WeldHit, run: Run) -> Errors:
     """Return the errors of both spins, and of the velocity of the common centre, over
     one rigid body's.
     """
     upper = run.track("upper")
     lower = run.track("lower")
     sample = upper.sample(hit.time)
-    first, second = welded.masses
+    first, second = pair.masses
     momentum = first * upper.velocity[sample] + second * lower.velocity[sample]
     expected = np.array([hit.velocity, 0.0])
-    deviation = momentum / welded.mass - expected
+    deviation = momentum / pair.mass - expected
     return {
         "spin": worst(
             [_spin_error(track, sample, hit.spin) for track in (upper, lower)]

@@ -4,6 +4,8 @@ forces.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import partial
 from math import atan2, cos, pi, radians, sin, sqrt
 
 import numpy as np
@@ -24,6 +26,24 @@ from physgen.evaluate.physics.staging import GRAVITY, INERTIA, box, circle, scen
 Array = NDArray[np.float64]
 
 FLOATING = {"gravity": [0, 0]}
+BISECTIONS = 60
+"""Halvings of 1 s: the time of a catch is exact to the last bit."""
+
+
+def _slider_errors(
+    run: Run, *, down: Array, angle: float, way: float, time: float, speed: float
+) -> Errors:
+    """Return the errors of the block's path and end, and of the cart's speed."""
+    block, cart = run.track("block"), run.track("cart")
+    moved = block.displacements @ down
+    exact = GRAVITY * sin(radians(angle)) * block.times**2 / 2
+    slides = exact < way
+    pace = np.minimum(cart.times / time, 1) * speed
+    return {
+        "way": float(np.abs(moved - exact)[slides].max()) / way,
+        "end": float(np.abs(moved - way)[-1]) / way,
+        "drive": float(np.abs(cart.velocities[:, 0] - pace).max()) / speed,
+    }
 
 
 def _slider(draw: Draw) -> list[Case]:
@@ -58,19 +78,90 @@ def _slider(draw: Draw) -> list[Case]:
     }
     way = length - begin
 
-    def measure(run: Run) -> Errors:
-        block, cart = run.track("block"), run.track("cart")
-        moved = block.displacements @ down
-        exact = GRAVITY * sin(radians(angle)) * block.times**2 / 2
-        slides = exact < way
-        pace = np.minimum(cart.times / time, 1) * speed
-        return {
-            "way": float(np.abs(moved - exact)[slides].max()) / way,
-            "end": float(np.abs(moved - way)[-1]) / way,
-            "drive": float(np.abs(cart.velocities[:, 0] - pace).max()) / speed,
-        }
+    measure = partial(
+        _slider_errors, down=down, angle=angle, way=way, time=time, speed=speed
+    )
 
     return [Case(scene((640, 420), 2.0, objects, joints=joints), measure)]
+
+
+@dataclass(frozen=True)
+class _Catch:
+    """The end of the free flight of a ball on a rope."""
+
+    time: float
+    """Time of the catch, s."""
+    height: float
+    """y of the ball, px."""
+    velocity_before: Array
+    """(2,) px/s."""
+    velocity_after: Array
+    """(2,) px/s."""
+    energy_loss: float
+    """Kinetic energy of the motion along the rope."""
+
+
+@dataclass(frozen=True)
+class _Rope:
+    """A ball that flies until its rope is tight."""
+
+    start: Array
+    """First position from the anchor, (2,) px."""
+    velocity: Array
+    """First velocity, (2,) px/s."""
+    anchor: Array
+    """(2,) px."""
+    length: float
+    """px."""
+    mass: float
+    """Mass of the ball, g."""
+
+    def position(self, time: float) -> Array:
+        """Return the position from the anchor during the flight, (2,) px."""
+        drop = np.array([0, GRAVITY * time**2 / 2])
+        return np.asarray(self.start + self.velocity * time + drop)
+
+    def catch_time(self) -> float:
+        """Return the time at which the rope becomes tight, s, by bisection."""
+        low, high = 0.0, 1.0
+        for _ in range(BISECTIONS):
+            middle = (low + high) / 2
+            if np.hypot(*self.position(middle)) < self.length:
+                low = middle
+            else:
+                high = middle
+        return low
+
+    def catch(self) -> _Catch:
+        """Return the catch: the rope removes the velocity along itself."""
+        time = self.catch_time()
+        direction = self.position(time) / self.length
+        before = self.velocity + np.array([0, GRAVITY * time])
+        radial_speed = float(before @ direction)
+        return _Catch(
+            time=time,
+            height=float((self.anchor + self.position(time))[1]),
+            velocity_before=before,
+            velocity_after=before - radial_speed * direction,
+            energy_loss=self.mass * radial_speed**2 / 2,
+        )
+
+
+def _rope_errors(catch: _Catch, run: Run) -> Errors:
+    """Return the errors of the speed after the catch and of the energy loss."""
+    track = run.track("ball")
+    sample = track.sample(catch.time + 2 / 240)
+    # The speed along the circle follows from the energy since the catch.
+    drop = track.y[sample] - catch.height
+    square = float(catch.velocity_after @ catch.velocity_after) + 2 * GRAVITY * drop
+    speed = sqrt(max(square, 0.0))
+    energy = run.trajectory.energy
+    loss = energy.dissipated[sample] - energy.dissipated[0]
+    speed_before = float(np.hypot(*catch.velocity_before))
+    return {
+        "speed": abs(track.speed[sample] - speed) / speed_before,
+        "lost": abs(loss / catch.energy_loss - 1),
+    }
 
 
 def _rope(draw: Draw) -> list[Case]:
@@ -96,34 +187,8 @@ def _rope(draw: Draw) -> list[Case]:
         }
     }
 
-    def flight(time: float) -> Array:
-        drop = np.array([0, GRAVITY * time**2 / 2])
-        return np.asarray(start + velocity * time + drop)
-
-    low, high = 0.0, 1.0
-    for _ in range(60):
-        middle = (low + high) / 2
-        is_slack = np.hypot(*flight(middle)) < length
-        low, high = (middle, high) if is_slack else (low, middle)
-    along = flight(low) / length
-    before = velocity + np.array([0, GRAVITY * low])
-    lost = mass * float(before @ along) ** 2 / 2
-    after = before - (before @ along) * along
-
-    def measure(run: Run) -> Errors:
-        track = run.track("ball")
-        late = track.sample(low + 2 / 240)
-        # The speed along the circle follows from the energy since the catch.
-        height = track.y[late] - (anchor + flight(low))[1]
-        square = float(after @ after) + 2 * GRAVITY * height
-        speed = sqrt(max(square, 0.0))
-        energy = run.trajectory.energy
-        given = energy.dissipated[late] - energy.dissipated[0]
-        return {
-            "speed": abs(track.speed[late] - speed) / float(np.hypot(*before)),
-            "lost": abs(given / lost - 1),
-        }
-
+    rope = _Rope(start, velocity, anchor, length, mass)
+    measure = partial(_rope_errors, rope.catch())
     return [Case(scene((640, 300), 1.0, objects, joints=joints), measure)]
 
 

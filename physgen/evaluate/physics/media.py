@@ -4,6 +4,8 @@ pulling finger.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import partial
 from math import pi, sqrt
 
 import numpy as np
@@ -26,6 +28,33 @@ Array = NDArray[np.float64]
 FLOATING = {"gravity": [0, 0]}
 
 
+def _sine_integral(frequency: float, span: float) -> float:
+    """Return the integral of a sine from 0 to `span`, s."""
+    rate = 2 * pi * frequency
+    return float((1 - np.cos(rate * span)) / rate)
+
+
+def _pulse_integral(pulse_time: float, pause: float, span: float) -> float:
+    """Return the time of the pulses between 0 and `span`, s."""
+    periods, remainder = divmod(span, pulse_time + pause)
+    return periods * pulse_time + min(remainder, pulse_time)
+
+
+def _table_integral(values: Sequence[float], span: float) -> float:
+    """Return the integral of values at 0, 0.3 and 0.6 s from 0 to `span`, s."""
+    first, second, last = values
+    return 0.15 * (first + second) + 0.15 * (second + last) + last * (span - 0.6)
+
+
+def _profile_error(run: Run, *, gain: float, exact: dict[str, float]) -> Errors:
+    """Return the largest deviation of a final velocity over the greatest one."""
+    errors = [
+        abs(float(run.track(name).velocities[-1, 0]) / gain - value)
+        for name, value in exact.items()
+    ]
+    return {"velocity": worst(errors) / max(abs(v) for v in exact.values())}
+
+
 def _profiles(draw: Draw) -> list[Case]:
     """Return the case of force profiles. Error: largest deviation of the velocity at
     the end over the greatest one, the integral of the force over the mass.
@@ -40,14 +69,11 @@ def _profiles(draw: Draw) -> list[Case]:
         [0.3, draw.number(0, 2)],
         [0.6, draw.number(0, 1)],
     ]
-    rate = 2 * pi * frequency
-    rounds, rest = divmod(span, on + off)
-    (_, a), (_, b), (_, c) = table
     exact = {
         "ramp": ramp / 2 + span - ramp,
-        "sine": (1 - np.cos(rate * span)) / rate,
-        "pulse": rounds * on + min(rest, on),
-        "table": 0.15 * (a + b) + 0.15 * (b + c) + c * (span - 0.6),
+        "sine": _sine_integral(frequency, span),
+        "pulse": _pulse_integral(on, off, span),
+        "table": _table_integral([row[1] for row in table], span),
     }
     profiles = {"ramp": ramp, "sine": frequency, "pulse": [on, off], "table": table}
     objects: dict[str, Document] = {}
@@ -64,18 +90,25 @@ def _profiles(draw: Draw) -> list[Case]:
             }
         )
 
-    def measure(run: Run) -> Errors:
-        errors = [
-            abs(float(run.track(name).velocities[-1, 0]) / gain - value)
-            for name, value in exact.items()
-        ]
-        return {"velocity": worst(errors) / max(abs(v) for v in exact.values())}
+    measure = partial(_profile_error, gain=gain, exact=exact)
 
-    return [
-        Case(
-            scene((480, 400), duration, objects, world=FLOATING, forces=forces), measure
-        )
-    ]
+    document = scene((480, 400), duration, objects, world=FLOATING, forces=forces)
+    return [Case(document, measure)]
+
+
+def _terminal_error(run: Run, *, finals: dict[str, float]) -> Errors:
+    """Return the largest deviation of a speed over its terminal one."""
+    errors = []
+    for name, final in finals.items():
+        track = run.track(name)
+        speed, late = track.velocities[:, 1], GRAVITY * track.times / final
+        exact = {
+            "linear": final * (1 - np.exp(-late)),
+            "square": final * np.tanh(late),
+            "both": np.where(late > 12, final, speed),
+        }[name]
+        errors.append(float(np.abs(speed - exact).max()) / final)
+    return {"speed": worst(errors)}
 
 
 def _terminal(draw: Draw) -> list[Case]:
@@ -100,21 +133,25 @@ def _terminal(draw: Draw) -> list[Case]:
         }
         finals[name] = final
 
-    def measure(run: Run) -> Errors:
-        errors = []
-        for name, final in finals.items():
-            track = run.track(name)
-            speed, late = track.velocities[:, 1], GRAVITY * track.times / final
-            exact = {
-                "linear": final * (1 - np.exp(-late)),
-                "square": final * np.tanh(late),
-                "both": np.where(late > 12, final, speed),
-            }[name]
-            errors.append(float(np.abs(speed - exact).max()) / final)
-        return {"speed": worst(errors)}
+    measure = partial(_terminal_error, finals=finals)
 
     duration = max(2.0, 12.5 * max(finals.values()) / GRAVITY)
     return [Case(scene((460, 500), duration, objects, fields=fields), measure)]
+
+
+def _buoyancy_errors(
+    run: Run, *, rest: float, swing: float, rate: float, rises: float, lift: float
+) -> Errors:
+    """Return the errors of the raft's place and of the ball's rise."""
+    raft, sunk = run.track("raft"), run.track("ball")
+    place = rest + swing * np.cos(rate * raft.times)
+    below = sunk.times < rises
+    rise = lift * sunk.times[below] ** 2 / 2
+    off = np.abs(420 - sunk.y[below] - rise).max() / rise.max()
+    return {
+        "raft": float(np.abs(raft.y - place).max()) / abs(swing),
+        "rise": float(off),
+    }
 
 
 def _buoyancy(draw: Draw) -> list[Case]:
@@ -141,18 +178,26 @@ def _buoyancy(draw: Draw) -> list[Case]:
     lift = (volume - ball) * GRAVITY / ball
     rises = sqrt(2 * (420 - surface - 2 * radius) / lift)
 
-    def measure(run: Run) -> Errors:
-        raft, sunk = run.track("raft"), run.track("ball")
-        place = rest + swing * np.cos(rate * raft.times)
-        below = sunk.times < rises
-        rise = lift * sunk.times[below] ** 2 / 2
-        off = np.abs(420 - sunk.y[below] - rise).max() / rise.max()
-        return {
-            "raft": float(np.abs(raft.y - place).max()) / abs(swing),
-            "rise": float(off),
-        }
+    measure = partial(
+        _buoyancy_errors, rest=rest, swing=swing, rate=rate, rises=rises, lift=lift
+    )
 
     return [Case(scene((640, 480), 2.0, objects, fields=fields), measure)]
+
+
+def _magnet_error(
+    run: Run, *, objects: dict[str, Document], period: float, distance: float
+) -> Errors:
+    """Return the largest distance from the start after one turn, over the distance."""
+    errors = []
+    for name in objects:
+        track = run.track(name)
+        x, y = (
+            float(np.interp(period, track.times, track.displacements[:, k]))
+            for k in (0, 1)
+        )
+        errors.append(float(np.hypot(x, y)) / distance)
+    return {"place": worst(errors)}
 
 
 def _magnets(draw: Draw) -> list[Case]:
@@ -173,16 +218,7 @@ def _magnets(draw: Draw) -> list[Case]:
         )
     fields = {"pull": {"magnet": ["north", "south"], "pull": pull}}
 
-    def measure(run: Run) -> Errors:
-        errors = []
-        for name in objects:
-            track = run.track(name)
-            x, y = (
-                float(np.interp(period, track.times, track.displacements[:, k]))
-                for k in (0, 1)
-            )
-            errors.append(float(np.hypot(x, y)) / apart)
-        return {"place": worst(errors)}
+    measure = partial(_magnet_error, objects=objects, period=period, distance=apart)
 
     return [
         Case(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from math import atan2, cos, degrees, hypot, pi, sin, sqrt
 
 import numpy as np
@@ -90,6 +91,21 @@ class _Block:
         return times
 
 
+def _impact_time_error(
+    run: Run, *, times: dict[str, list[float]], blocks: dict[str, _Block]
+) -> Errors:
+    """Return the largest deviation of an impact's time over the last time."""
+    errors = []
+    for name, exact in times.items():
+        track = run.track(name)
+        tilt = blocks[name].tilt + track.angle - track.angle[0]
+        found = _crossings(tilt, track.times)[:IMPACTS]
+        if len(found) < IMPACTS:
+            return {"time": float("inf")}
+        errors.append(float(np.abs(np.array(found) - exact).max()) / exact[-1])
+    return {"time": worst(errors)}
+
+
 def _rocking(draw: Draw) -> list[Case]:
     """Return the case of two rocking blocks on one floor. Error: largest deviation of
     the times of the first impacts over the last.
@@ -113,16 +129,7 @@ def _rocking(draw: Draw) -> list[Case]:
         blocks[name] = block
     times = {name: block.impact_times() for name, block in blocks.items()}
 
-    def measure(run: Run) -> Errors:
-        errors = []
-        for name, exact in times.items():
-            track = run.track(name)
-            tilt = blocks[name].tilt + track.angle - track.angle[0]
-            found = _crossings(tilt, track.times)[:IMPACTS]
-            if len(found) < IMPACTS:
-                return {"time": float("inf")}
-            errors.append(float(np.abs(np.array(found) - exact).max()) / exact[-1])
-        return {"time": worst(errors)}
+    measure = partial(_impact_time_error, times=times, blocks=blocks)
 
     longest = max(ends[-1] for ends in times.values()) + 0.2
     floor = segment((10, FLOOR), (490, FLOOR), friction=1.0, elasticity=0.0)

@@ -13,6 +13,7 @@ import numpy as np
 
 from physgen.evaluate.physics.scorecard import (
     Case,
+    Document,
     Draw,
     Errors,
     Measure,
@@ -128,32 +129,44 @@ class _Brake:
         return self.speed / self.deceleration
 
 
+def _roll_to_rest(
+    draw: Draw, solid: str, inertia: float, y: float
+) -> tuple[Document, Document, _Brake]:
+    """Return a round body, its floor at `y`, and its way to rest.
+
+    `inertia` is the moment of inertia over m R².
+    """
+    side = draw.sign()
+    radius = draw.number(12, 28)
+    resistance = draw.number(0.06, 0.2, 3)
+    time = draw.number(0.8, 1.5)
+    deceleration = resistance * GRAVITY / (1 + inertia)
+    speed = round(deceleration * time, 1)
+    surface = {"friction": 0.8, "elasticity": draw.number(0, 0.5)}
+    body = circle(
+        (250 - 210 * side, y - radius),
+        radius,
+        solid=solid,
+        mass=draw.mass(),
+        rolling=resistance,
+        velocity=[side * speed, 0],
+        spin=side * degrees(speed / radius),
+        **surface,
+    )
+    floor = segment((0, y), (500, y), **surface)
+    return body, floor, _Brake(side, speed, deceleration)
+
+
 def _rolling_resistance(draw: Draw) -> list[Case]:
     """Return the case of three round bodies rolling to rest."""
     objects = {}
     walls = {}
     brakes = {}
-    for j, (solid, k) in enumerate(INERTIA.items()):
-        side = draw.sign()
-        radius = draw.number(12, 28)
-        y = 80 + 80 * j
-        resistance = draw.number(0.06, 0.2, 3)
-        time = draw.number(0.8, 1.5)
-        deceleration = resistance * GRAVITY / (1 + k)
-        speed = round(deceleration * time, 1)
-        surface = {"friction": 0.8, "elasticity": draw.number(0, 0.5)}
-        objects[solid] = circle(
-            (250 - 210 * side, y - radius),
-            radius,
-            solid=solid,
-            mass=draw.mass(),
-            rolling=resistance,
-            velocity=[side * speed, 0],
-            spin=side * degrees(speed / radius),
-            **surface,
-        )
-        walls[f"{solid}-floor"] = segment((0, y), (500, y), **surface)
-        brakes[solid] = _Brake(side, speed, deceleration)
+    for j, (solid, inertia) in enumerate(INERTIA.items()):
+        body, floor, brake = _roll_to_rest(draw, solid, inertia, 80 + 80 * j)
+        objects[solid] = body
+        walls[f"{solid}-floor"] = floor
+        brakes[solid] = brake
     duration = max(brake.time() for brake in brakes.values()) + 0.1
     document = scene((500, 260), duration, objects, walls)
     return [Case(document, partial(_resistance_error, brakes))]

@@ -191,7 +191,7 @@ class Row:
     closed_form: str
     ranges: str
     """The parameters of the draws, and their limits."""
-    why: str
+    reason: str
     """The definition of the error, the reason of the bar, and the source."""
     measures: tuple[Measure, ...]
     cases: Callable[[Draw], Sequence[Case]]
@@ -470,7 +470,7 @@ def record(
         "title": row.title,
         "closed_form": row.closed_form,
         "draws": row.ranges,
-        "why": row.why,
+        "why": row.reason,
         "scenes": [scene_file(row, case, 0) for case in row.draw(0)],
         "passed": all(measure["passed"] for measure in measures),
         "measures": measures,

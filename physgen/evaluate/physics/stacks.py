@@ -41,11 +41,10 @@ HALF_PIXEL = 0.5
 """px."""
 
 
-def _pyramid(draw: Draw) -> list[Case]:
-    """Return the cases of a pyramid at rest, and of one with an unsupported box."""
-    size = (draw.number(30, 44, 0), draw.number(18, 32, 0))
-    distance = size[0] + draw.number(4, 8, 0)
-    surface = {"friction": draw.number(0.4, 0.8), "elasticity": draw.number(0, 0.4)}
+def _stack_boxes(
+    draw: Draw, size: tuple[float, float], distance: float, surface: Document
+) -> dict[str, Document]:
+    """Return the boxes of a pyramid, `distance` px apart, by name."""
     objects = {}
     for level in range(1, LEVELS + 1):
         boxes = LEVELS + 1 - level
@@ -54,6 +53,15 @@ def _pyramid(draw: Draw) -> list[Case]:
             center = (220 + (k - (boxes + 1) / 2) * distance, y)
             mass = draw.number(60, 180, 0)
             objects[f"box-{level}-{k}"] = box(center, size, mass=mass, **surface)
+    return objects
+
+
+def _pyramid(draw: Draw) -> list[Case]:
+    """Return the cases of a pyramid at rest, and of one with an unsupported box."""
+    size = (draw.number(30, 44, 0), draw.number(18, 32, 0))
+    distance = size[0] + draw.number(4, 8, 0)
+    surface = {"friction": draw.number(0.4, 0.8), "elasticity": draw.number(0, 0.4)}
+    objects = _stack_boxes(draw, size, distance, surface)
     floor = {"floor": segment((0, 260), (440, 260), **surface)}
     pyramid = scene((440, 280), 5.0, objects, floor)
     label, (removals, falling_box) = list(REMOVALS.items())[draw.index]
@@ -161,9 +169,9 @@ def _leaning_center(corner: Point, size: Point, lean: float) -> Point:
     return x, y
 
 
-def _wave_error(plain: Run, heavy: Run) -> Errors:
+def _wave_error(run: Run, heavy_run: Run) -> Errors:
     """Return the error of the ratio of wave speeds under 4 g and g, against 2."""
-    ratio = _wave_time(plain) / _wave_time(heavy)
+    ratio = _wave_time(run) / _wave_time(heavy_run)
     return {"ratio": abs(ratio / 2 - 1)}
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
 from math import sqrt
 
 import numpy as np
 
 from physgen.evaluate.physics.scorecard import (
     Case,
+    Document,
     Draw,
     Errors,
     Measure,
@@ -16,6 +18,27 @@ from physgen.evaluate.physics.scorecard import (
     Unit,
 )
 from physgen.evaluate.physics.staging import GRAVITY, box, circle, scene, segment
+
+
+def _conveyor_errors(
+    run: Run,
+    *,
+    time: float,
+    pull: float,
+    speed: float,
+    side: float,
+    distance: float,
+    mass: float,
+) -> Errors:
+    """Return the errors of the parcel's path and of the belt's work."""
+    track, work = run.track("parcel"), run.trajectory.energy.work
+    slides = np.minimum(track.times, time)
+    exact = pull * slides**2 / 2 + speed * (track.times - slides)
+    moved = side * track.displacements[:, 0]
+    return {
+        "way": float(np.abs(moved - exact).max()) / distance,
+        "work": abs(float(work[-1]) / (mass * speed**2) - 1),
+    }
 
 
 def _conveyor(draw: Draw) -> list[Case]:
@@ -34,18 +57,32 @@ def _conveyor(draw: Draw) -> list[Case]:
     pull, time = mu * GRAVITY, speed / (mu * GRAVITY)
     distance = speed**2 / (2 * pull)
 
-    def measure(run: Run) -> Errors:
-        track, work = run.track("parcel"), run.trajectory.energy.work
-        slides = np.minimum(track.times, time)
-        exact = pull * slides**2 / 2 + speed * (track.times - slides)
-        moved = side * track.displacements[:, 0]
-        return {
-            "way": float(np.abs(moved - exact).max()) / distance,
-            "work": abs(float(work[-1]) / (mass * speed**2) - 1),
-        }
+    measure = partial(
+        _conveyor_errors,
+        time=time,
+        pull=pull,
+        speed=speed,
+        side=side,
+        distance=distance,
+        mass=mass,
+    )
 
     duration = time + 0.6 * (480 - distance) / speed
     return [Case(scene((640, 320), duration, objects, {"belt": belt}), measure)]
+
+
+def _stretch_errors(
+    run: Run, *, length: float, sticks: float, high: float, low: float
+) -> Errors:
+    """Return the errors of the spring's largest and smallest stretch."""
+    block, hand = run.track("block"), run.track("hand")
+    stretch = hand.x - block.x - length
+    since = block.times > sticks
+    spread = high - low
+    return {
+        "most": abs(float(stretch.max()) - high) / spread,
+        "least": abs(float(stretch[since].min()) - low) / spread,
+    }
 
 
 def _stick_slip(draw: Draw) -> list[Case]:
@@ -62,45 +99,31 @@ def _stick_slip(draw: Draw) -> list[Case]:
     stiffness = mass * (2 * np.pi * frequency) ** 2
     weight, length = mass * GRAVITY / stiffness, 120.0
     surface = {"friction": kinetic, "static_friction": static, "elasticity": 0.0}
+    path = [[0, 80 + length, 200], [6, 80 + length + 6 * pull, 200]]
     objects = {
         "block": box((80, 200), (40, 30), mass=mass, **surface),
-        "hand": circle(
-            (80 + length, 200),
-            6,
-            motion={"path": [[0, 80 + length, 200], [6, 80 + length + 6 * pull, 200]]},
-        ),
+        "hand": circle((80 + length, 200), 6, motion={"path": path}),
     }
-    joints = {
-        "band": {
-            "objects": ["block", "hand"],
-            "spring": [[80, 200], [80 + length, 200]],
-            "stiffness": stiffness,
-        }
+    band = {
+        "objects": ["block", "hand"],
+        "spring": [[80, 200], [80 + length, 200]],
+        "stiffness": stiffness,
     }
     # At the engine's resting depth, the block need not settle.
     floor = segment((0, 214.995), (640, 214.995), **surface)
     swing = np.hypot((static - kinetic) * weight, pull / (2 * np.pi * frequency))
-    high, low = kinetic * weight + swing, kinetic * weight - swing
+    high = kinetic * weight + swing
+    low = kinetic * weight - swing
     sticks = static * weight / pull
 
-    def measure(run: Run) -> Errors:
-        block, hand = run.track("block"), run.track("hand")
-        stretch = hand.x - block.x - length
-        since = block.times > sticks
-        spread = high - low
-        return {
-            "most": abs(float(stretch.max()) - high) / spread,
-            "least": abs(float(stretch[since].min()) - low) / spread,
-        }
+    measure = partial(_stretch_errors, length=length, sticks=sticks, high=high, low=low)
 
     slips = 2 * sqrt(mass / stiffness) * np.pi + (high - low) / pull
     duration = min(sticks + slips + 0.2, 5.9)
-    return [
-        Case(
-            scene((640, 280), duration, objects, {"floor": floor}, joints=joints),
-            measure,
-        )
-    ]
+    document = scene(
+        (640, 280), duration, objects, {"floor": floor}, joints={"band": band}
+    )
+    return [Case(document, measure)]
 
 
 def _bumper(draw: Draw) -> list[Case]:
@@ -136,6 +159,47 @@ def _bumper(draw: Draw) -> list[Case]:
     return [Case(scene((320, 340), duration, objects, {"bumper": bumper}), measure)]
 
 
+def _passing_walls(shelf: tuple[float, float], floor: float) -> dict[str, Document]:
+    """Return a one-way shelf, a floor, and a floor of the group `back`."""
+    x, y = shelf
+    return {
+        "shelf": segment((x - 90, y), (x + 90, y), one_way=[0, -1], elasticity=0.0),
+        "floor": segment((0, floor), (640, floor)),
+        "rear": segment((0, 380), (640, 380), collision_group="back", elasticity=0.0),
+    }
+
+
+def _passing_errors(
+    run: Run,
+    *,
+    lands: float,
+    start: float,
+    speed: float,
+    radius: float,
+    shelf: float,
+    rise: float,
+) -> Errors:
+    """Return the errors of the flight and of the final places."""
+    climber, ghost = run.track("climber"), run.track("ghost")
+    flies = climber.times < lands - 0.01
+    times = climber.times[flies]
+    exact = start - speed * times + GRAVITY * times**2 / 2
+    falls = ghost.times < sqrt(2 * (290 - radius) / GRAVITY) - 0.01
+    drop = GRAVITY * ghost.times[falls] ** 2 / 2
+    ends = (
+        abs(climber.y[-1] - (shelf - radius)) < 0.1,
+        abs(ghost.y[-1] - (380 - radius)) < 0.1,
+        abs(run.track("block").displacements[-1, 1]) < 0.1,
+    )
+    off = np.abs(climber.y[flies] - exact).max() / (start - shelf + rise)
+    return {
+        "flight": float(
+            max(off, np.abs(ghost.displacements[falls, 1] - drop).max() / 290)
+        ),
+        "ends": float(not all(ends)),
+    }
+
+
 def _passing(draw: Draw) -> list[Case]:
     """Return the case of one-way shelves and groups. Errors: deviation of the flight
     from y0 - v t + g t²/2 over its height, and wrong final places.
@@ -162,34 +226,18 @@ def _passing(draw: Draw) -> list[Case]:
             collides_with=["back"],
         ),
     }
-    walls = {
-        "shelf": segment(
-            (x - 90, shelf), (x + 90, shelf), one_way=[0, -1], elasticity=0.0
-        ),
-        "floor": segment((0, 330), (640, 330)),
-        "rear": segment((0, 380), (640, 380), collision_group="back", elasticity=0.0),
-    }
+    walls = _passing_walls((x, shelf), 330)
     lands = speed / GRAVITY + sqrt(2 * rise / GRAVITY)
 
-    def measure(run: Run) -> Errors:
-        climber, ghost = run.track("climber"), run.track("ghost")
-        flies = climber.times < lands - 0.01
-        times = climber.times[flies]
-        exact = start - speed * times + GRAVITY * times**2 / 2
-        falls = ghost.times < sqrt(2 * (290 - radius) / GRAVITY) - 0.01
-        drop = GRAVITY * ghost.times[falls] ** 2 / 2
-        ends = (
-            abs(climber.y[-1] - (shelf - radius)) < 0.1,
-            abs(ghost.y[-1] - (380 - radius)) < 0.1,
-            abs(run.track("block").displacements[-1, 1]) < 0.1,
-        )
-        off = np.abs(climber.y[flies] - exact).max() / (start - shelf + rise)
-        return {
-            "flight": float(
-                max(off, np.abs(ghost.displacements[falls, 1] - drop).max() / 290)
-            ),
-            "ends": float(not all(ends)),
-        }
+    measure = partial(
+        _passing_errors,
+        lands=lands,
+        start=start,
+        speed=speed,
+        radius=radius,
+        shelf=shelf,
+        rise=rise,
+    )
 
     return [Case(scene((640, 400), lands + 0.4, objects, walls), measure)]
 

@@ -4,7 +4,7 @@ balls, a break.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import cos, degrees, inf, log, radians, sin, sqrt
@@ -44,6 +44,17 @@ UNBROKEN = 1000.0
 """Error of an untouched rack, px."""
 
 
+def _rack(distance: float) -> Iterator[tuple[int, int, tuple[float, float]]]:
+    """Yield row, number in the row (both from 1) and centre (px) of each ball.
+
+    `distance` is that of two neighbours, px.
+    """
+    for i in range(RACK_ROWS):
+        for j in range(i + 1):
+            x = 360 + i * distance * sqrt(0.75)
+            yield i + 1, j + 1, (x, AXIS_Y + (j - i / 2) * distance)
+
+
 def _break(draw: Draw) -> list[Case]:
     """Return the case of a cue ball against a rack of 15 on its axis."""
     overlap = 0.0 if draw.index in (0, 3) else 0.5
@@ -62,14 +73,10 @@ def _break(draw: Draw) -> list[Case]:
     velocity = [draw.number(800, 1400, 0), 0]
     objects = {"cue": circle((120, AXIS_Y), radius, velocity=velocity, **ball)}
     mirror_pairs = [("cue", "cue")]
-    distance = 2 * radius - overlap
-    for i in range(RACK_ROWS):
-        for j in range(i + 1):
-            x = 360 + i * distance * sqrt(0.75)
-            center = (x, AXIS_Y + (j - i / 2) * distance)
-            name = f"ball-{i + 1}-{j + 1}"
-            objects[name] = circle(center, radius, **ball)
-            mirror_pairs.append((name, f"ball-{i + 1}-{i - j + 1}"))
+    for row, k, center in _rack(2 * radius - overlap):
+        name = f"ball-{row}-{k}"
+        objects[name] = circle(center, radius, **ball)
+        mirror_pairs.append((name, f"ball-{row}-{row + 1 - k}"))
     world = _table(0.2 if has_friction else 0.0)
     document = scene((1000, 600), 1.0, objects, world=world)
     return [Case(document, partial(_mirror_error, mirror_pairs, radius))]
@@ -307,18 +314,61 @@ def _struck_shots(draw: Draw) -> list[Case]:
 class _Strike:
     """The roll of a struck ball, in parts of its speed, and its lane."""
 
-    along: float
+    forward_roll: float
     """Roll along its path."""
-    across: float
+    side_roll: float
     """Roll to its side."""
     lane: int
 
 
 STRIKES = {
-    "back-spin": _Strike(along=-1.0, across=0.0, lane=-1),
-    "top-spin": _Strike(along=1.8, across=0.0, lane=0),
-    "masse": _Strike(along=0.0, across=1.0, lane=1),
+    "back-spin": _Strike(forward_roll=-1.0, side_roll=0.0, lane=-1),
+    "top-spin": _Strike(forward_roll=1.8, side_roll=0.0, lane=0),
+    "masse": _Strike(forward_roll=0.0, side_roll=1.0, lane=1),
 }
+
+
+@dataclass(frozen=True)
+class _StruckBall:
+    """A ball with a slip that ends in a roll."""
+
+    body: Document
+    last_velocity: Array
+    """Velocity of the roll, (2,) px/s."""
+    slip_time: float
+    """s."""
+
+
+def _strike_ball(
+    draw: Draw, strike: _Strike, lane_angle: float, mu: float
+) -> _StruckBall:
+    """Return a ball in its lane after a strike."""
+    angle = lane_angle + radians(draw.number(-8, 8, 0))
+    speed = draw.number(100, 250, 0)
+    radius = draw.number(12, 24)
+    part = draw.number(0.4, 1.0)
+    velocity = speed * np.array([cos(angle), sin(angle)])
+    sideways = velocity[::-1] * (-1, 1)
+    # The velocity of a roll without slip at the ball's spin.
+    forward_roll = part * strike.forward_roll * velocity
+    roll_velocity = forward_roll + part * strike.side_roll * sideways
+    roll_x = degrees(roll_velocity[1] / radius)
+    roll_y = degrees(-roll_velocity[0] / radius)
+    c, s = cos(lane_angle), sin(lane_angle)
+    lane = 110 * strike.lane
+    body = circle(
+        (300 - 90 * c - lane * s, 300 - 90 * s + lane * c),
+        radius,
+        solid="sphere",
+        mass=draw.mass(),
+        friction=mu,
+        velocity=velocity.tolist(),
+        roll=[round(roll_x, 9), round(roll_y, 9)],
+    )
+    slip = float(np.hypot(*(velocity - roll_velocity)))
+    return _StruckBall(
+        body, (5 * velocity + 2 * roll_velocity) / 7, 2 * slip / (7 * mu * GRAVITY)
+    )
 
 
 def _struck_balls(draw: Draw) -> Case:
@@ -327,32 +377,12 @@ def _struck_balls(draw: Draw) -> Case:
     """
     mu = draw.number(0.15, 0.3, 3)
     lane_angle = draw.angle()
-    c, s = cos(lane_angle), sin(lane_angle)
     objects, last_velocities, longest = {}, {}, 0.0
     for name, strike in STRIKES.items():
-        angle = lane_angle + radians(draw.number(-8, 8, 0))
-        speed = draw.number(100, 250, 0)
-        radius = draw.number(12, 24)
-        part = draw.number(0.4, 1.0)
-        velocity = speed * np.array([cos(angle), sin(angle)])
-        sideways = velocity[::-1] * (-1, 1)
-        # The velocity of a roll without slip at the ball's spin.
-        roll_velocity = part * strike.along * velocity + part * strike.across * sideways
-        roll_x = degrees(roll_velocity[1] / radius)
-        roll_y = degrees(-roll_velocity[0] / radius)
-        lane = 110 * strike.lane
-        objects[name] = circle(
-            (300 - 90 * c - lane * s, 300 - 90 * s + lane * c),
-            radius,
-            solid="sphere",
-            mass=draw.mass(),
-            friction=mu,
-            velocity=velocity.tolist(),
-            roll=[round(roll_x, 9), round(roll_y, 9)],
-        )
-        last_velocities[name] = (5 * velocity + 2 * roll_velocity) / 7
-        slip = float(np.hypot(*(velocity - roll_velocity)))
-        longest = max(longest, 2 * slip / (7 * mu * GRAVITY))
+        ball = _strike_ball(draw, strike, lane_angle, mu)
+        objects[name] = ball.body
+        last_velocities[name] = ball.last_velocity
+        longest = max(longest, ball.slip_time)
     document = scene((600, 600), longest + 0.1, objects, world=_table(mu))
     return Case(document, partial(_roll_error, last_velocities), "struck")
 

@@ -30,7 +30,7 @@ def _table(
     kinds = {item.id: kind(item.label) for item in objects}
     side = max(rgb.shape[:2])
     value = assumed_scale(side) if pixels_per_meter is None else pixels_per_meter
-    maximum = WEIGHING.unscaled if is_assumed(value, side) else 1.0
+    maximum = WEIGHING.unscaled_confidence if is_assumed(value, side) else 1.0
     return {
         item.id: _matter(rgb, item, kinds[item.id], value, maximum) for item in objects
     }

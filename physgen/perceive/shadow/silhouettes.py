@@ -113,7 +113,7 @@ def join_silhouettes(silhouettes: Sequence[Silhouette]) -> list[Silhouette]:
     """
     groups: list[list[Silhouette]] = []
     for silhouette in sorted(
-        (w for w in silhouettes if w.radius is None), key=lambda w: w.thick
+        (w for w in silhouettes if w.radius is None), key=lambda w: w.thickness
     ):
         for group in groups:
             if _alike(group[0], silhouette):
@@ -135,7 +135,7 @@ def _union(group: Sequence[Silhouette]) -> Silhouette:
         (x, y), (h, w) = silhouette.corner, silhouette.coverage.shape
         part = coverage[y - y0 : y - y0 + h, x - x0 : x - x0 + w]
         np.maximum(part, silhouette.coverage, out=part)
-    thickness = float(np.median([w.thick for w in group]))
+    thickness = float(np.median([w.thickness for w in group]))
     return Silhouette(
         coverage, (x0, y0), group[0].center, None, thickness, group[0].floor
     )
@@ -144,7 +144,7 @@ def _union(group: Sequence[Silhouette]) -> Silhouette:
 def _alike(one: Silhouette, other: Silhouette) -> bool:
     if one.floor is None or other.floor is None:
         return False
-    return abs(one.floor - other.floor) < 1 and other.thick < 1.5 * one.thick
+    return abs(one.floor - other.floor) < 1 and other.thickness < 1.5 * one.thickness
 
 
 def lowest_floor(boundaries: BoundaryGuess) -> float | None:

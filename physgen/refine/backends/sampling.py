@@ -47,12 +47,12 @@ FULL = 0.7
 """Share of a GPU's free memory above which weights are moved there part by part."""
 
 
-def pipeline_index(weights: str, what: str) -> dict[str, Any]:
+def pipeline_index(weights: str, title: str) -> dict[str, Any]:
     """Read `model_index.json`: the pipeline of weights, and the classes of its
     parts.
     """
     index = load_weights(
-        lambda path: dict(DiffusionPipeline.load_config(path)), weights, what, REFINE
+        lambda path: dict(DiffusionPipeline.load_config(path)), weights, title, REFINE
     )
     for part, kind in index.items():
         if isinstance(kind, list) and kind[0] not in (
@@ -65,19 +65,19 @@ def pipeline_index(weights: str, what: str) -> dict[str, Any]:
     return index
 
 
-def part_config(weights: str, part: str, what: str) -> dict[str, Any]:
+def part_config(weights: str, part: str, title: str) -> dict[str, Any]:
     """Read `config.json` of a part; `""` for weights that are a single part."""
     subfolder = {"subfolder": part} if part else {}
     return load_weights(
         lambda path: dict(AutoencoderKL.load_config(path, **subfolder)),
         weights,
-        what,
+        title,
         REFINE,
     )
 
 
 def load_pipeline(
-    kind: Any, weights: str, dtype: torch.dtype, what: str, vae: Any, **parts: Any
+    kind: Any, weights: str, dtype: torch.dtype, title: str, vae: Any, **parts: Any
 ) -> Any:
     """Load the pipeline on the processor, with its VAE (of the class `vae`) in float32.
 
@@ -93,16 +93,20 @@ def load_pipeline(
             kind, path, dtype, vae=as_dtype(fine, torch.float32), **parts
         )
 
-    return load_weights(load, weights, what, REFINE)
+    return load_weights(load, weights, title, REFINE)
 
 
 def check_pipeline_class(
-    weights: str, found: str, known: tuple[str, ...], what: str
+    weights: str, class_name: str, known_classes: tuple[str, ...], title: str
 ) -> None:
-    """Raise InputError if the pipeline class `found` is not among the `known` ones."""
-    if found not in known:
+    """Raise InputError if the pipeline class is not among `known_classes`."""
+    if class_name not in known_classes:
         raise Message.WRONG_WEIGHTS.error(
-            REFINE.name, f'"{weights}"', known=known[0], kind=found, purpose=what
+            REFINE.name,
+            f'"{weights}"',
+            known=known_classes[0],
+            kind=class_name,
+            purpose=title,
         )
 
 
@@ -144,9 +148,9 @@ class Schedule:
     """Class of the scheduler."""
     times: torch.Tensor
     """Noise level of each step for the model, (count,)."""
-    noised: Callable[[F32, F32, int], F32]
+    add_noise: Callable[[F32, F32, int], F32]
     """From latents, noise and k to latents at the noise level of step k's start."""
-    stepped: Callable[[F32, F32, int], F32]
+    step: Callable[[F32, F32, int], F32]
     """From prediction, latents and k to the latents after step k."""
 
 
@@ -170,10 +174,10 @@ def ddim(scheduler: Any, steps: int, count: int) -> Schedule:
         np.sqrt(1 - a).astype(np.float32),
     )
 
-    def noised(latents: F32, noise: F32, k: int) -> F32:
+    def add_noise(latents: F32, noise: F32, k: int) -> F32:
         return np.asarray(signal[k] * latents + noise_part[k] * noise, np.float32)
 
-    def stepped(prediction: F32, latents: F32, k: int) -> F32:
+    def step(prediction: F32, latents: F32, k: int) -> F32:
         s = signal[k]
         n = noise_part[k]
         # Recover picture and noise from the prediction, whichever of both it contains.
@@ -185,19 +189,21 @@ def ddim(scheduler: Any, steps: int, count: int) -> Schedule:
             noise = prediction
         return np.asarray(signal[k + 1] * z0 + noise_part[k + 1] * noise, np.float32)
 
-    return Schedule(type(scheduler).__name__, torch.from_numpy(times), noised, stepped)
+    return Schedule(type(scheduler).__name__, torch.from_numpy(times), add_noise, step)
 
 
-def levels(most: int, steps: int, offset: int) -> NDArray[np.int64]:
-    """Return (steps,) of `most` noise levels, the noisiest first.
+def levels(count: int, steps: int, offset: int) -> NDArray[np.int64]:
+    """Return (steps,) of `count` noise levels, the noisiest first.
 
-    They equal diffusers' `leading` spacing if `steps` divides `most`.
+    They equal diffusers' `leading` spacing if `steps` divides `count`.
 
     >>> levels(1000, 4, 1).tolist()
     [751, 501, 251, 1]
     """
     down = np.arange(steps)[::-1]
-    return np.minimum(np.floor(down * most / steps).astype(np.int64) + offset, most - 1)
+    return np.minimum(
+        np.floor(down * count / steps).astype(np.int64) + offset, count - 1
+    )
 
 
 def euler(scheduler: Any, steps: int, count: int, **settings: Any) -> Schedule:
@@ -213,15 +219,15 @@ def euler(scheduler: Any, steps: int, count: int, **settings: Any) -> Schedule:
         scheduler.sigmas[-count - 1 :].numpy().astype(np.float32),
     )
 
-    def noised(latents: F32, noise: F32, k: int) -> F32:
+    def add_noise(latents: F32, noise: F32, k: int) -> F32:
         return np.asarray((1 - sigmas[k]) * latents + sigmas[k] * noise, np.float32)
 
-    def stepped(prediction: F32, latents: F32, k: int) -> F32:
+    def step(prediction: F32, latents: F32, k: int) -> F32:
         return np.asarray(
             latents + (sigmas[k + 1] - sigmas[k]) * prediction, np.float32
         )
 
-    return Schedule(type(scheduler).__name__, times, noised, stepped)
+    return Schedule(type(scheduler).__name__, times, add_noise, step)
 
 
 OPTIONS: Options = {
@@ -279,7 +285,7 @@ class TrainingSettings:
     """Limits of the training, from the configurations of the weights."""
 
     grid: Grid
-    most: int
+    max_frames: int
     """Maximum number of frames in one pass of the model."""
 
 
@@ -288,11 +294,11 @@ class Kind:
     """The description of a backend by its own file."""
 
     name: str
-    what: str
+    title: str
     """Name in messages."""
     guidance: float
     """Weight of the texts recommended by the authors."""
-    trained: Callable[[tuple[str, ...]], TrainingSettings]
+    read_training: Callable[[tuple[str, ...]], TrainingSettings]
     """Reads only configurations. Raises InputError for weights of another model."""
     load: Callable[[tuple[str, ...], str, torch.dtype], Network]
     """From weights, the future device and the type to the network on the processor."""
@@ -326,10 +332,10 @@ class Sampler:
         self._dtype = dtype_of(setup, self._device)
         # Check that the weights are on the disk or can be downloaded.
         collect(
-            partial(load_weights, lambda _: None, weights, kind.what, REFINE)
+            partial(load_weights, lambda _: None, weights, kind.title, REFINE)
             for weights in self._weights
         )
-        self._trained = kind.trained(self._weights)
+        self._trained = kind.read_training(self._weights)
         self.grid = self._apply_grid_options()
         self._offload = "none"
         self._tiled = False
@@ -345,10 +351,10 @@ class Sampler:
         if side:
             grid = replace(grid, area=side * side)
         if window:
-            if window > self._trained.most:
+            if window > self._trained.max_frames:
                 window_text, most_frames = (
                     f"{self._kind.name}.window: {window}",
-                    self._trained.most,
+                    self._trained.max_frames,
                 )
                 raise Message.TOO_MANY_FRAMES.error(
                     "physgen.toml", window_text, most=most_frames
@@ -364,7 +370,7 @@ class Sampler:
         def place(_: str) -> str:
             return place_pipeline(network.pipe, self._device)
 
-        self._offload = load_weights(place, self._weights[0], self._kind.what, REFINE)
+        self._offload = load_weights(place, self._weights[0], self._kind.title, REFINE)
         return network
 
     def begin(
@@ -394,11 +400,13 @@ class Sampler:
             network.pipe.maybe_free_model_hooks()
         return latents
 
-    def noised(self, latents: F32, noise: F32, k: int) -> F32:
+    def add_noise(self, latents: F32, noise: F32, k: int) -> F32:
         """Return noisy latents; see `Denoiser`."""
         schedule = self._at().schedule
         return (
-            schedule.noised(latents, noise, k) if k < len(schedule.times) else latents
+            schedule.add_noise(latents, noise, k)
+            if k < len(schedule.times)
+            else latents
         )
 
     def predict(self, latents: F32, k: int, first: int) -> F32:
@@ -423,9 +431,9 @@ class Sampler:
         """Return the first frame of a window that begins with this latent frame."""
         return frames_held(latent, self.grid) if latent else 0
 
-    def stepped(self, prediction: F32, latents: F32, k: int) -> F32:
+    def step(self, prediction: F32, latents: F32, k: int) -> F32:
         """Return the latents after a step; see `Denoiser`."""
-        return self._at().schedule.stepped(prediction, latents, k)
+        return self._at().schedule.step(prediction, latents, k)
 
     def decode(self, latents: F32) -> Iterator[F32]:
         """Decode latents; see `Denoiser`."""
