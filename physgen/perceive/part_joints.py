@@ -23,17 +23,17 @@ def close_part_joints(before: Labels, after: Labels) -> Labels:
     cracks between parts and objects.
     """
     result = after.copy()
-    added = (after > 0) & (before != after)
-    for number in np.unique(after[added]).tolist():
-        part = added & (after == number)
-        own = (before == number) & ~added
-        width = max(round(CRACK * float(np.sqrt(np.count_nonzero(own)))), NARROWEST)
-        beside_both = _dilate(part, width) & _dilate(own, width)
+    parts = (after > 0) & (before != after)
+    for number in np.unique(after[parts]).tolist():
+        part = parts & (after == number)
+        core = (before == number) & ~parts
+        width = max(round(CRACK * float(np.sqrt(np.count_nonzero(core)))), NARROWEST)
+        gap = _dilate(part, width) & _dilate(core, width)
         # Closing keeps notches open, of which one side alone is near.
-        whole = cv2.morphologyEx(
+        closing = cv2.morphologyEx(
             (after == number).view(np.uint8), cv2.MORPH_CLOSE, _disc(width)
         )
-        result[beside_both & (whole > 0) & (result == 0)] = number
+        result[gap & (closing > 0) & (result == 0)] = number
     return result
 
 

@@ -45,23 +45,23 @@ class SwayLimits:
     """Expected time of the motion, units of time."""
     trials: int = 4
     """Number of trials to reach the rotation."""
-    least: float = 0.2
+    least_turn: float = 0.2
     """Smallest measured rotation, relative to the wanted one."""
-    most: float = 3.0
+    largest_factor: float = 3.0
     """Largest factor of the push from one trial to the next."""
-    longer: float = 1.15
+    speed_factor: float = 1.15
     """Factor of the slide's speed if the motion is short."""
-    weaker: float = 0.75
+    turn_factor: float = 0.75
     """Factor of the rotation of an object that leaves the picture where it stands."""
     path: float = 0.07
     """Path of the top of the object, by the slide and by the rotation."""
-    slides: tuple[float, float] = (0.02, 0.06)
+    slide_paths: tuple[float, float] = (0.02, 0.06)
     """Smallest and largest path of the slide."""
-    softest: float = 0.25
+    least_torque: float = 0.25
     """Smallest share of the weight's torque that friction leaves during the slide."""
     oblique: float = 30.0
     """Angle of the camera, degrees, from which no object with a round foot rocks."""
-    flat: float = 0.3
+    flat_ratio: float = 0.3
     """Height over width below which a rotation is not visible."""
 
 
@@ -131,7 +131,7 @@ class Hand:
         # At an angle, a round foot lies far above the front of its hidden base.
         is_oblique = self.trials.scene.world.tilt >= SWAY.oblique
         seems_to_float = is_oblique and self.has_round_foot
-        is_flat = height < SWAY.flat * width
+        is_flat = height < SWAY.flat_ratio * width
         return self.is_free and not (seems_to_float or is_flat)
 
     def tips(self, attempt: Attempt) -> Iterator[Candidate]:
@@ -165,14 +165,14 @@ class Hand:
             outcome = candidate.outcome
             if outcome.grade is Grade.NOTHING or outcome.turn > TRIAL.tumble:
                 return
-            factor = wanted_turn / max(outcome.turn, SWAY.least * wanted_turn)
+            factor = wanted_turn / max(outcome.turn, SWAY.least_turn * wanted_turn)
             if SWAY.range[0] <= outcome.turn / wanted_turn <= SWAY.range[1]:
                 yield candidate
                 change = _change_of_push(outcome, speed)
                 if change is None:
                     return
                 factor, speed = change
-            angle *= min(factor, SWAY.most)
+            angle *= min(factor, SWAY.largest_factor)
             # The clip's slow motion follows from the time of the motion.
             if self.trials.ramp is None and outcome.seconds:
                 ramp = ramp_of(playback_of(self.trials, outcome.seconds))
@@ -190,14 +190,14 @@ class Hand:
             return 0.0, turn
         _, height = measure_extent(self.body)
         top_path = radians(turn) * height / self.trials.side
-        smallest, largest = SWAY.slides
+        smallest, largest = SWAY.slide_paths
         path = min(max(SWAY.path - top_path, smallest), largest)
         friction = self._friction()
         low, left, right = measure_foot(self.body)
         arm = right if self.side > 0 else -left
         share = 1 - friction * low / max(arm, 1.0)
         speed = sqrt(2 * friction * self.gravity * path * self.trials.side)
-        return speed, turn * max(share, SWAY.softest)
+        return speed, turn * max(share, SWAY.least_torque)
 
     def _friction(self) -> float:
         """Return the friction on the smoothest surface."""
@@ -225,7 +225,7 @@ def _change_of_push(outcome: Outcome, speed: float) -> tuple[float, float] | Non
     """
     if outcome.grade is Grade.LEAVES:
         # Beside the border, an object still rocks where it stands.
-        return (1.0, 0.0) if speed else (SWAY.weaker, 0.0)
+        return (1.0, 0.0) if speed else (SWAY.turn_factor, 0.0)
     if outcome.grade is Grade.SHORT and speed:
-        return 1.0, SWAY.longer * speed
+        return 1.0, SWAY.speed_factor * speed
     return None

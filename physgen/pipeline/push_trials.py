@@ -190,19 +190,20 @@ def _candidates(
     known_pushes: set[tuple[str, Direction, float]] = set()
     sorted_pushes = rank_pushes(trials, confidence)[: TRIAL.more]
     highest_score = _highest_score(trials)
-    dynamic_bodies = [b for b in world.bodies if b.motion is Motion.DYNAMIC]
     search = _search
     # Among others, an object should touch them: only a lone object rocks.
-    if len(dynamic_bodies) == 1:
+    lone_body = _lone_body(world)
+    if lone_body is not None:
         search = _pushes_of_pair
         # A slide to one side is no reason not to try the other side.
-        if not is_tall(dynamic_bodies[0]) and any(
+        if not is_tall(lone_body) and any(
             _hand(trials, item, direction[0], facing).can_sway
             for item, direction in sorted_pushes
         ):
             highest_score += TRIAL.rocking
-    names = {item.name for item, _ in sorted_pushes}
-    highest_score *= max((confidence.get(name, 1.0) for name in names), default=1.0)
+    highest_score *= max(
+        (confidence.get(item.name, 1.0) for item, _ in sorted_pushes), default=1.0
+    )
     effort = _SearchEffort(highest_score, loaded_names(trials))
     for pair in sorted_pushes:
         if effort.ends_before_pair():
@@ -215,6 +216,14 @@ def _candidates(
             yield candidate
             if effort.ends_after(_weight_candidate(candidate, confidence), candidate):
                 return
+
+
+def _lone_body(world: World) -> Body | None:
+    """Return the body that alone can move, if there is one."""
+    bodies = [body for body in world.bodies if body.motion is Motion.DYNAMIC]
+    if len(bodies) != 1:
+        return None
+    return bodies[0]
 
 
 @dataclass

@@ -40,7 +40,9 @@ from physgen.problems import InputError
 from physgen.scene.scene import View
 
 if TYPE_CHECKING:
-    from physgen.perceive.roles import PerceivedScene
+    from numpy.typing import NDArray
+
+    from physgen.perceive.roles import Labels, PerceivedScene
     from physgen.pipeline.pushes import Push
 
 
@@ -143,22 +145,28 @@ def stands_behind(photo_scene: PerceivedScene, name: str) -> bool:
     rows = np.flatnonzero(object_mask.any(axis=1))
     if not len(rows):
         return False
-    low, height = int(rows[-1]), int(rows[-1] - rows[0]) + 1
-    foot_height = max(round(RELEASE.foot * height), 1)
-    foot = np.flatnonzero(object_mask[low + 1 - foot_height : low + 1].any(axis=0))
+    end, height = int(rows[-1]) + 1, int(rows[-1] - rows[0]) + 1
+    foot_top = end - max(round(RELEASE.foot * height), 1)
+    columns = np.flatnonzero(object_mask[foot_top:end].any(axis=0))
     gap = max(round(RELEASE.gap * height), 3)
-    below = labels[low + 1 : low + 1 + gap, foot]
-    width = max(round(RELEASE.beside * len(foot)), 1)
-    first, last = int(foot[0]), int(foot[-1])
-    left, right = slice(max(first - width, 0), first), slice(last + 1, last + 1 + width)
-    beside = np.concatenate([labels[:, left], labels[:, right]], axis=1)
-    for carrier in np.unique(below[below > 0]).tolist():
-        share = (below == carrier).any(axis=0).mean()
-        is_wider = bool((beside == carrier).any())
-        shows_beside = bool((beside[: low + 1 - foot_height] == carrier).any())
-        if share >= RELEASE.carried and is_wider and not shows_beside:
+    carriers = labels[end : end + gap, columns]
+    sides = _columns_beside(labels, columns)
+    for carrier in np.unique(carriers[carriers > 0]).tolist():
+        share = (carriers == carrier).any(axis=0).mean()
+        is_wider = bool((sides == carrier).any())
+        is_in_sight = bool((sides[:foot_top] == carrier).any())
+        if share >= RELEASE.carried and is_wider and not is_in_sight:
             return True
     return False
+
+
+def _columns_beside(labels: Labels, columns: NDArray[np.int64]) -> Labels:
+    """Return the columns (H, n) of `labels` on both sides of a foot's `columns`."""
+    width = max(round(RELEASE.beside * len(columns)), 1)
+    first, last = int(columns[0]), int(columns[-1])
+    left = labels[:, max(first - width, 0) : first]
+    right = labels[:, last + 1 : last + 1 + width]
+    return np.concatenate([left, right], axis=1)
 
 
 def is_better(push: Push, other: Push | None) -> bool:

@@ -181,19 +181,34 @@ def ball_from_photo(
     smooth_light = np.ones_like(normals.rho)
     use = normals.inside & (shine.max(axis=2) <= 0)
     paints = find_paints(ball.skin, *normals.parts, use)
-    has_pattern = view is View.TOP and is_painted
-    most_mixed = BALL.painted
-    if has_pattern:
-        most_mixed = BALL.painted_by_name
-    if paints is not None and paints.between < most_mixed:
-        painted, painted_light = _with_paints(ball, paints, normals, use, has_pattern)
-        if painted.pattern is not None or paints.between < BALL.painted:
-            ball, smooth_light = painted, painted_light
+    if paints is not None:
+        has_pattern = view is View.TOP and is_painted
+        painting = _painting(ball, paints, normals, use, has_pattern)
+        if painting is not None:
+            ball, smooth_light = painting
     if _plain(ball.skin, *normals.parts, normals.inside):
         return _with_one_colour(ball, colour, normals.inside)
     if view is View.TOP and not is_painted:
         ball = _without_highlights(ball, normals.inside)
     return replace(ball, fade=_rim_light(ball, colour, normals, smooth_light))
+
+
+def _painting(
+    ball: Ball, paints: Paints, normals: _Normals, use: Mask, has_pattern: bool
+) -> tuple[Ball, F32] | None:
+    """Return the ball with a skin of its paints, and the smooth light (h, w) beyond
+    shading; None if its paints are unclear.
+    """
+    limit = BALL.painted
+    if has_pattern:
+        limit = BALL.painted_by_name
+    if paints.between >= limit:
+        return None
+    painting = _with_paints(ball, paints, normals, use, has_pattern)
+    # Between both limits, only a pattern proves the paints.
+    if painting[0].pattern is None and paints.between >= BALL.painted:
+        return None
+    return painting
 
 
 def _with_one_colour(ball: Ball, colour: F32, inside: Mask) -> Ball:

@@ -47,8 +47,8 @@ def continue_soft_rims(sprites: Sequence[Sprite], behind: F32) -> list[Sprite]:
     """
     covers = np.zeros(behind.shape[:2], np.uint8)
     for sprite in sprites:
-        photo, own = _boxes(sprite, (0, 0), covers.shape)
-        covers[photo] += sprite.coverage[own] > 0
+        photo_box, sprite_box = _boxes(sprite, (0, 0), covers.shape)
+        covers[photo_box] += sprite.coverage[sprite_box] > 0
     return [_continue_rim(sprite, behind, covers > 1) for sprite in sprites]
 
 
@@ -79,14 +79,14 @@ def _continue_rim(sprite: Sprite, behind: F32, is_shared: Mask) -> Sprite:
     window = np.s_[y : y + halo.shape[0], x : x + halo.shape[1]]
     ground, reach = behind[window], sprite.halo_reach
     ring = (reach > 0) & (reach <= SOFT_RIM.ring)
-    missing = -halo.mean(axis=2) / np.maximum(ground.mean(axis=2), DARKEST)
-    if not ring.any() or (missing[ring] > SOFT_RIM.dark).mean() < SOFT_RIM.around:
+    darkness = -halo.mean(axis=2) / np.maximum(ground.mean(axis=2), DARKEST)
+    if not ring.any() or (darkness[ring] > SOFT_RIM.dark).mean() < SOFT_RIM.around:
         return sprite
     rim = _rim_below(halo, ground, reach) * ~is_shared[window][..., None]
-    place, own = _boxes(sprite, (x, y), halo.shape)
+    place, sprite_box = _boxes(sprite, (x, y), halo.shape)
     rest = sprite.rest.copy()
     # At its start, the object hides the rim except at its soft border.
-    rest[own] -= (1 - sprite.coverage[own])[..., None] * rim[place]
+    rest[sprite_box] -= (1 - sprite.coverage[sprite_box])[..., None] * rim[place]
     return replace(
         sprite, rest=rest, halo=((x, y), np.asarray(halo + rim, np.float32), numbers)
     )
@@ -100,9 +100,9 @@ def _rim_below(halo: F32, ground: F32, reach: F32) -> F32:
     inside = (reach == 0).astype(np.uint8)
     depth = cv2.distanceTransform(inside, cv2.DIST_L2, 5)
     band = (inside > 0) & (depth <= SOFT_RIM.depth)
-    known = ((reach > 0) & (reach <= SOFT_RIM.depth)).astype(np.float32)
-    weights = cv2.GaussianBlur(known, (0, 0), SOFT_RIM.spread)[..., None]
-    sums = cv2.GaussianBlur(halo * known[..., None], (0, 0), SOFT_RIM.spread)
+    ring = ((reach > 0) & (reach <= SOFT_RIM.depth)).astype(np.float32)
+    weights = cv2.GaussianBlur(ring, (0, 0), SOFT_RIM.spread)[..., None]
+    sums = cv2.GaussianBlur(halo * ring[..., None], (0, 0), SOFT_RIM.spread)
     darkest = (SOFT_RIM.least_light - 1) * ground
     rim = np.clip(sums / np.maximum(weights, DARKEST), darkest, 0)
     return np.asarray(rim * band[..., None], np.float32)

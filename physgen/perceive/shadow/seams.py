@@ -25,8 +25,8 @@ def without_seams(depth: F32, own_mask: Mask, size: float) -> F32:
     is_own = own_mask[..., None]
     # The object counts as deep shade, and then as bright light, so that strips beside
     # it are as wide as the object.
-    filled = np.where(is_own, depth.max(initial=0), depth).astype(np.float32)
-    opened = cv2.morphologyEx(filled, cv2.MORPH_OPEN, kernel).reshape(depth.shape)
-    opened = np.where(is_own, depth.min(initial=0), opened).astype(np.float32)
-    closed = cv2.morphologyEx(opened, cv2.MORPH_CLOSE, kernel).reshape(depth.shape)
-    return np.where(is_own, depth, closed).astype(np.float32)
+    shade = np.where(is_own, depth.max(initial=0), depth).astype(np.float32)
+    opening = cv2.morphologyEx(shade, cv2.MORPH_OPEN, kernel).reshape(depth.shape)
+    light = np.where(is_own, depth.min(initial=0), opening).astype(np.float32)
+    closing = cv2.morphologyEx(light, cv2.MORPH_CLOSE, kernel).reshape(depth.shape)
+    return np.where(is_own, depth, closing).astype(np.float32)

@@ -269,9 +269,9 @@ def _not_brighter(lifted: Rgb, background: Rgb, clean: F32) -> Rgb:
     light, before = decode(lifted), decode(background)
     levels = [cv2.GaussianBlur(part, (0, 0), LEVEL_REACH) for part in (clean, light)]
     gain = np.minimum(levels[0] / np.maximum(levels[1], DARKEST), 1)
-    limited = np.maximum(light * gain, before).astype(np.float32)
+    limited_light = np.maximum(light * gain, before).astype(np.float32)
     is_lifted = (lifted != background).any(axis=2, keepdims=True)
-    return np.where(is_lifted, encode_u8(limited), background)
+    return np.where(is_lifted, encode_u8(limited_light), background)
 
 
 def lightened(background: Rgb, dark: F32, clean: F32, free: F32) -> Rgb:

@@ -325,19 +325,20 @@ def _soft_shade(photo: _Photo, guess: LightGuess) -> Shadows | None:
     )
     if shade is None:
         return None
-    fit = LightFit(shade.setting, 0.0, shade.factor, shade.factor)
     silhouettes = photo.silhouettes(1.0, bottom)
+    fit = LightFit(shade.setting, 0.0, shade.factor, shade.factor)
     model_darkness = _predict_shadow_darkness(silhouettes, fit, None, photo.size)
     # A surface that is not darker at the predicted place lies in no shade, and no ground
     # becomes brighter than similar ground without shade.
     agreement = np.where(photo.coverage > 0, 1, np.clip(shade.missing / FAINT, 0, 1))
-    visible = np.where(photo.coverage > 0, model_darkness, shade.missing)
-    prediction = np.minimum(model_darkness * agreement, np.maximum(visible, 0))
-    prediction = prediction.astype(np.float32)
+    prediction = np.minimum(
+        model_darkness * agreement,
+        np.maximum(np.where(photo.coverage > 0, model_darkness, shade.missing), 0),
+    )
     clean_background = remove_shadows(
         photo.background,
         photo.coverage,
-        prediction,
+        prediction.astype(np.float32),
         typical_size(silhouettes),
         is_soft=True,
     )
