@@ -556,7 +556,8 @@ def rewritten(was: Entry, now: Entry, keys: Collection[str]) -> dict[str, Any]:
     `now`.
     """
     result, sources = dict(was), dict(was.get("from", {}))
-    for key in keys:
+    # In the order of a set, new keys would differ from run to run.
+    for key in sorted(keys):
         for values, new in ((result, now), (sources, now["from"])):
             if key in new:
                 values[key] = new[key]

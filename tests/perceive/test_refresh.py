@@ -20,6 +20,7 @@ from physgen.geometry.scale import slow_motion_comment
 from physgen.maps import read_labels, write_png
 from physgen.materials import kind
 from physgen.perceive.backends import boundary_support
+from physgen.perceive.refresh import rewritten
 from physgen.pipeline.push_outcomes import ramp_of
 from physgen.scene.scene import BoxPrompt, Circle, Scene
 from physgen.scene.write import scene_text
@@ -1232,3 +1233,12 @@ def test_a_configuration_in_the_folder_is_named_and_not_read(
     assert main([*command, "--config", "physgen.toml"]) == 2
     assert "nonsense" in (err := capsys.readouterr().err)
     assert said not in err
+
+
+def test_new_keys_are_written_in_one_order() -> None:
+    """Keys come as a set, whose order differs from run to run."""
+    was = {"mask": 1, "label": "cup"}
+    now = {"mass": 200, "friction": 0.4, "label": "mug", "from": {"mass": "table"}}
+    keys = ["mass", "friction", "label"]
+    merged = [list(rewritten(was, now, order)) for order in (keys, keys[::-1])]
+    assert merged[0] == merged[1] == ["mask", "label", "friction", "mass", "from"]
