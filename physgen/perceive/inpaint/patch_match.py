@@ -23,7 +23,12 @@ from numpy.typing import NDArray
 
 from physgen.maps import F32
 from physgen.perceive.inpaint.edge_continuation import continue_edges
-from physgen.perceive.inpaint.poisson import harmonic_fill, nearest_piece, seams
+from physgen.perceive.inpaint.poisson import (
+    blur_known_pixels,
+    harmonic_fill,
+    nearest_piece,
+    seams,
+)
 from physgen.perceive.roles import Mask
 
 Places = NDArray[np.int64]
@@ -273,21 +278,14 @@ def _row_colours(picture: F32, hole: Mask) -> tuple[F32, F32]:
     right = np.minimum.accumulate(np.where(hole, last, columns)[:, ::-1], axis=1)
     right = right[:, ::-1]
     rows = np.arange(len(hole))[:, None]
-    smooth_picture = _blur_known(picture, hole)
+    known = (~hole)[..., None].astype(np.float32)
+    smooth_picture = blur_known_pixels(picture, known, TUNING.grain_blur)
     ends = [smooth_picture[rows, np.clip(end, 0, last - 1)] for end in (left, right)]
     error = TUNING.same_row + np.abs(ends[0] - ends[1]).mean(axis=2)
     error[(left < 0) | (right == last)] = np.inf
     share = ((columns - left) / np.maximum(right - left, 1))[..., None]
     colours = (1 - share) * ends[0] + share * ends[1]
     return np.asarray(colours, np.float32), np.asarray(error, np.float32)
-
-
-def _blur_known(picture: F32, hole: Mask) -> F32:
-    """Return a blur of `picture` (H, W, 3) from pixels outside `hole` (H, W)."""
-    weights = (~hole).astype(np.float32)
-    total = cv2.GaussianBlur(weights, (0, 0), TUNING.grain_blur)
-    sums = cv2.GaussianBlur(picture * weights[..., None], (0, 0), TUNING.grain_blur)
-    return np.asarray(sums / np.maximum(total, 1e-3)[..., None], np.float32)
 
 
 def thin_out(places: Places, most: int) -> Places:

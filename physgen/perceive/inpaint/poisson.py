@@ -180,11 +180,11 @@ def seamless(other: Rgb, photo: Rgb, hole: Mask) -> Rgb:
         (distance > limit).astype(np.float32)[:, :, None] for limit in (0, reach)
     )
     difference = np.abs(
-        _blur_known_pixels(gap, free, HALO.smooth)
-        - _blur_known_pixels(gap, outer_weights, reach)
+        blur_known_pixels(gap, free, HALO.smooth)
+        - blur_known_pixels(gap, outer_weights, reach)
     ).max(axis=2)
     chance = (
-        _blur_known_pixels(difference[:, :, None] ** 2, outer_weights, reach)[:, :, 0]
+        blur_known_pixels(difference[:, :, None] ** 2, outer_weights, reach)[:, :, 0]
         ** 0.5
     )
     differs = (difference > HALO.levels + HALO.loud * chance) & (distance <= 2 * reach)
@@ -308,7 +308,7 @@ def blend_at_border(filled: F32, photo: Rgb, hole: Mask) -> Rgb:
     )
 
 
-def _blur_known_pixels(picture: F32, known: F32, sigma: float) -> F32:
+def blur_known_pixels(picture: F32, known: F32, sigma: float) -> F32:
     """Return a blur of (H, W, C) from `known` pixels (H, W, 1)."""
     shape = picture.shape
     sums, weights = (

@@ -14,7 +14,12 @@ import cv2
 import numpy as np
 
 from physgen.maps import F32
-from physgen.perceive.inpaint.poisson import dilate, harmonic_fill, hole_pieces
+from physgen.perceive.inpaint.poisson import (
+    blur_known_pixels,
+    dilate,
+    harmonic_fill,
+    hole_pieces,
+)
 from physgen.perceive.roles import Mask
 
 
@@ -50,7 +55,8 @@ SOBEL = 8.0
 
 def find_soft_pieces(photo: F32, hole: Mask) -> Mask:
     """Return the pieces of `hole` (H, W) whose surroundings are softly shaded."""
-    shading = _blur_known(photo, hole, TUNING.smooth)
+    known = (~hole)[..., None].astype(np.float32)
+    shading = blur_known_pixels(photo, known, TUNING.smooth)
     slopes = [
         cv2.Sobel(shading, cv2.CV_32F, *axes) / SOBEL for axes in ((1, 0), (0, 1))
     ]
@@ -85,15 +91,8 @@ def interpolate_shading(photo: F32, hole: Mask) -> F32:
     W).
     """
     # Colours at the border of the hole are means, so that texture leaves no streaks.
-    border = _blur_known(photo, hole, TUNING.border)
+    known = (~hole)[..., None].astype(np.float32)
+    border = blur_known_pixels(photo, known, TUNING.border)
     fill_result = harmonic_fill(border, hole, TUNING.error)
     composite = np.where(hole[..., None], fill_result, photo)
     return np.asarray(cv2.GaussianBlur(composite, (0, 0), TUNING.shading), np.float32)
-
-
-def _blur_known(picture: F32, hole: Mask, sigma: float) -> F32:
-    """Return a blur of `picture` (H, W, 3) from pixels outside `hole` (H, W)."""
-    weights = (~hole).astype(np.float32)
-    total = cv2.GaussianBlur(weights, (0, 0), sigma)
-    sums = cv2.GaussianBlur(picture * weights[..., None], (0, 0), sigma)
-    return np.asarray(sums / np.maximum(total, 1e-3)[..., None], np.float32)
