@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from math import atan2, degrees
+from math import atan2, degrees, hypot
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -40,6 +40,8 @@ GENTLE_PUSH = (
     " the picture's corner, which flings an object away"
 )
 """Comment of such a push."""
+SLOWEST_PUSH = 1.0
+"""px/s: speed up to which a velocity is a rest of rounding, and has no direction."""
 
 Keep = Callable[[Path], None]
 """Callback with the new name of every file renamed to make room."""
@@ -383,12 +385,13 @@ def _with_gentle_pushes(shot: PerceivedScene) -> PerceivedScene:
     """Return an imported shot in which a push that flings an object is gentle.
 
     The paper's code pushes polygons at the picture's corner, a long lever. Here, the
-    direction stays, and physgen chooses the speed.
+    direction stays, and physgen chooses the speed. Without a velocity there is no
+    direction, and the spin stays.
     """
     flung = {
         name: entry
         for name, entry in shot.document["objects"].items()
-        if entry.get("spin")
+        if entry.get("spin") and hypot(*entry["velocity"]) > SLOWEST_PUSH
     }
     pushes = []
     objects = dict(shot.document["objects"])

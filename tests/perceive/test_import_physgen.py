@@ -259,6 +259,16 @@ def test_import_is_a_shot_unless_faithful(tmp_path: Path, faithful: bool) -> Non
     assert scene.world.ramp > 0
 
 
+def test_push_that_cancels_a_velocity_keeps_its_spin(tmp_path: Path) -> None:
+    """It has no direction in which the object could be pushed."""
+    sim = SIM.replace("  1: [-100, 5]\n", "  1: [-100, 5]\n  2: [50, 0]\n")
+    source, path = folder(tmp_path / "two", sim), tmp_path / "scene.yaml"
+    pipeline.import_physgen(source, path)
+    toy = next(item for item in load(path).objects if item.label == "toy")
+    assert toy.velocity == pytest.approx((0, 0), abs=0.1)
+    assert toy.spin != 0
+
+
 def test_lever_of_the_papers_push_is_a_spin(tmp_path: Path) -> None:
     shot = as_shot(import_physgen(folder(tmp_path / "two")))
     (toy,) = (
