@@ -219,10 +219,10 @@ def _find_parts_on_plain(rgb: Rgb, own: Mask, free: Mask, away: F32) -> list[Mas
     least_slope = _border_sharpness(slope, differences, away)
     parts = []
     for k in range(1, count):
-        piece = pieces == k
         size = int(stats[k, cv2.CC_STAT_AREA])
         if not REMAINS.least_share * area <= size <= REMAINS.most_share * area:
             continue
+        piece = pieces == k
         starts = away[piece].min() <= REMAINS.touches
         ends = away[piece].max() <= REMAINS.longest * REMAINS.reach * np.sqrt(area)
         if not (starts and ends):
@@ -347,17 +347,21 @@ def _parts(
     )
     parts = []
     for k in range(1, count):
-        piece = pieces == k
-        distance = away[piece]
-        length = float(distance.max() - distance.min())
-        starts = distance.min() <= REMAINS.touches
-        ends = distance.max() <= REMAINS.longest * REMAINS.reach * size
         x, y, width, height, area = stats[k].tolist()
         on_edge = x == 0 or y == 0 or x + width == away.shape[1]
         on_edge = on_edge or y + height == away.shape[0]
-        if not (starts and ends) or on_edge:
+        if on_edge:
+            continue
+        # A window has hundreds of pieces. Comparisons inside the box of each are
+        # quick.
+        box = np.s_[y : y + height, x : x + width]
+        distance = away[box][pieces[box] == k]
+        length = float(distance.max() - distance.min())
+        starts = distance.min() <= REMAINS.touches
+        ends = distance.max() <= REMAINS.longest * REMAINS.reach * size
+        if not (starts and ends):
             continue
         is_long = length >= REMAINS.shortest * size
         if is_long and length * length >= REMAINS.slender * area:
-            parts.append(piece)
+            parts.append(pieces == k)
     return parts
