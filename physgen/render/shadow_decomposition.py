@@ -492,12 +492,13 @@ def decompose_shadows(
         all_figures, steps, setting, darkness, is_open
     )
     residual = _compute_excess_darkness(darkness, total, is_open)
+    difference = _split_residual(residual, total)
     # Assign the unexplained darkness to the objects with the largest claims.
     claims = _claims(all_figures, firsts, setting.size)
     claimed_area, owner = _sum_claims(claims, darkness.shape)
     all_casts = []
     for k, start in enumerate(all_figures):
-        own_shadow = _owned(residual, claims[k], claimed_area)
+        own_shadow = _owned(difference, claims[k], claimed_area, firsts[k])
         is_round = k < len(starts) and rounds[k]
         all_casts.append(
             _cast(start, steps[k], firsts[k], own_shadow, is_round, setting)
@@ -865,19 +866,48 @@ BEYOND = 0.2
 """Width of that fade beyond the photo's border, as a share of the longer side."""
 
 
+@dataclass(frozen=True)
+class _Difference:
+    """Difference between the photo's darkness and the predicted one, (H, W)."""
+
+    excess: F32
+    """Darkness beyond the prediction; negative if the photo is brighter than the
+    clean picture.
+    """
+    lack: F32
+    """Share 0..1 of the predicted darkness that the photo lacks."""
+
+
+def _split_residual(residual: F32, total: F32) -> _Difference:
+    """Split the photo's darkness beyond the predicted `total` (H, W) by its sign."""
+    lack = np.clip(-residual, 0, np.maximum(total, 0))
+    share = lack / np.maximum(total, np.float32(SHADOW.faint))
+    return _Difference(np.asarray(residual + lack, np.float32), share)
+
+
 def _owned(
-    rest: F32, claim: tuple[PixelBox, F32], claimed: F32
+    difference: _Difference,
+    claim: tuple[PixelBox, F32],
+    claimed: F32,
+    first: tuple[PixelBox, F32] | None,
 ) -> tuple[PixelBox, F32]:
     """Return an object's part of the unexplained darkness.
 
-    It is the excess of the object's claim over those of all others together.
+    It is the excess of the object's claim over those of all others together. `first`
+    is the object's predicted shadow: each prediction loses the share that the photo
+    lacks, so that no object keeps a shadow that is not in the photo.
     """
     (x0, y0, x1, y1), own_claim = claim
     if not own_claim.size:
         return claim
     all_claims = claimed[y0:y1, x0:x1] + np.float32(SHADOW.claimed[0])
     share = own_claim / all_claims
+    rest = difference.excess
     own_part = rest[y0:y1, x0:x1] * np.maximum(2 * share - 1, 0)
+    if first is not None:
+        (left, top, right, bottom), prediction = first
+        lack = difference.lack[top:bottom, left:right] * prediction
+        own_part[top - y0 : bottom - y0, left - x0 : right - x0] -= lack
     # The shadow fades at the box's border, so that its motion is invisible; beyond the
     # photo's border it is continued.
     height, width = rest.shape
