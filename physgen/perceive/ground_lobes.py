@@ -30,7 +30,7 @@ class LobeLimits:
     """px: size of an object in the search."""
     smallest: int = 2000
     """px: least area of a searched object."""
-    around: float = 0.8
+    context: float = 0.8
     """Width of the compared surroundings over the object's size."""
     width: float = 0.13
     """Half the width of a piece over the object's size, at most."""
@@ -38,7 +38,7 @@ class LobeLimits:
     """Least and largest area of a piece over the object's."""
     low: float = 0.4
     """Lowest share of the object's height, with the middle of a piece."""
-    clear: int = 2
+    margin: int = 2
     """px at reduced size without colours on either side of the outline."""
     sample: int = 100
     """Least number of compared pixels of the ground and of the object."""
@@ -71,12 +71,12 @@ def _ground_pieces(photo: Rgb, labels: Labels, number: int) -> Mask:
     """Return the pixels (H, W) of an object that are ground."""
     object_mask = labels == number
     size = float(np.sqrt(np.count_nonzero(object_mask)))
-    margin = round(LOBES.around * size)
+    margin = round(LOBES.context * size)
     x, y, width, height = cv2.boundingRect(object_mask.view(np.uint8))
     rows = slice(max(y - margin, 0), y + height + margin)
     columns = slice(max(x - margin, 0), x + width + margin)
     window = rows, columns
-    surroundings = _Surroundings.of(photo[window], labels[window], number, size)
+    surroundings = _Surroundings.create(photo[window], labels[window], number, size)
     ground = surroundings.ground_pieces()
     result = np.zeros_like(object_mask)
     if ground.any():
@@ -91,7 +91,7 @@ class _Surroundings:
 
     photo: Rgb
     object_mask: Mask
-    is_taken: Mask
+    all_objects: Mask
     """Pixels of all objects."""
 
     @property
@@ -100,7 +100,7 @@ class _Surroundings:
         return float(np.sqrt(np.count_nonzero(self.object_mask)))
 
     @staticmethod
-    def of(photo: Rgb, labels: Labels, number: int, size: float) -> _Surroundings:
+    def create(photo: Rgb, labels: Labels, number: int, size: float) -> _Surroundings:
         """Return the surroundings in a window of a photo; `size` of the object, px."""
         scale = min(1.0, LOBES.side / size)
         height, width = labels.shape
@@ -124,18 +124,18 @@ class _Surroundings:
             is_likelier = evidence[piece] > 0
             is_ground = evidence[piece].mean() >= LOBES.likelier
             if is_ground and is_likelier.mean() >= LOBES.share:
-                result |= self._continued(piece, evidence)
+                result |= self._grow_piece(piece, evidence)
         return result
 
-    def _continued(self, piece: Mask, evidence: F32) -> Mask:
+    def _grow_piece(self, piece: Mask, evidence: F32) -> Mask:
         """Return a piece (h, w) of the ground with its continuation in the core.
 
         A piece begins at its narrow part, some way outside the object.
         """
         distance = cv2.distanceTransform((~piece).view(np.uint8), cv2.DIST_L2, 3)
-        is_near = distance <= LOBES.width * self.size
+        neighbourhood = distance <= LOBES.width * self.size
         smooth_evidence = cv2.blur(evidence, (3, 3))
-        ground = piece | (self.object_mask & is_near & (smooth_evidence > 0))
+        ground = piece | (self.object_mask & neighbourhood & (smooth_evidence > 0))
         _, names = cv2.connectedComponents(ground.view(np.uint8), connectivity=4)
         return np.asarray(np.isin(names, np.unique(names[piece])))
 
@@ -156,12 +156,15 @@ class _Surroundings:
         count, names = cv2.connectedComponents(opened_rest, connectivity=4)
         own_rows = np.flatnonzero(self.object_mask.any(axis=1))
         highest = own_rows[-1] - LOBES.low * (np.ptp(own_rows) + 1)
-        least, most = LOBES.part
+        least_share, largest_share = LOBES.part
         area = np.count_nonzero(self.object_mask)
         for k in range(1, count):
             piece = names == k
             share = np.count_nonzero(piece) / area
-            if least <= share <= most and np.nonzero(piece)[0].mean() >= highest:
+            if (
+                least_share <= share <= largest_share
+                and np.nonzero(piece)[0].mean() >= highest
+            ):
                 yield piece
 
     def _evidence(self, piece: Mask, core: Mask) -> F32 | None:
@@ -174,10 +177,10 @@ class _Surroundings:
         )
         inside = cv2.distanceTransform(self.object_mask.view(np.uint8), cv2.DIST_L2, 3)
         rows = np.flatnonzero(piece.any(axis=1))
-        ground = (outside > LOBES.clear) & ~self.is_taken
+        ground = (outside > LOBES.margin) & ~self.all_objects
         ground[: rows[0]] = False
         ground[rows[-1] + 1 :] = False
-        body = core & (inside > LOBES.clear)
+        body = core & (inside > LOBES.margin)
         if min(np.count_nonzero(ground), np.count_nonzero(body)) < LOBES.sample:
             return None
         cells = self.photo.astype(np.intp) * LOBES.bins // 256
@@ -215,7 +218,7 @@ def _sharpen(photo: Rgb, surroundings: _Surroundings, ground: Mask) -> Mask:
     size = photo.shape[1::-1]
     weights = np.asarray(cv2.resize(weights, size), np.float32)
     coverage = (weights[..., :3] * photo).sum(axis=-1) + weights[..., 3]
-    square = np.ones((2 * LOBES.clear + 1,) * 2, np.uint8)
+    square = np.ones((2 * LOBES.margin + 1,) * 2, np.uint8)
     zone = cv2.dilate(ground.view(np.uint8), square)
     large_zone = cv2.resize(zone, size, interpolation=cv2.INTER_NEAREST) > 0
     inner = cv2.erode(ground.view(np.uint8), square)

@@ -491,8 +491,7 @@ def decompose_shadows(
     setting, firsts, total = _matched_shadows(
         all_figures, steps, setting, darkness, is_open
     )
-    residual = _compute_excess_darkness(darkness, total, is_open)
-    difference = _split_residual(residual, total)
+    difference = _compare_darkness(darkness, total, is_open)
     # Assign the unexplained darkness to the objects with the largest claims.
     claims = _claims(all_figures, firsts, setting.size)
     claimed_area, owner = _sum_claims(claims, darkness.shape)
@@ -878,8 +877,9 @@ class _Difference:
     """Share 0..1 of the predicted darkness that the photo lacks."""
 
 
-def _split_residual(residual: F32, total: F32) -> _Difference:
-    """Split the photo's darkness beyond the predicted `total` (H, W) by its sign."""
+def _compare_darkness(darkness: F32, total: F32, is_open: Mask) -> _Difference:
+    """Compare the photo's darkness (H, W) with the predicted `total`."""
+    residual = _compute_excess_darkness(darkness, total, is_open)
     lack = np.clip(-residual, 0, np.maximum(total, 0))
     share = lack / np.maximum(total, np.float32(SHADOW.faint))
     return _Difference(np.asarray(residual + lack, np.float32), share)
@@ -908,19 +908,30 @@ def _owned(
         (left, top, right, bottom), prediction = first
         lack = difference.lack[top:bottom, left:right] * prediction
         own_part[top - y0 : bottom - y0, left - x0 : right - x0] -= lack
+    return _faded_at_border(claim[0], own_part, rest.shape)
+
+
+def _faded_at_border(
+    box: PixelBox, shade: F32, shape: tuple[int, ...]
+) -> tuple[PixelBox, F32]:
+    """Return shade (h, w) in a box, with a fade at the border of the box.
+
+    `shape` (H, W) of the photo.
+    """
+    x0, y0, x1, y1 = box
     # The shadow fades at the box's border, so that its motion is invisible; beyond the
     # photo's border it is continued.
-    height, width = rest.shape
+    height, width = shape
     fade_width = max(round(BEYOND * max(height, width)), EDGE)
     top_margin, bottom_margin = fade_width * (y0 <= 0), fade_width * (y1 >= height)
     left_margin, right_margin = fade_width * (x0 <= 0), fade_width * (x1 >= width)
-    own_part = np.pad(
-        own_part, ((top_margin, bottom_margin), (left_margin, right_margin)), "edge"
+    shade = np.pad(
+        shade, ((top_margin, bottom_margin), (left_margin, right_margin)), "edge"
     )
-    rows = _faded_ends(own_part.shape[0], top_margin, bottom_margin)
-    columns = _faded_ends(own_part.shape[1], left_margin, right_margin)
-    box = x0 - left_margin, y0 - top_margin, x1 + right_margin, y1 + bottom_margin
-    return box, np.asarray(own_part * np.outer(rows, columns), np.float32)
+    rows = _faded_ends(shade.shape[0], top_margin, bottom_margin)
+    columns = _faded_ends(shade.shape[1], left_margin, right_margin)
+    outer_box = x0 - left_margin, y0 - top_margin, x1 + right_margin, y1 + bottom_margin
+    return outer_box, np.asarray(shade * np.outer(rows, columns), np.float32)
 
 
 def _faded_ends(count: int, before: int, after: int) -> F32:

@@ -110,25 +110,25 @@ def _continue_levels(shading: F32, hole: Mask) -> F32:
     level per row; beside the pieces, the levels change softly along the rows.
     """
     steps = np.diff(shading, axis=0, prepend=shading[:1])
-    is_known = ~hole
-    is_known[1:] &= is_known[:-1]
+    known_mask = ~hole
+    known_mask[1:] &= known_mask[:-1]
     columns = np.arange(hole.shape[1])
     weighted_levels = np.zeros_like(shading)
     total_weight = np.zeros(hole.shape[1], np.float32)
     for (rows, span), piece in hole_pieces(hole):
         profile = np.zeros((len(hole), shading.shape[2]), np.float32)
-        profile[rows] = _shared_steps(steps, is_known, (rows, span), piece)
+        profile[rows] = _shared_steps(steps, known_mask, (rows, span), piece)
         distance = np.maximum(span.start - columns, columns - span.stop + 1)
         closeness = 1 / (1 + np.maximum(distance, 0) / TUNING.shading) ** 4
         weight = np.float32(np.count_nonzero(piece)) * closeness.astype(np.float32)
         weighted_levels += np.cumsum(profile, axis=0)[:, None] * weight[:, None]
         total_weight += weight
-    least = np.float32(1e-6)
-    return weighted_levels / np.maximum(total_weight, least)[:, None]
+    least_weight = np.float32(1e-6)
+    return weighted_levels / np.maximum(total_weight, least_weight)[:, None]
 
 
 def _shared_steps(
-    steps: F32, is_known: Mask, part: tuple[slice, slice], piece: Mask
+    steps: F32, known_mask: Mask, part: tuple[slice, slice], piece: Mask
 ) -> F32:
     """Return the steps (h, 3) from row to row that both sides of a piece share.
 
@@ -143,16 +143,16 @@ def _shared_steps(
         y = part[0].start + index
         left = slice(max(inside[0] - TUNING.ring, 0), inside[0])
         right = slice(inside[-1] + 1, inside[-1] + 1 + TUNING.ring)
-        first = _mean_step(steps[y, left], is_known[y, left])
-        second = _mean_step(steps[y, right], is_known[y, right])
+        first = _mean_step(steps[y, left], known_mask[y, left])
+        second = _mean_step(steps[y, right], known_mask[y, right])
         size = np.minimum(np.abs(first), np.abs(second))
-        is_shared = np.sign(first) == np.sign(second)
-        shared_steps[index] = np.where(is_shared, np.sign(first) * size, 0)
+        has_same_sign = np.sign(first) == np.sign(second)
+        shared_steps[index] = np.where(has_same_sign, np.sign(first) * size, 0)
     return shared_steps
 
 
-def _mean_step(steps: F32, is_known: Mask) -> F32:
+def _mean_step(steps: F32, known_mask: Mask) -> F32:
     """Return the mean (3,) of the known steps (n, 3); 0 without any."""
-    if not is_known.any():
+    if not known_mask.any():
         return np.zeros(steps.shape[1], np.float32)
-    return np.asarray(steps[is_known].mean(axis=0), np.float32)
+    return np.asarray(steps[known_mask].mean(axis=0), np.float32)
