@@ -28,6 +28,7 @@ from physgen.maps import F32, Percepts
 from physgen.messages import Message
 from physgen.perceive import document, naming, shape_entries
 from physgen.perceive.bites import fill_bites
+from physgen.perceive.ground_lobes import detach_ground
 from physgen.perceive.hidden_parts import continue_outlines
 from physgen.perceive.inpaint.outgrowths import attach_outgrowths
 from physgen.perceive.part_joints import close_part_joints
@@ -185,6 +186,7 @@ def _detect_objects(
     # Models of the extras draw finer masks than the network that fills bites.
     if run.core("segment"):
         labels = fill_bites(run.rgb, labels)
+        labels = detach_ground(run.rgb, labels)
     labels = close_part_joints(detections.labels, labels)
     detections = replace(detections, labels=labels)
     detections = attach_loose_parts(run.rgb, detections, view)

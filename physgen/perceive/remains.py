@@ -77,6 +77,8 @@ class RemainConstants:
     most: int = 4
     # Largest total area as a share of the object's.
     share: float = 0.2
+    # Lowest share of the object's height: a flat part in it is a line on the ground.
+    foot: float = 0.1
 
 
 REMAINS = RemainConstants()
@@ -185,6 +187,7 @@ def _remains_of(rgb: Rgb, labels: Labels, i: int) -> list[Remain]:
         used_mask |= part
         narrow_area += int(np.count_nonzero(part))
         is_confident = strength >= 1 and _is_rare(rgb[window], part, free & ~part)
+        is_confident = is_confident and not _lies_at_foot(part, window_mask)
         if not is_confident and np.count_nonzero(part) < REMAINS.least_share * area:
             continue
         full = np.zeros(labels.shape, bool)
@@ -194,6 +197,19 @@ def _remains_of(rgb: Rgb, labels: Labels, i: int) -> list[Remain]:
     if len(remains) > REMAINS.most or narrow_area > REMAINS.share * area:
         return []
     return remains
+
+
+def _lies_at_foot(part: Mask, own: Mask) -> bool:
+    """Return whether a part lies flat beside the foot of an object (h, w).
+
+    For example, a streak on a tray or a seam between boards is no part of a vase: the
+    vase would collide by it.
+    """
+    own_rows = np.flatnonzero(own.any(axis=1))
+    height = int(np.ptp(own_rows)) + 1
+    rows, columns = np.nonzero(part)
+    is_low = rows.min() > own_rows[-1] - REMAINS.foot * height
+    return bool(is_low and np.ptp(columns) > np.ptp(rows))
 
 
 def _find_parts_on_plain(rgb: Rgb, own: Mask, free: Mask, away: F32) -> list[Mask]:

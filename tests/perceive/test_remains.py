@@ -13,6 +13,9 @@ def toy(thing: str):
     """A red box on a grey floor, with a thing beside it; its mask, and the thing's."""
     photo = np.full((300, 400, 3), 170, np.uint8)
     photo[220:] = 120
+    if thing == "streak":
+        # A plain background would show wide parts, too.
+        photo[:120] = 60
     labels = np.zeros((300, 400), np.uint16)
     part = np.zeros((300, 400), np.uint8)
     if thing == "antenna":
@@ -23,6 +26,8 @@ def toy(thing: str):
         )
     elif thing == "line behind":
         cv2.line(part, (0, 180), (399, 180), 1, 4)
+    elif thing == "streak":
+        cv2.line(part, (251, 214), (300, 213), 1, 4)
     elif thing == "apart":
         cv2.line(part, (300, 100), (300, 180), 1, 4)
     photo[part > 0] = (240, 220, 40)
@@ -46,6 +51,14 @@ def test_a_thin_part_belongs_to_its_object(thing: str):
 def test_lines_that_go_on_belong_to_no_object(thing: str):
     photo, labels, _ = toy(thing)
     assert find_remains(photo, labels, [1]) == []
+
+
+def test_a_streak_beside_the_foot_is_reported_alone():
+    """Objects that slide would collide with a streak on the tray."""
+    photo, labels, part = toy("streak")
+    remains = find_remains(photo, labels, [1])
+    assert [remain for remain in remains if remain.is_sure] == []
+    assert any((remain.mask & part).any() for remain in remains)
 
 
 def test_a_faint_part_is_reported_alone():
