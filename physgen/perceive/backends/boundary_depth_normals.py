@@ -37,9 +37,7 @@ from physgen.messages import Message
 from physgen.perceive.backends.boundary_support import (
     ELASTICITY,
     FRICTION,
-    Photo,
     feet_groups,
-    find_cushions,
     lay_floors,
     view_evidence,
     with_supports,
@@ -55,6 +53,8 @@ from physgen.perceive.roles import (
     Wall,
 )
 from physgen.perceive.segment.network import run_network
+from physgen.perceive.support.cushions import find_cushions
+from physgen.perceive.support.floor_surface import Photo
 from physgen.perceive.support.ground_contact import Foot, Line
 from physgen.perceive.support.supports import depth_inside, free_parts
 from physgen.perceive.support.view_classifier import view_chances

@@ -23,9 +23,9 @@ from physgen.perceive.support.equilibrium import (
     unstable_objects,
     wall_contacts,
 )
-from physgen.perceive.support.ground_contact import cradle, lower_hull, rounded_down
+from physgen.perceive.support.floor_chains import Chain, cradle, rounded_down
+from physgen.perceive.support.ground_contact import lower_hull
 
-Chain = Sequence[tuple[float, float]]
 SOURCE = "what is at rest"
 """Source of these walls, for `from`."""
 
