@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from physgen.geometry.polygon import Disc
 from physgen.maps import F32
@@ -44,9 +45,9 @@ class _Tuning:
     pairs: int = 2400
     # Largest distance of chromaticities (logarithms of red and blue over green) in a
     # pair.
-    alike: float = 0.12
+    colour_difference: float = 0.12
     # Least distance of the normals in a pair.
-    turned: float = 0.35
+    turn: float = 0.35
     # Limit of an error of log light: a larger error is a print, a highlight or another
     # object's shadow.
     most: float = 0.5
@@ -254,6 +255,20 @@ def _directions(count: int, whole: bool = False) -> F32:
     )
 
 
+@dataclass(frozen=True, eq=False)
+class _PhotoMaps:
+    """Maps of a photo from which pixel pairs are drawn."""
+
+    # (H, W): log luminance.
+    level: F32
+    # (H, W, 2): log ratios of the channels.
+    chroma: F32
+    # (H, W, 3): unit normals.
+    normals: F32
+    # (H, W): pixels that are not overexposed.
+    valid: Mask
+
+
 def pixel_pairs(
     linear: F32, labels: Labels, balls: dict[int, bool], normals: F32
 ) -> PixelPairs | None:
@@ -262,62 +277,81 @@ def pixel_pairs(
     The random draw is the same each time.
     """
     random = np.random.default_rng(0)
+    maps = _measure_maps(linear, normals)
+    quota = max(60, TUNING.pairs // max(len(balls), 1))
+    parts = []
+    for i, is_ball in balls.items():
+        part = _draw_pairs(maps, labels == i, is_ball, quota, random)
+        if part is not None:
+            parts.append(part)
+    if not parts:
+        return None
+    return PixelPairs(
+        np.concatenate([part.change for part in parts]),
+        np.concatenate([part.first for part in parts]),
+        np.concatenate([part.second for part in parts]),
+        np.concatenate([part.weight for part in parts]),
+        sum((part.trust for part in parts), 0.0),
+    )
+
+
+def _measure_maps(linear: F32, normals: F32) -> _PhotoMaps:
+    """Return the maps of a photo (H, W, 3) in linear light."""
     level = np.log(luminance(linear) + np.float32(2e-3))
     small = linear + np.float32(4e-3)
     chroma = np.log(
         np.stack([small[..., 0] / small[..., 1], small[..., 2] / small[..., 1]], -1)
     )
-    full = linear.max(axis=2) < 0.98
-    parts, trusts = [], 0.0
-    quota = max(60, TUNING.pairs // max(len(balls), 1))
-    for i, ball in balls.items():
-        # Border pixels are mixed with the background.
-        inner: Mask = (
-            cv2.erode((labels == i).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-        )
-        rows, columns = np.nonzero(inner)
-        least_z = TUNING.ball_z if ball else TUNING.other_z
-        keep = (normals[rows, columns, 2] > least_z) & full[rows, columns]
-        rows, columns = rows[keep], columns[keep]
-        if len(rows) < 40:
-            continue
-        z = float(normals[rows, columns, 2].mean())
-        kind = "ball" if ball else "bulging" if z < TUNING.bulging else "flat"
-        a, b = random.integers(0, len(rows), (2, 12 * quota))
-        n, m = normals[rows[a], columns[a]], normals[rows[b], columns[b]]
-        same_colour = (
-            np.abs(chroma[rows[a], columns[a]] - chroma[rows[b], columns[b]]).max(
-                axis=1
-            )
-            < TUNING.alike
-        )
-        chosen_pairs = np.flatnonzero(
-            same_colour & (np.linalg.norm(n - m, axis=1) > TUNING.turned)
-        )[:quota]
-        if len(chosen_pairs) < 20:
-            continue
-        a, b = a[chosen_pairs], b[chosen_pairs]
-        weight = (
-            TRUST[kind]
-            * min(1.0, len(chosen_pairs) / quota)
-            * min(1.0, (len(rows) / 600) ** 0.5)
-        )
-        trusts += weight
-        change = level[rows[a], columns[a]] - level[rows[b], columns[b]]
-        parts.append(
-            (
-                change,
-                n[chosen_pairs],
-                m[chosen_pairs],
-                np.full(len(chosen_pairs), weight / len(chosen_pairs), np.float32),
-            )
-        )
-    if not parts:
+    return _PhotoMaps(level, chroma, normals, linear.max(axis=2) < 0.98)
+
+
+def _draw_pairs(
+    maps: _PhotoMaps, mask: Mask, is_ball: bool, quota: int, random: np.random.Generator
+) -> PixelPairs | None:
+    """Return at most `quota` pairs of equal colour and different normals, or None.
+
+    None means that an object has too few.
+    """
+    rows, columns = _select_pixels(maps, mask, is_ball)
+    if len(rows) < 40:
         return None
-    change, first, second, weights = (
-        np.concatenate(part) for part in zip(*parts, strict=True)
-    )
-    return PixelPairs(change, first, second, weights, trusts)
+    normals, chroma = maps.normals[rows, columns], maps.chroma[rows, columns]
+    a, b = random.integers(0, len(rows), (2, 12 * quota))
+    differences = np.abs(chroma[a] - chroma[b]).max(axis=1)
+    turns = np.linalg.norm(normals[a] - normals[b], axis=1)
+    is_pair = (differences < TUNING.colour_difference) & (turns > TUNING.turn)
+    indices = np.flatnonzero(is_pair)[:quota]
+    count = len(indices)
+    if count < 20:
+        return None
+    a, b = a[indices], b[indices]
+    kind = _name_form(normals, is_ball)
+    weight = TRUST[kind] * min(1.0, count / quota) * min(1.0, (len(rows) / 600) ** 0.5)
+    level = maps.level[rows, columns]
+    weights = np.full(count, weight / count, np.float32)
+    return PixelPairs(level[a] - level[b], normals[a], normals[b], weights, weight)
+
+
+def _select_pixels(
+    maps: _PhotoMaps, mask: Mask, is_ball: bool
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return rows and columns of an object's pixels that face the viewer.
+
+    Border pixels are mixed with the background.
+    """
+    inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    rows, columns = np.nonzero(inner)
+    least_z = TUNING.ball_z if is_ball else TUNING.other_z
+    is_facing = maps.normals[rows, columns, 2] > least_z
+    selection = is_facing & maps.valid[rows, columns]
+    return rows[selection], columns[selection]
+
+
+def _name_form(normals: F32, is_ball: bool) -> str:
+    """Return the form of an object for `TRUST`, by its normals (n, 3)."""
+    if is_ball:
+        return "ball"
+    return "bulging" if float(normals[:, 2].mean()) < TUNING.bulging else "flat"
 
 
 def highlights(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]) -> F32:

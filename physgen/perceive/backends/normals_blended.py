@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from physgen.geometry.circles import robust_circle
 from physgen.geometry.polygon import Array, Disc
@@ -99,43 +100,69 @@ def blended() -> Normals:
     return _blend_normals
 
 
+@dataclass(frozen=True, eq=False)
+class _ObjectTilts:
+    """The tilts of an object on its box."""
+
+    box: tuple[slice, slice]
+    mask: Mask  # (h, w)
+    tilts: F32  # (h, w, 2)
+    # Share of the tilts over a flat face; None for a certain form.
+    bulge: float | None
+
+
 def _blend_normals(
     rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject], boundaries: BoundaryGuess
 ) -> F32:
     """Return unit normals (H, W, 3): +x right, +y down, +z to the viewer."""
     height, width = labels.shape
-    network = cv2.resize(
-        run_network(rgb).normals, (width, height), interpolation=cv2.INTER_LINEAR
+    network_normals = np.asarray(
+        cv2.resize(
+            run_network(rgb).normals, (width, height), interpolation=cv2.INTER_LINEAR
+        ),
+        np.float32,
     )
-    network_normals = np.asarray(network, np.float32)
     level = np.log(luminance(decode(rgb)) + np.float32(2e-3))
-    tilts = np.zeros((height, width, 2), np.float32)
     forms = []
     for item in objects:
-        mask = labels == item.id
-        rows, columns = (
-            np.flatnonzero(mask.any(axis=1)),
-            np.flatnonzero(mask.any(axis=0)),
-        )
-        if not len(rows):
-            continue
-        box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-        corner = float(columns[0]), float(rows[0])
-        part = mask[box]
-        forms.append(
-            (box, part, *_form(item, part, corner, network_normals[box], level[box]))
-        )
-    bulges = _shared_bulges([(part, bulge) for _, part, _, bulge in forms])
-    for (box, part, field, _), bulge in zip(forms, bulges, strict=True):
-        tilt = (
-            field if bulge is None else bulge * field + (1 - bulge) * _flat_face(part)
-        )
-        tilts[box][part] = tilt[part]
+        form = _find_object_tilts(item, labels, network_normals, level)
+        if form is not None:
+            forms.append(form)
+    tilts = np.zeros((height, width, 2), np.float32)
+    bulges = _shared_bulges([(form.mask, form.bulge) for form in forms])
+    for form, bulge in zip(forms, bulges, strict=True):
+        tilt = form.tilts
+        if bulge is not None:
+            tilt = bulge * form.tilts + (1 - bulge) * _flat_face(form.mask)
+        tilts[form.box][form.mask] = tilt[form.mask]
     if boundaries.view is View.SIDE:
         _tilt_table(tilts, labels, network_normals, level, boundaries)
-    # Tilts of blended forms may exceed 1; z completes the unit vector.
+    return _complete_tilts(tilts)
+
+
+def _find_object_tilts(
+    item: PhotoObject, labels: Labels, network_normals: F32, level: F32
+) -> _ObjectTilts | None:
+    """Return the tilts of an object, or None if it has no pixels."""
+    mask = labels == item.id
+    rows = np.flatnonzero(mask.any(axis=1))
+    columns = np.flatnonzero(mask.any(axis=0))
+    if not len(rows):
+        return None
+    box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    corner = float(columns[0]), float(rows[0])
+    part = mask[box]
+    tilts, bulge = _form(item, part, corner, network_normals[box], level[box])
+    return _ObjectTilts(box, part, tilts, bulge)
+
+
+def _complete_tilts(tilts: F32) -> F32:
+    """Return the unit normals (H, W, 3) of tilts (H, W, 2).
+
+    Tilts of blended forms may exceed 1; z completes the unit vector.
+    """
     length = np.linalg.norm(tilts, axis=2, keepdims=True)
-    tilts *= np.minimum(1, np.float32(0.999) / np.maximum(length, 1e-6))
+    tilts = tilts * np.minimum(1, np.float32(0.999) / np.maximum(length, 1e-6))
     z = np.sqrt(np.maximum(1 - (tilts**2).sum(axis=2, keepdims=True), 0))
     return np.concatenate([tilts, z], axis=2).astype(np.float32)
 
@@ -339,47 +366,55 @@ def _flat_face(own: Mask) -> F32:
 
 
 def _tilt_table(
-    tilts: F32, labels: Labels, seen: F32, level: F32, boundaries: BoundaryGuess
+    tilts: F32, labels: Labels, normals: F32, level: F32, boundaries: BoundaryGuess
 ) -> None:
     """Tilt rows below a table's far edge upwards, in place."""
     free = labels == 0
-    height = labels.shape[0]
     rows_in_view = np.flatnonzero(free.sum(axis=1) > 20)
     if len(rows_in_view) < 16:
         return
-    rows = np.arange(height)
     upward = np.interp(
-        rows,
+        np.arange(len(labels)),
         rows_in_view,
-        [float(np.median(seen[y, free[y], 1])) for y in rows_in_view],
+        [float(np.median(normals[y, free[y], 1])) for y in rows_in_view],
     )
     step = np.abs(np.diff(cv2.GaussianBlur(level, (0, 0), 1.0), axis=0))
-    sharp = np.median(step, axis=1)
-    lines = [
-        int(y)
-        for wall in boundaries.walls
-        if wall.name.startswith("floor")
-        for _, y in wall.points
-    ]
-    # The far edge is the row at which the normals turn upwards and the light changes.
-    best, edge_row = 0.0, -1
-    for y in range(height // 4, min([height - 4, *lines])):
-        edge = float(sharp[y - 1 : y + 2].max())
-        mean_below = float(upward[y:].mean())
-        drop = float(upward[max(0, y - height // 5) : y].mean()) - mean_below
-        worth = drop * (1 + 20 * edge)
-        if (
-            mean_below < LIMITS.floor
-            and drop > LIMITS.floor_drop
-            and edge > LIMITS.sharp
-            and worth > best
-        ):
-            best, edge_row = worth, y
-    if edge_row < 0:
+    lowest_row = min(
+        [len(labels) - 4]
+        + [
+            int(y)
+            for wall in boundaries.walls
+            if wall.name.startswith("floor")
+            for _, y in wall.points
+        ]
+    )
+    edge_row = _find_table_edge(upward, np.median(step, axis=1), lowest_row)
+    if edge_row is None:
         return
     ground = free.copy()
     ground[:edge_row] = False
     tilts[ground] = (0, -np.cos(np.radians(LIMITS.tilt)))
+
+
+def _find_table_edge(
+    upward: NDArray[np.float64], sharpness: NDArray[np.floating], lowest_row: int
+) -> int | None:
+    """Return the row of a table's far edge above `lowest_row`, or None.
+
+    At that row the normals turn upwards and the light changes. `upward` (H,) are the
+    y components of the normals, `sharpness` (H - 1,) the changes of light.
+    """
+    height = len(upward)
+    best, edge_row = 0.0, None
+    for y in range(height // 4, lowest_row):
+        edge = float(sharpness[y - 1 : y + 2].max())
+        mean_below = float(upward[y:].mean())
+        drop = float(upward[max(0, y - height // 5) : y].mean()) - mean_below
+        worth = drop * (1 + 20 * edge)
+        is_edge = drop > LIMITS.floor_drop and edge > LIMITS.sharp
+        if mean_below < LIMITS.floor and is_edge and worth > best:
+            best, edge_row = worth, y
+    return edge_row
 
 
 # Normals of simple solids from masks: (h, w, 2), x and y of the unit normal. z, towards

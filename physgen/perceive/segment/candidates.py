@@ -261,12 +261,12 @@ def network_proposals(
             )
             pairs.append((first_side, second_side, 1 - affinity[first_side]))
     object_basins = _on_objects(labels, seen.foreground)
-    tree = merge_tree(pair_borders(labels, pairs, object_basins), stale=0)
+    tree = merge_tree(pair_borders(labels, pairs, object_basins), tolerance=0)
     limit = 1 - CANDIDATES.whole
     parent_height = np.where(tree.parent >= 0, tree.height[tree.parent], 1.0)
     whole_nodes = (tree.height < limit) & (parent_height >= limit)
     tree_proposals = tree_regions(
-        tree, labels, tree.without(object_basins), smallest, largest
+        tree, labels, tree.exclude_basins(object_basins), smallest, largest
     )
     return [proposal for k, proposal in tree_proposals if not whole_nodes[k]], [
         proposal for k, proposal in tree_proposals if whole_nodes[k]

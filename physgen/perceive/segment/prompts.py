@@ -284,55 +284,19 @@ def from_prompts(
     its prompt. Raises InputError with every box or point that is off the photo or shows
     no object.
     """
-    masks: list[PromptedMask] = []
-    problems: list[Problem] = []
     frame = frame or PromptFrame.of(rgb)
-    given_prompts: list[tuple[str, Sequence[float]]] = [("box", box) for box in boxes]
-    given_prompts += [("point", point) for point in points]
+    problems = _PromptProblems(frame, _list_prompts(boxes, points))
     boxes, points = frame.boxes_in(rgb, boxes), frame.points_in(rgb, points)
-    segments_once = cache(lambda: segment(rgb))
-    answers = segment.answers(rgb, boxes, points)
-
-    def report(order: int, refusal: RefusedError) -> None:
-        kind, numbers = given_prompts[order]
-        problems.append(frame.problem(order, kind, numbers, refusal))
-
-    for k, box in enumerate(boxes):
-        try:
-            masks.append(answers.get(k) or segment_box(rgb, box))
-        except InputError as error:
-            report(k, error.problems[0].refusal())
-    for k, point in enumerate(points, len(boxes)):
-        try:
-            masks.append(
-                answers.get(k)
-                or segment_point(
-                    rgb,
-                    point,
-                    segments_once(),
-                    points,
-                    smallest=segment.is_smallest_meant,
-                )
-            )
-        except InputError as error:
-            report(k, error.problems[0].refusal())
-    if problems:
-        raise InputError(problems)
-    labels = np.zeros(rgb.shape[:2], np.uint16)
-    # Small objects are drawn last, in front.
-    for k in sorted(range(len(masks)), key=lambda k: -int(masks[k].mask.sum())):
-        labels[masks[k].mask] = k + 1
-    places: list[tuple[str, Sequence[float]]] = [("box", box) for box in boxes]
-    places += [("point", point) for point in points]
+    masks = _cut_prompts(rgb, boxes, points, segment, problems)
+    labels = _draw_in_front(masks, rgb.shape[:2])
     # A prompt whose object is hidden by the others repeats one of them.
-    for k in range(1, len(places) + 1):
-        least_area = max(
-            RULE.visible * np.count_nonzero(masks[k - 1].mask), SMALLEST_OBJECT
-        )
+    for k, prompt_mask in enumerate(masks, 1):
+        area = np.count_nonzero(prompt_mask.mask)
+        least_area = max(RULE.visible * area, SMALLEST_OBJECT)
         if np.count_nonzero(labels == k) < least_area:
-            report(k - 1, Message.PROMPT_REPEATED.refusal())
-    if problems:
-        raise InputError(problems)
+            problems.add(k - 1, Message.PROMPT_REPEATED.refusal())
+    problems.raise_all()
+    places = _list_prompts(boxes, points)
     # The scene stores the chosen region rather than the click.
     if segment.is_smallest_meant:
         for k, prompt_mask in enumerate(masks[len(boxes) :], len(boxes)):
@@ -344,6 +308,75 @@ def from_prompts(
     }
     confidence = {k: prompt_mask.confidence for k, prompt_mask in enumerate(masks, 1)}
     return Detections(labels, "pointed at", confidence, {}, prompts)
+
+
+def _list_prompts(
+    boxes: Sequence[Box], points: Sequence[Point]
+) -> list[tuple[str, Sequence[float]]]:
+    """Return the kind and the numbers of each prompt in order."""
+    prompts: list[tuple[str, Sequence[float]]] = [("box", box) for box in boxes]
+    return [*prompts, *(("point", point) for point in points)]
+
+
+@dataclass
+class _PromptProblems:
+    """The problems of prompts, in the user's pixels."""
+
+    frame: PromptFrame
+    prompts: Sequence[tuple[str, Sequence[float]]]
+    problems: list[Problem] = field(default_factory=list)
+
+    def add(self, order: int, refusal: RefusedError) -> None:
+        """Add the problem of the prompt at a place in the order."""
+        kind, numbers = self.prompts[order]
+        self.problems.append(self.frame.problem(order, kind, numbers, refusal))
+
+    def raise_all(self) -> None:
+        """Raise InputError with all problems, if there are any."""
+        if self.problems:
+            raise InputError(self.problems)
+
+
+def _cut_prompts(
+    rgb: Rgb,
+    boxes: Sequence[Box],
+    points: Sequence[Point],
+    segment: Segmenter,
+    problems: _PromptProblems,
+) -> list[PromptedMask]:
+    """Return the masks of boxes and points in the photo, or raise InputError."""
+    masks: list[PromptedMask] = []
+    segments_once = cache(lambda: segment(rgb))
+    answers = segment.answers(rgb, boxes, points)
+    for k, box in enumerate(boxes):
+        try:
+            masks.append(answers.get(k) or segment_box(rgb, box))
+        except InputError as error:
+            problems.add(k, error.problems[0].refusal())
+    is_smallest = segment.is_smallest_meant
+    for k, point in enumerate(points, len(boxes)):
+        try:
+            mask = answers.get(k) or segment_point(
+                rgb, point, segments_once(), points, smallest=is_smallest
+            )
+            masks.append(mask)
+        except InputError as error:
+            problems.add(k, error.problems[0].refusal())
+    problems.raise_all()
+    return masks
+
+
+def _draw_in_front(
+    masks: Sequence[PromptedMask], shape: tuple[int, ...]
+) -> NDArray[np.uint16]:
+    """Return the label map (H, W) of masks with ids 1, 2, ...
+
+    Small objects are drawn last, in front.
+    """
+    labels = np.zeros(shape, np.uint16)
+    for k in sorted(range(len(masks)), key=lambda k: -int(masks[k].mask.sum())):
+        labels[masks[k].mask] = k + 1
+    return labels
 
 
 def segment_box(rgb: Rgb, box: Box) -> PromptedMask:

@@ -331,21 +331,12 @@ def _edge_terms(
     gradient: Gradient,
 ) -> Terms:
     """Return the terms from edges and colours along outlines."""
-    rim = np.zeros((len(proposals), POINTS, 4))
-    for k, (proposal, contour) in enumerate(zip(proposals, contours, strict=True)):
-        places = _sample_places(contour)
-        rim[k, :, :2] = contour[places] + (proposal.x, proposal.y)
-        rim[k, :, 2:] = contour_normals(contour)[places]
-    x, y, nx, ny = np.moveaxis(rim, 2, 0)
+    rim = _sample_rims(proposals, contours)
     free = _is_free(rim[..., :2], gradient.strength.shape)
     count = np.maximum(free.sum(1), 1)
     areas = np.array([proposal.area for proposal in proposals]).reshape(-1, 1)
     reach = np.clip(0.03 * np.sqrt(areas), 1.5, 4)
-    angle, edge = np.arctan2(ny, nx), np.zeros_like(x)
-    # The edge may lie a little inside or outside the mask's outline.
-    for step in np.linspace(-1, 1, 7):
-        strength = gradient.across(x + step * reach * nx, y + step * reach * ny, angle)
-        edge = np.maximum(edge, strength * (1 - 0.25 * step * step))
+    edge = _search_edges_along(rim, reach, gradient)
     support = np.where(free, gradient.support(edge), np.inf)
     cover = np.where(free, support, 0).sum(1) / count
     weakest = _weakest_quarters(support, count)
@@ -356,6 +347,31 @@ def _edge_terms(
         "weakest": weakest + 0.05,
         "contrast": contrast + 0.01,
     }
+
+
+def _sample_rims(
+    proposals: Sequence[Proposal], contours: Sequence[NDArray[np.int32]]
+) -> Array:
+    """Return x, y and normal (n, POINTS, 4) of samples along outlines."""
+    rim = np.zeros((len(proposals), POINTS, 4))
+    for k, (proposal, contour) in enumerate(zip(proposals, contours, strict=True)):
+        places = _sample_places(contour)
+        rim[k, :, :2] = contour[places] + (proposal.x, proposal.y)
+        rim[k, :, 2:] = contour_normals(contour)[places]
+    return rim
+
+
+def _search_edges_along(rim: Array, reach: Array, gradient: Gradient) -> Array:
+    """Return the strongest edge (n, POINTS) at most `reach` (n, 1) px from samples.
+
+    The edge may lie a little inside or outside the mask's outline.
+    """
+    x, y, nx, ny = np.moveaxis(rim, 2, 0)
+    angle, edge = np.arctan2(ny, nx), np.zeros_like(x)
+    for step in np.linspace(-1, 1, 7):
+        strength = gradient.across(x + step * reach * nx, y + step * reach * ny, angle)
+        edge = np.maximum(edge, strength * (1 - 0.25 * step * step))
+    return np.asarray(edge)
 
 
 def _weakest_quarters(support: Array, count: NDArray[np.int64]) -> Array:
