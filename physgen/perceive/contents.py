@@ -24,7 +24,7 @@ class ContentLimits:
     """Share of its convex outline from which an object has no room for contents."""
     inside: float = 0.5
     """Share of contents within that outline, at least."""
-    above: float = 0.05
+    height: float = 0.05
     """Of that outline's height, between the lower ends of both, at least."""
     touch: int = 5
     """px between contents and what holds them."""
@@ -89,7 +89,7 @@ class _Container:
         share = np.count_nonzero(other & self.hull) / area
         low = int(np.flatnonzero(other.any(axis=1))[-1])
         return bool(
-            share >= CONTENT.inside and low < self.low - CONTENT.above * self.height
+            share >= CONTENT.inside and low < self.low - CONTENT.height * self.height
         )
 
 

@@ -19,15 +19,15 @@ from physgen.perceive.roles import Labels, Mask
 class HangingLimits:
     """Limits of parts that hang beside an object; chosen on pots, cars and stacks."""
 
-    unsure: float = 0.7
+    confidence: float = 0.7
     """Confidence from which an object is not a part."""
     small: float = 0.35
     """Of the other object's area, at most."""
     touch: float = 0.01
     """Gap between them, as a share of the root of the other's area."""
-    above: float = 0.15
+    height: float = 0.15
     """Of the other's height, between the lower ends of both, at least."""
-    beside: float = 0.1
+    side_distance: float = 0.1
     """Of its width, by which what is under it may lie beside its middle."""
     gap: float = 0.06
     """Of its height, between it and what is under it."""
@@ -44,7 +44,7 @@ def attach_hanging_parts(labels: Labels, confidence: Mapping[int, float]) -> Lab
     attached = labels.copy()
     for i in sorted(confidence, key=lambda k: confidence[k]):
         own = attached == i
-        if confidence[i] >= HANGING.unsure or not own.any() or _is_cut(own):
+        if confidence[i] >= HANGING.confidence or not own.any() or _is_cut(own):
             continue
         owner = _owner(attached, own, i)
         if owner and not _is_carried(attached, own):
@@ -73,7 +73,7 @@ def _owner(labels: Labels, own: Mask, i: int) -> int:
     other_rows = np.flatnonzero(other.any(axis=1))
     other_height = int(other_rows[-1] - other_rows[0]) + 1
     is_small = area < HANGING.small * np.count_nonzero(other)
-    is_above = y + height < other_rows[-1] - HANGING.above * other_height
+    is_above = y + height < other_rows[-1] - HANGING.height * other_height
     return int(touching[0]) if is_small and is_above else 0
 
 
@@ -92,5 +92,5 @@ def _is_carried(labels: Labels, own: Mask) -> bool:
     if not len(held):
         return False
     middle = float(columns.mean())
-    slack = HANGING.beside * len(here)
+    slack = HANGING.side_distance * len(here)
     return bool(held.min() <= middle + slack and held.max() >= middle - slack)

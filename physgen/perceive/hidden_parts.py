@@ -33,7 +33,7 @@ class HiddenConstants:
     """Constants of continued outlines, tuned on apples and toys by eye."""
 
     # px: a border this near to another object may belong to that object.
-    near: float = 3.0
+    border_distance: float = 3.0
     # Least number of points of a visible border.
     points: int = 24
     # Least visible part of a circle's border, as a share of a turn.
@@ -45,21 +45,21 @@ class HiddenConstants:
     # Least share of the border within that distance.
     fits: float = 0.8
     # Largest distance of a border from its ellipse, as a share of the size.
-    smooth: float = 0.03
+    deviation: float = 0.03
     # Largest share of background in a circle.
     open: float = 0.08
     # Least completed hidden area, as a share of the object's area.
-    least: float = 0.02
+    least_share: float = 0.02
     # The same as a share of a ball's disc: a bite is visible on a round outline.
     least_of_ball: float = 0.004
     # Largest hidden area as a multiple of the visible area; more would be a guess.
-    most: float = 1.5
+    largest_share: float = 1.5
     # Least share of a bay filled by objects in front.
     bay: float = 0.8
     # Least remaining share of a ball's radius between touching neighbours.
     smallest: float = 0.6
     # Displacement by neighbours from which a ball returns to its border, in radii.
-    moved: float = 0.06
+    displacement: float = 0.06
 
 
 HIDDEN = HiddenConstants()
@@ -113,7 +113,7 @@ def _border_circle(labels: Labels, item: PhotoObject, fronts: set[int]) -> Disc 
         return None
     center = circle.center + corner
     shift = float(np.hypot(*(center - disc.center)))
-    if shift <= max(HIDDEN.near, HIDDEN.moved * circle.radius):
+    if shift <= max(HIDDEN.border_distance, HIDDEN.displacement * circle.radius):
         return None
     return Disc(center, circle.radius)
 
@@ -165,7 +165,7 @@ def _whole_outline(
     full_mask = mask | (hidden_part & front_mask)
     hidden_area = np.count_nonzero(full_mask) - np.count_nonzero(mask)
     area = np.count_nonzero(mask)
-    if not HIDDEN.least * area <= hidden_area <= HIDDEN.most * area:
+    if not HIDDEN.least_share * area <= hidden_area <= HIDDEN.largest_share * area:
         return None
     # The completed mask may leave the photo; only the inner pixels are fitted.
     full = np.zeros(labels.shape, np.uint16)
@@ -195,7 +195,7 @@ def _free_border(own: Mask, window: Labels) -> Array:
     distance = cv2.distanceTransform(1 - others, cv2.DIST_L2, 5)
     columns = np.clip(np.rint(border[:, 0]).astype(int), 0, own.shape[1] - 1)
     rows = np.clip(np.rint(border[:, 1]).astype(int), 0, own.shape[0] - 1)
-    is_free = distance[rows, columns] > HIDDEN.near
+    is_free = distance[rows, columns] > HIDDEN.border_distance
     return np.asarray(border[is_free], np.float64)
 
 
@@ -245,7 +245,7 @@ def _ellipse(border: Array, own: Mask, by: Mask) -> Mask | None:
     )
     unit_points = (border - [x, y]) @ axes_matrix.T / (np.array(axes) / 2)
     distances = np.abs(np.hypot(*unit_points.T) - 1)
-    if float(np.quantile(distances, HIDDEN.fits)) > HIDDEN.smooth:
+    if float(np.quantile(distances, HIDDEN.fits)) > HIDDEN.deviation:
         return None
     ellipse_mask = np.zeros(own.shape, np.uint8)
     cv2.ellipse(ellipse_mask, ((x, y), axes, angle), 1, -1)

@@ -46,7 +46,7 @@ class ShotTuning:
     """Largest speed of a push on a table, longer sides of the photo per second: faster
     balls cannot be followed.
     """
-    beyond: float = 0.5
+    wall_distance: float = 0.5
     """Distance of a table's unseen walls from the picture's border, sides of the
     photo.
     """
@@ -242,7 +242,7 @@ def _moved_outwards(
     is_low, is_high = ends <= SHOT.border, ends >= last - SHOT.border
     is_along_border = bool(is_low.all(axis=0).any() or is_high.all(axis=0).any())
     if is_along_border:
-        ends += SHOT.beyond * np.array(size) * (is_high.astype(int) - is_low)
+        ends += SHOT.wall_distance * np.array(size) * (is_high.astype(int) - is_low)
     return [[short(x), short(y)] for x, y in ends.tolist()]
 
 

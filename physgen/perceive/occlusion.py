@@ -30,29 +30,29 @@ class _Limits:
     """Limits of occlusion; px unless stated."""
 
     # Least depth of an object under another, and at least ...
-    deep: float = 6.0
+    least_depth: float = 6.0
     # ... this share of the smaller object's size. True masks of stacked objects seen
     # slightly from above overlap by 5 px (chosen on the studio's tuning half).
     part: float = 0.1
     # Least ratio of both depths if each object seems to reach under the other.
-    twice: float = 2.0
+    depth_ratio: float = 2.0
     # Least visible part of a circle's border, as a share of a full turn.
     free_arc: float = 0.25
     # Largest distance of a round object's border from its circle, as a share of the
     # radius, and at least ...
-    rounded: float = 0.04
+    circle_deviation: float = 0.04
     # ... this distance.
-    coarse: float = 0.8
+    least_deviation: float = 0.8
     # Least share of the visible border within that distance.
     fits: float = 0.95
     # Largest share of background in a circle in place of the object.
     open: float = 0.04
     # Least share of a bay or hole that another object fills.
-    filled: float = 0.8
+    filled_share: float = 0.8
     # Least visible share of the circle of a round object in front.
-    whole: float = 0.97
+    circle_share: float = 0.97
     # Largest distance between common borders of two objects.
-    near: float = 2.6
+    border_distance: float = 2.6
 
 
 LIMITS = _Limits()
@@ -98,7 +98,7 @@ def _find_orders(
         depth = max(depths)
         # The depth must be large for the objects' size, and clearly larger than the
         # opposite depth.
-        if depth < max(LIMITS.deep, LIMITS.part * size) or depth < LIMITS.twice * min(
+        if depth < max(LIMITS.least_depth, LIMITS.part * size) or depth < LIMITS.depth_ratio * min(
             depths
         ):
             continue
@@ -173,7 +173,7 @@ def _reach_under(
     if (circle := circles[j]) is not None:
         in_circle = _distance(circle, other.shape) <= circle[2]
         # If j is a complete circle, a common border that bulges into i belongs to j.
-        if (in_circle & other).sum() >= LIMITS.whole * (in_circle & inner).sum():
+        if (in_circle & other).sum() >= LIMITS.circle_share * (in_circle & inner).sum():
             depth = max(depth, _bulge(mask, other))
     return depth
 
@@ -192,7 +192,7 @@ def _filled_bay(mine: Mask, other: Mask) -> float:
     count, bays, stats, _ = cv2.connectedComponentsWithStats(open_, connectivity=4)
     is_filled = (
         np.bincount(bays[other], minlength=count)
-        >= LIMITS.filled * stats[:, cv2.CC_STAT_AREA]
+        >= LIMITS.filled_share * stats[:, cv2.CC_STAT_AREA]
     )
     is_filled[0] = False
     depths = hull_depth[is_filled[bays] & other]
@@ -205,7 +205,7 @@ def _free_circle(labels: Labels, i: int, box: Box) -> Array | None:
     border = long_border(part == i)
     others = (part != 0) & (part != i)
     free = border[
-        (_gap(others, border) > LIMITS.near) & (_gap(~inner, border) > LIMITS.near)
+        (_gap(others, border) > LIMITS.border_distance) & (_gap(~inner, border) > LIMITS.border_distance)
     ]
     if len(free) < 12:
         return None
@@ -213,7 +213,7 @@ def _free_circle(labels: Labels, i: int, box: Box) -> Array | None:
     x, y = (free - circle[:2]).T
     angles = np.unique((np.arctan2(y, x) * 36 / np.pi).astype(int))
     distances = np.abs(np.hypot(x, y) - circle[2])
-    fits = float((distances <= max(LIMITS.coarse, LIMITS.rounded * circle[2])).mean())
+    fits = float((distances <= max(LIMITS.least_deviation, LIMITS.circle_deviation * circle[2])).mean())
     return (
         circle + corner
         if len(angles) >= LIMITS.free_arc * 72 and fits >= LIMITS.fits
@@ -224,7 +224,7 @@ def _free_circle(labels: Labels, i: int, box: Box) -> Array | None:
 def _bulge(mine: Mask, other: Mask) -> float:
     """Return the bulge of the common border of two objects into the first one, px."""
     border = long_border(other)
-    is_common = _gap(mine, border) <= LIMITS.near
+    is_common = _gap(mine, border) <= LIMITS.border_distance
     if is_common.all():
         return float(np.ptp(border, axis=0).min())
     # Start outside the common border, so that each common stretch is contiguous.

@@ -35,7 +35,7 @@ def summary(perceived: PerceivedScene) -> list[str]:
     doubtful_names = [
         f"{name} ({value:.2f})"
         for name, value in confidences.items()
-        if value < DOUBTS.unsure
+        if value < DOUBTS.object_confidence
     ]
     check = (
         f", but look at {listed([name.split()[0] for name in doubtful_names], 'and')}"

@@ -99,7 +99,7 @@ def test_a_crop_shows_the_object_in_the_middle_and_dims_the_rest() -> None:
     np.testing.assert_allclose(shown[112, 112], (255, 255, 0), atol=1)
     dim = (
         naming.CROP.middle
-        + (np.array([0, 0, 255]) - naming.CROP.middle) * naming.CROP.dim
+        + (np.array([0, 0, 255]) - naming.CROP.middle) * naming.CROP.background_contrast
     )
     np.testing.assert_allclose(shown[112, 20], dim, atol=2)
     yellow = np.argwhere(shown[..., 0] > 200)

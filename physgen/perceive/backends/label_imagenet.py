@@ -51,7 +51,7 @@ class CropConstants:
     margin: float = 0.1
     # Contrast factor of the background: surroundings help the network, but neighbours
     # confuse it.
-    dim: float = 0.35
+    background_contrast: float = 0.35
     # 8-bit level of the dimmed background; the network's input is (level - middle) /
     # spread.
     middle: float = 127.0
@@ -89,7 +89,7 @@ class CropConstants:
     """
     # Confidence of a billiard ball on a pool table; in 182 photos without a table the
     # class never exceeds 0.2.
-    certain: float = 0.75
+    ball_confidence: float = 0.75
 
 
 CROP = CropConstants()
@@ -325,7 +325,7 @@ def _pool(rgb: Rgb, disc_ids: Sequence[int]) -> dict[int, Name]:
         rgb, (CROP.side, CROP.side), interpolation=cv2.INTER_AREA
     ).astype(np.float32)
     chances = _softmax(features(small_photo)[None] @ head.weights.T + head.bias)[0]
-    name = Name("billiard ball", CROP.certain, (), "imagenet")
+    name = Name("billiard ball", CROP.ball_confidence, (), "imagenet")
     return (
         dict.fromkeys(disc_ids, name) if chances[CROP.pool_table] >= CROP.pool else {}
     )
@@ -370,7 +370,7 @@ def _dim_background(rgb: Rgb, mask: Mask, blur: float) -> F32:
     inside = mask.astype(np.float32)
     weight = np.maximum(cv2.GaussianBlur(inside, (0, 0), blur), inside)[..., None]
     middle = np.float32(CROP.middle)
-    return np.asarray(middle + (rgb - middle) * (CROP.dim + (1 - CROP.dim) * weight))
+    return np.asarray(middle + (rgb - middle) * (CROP.background_contrast + (1 - CROP.background_contrast) * weight))
 
 
 def features(picture: F32) -> F32:

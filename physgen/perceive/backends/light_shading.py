@@ -50,7 +50,7 @@ class _Tuning:
     turn: float = 0.35
     # Limit of an error of log light: a larger error is a print, a highlight or another
     # object's shadow.
-    most: float = 0.5
+    largest_error: float = 0.5
     # Number of candidate directions.
     sky: int = 420
     # Mean z of the normals below which an object bulges; a flat face with a rounded rim
@@ -61,9 +61,9 @@ class _Tuning:
     # ... and those of all other objects.
     other_z: float = 0.4
     # degrees: least angle between a light and its rivals.
-    elsewhere: float = 35.0
+    rival_angle: float = 35.0
     # Cost of a light from straight below, because lamps and the sky are mostly above.
-    below: float = 0.1
+    cost_below: float = 0.1
     # Gain for highlights in full agreement.
     spot_gain: float = 0.25
     # degrees: angle of agreement between highlights.
@@ -71,16 +71,16 @@ class _Tuning:
     # Largest size of a highlight over a ball's radius.
     spot_size: float = 0.3
     # Least contrast of a highlight.
-    bright: float = 0.2
+    spot_contrast: float = 0.2
     # Largest coloured share of a highlight's light.
     white: float = 0.35
     # Shading of a surface facing the light with its true colour.
     full: float = 1.2
     # Least explained share of the differences for a valid light.
-    least: float = 0.1
+    least_share: float = 0.1
     # Explained share above which only rivals reduce the confidence, because prints and
     # reflections always stay unexplained.
-    enough: float = 0.2
+    full_share: float = 0.2
 
 
 TUNING = _Tuning()
@@ -134,11 +134,11 @@ def _shading(
     balls = {t.id: isinstance(t.outline, Disc) for t in objects}
     pairs = pixel_pairs(decode(small_photo), ids, balls, small_normals)
     estimate = fit_light(pairs, highlights(rgb, labels, objects))
-    if estimate is None or (estimate.explained < TUNING.least and estimate.spots < 2):
+    if estimate is None or (estimate.explained < TUNING.least_share and estimate.spots < 2):
         return LightGuess(FROM_ABOVE, 0.1)
     # Prints and reflections always stay unexplained: the share `enough` counts as a
     # full explanation.
-    explanation = min(1.0, (estimate.explained + 0.05 * estimate.spots) / TUNING.enough)
+    explanation = min(1.0, (estimate.explained + 0.05 * estimate.spots) / TUNING.full_share)
     evidence = min(1.0, estimate.trust + 0.2 * estimate.spots)
     confidence = round(
         0.1 + 0.8 * explanation * (evidence * (1 - estimate.rival)) ** 0.5, 2
@@ -179,7 +179,7 @@ def fit_light(
         0.0 if pairs is None else 1 - float(_misfit(pairs, direction[None])[0, low[1]])
     )
     # A distant direction with a similar cost makes the light ambiguous.
-    rival_costs = cost[sky @ direction < np.cos(np.radians(TUNING.elsewhere))]
+    rival_costs = cost[sky @ direction < np.cos(np.radians(TUNING.rival_angle))]
     worth = (
         max(1 - float(rival_costs.min()), 0) / max(1 - float(cost.min()), 1e-6)
         if rival_costs.size
@@ -212,7 +212,7 @@ def _cost(pairs: PixelPairs | None, sky: F32, spots: F32) -> F32:
         # Little shading is weak evidence.
         share = min(1.0, 2 * pairs.trust)
         cost += np.float32(share) * (_misfit(pairs, sky) - 1)
-    cost += np.float32(TUNING.below) * np.maximum(sky[:, 1], -0.3)[:, None]
+    cost += np.float32(TUNING.cost_below) * np.maximum(sky[:, 1], -0.3)[:, None]
     if len(spots):
         angles = np.degrees(np.arccos(np.clip(sky @ spots.T, -1, 1)))
         agree = np.exp(-0.5 * (angles / TUNING.spot_angle) ** 2).sum(axis=1) / (
@@ -230,13 +230,13 @@ def _misfit(pairs: PixelPairs, sky: F32) -> F32:
         np.maximum(part @ sky.T, 0) for part in (pairs.first, pairs.second)
     )
     even_cost = float(
-        (pairs.weight * np.minimum(np.abs(pairs.change), TUNING.most)).sum()
+        (pairs.weight * np.minimum(np.abs(pairs.change), TUNING.largest_error)).sum()
     )
     costs = np.empty((len(sky), len(AMBIENT)), np.float32)
     for k, ambient in enumerate(AMBIENT):
         prediction = np.log((first_shading + ambient) / (second_shading + ambient))
         costs[:, k] = pairs.weight @ np.minimum(
-            np.abs(prediction - pairs.change[:, None]), TUNING.most
+            np.abs(prediction - pairs.change[:, None]), TUNING.largest_error
         )
     return costs / np.float32(max(even_cost, 1e-9))
 
@@ -391,7 +391,7 @@ def _white_spot(part: F32, own: Mask, radius: float) -> tuple[float, float] | No
     # A morphological opening removes spots smaller than the kernel.
     excess = white_level - cv2.morphologyEx(white_level, cv2.MORPH_OPEN, kernel)
     peak = float(excess.max())
-    if peak < TUNING.bright:
+    if peak < TUNING.spot_contrast:
         return None
     row, column = np.unravel_index(int(excess.argmax()), excess.shape)
     colour = part[row, column]

@@ -53,21 +53,21 @@ class _Limits:
     slope_range: float = 0.1
     # Least change of light across a bulging object: its spread times its smooth share
     # squared ...
-    shaded: float = 0.05
+    light_change: float = 0.05
     # ... and the increase over which the bulge becomes certain.
     shaded_range: float = 0.05
     # Spread of the change of light ...
     clear_spread: float = 0.15
     # ... and its smooth share that no flat face reaches,
-    clear_smooth: float = 0.95
+    smooth_share: float = 0.95
     # and the reduction of the required slope in that case.
     clear_slope: float = 0.25
     # Half the width of a handle, as a share of the smaller side.
     handle: float = 0.12
     # Least share of the area without handles; above it an object has no handles.
-    whole: float = 0.95
+    body_share: float = 0.95
     # Largest relative difference between the sides of objects of one kind.
-    alike: float = 0.15
+    size_difference: float = 0.15
     # Bins of tilt.
     columns: int = 12
     # Width of the rounded edge of a flat face, as a share of the smaller side.
@@ -89,7 +89,7 @@ class _Limits:
     # Largest distance of the border from the circle, as a share of the radius.
     fit: float = 0.03
     # Least share of the mask inside the circle.
-    within: float = 0.97
+    inner_share: float = 0.97
 
 
 LIMITS = _Limits()
@@ -176,7 +176,7 @@ def _shared_bulges(found: Sequence[tuple[Mask, float | None]]) -> list[float | N
     bulges: list[float | None] = []
     for (_, bulge), size in zip(found, sizes, strict=True):
         is_similar = np.atleast_1d(
-            (np.abs(sizes / size - 1) < LIMITS.alike).all(axis=1)
+            (np.abs(sizes / size - 1) < LIMITS.size_difference).all(axis=1)
         ).tolist()
         similar_bulges = [
             b
@@ -210,7 +210,7 @@ def _form(
     body = (
         without_thin_parts(own, round(LIMITS.handle * smaller)) if smaller > 12 else own
     )
-    body = own if body.sum() > LIMITS.whole * own.sum() else body
+    body = own if body.sum() > LIMITS.body_share * own.sum() else body
     if (
         item.label.lower().startswith("ball")
         or not nouns & ROUND
@@ -290,7 +290,7 @@ def _bulge(seen: F32, level: F32, field: F32, inner: Mask, axis: int) -> float:
     spread, smooth_share = max(
         (_light_profile(level, field[..., side], inner) for side in sides), key=np.prod
     )
-    clear_change = spread > LIMITS.clear_spread and smooth_share > LIMITS.clear_smooth
+    clear_change = spread > LIMITS.clear_spread and smooth_share > LIMITS.smooth_share
     least_slope = LIMITS.slope - (LIMITS.clear_slope if clear_change else 0)
     slope = np.clip(
         (_slope(seen, field, inner) - least_slope) / LIMITS.slope_range, 0, 1
@@ -298,7 +298,7 @@ def _bulge(seen: F32, level: F32, field: F32, inner: Mask, axis: int) -> float:
     return float(
         slope
         * np.clip(
-            (spread * smooth_share**2 - LIMITS.shaded) / LIMITS.shaded_range, 0, 1
+            (spread * smooth_share**2 - LIMITS.light_change) / LIMITS.shaded_range, 0, 1
         )
     )
 
@@ -530,7 +530,7 @@ def hidden_ball(body: Mask) -> tuple[tuple[float, float], float] | None:
     is_inside = np.hypot(columns - x, rows - y) <= radius + 1.5
     if (
         _on_circle(border, circle).mean() < LIMITS.arc
-        or is_inside.mean() < LIMITS.within
+        or is_inside.mean() < LIMITS.inner_share
     ):
         return None
     # The border's pixels lie half a pixel inside the outline.

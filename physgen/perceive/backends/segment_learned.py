@@ -60,7 +60,7 @@ class LearnedConstants:
     """Largest ratio of the frequencies of a colour inside and around for a continued
     colour.
     """
-    explained: tuple[float, float] = (0.5, 0.8)
+    colour_shares: tuple[float, float] = (0.5, 0.8)
     """Shares of continued colours for no penalty and for the full penalty."""
     own_box: tuple[float, float] = (0.55, 0.7)
     """Scores of a candidate's own box for the full penalty and for none."""
@@ -76,8 +76,8 @@ class LearnedConstants:
     """
     # Least IoU of a candidate and its repeated cut-out; below it the new mask is
     # another object.
-    same: float = 0.5
-    round: float = 0.9
+    least_iou: float = 0.5
+    roundness: float = 0.9
     """Least share of its smallest enclosing circle that a round object covers."""
 
 
@@ -202,7 +202,7 @@ def continued_colours(
         )
         ring_shares = LEARNED.rarer * ring_counts / max(ring_counts.sum(), 1)
         shares.append(np.minimum(inner_counts / inner_counts.sum(), ring_shares).sum())
-    return np.asarray(np.interp(shares, LEARNED.explained, (0, 1)))
+    return np.asarray(np.interp(shares, LEARNED.colour_shares, (0, 1)))
 
 
 def own_box(features: Array) -> Array:
@@ -303,7 +303,7 @@ def _cut_out_again(rgb: NDArray[np.uint8], found: Candidates, k: int) -> Mask:
 def better_mask(own: Mask, again: Mask) -> Mask:
     """Return the repeated mask, or the first mask if the repeated one is worse."""
     common, union = np.count_nonzero(own & again), np.count_nonzero(own | again)
-    is_other = common < LEARNED.same * union
+    is_other = common < LEARNED.least_iou * union
     loses_roundness = bool(round_radius(own)) and not round_radius(again)
     return own if is_other or loses_roundness else again
 
@@ -316,7 +316,7 @@ def round_radius(mask: Mask) -> float:
     rows, columns = np.nonzero(mask[y : y + height, x : x + width])
     points = np.stack([columns + x, rows + y], axis=1).astype(np.float32)
     _, enclosing_radius = cv2.minEnclosingCircle(points)
-    is_disc = len(points) > LEARNED.round * np.pi * enclosing_radius**2
+    is_disc = len(points) > LEARNED.roundness * np.pi * enclosing_radius**2
     return float(np.sqrt(len(points) / np.pi)) if is_disc else 0.0
 
 

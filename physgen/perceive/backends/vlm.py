@@ -76,9 +76,9 @@ class Constants:
     # Largest CIELAB distance between two objects of one colour.
     similar_colour: float = 20.0
     # Confidence of a label.
-    named: float = 0.8
+    label_confidence: float = 0.8
     # Confidence of an estimated mass: its logarithm has a standard deviation of 0.6.
-    weighed: float = 0.49
+    mass_confidence: float = 0.49
     # Relative difference in length below which similar objects count as equal.
     same_length: float = 0.05
     # Largest length of a label in characters.
@@ -403,7 +403,7 @@ class Label(_Role):
         groups = similar_groups(rgb, objects, masks)
         queries = [label_query(rgb, masks[group[0].id]) for group in groups]
         names = [
-            Name(clean_name(answer["name"]), VLM.named) for answer in self.ask(queries)
+            Name(clean_name(answer["name"]), VLM.label_confidence) for answer in self.ask(queries)
         ]
         return {
             item.id: name
@@ -519,7 +519,7 @@ def group_matter(
             solid=Solid(answer["solid"])
             if isinstance(item.outline, Disc)
             else Solid.PLATE,
-            confidence=VLM.weighed,
+            confidence=VLM.mass_confidence,
             reason=reason,
             surface=f"{material}, as {plain_line(model, 60)} judges",
             size=float(f"{answer['size'] * ratio:.3g}"),

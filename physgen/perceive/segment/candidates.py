@@ -38,7 +38,7 @@ class CandidateConstants:
     """Constants of candidates; areas are in px of the network's grid."""
 
     # Least mean foreground of a basin as a possible part of an object.
-    on: float = 0.3
+    basin_foreground: float = 0.3
     border_share: float = 0.6
     """Share of the boundary map in the relief; the rest is the lack of affinity between
     neighbours.
@@ -46,7 +46,7 @@ class CandidateConstants:
     # px of the grid: largest distance of pixel pairs that join basins.
     joining: int = 9
     # Least mean affinity between parts of one object.
-    whole: float = 0.4
+    whole_affinity: float = 0.4
     # px of the network's grid: least area of a candidate.
     smallest: int = 14
     # Largest area of a candidate over the photo's.
@@ -60,7 +60,7 @@ class CandidateConstants:
     cut_outs: int = 9
     """Number of the best boxes for cut-outs in any photo: each costs 35 ms."""
     # Score of a movable whole above which more boxes are cut out.
-    likely: float = 0.3
+    likely_score: float = 0.3
     # Largest number of cut-outs.
     likely_cut_outs: int = 20
     same_group: float = 0.9
@@ -194,7 +194,7 @@ def cut_out_boxes(
     fit = box_overlap(evidence.corners, group_boxes).max(axis=1, initial=0.0)
     free = np.flatnonzero(fit < CANDIDATES.same_group)
     promise = np.maximum(boxes.movable, 0.5 * boxes.immovable)[free]
-    likely_count = np.count_nonzero(boxes.movable[free] > CANDIDATES.likely)
+    likely_count = np.count_nonzero(boxes.movable[free] > CANDIDATES.likely_score)
     count = max(CANDIDATES.cut_outs, min(int(likely_count), CANDIDATES.likely_cut_outs))
     best = free[np.argsort(-promise, kind="stable")][:count]
     cut_outs = []
@@ -262,7 +262,7 @@ def network_proposals(
             pairs.append((first_side, second_side, 1 - affinity[first_side]))
     object_basins = _on_objects(labels, seen.foreground)
     tree = merge_tree(pair_borders(labels, pairs, object_basins), tolerance=0)
-    limit = 1 - CANDIDATES.whole
+    limit = 1 - CANDIDATES.whole_affinity
     parent_height = np.where(tree.parent >= 0, tree.height[tree.parent], 1.0)
     whole_nodes = (tree.height < limit) & (parent_height >= limit)
     tree_proposals = tree_regions(
@@ -276,7 +276,7 @@ def network_proposals(
 def _on_objects(labels: NDArray[np.int32], foreground: F32) -> NDArray[np.bool_]:
     """Return (basins,) whether basins (h, w) may be parts of objects."""
     foreground_sums = np.bincount(labels.ravel(), foreground.ravel())
-    return np.asarray(foreground_sums >= CANDIDATES.on * np.bincount(labels.ravel()))
+    return np.asarray(foreground_sums >= CANDIDATES.basin_foreground * np.bincount(labels.ravel()))
 
 
 def rescaled(

@@ -38,7 +38,7 @@ class FocusConstants:
     second.
     """
     # Ratio above which an object is sharp in any case.
-    clear: float = 2.1
+    clear_ratio: float = 2.1
 
 
 FOCUS = FocusConstants()
@@ -55,7 +55,7 @@ def blur_shares(ratios: Array, areas: Array) -> Array:
     large = areas >= FOCUS.small * np.median(areas)
     reference = max(float(np.quantile(ratios[large], FOCUS.sharpest)), 1e-6)
     shares = np.interp(ratios / reference, FOCUS.share, (1, 0))
-    is_relative = (ratios > 0) & (ratios < FOCUS.clear)
+    is_relative = (ratios > 0) & (ratios < FOCUS.clear_ratio)
     return np.asarray(np.where(is_relative, shares, 0))
 
 

@@ -55,7 +55,7 @@ class LivingConstants:
     # Least share of a candidate's box inside its animal's box.
     inside: float = 0.7
     # Least share of a candidate that the animal's cut-out covers.
-    covered: float = 0.8
+    covered_share: float = 0.8
 
 
 LIVING = LivingConstants()
@@ -133,7 +133,7 @@ def _living(boxes: DetectedBoxes) -> list[int]:
 
 def _is_part(one: Proposal, whole: Proposal) -> bool:
     """Return whether a person's cut-out covers a candidate and more."""
-    covers_candidate = overlap(one, whole) >= LIVING.covered * one.area
+    covers_candidate = overlap(one, whole) >= LIVING.covered_share * one.area
     return covers_candidate and one.area <= PART * whole.area
 
 

@@ -38,10 +38,10 @@ class PointConstants:
     """
 
     # Least expected fit of a possible candidate.
-    least: float = 0.05
+    least_fit: float = 0.05
     # Least expected fit of the smallest possible candidate.
-    likely: float = 0.1
-    sure: float = 0.3
+    smallest_fit: float = 0.1
+    known_fit: float = 0.3
     """Expected fit of the best candidate above which the judge knows an object
     there.
     """
@@ -49,7 +49,7 @@ class PointConstants:
     tries: int = 6
     same_box: float = 0.9
     """Least IoU of a box with the box of a candidate in its place."""
-    whole: float = 0.9
+    photo_share: float = 0.9
     """Share of the photo above which a mask is the photo rather than an object."""
     caution: float = 0.8
     """Factor of a candidate's confidence relative to a cut-out around the point
@@ -114,11 +114,11 @@ def object_at_point(
     scale = np.array([rgb.shape[1] / shape[1], rgb.shape[0] / shape[0]])
     choices = _choices(rgb, candidates, own, others, scale)
     if smallest:
-        likely_choices = [choice for choice in choices if choice.fit >= POINT.likely]
+        likely_choices = [choice for choice in choices if choice.fit >= POINT.smallest_fit]
         likely_choices.sort(key=lambda one: one.candidate.area)
         masks = _cut_out_again(rgb, likely_choices[: POINT.tries], own, others, scale)
         return next((mask for _, mask in masks), None)
-    has_good_fit = max((choice.fit for choice in choices), default=0.0) >= POINT.sure
+    has_good_fit = max((choice.fit for choice in choices), default=0.0) >= POINT.known_fit
     ranking = BY_DEPTH if has_good_fit else BY_FIT
     choices += _judge_looks(rgb, candidates, look_around(), own, scale)
     choices.sort(key=lambda one: -ranking.worth(one))
@@ -149,7 +149,7 @@ def _choices(
     return [
         PointChoice(proposal, fit, _depth(proposal, own, scale))
         for proposal, fit in rated_proposals
-        if fit >= POINT.least and _holds(proposal, own, others, scale)
+        if fit >= POINT.least_fit and _holds(proposal, own, others, scale)
     ]
 
 
@@ -174,7 +174,7 @@ def _judge_looks(
     return [
         PointChoice(piece, fit, _depth(piece, own, scale), look)
         for (piece, look), fit in zip(pieces, fits.tolist(), strict=True)
-        if fit >= POINT.least
+        if fit >= POINT.least_fit
     ]
 
 
@@ -212,7 +212,7 @@ def _cut_out_again(
         )
         if (
             is_meant(cut_out_mask.mask, own, others)
-            and cut_out_mask.mask.mean() < POINT.whole
+            and cut_out_mask.mask.mean() < POINT.photo_share
         ):
             confidence = POINT.caution * cut_out_mask.confidence
             yield choice, PromptedMask(cut_out_mask.mask, confidence)

@@ -37,22 +37,22 @@ class PromptRule:
     """Constants of prompts, chosen on the validation homes and the tune half."""
 
     # Confidence of a selected object below which the photo is doubtful.
-    weak: float = 0.33
+    weak_confidence: float = 0.33
     # Confidence above which a point selects the segmenter's object.
-    likely: float = 0.6
+    point_confidence: float = 0.6
     # Share of the photo above which a mask is the photo rather than an object, since
     # nothing lies behind it.
-    whole: float = 0.9
+    photo_share: float = 0.9
     # Least share of a selected object that the others leave visible.
     visible: float = 0.3
     looks: tuple[float, ...] = (1.4, 0.7, 0.35, 0.175, 0.09)
     """Sides of the squares around a point for the search of its object, over the
     photo's longer side.
     """
-    beyond: float = 0.02
+    overhang: float = 0.02
     """Largest overhang of a loosely drawn box over the photo's longer side."""
     # px: least width and height of a box.
-    least: float = 4.0
+    least_size: float = 4.0
 
 
 RULE = PromptRule()
@@ -142,7 +142,7 @@ def _share_fault(numbers: Sequence[float], frame: PromptFrame) -> RefusedError |
 
 def _box_fault(box: Box, frame: PromptFrame) -> RefusedError | None:
     """Return the fault of a box with its fix, or None."""
-    form, least_side = BOX_FORM, RULE.least / min(frame.scale, 1.0)
+    form, least_side = BOX_FORM, RULE.least_size / min(frame.scale, 1.0)
     x, y, width, height = box
     if width < 0 or height < 0:
         corrected_box = (min(x, x + width), min(y, y + height), abs(width), abs(height))
@@ -172,13 +172,13 @@ def _likely_boxes(box: Box, frame: PromptFrame) -> Iterator[Box]:
     clipped_bottom = min(y + bottom, frame.height)
     visible_box = (left, top, clipped_right - left, clipped_bottom - top)
     for candidate in (by_corners, visible_box):
-        if min(candidate[2:]) >= RULE.least and not _reaches_out(candidate, frame):
+        if min(candidate[2:]) >= RULE.least_size and not _reaches_out(candidate, frame):
             yield candidate
 
 
 def _reaches_out(box: Box, frame: PromptFrame) -> bool:
     """Return whether a box overhangs the photo more than a loosely drawn one."""
-    return _excess(box, frame) > RULE.beyond * max(frame.width, frame.height)
+    return _excess(box, frame) > RULE.overhang * max(frame.width, frame.height)
 
 
 def _excess(box: Box, frame: PromptFrame) -> float:
@@ -385,7 +385,7 @@ def segment_box(rgb: Rgb, box: Box) -> PromptedMask:
     Raises InputError if the box has too little of the photo or no visible object.
     """
     result = mask_in_box(rgb, _corners(rgb, box))
-    if not 0 < result.mask.mean() < RULE.whole:
+    if not 0 < result.mask.mean() < RULE.photo_share:
         raise Message.BOX_EMPTY.error(_flag("box", box))
     return result
 
@@ -412,7 +412,7 @@ def segment_point(
         segmented_object = _known_object(segments, (x, y), others)
         if segmented_object is not None:
             alternatives.append(segmented_object)
-            if segmented_object.confidence >= RULE.likely:
+            if segmented_object.confidence >= RULE.point_confidence:
                 return segmented_object
     cached_looks = cache(partial(_looks_around, rgb, (x, y), others))
 
@@ -469,7 +469,7 @@ def _looks_around(
     has_other_point = False
     for look in RULE.looks:
         first = mask_at_point(rgb, own, look * max(height, width))
-        if not first.mask[own[::-1]] or first.mask.mean() >= RULE.whole:
+        if not first.mask[own[::-1]] or first.mask.mean() >= RULE.photo_share:
             continue
         part = split(rgb, first.mask, own, others)
         # A second cut-out in the box of the first one should agree with it.
@@ -477,7 +477,7 @@ def _looks_around(
         if part.any():
             second = mask_in_box(rgb, box_of(part))
         has_other_point |= not is_meant(first.mask, own, others)
-        if is_meant(second.mask, own, others) and second.mask.mean() < RULE.whole:
+        if is_meant(second.mask, own, others) and second.mask.mean() < RULE.photo_share:
             intersection = np.count_nonzero(first.mask & second.mask)
             agreement = intersection / np.count_nonzero(first.mask | second.mask)
             confidence = float(first.confidence * second.confidence * agreement)

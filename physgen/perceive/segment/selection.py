@@ -33,10 +33,10 @@ class WholeConstants:
     whole.
     """
     # Least share of a part's box inside that box.
-    within: float = 0.8
+    inner_share: float = 0.8
     own_box: float = 0.65
     """Score of a part's own box over the whole's, above which the part is an object."""
-    clear: float = 0.75
+    clear_fit: float = 0.75
     """Fit, with its bonus, above which a part beside the largest one is an object."""
     # Largest deficit of the whole's fit to that of the best part.
     worse: float = 0.1
@@ -84,7 +84,7 @@ def unite_parts(
             wholes = np.flatnonzero(matches)
             selection = _unite(candidates, selection, parts, wholes, fits)
             parts = _weak_parts(rectangles[selection.chosen], boxes, k)
-            places = parts[fits[1][selection.chosen[parts]] <= WHOLE.clear]
+            places = parts[fits[1][selection.chosen[parts]] <= WHOLE.clear_fit]
             selection = _append(candidates, selection, places, boxes.corners[k])
     return selection
 
@@ -140,7 +140,7 @@ def _touch(one: Proposal, other: Proposal) -> bool:
 
 def _weak_parts(rectangles: Values, boxes: DetectedBoxes, k: int) -> NDArray[np.intp]:
     """Return the rectangles (n, 4) in box k without a similar box of their own."""
-    inside = box_shares(rectangles, boxes.corners[[k]])[:, 0] >= WHOLE.within
+    inside = box_shares(rectangles, boxes.corners[[k]])[:, 0] >= WHOLE.inner_share
     scores = box_overlap(rectangles, boxes.corners) ** 2 * boxes.movable
     scores[:, k] = 0
     lacks_box = scores.max(axis=1) <= WHOLE.own_box * boxes.movable[k]
@@ -175,7 +175,7 @@ def _unite(
             continue
         largest = parts[areas[is_part].argmax()]
         # Several well fitting parts are a pile of objects rather than one whole.
-        has_good_part = fit[parts[parts != largest]].max() > WHOLE.clear
+        has_good_part = fit[parts[parts != largest]].max() > WHOLE.clear_fit
         if has_good_part or plain_fits[whole] < plain_fits[parts].max() - WHOLE.worse:
             continue
         new_choice = np.append(chosen[~is_part], whole)

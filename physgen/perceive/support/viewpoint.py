@@ -272,7 +272,7 @@ class _Doubts:
     # 80 photos.
     f_measure: float = 0.66
     # Confidence of an object; below it a third of the objects are wrong.
-    unsure: float = 0.65
+    object_confidence: float = 0.65
     # Share of doubtful regions larger than the objects.
     unclear: float = 0.1
     # Share of immovable wholes.
@@ -329,7 +329,7 @@ def judge_suitability(
         reasons += _photo_doubts(rgb, detections)
     if by_hand and _shows_immovable(rgb, labels):
         reasons.append(Note.MARKED_IMMOVABLE.text())
-    if any(detections.confidence[i] < RULE.weak for i in detections.prompts):
+    if any(detections.confidence[i] < RULE.weak_confidence for i in detections.prompts):
         reasons.append(Note.MARKED_FAINT.text())
     largest = max(area.values(), default=0.0)
     if largest > DOUBTS.filling:
