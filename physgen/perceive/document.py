@@ -127,7 +127,7 @@ def _add_physics(
     """Add the matter and the motion of an object."""
     grip = boundaries.grip.get(item.id, 0.0)
     draft.entry.update(_describe_matter(item, substance, grip))
-    is_static = item.id in boundaries.held
+    is_static = item.id in boundaries.held_ids
     if is_static:
         vehicle = None
     _add_rolling(draft, item, substance, vehicle, boundaries)
@@ -154,7 +154,7 @@ def _add_label(draft: _EntryDraft, item: PhotoObject, labels: ObjectLabels) -> N
     draft.sources["label"] = source
     alternatives = [
         f"{label} {chance:g}"
-        for label, chance in guess.likely
+        for label, chance in guess.alternatives
         if chance >= LIKELY and label != item.label
     ]
     conjunction = ", or " if alternatives else ""
@@ -192,7 +192,7 @@ def _add_rolling(
     rolls = isinstance(item.outline, Disc) and (
         boundaries.view is View.SIDE or substance.solid is Solid.SPHERE
     )
-    can_move = not item.cut and item.id not in boundaries.held
+    can_move = not item.cut and item.id not in boundaries.held_ids
     # Wheels roll even if the object is not a circle.
     if vehicle is not None:
         wheel = kind("wheel").material
@@ -238,7 +238,7 @@ def _add_layer(
     draft.entry["layer"] = layer
     confidence = max(order.confidence for order in orders)
     draft.sources["layer"] = provenance("outlines", confidence)
-    *first_names, last_name = [names[order.behind] for order in orders]
+    *first_names, last_name = [names[order.back] for order in orders]
     conjunction = " and " if first_names else ""
     hidden_names = ", ".join(first_names) + conjunction + last_name
     draft.comment("layer", f"in front: it hides parts of {hidden_names}")
@@ -254,7 +254,7 @@ def _mask_source(detections: Detections, i: int) -> str:
 
 
 def scene_comments(
-    found: Detections,
+    detections: Detections,
     objects: Sequence[PhotoObject],
     specks: int,
     boundaries: BoundaryGuess,
@@ -264,9 +264,9 @@ def scene_comments(
         "given": "from the masks given",
         "pointed at": "where you pointed",
         "kept": "as the scene had them"
-        + (", and where you pointed" if found.prompts else ""),
+        + (", and where you pointed" if detections.prompts else ""),
     }
-    origin = sources.get(found.source, f"found by {found.source}")
+    origin = sources.get(detections.source, f"found by {detections.source}")
     left_out = (
         f"; {specks} specks of under {SMALLEST_OBJECT} px left out" if specks else ""
     )
@@ -284,7 +284,7 @@ def scene_comments(
         comments["world.tilt"] = (
             "degrees by which the camera looks down, by the looks of the photo"
         )
-    if found.doubtful:
+    if detections.doubtful:
         comments["doubtful"] = (
             "perhaps objects, too: move a line to objects to have one"
         )

@@ -52,20 +52,20 @@ def attach_hanging_parts(labels: Labels, confidence: Mapping[int, float]) -> Lab
     return attached
 
 
-def _is_cut(own: Mask) -> bool:
+def _is_cut(mask: Mask) -> bool:
     """Return whether a mask reaches the border of the photo."""
-    return bool(own[[0, -1]].any() or own[:, [0, -1]].any())
+    return bool(mask[[0, -1]].any() or mask[:, [0, -1]].any())
 
 
-def _owner(labels: Labels, own: Mask, i: int) -> int:
+def _owner(labels: Labels, mask: Mask, i: int) -> int:
     """Return the id of the larger object that a mask alone touches; 0 if there is none."""
-    area = np.count_nonzero(own)
+    area = np.count_nonzero(mask)
     reach = max(2, round(HANGING.touch * float(np.sqrt(area / HANGING.small))))
-    x, y, width, height = cv2.boundingRect(own.view(np.uint8))
+    x, y, width, height = cv2.boundingRect(mask.view(np.uint8))
     rows = slice(max(y - reach, 0), y + height + reach)
     columns = slice(max(x - reach, 0), x + width + reach)
     kernel = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
-    around = cv2.dilate(own[rows, columns].view(np.uint8), kernel) > 0
+    around = cv2.dilate(mask[rows, columns].view(np.uint8), kernel) > 0
     touching = np.setdiff1d(np.unique(labels[rows, columns][around]), (0, i))
     if len(touching) != 1:
         return 0
@@ -77,9 +77,9 @@ def _owner(labels: Labels, own: Mask, i: int) -> int:
     return int(touching[0]) if is_small and is_above else 0
 
 
-def _is_carried(labels: Labels, own: Mask) -> bool:
+def _is_carried(labels: Labels, mask: Mask) -> bool:
     """Return whether something is under the middle of a mask, or on both sides of it."""
-    rows, columns = np.nonzero(own)
+    rows, columns = np.nonzero(mask)
     left, right = int(columns.min()), int(columns.max())
     bottom = np.zeros(right - left + 1, np.int64)
     np.maximum.at(bottom, columns - left, rows)
@@ -87,7 +87,7 @@ def _is_carried(labels: Labels, own: Mask) -> bool:
     steps = np.arange(1, gap + 1)[:, None]
     below = np.minimum(bottom + steps, labels.shape[0] - 1)
     here = np.arange(left, right + 1)
-    is_held = ((labels[below, here] > 0) & ~own[below, here]).any(axis=0)
+    is_held = ((labels[below, here] > 0) & ~mask[below, here]).any(axis=0)
     held = here[is_held]
     if not len(held):
         return False

@@ -67,10 +67,10 @@ RENDER = {
 """Settings of the video, as `perceive` writes them."""
 
 
-def as_shot(imported: PerceivedScene) -> PerceivedScene:
+def as_shot(scene: PerceivedScene) -> PerceivedScene:
     """Return an imported scene with spheres, boxes, long floors, a table, 30 fps and pushes that take a while."""
-    document, comments = dict(imported.document), dict(imported.comments)
-    height, width = imported.percepts.labels.shape
+    document, comments = dict(scene.document), dict(scene.comments)
+    height, width = scene.percepts.labels.shape
     floors = [wall["segment"] for wall in document["boundaries"].values()]
     objects = {}
     for name, entry in document["objects"].items():
@@ -91,7 +91,7 @@ def as_shot(imported: PerceivedScene) -> PerceivedScene:
         "forces": [],
         "render": dict(RENDER),
     }
-    return replace(imported, document=document, comments=comments)
+    return replace(scene, document=document, comments=comments)
 
 
 def _natural_world(

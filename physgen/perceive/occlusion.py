@@ -63,7 +63,7 @@ class OcclusionOrder:
     """An object in front of another, by their ids."""
 
     front: int
-    behind: int
+    back: int
     confidence: float  # 0..1
 
 
@@ -98,48 +98,48 @@ def _find_orders(
         depth = max(depths)
         # The depth must be large for the objects' size, and clearly larger than the
         # opposite depth.
-        if depth < max(LIMITS.least_depth, LIMITS.part * size) or depth < LIMITS.depth_ratio * min(
-            depths
-        ):
+        if depth < max(
+            LIMITS.least_depth, LIMITS.part * size
+        ) or depth < LIMITS.depth_ratio * min(depths):
             continue
         front, back = (j, i) if depths[0] > depths[1] else (i, j)
         orders.append(
             OcclusionOrder(front, back, round(min(0.5 + 0.4 * depth / size, 0.9), 2))
         )
     return sorted(
-        orders, key=lambda order: (-order.confidence, order.front, order.behind)
+        orders, key=lambda order: (-order.confidence, order.front, order.back)
     )
 
 
 def drawing_layers(
-    found: Sequence[OcclusionOrder], fixed: Mapping[int, int] | None = None
+    orders: Sequence[OcclusionOrder], fixed_layers: Mapping[int, int] | None = None
 ) -> tuple[dict[int, int], list[OcclusionOrder]]:
-    """Return the layers of all objects in `found` that are not 0, by id, and their
+    """Return the layers of all objects in `orders` that are not 0, by id, and their
     orders.
 
-    Orders that would close a cycle are dropped, the least confident first. `fixed`
+    Orders that would close a cycle are dropped, the least confident first. `fixed_layers`
     layers stay.
     """
     before: dict[int, set[int]] = {}
     kept_orders: list[OcclusionOrder] = []
-    for order in sorted(found, key=lambda one: -one.confidence):
+    for order in sorted(orders, key=lambda one: -one.confidence):
         if (
-            order.front in _collect_objects_behind(order.behind, before)
-            or order.front == order.behind
+            order.front in _collect_objects_behind(order.back, before)
+            or order.front == order.back
         ):
             continue
-        before.setdefault(order.front, set()).add(order.behind)
+        before.setdefault(order.front, set()).add(order.back)
         kept_orders.append(order)
-    level = dict(fixed or {})
+    level = dict(fixed_layers or {})
 
     def layer(i: int) -> int:
         if i not in level:
             level[i] = max((layer(k) + 1 for k in before.get(i, ())), default=0)
         return level[i]
 
-    layers = {i: layer(i) for one in kept_orders for i in (one.front, one.behind)}
+    layers = {i: layer(i) for one in kept_orders for i in (one.front, one.back)}
     return {
-        i: k for i, k in layers.items() if k and i not in (fixed or {})
+        i: k for i, k in layers.items() if k and i not in (fixed_layers or {})
     }, kept_orders
 
 
@@ -178,17 +178,17 @@ def _reach_under(
     return depth
 
 
-def _filled_bay(mine: Mask, other: Mask) -> float:
+def _filled_bay(mask: Mask, other: Mask) -> float:
     """Return the depth of an object inside the hull of another, px.
 
     Only bays and holes filled by the first object count.
     """
-    hull = np.zeros(mine.shape, np.uint8)
+    hull = np.zeros(mask.shape, np.uint8)
     cv2.fillConvexPoly(
-        hull, cv2.convexHull(np.argwhere(mine)[:, ::-1].astype(np.int32)), 1
+        hull, cv2.convexHull(np.argwhere(mask)[:, ::-1].astype(np.int32)), 1
     )
     hull_depth = cv2.distanceTransform(np.pad(hull, 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
-    open_ = ((hull > 0) & ~mine).astype(np.uint8)
+    open_ = ((hull > 0) & ~mask).astype(np.uint8)
     count, bays, stats, _ = cv2.connectedComponentsWithStats(open_, connectivity=4)
     is_filled = (
         np.bincount(bays[other], minlength=count)
@@ -205,7 +205,8 @@ def _free_circle(labels: Labels, i: int, box: Box) -> Array | None:
     border = long_border(part == i)
     others = (part != 0) & (part != i)
     free = border[
-        (_gap(others, border) > LIMITS.border_distance) & (_gap(~inner, border) > LIMITS.border_distance)
+        (_gap(others, border) > LIMITS.border_distance)
+        & (_gap(~inner, border) > LIMITS.border_distance)
     ]
     if len(free) < 12:
         return None
@@ -213,7 +214,12 @@ def _free_circle(labels: Labels, i: int, box: Box) -> Array | None:
     x, y = (free - circle[:2]).T
     angles = np.unique((np.arctan2(y, x) * 36 / np.pi).astype(int))
     distances = np.abs(np.hypot(x, y) - circle[2])
-    fits = float((distances <= max(LIMITS.least_deviation, LIMITS.circle_deviation * circle[2])).mean())
+    fits = float(
+        (
+            distances
+            <= max(LIMITS.least_deviation, LIMITS.circle_deviation * circle[2])
+        ).mean()
+    )
     return (
         circle + corner
         if len(angles) >= LIMITS.free_arc * 72 and fits >= LIMITS.fits
@@ -221,10 +227,10 @@ def _free_circle(labels: Labels, i: int, box: Box) -> Array | None:
     )
 
 
-def _bulge(mine: Mask, other: Mask) -> float:
+def _bulge(mask: Mask, other: Mask) -> float:
     """Return the bulge of the common border of two objects into the first one, px."""
     border = long_border(other)
-    is_common = _gap(mine, border) <= LIMITS.border_distance
+    is_common = _gap(mask, border) <= LIMITS.border_distance
     if is_common.all():
         return float(np.ptp(border, axis=0).min())
     # Start outside the common border, so that each common stretch is contiguous.

@@ -132,18 +132,18 @@ def _is_exact(detections: Detections, i: int) -> bool:
 
 
 def attach_loose_parts(
-    rgb: Rgb, found: Detections, view: BoundaryGuess | None
+    rgb: Rgb, detections: Detections, view: BoundaryGuess | None
 ) -> Detections:
     """Return the detections with parts that move with their objects, as the view tells."""
     if view is not None:
-        return found
+        return detections
     chances = view_chances(run_network(rgb).features)
     if chances.tilt is not None:
-        return attach_contents(found)
+        return attach_contents(detections)
     if chances.is_level:
-        attached = attach_hanging_parts(found.labels, found.confidence)
-        return replace(found, labels=attached)
-    return found
+        attached = attach_hanging_parts(detections.labels, detections.confidence)
+        return replace(detections, labels=attached)
+    return detections
 
 
 def remain_problem(remain: Remain, name: str) -> Problem:

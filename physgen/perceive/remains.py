@@ -91,7 +91,7 @@ class Remain:
     """Id of the object at its start."""
     mask: Mask
     """(H, W)."""
-    is_sure: bool
+    is_confident: bool
     """Whether it is added to the object; otherwise it is reported."""
 
     @property
@@ -121,7 +121,7 @@ def find_remains(rgb: Rgb, labels: Labels, ids: Sequence[int]) -> list[Remain]:
             )
             is_free = (labels == 0) & (mask > 0)
             if is_free.any():
-                remains.append(Remain(i, is_free, remain.is_sure))
+                remains.append(Remain(i, is_free, remain.is_confident))
     return remains
 
 
@@ -134,7 +134,7 @@ def attach_remains(
     result = labels.copy()
     doubtful_parts = []
     for remain in remains:
-        if remain.is_sure:
+        if remain.is_confident:
             result[remain.mask & (result == 0)] = remain.owner
         else:
             doubtful_parts.append(remain)

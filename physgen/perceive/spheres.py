@@ -51,9 +51,9 @@ ROUND_FORMS = ("ball", "lump", "disc", "hoop", "turned")
 """Values of `materials.Kind.form` of objects that may have a circular outline."""
 
 
-def has_round_form(what: Kind) -> bool:
+def has_round_form(noun_kind: Kind) -> bool:
     """Return whether objects of a kind may have a circular outline."""
-    return what.form in ROUND_FORMS
+    return noun_kind.form in ROUND_FORMS
 
 
 @dataclass(frozen=True)

@@ -114,7 +114,9 @@ def may_drive(label: str, name: Name | None) -> bool:
         return True
     if name is None or label != name.label or kind(label).noun:
         return False
-    chances = [chance for other, chance in name.likely if kind(other).noun in VEHICLES]
+    chances = [
+        chance for other, chance in name.alternatives if kind(other).noun in VEHICLES
+    ]
     return sum(chances) >= SEARCH.probability
 
 

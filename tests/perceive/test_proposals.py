@@ -115,4 +115,4 @@ def test_rough_photos_have_no_edge_search(roughness: float, is_searched: bool) -
     cv2.rectangle(photo, (190, 60), (260, 140), (200, 60, 60), -1)
     photo += rng.normal(0, roughness, photo.shape)
     found = search_edges(np.clip(photo, 0, 255).astype(np.uint8))
-    assert len(found.chosen) == len(found.scores) == (2 if is_searched else 0)
+    assert len(found.proposals) == len(found.scores) == (2 if is_searched else 0)

@@ -110,7 +110,7 @@ def with_supports(
         guess,
         walls=tuple(walls),
         outlines=supports.outlines,
-        held=held_objects,
+        held_ids=held_objects,
         grip=supports.grip,
     )
 

@@ -100,11 +100,11 @@ class _Guide:
 
     picture: F32
     """(H, W, 3)."""
-    near: Mask
+    inner_hole: Mask
     """(H, W): the hole without gaps, and the mixed pixels beside it."""
-    smooth: Mask
+    smooth_hole: Mask
     """(H, W): pieces with smooth surroundings."""
-    drawn: Mask
+    arc_mask: Mask
     """(H, W): continued circles and ellipses."""
     places: I64 | None
     """(H, W, 2): row and column of the source of each pixel."""
@@ -176,14 +176,17 @@ def _fill_picture(photo: F32, hole: Mask, *, copies: bool) -> F32:
         if size is None
         else _make_large_guide(photo, hole, size)
     )
-    picture, textured_hole = guide.picture, guide.near & ~guide.smooth & ~guide.drawn
+    picture, textured_hole = (
+        guide.picture,
+        guide.inner_hole & ~guide.smooth_hole & ~guide.arc_mask,
+    )
     if copies and textured_hole.any():
-        level = _pieces_without(guide.drawn, guide.near)
+        level = _pieces_without(guide.arc_mask, guide.inner_hole)
         copied_picture = shift_map_fill(picture, textured_hole, picture)
         picture = _carry_level_lines(copied_picture, photo, level)
     if guide.lines:
         scale = 1.0 if size is None else max(hole.shape) / max(size)
-        picture = paint_lines(picture, photo, guide.near, guide.lines, scale)
+        picture = paint_lines(picture, photo, guide.inner_hole, guide.lines, scale)
     return picture
 
 
@@ -234,7 +237,7 @@ def _make_large_guide(photo: F32, hole: Mask, size: tuple[int, int]) -> _Guide:
         cv2.resize(
             part.view(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST
         )
-        for part in (guide.smooth, guide.drawn)
+        for part in (guide.smooth_hole, guide.arc_mask)
     )
     pixels = np.stack(np.nonzero(inner_hole))
     steps = np.array([[height / size[1]], [width / size[0]]])
@@ -274,7 +277,7 @@ def _sample(picture: F32, pixels: I64, steps: NDArray[np.float64]) -> F32:
 
 def _copy_detail(
     pictures: tuple[F32, F32],
-    near: Mask,
+    hole_mask: Mask,
     places: I64,
     pixels: I64,
     steps: NDArray[np.float64],
@@ -290,39 +293,39 @@ def _copy_detail(
     cells = np.minimum((pixels / steps).astype(np.int64), last)
     shift = (places[cells[0], cells[1]].T - cells) * steps
     place = np.rint(pixels + shift).astype(np.int64)
-    sources = np.clip(place, 0, np.array(near.shape)[:, None] - 1)
-    is_valid = (place == sources).all(axis=0) & ~near[sources[0], sources[1]]
+    sources = np.clip(place, 0, np.array(hole_mask.shape)[:, None] - 1)
+    is_valid = (place == sources).all(axis=0) & ~hole_mask[sources[0], sources[1]]
     detail = photo[sources[0], sources[1]] - _sample(small, sources, steps)
     detail[~is_valid] = 0
     return np.asarray(detail, np.float32)
 
 
-def _carry_arcs(filled: F32, photo: F32, hole: Mask) -> tuple[F32, Mask]:
-    """Return `filled` with circles and ellipses continued through the hole, and their
+def _carry_arcs(picture: F32, photo: F32, hole: Mask) -> tuple[F32, Mask]:
+    """Return `picture` with circles and ellipses continued through the hole, and their
     mask.
 
     Continued strips keep the fine detail of the fill.
     """
     arcs, arc_mask = continue_arcs(photo, hole)
     if not arc_mask.any():
-        return filled, arc_mask
-    detail = filled - cv2.GaussianBlur(filled, (0, 0), LIMITS.detail)
+        return picture, arc_mask
+    detail = picture - cv2.GaussianBlur(picture, (0, 0), LIMITS.detail)
     detail = np.clip(detail, -LIMITS.arc_grain, LIMITS.arc_grain)
-    return np.where(arc_mask[..., None], arcs + detail, filled), arc_mask
+    return np.where(arc_mask[..., None], arcs + detail, picture), arc_mask
 
 
-def _pieces_without(drawn: Mask, hole: Mask) -> Mask:
-    """Return the connected pieces of `hole` (H, W) without a `drawn` pixel."""
+def _pieces_without(arc_mask: Mask, hole: Mask) -> Mask:
+    """Return the connected pieces of `hole` (H, W) without a `arc_mask` pixel."""
     count, names = cv2.connectedComponents(hole.astype(np.uint8), connectivity=8)
-    is_free = np.bincount(names[drawn], minlength=count) == 0
+    is_free = np.bincount(names[arc_mask], minlength=count) == 0
     is_free[0] = False
     return np.asarray(is_free[names])
 
 
-def _carry_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
-    """Return `filled` with the level lines at both sides of the hole continued."""
+def _carry_level_lines(picture: F32, photo: F32, hole: Mask) -> F32:
+    """Return `picture` with the level lines at both sides of the hole continued."""
     if not hole.any():
-        return filled
+        return picture
     # The box contains the compared pixels and the reach of the blur.
     margin = LIMITS.surroundings + round(4 * LIMITS.detail) + 1
     left, top, width, height = cv2.boundingRect(hole.view(np.uint8))
@@ -330,8 +333,8 @@ def _carry_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
         max(0, top - margin) : top + height + margin,
         max(0, left - margin) : left + width + margin,
     ]
-    result = filled.copy()
-    result[part] = _draw_level_lines(filled[part], photo[part], hole[part])
+    result = picture.copy()
+    result[part] = _draw_level_lines(picture[part], photo[part], hole[part])
     return result
 
 
@@ -367,10 +370,10 @@ class _RowGap:
         return float(differences[self.valid_rows].mean())
 
 
-def _draw_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
-    """Return `filled` with continued level lines, on the box of a hole."""
+def _draw_level_lines(picture: F32, photo: F32, hole: Mask) -> F32:
+    """Return `picture` with continued level lines, on the box of a hole."""
     (end_length, half_height), half_width = LIMITS.line, LIMITS.line_width
-    result, best = filled.copy(), np.full(hole.shape, np.inf, np.float32)
+    result, best = picture.copy(), np.full(hole.shape, np.inf, np.float32)
     least_contrast = max(LIMITS.contrast, LIMITS.over_texture * _texture(photo, hole))
     known_photo = np.where(hole[..., None], np.float32(np.nan), photo)
     middle = slice(half_height - half_width, half_height + half_width + 1)
@@ -459,15 +462,15 @@ def _texture(photo: F32, hole: Mask) -> float:
     return float(np.median(np.abs(detail[ring])))
 
 
-def _smooth_pieces(photo: F32, borrowed: F32, hole: Mask) -> tuple[F32, Mask]:
-    """Return `borrowed` with harmonic fills in pieces with smooth surroundings, and
+def _smooth_pieces(photo: F32, texture: F32, hole: Mask) -> tuple[F32, Mask]:
+    """Return `texture` with harmonic fills in pieces with smooth surroundings, and
     these pieces.
 
     A harmonic fill gets the grain of one place.
     """
     smooth_pieces, detail = (
         np.zeros_like(hole),
-        borrowed - cv2.GaussianBlur(borrowed, (0, 0), LIMITS.grain),
+        texture - cv2.GaussianBlur(texture, (0, 0), LIMITS.grain),
     )
     grain = detail.copy()
     for part, piece in hole_pieces(hole):
@@ -491,20 +494,18 @@ def _smooth_pieces(photo: F32, borrowed: F32, hole: Mask) -> tuple[F32, Mask]:
                 detail[like][piece], -2 * roughness, 2 * roughness
             )
     if not smooth_pieces.any():
-        return borrowed, smooth_pieces
-    film = harmonic_fill(
-        np.where(hole[:, :, None], borrowed, photo), smooth_pieces, 0.1
-    )
-    return np.where(smooth_pieces[:, :, None], film + grain, borrowed), smooth_pieces
+        return texture, smooth_pieces
+    film = harmonic_fill(np.where(hole[:, :, None], texture, photo), smooth_pieces, 0.1)
+    return np.where(smooth_pieces[:, :, None], film + grain, texture), smooth_pieces
 
 
 def _like_place(
-    grain: F32, hole: Mask, part: tuple[slice, slice], piece: Mask, rough: float
+    grain: F32, hole: Mask, part: tuple[slice, slice], piece: Mask, roughness: float
 ) -> tuple[slice, slice]:
     """Return rows and columns of the nearest place with grain for a whole `piece` (h,
     w).
 
-    The grain must not be rougher than `rough` levels. Returns `part` itself if no place
+    The grain must not be rougher than `roughness` levels. Returns `part` itself if no place
     qualifies. A single source matters: means of many places keep only the finest grain.
     """
     top, left = (s.start for s in part)
@@ -520,17 +521,17 @@ def _like_place(
         place = slice(y, y + h), slice(x, x + w)
         if (
             not hole[place][piece].any()
-            and (grain[place][piece] ** 2).mean() < (1.2 * rough) ** 2
+            and (grain[place][piece] ** 2).mean() < (1.2 * roughness) ** 2
         ):
             return place
     return part
 
 
-def _roughness(photo: F32, around: Mask) -> float:
-    """Return the RMS distance of the pixels `around` from a quadratic surface, in
+def _roughness(photo: F32, surroundings: Mask) -> float:
+    """Return the RMS distance of the pixels `surroundings` from a quadratic surface, in
     levels.
     """
-    y, x = np.nonzero(around)
+    y, x = np.nonzero(surroundings)
     if len(y) < 24:
         return float(np.inf)
     u, v = (y - y.mean()) / 64, (x - x.mean()) / 64

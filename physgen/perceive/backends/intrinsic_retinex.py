@@ -137,7 +137,11 @@ def _lambert(linear: F32, labels: Labels, normals: F32, size: tuple[int, int]) -
         if ids
         else None
     )
-    light = LIKELY if estimate is None or estimate.explained < 0.05 else estimate.light
+    light = (
+        LIKELY
+        if estimate is None or estimate.explained_share < 0.05
+        else estimate.light
+    )
     ambient = max(light.ambient, PRIORS.ambient_share)
     light_model = DistantLight(light.direction, 1 - ambient, ambient)
     small_normals = cv2.resize(normals, size, interpolation=cv2.INTER_AREA)
@@ -164,7 +168,9 @@ def _align_surface_shading(shading: F32, level: F32, normals: F32, ids: Labels) 
     background[rows[0] if len(rows) else 0 :] = False
     change = np.zeros_like(shading)
     stands = bool(background.any())
-    ground, offset = (table, PRIORS.table_offset) if stands else (free, PRIORS.background_offset)
+    ground, offset = (
+        (table, PRIORS.table_offset) if stands else (free, PRIORS.background_offset)
+    )
     if not ground.any():
         return shading
     light, ground_level = float(shading[ground].mean()), float(level[ground].mean())
@@ -233,17 +239,17 @@ def _mean_level_of_colour(level: F32, colour: F32) -> F32:
     )
 
 
-def _screened_poisson(across: F32, down: F32, far: F32) -> F32:
-    """Return the map (h, w) nearest to `far` with differences nearest to `across` and
+def _screened_poisson(x_steps: F32, down: F32, weights: F32) -> F32:
+    """Return the map (h, w) nearest to `weights` with differences nearest to `x_steps` and
     `down`.
 
-    `across` is (h, w-1) and `down` is (h-1, w). The cosine transform turns the screened
+    `x_steps` is (h, w-1) and `down` is (h-1, w). The cosine transform turns the screened
     Poisson equation with a free border into a division (Bhat et al. 2008).
     """
-    h, w = far.shape
-    right = (PRIORS.hold * far).astype(np.float64)
-    right[:, :-1] -= across
-    right[:, 1:] += across
+    h, w = weights.shape
+    right = (PRIORS.hold * weights).astype(np.float64)
+    right[:, :-1] -= x_steps
+    right[:, 1:] += x_steps
     right[:-1] -= down
     right[1:] += down
     waves = (2 - 2 * np.cos(np.pi * np.arange(h) / h))[:, None] + (

@@ -110,11 +110,11 @@ class Heads:
     # Exponent of ImageNet's probabilities.
     trust: float
     # (L + 1, 1280) log odds per feature, added by the regression.
-    own: F32
+    regression: F32
     # (L + 1,) log odds without features.
     shift: F32
     # Least mean probability of a written label.
-    sure: float
+    least_chance: float
     # (80,) label index of each COCO class, L if there is none.
     coco: Any
 
@@ -130,7 +130,7 @@ class Heads:
         imagenet_chances = self._sum_class_probabilities(features)
         chances = _softmax(
             self.trust * np.log(imagenet_chances + 1e-4)
-            + features @ self.own.T
+            + features @ self.regression.T
             + self.shift
         )
         best = np.arange(len(features)), chances[:, :-1].argmax(1)
@@ -140,14 +140,14 @@ class Heads:
         )
 
     def joint_chances(
-        self, features: F32, detected: F32
+        self, features: F32, class_scores: F32
     ) -> tuple[F32, NDArray[np.bool_]]:
         """Return the probabilities (N, L + 1) that network or detector is right about a
         label.
 
         The second array (N,) marks confident labels. Only the detector labels people,
         because the network takes plants, benches and ties for people. An animal of the
-        detector becomes a dinosaur if it looks like a model. `detected` is (N, 80).
+        detector becomes a dinosaur if it looks like a model. `class_scores` is (N, 80).
         """
         regression_chances, sureness = self.chances(features)
         network_chances = (
@@ -161,14 +161,14 @@ class Heads:
         # dinosaur.
         if is_model.any() and DINOSAUR in self.labels:
             places = np.ix_(np.flatnonzero(is_model), np.array(ANIMALS, np.intp))
-            detector_chances[is_model, self.labels.index(DINOSAUR)] = detected[
+            detector_chances[is_model, self.labels.index(DINOSAUR)] = class_scores[
                 places
             ].max(axis=1)
-            detected = detected.copy()
-            detected[places] = 0
+            class_scores = class_scores.copy()
+            class_scores[places] = 0
         for k, label in enumerate(self.coco.tolist()):
             detector_chances[:, label] = np.maximum(
-                detector_chances[:, label], detected[:, k]
+                detector_chances[:, label], class_scores[:, k]
             )
         # Network and detector are assumed to err independently: 1 - (1 - p)(1 - q).
         joint = np.asarray(
@@ -176,7 +176,7 @@ class Heads:
         )
         joint[:, -1] = 0
         best = joint.argmax(axis=1)
-        is_confident = (sureness >= self.sure) & (
+        is_confident = (sureness >= self.least_chance) & (
             best == regression_chances[:, :-1].argmax(axis=1)
         )
         return joint, is_confident | (joint.max(axis=1) >= CROP.joint)
@@ -260,7 +260,7 @@ def _name_large_objects(
             names[i] = Name(label, chance, tuple(candidates[1:]), "imagenet")
         else:
             alternatives = tuple(candidates[: CROP.alternatives])
-            names[i] = replace(names[i], likely=alternatives)
+            names[i] = replace(names[i], alternatives=alternatives)
 
 
 def name_like_others(
@@ -278,9 +278,9 @@ def name_like_others(
             confident_ids.setdefault(name.label, []).append(i)
     result = dict(names)
     for i, name in names.items():
-        if name.source == "imagenet" or not name.likely:
+        if name.source == "imagenet" or not name.alternatives:
             continue
-        label, chance = name.likely[0]
+        label, chance = name.alternatives[0]
         supporters = [
             other
             for other in confident_ids.get(label, ())
@@ -288,7 +288,7 @@ def name_like_others(
         ]
         if len(supporters) >= CROP.supporters and chance >= CROP.least_chance:
             confidence = round(min(0.95, chance + CROP.support), 2)
-            result[i] = Name(label, confidence, name.likely[1:], "imagenet")
+            result[i] = Name(label, confidence, name.alternatives[1:], "imagenet")
     return result
 
 
@@ -370,7 +370,11 @@ def _dim_background(rgb: Rgb, mask: Mask, blur: float) -> F32:
     inside = mask.astype(np.float32)
     weight = np.maximum(cv2.GaussianBlur(inside, (0, 0), blur), inside)[..., None]
     middle = np.float32(CROP.middle)
-    return np.asarray(middle + (rgb - middle) * (CROP.background_contrast + (1 - CROP.background_contrast) * weight))
+    return np.asarray(
+        middle
+        + (rgb - middle)
+        * (CROP.background_contrast + (1 - CROP.background_contrast) * weight)
+    )
 
 
 def features(picture: F32) -> F32:

@@ -76,7 +76,8 @@ def _detect_narrow_neck(outline: Region) -> bool:
         np.array([float(np.median(widths[k : k + 6])) for k in range(2, 40, 6)])
     )
     return bool(
-        common.sum() > SHAPE.symmetry * widths.sum() and (narrowing > -0.08 * body).all()
+        common.sum() > SHAPE.symmetry * widths.sum()
+        and (narrowing > -0.08 * body).all()
     )
 
 

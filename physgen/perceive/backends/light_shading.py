@@ -109,7 +109,7 @@ class LightEstimate:
     # Its intensity and ambient sum to 1.
     light: DistantLight
     # 0..1: explained share of the differences of light.
-    explained: float
+    explained_share: float
     # Number of highlights in agreement.
     spots: int
     trust: float
@@ -134,11 +134,15 @@ def _shading(
     balls = {t.id: isinstance(t.outline, Disc) for t in objects}
     pairs = pixel_pairs(decode(small_photo), ids, balls, small_normals)
     estimate = fit_light(pairs, highlights(rgb, labels, objects))
-    if estimate is None or (estimate.explained < TUNING.least_share and estimate.spots < 2):
+    if estimate is None or (
+        estimate.explained_share < TUNING.least_share and estimate.spots < 2
+    ):
         return LightGuess(FROM_ABOVE, 0.1)
     # Prints and reflections always stay unexplained: the share `enough` counts as a
     # full explanation.
-    explanation = min(1.0, (estimate.explained + 0.05 * estimate.spots) / TUNING.full_share)
+    explanation = min(
+        1.0, (estimate.explained_share + 0.05 * estimate.spots) / TUNING.full_share
+    )
     evidence = min(1.0, estimate.trust + 0.2 * estimate.spots)
     confidence = round(
         0.1 + 0.8 * explanation * (evidence * (1 - estimate.rival)) ** 0.5, 2
@@ -166,7 +170,7 @@ def fit_light(
     cost = _cost(pairs, sky, spots)
     best = sky[np.unravel_index(int(cost.argmin()), cost.shape)[0]]
     # Refine the best direction among 160 neighbours.
-    neighbours = best + 0.12 * _directions(160, whole=True)
+    neighbours = best + 0.12 * _directions(160, is_sphere=True)
     neighbours = np.concatenate(
         [best[None], neighbours / np.linalg.norm(neighbours, axis=1, keepdims=True)]
     )
@@ -241,13 +245,13 @@ def _misfit(pairs: PixelPairs, sky: F32) -> F32:
     return costs / np.float32(max(even_cost, 1e-9))
 
 
-def _directions(count: int, whole: bool = False) -> F32:
+def _directions(count: int, is_sphere: bool = False) -> F32:
     """Return `count` directions (count, 3), evenly distributed (Fibonacci's spiral).
 
-    Unless `whole`, directions behind the scene are left out.
+    Unless `is_sphere`, directions behind the scene are left out.
     """
     k = np.arange(count) + 0.5
-    z = 1 - k / count * (2.0 if whole else 1.05)
+    z = 1 - k / count * (2.0 if is_sphere else 1.05)
     angle = k * np.pi * (3 - 5**0.5)
     sine = np.sqrt(1 - z * z)
     return np.stack([sine * np.cos(angle), sine * np.sin(angle), z], -1).astype(
@@ -383,9 +387,9 @@ def highlights(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]) -> F32:
     return np.array(directions, np.float32).reshape(-1, 3)
 
 
-def _white_spot(part: F32, own: Mask, radius: float) -> tuple[float, float] | None:
+def _white_spot(part: F32, mask: Mask, radius: float) -> tuple[float, float] | None:
     """Return (x, y) of the brightest small white spot of a ball, or None."""
-    white_level = np.where(own, part.min(axis=2), 0).astype(np.float32)
+    white_level = np.where(mask, part.min(axis=2), 0).astype(np.float32)
     size = 2 * max(1, round(TUNING.spot_size * radius)) + 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
     # A morphological opening removes spots smaller than the kernel.
@@ -399,7 +403,7 @@ def _white_spot(part: F32, own: Mask, radius: float) -> tuple[float, float] | No
         return None
     count, ids = cv2.connectedComponents((excess > 0.5 * peak).astype(np.uint8))
     blob = ids == ids[row, column]
-    if blob.sum() > 0.06 * own.sum() or count > 6:
+    if blob.sum() > 0.06 * mask.sum() or count > 6:
         return None
     rows, columns = np.nonzero(blob)
     weight = excess[blob]

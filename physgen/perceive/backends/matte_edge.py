@@ -93,11 +93,11 @@ def _coverage(rgb: Rgb, inside: Mask) -> F32:
     return np.asarray(np.round(coverage * 255) / 255, np.float32)
 
 
-def _shift(distance: F32, mixed: F32, trust: F32) -> F32:
+def _shift(distance: F32, mixture: F32, trust: F32) -> F32:
     """Return by how many px (H, W) the border lies outside the mask's border."""
     band = LIMITS.reach + LIMITS.shift
     border_band = (np.abs(distance) < band).astype(np.float32)
-    excess = blurred((mixed - _ramp(distance)) * trust * border_band, LIMITS.stretch)
+    excess = blurred((mixture - _ramp(distance)) * trust * border_band, LIMITS.stretch)
     weight = blurred((trust + np.float32(LIMITS.doubt)) * border_band, LIMITS.stretch)
     # In a symmetric band of half width `band`, moving the border by d changes the mean
     # coverage by d / (2 band).
@@ -105,7 +105,8 @@ def _shift(distance: F32, mixed: F32, trust: F32) -> F32:
         2 * band * excess / np.maximum(weight, 1e-6), -LIMITS.shift, LIMITS.shift
     )
     return np.asarray(
-        np.sign(shift) * np.maximum(np.abs(shift) - LIMITS.uncertain_width, 0), np.float32
+        np.sign(shift) * np.maximum(np.abs(shift) - LIMITS.uncertain_width, 0),
+        np.float32,
     )
 
 
@@ -161,7 +162,8 @@ def _coverage_by_colour(rgb: Rgb, distance: F32) -> tuple[F32, F32, F32]:
         np.einsum("ijk,ijk->ij", back, back), 1e-6
     )
     colour_difference = (
-        np.square(colour - brightness_ratio[..., None] * back).sum(2) / LIMITS.light_difference**2
+        np.square(colour - brightness_ratio[..., None] * back).sum(2)
+        / LIMITS.light_difference**2
     )
     foreign_colour = np.where(
         brightness_ratio < 1, 1 - np.exp(-colour_difference), 1
@@ -173,11 +175,11 @@ def _coverage_by_colour(rgb: Rgb, distance: F32) -> tuple[F32, F32, F32]:
     )
 
 
-def _nearby_mean(colour: F32, known: Mask) -> F32:
+def _nearby_mean(colour: F32, mask: Mask) -> F32:
     """Return the mean colour of the known pixels within 6 px (H, W, 3), 0 if none is
     known.
     """
-    weight = known.astype(np.float32)
+    weight = mask.astype(np.float32)
     total = cv2.GaussianBlur(colour * weight[:, :, None], (13, 13), 2.5)
     count = cv2.GaussianBlur(weight, (13, 13), 2.5)[:, :, None]
     return np.where(count > 1e-4, total / np.maximum(count, 1e-4), 0).astype(np.float32)

@@ -167,20 +167,24 @@ def _complete_tilts(tilts: F32) -> F32:
     return np.concatenate([tilts, z], axis=2).astype(np.float32)
 
 
-def _shared_bulges(found: Sequence[tuple[Mask, float | None]]) -> list[float | None]:
+def _shared_bulges(
+    bulges_of_masks: Sequence[tuple[Mask, float | None]],
+) -> list[float | None]:
     """Return one bulge per mask: the median over objects of the same size.
 
     A row of dominoes or a pile of cans gets a common value.
     """
-    sizes = np.array([mask.shape for mask, _ in found], np.float64).reshape(-1, 2)
+    sizes = np.array([mask.shape for mask, _ in bulges_of_masks], np.float64).reshape(
+        -1, 2
+    )
     bulges: list[float | None] = []
-    for (_, bulge), size in zip(found, sizes, strict=True):
+    for (_, bulge), size in zip(bulges_of_masks, sizes, strict=True):
         is_similar = np.atleast_1d(
             (np.abs(sizes / size - 1) < LIMITS.size_difference).all(axis=1)
         ).tolist()
         similar_bulges = [
             b
-            for (_, b), k in zip(found, is_similar, strict=True)
+            for (_, b), k in zip(bulges_of_masks, is_similar, strict=True)
             if k and b is not None
         ]
         bulges.append(None if bulge is None else float(np.median(similar_bulges)))
@@ -188,12 +192,16 @@ def _shared_bulges(found: Sequence[tuple[Mask, float | None]]) -> list[float | N
 
 
 def _form(
-    item: PhotoObject, own: Mask, corner: tuple[float, float], seen: F32, level: F32
+    item: PhotoObject,
+    mask: Mask,
+    corner: tuple[float, float],
+    network_normals: F32,
+    level: F32,
 ) -> tuple[F32, float | None]:
     """Return the tilts (h, w, 2) of an object on its box, and its bulge.
 
     The bulge is the share of these tilts over a flat face; None means a certain form.
-    `own` (h, w) is the mask and `seen` (h, w, 3) are the network's normals.
+    `mask` (h, w) is the mask and `network_normals` (h, w, 3) are the network's normals.
     """
     nouns = _nouns(item.label)
     if isinstance(item.outline, Disc):
@@ -201,34 +209,36 @@ def _form(
             float(item.outline.center[0]) - corner[0],
             float(item.outline.center[1]) - corner[1],
         )
-        field = ball_tilts(own.shape, center, float(item.outline.radius))
+        field = ball_tilts(mask.shape, center, float(item.outline.radius))
         return field * np.float32(
             min((DOMED[noun] for noun in nouns & set(DOMED)), default=1.0)
         ), None
-    smaller = min(own.shape)
+    smaller = min(mask.shape)
     # Handles are treated apart from the body.
     body = (
-        without_thin_parts(own, round(LIMITS.handle * smaller)) if smaller > 12 else own
+        without_thin_parts(mask, round(LIMITS.handle * smaller))
+        if smaller > 12
+        else mask
     )
-    body = own if body.sum() > LIMITS.body_share * own.sum() else body
+    body = mask if body.sum() > LIMITS.body_share * mask.sum() else body
     if (
         item.label.lower().startswith("ball")
         or not nouns & ROUND
         or nouns & {"apple", "egg", "lemon"}
     ):
-        core = without_thin_parts(own, 2)
+        core = without_thin_parts(mask, 2)
         ball = hidden_ball(core)
         if ball is not None:
             return np.where(
-                core[..., None], ball_tilts(own.shape, *ball), cushion_tilts(own)
+                core[..., None], ball_tilts(mask.shape, *ball), cushion_tilts(mask)
             ), None
     # An ellipse is an egg or a pebble rather than a solid of revolution.
-    if _ellipse_likeness(body) > 0.94 and not _is_rectangular(own):
-        field, axis = cushion_tilts(own), -1
+    if _ellipse_likeness(body) > 0.94 and not _is_rectangular(mask):
+        field, axis = cushion_tilts(mask), -1
     else:
-        field, axis = _compute_revolved_tilts(own, body)
+        field, axis = _compute_revolved_tilts(mask, body)
     return field, None if nouns & ROUND else _bulge(
-        seen, level, field, _inner(own), axis
+        network_normals, level, field, _inner(mask), axis
     )
 
 
@@ -243,44 +253,44 @@ def _nouns(label: str) -> set[str]:
     }
 
 
-def _compute_revolved_tilts(own: Mask, body: Mask) -> tuple[F32, int]:
+def _compute_revolved_tilts(mask: Mask, body: Mask) -> tuple[F32, int]:
     """Return the tilts of a solid of revolution with handles as cushions, and its axis.
 
     The axis is 0 if it is upright and 1 if it is level.
     """
-    has_level_shape = own.shape[1] > 2 * own.shape[0]
+    has_level_shape = mask.shape[1] > 2 * mask.shape[0]
     # A pencil has a level axis, a saucer an upright one.
     lying = has_level_shape and _iou(body, body[::-1]) >= _iou(body, body[:, ::-1])
     form = turned_tilts(body.T if lying else body)
     field = form.transpose(1, 0, 2)[..., ::-1] if lying else form
-    handles = own & ~body
+    handles = mask & ~body
     if handles.any():
         field = np.where(handles[..., None], cushion_tilts(handles), field)
     return np.asarray(field, np.float32), int(lying)
 
 
-def _iou(one: Mask, other: Mask) -> float:
-    return float((one & other).sum() / max((one | other).sum(), 1))
+def _iou(first: Mask, other: Mask) -> float:
+    return float((first & other).sum() / max((first | other).sum(), 1))
 
 
-def _inner(own: Mask) -> Mask:
+def _inner(mask: Mask) -> Mask:
     inner = (
-        cv2.erode(np.pad(own, 1).astype(np.uint8), np.ones((3, 3), np.uint8))[
+        cv2.erode(np.pad(mask, 1).astype(np.uint8), np.ones((3, 3), np.uint8))[
             1:-1, 1:-1
         ]
         > 0
     )
-    return np.asarray(inner if inner.sum() > 20 else own)
+    return np.asarray(inner if inner.sum() > 20 else mask)
 
 
-def _slope(seen: F32, field: F32, inner: Mask) -> float:
+def _slope(normals: F32, field: F32, inner: Mask) -> float:
     """Return the regression slope of the network's tilts over a form's: about 0..1."""
-    a, b = seen[..., :2][inner], field[inner]
+    a, b = normals[..., :2][inner], field[inner]
     a, b = a - a.mean(axis=0), b - b.mean(axis=0)
     return float((a * b).sum() / max(float((b * b).sum()), 1e-6))
 
 
-def _bulge(seen: F32, level: F32, field: F32, inner: Mask, axis: int) -> float:
+def _bulge(normals: F32, level: F32, field: F32, inner: Mask, axis: int) -> float:
     """Return the degree, 0..1, to which an object has the tilts `field` (h, w, 2).
 
     0 is a flat face. The network and the shading must agree. `axis` belongs to a solid
@@ -293,7 +303,7 @@ def _bulge(seen: F32, level: F32, field: F32, inner: Mask, axis: int) -> float:
     clear_change = spread > LIMITS.clear_spread and smooth_share > LIMITS.smooth_share
     least_slope = LIMITS.slope - (LIMITS.clear_slope if clear_change else 0)
     slope = np.clip(
-        (_slope(seen, field, inner) - least_slope) / LIMITS.slope_range, 0, 1
+        (_slope(normals, field, inner) - least_slope) / LIMITS.slope_range, 0, 1
     )
     return float(
         slope
@@ -327,33 +337,33 @@ def _light_profile(level: F32, place: F32, inner: Mask) -> tuple[float, float]:
     return float(fit.std()), max(share, 0.0)
 
 
-def _is_rectangular(own: Mask) -> bool:
+def _is_rectangular(mask: Mask) -> bool:
     border = max(
         cv2.findContours(
-            own.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+            mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
         )[0],
         key=len,
     )
     w, h = cv2.minAreaRect(border)[1]
-    return bool(own.sum() > 0.87 * (w + 1) * (h + 1))
+    return bool(mask.sum() > 0.87 * (w + 1) * (h + 1))
 
 
-def _ellipse_likeness(own: Mask) -> float:
+def _ellipse_likeness(mask: Mask) -> float:
     """Return the IoU of a mask and the ellipse with the same moments."""
-    rows, columns = np.nonzero(own)
+    rows, columns = np.nonzero(mask)
     if len(rows) < 12:
         return 0.0
     spread = np.cov(np.stack([columns, rows]))
-    grid = np.stack(np.meshgrid(np.arange(own.shape[1]), np.arange(own.shape[0])), -1)
+    grid = np.stack(np.meshgrid(np.arange(mask.shape[1]), np.arange(mask.shape[0])), -1)
     offsets = grid - [columns.mean(), rows.mean()]
     inside = np.einsum("hwi,ij,hwj->hw", offsets, np.linalg.pinv(spread), offsets) <= 4
-    return _iou(inside, own)
+    return _iou(inside, mask)
 
 
-def _flat_face(own: Mask) -> F32:
+def _flat_face(mask: Mask) -> F32:
     """Return the tilts of a flat face with slightly rounded edges."""
-    h, w = own.shape
-    depth = cv2.distanceTransform(np.pad(own, 1).astype(np.uint8), cv2.DIST_L2, 5)
+    h, w = mask.shape
+    depth = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5)
     reach = max(2.0, LIMITS.rim * min(h, w))
     depth = cv2.GaussianBlur(depth, (0, 0), 1.0)
     # The padding is cut off later: a thread is one pixel wide, and its gradient needs
@@ -433,22 +443,22 @@ def ball_tilts(
     )
 
 
-def turned_tilts(own: Mask) -> F32:
+def turned_tilts(mask: Mask) -> F32:
     """Return the tilts of a solid of revolution with an upright axis, seen from far.
 
-    Each row of `own` (h, w) is a cross-section; radii are smoothed against ripples.
+    Each row of `mask` (h, w) is a cross-section; radii are smoothed against ripples.
     """
-    rows = np.flatnonzero(own.any(axis=1))
-    left = own.argmax(axis=1)[rows].astype(np.float32)
-    right = own.shape[1] - 1 - own[:, ::-1].argmax(axis=1)[rows].astype(np.float32)
-    all_rows = np.arange(own.shape[0])
+    rows = np.flatnonzero(mask.any(axis=1))
+    left = mask.argmax(axis=1)[rows].astype(np.float32)
+    right = mask.shape[1] - 1 - mask[:, ::-1].argmax(axis=1)[rows].astype(np.float32)
+    all_rows = np.arange(mask.shape[0])
     middle, half_width = (
         np.interp(all_rows, rows, part).astype(np.float32)
         for part in ((left + right) / 2, (right - left + 1) / 2)
     )
     flare = np.zeros(1, np.float32)
     if len(half_width) > 1:
-        sigma = max(1.0, 0.02 * own.shape[0])
+        sigma = max(1.0, 0.02 * mask.shape[0])
         smooth_radius = cv2.GaussianBlur(
             half_width[:, None],
             (1, 0),
@@ -459,7 +469,7 @@ def turned_tilts(own: Mask) -> F32:
         flare = np.gradient(np.asarray(smooth_radius[:, 0], np.float32)).astype(
             np.float32
         )
-    offset = np.arange(own.shape[1], dtype=np.float32)[None, :] - middle[:, None]
+    offset = np.arange(mask.shape[1], dtype=np.float32)[None, :] - middle[:, None]
     ratio = offset / np.maximum(half_width[:, None], 1)
     slope = np.broadcast_to(flare[:, None], ratio.shape)
     return np.asarray(
@@ -469,40 +479,40 @@ def turned_tilts(own: Mask) -> F32:
     )
 
 
-def cushion_tilts(own: Mask) -> F32:
-    """Return the tilts of `own` (h, w) inflated like a cushion with an upright rim.
+def cushion_tilts(mask: Mask) -> F32:
+    """Return the tilts of `mask` (h, w) inflated like a cushion with an upright rim.
 
     Height is the square root of the solution of Poisson's equation with 0 at the border
     (Johnston 2002, Lumo; Sykora et al. 2014): a disc becomes a sphere, an ellipse an
     ellipsoid.
     """
-    h, w = own.shape
+    h, w = mask.shape
     # With the squared distance from the centre added, the solution of Poisson's
     # equation is harmonic.
     y, x = np.mgrid[-1 : h + 1, -1 : w + 1].astype(np.float32)
     bowl = ((x - w / 2) ** 2 + (y - h / 2) ** 2)[..., None]
-    height = (harmonic_fill(bowl, np.pad(own, 1), 0.1) - bowl)[..., 0]
+    height = (harmonic_fill(bowl, np.pad(mask, 1), 0.1) - bowl)[..., 0]
     gy, gx = np.gradient(height)
     maps = np.stack([-gx / 2, -gy / 2, np.sqrt(np.maximum(height, 0))], -1)[1:-1, 1:-1]
     length = np.maximum(np.linalg.norm(maps, axis=2, keepdims=True), 1e-6)
     return np.asarray((maps / length)[..., :2], np.float32)
 
 
-def without_thin_parts(own: Mask, radius: int) -> Mask:
-    """Return `own` without parts thinner than 2 `radius` px (threads, handles).
+def without_thin_parts(mask: Mask, radius: int) -> Mask:
+    """Return `mask` without parts thinner than 2 `radius` px (threads, handles).
 
     Returns all of it if nothing else remains.
     """
     if radius < 1:
-        return own
+        return mask
     disc = cv2.getStructuringElement(
         cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)
     )
-    body = cv2.morphologyEx(np.pad(own, radius).astype(np.uint8), cv2.MORPH_OPEN, disc)
+    body = cv2.morphologyEx(np.pad(mask, radius).astype(np.uint8), cv2.MORPH_OPEN, disc)
     body = body[radius:-radius, radius:-radius]
     count, ids, stats, _ = cv2.connectedComponentsWithStats(body, connectivity=8)
     if count < 2:
-        return own
+        return mask
     return np.asarray(ids == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax()))
 
 

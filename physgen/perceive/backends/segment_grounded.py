@@ -56,7 +56,7 @@ GROUNDED = GroundedConstants()
 NAME = "grounding-dino+sam"
 
 
-class Grounded:
+class NounSegmenter:
     """A segmenter for given nouns; it loads its models at their first use."""
 
     def __init__(self, setup: Setup) -> None:
@@ -137,7 +137,7 @@ class Grounded:
         return Sam(self._weights[1], self._device, self._dtype)
 
 
-grounded = Grounded
+grounded = NounSegmenter
 """The factory named in the registry."""
 
 

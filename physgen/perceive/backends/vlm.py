@@ -184,7 +184,7 @@ class Query:
     """A question about pictures."""
 
     # One to three words for messages, e.g. `ball`.
-    about: str
+    subject: str
     text: str
     pictures: tuple[bytes, ...]  # PNG
     schema: Schema  # of the answer
@@ -341,15 +341,15 @@ class _Role:
         )
         return message.content or getattr(message, "refusal", None) or ""
 
-    def _fail(self, query: Query, what: str) -> NoReturn:
+    def _fail(self, query: Query, reason: str) -> NoReturn:
         """Raise InputError with the failure, the server, the model and the fix.
 
         The key is masked in the text.
         """
-        about = f"{self._where} (model {self._model}), asked for {self.role} of {query.about},"
-        what = what.replace(self._key, "***") if self._key else what
+        about = f"{self._where} (model {self._model}), asked for {self.role} of {query.subject},"
+        reason = reason.replace(self._key, "***") if self._key else reason
         message = Message.SERVER_FAILED
-        values = {"failure": what, "url": URL, "model": MODEL, "key": KEY}
+        values = {"failure": reason, "url": URL, "model": MODEL, "key": KEY}
         raise message.error("--backend", about, **values) from None
 
     def _cache_file(self, query: Query) -> Path:
@@ -403,7 +403,8 @@ class Label(_Role):
         groups = similar_groups(rgb, objects, masks)
         queries = [label_query(rgb, masks[group[0].id]) for group in groups]
         names = [
-            Name(clean_name(answer["name"]), VLM.label_confidence) for answer in self.ask(queries)
+            Name(clean_name(answer["name"]), VLM.label_confidence)
+            for answer in self.ask(queries)
         ]
         return {
             item.id: name
@@ -620,10 +621,12 @@ def _closeup(rgb: Rgb, mask: Mask) -> bytes:
     return _png(picture)
 
 
-def _resize_picture(rgb: Rgb, least: int, most: int) -> Rgb:
-    """Return a picture with a longer side from `least` to `most` px."""
+def _resize_picture(rgb: Rgb, least_side: int, largest_side: int) -> Rgb:
+    """Return a picture with a longer side from `least_side` to `largest_side` px."""
     height, width = rgb.shape[:2]
-    factor = min(max(1.0, least / max(height, width)), most / max(height, width))
+    factor = min(
+        max(1.0, least_side / max(height, width)), largest_side / max(height, width)
+    )
     if factor == 1:
         return rgb
     size = max(round(width * factor), 1), max(round(height * factor), 1)
@@ -705,7 +708,7 @@ def picture_part(picture: bytes) -> dict[str, Any]:
     return {"type": "image_url", "image_url": {"url": url}}
 
 
-def plain_line(text: str, most: int = 300) -> str:
+def plain_line(text: str, length: int = 300) -> str:
     """Return the printable characters of a text on one line, cut at a word.
 
     >>> plain_line("a  red\\n# ball\\x1b[0m")
@@ -714,6 +717,6 @@ def plain_line(text: str, most: int = 300) -> str:
     line = " ".join("".join(c for c in text if c.isprintable() or c.isspace()).split())
     return (
         line
-        if len(line) <= most
-        else f"{line[:most].rpartition(' ')[0] or line[:most]} ..."
+        if len(line) <= length
+        else f"{line[:length].rpartition(' ')[0] or line[:length]} ..."
     )

@@ -90,7 +90,7 @@ RARER = 3.0
 class Evidence:
     """The evidence about a photo for the judgement of its candidates."""
 
-    seen: NetworkMaps
+    maps: NetworkMaps
     # (h, w): the photo's colours on the grid, in steps.
     colours: NDArray[np.int64]
     # (h, w, 3): the same in CIELAB.
@@ -108,16 +108,18 @@ class Evidence:
 
 
 def gather_evidence(
-    rgb: NDArray[np.uint8], seen: NetworkMaps, boxes: DetectedBoxes
+    rgb: NDArray[np.uint8], network_maps: NetworkMaps, boxes: DetectedBoxes
 ) -> Evidence:
     """Return the evidence of a photo (H, W, 3) sRGB."""
-    height, width = seen.foreground.shape
+    height, width = network_maps.foreground.shape
     lab = _small_lab(rgb, (height, width))
     colours = colour_steps(rgb, (height, width))
     scale = np.tile([width / rgb.shape[1], height / rgb.shape[0]], 2)
     edges = find_edges(rgb, (height, width))
     corners = boxes.corners * scale
-    return Evidence(seen, colours, lab.astype(np.float32), edges, boxes, corners)
+    return Evidence(
+        network_maps, colours, lab.astype(np.float32), edges, boxes, corners
+    )
 
 
 def colour_steps(rgb: NDArray[np.uint8], shape: tuple[int, int]) -> NDArray[np.int64]:
@@ -155,18 +157,18 @@ def judge_features(candidates: Sequence[Proposal], evidence: Evidence) -> Array:
     """Return the features (n, len(FEATURES)) of candidates on the network's grid."""
     if not candidates:
         return np.zeros((0, len(FEATURES)))
-    maps = map_features(candidates, evidence.seen)
+    maps = map_features(candidates, evidence.maps)
     colours = [_colour_features(candidate, evidence) for candidate in candidates]
     boxes = box_features(candidates, evidence)
     return np.hstack([maps, np.array(colours), boxes])
 
 
-def map_features(candidates: Sequence[Proposal], seen: NetworkMaps) -> Array:
+def map_features(candidates: Sequence[Proposal], maps: NetworkMaps) -> Array:
     """Return the features (n, len(MAP_FEATURES)) of candidates."""
-    rim = np.asarray(cv2.dilate(seen.boundary, np.ones((3, 3), np.uint8)), np.float32)
+    rim = np.asarray(cv2.dilate(maps.boundary, np.ones((3, 3), np.uint8)), np.float32)
     reach = max(max(abs(down), abs(right)) for down, right in OFFSETS)
     return np.array(
-        [_map_features(candidate, seen, rim, reach) for candidate in candidates]
+        [_map_features(candidate, maps, rim, reach) for candidate in candidates]
     )
 
 

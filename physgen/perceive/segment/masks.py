@@ -317,20 +317,20 @@ def _remove_occluded_part(cut: Cut, others: Sequence[Cut]) -> Mask:
     return left
 
 
-def _before(one: Cut, other: Cut) -> bool:
-    """Return whether `one` gets the common pixels; exactly one of both does."""
-    if one.area == other.area:
-        return (one.confidence, *one.box) > (other.confidence, *other.box)
-    small, large = (one, other) if one.area < other.area else (other, one)
-    return (small.confidence >= CLEANUP.rival * large.confidence) == (small is one)
+def _before(cut: Cut, other: Cut) -> bool:
+    """Return whether `cut` gets the common pixels; exactly one of both does."""
+    if cut.area == other.area:
+        return (cut.confidence, *cut.box) > (other.confidence, *other.box)
+    small, large = (cut, other) if cut.area < other.area else (other, cut)
+    return (small.confidence >= CLEANUP.rival * large.confidence) == (small is cut)
 
 
-def _contains(one: Cut, other: Cut) -> bool:
+def _contains(cut: Cut, other: Cut) -> bool:
     """Return whether a movable object contains another of its kind."""
     kind = (
-        one.movable
+        cut.movable
         and other.movable
-        and one.noun == other.noun
-        and one.area > other.area
+        and cut.noun == other.noun
+        and cut.area > other.area
     )
-    return kind and overlap(one, other) >= CLEANUP.inside * other.area
+    return kind and overlap(cut, other) >= CLEANUP.inside * other.area

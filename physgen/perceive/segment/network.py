@@ -241,16 +241,16 @@ def _network() -> cv2.dnn.Net:
 
 
 def crop(
-    image: NDArray[np.uint8], box: Sequence[float], side: int, beyond: int = round(MEAN)
+    image: NDArray[np.uint8], box: Sequence[float], side: int, fill: int = round(MEAN)
 ) -> NDArray[np.uint8]:
     """Return a box (left, top, right, bottom px) with its margin, resized to (side,
     side[, 3]).
 
-    Pixels outside the photo have the value `beyond`.
+    Pixels outside the photo have the value `fill`.
     """
     left, top, right, bottom = bounds(box)
     height, width = image.shape[:2]
-    result = np.full((side, side, *image.shape[2:]), beyond, np.uint8)
+    result = np.full((side, side, *image.shape[2:]), fill, np.uint8)
     part = image[max(top, 0) : max(bottom, 0), max(left, 0) : max(right, 0)]
     x0, x1 = (
         round((x - left) / (right - left) * side)
@@ -443,14 +443,14 @@ def follow_edges(
     return mean(np.dstack([weights, level - (weights * middle).sum(-1)]))
 
 
-def _solve_symmetric(diagonal: F32, beside: F32, right: F32) -> F32:
+def _solve_symmetric(diagonal: F32, off_diagonal: F32, right: F32) -> F32:
     """Return the solutions (h, w, 3) of symmetric systems of three equations.
 
-    `beside` (h, w, 3) has the elements 01, 12 and 20 of the matrices; `right` is the
+    `off_diagonal` (h, w, 3) has the elements 01, 12 and 20 of the matrices; `right` is the
     right side. The solution uses cofactors: a general solver takes four times as long.
     """
-    first, second, third = _cofactors(diagonal, beside)
-    row = np.dstack([diagonal[..., 0], beside[..., 0], beside[..., 2]])
+    first, second, third = _cofactors(diagonal, off_diagonal)
+    row = np.dstack([diagonal[..., 0], off_diagonal[..., 0], off_diagonal[..., 2]])
     x, y, z = np.moveaxis(right.astype(np.float64), -1, 0)
     factor = 1 / (row.astype(np.float64) * np.stack(first, axis=-1)).sum(axis=-1)
     parts = [
@@ -460,10 +460,10 @@ def _solve_symmetric(diagonal: F32, beside: F32, right: F32) -> F32:
     return np.stack([part * factor for part in parts], axis=-1).astype(np.float32)
 
 
-def _cofactors(diagonal: F32, beside: F32) -> list[list[NDArray[np.float64]]]:
+def _cofactors(diagonal: F32, off_diagonal: F32) -> list[list[NDArray[np.float64]]]:
     """Return the rows of cofactors (h, w) of symmetric matrices."""
     a, b, c = np.moveaxis(diagonal.astype(np.float64), -1, 0)
-    d, e, f = np.moveaxis(beside.astype(np.float64), -1, 0)
+    d, e, f = np.moveaxis(off_diagonal.astype(np.float64), -1, 0)
     ab, bc, ac = e * f - c * d, d * f - a * e, d * e - b * f
     return [[b * c - e * e, ab, ac], [ab, a * c - f * f, bc], [ac, bc, a * b - d * d]]
 

@@ -92,20 +92,20 @@ def _regions(distance: NDArray[np.float32]) -> NDArray[np.int32]:
     return np.asarray(names, np.int32)
 
 
-def _belonging(regions: NDArray[np.int32], own: Mask) -> Mask:
+def _belonging(regions: NDArray[np.int32], mask: Mask) -> Mask:
     """Return the regions (H, W) that lie mostly in an object."""
     areas = np.bincount(regions.ravel())
-    inside = np.bincount(regions[own], minlength=len(areas))
+    inside = np.bincount(regions[mask], minlength=len(areas))
     belongs = inside >= PLAIN.object_share * areas
     belongs[0] = False
     return np.asarray(belongs[regions])
 
 
-def _without_gaps(whole: Mask, distance: NDArray[np.float32]) -> Mask:
+def _without_gaps(mask: Mask, distance: NDArray[np.float32]) -> Mask:
     """Return an object without its gaps; marks at its border are closed."""
-    gaps = _gaps(whole, distance)
+    gaps = _gaps(mask, distance)
     marks = cv2.morphologyEx(
-        (whole & ~gaps).view(np.uint8), cv2.MORPH_CLOSE, _disc(_stroke(whole))
+        (mask & ~gaps).view(np.uint8), cv2.MORPH_CLOSE, _disc(_stroke(mask))
     )
     return np.asarray((marks > 0) & ~gaps)
 
@@ -134,7 +134,10 @@ def _gaps(mask: Mask, distance: NDArray[np.float32]) -> Mask:
             continue
         rim = gap & ~(cv2.erode(gap.view(np.uint8), np.ones((3, 3), np.uint8)) > 0)
         rim &= inner
-        if rim.any() and (farthest[rim] > PLAIN.object_difference).mean() >= PLAIN.contour:
+        if (
+            rim.any()
+            and (farthest[rim] > PLAIN.object_difference).mean() >= PLAIN.contour
+        ):
             gaps |= gap
     return gaps
 
@@ -182,10 +185,10 @@ def shade_below(rgb: Rgb, labels: NDArray[np.uint16]) -> float:
     return max(0.0, shades[0] - max(shades[1:]))
 
 
-def shows_ground_beyond(rgb: Rgb, own: Mask, near: int) -> bool:
+def shows_ground_beyond(rgb: Rgb, mask: Mask, margin: int) -> bool:
     """Return whether plain ground lies between an object (H, W) and each near border.
 
-    An object within `near` px of a border may be cut off by it, unless ground is
+    An object within `margin` px of a border may be cut off by it, unless ground is
     visible in between.
     """
     colour = plain_colour(rgb)
@@ -193,9 +196,9 @@ def shows_ground_beyond(rgb: Rgb, own: Mask, near: int) -> bool:
         return False
     is_ground = distance_from_ground(rgb, colour) <= PLAIN.ground_difference
     sides = (
-        (own[: near + 1].any(axis=0), is_ground[0]),
-        (own[-near - 1 :].any(axis=0), is_ground[-1]),
-        (own[:, : near + 1].any(axis=1), is_ground[:, 0]),
-        (own[:, -near - 1 :].any(axis=1), is_ground[:, -1]),
+        (mask[: margin + 1].any(axis=0), is_ground[0]),
+        (mask[-margin - 1 :].any(axis=0), is_ground[-1]),
+        (mask[:, : margin + 1].any(axis=1), is_ground[:, 0]),
+        (mask[:, -margin - 1 :].any(axis=1), is_ground[:, -1]),
     )
     return all(bool(ground[side_pixels].all()) for side_pixels, ground in sides)

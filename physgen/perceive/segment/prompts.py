@@ -433,7 +433,7 @@ def segment_point(
 
 
 def _other_pixels(
-    rgb: Rgb, points: Sequence[Point], own: tuple[int, int]
+    rgb: Rgb, points: Sequence[Point], pixel: tuple[int, int]
 ) -> list[tuple[int, int]]:
     """Return columns and rows of the other points on the photo."""
     height, width = rgb.shape[:2]
@@ -441,23 +441,23 @@ def _other_pixels(
     return [
         (u, v)
         for u, v in pixels
-        if 0 <= u < width and 0 <= v < height and (u, v) != own
+        if 0 <= u < width and 0 <= v < height and (u, v) != pixel
     ]
 
 
 def _known_object(
-    segments: Segments, own: tuple[int, int], others: Sequence[tuple[int, int]]
+    segments: Segments, pixel: tuple[int, int], others: Sequence[tuple[int, int]]
 ) -> PromptedMask | None:
     """Return the segmenter's object at a pixel, or None."""
-    label = int(segments.labels[own[::-1]])
+    label = int(segments.labels[pixel[::-1]])
     mask = segments.labels == label
-    if label == 0 or not is_meant(mask, own, others):
+    if label == 0 or not is_meant(mask, pixel, others):
         return None
     return PromptedMask(mask, float(segments.confidence[label - 1]))
 
 
 def _looks_around(
-    rgb: Rgb, own: tuple[int, int], others: Sequence[tuple[int, int]]
+    rgb: Rgb, pixel: tuple[int, int], others: Sequence[tuple[int, int]]
 ) -> tuple[list[tuple[PromptedMask, float]], bool]:
     """Return cut-outs in squares of several sizes around a pixel, with their
     confidences.
@@ -468,16 +468,19 @@ def _looks_around(
     results = []
     has_other_point = False
     for look in RULE.looks:
-        first = mask_at_point(rgb, own, look * max(height, width))
-        if not first.mask[own[::-1]] or first.mask.mean() >= RULE.photo_share:
+        first = mask_at_point(rgb, pixel, look * max(height, width))
+        if not first.mask[pixel[::-1]] or first.mask.mean() >= RULE.photo_share:
             continue
-        part = split(rgb, first.mask, own, others)
+        part = split(rgb, first.mask, pixel, others)
         # A second cut-out in the box of the first one should agree with it.
         second = PromptedMask(part, 0.0)
         if part.any():
             second = mask_in_box(rgb, box_of(part))
-        has_other_point |= not is_meant(first.mask, own, others)
-        if is_meant(second.mask, own, others) and second.mask.mean() < RULE.photo_share:
+        has_other_point |= not is_meant(first.mask, pixel, others)
+        if (
+            is_meant(second.mask, pixel, others)
+            and second.mask.mean() < RULE.photo_share
+        ):
             intersection = np.count_nonzero(first.mask & second.mask)
             agreement = intersection / np.count_nonzero(first.mask | second.mask)
             confidence = float(first.confidence * second.confidence * agreement)

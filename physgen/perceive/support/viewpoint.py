@@ -56,7 +56,7 @@ class _Cue:
     """
 
     weight: float
-    most: float
+    limit: float
     side: str = ""
     top: str = ""
 
@@ -113,7 +113,7 @@ def guess_view(
     odds = {}
     for name, value in cues.items():
         cue = CUES[name]
-        odds[name] = float(np.clip(cue.weight * value, -cue.most, cue.most))
+        odds[name] = float(np.clip(cue.weight * value, -cue.limit, cue.limit))
     total = CUES_WEIGHT * (PRIOR + sum(odds.values()))
     reasons = []
     if chances is not None and not _is_drawing(rgb):
@@ -367,7 +367,7 @@ def _count_without_support(
         [t.outline for t in objects], [np.array(w.points) for w in invisible_walls]
     )
     ids = {objects[c.body].id for c in support_contacts if c.other < 0}
-    return sum(t.id in boundaries.held | ids for t in objects)
+    return sum(t.id in boundaries.held_ids | ids for t in objects)
 
 
 def _small_photo(rgb: Rgb) -> Rgb:
@@ -409,24 +409,24 @@ def _immovable(rgb: Rgb) -> Mask:
 
 
 def _detection_doubts(
-    found: Detections, objects: Sequence[PhotoObject], area: Mapping[int, float]
+    detections: Detections, objects: Sequence[PhotoObject], area: Mapping[int, float]
 ) -> list[str]:
     """Return the doubts about the detections."""
-    reasons, right = [], sum(found.confidence.get(t.id, 1.0) for t in objects)
+    reasons, right = [], sum(detections.confidence.get(t.id, 1.0) for t in objects)
     # Confidences are probabilities: their sum is the expected number of true objects.
-    true = right + sum(doubt.confidence for doubt in found.doubtful)
+    true = right + sum(doubt.confidence for doubt in detections.doubtful)
     if 2 * right <= DOUBTS.f_measure * (len(objects) + true):
         reasons.append(Note.FEW_SURE_OBJECTS.text())
-    unclear = np.zeros(found.labels.shape, np.uint8)
-    for doubt in found.doubtful:
+    unclear = np.zeros(detections.labels.shape, np.uint8)
+    for doubt in detections.doubtful:
         cv2.fillPoly(unclear, [np.rint(doubt.polygon).astype(np.int32)], 1)
-    share = float(((unclear > 0) & (found.labels == 0)).mean())
+    share = float(((unclear > 0) & (detections.labels == 0)).mean())
     if share > max(DOUBTS.unclear, sum(area.values())):
         reasons.append(Note.MAY_BE_OBJECTS.text(share=percent(share)))
     return reasons
 
 
-def _photo_doubts(rgb: Rgb, found: Detections) -> list[str]:
+def _photo_doubts(rgb: Rgb, detections: Detections) -> list[str]:
     """Return the doubts about immovable content and the texture around objects."""
     reasons: list[str] = []
     if view_chances(run_network(rgb).features).unsuitable > DOUBTS.unsuitable:
@@ -444,7 +444,9 @@ def _photo_doubts(rgb: Rgb, found: Detections) -> list[str]:
     green = (hue > 25) & (hue < 90) & (saturation > 40)
     blue[len(blue) // 2 :] = False
     surroundings = (
-        cv2.resize(found.labels, small.shape[1::-1], interpolation=cv2.INTER_NEAREST)
+        cv2.resize(
+            detections.labels, small.shape[1::-1], interpolation=cv2.INTER_NEAREST
+        )
         == 0
     )
     for note, part, limit in (
