@@ -113,7 +113,7 @@ def _with_contents(detections: Detections, container: _Container) -> Detections:
         else:
             kept.append(doubt)
     joined = np.where(np.isin(labels, members), container.id, labels)
-    joined[_closed(whole, container.height) & (joined == 0)] = container.id
+    joined[_close_slits(whole, container.height) & (joined == 0)] = container.id
     confidence = dict(detections.confidence)
     parts = [container.id, *members]
     confidence[container.id] = max(confidence.get(i, 0.0) for i in parts)
@@ -126,14 +126,14 @@ def _with_contents(detections: Detections, container: _Container) -> Detections:
     )
 
 
-def _closed(mask: Mask, height: int) -> Mask:
+def _close_slits(mask: Mask, height: int) -> Mask:
     """Return a mask (H, W) without slits, and without the holes behind narrow gaps.
 
     Wider bays that are open to the outside stay as they are.
     """
     reach = max(1, round(CONTENT.gap * height)) + 1
     padded = np.pad(mask.astype(np.uint8), reach)
-    closed = _bridged(padded, CONTENT.gap * height)
+    closed = _close_gaps(padded, CONTENT.gap * height)
     outlines, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     filled = np.zeros_like(closed)
     cv2.drawContours(filled, list(outlines), -1, 1, cv2.FILLED)
@@ -143,11 +143,11 @@ def _closed(mask: Mask, height: int) -> Mask:
     is_open = np.zeros(int(pieces.max()) + 1, bool)
     is_open[np.unique(pieces[outside])] = True
     holes = (added > 0) & ~is_open[pieces]
-    full = _bridged((holes | (padded > 0)).astype(np.uint8), CONTENT.slit * height)
+    full = _close_gaps((holes | (padded > 0)).astype(np.uint8), CONTENT.slit * height)
     return np.asarray(full[reach:-reach, reach:-reach] > 0)
 
 
-def _bridged(mask: NDArray[np.uint8], width: float) -> NDArray[np.uint8]:
+def _close_gaps(mask: NDArray[np.uint8], width: float) -> NDArray[np.uint8]:
     """Return a mask (H, W) whose gaps up to twice this width, px, are closed."""
     radius = max(1, round(width))
     size = (2 * radius + 1, 2 * radius + 1)

@@ -215,7 +215,7 @@ def _with_cushions(
     cushions = {}
     remarks = []
     for name, wall in boundaries.items():
-        cushions[name] = wall | {"segment": _moved_outwards(wall["segment"], size)}
+        cushions[name] = wall | {"segment": _move_outwards(wall["segment"], size)}
         if not wall["elasticity"]:
             cushions[name]["elasticity"] = SHOT.cushion
             remarks = ["0 in sim.yaml: nothing bounced off them"]
@@ -230,7 +230,7 @@ def _with_cushions(
     return cushions
 
 
-def _moved_outwards(
+def _move_outwards(
     segment: Sequence[Sequence[float]], size: tuple[int, int]
 ) -> list[list[float]]:
     """Return a segment, with ends at the border of a photo of `size` moved outwards.

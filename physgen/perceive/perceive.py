@@ -129,7 +129,7 @@ def perceive(
     if not objects:
         naming.relabel_objects(objects, renames, {})
         empty_scene = _empty_scene(rgb, detections, facts.pixels_per_meter)
-        return run.signed(meanwhile(empty_scene))
+        return run.sign(meanwhile(empty_scene))
     detections = _extend_to_discs(detections, objects)
     filled_labels = _labels_to_fill(detections)
     # The matte and the fill run in a second thread, beside stages without need for
@@ -168,7 +168,7 @@ def perceive(
             run, draft, detections, estimate, surroundings, backgrounds, shadows
         )
         run.crew.release("inpaint")
-        return run.signed(scene)
+        return run.sign(scene)
 
 
 def _detect_objects(

@@ -266,7 +266,7 @@ class PerceptionRun:
         depth = None if self.crew.name("depth") == "none" else extra.get("depth")
         return guess, depth, extra.get("normals")
 
-    def signed(self, scene: PerceivedScene) -> PerceivedScene:
+    def sign(self, scene: PerceivedScene) -> PerceivedScene:
         """Return the scene with the record of the backends, if models took part."""
         # A role in the second thread may have finished out of order.
         self.crew.steps.sort(key=lambda step: ROLES.index(step.role))

@@ -98,7 +98,7 @@ def full_size(scene: Scene) -> tuple[int, int] | None:
     return None
 
 
-def prompted(objects: Sequence[Object]) -> list[Object]:
+def list_prompts(objects: Sequence[Object]) -> list[Object]:
     """Return the objects with a prompt: those with a box, then those with a point."""
     boxes = [item for item in objects if isinstance(item.prompt, BoxPrompt)]
     points = [item for item in objects if isinstance(item.prompt, PointPrompt)]
@@ -207,7 +207,7 @@ def _draw_present_objects(
         if objects[k].prompt is None:
             drawing.labels[labels == k + 1] = i
     indices = {item.name: k for k, item in enumerate(objects)}
-    for n, item in enumerate(prompted(objects), 1):
+    for n, item in enumerate(list_prompts(objects), 1):
         id_ = ids[indices[item.name]]
         mask = detections.labels == n
         drawing.cover(id_, mask, detections.confidence[n], detections.prompts[n])
@@ -575,7 +575,7 @@ def rewritten(
     return result | ({"from": sources} if sources else {})
 
 
-def rescaled(
+def rescale_document(
     old: Entry, new: dict[str, Any], record: Record, side: int
 ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
     """Return the `new` data with speeds and playback for its scale, and changed values.

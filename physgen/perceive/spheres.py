@@ -110,10 +110,10 @@ def fit_sphere_shading(rgb: Rgb, disc: Disc) -> SphereFit | None:
     inside = inside[:: -(-len(inside) // SPHERE.pixels)]
     light = decode(part.reshape(-1, 3)[inside]).mean(axis=1)
     level = np.log(light + SPHERE.darkest).astype(np.float64)
-    return _fitted(level, u.ravel()[inside], v.ravel()[inside])
+    return _fit_shading(level, u.ravel()[inside], v.ravel()[inside])
 
 
-def _fitted(level: Array, u: Array, v: Array) -> SphereFit:
+def _fit_shading(level: Array, u: Array, v: Array) -> SphereFit:
     """Return the fit by iteratively reweighted least squares.
 
     Highlights and prints get less weight, so that they do not bend the fit.

@@ -261,7 +261,7 @@ def _prompt_frames(opened_scene: OpenedScene, scene: Scene) -> PromptFrames:
     places = {}
     # Prompts of the scene are in its own pixels; a problem of one is reported at its
     # line.
-    for order, item in enumerate(old_and_new.prompted(scene.objects)):
+    for order, item in enumerate(old_and_new.list_prompts(scene.objects)):
         path = ("objects", item.name, "prompt")
         kind = "box" if isinstance(item.prompt, BoxPrompt) else "point"
         places[order] = (
@@ -401,7 +401,7 @@ def _merge_scenes(
     comments = old_and_new.true_comments(
         perceived.comments, document, perceived.document, record.world
     )
-    document, record_changes = old_and_new.rescaled(
+    document, record_changes = old_and_new.rescale_document(
         old.written_document, document, record, old.side
     )
     record_changes[""]["boundaries"] = perceived.document["boundaries"]

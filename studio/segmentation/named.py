@@ -120,7 +120,7 @@ def objects(
         for label, class_name in classes.items():
             mask = stored == int(label)
             skipped = class_name == "person" and not validation and int(label) % PEOPLE
-            if np.count_nonzero(mask) >= naming.CROP.least and not skipped:
+            if np.count_nonzero(mask) >= naming.CROP.least_area and not skipped:
                 yield name, class_name, rgb, mask
 
 

@@ -282,7 +282,7 @@ def _lay_walls(
         floor = _find_floor(photo, line, group, group is ground, solid)
         others = [t.outline for t in objects if all(t is not f.item for f in group)]
         span = floor.visible_span or floor.own_span
-        if _is_blocked(floor, others):
+        if _has_blocked_ends(floor, others):
             span = floor.own_span
         for part in free_parts(floor.chain(span), others):
             count = len(floor.feet_on(part))
@@ -323,7 +323,7 @@ def _find_floor(
     )
 
 
-def _is_blocked(floor: _Floor, others: Sequence[Outline]) -> bool:
+def _has_blocked_ends(floor: _Floor, others: Sequence[Outline]) -> bool:
     """Return whether other objects block the ends of a ledge under one object.
 
     An object beside a ledge must not strike the ledge's end, so that such a ledge is

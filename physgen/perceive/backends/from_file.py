@@ -89,12 +89,12 @@ def intrinsic(setup: Setup) -> roles.Intrinsic:
     def run(rgb: Rgb, labels: Labels, normals: NDArray[np.float32]) -> Intrinsics:
         shading = _clamp_shading(_fit(values, rgb, path))
         scale = max(float(np.percentile(decode(rgb).max(axis=2) / shading, 99)), 1e-6)
-        return parted(rgb, shading * np.float32(scale))
+        return divide_shading(rgb, shading * np.float32(scale))
 
     return run
 
 
-def parted(rgb: Rgb, shading: NDArray[np.float32]) -> Intrinsics:
+def divide_shading(rgb: Rgb, shading: NDArray[np.float32]) -> Intrinsics:
     """Return the albedo in 0..1 and the shading of a photo with shading (H, W).
 
     If the albedo would exceed 1, the shading is increased instead.

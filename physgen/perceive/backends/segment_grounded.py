@@ -257,13 +257,13 @@ class Sam:
         best = fits.argmax(-1)
         return [
             (
-                self._restored(output.pred_masks[0, k, int(i)].float()),
+                self._restore_size(output.pred_masks[0, k, int(i)].float()),
                 float(fits[k, i].clamp(0, 1)),
             )
             for k, i in enumerate(best)
         ]
 
-    def _restored(self, logits: torch.Tensor) -> Mask:
+    def _restore_size(self, logits: torch.Tensor) -> Mask:
         """Return a mask (h, w) of the model at the photo's size."""
         square = interpolate(
             logits[None, None],

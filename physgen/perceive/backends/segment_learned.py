@@ -131,7 +131,7 @@ def choose_objects(
         best = best[fit[best] > LEARNED.threshold]
     selection = Selection(best)
     if rules.wholes:
-        boxes = judgement.boxes.scaled(*_scale_to(candidates.shape, rgb))
+        boxes = judgement.boxes.scale_to(*_scale_to(candidates.shape, rgb))
         selection = unite_parts(candidates.proposals, best, (judgement.fit, fit), boxes)
         best = selection.indices
     proposals = [candidates.proposals[k] for k in best.tolist()]

@@ -160,7 +160,7 @@ def edge_candidates(edges: EdgeSearch, maps: NetworkMaps) -> list[EdgeSelection]
     )
     selections = []
     for proposal, confidence in zip(edges.proposals, confidences.tolist(), strict=True):
-        grid_proposal = rescaled(proposal, edges.shape, shape)
+        grid_proposal = rescale_proposal(proposal, edges.shape, shape)
         if (
             grid_proposal
             and _mean(maps.foreground, grid_proposal) >= CANDIDATES.least_foreground
@@ -281,7 +281,7 @@ def _on_objects(labels: NDArray[np.int32], foreground: F32) -> NDArray[np.bool_]
     )
 
 
-def rescaled(
+def rescale_proposal(
     proposal: Proposal, shape: tuple[int, int], target_shape: tuple[int, int]
 ) -> Proposal | None:
     """Return a proposal on a grid of `shape` (h, w), moved to the grid `target_shape`, or None.

@@ -77,7 +77,7 @@ class DetectedBoxes:
             scores[selection, 2 + index] = 0
         return replace(self, scores=scores)
 
-    def scaled(self, right: float, down: float) -> DetectedBoxes:
+    def scale_to(self, right: float, down: float) -> DetectedBoxes:
         """Return the boxes on a photo of another size."""
         return replace(self, corners=self.corners * (right, down, right, down))
 

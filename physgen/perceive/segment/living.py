@@ -108,7 +108,7 @@ def parts_of_living(
     living = _living(boxes)
     if not len(candidates) or not living:
         return is_part
-    grid = boxes.scaled(shape[1] / rgb.shape[1], shape[0] / rgb.shape[0]).corners
+    grid = boxes.scale_to(shape[1] / rgb.shape[1], shape[0] / rgb.shape[0]).corners
     rectangles = np.array([proposal.box for proposal in candidates], np.float64)
     own_scores = (box_overlap(rectangles, grid) ** 2 * boxes.movable).max(axis=1)
     inside = box_shares(rectangles, grid[living]) >= LIVING.inside

@@ -107,7 +107,7 @@ class Cut(Proposal):
         rows, columns = np.nonzero(self.mask)
         return self.x + float(columns.mean()), self.y + float(rows.mean())
 
-    def seen_in(self, photo: NDArray[T]) -> NDArray[T]:
+    def view_in(self, photo: NDArray[T]) -> NDArray[T]:
         """Return a view of the cut's box in an array of the photo's size."""
         left, top, right, bottom = self.box
         return photo[top:bottom, left:right]
@@ -216,7 +216,7 @@ def distinct(cuts: Sequence[Cut]) -> list[Cut]:
     return [cut for k, cut in enumerate(distinct_cuts) if k not in dropped_indices]
 
 
-def resolved(cuts: Sequence[Cut]) -> list[Cut]:
+def resolve_overlaps(cuts: Sequence[Cut]) -> list[Cut]:
     """Return movable objects without common pixels.
 
     Small objects lie in front of larger ones unless those are much more confident:
@@ -262,19 +262,19 @@ def segments(
             if cut.area >= least_area and cut.confidence >= DOUBTFUL
         ]
     )
-    objects = resolved(
+    objects = resolve_overlaps(
         [cut for cut in cuts if cut.movable and cut.confidence >= confident]
     )
     objects = [cut for cut in objects if cut.area >= least_area]
     objects.sort(key=lambda cut: cut.centroid)
     labels = np.zeros(size, np.uint16)
     for k, cut in enumerate(objects, 1):
-        cut.seen_in(labels)[cut.mask] = k
+        cut.view_in(labels)[cut.mask] = k
     weak_cuts = [cut for cut in cuts if cut.movable and cut.confidence < confident]
     doubts = [
         doubt
         for cut in weak_cuts
-        if np.count_nonzero(cut.seen_in(labels)[cut.mask]) <= 0.5 * cut.area
+        if np.count_nonzero(cut.view_in(labels)[cut.mask]) <= 0.5 * cut.area
         for doubt in doubt_about(cut, cut.confidence)
     ]
     return Segments(
@@ -299,7 +299,7 @@ def _scenery(cuts: Sequence[Cut], labels: NDArray[np.uint16]) -> Scenery:
     cuts = sorted(cuts, key=lambda cut: -cut.area)
     scenery_labels = np.zeros(labels.shape, np.uint16)
     for k, cut in enumerate(cuts, 1):
-        cut.seen_in(scenery_labels)[cut.mask] = k
+        cut.view_in(scenery_labels)[cut.mask] = k
     scenery_labels[labels > 0] = 0
     return Scenery(
         scenery_labels,

@@ -65,7 +65,7 @@ def unite_pieces(
         return objects
     labels, confidence = objects.labels.copy(), objects.confidence.copy()
     for group in _groups(labels, piece_ids):
-        union_mask = _whole(rgb, labels, group)
+        union_mask = _unite_pieces(rgb, labels, group)
         if union_mask is not None:
             labels[np.isin(labels, group)] = 0
             labels[union_mask & (labels == 0)] = group[0]
@@ -106,7 +106,7 @@ def _groups(labels: NDArray[np.uint16], ids: Sequence[int]) -> list[list[int]]:
     return [group for group in groups.values() if len(group) in possible]
 
 
-def _whole(
+def _unite_pieces(
     rgb: NDArray[np.uint8], labels: NDArray[np.uint16], group: Sequence[int]
 ) -> Mask | None:
     """Return the mask (H, W) of the object that a group of pieces forms, or None.

@@ -109,10 +109,10 @@ def object_at_point(
     With `smallest`, it is the smallest likely one. `look_around` returns cut-outs
     around the pixel without candidates.
     """
-    candidates = judge_photo(rgb)
-    shape = candidates.candidates.shape
+    judgement = judge_photo(rgb)
+    shape = judgement.candidates.shape
     scale = np.array([rgb.shape[1] / shape[1], rgb.shape[0] / shape[0]])
-    choices = _choices(rgb, candidates, pixel, others, scale)
+    choices = _choices(rgb, judgement, pixel, others, scale)
     if smallest:
         likely_choices = [
             choice for choice in choices if choice.fit >= POINT.smallest_fit
@@ -124,7 +124,7 @@ def object_at_point(
         max((choice.fit for choice in choices), default=0.0) >= POINT.known_fit
     )
     ranking = BY_DEPTH if has_good_fit else BY_FIT
-    choices += _judge_looks(rgb, candidates, look_around(), pixel, scale)
+    choices += _judge_looks(rgb, judgement, look_around(), pixel, scale)
     choices.sort(key=lambda one: -ranking.worth(one))
     masks = list(_cut_out_again(rgb, choices[: POINT.tries], pixel, others, scale))
     if not masks:
@@ -215,14 +215,14 @@ def _cut_out_again(
             rgb, choice.candidate.box * np.tile(scale, 2)
         )
         if (
-            is_meant(cut_out_mask.mask, pixel, others)
+            contains_prompt(cut_out_mask.mask, pixel, others)
             and cut_out_mask.mask.mean() < POINT.photo_share
         ):
             confidence = POINT.caution * cut_out_mask.confidence
             yield choice, PromptedMask(cut_out_mask.mask, confidence)
 
 
-def is_meant(mask: Mask, pixel: Pixel, others: Sequence[Pixel]) -> bool:
+def contains_prompt(mask: Mask, pixel: Pixel, others: Sequence[Pixel]) -> bool:
     """Return whether a mask (H, W) contains the own pixel and none of the others."""
     return bool(mask[pixel[::-1]]) and not any(mask[v, u] for u, v in others)
 

@@ -22,7 +22,7 @@ from physgen.perceive.roles import (
     Segments,
 )
 from physgen.perceive.segment.network import box_of, mask_at_point, mask_in_box
-from physgen.perceive.segment.point_choice import is_meant, object_at_point
+from physgen.perceive.segment.point_choice import contains_prompt, object_at_point
 from physgen.problems import InputError, Place, Problem, RefusedError
 from physgen.registry import Backends
 
@@ -94,7 +94,9 @@ class PromptFrame:
     ) -> Problem:
         """Return a problem at the place of a prompt, in the prompt's own numbers."""
         place, path = self.places.get(order, (Place(_flag(kind, numbers)), ""))
-        quoted_value = "" if order not in self.places else f"[{_written(numbers)}]"
+        quoted_value = (
+            "" if order not in self.places else f"[{_write_numbers(numbers)}]"
+        )
         return refusal.problem(place, path, quoted_value)
 
 
@@ -136,7 +138,7 @@ def _share_fault(numbers: Sequence[float], frame: PromptFrame) -> RefusedError |
     sides = (frame.width, frame.height, frame.width, frame.height)
     pixels = [number * side for number, side in zip(numbers, sides, strict=False)]
     form = BOX_FORM if len(numbers) == len(sides) else POINT_FORM
-    fix = f"{form}; did you mean {_whole(pixels)}?"
+    fix = f"{form}; did you mean {_round_numbers(pixels)}?"
     return Message.PROMPT_IN_SHARES.refusal(fix=fix)
 
 
@@ -146,7 +148,7 @@ def _box_fault(box: Box, frame: PromptFrame) -> RefusedError | None:
     x, y, width, height = box
     if width < 0 or height < 0:
         corrected_box = (min(x, x + width), min(y, y + height), abs(width), abs(height))
-        fix = f"{form}; did you mean {_whole(corrected_box)}?"
+        fix = f"{form}; did you mean {_round_numbers(corrected_box)}?"
         return Message.BOX_NEGATIVE.refusal(fix=fix)
     if min(width, height) < least_side:
         return Message.BOX_TOO_SMALL.refusal(least=least_side, fix=form)
@@ -154,7 +156,11 @@ def _box_fault(box: Box, frame: PromptFrame) -> RefusedError | None:
         return None
     size = {"width": frame.width, "height": frame.height}
     likely_box = next(_likely_boxes(box, frame), None)
-    fix = form if likely_box is None else f"{form}; did you mean {_whole(likely_box)}?"
+    fix = (
+        form
+        if likely_box is None
+        else f"{form}; did you mean {_round_numbers(likely_box)}?"
+    )
     if _is_off(box, frame):
         return Message.PROMPT_OFF_PHOTO.refusal(fix=fix, **size)
     excess = _excess(box, frame)
@@ -201,7 +207,7 @@ def _point_fault(point: Point, frame: PromptFrame) -> RefusedError | None:
         return None
     swapped_point = (point[1], point[0])
     if _is_inside(swapped_point, frame):
-        form += f"; did you mean {_whole(swapped_point)}?"
+        form += f"; did you mean {_round_numbers(swapped_point)}?"
     size = {"width": frame.width, "height": frame.height}
     return Message.PROMPT_OFF_PHOTO.refusal(fix=form, **size)
 
@@ -451,7 +457,7 @@ def _known_object(
     """Return the segmenter's object at a pixel, or None."""
     label = int(segments.labels[pixel[::-1]])
     mask = segments.labels == label
-    if label == 0 or not is_meant(mask, pixel, others):
+    if label == 0 or not contains_prompt(mask, pixel, others):
         return None
     return PromptedMask(mask, float(segments.confidence[label - 1]))
 
@@ -476,9 +482,9 @@ def _looks_around(
         second = PromptedMask(part, 0.0)
         if part.any():
             second = mask_in_box(rgb, box_of(part))
-        has_other_point |= not is_meant(first.mask, pixel, others)
+        has_other_point |= not contains_prompt(first.mask, pixel, others)
         if (
-            is_meant(second.mask, pixel, others)
+            contains_prompt(second.mask, pixel, others)
             and second.mask.mean() < RULE.photo_share
         ):
             intersection = np.count_nonzero(first.mask & second.mask)
@@ -508,15 +514,15 @@ def split(
 
 
 def _flag(kind: str, place: Sequence[float]) -> str:
-    return f"--{kind} {_written(place)}"
+    return f"--{kind} {_write_numbers(place)}"
 
 
-def _written(numbers: Sequence[float]) -> str:
+def _write_numbers(numbers: Sequence[float]) -> str:
     """Return numbers as a user writes them, without rounding of pixels."""
     return ",".join(f"{number:.10g}" for number in numbers)
 
 
-def _whole(numbers: Sequence[float]) -> str:
+def _round_numbers(numbers: Sequence[float]) -> str:
     """Return numbers rounded to pixels."""
     return ",".join(str(round(number)) for number in numbers)
 

@@ -371,7 +371,9 @@ def _search_edges_along(rim: Array, reach: Array, gradient: Gradient) -> Array:
     x, y, nx, ny = np.moveaxis(rim, 2, 0)
     angle, edge = np.arctan2(ny, nx), np.zeros_like(x)
     for step in np.linspace(-1, 1, 7):
-        strength = gradient.across(x + step * reach * nx, y + step * reach * ny, angle)
+        strength = gradient.measure_across(
+            x + step * reach * nx, y + step * reach * ny, angle
+        )
         edge = np.maximum(edge, strength * (1 - 0.25 * step * step))
     return np.asarray(edge)
 

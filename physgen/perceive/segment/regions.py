@@ -228,7 +228,7 @@ def _across_rim(
     radius = (circles[:, 2:] * factor)[..., None]
     x = circles[:, 0, None, None] + radius * np.cos(ANGLES)
     y = circles[:, 1, None, None] + radius * np.sin(ANGLES)
-    return gradient.across(x, y, ANGLES)
+    return gradient.measure_across(x, y, ANGLES)
 
 
 COLOUR_WEIGHT = 0.25
