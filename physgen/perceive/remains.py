@@ -263,10 +263,10 @@ def _find_parts_on_plain(surroundings: _Surroundings) -> list[Mask]:
     least_slope = _border_sharpness(slope, differences, distance)
     parts = []
     for k in range(1, len(stats)):
-        piece = pieces == k
         size = int(stats[k, cv2.CC_STAT_AREA])
         if not REMAINS.least_share * area <= size <= REMAINS.most_share * area:
             continue
+        piece = pieces == k
         if not _ends_nearby(distance[piece], float(np.sqrt(area))):
             continue
         inner = cv2.erode(piece.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
@@ -402,18 +402,25 @@ def _find_connected_parts(
 ) -> list[Mask]:
     """Return the connected narrow parts that start at the object and end nearby."""
     pieces, stats = _connect_pixels((response >= limit) & free, 3)
-    window_height, window_width = distance.shape
     parts = []
     for k in range(1, len(stats)):
-        piece = pieces == k
-        piece_distance = distance[piece]
         x, y, width, height, area = stats[k].tolist()
-        is_at_side = x == 0 or x + width == window_width
-        is_at_edge = is_at_side or y == 0 or y + height == window_height
-        if is_at_edge or not _ends_nearby(piece_distance, size):
+        if _is_at_edge((x, y, width, height), distance.shape):
+            continue
+        # A window has hundreds of pieces. Comparisons inside the box of each are
+        # quick.
+        box = np.s_[y : y + height, x : x + width]
+        piece_distance = distance[box][pieces[box] == k]
+        if not _ends_nearby(piece_distance, size):
             continue
         length = float(piece_distance.max() - piece_distance.min())
         is_long = length >= REMAINS.shortest * size
         if is_long and length * length >= REMAINS.slenderness * area:
-            parts.append(piece)
+            parts.append(pieces == k)
     return parts
+
+
+def _is_at_edge(box: tuple[int, int, int, int], shape: tuple[int, ...]) -> bool:
+    """Return whether a box (x, y, width, height) touches the edge of a window."""
+    x, y, width, height = box
+    return x == 0 or y == 0 or x + width == shape[1] or y + height == shape[0]
