@@ -42,7 +42,7 @@ def test_a_thin_part_belongs_to_its_object(thing: str):
     photo, labels, part = toy(thing)
     (remain,) = find_remains(photo, labels, [1])
     assert remain.owner == 1
-    assert remain.is_sure
+    assert remain.is_confident
     common = (remain.mask & part).sum() / (remain.mask | part).sum()
     assert common > 0.8
 
@@ -65,7 +65,7 @@ def test_a_faint_part_is_reported_alone():
     photo, labels, part = toy("antenna")
     photo[part] = (190, 190, 190)
     (remain,) = find_remains(photo, labels, [1])
-    assert not remain.is_sure
+    assert not remain.is_confident
     assert part[remain.place[1], remain.place[0]]
 
 
@@ -79,7 +79,7 @@ def test_a_wide_handle_on_a_plain_wall_belongs_to_its_bag():
     cv2.rectangle(labels, (140, 130), (260, 230), 1, -1)
     part[labels > 0] = 0
     (remain,) = find_remains(photo, labels, [1])
-    assert remain.is_sure
+    assert remain.is_confident
     assert (remain.mask & (part > 0)).sum() > 0.85 * (part > 0).sum()
 
 
@@ -105,4 +105,4 @@ def test_texture_has_no_parts():
         shade = int(random.integers(40, 230))
         cv2.line(photo, (int(x), int(y)), tip, (shade // 2, shade, 30), 2)
     cv2.rectangle(photo, (150, 130), (250, 220), (190, 30, 30), -1)
-    assert [one for one in find_remains(photo, labels, [1]) if one.is_sure] == []
+    assert [one for one in find_remains(photo, labels, [1]) if one.is_confident] == []
