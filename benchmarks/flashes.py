@@ -42,7 +42,7 @@ from physgen.render.stage import (
     sprite_coverage,
     sprite_poses,
 )
-from physgen.render.staging import matte_stage
+from physgen.render.mattes import matte_stage
 from physgen.simulate.trajectory import Trajectory
 
 ROOT = Path(__file__).resolve().parent.parent

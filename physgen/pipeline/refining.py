@@ -140,7 +140,7 @@ def refine_settings(scene: Scene) -> RefineSettings:
 
 def guidance_footage(film: Film, record: RunRecord, progress: Progress) -> Footage:
     """Render the clip without refinement, one frame per sample."""
-    from physgen.render.staging import matte_coverage
+    from physgen.render.mattes import matte_coverage
 
     progress("simulate", 0, 1)
     footage = Footage(film.simulated(progress))

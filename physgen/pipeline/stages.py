@@ -272,15 +272,15 @@ def stage(scene: Scene, compiled_scene: CompiledScene, maps: Percepts | None) ->
     """
     from physgen.compile.world import photo_poses, world_as_drawn, world_in_photo
     from physgen.render.camera import canvas_scale
-    from physgen.render.frames import single_threaded
-    from physgen.render.sprites import cut_sprites
-    from physgen.render.stage import Stage
-    from physgen.render.staging import (
+    from physgen.render.flat_drawing import (
         enlarged_world,
         flat_background,
         flat_sprites,
-        lit_stage,
     )
+    from physgen.render.frames import single_threaded
+    from physgen.render.sprites import cut_sprites
+    from physgen.render.stage import Stage
+    from physgen.render.staging import lit_stage
 
     start_poses = photo_poses(compiled_scene.world)
     world = world_in_photo(compiled_scene.world)

@@ -11,6 +11,7 @@ import pytest
 from physgen.compile.world import Body
 from physgen.geometry.shadows import ShadowSetting, Silhouette
 from physgen.photometry import DistantLight
+from physgen.render.ball_parts import is_lump
 from physgen.render.shadow_decomposition import (
     BEYOND,
     EDGE,
@@ -18,7 +19,6 @@ from physgen.render.shadow_decomposition import (
     _share_beyond_floor,
 )
 from physgen.render.sprites import Sprite
-from physgen.render.staging import _is_lump
 
 BOXES = [(0, 0, 60, 100), (0, 0, 100, 60), (40, 0, 100, 100), (0, 40, 100, 100)]
 """x0, y0, x1, y1 px of shade at the left, top, right and bottom of a photo."""
@@ -76,8 +76,8 @@ def test_a_lump_leaves_its_circle_and_a_thread_does_not_make_one() -> None:
     thread = ball | ((np.abs(x) <= 4) & (y < 0))
     lump = np.hypot(x / 50, y / 42) <= 1
     body = cast(Body, SimpleNamespace(radius=40.0, center=np.array([80.0, 80.0])))
-    assert not _is_lump(_sprite(ball), body)
-    assert not _is_lump(_sprite(thread), body)
-    assert _is_lump(_sprite(lump), body)
+    assert not is_lump(_sprite(ball), body)
+    assert not is_lump(_sprite(thread), body)
+    assert is_lump(_sprite(lump), body)
     block = cast(Body, SimpleNamespace(radius=None, center=body.center))
-    assert not _is_lump(_sprite(lump), block)
+    assert not is_lump(_sprite(lump), block)
