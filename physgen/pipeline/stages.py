@@ -417,7 +417,7 @@ def render(
     camera moves, an exposure is the mean of four views, if `parts` is divisible by
     four, else of one view per sample.
     """
-    from physgen.render.camera import FEWEST, filmed, mean_exposures, ways_seen
+    from physgen.render.camera import FEWEST, film_frames, mean_exposures, ways_seen
     from physgen.render.frames import render_frames
 
     if shot is None:
@@ -432,9 +432,11 @@ def render(
             stage, trajectory, samples, samples_per_view, poses_in_view
         )
         return mean_exposures(
-            filmed(frames, shot, stage.scale), parts // samples_per_view
+            film_frames(frames, shot, stage.scale), parts // samples_per_view
         )
-    return filmed(render_frames(stage, trajectory, samples, parts), shot, stage.scale)
+    return film_frames(
+        render_frames(stage, trajectory, samples, parts), shot, stage.scale
+    )
 
 
 class Keep(Enum):

@@ -56,7 +56,7 @@ def add_front_face(
     top = (sprite.coverage >= 1) & is_above[:, None]
     has_four_corners = len(body.rings) == 1 and len(body.rings[0]) == 4
     top_rows = is_solid.argmax(axis=0)[is_solid.any(axis=0)]
-    is_level = np.ptp(np.percentile(top_rows, (25, 75))) <= CUT.flat
+    is_level = np.ptp(np.percentile(top_rows, (25, 75))) <= CUT.top_variation
     if not (has_four_corners and top.any() and is_level):
         return replace(sprite, face=face)
     colour = np.median(sprite.light[top], axis=0)

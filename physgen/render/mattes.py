@@ -46,7 +46,7 @@ def _white(sprite: Sprite) -> Sprite:
             skin=np.zeros_like(ball.skin),
             gloss=np.ones_like(ball.gloss),
             light=NO_LIGHT,
-            even=None,
+            lamp_weights=None,
             pattern=None,
             trust=1.0,
             fade=None,

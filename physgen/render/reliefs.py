@@ -90,7 +90,7 @@ def _edge_strength(edge: F32, edge_gain: F32) -> F32:
 
 def _outward_normals(solid: U8) -> F32:
     """Return the outward unit vectors (h, w, 2) of a shape, right and down."""
-    blurred_shape = cv2.GaussianBlur(solid.astype(np.float32), (0, 0), CUT.clean)
+    blurred_shape = cv2.GaussianBlur(solid.astype(np.float32), (0, 0), CUT.clean_depth)
     x = -cv2.Sobel(blurred_shape, cv2.CV_32F, 1, 0)
     y = -cv2.Sobel(blurred_shape, cv2.CV_32F, 0, 1)
     length = np.maximum(np.hypot(x, y), 1e-6)[..., None]
@@ -101,8 +101,8 @@ def _edge_light(sprite: Sprite, depth: F32) -> F32:
     """Return the light of a sprite relative to its face nearby, minus 1, (h, w)."""
     brightness = sprite.light.mean(axis=2)
     inner = (depth > CUT.rim).astype(np.float32)
-    face_light = cv2.GaussianBlur(brightness * inner, (0, 0), CUT.along)
-    weight = cv2.GaussianBlur(inner, (0, 0), CUT.along)
+    face_light = cv2.GaussianBlur(brightness * inner, (0, 0), CUT.outline_width)
+    weight = cv2.GaussianBlur(inner, (0, 0), CUT.outline_width)
     face_light, weight = np.maximum(face_light, 1e-4), np.maximum(weight, 1e-4)
     return np.asarray(brightness * weight / face_light - 1, np.float32)
 
@@ -138,15 +138,15 @@ def _edge_gain(
     return gain
 
 
-def _build_edge_relief(toward: F32, across: F32) -> Relief:
-    """Return the relief of light that changes by `toward`, and by `across` a quarter
+def _build_edge_relief(light_part: F32, cross_part: F32) -> Relief:
+    """Return the relief of light that changes by `light_part`, and by `cross_part` a quarter
     turn on.
     """
-    model = np.maximum(1 + toward, 1 / MOST_RELIGHTING)
-    unit_gain, zeros = np.ones_like(toward), np.zeros_like(toward)
+    model = np.maximum(1 + light_part, 1 / MOST_RELIGHTING)
+    unit_gain, zeros = np.ones_like(light_part), np.zeros_like(light_part)
     return Relief(
-        along=np.asarray(toward / model, np.float32),
-        across=np.asarray(across / model, np.float32),
+        along=np.asarray(light_part / model, np.float32),
+        across=np.asarray(cross_part / model, np.float32),
         fixed=np.asarray(unit_gain / model, np.float32),
         even=np.asarray(zeros / model, np.float32),
     )
@@ -169,7 +169,7 @@ def add_disc_relief(sprite: Sprite, body: Body) -> Sprite:
     is_known = (sprite.coverage >= 1) & (distance < body.radius)
     harmonic = _fit_ring_harmonic(sprite, rings, is_known, cosine, sine)
     mean, cosine_part, sine_part = [values[rings] for values in harmonic]
-    mean_light = np.maximum(mean, CUT.dark)
+    mean_light = np.maximum(mean, CUT.least_light)
     light_part = (cosine_part * cosine + sine_part * sine) / mean_light
     cross_part = (cosine_part * sine - sine_part * cosine) / mean_light
     return replace(sprite, relief=_build_edge_relief(light_part, cross_part))

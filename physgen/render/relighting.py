@@ -105,7 +105,7 @@ def _add_sphere_skin(
         body.radius,
         light,
         view,
-        is_painted=is_billiard_ball(label),
+        has_paints=is_billiard_ball(label),
         is_mirror=is_polished_metal(label) and has_one_hue(sprite),
     )
     return replace(sprite, ball=ball)

@@ -193,7 +193,7 @@ def _ball_data(
         "center": [round(x - left, 3), round(y - top, 3)],
         "radius": round(ball.radius, 3),
         "skin": _encode_roots(ball.skin[window]),
-        "lit": _encode_roots(ball.lit[window]),
+        "lit": _encode_roots(ball.shading[window]),
         "gloss": _encode_roots(ball.gloss[window], signed=True),
     }
 
@@ -592,7 +592,7 @@ def touches(samples: Trajectory) -> list[list[float | int | None]]:
 
 
 def _impact(impact: Impact) -> list[float | int]:
-    x, y = impact.at.tolist()
+    x, y = impact.place.tolist()
     return [
         round(impact.time, 6),
         round(x, 2),

@@ -85,7 +85,7 @@ def test_only_billiard_balls_have_patterns(is_painted: bool):
     pale = (rows < 55)[..., None]
     colour = np.where(pale, [0.7, 0.65, 0.5], [0.5, 0.04, 0.04]).astype(np.float32)
     ball = ball_from_photo(
-        colour, (0, 0), CENTER, RADIUS, SUN, View.TOP, is_painted=is_painted
+        colour, (0, 0), CENTER, RADIUS, SUN, View.TOP, has_paints=is_painted
     )
     assert (ball.pattern is not None) is is_painted
-    assert ball.is_continued is not is_painted
+    assert ball.has_continued_texture is not is_painted
