@@ -64,7 +64,7 @@ def compile_trials(
     scene: Scene,
     shapes: Shapes,
     unseen: Collection[str] = (),
-    barred: Mapping[str, str] = MappingProxyType({}),
+    barred_sides: Mapping[str, str] = MappingProxyType({}),
     ramp: float | None = None,
     round_ends: Collection[tuple[str, str]] = (),
 ) -> TrialScene:
@@ -73,7 +73,7 @@ def compile_trials(
 
     world = compile_shapes(scene, shapes).world
     ends = frozenset(round_ends)
-    return TrialScene(scene, world, frozenset(unseen), barred, ramp, ends)
+    return TrialScene(scene, world, frozenset(unseen), barred_sides, ramp, ends)
 
 
 def choose_push(
@@ -97,7 +97,7 @@ def choose_push(
     candidates = [_weight_candidate(trial, confidence) for trial in candidates]
     sorted_candidates = sorted(candidates, key=_preference, reverse=True)
     verified_candidates: list[Candidate] = []
-    for candidate in sorted_candidates[: TRIAL.verified]:
+    for candidate in sorted_candidates[: TRIAL.verification_count]:
         if sum(trial.outcome.work for trial in verified_candidates) > TRIAL.work:
             break
         verified_candidate = _verify(trials, candidate, facing)
@@ -177,7 +177,7 @@ def _preference(candidate: Candidate) -> tuple[float, ...]:
     gentleness = -candidate.speed
     if outcome.grade is Grade.LEAVES:
         return (outcome.grade, gentleness, outcome.score)
-    level = int(log(max(outcome.score, 1e-3), 1 / TRIAL.enough))
+    level = int(log(max(outcome.score, 1e-3), 1 / TRIAL.score_share))
     return (outcome.grade, level, gentleness)
 
 
@@ -188,7 +188,7 @@ def _candidates(
     world = replace(trials.world, steps_per_second=TRIAL.rate)
     # A search yields the same speed again if it halves an interval to it.
     known_pushes: set[tuple[str, Direction, float]] = set()
-    sorted_pushes = rank_pushes(trials, confidence)[: TRIAL.more]
+    sorted_pushes = rank_pushes(trials, confidence)[: TRIAL.pairs_without_story]
     highest_score = _highest_score(trials)
     search = _search
     # Among others, an object should touch them: only a lone object rocks.
@@ -270,9 +270,9 @@ class _SearchEffort:
         is_free = candidate.item.name not in self.loaded
         if is_story and is_free and score > TRIAL.worth * self.best:
             self.best, self.best_pair = score, self.pairs
-        if is_story and score >= TRIAL.enough * self.highest:
+        if is_story and score >= TRIAL.score_share * self.highest:
             return True
-        most_trials = TRIAL.most if self.has_story else 2 * TRIAL.most
+        most_trials = TRIAL.trial_count if self.has_story else 2 * TRIAL.trial_count
         most_work = TRIAL.work if self.is_visible else TRIAL.more_work
         return self.work > most_work or self.trials >= most_trials
 
@@ -376,7 +376,7 @@ def _is_too_hard(outcome: Outcome, gentler: Outcome) -> bool:
     Objects that move too far uncover much background; rocking objects may need less.
     """
     if outcome.grade is Grade.STORY:
-        return gentler.grade is not Grade.STORY and outcome.travel > TRIAL.far
+        return gentler.grade is not Grade.STORY and outcome.travel > TRIAL.full_travel
     is_short = gentler.grade is Grade.SHORT and gentler.travel < TRIAL.travel
     return is_short and outcome.grade is Grade.RESTLESS
 
@@ -418,7 +418,7 @@ def _speed_limits(trials: TrialScene, item: Object) -> tuple[float, float]:
     if tipping_speed is None:
         return gentlest, hardest
     # A flat object slides before it tips; a tall one tips first.
-    if height < TRIAL.thin * width:
+    if height < TRIAL.tipping_ratio * width:
         first_speed = min(
             tipping_speed, TRIAL.slides * _sliding_speed(trials, item.name)
         )
@@ -477,11 +477,11 @@ def simulate_push(
     motion, has_left, work = _run(trials, world)
     travel = measure_travel(world, motion) / trials.side
     speed = max(hypot(*velocity) for velocity in velocities.values())
-    if travel.max(initial=0.0) < TRIAL.least or explodes(trials, motion, speed):
+    if travel.max(initial=0.0) < TRIAL.least_travel or explodes(trials, motion, speed):
         farthest = float(travel.max(initial=0.0))
         return replace(NO_MOTION, travel=farthest, work=work)
     names = [body.name for body in world.bodies]
-    moving_names = tuple(names[k] for k in np.flatnonzero(travel >= TRIAL.least))
+    moving_names = tuple(names[k] for k in np.flatnonzero(travel >= TRIAL.least_travel))
     leaving_names = tuple(names[k] for k in np.flatnonzero(has_left))
     seconds = measure_moving_time(world, motion, TRIAL.unrest * trials.side)
     is_resting = seconds <= float(motion.times[-1]) - trials.unit
@@ -505,7 +505,7 @@ def simulate_push(
         score *= TRIAL.overhang
         film_share = min(film_share, TRIAL.overhang)
     if crowds_border(trials, world, motion):
-        score *= TRIAL.crowded
+        score *= TRIAL.crowding
     is_climbing = climbs(trials, world, motion)
     if is_climbing or any(tumbles(world, motion, name) for name in velocities):
         score *= TRIAL.tumbling
@@ -564,7 +564,7 @@ def _run(
     step = trials.unit / TRIAL.samples
     count = max(int(duration / step), 2)
     running = Running(world, np.linspace(0.0, duration, count + 1))
-    limit = TRIAL.one * max(world.steps_per_second / TRIAL.rate, 1.0)
+    limit = TRIAL.trial_work * max(world.steps_per_second / TRIAL.rate, 1.0)
     if any(body.spin for body in world.bodies):
         limit *= TRIAL.rocking_work
     rest_distance = TRIAL.unrest * trials.side / 4

@@ -73,7 +73,7 @@ def default_push(
     confidence: Mapping[str, float],
     unseen: Collection[str] = (),
     facing: Mapping[str, str] | None = None,
-    barred: Mapping[str, str] | None = None,
+    barred_sides: Mapping[str, str] | None = None,
     ramp: float | None = None,
     round_ends: Collection[tuple[str, str]] = (),
 ) -> Push | None:
@@ -82,11 +82,11 @@ def default_push(
     None if no push moves an object. In the side view a push goes left or right, in the
     top view towards other objects. `confidence` are confidences of objects by name.
     `unseen` are walls outside the photo: a rebound from them would look like a rebound
-    from empty space. `facing` are the sides to which vehicles drive, and `barred` the
+    from empty space. `facing` are the sides to which vehicles drive, and `barred_sides` the
     sides to which objects are not pushed. `ramp`: given time of the push, s.
     `round_ends` are objects with a round foot, and the side over which they never tip.
     """
-    trials = compile_trials(scene, shapes, unseen, barred or {}, ramp, round_ends)
+    trials = compile_trials(scene, shapes, unseen, barred_sides or {}, ramp, round_ends)
     best_trial = choose_push(trials, confidence, facing or {})
     if best_trial is None:
         return None
@@ -124,7 +124,7 @@ def direction_words(velocity: tuple[float, float]) -> str:
 
 def motion_edits(
     scene: Scene,
-    compiled: CompiledScene,
+    compiled_scene: CompiledScene,
     pushes: Sequence[str],
     drops: Sequence[str],
     kicks: Sequence[str],
@@ -136,9 +136,9 @@ def motion_edits(
     """
     motions = collect(
         [
-            *(partial(_push, scene, compiled.shapes, text) for text in pushes),
-            *(partial(_drop, scene, compiled, name) for name in drops),
-            *(partial(_kick, scene, compiled, text) for text in kicks),
+            *(partial(_push, scene, compiled_scene.shapes, text) for text in pushes),
+            *(partial(_drop, scene, compiled_scene, name) for name in drops),
+            *(partial(_kick, scene, compiled_scene, text) for text in kicks),
         ]
     )
     edits: dict[str, Any] = {}
@@ -270,13 +270,13 @@ def _refuse_other_signs(scene: Scene, text: str) -> None:
 
 
 def _drop(
-    scene: Scene, compiled: CompiledScene, name: str
+    scene: Scene, compiled_scene: CompiledScene, name: str
 ) -> tuple[Object, dict[str, Any]]:
     """Return the object of that name, and its place above its support by dotted key."""
     item = named(scene, "--drop", name.strip())
     if scene.world.view is View.TOP:
         raise Message.CANNOT_FALL.error("--drop", f'"{name}"', name=item.name)
-    return item, {f"objects.{item.name}.place": _lifted(scene, compiled, item)}
+    return item, {f"objects.{item.name}.place": _lifted(scene, compiled_scene, item)}
 
 
 def named(scene: Scene, flag: str, name: str) -> Object:
@@ -366,13 +366,13 @@ def _way_names() -> list[str]:
     return [*WORDS, *diagonals]
 
 
-def _lifted(scene: Scene, compiled: CompiledScene, item: Object) -> list[float]:
+def _lifted(scene: Scene, compiled_scene: CompiledScene, item: Object) -> list[float]:
     """Return `place` of an object, lifted by its own height, or up to the object above
     it.
     """
     from physgen.geometry.polygon import bounds
 
-    boxes = [bounds(outline) for outline in compiled.outlines]
+    boxes = [bounds(outline) for outline in compiled_scene.outlines]
     k = scene.objects.index(item)
     left, top, right, bottom = boxes[k]
     lower_edges = [
@@ -382,14 +382,14 @@ def _lifted(scene: Scene, compiled: CompiledScene, item: Object) -> list[float]:
     ]
     # An object above limits the height, if it spans the same columns.
     free_height = top - max([0.0, *(y for y in lower_edges if y <= top + 1)])
-    x, y = compiled.world.bodies[k].center
+    x, y = compiled_scene.world.bodies[k].center
     angle = item.place[2] if item.place else 0.0
     lift = max(0.0, min(bottom - top, free_height))
     return [round(float(x), 2), round(float(y - lift), 2), *([angle] if angle else [])]
 
 
 def _kick(
-    scene: Scene, compiled: CompiledScene, text: str
+    scene: Scene, compiled_scene: CompiledScene, text: str
 ) -> tuple[Object, dict[str, Any]]:
     """Return the object at or near a point, and an impulse there by dotted key.
 
@@ -414,7 +414,7 @@ def _kick(
     point = np.array([x, y])
     shortest_lines = [
         shapely.shortest_line(outline_shape(outline), shapely.Point(x, y))
-        for outline in compiled.outlines
+        for outline in compiled_scene.outlines
     ]
     # The label map decides inside a mask; beside all masks, the nearest outline counts.
     k = int(np.nanargmin(shapely.length(shortest_lines)))
@@ -422,8 +422,8 @@ def _kick(
         int(np.clip(part, 0, side - 1))
         for part, side in zip((y, x), scene.size[::-1], strict=True)
     )
-    if compiled.labels[row, column]:
-        k = int(compiled.labels[row, column]) - 1
+    if compiled_scene.labels[row, column]:
+        k = int(compiled_scene.labels[row, column]) - 1
     elif shortest_lines[k].length > NEAR * max(scene.size):
         nearest_point = ",".join(
             str(round(part)) for part in shortest_lines[k].coords[0]
@@ -431,7 +431,7 @@ def _kick(
         raise Message.KICK_MISSES.error(
             "--kick", f'"{point_text}"', name=scene.objects[k].name, point=nearest_point
         )
-    body = compiled.world.bodies[k]
+    body = compiled_scene.world.bodies[k]
     direction = body.center - point
     # A kick at the centre has no direction of its own: it goes to the right.
     if scene.world.view is View.SIDE or hypot(*direction) < 1:

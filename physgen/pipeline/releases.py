@@ -84,9 +84,9 @@ class ReleaseLimits:
     """Part of an object's height, from below, that is its foot ..."""
     gap: float = 0.06
     """... and largest gap below the foot, by the object's height."""
-    carried: float = 0.5
+    carrier_share: float = 0.5
     """Least share of a foot's columns above the object that seems to carry it."""
-    beside: float = 0.5
+    side_width: float = 0.5
     """Width, by that of the foot, of the places beside it where its carrier shows."""
 
 
@@ -155,14 +155,14 @@ def stands_behind(photo_scene: PerceivedScene, name: str) -> bool:
         share = (carriers == carrier).any(axis=0).mean()
         is_wider = bool((sides == carrier).any())
         is_in_sight = bool((sides[:foot_top] == carrier).any())
-        if share >= RELEASE.carried and is_wider and not is_in_sight:
+        if share >= RELEASE.carrier_share and is_wider and not is_in_sight:
             return True
     return False
 
 
 def _columns_beside(labels: Labels, columns: NDArray[np.int64]) -> Labels:
     """Return the columns (H, n) of `labels` on both sides of a foot's `columns`."""
-    width = max(round(RELEASE.beside * len(columns)), 1)
+    width = max(round(RELEASE.side_width * len(columns)), 1)
     first, last = int(columns[0]), int(columns[-1])
     left = labels[:, max(first - width, 0) : first]
     right = labels[:, last + 1 : last + 1 + width]

@@ -455,8 +455,8 @@ class Recent(Generic[T]):
     computed.
     """
 
-    def __init__(self, most: int) -> None:
-        self._most = most
+    def __init__(self, limit: int) -> None:
+        self._most = limit
         self._kept: dict[object, T] = {}
 
     def forget(self, key: object) -> None:
