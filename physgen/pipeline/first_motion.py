@@ -583,6 +583,32 @@ def _release_objects(
     )
 
 
+@dataclass(frozen=True)
+class _MotionChanges:
+    """Changes of a refreshed scene after which other objects may be pushed."""
+
+    released_names: Collection[str]
+    """Objects that are no longer held."""
+    has_new_view: bool
+    stopped_names: Sequence[str]
+    """Objects whose push of perception is removed."""
+
+    @property
+    def candidate_names(self) -> Collection[str]:
+        """Return the objects that may be pushed; empty for all.
+
+        After another view or a stopped push, any object may be pushed, otherwise only
+        those that the refresh released.
+        """
+        if self.has_new_view or self.stopped_names:
+            return ()
+        return self.released_names
+
+    def allow_push(self) -> bool:
+        """Return whether a push may be added."""
+        return bool(self.released_names or self.has_new_view or self.stopped_names)
+
+
 def refresh_motion(
     perceived_scene: PerceivedScene,
     scene: Scene,
@@ -595,86 +621,123 @@ def refresh_motion(
     Objects with a new prompt are held if they would fall. A push is added if nothing
     else moves and if an object was released, the view has changed, or perception's old
     push now moves nothing; the last case is a warning. `scene` is the scene before the
-    refresh, `old_entries` its entries of objects by name. Returns the refreshed scene, and the
-    values of objects that move as before, by name.
+    refresh, `old_entries` its entries of objects by name. Returns the refreshed scene,
+    and the values of objects that move as before, by name.
+    """
+    from physgen.pipeline.pushes import perceived_pushes
+
+    moving = _moving_values(scene)
+    pushes: list[str] = []
+    if not (is_still or scene.forces or scene.joints):
+        pushes = list(perceived_pushes(scene))
+    # After a problem of the scene, the changes so far remain: rendering reports it.
+    with suppress(InputError):
+        perceived_scene = _hold_changed_objects(perceived_scene, old_entries)
+        changes = _find_changes(perceived_scene, scene, old_entries, pushes)
+        for name in changes.stopped_names:
+            del moving[name]
+        perceived_scene = _stop_objects(perceived_scene, changes.stopped_names)
+        is_at_rest = not (is_still or moving or scene.forces)
+        if changes.allow_push() and is_at_rest:
+            names = changes.candidate_names
+            perceived_scene = _with_story_push(perceived_scene, scene, names)
+        if not changes.has_new_view:
+            _warn_of_stopped_pushes(perceived_scene, changes.stopped_names, warn)
+    return perceived_scene, moving
+
+
+def _moving_values(scene: Scene) -> dict[str, dict[str, Any]]:
+    """Return the velocity, and the spin if any, of each moving object by name."""
+    values: dict[str, dict[str, Any]] = {}
+    for item in scene.objects:
+        if any(item.velocity):
+            values[item.name] = {"velocity": list(item.velocity)}
+            if item.spin:
+                values[item.name]["spin"] = item.spin
+    return values
+
+
+def _hold_changed_objects(
+    perceived_scene: PerceivedScene, old_entries: Mapping[str, Mapping[str, Any]]
+) -> PerceivedScene:
+    """Hold the objects with a new prompt that would fall.
+
+    Objects with an unchanged prompt keep the motion that they had, whether they fall or
+    not.
+    """
+    objects = perceived_scene.document["objects"]
+    unchanged_names = []
+    for name, entry in old_entries.items():
+        if entry.get("prompt") == objects.get(name, entry).get("prompt"):
+            unchanged_names.append(name)
+    return _at_rest(perceived_scene, unchanged_names)
+
+
+def _find_changes(
+    perceived_scene: PerceivedScene,
+    scene: Scene,
+    old_entries: Mapping[str, Mapping[str, Any]],
+    pushes: Sequence[str],
+) -> _MotionChanges:
+    """Compare a refreshed scene with the scene before. Raises InputError.
+
+    `pushes` are the names of objects with a push of perception.
+    """
+    objects = perceived_scene.document["objects"]
+    released_names = set()
+    for name, entry in old_entries.items():
+        if "motion" in entry and "motion" not in objects.get(name, entry):
+            released_names.add(name)
+    old_view = scene.record.world.get("view")
+    has_new_view = old_view not in (None, scene.world.view.value)
+    has_motion = _push_moves(perceived_scene, pushes)
+    stopped_names = pushes if has_new_view or not has_motion else []
+    return _MotionChanges(released_names, has_new_view, stopped_names)
+
+
+def _push_moves(perceived_scene: PerceivedScene, pushes: Sequence[str]) -> bool:
+    """Check whether one of perception's pushes still moves an object.
+
+    It may now meet an obstacle, since masks have changed. Raises InputError.
     """
     from physgen.compile.shapes import shapes_of
     from physgen.pipeline.push_trials import compile_trials, simulate_push
-    from physgen.pipeline.pushes import perceived_pushes
 
-    moving: dict[str, dict[str, Any]] = {}
-    for item in scene.objects:
-        if any(item.velocity):
-            spin = {"spin": item.spin} if item.spin else {}
-            moving[item.name] = {"velocity": list(item.velocity)} | spin
-    pushes = (
-        []
-        if is_still or scene.forces or scene.joints
-        else list(perceived_pushes(scene))
-    )
-    with suppress(InputError):
-        objects = perceived_scene.document["objects"]
-        unchanged_names = [
-            k
-            for k, item in old_entries.items()
-            if item.get("prompt") == objects.get(k, item).get("prompt")
-        ]
-        # Objects with an unchanged prompt keep the motion that they had, whether they
-        # fall or not.
-        perceived_scene = _at_rest(perceived_scene, unchanged_names)
-        objects_at_rest = perceived_scene.document["objects"]
-        released_names = {
-            k
-            for k, item in old_entries.items()
-            if "motion" in item and "motion" not in objects_at_rest.get(k, item)
-        }
-        has_new_view = scene.record.world.get("view") not in (
-            None,
-            scene.world.view.value,
-        )
-        keys = ("velocity", "spin", "place", "layer")
-        trial_scene = open_trial(perceived_scene, *keys).scene()
-        pushed_objects = [
-            item
-            for item in trial_scene.objects
-            if item.name in pushes and any(item.velocity)
-        ]
-        # The push of perception may now meet an obstacle, since masks have changed.
-        trials = compile_trials(trial_scene, shapes_of(trial_scene, None))
-        outcomes = [
-            simulate_push(trials, {pushed_item.name: pushed_item.velocity})
-            for pushed_item in pushed_objects
-        ]
-        has_motion = any(outcome.grade for outcome in outcomes)
-        stopped_names = pushes if has_new_view or not has_motion else []
-        for name in stopped_names:
-            del moving[name]
-        stopped_entries = {}
-        for name in stopped_names:
-            if name in objects_at_rest:
-                entry = {k: v for k, v in objects_at_rest[name].items() if k != "spin"}
-                stopped_entries[name] = entry | {"velocity": [0, 0]}
-        perceived_scene = replace(
-            perceived_scene,
-            document=perceived_scene.document
-            | {"objects": objects_at_rest | stopped_entries},
-        )
-        if (released_names or has_new_view or stopped_names) and not (
-            is_still or moving or scene.forces
-        ):
-            # After another view or a stopped push, any object may be pushed, otherwise
-            # only those that the refresh released.
-            only = () if has_new_view or stopped_names else released_names
-            perceived_scene = _with_story_push(perceived_scene, scene, only)
-        pushed_names = [
-            k
-            for k, item in perceived_scene.document["objects"].items()
-            if any(item.get("velocity", ()))
-        ]
-        fix = "no other push moves anything"
-        if pushed_names:
-            fix = f"{listed(pushed_names, 'and')} is pushed instead"
-        template, place = Message.PUSH_MOVES_NOTHING, Place("--refresh")
-        for name in [] if has_new_view else stopped_names:
-            warn(template.warning(place, name, "its push", fix=fix))
-    return perceived_scene, moving
+    keys = ("velocity", "spin", "place", "layer")
+    trial_scene = open_trial(perceived_scene, *keys).scene()
+    trials = compile_trials(trial_scene, shapes_of(trial_scene, None))
+    for item in trial_scene.objects:
+        if item.name in pushes and any(item.velocity):
+            outcome = simulate_push(trials, {item.name: item.velocity})
+            if outcome.grade:
+                return True
+    return False
+
+
+def _stop_objects(
+    perceived_scene: PerceivedScene, names: Collection[str]
+) -> PerceivedScene:
+    """Return the scene with the objects of these names at rest."""
+    objects = dict(perceived_scene.document["objects"])
+    for name in names:
+        if name in objects:
+            entry = {k: v for k, v in objects[name].items() if k != "spin"}
+            objects[name] = entry | {"velocity": [0, 0]}
+    document = perceived_scene.document | {"objects": objects}
+    return replace(perceived_scene, document=document)
+
+
+def _warn_of_stopped_pushes(
+    perceived_scene: PerceivedScene, stopped_names: Sequence[str], warn: Warn
+) -> None:
+    """Warn of perception's pushes that move nothing, and name the present ones."""
+    pushed_names = []
+    for name, entry in perceived_scene.document["objects"].items():
+        if any(entry.get("velocity", ())):
+            pushed_names.append(name)
+    fix = "no other push moves anything"
+    if pushed_names:
+        fix = f"{listed(pushed_names, 'and')} is pushed instead"
+    template, place = Message.PUSH_MOVES_NOTHING, Place("--refresh")
+    for name in stopped_names:
+        warn(template.warning(place, name, "its push", fix=fix))

@@ -12,6 +12,7 @@ from math import cos, hypot, radians, sin, sqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from physgen.geometry.scale import push_speed
 from physgen.messages import Message, one_of
@@ -26,6 +27,7 @@ from physgen.text import nearest, quantity, quoted
 if TYPE_CHECKING:
     from physgen.compile.compile import CompiledScene
     from physgen.compile.shapes import Shapes
+    from physgen.compile.world import Body
 
 
 WRITTEN = 0.01
@@ -395,58 +397,90 @@ def _kick(
 
     The impulse leads away from the point; in the side view it is level.
     """
+    point_text, speed = _direction_and_speed(scene, "--kick", text)
+    point, written_point = _read_point(scene, point_text)
+    if not scene.objects:
+        raise Message.KICK_WITHOUT_OBJECTS.error("--kick", f'"{point_text}"')
+    k = _find_kicked_object(scene, compiled_scene, point, point_text)
+    body = compiled_scene.world.bodies[k]
+    direction = _kick_direction(scene, body, point)
+    impulse: list[Any] = []
+    for part in direction:
+        impulse.append(float(f"{body.mass * speed * part:.4g}") + 0.0)
+    if _metric(text):
+        per_meter = scene.world.pixels_per_meter
+        impulse = [f"{part / per_meter:.4g} g m/s" if part else 0 for part in impulse]
+    force = {"object": body.name, "impulse": impulse, "at": written_point}
+    return scene.objects[k], {"forces": [force]}
+
+
+def _read_point(
+    scene: Scene, text: str
+) -> tuple[NDArray[np.float64], list[float | str]]:
+    """Return a point X,Y in px, and its coordinates for the scene file.
+
+    Lengths with a unit stay as written. Raises InputError.
+    """
+    parts = text.split(",")
+    coordinates: list[float] = []
+    written_point: list[float | str] = []
+    try:
+        for part in parts:
+            px = quantity(part, "px", scene.world.pixels_per_meter)
+            number = finite(part if px is None else repr(px))
+            coordinates.append(number)
+            if px is not None:
+                written_point.append(part.strip())
+            else:
+                written_point.append(int(number) if number.is_integer() else number)
+        x, y = coordinates
+    except ValueError:
+        raise Message.NOT_TWO_LENGTHS.error("--kick", f'"{text}"') from None
+    return np.array([x, y]), written_point
+
+
+def _find_kicked_object(
+    scene: Scene,
+    compiled_scene: CompiledScene,
+    point: NDArray[np.float64],
+    point_text: str,
+) -> int:
+    """Return the index of the object at or near a point. Raises InputError.
+
+    The label map decides inside a mask; beside all masks, the nearest outline counts.
+    """
     import shapely
 
     from physgen.geometry.convex import outline_shape
 
-    point_text, speed = _direction_and_speed(scene, "--kick", text)
-    per_meter, coordinates = scene.world.pixels_per_meter, point_text.split(",")
-    pixel_lengths = [quantity(part, "px", per_meter) for part in coordinates]
-    try:
-        x, y = (
-            finite(part if px is None else repr(px))
-            for part, px in zip(coordinates, pixel_lengths, strict=True)
-        )
-    except ValueError:
-        raise Message.NOT_TWO_LENGTHS.error("--kick", f'"{point_text}"') from None
-    if not scene.objects:
-        raise Message.KICK_WITHOUT_OBJECTS.error("--kick", f'"{point_text}"')
-    point = np.array([x, y])
-    shortest_lines = [
-        shapely.shortest_line(outline_shape(outline), shapely.Point(x, y))
-        for outline in compiled_scene.outlines
-    ]
-    # The label map decides inside a mask; beside all masks, the nearest outline counts.
+    x, y = point.tolist()
+    width, height = scene.size
+    row = int(np.clip(y, 0, height - 1))
+    column = int(np.clip(x, 0, width - 1))
+    label = int(compiled_scene.labels[row, column])
+    if label:
+        return label - 1
+    shortest_lines = []
+    for outline in compiled_scene.outlines:
+        shape = outline_shape(outline)
+        shortest_lines.append(shapely.shortest_line(shape, shapely.Point(x, y)))
     k = int(np.nanargmin(shapely.length(shortest_lines)))
-    row, column = (
-        int(np.clip(part, 0, side - 1))
-        for part, side in zip((y, x), scene.size[::-1], strict=True)
-    )
-    if compiled_scene.labels[row, column]:
-        k = int(compiled_scene.labels[row, column]) - 1
-    elif shortest_lines[k].length > NEAR * max(scene.size):
+    if shortest_lines[k].length > NEAR * max(scene.size):
         nearest_point = ",".join(
             str(round(part)) for part in shortest_lines[k].coords[0]
         )
         raise Message.KICK_MISSES.error(
             "--kick", f'"{point_text}"', name=scene.objects[k].name, point=nearest_point
         )
-    body = compiled_scene.world.bodies[k]
+    return k
+
+
+def _kick_direction(
+    scene: Scene, body: Body, point: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the unit vector (2,) of a kick at a point of a body."""
     direction = body.center - point
     # A kick at the centre has no direction of its own: it goes to the right.
     if scene.world.view is View.SIDE or hypot(*direction) < 1:
         direction = np.array([1.0 if direction[0] >= 0 else -1.0, 0.0])
-    direction = direction / hypot(*direction)
-    impulse: list[Any] = [
-        float(f"{body.mass * speed * part:.4g}") + 0.0 for part in direction
-    ]
-    if _metric(text):
-        impulse = [f"{part / per_meter:.4g} g m/s" if part else 0 for part in impulse]
-    numbers = (int(end) if end.is_integer() else end for end in (x, y))
-    written_point = [
-        end if px is None else part.strip()
-        for end, px, part in zip(numbers, pixel_lengths, coordinates, strict=True)
-    ]
-    return scene.objects[k], {
-        "forces": [{"object": body.name, "impulse": impulse, "at": written_point}]
-    }
+    return np.asarray(direction / hypot(*direction), np.float64)
