@@ -276,10 +276,21 @@ def _release_object(photo_scene: PerceivedScene, name: str) -> PerceivedScene:
     Raises InputError if its level outline is not a valid shape.
     """
     scene = open_trial(photo_scene).scene()
-    index = [item.name for item in scene.objects].index(name)
+    names = [item.name for item in scene.objects]
     outlines = compile_shapes(scene, shapes_of(scene, None)).outlines
-    outline, ground = _level_outline(outlines[index], photo_scene, name)
+    outline, ground = _level_outline(outlines[names.index(name)], photo_scene, name)
     photo_scene = _with_others_held(photo_scene, name, outline)
+    released_scene = _with_guessed_floor(photo_scene, name, ground)
+    if is_oblique(photo_scene):
+        named_outlines = dict(zip(names, outlines, strict=True))
+        return _passing(released_scene, name, named_outlines)
+    return released_scene
+
+
+def _with_guessed_floor(
+    photo_scene: PerceivedScene, name: str, ground: float
+) -> PerceivedScene:
+    """Return the scene with a floor at a row `ground`, px, in place of its walls."""
     floor = _guessed_floor(photo_scene.percepts.labels.shape[1], ground)
     walls = photo_scene.document["boundaries"]
     # Other walls of the scene could block the guessed floor.
@@ -287,11 +298,7 @@ def _release_object(photo_scene: PerceivedScene, name: str) -> PerceivedScene:
     document = photo_scene.document | {"boundaries": other_walls | {FLOOR: floor}}
     comment = f"a guess: through the lowest point of {name}"
     comments = {**photo_scene.comments, f"boundaries.{FLOOR}": comment}
-    released = replace(photo_scene, document=document, comments=comments)
-    if is_oblique(photo_scene):
-        names = [item.name for item in scene.objects]
-        return _passing(released, name, dict(zip(names, outlines, strict=True)))
-    return released
+    return replace(photo_scene, document=document, comments=comments)
 
 
 def _passing(

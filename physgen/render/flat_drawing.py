@@ -20,6 +20,7 @@ from physgen.render.sprites import (
     MARGIN,
     Sprite,
 )
+from physgen.render.stage import Stage
 from physgen.render.vehicle_wheels import add_drawn_wheels
 
 
@@ -93,6 +94,15 @@ def enlarged_world(
         walls=tuple(walls),
     )
     return larger_world, list(map(enlarge_outline, outlines))
+
+
+def flat_stage(
+    world: World, outlines: Sequence[Outline], order: Sequence[int], scale: float
+) -> Stage:
+    """Draw a stage of flat shapes on a plain background, `scale` times as large."""
+    larger_world, larger_outlines = enlarged_world(world, outlines, scale)
+    sprites = flat_sprites(larger_world, larger_outlines, order, scale)
+    return Stage(flat_background(larger_world, scale), sprites, scale=scale)
 
 
 SHIFT_BITS = 4
