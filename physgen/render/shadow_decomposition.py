@@ -881,7 +881,7 @@ def _compare_darkness(darkness: F32, total: F32, is_open: Mask) -> _Difference:
     """Compare the photo's darkness (H, W) with the predicted `total`."""
     residual = _compute_excess_darkness(darkness, total, is_open)
     lack = np.clip(-residual, 0, np.maximum(total, 0))
-    share = lack / np.maximum(total, np.float32(SHADOW.faint))
+    share = np.asarray(lack / np.maximum(total, SHADOW.faint), np.float32)
     return _Difference(np.asarray(residual + lack, np.float32), share)
 
 
