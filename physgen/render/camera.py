@@ -58,6 +58,11 @@ def resample_picture(rgb: U8, matrix: Array, size: Size) -> U8:
     left, top = max(floor(x0) - reach, 0), max(floor(y0) - reach, 0)
     rgb = rgb[top : ceil(y1) + reach, left : ceil(x1) + reach]
     matrix = np.column_stack([matrix[:, :2], matrix @ [left, top, 1.0]])
+    return _resample_within_limits(rgb, matrix, size)
+
+
+def _resample_within_limits(rgb: U8, matrix: Array, size: Size) -> U8:
+    """Resample by Lanczos, between the darkest and the brightest pixel nearby."""
     box = _visible_borders(rgb, matrix, size)
     kernel, rows, columns = _lobes(rgb, matrix, size)
     light = decode(np.arange(256, dtype=np.uint8))
@@ -65,15 +70,13 @@ def resample_picture(rgb: U8, matrix: Array, size: Size) -> U8:
     for codes in cv2.split(rgb):
         plane = Image.fromarray(cv2.LUT(codes, light))
         plane_part = plane.resize(size, Image.Resampling.LANCZOS, box=box)
-        lower_limits = (
-            cv2.erode(codes, kernel, anchor=(0, 0)).take(columns, 1).take(rows, 0)
-        )
-        upper_limits = (
-            cv2.dilate(codes, kernel, anchor=(0, 0)).take(columns, 1).take(rows, 0)
-        )
+        lowest = cv2.erode(codes, kernel, anchor=(0, 0))
+        highest = cv2.dilate(codes, kernel, anchor=(0, 0))
         # The limits can be taken in sRGB, which has the same order as linear light.
         resampled_codes = encode_u8(np.asarray(plane_part))
-        planes.append(cv2.min(cv2.max(resampled_codes, lower_limits), upper_limits))
+        limited_codes = cv2.max(resampled_codes, lowest.take(columns, 1).take(rows, 0))
+        limited_codes = cv2.min(limited_codes, highest.take(columns, 1).take(rows, 0))
+        planes.append(limited_codes)
     return np.asarray(cv2.merge(planes), np.uint8)
 
 
