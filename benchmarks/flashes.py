@@ -198,7 +198,7 @@ def _add_shade(
     if stand.where is not None:
         coverage = sprite_coverage(stage.sprites[stand.k], stand.where)
         figure = sprite_silhouette(stage, stand, stand.where, coverage)
-    for box, shadow in lit.moved(stand.k, figure, stand.start, stand.pose):
+    for box, shadow in lit.move_shadow(stand.k, figure, stand.start, stand.pose):
         x0, y0, x1, y1 = box
         shade[y0:y1, x0:x1] |= np.abs(shadow) > SHADE
 

@@ -156,7 +156,7 @@ class BallSprites:
         balls = [(k, s, s.ball) for k, s in enumerate(sprites) if s.ball is not None]
         sizes = []
         for _, sprite, _ in balls:
-            x0, y0, x1, y1 = sprite.within
+            x0, y0, x1, y1 = sprite.covered_box
             sizes.append((x1 - x0, y1 - y0))
         self._homes: dict[int, tuple[_Atlas, int]] = {}
         for members in atlas_groups(sizes):
@@ -196,7 +196,7 @@ class _Atlas:
     """
 
     def __init__(self, members: Sequence[tuple[Sprite, Ball]]) -> None:
-        within = np.array([sprite.within for sprite, _ in members], np.float64)
+        within = np.array([sprite.covered_box for sprite, _ in members], np.float64)
         corners = [sprite.corner for sprite, _ in members]
         self.corner = within[:, :2] + corners
         self.center = np.array([ball.center for _, ball in members], np.float64)
@@ -213,7 +213,7 @@ class _Atlas:
         """
         gloss_pictures, shading_pictures, skin_pictures = [], [], []
         for sprite, ball in members:
-            x0, y0, x1, y1 = sprite.within
+            x0, y0, x1, y1 = sprite.covered_box
             box = np.s_[y0:y1, x0:x1]
             coverage = sprite.coverage[box]
             alpha, zeros = coverage[..., None], np.zeros_like(coverage)

@@ -147,7 +147,7 @@ class BackgroundCache:
         if stage.lit is None:
             light = decode(stage.background)
         else:
-            light = stage.lit.behind()
+            light = stage.lit.photo_background()
             self.dark = stage.lit.total.copy()
         self.light: F32 = light
         """(H, W, 3) linear."""
@@ -163,7 +163,7 @@ class BackgroundCache:
             return []
         shadows = {}
         for stand in stands:
-            shadow = background.casts[stand.k].whole
+            shadow = background.casts[stand.k].picture
             if stand.start != stand.pose and shadow is not None:
                 shadows[stand.k] = shadow
         moved_objects = set(shadows)
@@ -189,7 +189,7 @@ class BackgroundCache:
         assert self._lit is not None
         boxes = []
         for k in objects:
-            shadow = self._lit.casts[k].whole
+            shadow = self._lit.casts[k].picture
             if shadow is not None:
                 x0, y0, x1, y1 = shadow[0]
                 boxes.append(np.s_[y0:y1, x0:x1])
@@ -227,7 +227,7 @@ class Picture:
     """The appearance of one sprite in a frame."""
 
     stand: SpritePose
-    where: Placement
+    placement: Placement
     light: F32
     """(h, w, 3) linear, times coverage."""
     coverage: F32
@@ -297,7 +297,7 @@ def render_frames(
                 partial(_draw_ids, covers, painter.size),
                 partial(_covering, covers),
                 stage.faces,
-                None if painter.layers is None else painter.layers.taken_apart,
+                None if painter.layers is None else painter.layers.to_layers,
             )
 
 
@@ -316,7 +316,7 @@ class _LayerList:
         """Add a sprite in front of the others."""
         self._sprites.append(SpriteLayer(body, box, light, coverage))
 
-    def taken_apart(self) -> Layers:
+    def to_layers(self) -> Layers:
         """Return the layers, with the sprites in the order of drawing."""
         return Layers(self._plate, self._shaded, self._sprites, self._order)
 
@@ -326,7 +326,7 @@ def _covers(stage: Stage, pictures: Sequence[Picture]) -> list[tuple[int, Slices
     covers = []
     for picture in pictures:
         id_ = stage.sprites[picture.stand.k].body + 1
-        covers.append((id_, picture.where.box, picture.coverage))
+        covers.append((id_, picture.placement.box, picture.coverage))
     return covers
 
 
@@ -380,7 +380,7 @@ class _Painter:
         """Darken the pictures where objects have begun to touch each other."""
         parts = {}
         for picture in pictures:
-            parts[picture.stand.k] = picture.where.box, picture.coverage
+            parts[picture.stand.k] = picture.placement.box, picture.coverage
         factors = self._contacts.factors(parts)
         for picture in pictures:
             factor = factors.get(picture.stand.k)
@@ -475,7 +475,7 @@ class _Painter:
             return _blur_along_trail(self._stage, self.balls, stand, picture, trail)
         if picture is None:
             return None
-        return picture.where.box, picture.light, picture.coverage
+        return picture.placement.box, picture.light, picture.coverage
 
 
 class _Shadows:
@@ -517,7 +517,7 @@ class _Shadows:
         shaded_tiles = touched_tiles(boxes, size)
         self._shaded = boxes_of_tiles(shaded_tiles, size)
         for box in self._shaded:
-            darkness[box] = background.limited(darkness[box], box)
+            darkness[box] = background.limit_darkness(darkness[box], box)
             canvas[box] = shaded_background(
                 background.plate[box], darkness[box], background.tint
             )
@@ -723,7 +723,7 @@ def _draw_unclipped(
     """
     height, width = stage.background.shape[:2]
     if picture is not None:
-        rows, columns = picture.where.box
+        rows, columns = picture.placement.box
         ends_inside = rows.stop < height and columns.stop < width
         if min(rows.start, columns.start) > 0 and ends_inside:
             corner = np.array([columns.start, rows.start])
@@ -799,13 +799,13 @@ def _flatten(stage: Stage, pictures: Sequence[Picture], time: float) -> None:
     for picture in pictures:
         sprite, pose = stage.sprites[picture.stand.k], picture.stand.pose
         squash = squashes.get(sprite.body)
-        if squash is None or picture.where.own is not None:
+        if squash is None or picture.placement.own is not None:
             continue
         center = (pose.x, pose.y + sprite.face)
         flat = squash_picture(
             squash.scaled(stage.scale),
             center,
-            picture.where.box,
+            picture.placement.box,
             picture.light,
             picture.coverage,
             size,
@@ -813,7 +813,7 @@ def _flatten(stage: Stage, pictures: Sequence[Picture], time: float) -> None:
         if flat is None:
             continue
         box, picture.light, picture.coverage = flat
-        picture.where = replace(picture.where, box=box)
+        picture.placement = replace(picture.placement, box=box)
         # The photo's border pixels fit the round outline alone.
         picture.rest = None
         picture.is_flat = True
@@ -824,12 +824,12 @@ def _add_sides(stage: Stage, pictures: Sequence[Picture]) -> None:
     turned_blocks = []
     for picture in pictures:
         sides = stage.sprites[picture.stand.k].sides
-        if sides is not None and sides.share(picture.where.turn) > 0:
+        if sides is not None and sides.share(picture.placement.turn) > 0:
             turned_blocks.append((picture, sides))
     if not turned_blocks:
         return
     # Keep the coverages from before any side is added: sides lie behind all fronts.
-    fronts = [(picture, picture.where.box, picture.coverage) for picture in pictures]
+    fronts = [(picture, picture.placement.box, picture.coverage) for picture in pictures]
     for picture, sides in turned_blocks:
         others = [(box, front) for other, box, front in fronts if other is not picture]
         _add_block_sides(picture, sides, others)
@@ -843,10 +843,10 @@ def _add_block_sides(
     `others`: boxes and coverages of the other fronts.
     """
     coverage = picture.coverage
-    matrix = picture.where.matrix
+    matrix = picture.placement.matrix
     assert matrix is not None
-    side, shade = sides.drawn(coverage, picture.where.turn)
-    side, colours = sides.painted(side, shade, matrix, picture.where.turn)
+    side, shade = sides.draw(coverage, picture.placement.turn)
+    side, colours = sides.colour(side, shade, matrix, picture.placement.turn)
     # The light of border pixels mixes front and side and is uncertain: give them to the
     # side.
     border_share = np.minimum(2 * side, coverage)
@@ -856,7 +856,7 @@ def _add_block_sides(
     light_share = np.ones_like(side)
     blur = 2 * round(sides.depth) + 1
     for box, front in others:
-        overlap = _overlap(picture.where.box, box)
+        overlap = _overlap(picture.placement.box, box)
         if overlap is None:
             continue
         block_part, other_part = overlap
@@ -898,8 +898,8 @@ def _draw_floor_reflection(
     It is as strong as the photo's own reflection is gone: `shares` (N + 1,) are the
     parts of it that remain.
     """
-    mirror, k, (rows, columns) = stage.mirror, picture.stand.k, picture.where.box
-    if mirror is None or picture.where.own is not None:
+    mirror, k, (rows, columns) = stage.mirror, picture.stand.k, picture.placement.box
+    if mirror is None or picture.placement.own is not None:
         return None
     floor = mirror.feet[k]
     if floor is None:
@@ -933,6 +933,6 @@ def _figures(stage: Stage, pictures: Sequence[Picture]) -> Mapping[int, Silhouet
     for picture in pictures:
         stand, coverage = picture.stand, picture.coverage
         if stage.supersample != 1 and not picture.is_flat:
-            coverage = sprite_coverage(stage.sprites[stand.k], picture.where)
-        figures[stand.k] = sprite_silhouette(stage, stand, picture.where, coverage)
+            coverage = sprite_coverage(stage.sprites[stand.k], picture.placement)
+        figures[stand.k] = sprite_silhouette(stage, stand, picture.placement, coverage)
     return figures

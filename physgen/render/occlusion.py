@@ -181,7 +181,7 @@ class _Surface:
     x: NDArray[Any]
     y: NDArray[Any]
     """Coordinates, px of the photo."""
-    toward: NDArray[Any]
+    depth: NDArray[Any]
     """Coordinate towards the viewer, px."""
     direct: F32
     """Direct share of the light."""
@@ -260,7 +260,7 @@ def _remaining_light(
     setting: ShadowSetting,
 ) -> F32:
     """Return the remaining share of light (h, w) behind all others together."""
-    coordinates = (surface.x, surface.y, surface.toward)
+    coordinates = (surface.x, surface.y, surface.depth)
     x, y, depths = (part.astype(np.float32) for part in coordinates)
     balls = [other for other in others if other.radius is not None]
     behind_balls = iter(_behind_balls(balls, (x, y, depths), setting) if balls else ())
@@ -287,7 +287,7 @@ def _visible_darkness(remaining: F32, facing_viewer: NDArray[Any] | None) -> F32
     return np.asarray(darkness, np.float32)
 
 
-def stacked(values: Iterable[float]) -> F32:
+def stack(values: Iterable[float]) -> F32:
     """Return values as an array (n, 1, 1)."""
     return np.array(list(values), np.float32)[:, None, None]
 
@@ -301,10 +301,10 @@ def _behind_balls(
     """
     lx, ly, lz = (np.float32(part) for part in setting.light.direction)
     x, y, z = points
-    px = x - stacked(ball.center[0] for ball in balls)
-    py = y - stacked(ball.center[1] for ball in balls)
-    pz = z - stacked(middle(ball, setting.top) for ball in balls)
-    radius = stacked(ball.radius or 0.0 for ball in balls)
+    px = x - stack(ball.center[0] for ball in balls)
+    py = y - stack(ball.center[1] for ball in balls)
+    pz = z - stack(middle(ball, setting.top) for ball in balls)
+    radius = stack(ball.radius or 0.0 for ball in balls)
     distance_along = px * lx + py * ly + pz * lz
     square_distance = np.maximum(
         px * px + py * py + pz * pz - distance_along * distance_along, 0
@@ -433,7 +433,7 @@ def add_shadow(
     Returns its boxes. A sliding shadow does not need the sprite's silhouette `silhouette`.
     """
     boxes = []
-    for (x0, y0, x1, y1), shadow in background.moved(
+    for (x0, y0, x1, y1), shadow in background.move_shadow(
         stand.k, silhouette, stand.start, stand.pose
     ):
         if weight != 1:

@@ -130,25 +130,25 @@ class Relief:
     linear.
     """
 
-    along: F32
+    plane_light: F32
     """Intensity x (n . l) in the picture's plane over the photo's shading, (h, w)."""
-    across: F32
+    cross_light: F32
     """The same with the light turned by a quarter from +x to +y, (h, w)."""
-    fixed: F32
+    view_light: F32
     """The same along the view, which no rotation changes, (h, w)."""
-    even: F32
+    ambient_light: F32
     """Ambient light over the photo's shading, (h, w)."""
 
     def ratio(self, turn: float) -> F32:
         """Return the factor (h, w) of light after a rotation by `turn` rad."""
         facing: F32 = np.asarray(
-            cv2.addWeighted(self.along, cos(turn), self.across, -sin(turn), 0.0),
+            cv2.addWeighted(self.plane_light, cos(turn), self.cross_light, -sin(turn), 0.0),
             np.float32,
         )
         # In place, as this takes a large part of the time of a frame.
-        facing += self.fixed
+        facing += self.view_light
         np.maximum(facing, 0, out=facing)
-        facing += self.even
+        facing += self.ambient_light
         np.clip(facing, 1 / MOST_RELIGHTING, MOST_RELIGHTING, out=facing)
         return facing
 
@@ -178,15 +178,15 @@ def relief_of(normals: F32, object_mask: Mask, light: DistantLight) -> Relief | 
     shade = np.maximum(lambert(light, continued_normals), np.float32(0.05))
     x, y, z = (np.float32(light.intensity * part) / shade for part in light.direction)
     relief = Relief(
-        along=np.asarray(
+        plane_light=np.asarray(
             continued_normals[..., 0] * x + continued_normals[..., 1] * y, np.float32
         ),
         # A quarter turn takes (x, y) to (-y, x).
-        across=np.asarray(
+        cross_light=np.asarray(
             continued_normals[..., 1] * x - continued_normals[..., 0] * y, np.float32
         ),
-        fixed=np.asarray(continued_normals[..., 2] * z, np.float32),
-        even=np.asarray(np.float32(light.ambient) / shade, np.float32),
+        view_light=np.asarray(continued_normals[..., 2] * z, np.float32),
+        ambient_light=np.asarray(np.float32(light.ambient) / shade, np.float32),
     )
     changes = []
     for turn in TURNS:
@@ -242,7 +242,7 @@ class Sides:
         share = min(abs(turn) / CUT.leans, 1.0)
         return share if share * self.depth >= 0.5 else 0.0
 
-    def kept(
+    def remaining_share(
         self, matrix: NDArray[np.float64], shape: tuple[int, int], turn: float
     ) -> F32:
         """Return the remaining share of the top, (h, w) of a picture of this `shape`.
@@ -257,7 +257,7 @@ class Sides:
         top_share = np.clip(matrix_x * -x + first[:, None], 0, 1)
         return np.asarray(1 - np.float32(self.share(turn)) * top_share, np.float32)
 
-    def drawn(self, coverage: F32, turn: float) -> tuple[F32, F32]:
+    def draw(self, coverage: F32, turn: float) -> tuple[F32, F32]:
         """Draw the sides of a front with `coverage` (h, w), after a rotation by `turn`
         rad.
 
@@ -279,7 +279,7 @@ class Sides:
         shade = np.where(is_left_side, left, right) / max(top, 1e-3)
         return sides, np.maximum(shade, CUT.side_light).astype(np.float32)
 
-    def painted(
+    def colour(
         self, side: F32, shade: F32, matrix: NDArray[np.float64], turn: float
     ) -> tuple[F32, F32]:
         """Return the coverage (h, w) and the colours (h, w, 3) of drawn sides.
@@ -330,7 +330,7 @@ class Gloss:
     center: tuple[float, float]
     """Centre of rotation, px of the sprite."""
 
-    def drawn(self, matrix: NDArray[np.float64], size: tuple[int, int]) -> F32:
+    def draw(self, matrix: NDArray[np.float64], size: tuple[int, int]) -> F32:
         """Return the light (h, w, 3) on a picture of `size` (w, h).
 
         `matrix` (2, 3) leads from the picture to the sprite.
@@ -445,12 +445,12 @@ class Sprite:
         return np.asarray(reach, np.float32)
 
     @cached_property
-    def beside(self) -> NDArray[np.int32]:
+    def neighbours(self) -> NDArray[np.int32]:
         """Return the numbers (n,) in `hider`; 0 without any."""
         return np.zeros(1, np.int32) if self.hider is None else np.unique(self.hider)
 
     @cached_property
-    def fine(self) -> F32:
+    def half_pixels(self) -> F32:
         """Return light and coverage at every half pixel, (2h - 1, 2w - 1, 4), for
         warps.
 
@@ -461,7 +461,7 @@ class Sprite:
         return double_resolution(np.dstack([self.turning_light, self.coverage]))
 
     @cached_property
-    def within(self) -> tuple[int, int, int, int]:
+    def covered_box(self) -> tuple[int, int, int, int]:
         """Return x0, y0, x1, y1 px of the covered part of its box."""
         is_covered = self.coverage > 0
         rows = np.flatnonzero(is_covered.any(axis=1))

@@ -130,7 +130,7 @@ def _place_ball(
         space = np.eye(3)
         space[:2, :2] = rotation(pose.angle - start.angle)
     dx, dy = pose.x - start.x, pose.y - start.y
-    lx, ly, hx, hy = sprite.within
+    lx, ly, hx, hy = sprite.covered_box
     x, y = sprite.corner[0] + dx, sprite.corner[1] + dy
     box = _clip_box_to_canvas(x + lx - 1, y + ly - 1, x + hx, y + hy, size)
     if box is None:
@@ -169,7 +169,7 @@ def draw_sprite(
     fine_size = (size[0] * samples, size[1] * samples)
     matrix = _finer(placement.matrix, samples)
     # `Sprite.fine` has two samples a pixel.
-    warped_sprite = _warp_picture(sprite.fine, 2 * matrix, fine_size)
+    warped_sprite = _warp_picture(sprite.half_pixels, 2 * matrix, fine_size)
     # The conversion keeps the first three channels.
     light = np.asarray(cv2.cvtColor(warped_sprite, cv2.COLOR_BGRA2BGR), np.float32)
     coverage = np.asarray(cv2.extractChannel(warped_sprite, 3), np.float32)
@@ -178,11 +178,11 @@ def draw_sprite(
         ratio = _warp_picture(ratio, matrix, fine_size, cv2.BORDER_REPLICATE)
         light *= three_channels(ratio)
     if sprite.gloss is not None:
-        light += sprite.gloss.drawn(matrix, fine_size)
+        light += sprite.gloss.draw(matrix, fine_size)
     for wheel, turn in zip(sprite.wheels, placement.wheel_turns, strict=False):
         wheel.draw(light, coverage, matrix, turn)
     if sprite.sides is not None and sprite.sides.share(placement.turn) > 0:
-        visible_share = sprite.sides.kept(matrix, coverage.shape, placement.turn)
+        visible_share = sprite.sides.remaining_share(matrix, coverage.shape, placement.turn)
         light, coverage = (
             light * three_channels(visible_share),
             coverage * visible_share,
@@ -220,7 +220,7 @@ def draw_border(
     """
     if sprite.rest is None:
         return None
-    own_shares = shares[sprite.beside]
+    own_shares = shares[sprite.neighbours]
     if not own_shares.any():
         return None
     is_repainted = sprite.ball is not None and sprite.ball.pattern is not None

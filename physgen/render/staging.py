@@ -260,7 +260,7 @@ def _stage_with_shadows(
         # Remove the shadows of left-out objects from the photo, too.
         shadows = np.where(source.coverage < 0.5, ghost_shadows, 0)
         photo = photo * np.exp(shadows)[..., None].astype(np.float32)
-    behind = lit_background.behind()
+    behind = lit_background.photo_background()
     mirror = None
     if not setting.top:
         mirror = floor_mirror(

@@ -101,7 +101,7 @@ def plate(stage: Stage, moving: Sequence[int]) -> str:
     if stage.lit is not None and moving:
         shadow_share = stage.lit.total.copy()
         for k in moving:
-            if (full_plate := stage.lit.casts[k].whole) is not None:
+            if (full_plate := stage.lit.casts[k].picture) is not None:
                 (x0, y0, x1, y1), before = full_plate
                 shadow_share[y0:y1, x0:x1] -= before
         background = encode_u8(
@@ -152,7 +152,7 @@ def _cut(sprite: Sprite, display_scale: float, scale: float) -> dict[str, Any]:
     """Cut a sprite with unmultiplied colours from its covered pixels, with a margin of
     one pixel.
     """
-    x0, y0, x1, y1 = sprite.within
+    x0, y0, x1, y1 = sprite.covered_box
     h, w = sprite.coverage.shape
     rows, columns = (
         slice(max(y0 - 1, 0), min(y1 + 1, h)),
@@ -306,7 +306,7 @@ def _measure_darkening(
         (x, y), dark = cast.sliding
         return (x, y, x + dark.shape[1], y + dark.shape[0]), dark
     if stand.start == stand.pose:
-        return cast.whole
+        return cast.picture
     now = None
     if stand.where is not None:
         now = sprite_silhouette(
@@ -315,7 +315,7 @@ def _measure_darkening(
             stand.where,
             sprite_coverage(stage.sprites[stand.k], stand.where),
         )
-    parts = lit.moved(stand.k, now, stand.start, stand.pose)
+    parts = lit.move_shadow(stand.k, now, stand.start, stand.pose)
     return joined_pictures(parts) if parts else None
 
 

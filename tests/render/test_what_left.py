@@ -67,7 +67,7 @@ def test_shadows_go_on_behind_what_throws_them(bundled: Path) -> None:
         "plank"
     )
     dark = cv2.blur(
-        np.log(decode(maps.clean).mean(axis=2) / lit.behind().mean(axis=2)), (5, 1)
+        np.log(decode(maps.clean).mean(axis=2) / lit.photo_background().mean(axis=2)), (5, 1)
     )
     for x in range(130, 190):  # clear of the stone above and of the log below
         bottom = np.flatnonzero(plank[:, x]).max()
