@@ -69,7 +69,7 @@ def lay_side_by_side(pictures: Sequence[F32], border: int) -> tuple[F32, F64]:
 
 @dataclass(frozen=True)
 class Strip:
-    """The grid of a warp: `n` cells of (h, w) px side by side, `fine` samples per
+    """The grid of a warp: `n` cells of (h, w) px side by side, `samples` samples per
     pixel.
     """
 
@@ -156,7 +156,7 @@ class BallSprites:
         balls = [(k, s, s.ball) for k, s in enumerate(sprites) if s.ball is not None]
         sizes = []
         for _, sprite, _ in balls:
-            x0, y0, x1, y1 = sprite.within
+            x0, y0, x1, y1 = sprite.covered_box
             sizes.append((x1 - x0, y1 - y0))
         self._homes: dict[int, tuple[_Atlas, int]] = {}
         for members in atlas_groups(sizes):
@@ -170,12 +170,12 @@ class BallSprites:
         """Draw the balls among `placements`, pairs of a sprite's index and its
         placement.
 
-        Each pixel is the mean of `fine` x `fine` samples. Returns pictures as
+        Each pixel is the mean of `samples` x `samples` samples. Returns pictures as
         `draw_sprite`.
         """
         groups: dict[int, tuple[_Atlas, list[tuple[int, int, Placement]]]] = {}
         for k, placement in placements:
-            if k in self._homes and placement.own is None:
+            if k in self._homes and placement.photo_box is None:
                 atlas, place = self._homes[k]
                 group = groups.setdefault(id(atlas), (atlas, []))
                 group[1].append((k, place, placement))
@@ -196,7 +196,7 @@ class _Atlas:
     """
 
     def __init__(self, members: Sequence[tuple[Sprite, Ball]]) -> None:
-        within = np.array([sprite.within for sprite, _ in members], np.float64)
+        within = np.array([sprite.covered_box for sprite, _ in members], np.float64)
         corners = [sprite.corner for sprite, _ in members]
         self.corner = within[:, :2] + corners
         self.center = np.array([ball.center for _, ball in members], np.float64)
@@ -360,7 +360,7 @@ def _member_pictures(
     """
     gloss_pictures, shading_pictures, skin_pictures = [], [], []
     for sprite, ball in members:
-        x0, y0, x1, y1 = sprite.within
+        x0, y0, x1, y1 = sprite.covered_box
         box = np.s_[y0:y1, x0:x1]
         coverage = sprite.coverage[box]
         alpha, zeros = coverage[..., None], np.zeros_like(coverage)

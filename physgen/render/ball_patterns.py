@@ -202,7 +202,7 @@ class Pattern:
         return np.asarray(sign * np.maximum(sign * values, self.disc.values(points)))
 
     def paint(self, points: F64, softness: float) -> F32:
-        """Return the colours (..., 3) of points (..., 3); a border is `soft` radii
+        """Return the colours (..., 3) of points (..., 3); a border is `softness` radii
         wide.
         """
         share = np.clip(0.5 + self.values(points) / softness, 0, 1)

@@ -104,7 +104,7 @@ def nearest_in(
 
 def sources(matrix: Array, view_size: Size, size: Size) -> tuple[Index, Index]:
     """Return the nearest rows (h,) and columns (w,) in a picture of the size
-    `shown`.
+    `view_size`.
     """
     width, height = view_size
     rows = np.floor(_sources(matrix, 1, size[1]) + 0.5).astype(np.int64)
@@ -322,7 +322,7 @@ def play_order(play: Play, count: int) -> tuple[int, ...]:
 def film_frames(
     frames: Iterator[Frame], shot: Shot, canvas_scale: float = 1.0
 ) -> Iterator[Frame]:
-    """Yield frames as the camera sees them; `drawn`: canvas pixels per photo pixel.
+    """Yield frames as the camera sees them; `canvas_scale`: canvas pixels per photo pixel.
 
     A frame that the camera shows as a whole at its own size is returned as it is. A
     view without a change since the last frame is not resampled again.
@@ -409,7 +409,7 @@ def _layers_seen(layering: Callable[[], Layers], matrix: Array, size: Size) -> L
             SpriteLayer(sprite.body, whole_picture, visible[..., :3], visible[..., 3])
         )
     plate = resample_light(layers.plate, matrix, size)
-    background = resample_light(layers.shaded, matrix, size)
+    background = resample_light(layers.shaded_plate, matrix, size)
     return Layers(plate, background, sprites, layers.order)
 
 
@@ -424,7 +424,7 @@ def canvas_scale(scene: Scene) -> float:
 
 
 def on_canvas(matrix: Array, canvas_scale: float) -> Array:
-    """Convert a matrix from photo px to one from px of a canvas, `drawn` times
+    """Convert a matrix from photo px to one from px of a canvas, `canvas_scale` times
     finer.
     """
     if canvas_scale == 1.0:
@@ -575,7 +575,7 @@ def _mean_layers(frames: Sequence[Frame]) -> Layers:
     share = np.float32(1 / len(parts))
     for layers in parts:
         plate += layers.plate * share
-        background += layers.shaded * share
+        background += layers.shaded_plate * share
         for body, picture in layers.pictures().items():
             means[body] += picture * share
     whole_picture = np.s_[0 : plate.shape[0], 0 : plate.shape[1]]

@@ -94,7 +94,7 @@ class Layer:
             cv2.polylines(self._dark, corners, True, level, thickness, kind, BITS)
 
     def words(self, text: str, place: tuple[float, float], size: float) -> None:
-        """Write text of `size` px with its middle `at` x, y px.
+        """Write text of `size` px with its middle `place` x, y px.
 
         The middle is that of small letters without descenders.
         """

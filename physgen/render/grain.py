@@ -323,7 +323,7 @@ class Delivery:
         self._photos: tuple[U8, U8] | None = None
 
     @classmethod
-    def of(cls, settings: Render, photo: U8 | None) -> Delivery:
+    def from_scene(cls, settings: Render, photo: U8 | None) -> Delivery:
         """Return the delivery of a scene's settings; without a `photo` there is no
         noise.
         """

@@ -181,7 +181,7 @@ class _Surface:
     x: NDArray[Any]
     y: NDArray[Any]
     """Coordinates, px of the photo."""
-    toward: NDArray[Any]
+    depth: NDArray[Any]
     """Coordinate towards the viewer, px."""
     direct: F32
     """Direct share of the light."""
@@ -269,7 +269,7 @@ def _remaining_light(
     setting: ShadowSetting,
 ) -> F32:
     """Return the remaining share of light (h, w) behind all others together."""
-    coordinates = (surface.x, surface.y, surface.toward)
+    coordinates = (surface.x, surface.y, surface.depth)
     x, y, depths = (part.astype(np.float32) for part in coordinates)
     balls = [other for other in others if other.radius is not None]
     behind_balls = iter(_behind_balls(balls, (x, y, depths), setting) if balls else ())
@@ -296,7 +296,7 @@ def _visible_darkness(remaining: F32, facing_viewer: NDArray[Any] | None) -> F32
     return np.asarray(darkness, np.float32)
 
 
-def stacked(values: Iterable[float]) -> F32:
+def stack(values: Iterable[float]) -> F32:
     """Return values as an array (n, 1, 1)."""
     return np.array(list(values), np.float32)[:, None, None]
 
@@ -308,7 +308,7 @@ def _behind_balls(
 
     `points`: columns, rows and px towards the viewer.
     """
-    radius = stacked(ball.radius or 0.0 for ball in balls)
+    radius = stack(ball.radius or 0.0 for ball in balls)
     distance_along, gap = _ray_distances(balls, points, radius, setting)
     spread = np.float32(0.6 * tan(radians(setting.softness)))
     width = np.maximum(0.6 + spread * np.abs(distance_along), 0.6)
@@ -329,9 +329,9 @@ def _ray_distances(
     """
     lx, ly, lz = (np.float32(part) for part in setting.light.direction)
     x, y, z = points
-    px = x - stacked(ball.center[0] for ball in balls)
-    py = y - stacked(ball.center[1] for ball in balls)
-    pz = z - stacked(middle(ball, setting.top) for ball in balls)
+    px = x - stack(ball.center[0] for ball in balls)
+    py = y - stack(ball.center[1] for ball in balls)
+    pz = z - stack(middle(ball, setting.top) for ball in balls)
     distance_along = px * lx + py * ly + pz * lz
     square_distance = np.maximum(
         px * px + py * py + pz * pz - distance_along * distance_along, 0
@@ -413,7 +413,7 @@ def sprite_silhouette(
     box.
     """
     corner = (placement.box[1].start, placement.box[0].start)
-    tilt = 0.0 if stage.lit is None else stage.lit.setting.tilt
+    tilt = 0.0 if stage.lit_background is None else stage.lit_background.setting.tilt
     return silhouette(
         stage.grounds, coverage, corner, stand.pose[:2], stage.actors[stand.k], tilt
     )
@@ -432,7 +432,7 @@ def silhouette(
     A camera that looks down by `tilt` sees the body's near edge below the floor's line.
     """
     x, y = map(float, center)
-    shape = Silhouette(coverage, corner, (x, y), actor.radius, actor.thick, None)
+    shape = Silhouette(coverage, corner, (x, y), actor.radius, actor.thickness, None)
     if not grounds:
         return shape
     last_row = 0
@@ -442,8 +442,8 @@ def silhouette(
     # Search from its middle, since an impact presses it into the floor for a while; a
     # thin object may reach below the floor's line.
     bottom = float(corner[1] + last_row)
-    highest = min(y, bottom - SUNK - tilt * actor.thick / 2)
-    floor = ground_below(grounds, x, highest, NARROW * actor.thick)
+    highest = min(y, bottom - SUNK - tilt * actor.thickness / 2)
+    floor = ground_below(grounds, x, highest, NARROW * actor.thickness)
     if floor is None:
         return shape
     row, ground = floor
@@ -464,7 +464,7 @@ def add_shadow(
     Returns its boxes. A sliding shadow does not need the sprite's silhouette `silhouette`.
     """
     boxes = []
-    for (x0, y0, x1, y1), shadow in background.moved(
+    for (x0, y0, x1, y1), shadow in background.move_shadow(
         stand.k, silhouette, stand.start, stand.pose
     ):
         if weight != 1:
@@ -497,25 +497,27 @@ def occlusion_factors(
     Veils are shadows of other objects: those of the photo are removed, and the present
     ones are added. `stands` are in the picture.
     """
-    if stage.veils is None or stage.lit is None:
+    if stage.veils is None or stage.lit_background is None:
         return {}
-    setting = stage.lit.setting
-    has_moved = np.array([s.where is None or s.where.own is None for s in stands])
+    setting = stage.lit_background.setting
+    has_moved = np.array(
+        [s.placement is None or s.placement.photo_box is None for s in stands]
+    )
     if not has_moved.any():
         return {}
     visible_figures = [figures[stand.k] for stand in stands]
     blockers = occluders(visible_figures, setting)
     changed_indices = _changed_veils(stage, stands, has_moved, blockers)
-    shares = {k: stage.actors[stands[k].k].veiled for k in changed_indices}
+    shares = {k: stage.actors[stands[k].k].veil_share for k in changed_indices}
     active_blockers = {k: blockers.get(k, []) for k in changed_indices if shares[k]}
     new_veils = occlusions(visible_figures, active_blockers, setting)
     factors: dict[int, F32] = {}
     for k in changed_indices:
         stand = stands[k]
-        if stand.where is None:
+        if stand.placement is None:
             continue
         shape = visible_figures[k].coverage.shape
-        old_veil = _old_veil(stage, stand.k, stand.where, shape)
+        old_veil = _old_veil(stage, stand.k, stand.placement, shape)
         factor = _veil_factor(old_veil, new_veils.get(k), shares[k])
         if factor is not None:
             factors[stand.k] = factor
@@ -565,8 +567,8 @@ def _old_veil(
     veil = None if stage.veils is None else stage.veils[k]
     if veil is None:
         return None
-    if placement.own is not None:
-        return veil[placement.own]
+    if placement.photo_box is not None:
+        return veil[placement.photo_box]
     if stage.sprites[k].ball is not None or placement.matrix is None:
         return None
     size = (shape[1], shape[0])

@@ -57,7 +57,7 @@ class Squash:
     share: float
     """Of the size along the normal, that is missing."""
 
-    def scaled(self, scale: float) -> Squash:
+    def scale_to(self, scale: float) -> Squash:
         """Return the same on a canvas with `scale` pixels a photo pixel."""
         if scale == 1.0:
             return self

@@ -164,7 +164,7 @@ def wheel_from_photo(
     part = _turning_part(colour, alpha, (center[0] - x0, center[1] - y0), radius)
     # In polar coordinates, paint that turns with the wheel stays on its ring, which
     # separates it from the body and the shading.
-    rings = _Rings.of(colour, alpha, part)
+    rings = _Rings.sample(colour, alpha, part)
     rings = rings.without_body().without_shading()
     distances, place = _polar_places(alpha.shape, part, rings.paint.shape)
     disc = np.clip(part.radius - distances, 0, 1)
@@ -300,7 +300,7 @@ class _Rings:
 
     paint: F32
     """Linear light, (R, A, 3)."""
-    known: Mask
+    object_mask: Mask
     """Mask (R, A) of pixels of the object in the photo."""
     body: Mask
     """Mask (R, A) of pixels of the vehicle's body in front of the wheel."""
@@ -308,7 +308,7 @@ class _Rings:
     """Shading, (R, A)."""
 
     @staticmethod
-    def of(colour: F32, alpha: F32, part: _Ellipse) -> _Rings:
+    def sample(colour: F32, alpha: F32, part: _Ellipse) -> _Rings:
         """Sample a picture in polar coordinates around the axle."""
         count = max(ceil(part.radius), 2)
         steps = 4 * max(ceil(pi * part.radius / 2), 8)
@@ -326,7 +326,7 @@ class _Rings:
 
     def without_body(self) -> _Rings:
         """Return the wheel without the body over its upper part."""
-        count, steps = self.known.shape
+        count, steps = self.object_mask.shape
         level = np.sqrt(np.maximum(self.paint, 0))
         sine = np.sin(2 * pi * np.arange(steps) / steps)
         is_below = sine > WHEEL.lower
@@ -341,9 +341,9 @@ class _Rings:
         window = 2 * max(round(WHEEL.median_width * steps / 2), 1) + 1
         depth = _median_around(depth, window)
         depths_of_rows = count - np.arange(count)
-        is_body = (depths_of_rows[:, None] <= depth) | ~self.known
+        is_body = (depths_of_rows[:, None] <= depth) | ~self.object_mask
         paint = self._fill_hidden_paint(is_body)
-        return _Rings(paint, self.known, is_body & self.known, self.shading)
+        return _Rings(paint, self.object_mask, is_body & self.object_mask, self.shading)
 
     def _fill_hidden_paint(self, hidden_mask: Mask) -> F32:
         """Return the paint, with hidden parts copied from elsewhere on the same
@@ -368,7 +368,7 @@ class _Rings:
         """Separate paint in even light from the light that changes once around the
         axle.
         """
-        steps = self.known.shape[1]
+        steps = self.object_mask.shape[1]
         turn = 2 * pi * np.arange(steps) / steps
         brightness = self.paint.mean(axis=2) + WHEEL.least_light
         mean = brightness.mean(axis=1, keepdims=True)
@@ -382,7 +382,7 @@ class _Rings:
         shading = 1 + np.clip(change, -WHEEL.shading, WHEEL.shading)
         shading = shading.astype(np.float32)
         paint = self.paint / shading[..., None]
-        return _Rings(paint, self.known, self.body, shading)
+        return _Rings(paint, self.object_mask, self.body, shading)
 
 
 def _smoothed_rows(values: NDArray[np.floating], sigma: float) -> Array:

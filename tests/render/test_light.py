@@ -587,7 +587,7 @@ def test_a_block_seen_from_above_shows_its_upper_sides_above_its_front(
     assert np.allclose(
         middle, [39.5 - where.box[1].start, 39.5 - where.box[0].start], atol=0.1
     )
-    side, shade = sides.drawn(front, turn)
+    side, shade = sides.draw(front, turn)
     wide = 12 * abs(np.cos(turn)) + 40 * abs(np.sin(turn))
     assert side.sum() == pytest.approx(4 * wide * sides.share(turn), rel=0.06, abs=1)
     assert 0.7 <= shade.min() <= shade.max() < 1.6
