@@ -331,11 +331,11 @@ def test_a_disc_that_is_cut_off_tells_no_highlights(columns: int) -> None:
     """What the photo's border hides of one disc is no difference between the discs."""
     discs, _ = stones([0.2] * 5)
     light, known = discs[0].light[:, :columns], discs[0].mask[:, :columns]
-    discs[0] = replace(discs[0], light=light, known=known)
+    discs[0] = replace(discs[0], light=light, mask=known)
     assert shared_highlights(discs) == []
     discs, shine = stones([0.2, 0.9, 1.7, 2.4, 2.9])
     light, known = discs[0].light[:, :columns], discs[0].mask[:, :columns]
-    discs[0] = replace(discs[0], light=light, known=known)
+    discs[0] = replace(discs[0], light=light, mask=known)
     highlights = shared_highlights(discs)
     assert highlights[1][shine > 0.3].mean() > 0.7 * shine[shine > 0.3].mean()
 

@@ -15,7 +15,7 @@ from physgen.render.ball_parts import is_lump
 from physgen.render.shadow_decomposition import (
     BEYOND,
     EDGE,
-    _owned,
+    _claimed_darkness,
     _share_beyond_floor,
 )
 from physgen.render.sprites import Sprite
@@ -31,7 +31,7 @@ def _shade_around(box) -> np.ndarray:
     """Return shade of 0.2 in a box of a photo, with a photo's width on each side."""
     rest = np.full((SIDE, SIDE), 0.2, np.float32)
     claim = np.ones((box[3] - box[1], box[2] - box[0]), np.float32)
-    (left, top, right, bottom), own = _owned(rest, (box, claim), np.ones_like(rest))
+    (left, top, right, bottom), own = _claimed_darkness(rest, (box, claim), np.ones_like(rest))
     canvas = np.zeros((3 * SIDE, 3 * SIDE), np.float32)
     canvas[top + SIDE : bottom + SIDE, left + SIDE : right + SIDE] = own
     return canvas
