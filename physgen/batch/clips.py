@@ -75,38 +75,45 @@ def find_clips(roots: Sequence[Path]) -> Iterator[FoundClip]:
 
 def _find_below(folder: Path, name: str) -> Iterator[FoundClip]:
     try:
-        with os.scandir(folder) as entries:
-            visible_entries = (
-                entry for entry in entries if not entry.name.startswith(".")
-            )
-            inside = {
-                e.name: os.path.isdir(e) if e.is_symlink() else e.is_dir()
-                for e in visible_entries
-            }
+        contents = _visible_contents(folder)
     except OSError:
         # The folder is unreadable, or another process removed it.
         return
-    if inside.get(MANIFEST) is False:
+    if contents.get(MANIFEST) is False:
         manifest = _read(folder / MANIFEST)
         if manifest is None or (
             manifest.get("manifest") == 1 and "samples" in manifest
         ):
             yield FoundClip(folder, name, manifest)
             return
-    elif looks_like_clip(inside):
+    elif looks_like_clip(contents):
         # A folder with the files of a clip but without a manifest is an interrupted
         # render.
         yield FoundClip(folder, name, None)
         return
-    for subfolders in sorted(
-        (name for name, is_folder in inside.items() if is_folder), key=natural
-    ):
-        path = folder / subfolders
+    subfolders = [entry for entry, is_folder in contents.items() if is_folder]
+    for subfolder in sorted(subfolders, key=natural):
+        path = folder / subfolder
         # A link to a folder above itself would make an endless loop.
-        if not (
-            path.is_symlink() and path.parent.resolve().is_relative_to(path.resolve())
-        ):
-            yield from _find_below(path, f"{name}/{subfolders}")
+        is_loop = path.is_symlink() and path.parent.resolve().is_relative_to(
+            path.resolve()
+        )
+        if not is_loop:
+            yield from _find_below(path, f"{name}/{subfolder}")
+
+
+def _visible_contents(folder: Path) -> dict[str, bool]:
+    """Return whether each visible entry of a folder is a folder. Raise OSError."""
+    contents = {}
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.name.startswith("."):
+                continue
+            if entry.is_symlink():
+                contents[entry.name] = os.path.isdir(entry)
+            else:
+                contents[entry.name] = entry.is_dir()
+    return contents
 
 
 def _read(path: Path) -> Mapping[str, Any] | None:
@@ -118,10 +125,15 @@ def _read(path: Path) -> Mapping[str, Any] | None:
     """
     try:
         # Reading a pipe never ends, so that only regular files are read.
-        data = json.loads(path.read_bytes()) if path.is_file() else None
+        if path.is_file():
+            data = json.loads(path.read_bytes())
+        else:
+            data = None
     except (OSError, ValueError, RecursionError):
         return None
-    return data if isinstance(data, dict) or data is None else {}
+    if isinstance(data, dict) or data is None:
+        return data
+    return {}
 
 
 def clip_folders(roots: Sequence[Path]) -> list[Path]:

@@ -379,7 +379,9 @@ def _current_client(address: str) -> Client | None:
         client = default_client()
     except ValueError:
         return None
-    return client if client.scheduler.address == address else None
+    if client.scheduler.address == address:
+        return client
+    return None
 
 
 def _scheduler_place(address: str) -> dict[str, str]:

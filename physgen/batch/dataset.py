@@ -322,7 +322,10 @@ class Gathering:
         self, folder: Path, summary: DatasetSummary, patterns: Sequence[str]
     ) -> None:
         """Write the card and the settings of the data set."""
-        names = [name for name in self.splits.names if summary.counts[name]]
+        names = []
+        for name in self.splits.names:
+            if summary.counts[name]:
+                names.append(name)
         (folder / CARD).write_text(card(names, patterns), encoding="utf-8")
         shares = dict(self.splits.shares)
         settings = {"dataset": 1, "seed": self.splits.seed, "splits": shares}
@@ -390,5 +393,7 @@ def check_apart(out: Path, roots: Sequence[Path]) -> None:
     for root in roots:
         output_folder, read = out.resolve(), root.resolve()
         if output_folder.is_relative_to(read) or read.is_relative_to(output_folder):
-            place = "holds" if output_folder in read.parents else "lies in"
+            place = "lies in"
+            if output_folder in read.parents:
+                place = "holds"
             raise Message.OUTPUT_AMONG_INPUTS.error(str(out), place=place, root=root)

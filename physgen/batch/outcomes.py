@@ -57,9 +57,10 @@ def outcomes(trajectory: Trajectory, tracked_names: Sequence[str]) -> dict[str, 
     cells: dict[str, Cell] = {"touches": len(touches)}
     if trajectory.names:
         cells["peak_speed"] = float(speeds.max())
-        cells["rest_time"] = (
-            None if None in rests else max(rest for rest in rests if rest is not None)
-        )
+        if None in rests:
+            cells["rest_time"] = None
+        else:
+            cells["rest_time"] = max(rest for rest in rests if rest is not None)
         cells["first_touch"] = _earliest(begins)
     for body, name in enumerate(trajectory.names):
         if name not in tracked_names:
@@ -84,4 +85,6 @@ def outcomes(trajectory: Trajectory, tracked_names: Sequence[str]) -> dict[str, 
 def _earliest(times: NDArray[np.float64]) -> float | None:
     """Return the earliest time, s, or None if there is none."""
     first = float(times.min(initial=np.inf))
-    return first if np.isfinite(first) else None
+    if np.isfinite(first):
+        return first
+    return None

@@ -52,11 +52,10 @@ class Refiner:
         try:
             plan = self.plan()
             choice = plan.choices.get("refine")
-            model = (
-                None
-                if choice is None
-                else (choice.name, choice.weights, file_stamp(Path(choice.weights)))
-            )
+            if choice is None:
+                model = None
+            else:
+                model = (choice.name, choice.weights, file_stamp(Path(choice.weights)))
             return repr((model, plan.device, plan.dtype, plan.options))
         except InputError as error:
             # The refinement of a clip reports this error.
@@ -103,7 +102,9 @@ class Job:
         """Return a text for the options of the clip, the refining model and the
         code.
         """
-        draw_seed = self.options.draw_seed if self.options.draws else 0
+        draw_seed = 0
+        if self.options.draws:
+            draw_seed = self.options.draw_seed
         # These options do not change the clip; the models count through their identity.
         options = replace(
             self.options,
@@ -268,16 +269,17 @@ def describe_failure(error: Exception) -> tuple[str, str]:
     input.
     """
     if isinstance(error, OSError):
-        file_text = f"{final_name(str(error.filename))}: " if error.filename else ""
+        file_text = ""
+        if error.filename:
+            file_text = f"{final_name(str(error.filename))}: "
         return f"failed: {file_text}{error.strerror or error}", ""
     from physgen.batch.workers import LostError
 
     if isinstance(error, MemoryError | LostError):
-        reason = (
-            "ran out of memory"
-            if isinstance(error, MemoryError)
-            else f"failed: {error}"
-        )
+        if isinstance(error, MemoryError):
+            reason = "ran out of memory"
+        else:
+            reason = f"failed: {error}"
         return reason, "try fewer --jobs or a smaller scene"
     frames = traceback.extract_tb(error.__traceback__)[-1:]
     line_text = "".join(

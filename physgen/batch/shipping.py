@@ -149,7 +149,10 @@ class Shipper:
         result.
         """
         options = job.options
-        edits = [edit for edit in options.overrides if edit.split("=")[0] in FILE_KEYS]
+        edits = []
+        for edit in options.overrides:
+            if edit.split("=")[0] in FILE_KEYS:
+                edits.append(edit)
         key = (job.scene, options.variant, *edits)
         if key not in self._inputs:
             load = partial(pipeline.load, allow_outside=options.allow_outside)

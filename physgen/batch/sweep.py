@@ -92,7 +92,10 @@ class Sweep:
             f"{index:02d}" for index in indices
         ]
         numbers += [f"{draw_number:04d}"] * bool(self.samples)
-        parts = [variant] if variant is not None and len(self.variants) > 1 else []
+        if variant is not None and len(self.variants) > 1:
+            parts = [variant]
+        else:
+            parts = []
         parts += [
             f"{key}={short_text(value)}"
             for key, value in zip(self._short_keys, values, strict=True)
@@ -171,20 +174,13 @@ def plan_clips(
     """Return a sweep after a check that its parts fit together. None stands for a
     missing option. Raise InputError.
     """
-    problems: list[Problem] = []
-
-    draws = [axis for axis in axes if isinstance(axis, DistributionAxis)]
-    if draws and samples is None:
-        problems.append(Message.DRAWS_WITHOUT_COUNT.problem(draws[0].place))
-    if not draws:
-        for flag, options in (("--samples", samples), ("--seed", seed)):
-            if options is not None:
-                problems.append(Message.NOTHING_TO_DRAW.problem(Place(flag)))
+    problems = _problems_of_draws(axes, samples, seed)
     if not axes and len(variants) == 1:
         problems.append(Message.NO_KEYS_TO_SWEEP.problem(Place("sweep")))
-    sweep = Sweep(
-        tuple(axes), tuple(variants), (samples or 0) if draws else 0, seed or 0
-    )
+    draw_count = 0
+    if samples and any(isinstance(axis, DistributionAxis) for axis in axes):
+        draw_count = samples
+    sweep = Sweep(tuple(axes), tuple(variants), draw_count, seed or 0)
     count = prod(sweep._sizes)
     if count > MAX_CLIPS:
         problem = Message.TOO_MANY_CLIPS.problem(
@@ -197,6 +193,24 @@ def plan_clips(
     if problems:
         raise InputError(problems)
     return sweep
+
+
+def _problems_of_draws(
+    axes: Sequence[Axis], samples: int | None, seed: int | None
+) -> list[Problem]:
+    """Return the problems of distributions without a count, and of options without
+    them.
+    """
+    for axis in axes:
+        if isinstance(axis, DistributionAxis):
+            if samples is None:
+                return [Message.DRAWS_WITHOUT_COUNT.problem(axis.place)]
+            return []
+    problems = []
+    for flag, value in (("--samples", samples), ("--seed", seed)):
+        if value is not None:
+            problems.append(Message.NOTHING_TO_DRAW.problem(Place(flag)))
+    return problems
 
 
 def clip_name(numbers: Sequence[str], parts: Sequence[str]) -> str:
@@ -233,11 +247,10 @@ def _short_scalar(data: Any) -> str:
         return {None: "none", True: "true", False: "false"}[data]
     if isinstance(data, int | float):
         size = abs(data)
-        text = (
-            f"{data:.0f}"
-            if (size < 1e7 and data % 1 == 0) or 1e3 <= size < 1e7
-            else f"{data:.4g}"
-        )
+        if (size < 1e7 and data % 1 == 0) or 1e3 <= size < 1e7:
+            text = f"{data:.0f}"
+        else:
+            text = f"{data:.4g}"
         return re.sub(r"e\+?(-?)0*", r"e\1", text)
     return re.sub(r"[^\w.+-]+", "_", str(data)).strip("_.")[:MAX_VALUE_LENGTH] or "_"
 

@@ -51,7 +51,10 @@ class Value:
     @property
     def cell(self) -> Cell:
         """Return the cell of a table. Lists and mappings become YAML text."""
-        return self.text if isinstance(self.data, list | dict) else self.data
+        if isinstance(self.data, list | dict):
+            return self.text
+        cell: Cell = self.data
+        return cell
 
 
 def split(text: str) -> Iterator[tuple[str, bool]]:
@@ -69,7 +72,10 @@ def split(text: str) -> Iterator[tuple[str, bool]]:
         root = yaml.compose(f"[{text}\n]", Loader=yaml.SafeLoader)
     except (yaml.YAMLError, RecursionError, ValueError):
         raise Message.VALUES_NOT_YAML.refusal() from None
-    nodes = root.value if root is not None else []
+    if root is not None:
+        nodes = root.value
+    else:
+        nodes = []
     # Subtract the added bracket.
     spans = [(node.start_mark.index - 1, node.end_mark.index - 1) for node in nodes]
     begins, ends = [begin for begin, _ in spans], [end for _, end in spans]
@@ -136,7 +142,9 @@ def _read_range(text: str) -> list[Value]:
         or parts[3:] not in ([], ["log"])
     ):
         raise Message.NOT_A_RANGE.refusal()
-    count = int(parts[2]) if re.fullmatch("[0-9]{1,18}", parts[2]) else 0
+    count = 0
+    if re.fullmatch("[0-9]{1,18}", parts[2]):
+        count = int(parts[2])
     if not 2 <= count <= MAX_COUNT:
         raise Message.RANGE_COUNT.refusal(most=MAX_COUNT)
     begin, end = map(Fraction, parts[:2])
@@ -170,7 +178,9 @@ def _log_between(low: float, high: float, share: float) -> float:
     size = float(f"{exp(begin + share * (end - begin)):.15g}")
     # Rounding must not leave the range.
     size = min(max(size, min(abs(low), abs(high))), max(abs(low), abs(high)))
-    return size if low > 0 else -size
+    if low > 0:
+        return size
+    return -size
 
 
 @dataclass(frozen=True)
@@ -201,7 +211,9 @@ class Distribution:
 def read_distribution(text: str) -> Distribution:
     """Parse `~NAME(...)`. Raise RefusedError."""
     call = _CALL(text)
-    name = call[1].lower() if call else ""
+    name = ""
+    if call:
+        name = call[1].lower()
     if call is None or name not in EXAMPLES:
         close = nearest(name, EXAMPLES)
         fix = f"write {listed(EXAMPLES.values())}"
@@ -211,7 +223,9 @@ def read_distribution(text: str) -> Distribution:
     parts = [part for part, _ in split(call[2] or "")]
     if name == "choice":
         distribution = Distribution(name, values=tuple(map(_read_value, parts)))
-        fault = "has not two values to choose from" if len(parts) < 2 else ""
+        fault = ""
+        if len(parts) < 2:
+            fault = "has not two values to choose from"
     else:
         distribution = Distribution(
             name, tuple(float(part) for part in parts if _DECIMAL(part))
@@ -231,7 +245,9 @@ def _fault(distribution: Distribution, parts: int) -> str:
     if distribution.name == "normal":
         if len(numbers) != 2 or parts != 2 or not all(map(isfinite, numbers)):
             return "does not hold a mean and a standard deviation"
-        return "" if numbers[1] > 0 else f"has a standard deviation of {numbers[1]:g}"
+        if numbers[1] > 0:
+            return ""
+        return f"has a standard deviation of {numbers[1]:g}"
     if (
         len(numbers) != 2
         or parts != 2
@@ -240,8 +256,6 @@ def _fault(distribution: Distribution, parts: int) -> str:
         return "does not hold two numbers"
     if numbers[0] >= numbers[1]:
         return "goes down, or nowhere"
-    return (
-        NO_LOGARITHM
-        if distribution.name == "loguniform" and numbers[0] * numbers[1] <= 0
-        else ""
-    )
+    if distribution.name == "loguniform" and numbers[0] * numbers[1] <= 0:
+        return NO_LOGARITHM
+    return ""

@@ -23,6 +23,7 @@ from physgen.pipeline.film import Film
 from physgen.pipeline.stages import Keep, Stages
 from physgen.problems import InputError, Place, Problem
 from physgen.report.record import RunRecord, file_hash, frame_hash, inputs, versions
+from physgen.scene.scene import Scene
 from physgen.simulate.trajectory import Trajectory, read_trajectory
 from physgen.text import counted, quoted, rounded
 
@@ -68,11 +69,9 @@ class MotionDifference:
     def text(self) -> str:
         """Return the difference as a sentence."""
         before, count_now = self.counts
-        counts = (
-            f"{counted(before, 'sample')} then, {count_now} now; "
-            if before != count_now
-            else ""
-        )
+        counts = ""
+        if before != count_now:
+            counts = f"{counted(before, 'sample')} then, {count_now} now; "
         deviations = summarize_texts(
             [f"{name} by up to {rounded(px)} px" for name, px in self.objects.items()]
         )
@@ -93,11 +92,10 @@ class FrameDifference:
     def text(self) -> str:
         """Return the difference as a sentence."""
         before, count_now = self.counts
-        parts = (
-            [f"{counted(before, 'frame')} then, {count_now} now"]
-            if before != count_now
-            else []
-        )
+        if before != count_now:
+            parts = [f"{counted(before, 'frame')} then, {count_now} now"]
+        else:
+            parts = []
         if self.differ:
             parts.append(
                 f"frames from {self.frame}, {self.differ} of {min(before, count_now)}"
@@ -142,21 +140,26 @@ class Verdict:
                 (self.files, "file"),
             )
             parts.append(", ".join(counted(number, noun) for number, noun in counts))
-        parts += [f"since then {summarize_texts(self.changed)}"] if self.changed else []
-        parts += [str(problem) for problem in self.problems]
-        parts += [summarize_texts(self.damaged)] if self.damaged else []
-        parts += [f"motion {self.motion.text()}"] if self.motion else []
-        parts += [self.pictures.text()] if self.pictures else []
-        if self.motion or self.pictures:
-            causes = (
-                summarize_texts(self.elsewhere)
-                if self.elsewhere
-                else ""
-                if self.changed
-                else NO_CAUSE
-            )
-            parts += [causes] if causes else []
-        return f"{self.clip}: {self.outcome.value}: {'; '.join([*parts, *self.notes])}"
+        if self.changed:
+            parts.append(f"since then {summarize_texts(self.changed)}")
+        parts += map(str, self.problems)
+        if self.damaged:
+            parts.append(summarize_texts(self.damaged))
+        parts += [*self._differences(), *self.notes]
+        return f"{self.clip}: {self.outcome.value}: {'; '.join(parts)}"
+
+    def _differences(self) -> Iterator[str]:
+        """Yield the differences of motion and pictures, and their cause."""
+        if self.motion:
+            yield f"motion {self.motion.text()}"
+        if self.pictures:
+            yield self.pictures.text()
+        if not (self.motion or self.pictures):
+            return
+        if self.elsewhere:
+            yield summarize_texts(self.elsewhere)
+        elif not self.changed:
+            yield NO_CAUSE
 
     def as_dict(self) -> dict[str, Any]:
         """Return the result as data."""
@@ -200,8 +203,31 @@ def _verify(request: VerifyRequest, progress: pipeline.Progress) -> Verdict:
     scene = pipeline.load(
         path, manifest.overrides, manifest.variant, request.allow_outside
     )
-    machine_here = {"machine": f"{platform.machine()} {platform.system()}"}
-    machine_then = {"machine": manifest.machine}
+    trajectory, hashes = _render_again(scene, manifest, progress)
+    motion = _motion_difference(folder, manifest.samples, trajectory)
+    pictures = _frame_difference(manifest.frames, hashes)
+    outcome = Outcome.DIFFERS
+    if motion is None and pictures is None and not damaged_files:
+        outcome = Outcome.EQUAL
+    return Verdict(
+        clip=str(folder),
+        outcome=outcome,
+        samples=len(manifest.samples),
+        frames=len(manifest.frames),
+        files=len(manifest.files),
+        changed=tuple(changed_files(manifest.inputs, inputs(scene, Path(path)))),
+        elsewhere=_changed_machine(manifest),
+        damaged=tuple(f"{name} {damage}" for name, damage in damaged_files.items()),
+        motion=motion,
+        pictures=pictures,
+        notes=(NOT_REFINED,) if manifest.has_refinement else (),
+    )
+
+
+def _render_again(
+    scene: Scene, manifest: Manifest, progress: pipeline.Progress
+) -> tuple[Trajectory, list[str]]:
+    """Return the motion of a scene, and the hashes of its frames."""
     stages = Stages(Keep.NOTHING)
     maps = stages.maps(scene)
     compilation = stages.compile(scene, maps)
@@ -215,26 +241,14 @@ def _verify(request: VerifyRequest, progress: pipeline.Progress) -> Verdict:
     for frame in film.deliver_frames(film.frames(trajectory), trajectory):
         hashes.append(frame_hash(frame.rgb))
         progress("render", len(hashes), film.count(trajectory))
-    motion = _motion_difference(folder, manifest.samples, trajectory)
-    pictures = _frame_difference(manifest.frames, hashes)
-    is_equal = motion is None and pictures is None and not damaged_files
-    return Verdict(
-        clip=str(folder),
-        outcome=Outcome.EQUAL if is_equal else Outcome.DIFFERS,
-        samples=len(manifest.samples),
-        frames=len(manifest.frames),
-        files=len(manifest.files),
-        changed=tuple(changed_files(manifest.inputs, inputs(scene, Path(path)))),
-        elsewhere=tuple(
-            changed_environment(
-                {**manifest.versions, **machine_then}, {**versions(), **machine_here}
-            )
-        ),
-        damaged=tuple(f"{name} {damage}" for name, damage in damaged_files.items()),
-        motion=motion,
-        pictures=pictures,
-        notes=(NOT_REFINED,) if manifest.has_refinement else (),
-    )
+    return trajectory, hashes
+
+
+def _changed_machine(manifest: Manifest) -> tuple[str, ...]:
+    """Return the versions and the machine that changed since the render."""
+    machine = f"{platform.machine()} {platform.system()}"
+    then = {**manifest.versions, "machine": manifest.machine}
+    return tuple(changed_environment(then, {**versions(), "machine": machine}))
 
 
 def _source(manifest: Manifest, folder: Path) -> Path:
@@ -276,7 +290,9 @@ def _stored_motion(path: Path, samples: Sequence[str]) -> Trajectory | None:
             and trajectory.turns.shape in ((count, 0, 4), (count, bodies, 4))
             and trajectory.sample_hashes() == list(samples)
         )
-        return trajectory if complete else None
+        if complete:
+            return trajectory
+        return None
     except (OSError, ValueError, KeyError, TypeError, EOFError, AttributeError):
         return None
     except (zipfile.BadZipFile, zlib.error):
@@ -294,11 +310,9 @@ def _motion_difference(
         return None
     counts = len(samples), len(hashes)
     first = _first_difference(samples, hashes)
-    time = (
-        float(new_motion.times[min(first, len(new_motion.times) - 1)])
-        if len(new_motion.times)
-        else 0.0
-    )
+    time = 0.0
+    if len(new_motion.times):
+        time = float(new_motion.times[min(first, len(new_motion.times) - 1)])
     difference = MotionDifference(first, time, counts)
     old_motion = _stored_motion(folder / "trajectory.npz", samples)
     if (
@@ -357,7 +371,9 @@ def changed_files(
             if name not in old_hashes:
                 change = "is read now, was not"
             else:
-                change = "has changed" if name in new_hashes else "is not read any more"
+                change = "is not read any more"
+                if name in new_hashes:
+                    change = "has changed"
             yield f"{quoted(name, '', 80)} {change}"
 
 

@@ -12,11 +12,12 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Generator, Iterable
-from contextlib import suppress
+from contextlib import closing, suppress
+from dataclasses import dataclass, replace
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
 from threading import Thread
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 from physgen.batch.worker_process import start_worker
 from physgen.environment import keep_freed_memory
@@ -66,11 +67,10 @@ class Child:
         except (EOFError, OSError):
             code = self._process.wait() or 0
             names = {int(item): item.name for item in signal.Signals}
-            state = (
-                f"ended by {names.get(-code, -code)}"
-                if code < 0
-                else f"ended with exit code {code}"
-            )
+            if code < 0:
+                state = f"ended by {names.get(-code, -code)}"
+            else:
+                state = f"ended with exit code {code}"
             raise LostError(f"its process {'was ' * (code < 0)}{state}") from None
         if error is not None:
             raise error
@@ -90,6 +90,90 @@ class Child:
             self._process.wait()
 
 
+@dataclass(frozen=True)
+class Attempt(Generic[Item]):
+    """One attempt of a process to do an item."""
+
+    number: int
+    """Number of the item, from 0."""
+    item: Item
+    attempts: int
+    """Number of attempts, this one included."""
+
+
+class Queue(Generic[Item, Result]):
+    """Items in the work of several processes, and their results in order."""
+
+    def __init__(
+        self, work: Callable[[Item], Result], items: Iterable[Item], workers: int
+    ) -> None:
+        self._work = work
+        self._source = enumerate(items)
+        self._workers = workers
+        self._idle: list[Child] = []
+        self._busy: dict[Any, tuple[Child, Attempt[Item]]] = {}
+        """Line -> process, and the item of its work."""
+        self._retries: list[Attempt[Item]] = []
+        self._next_number = 0
+
+    @property
+    def is_busy(self) -> bool:
+        """Return whether a process works."""
+        return bool(self._busy)
+
+    def start(self, due: int) -> None:
+        """Give items to idle processes; `due` is the number of the next result."""
+        while len(self._busy) < self._workers:
+            attempt = self._next_attempt(due)
+            if attempt is None:
+                return
+            child = self._idle.pop() if self._idle else Child(self._work)
+            self._busy[child.line] = child, attempt
+            child.send(attempt.item)
+
+    def _next_attempt(self, due: int) -> Attempt[Item] | None:
+        """Return the next item of work; None if there is none yet."""
+        if self._retries:
+            attempt = self._retries.pop()
+            return replace(attempt, attempts=attempt.attempts + 1)
+        # Results far ahead of the next one would only fill the memory.
+        if self._next_number >= due + AHEAD * self._workers:
+            return None
+        for number, item in self._source:
+            self._next_number += 1
+            return Attempt(number, item, 1)
+        return None
+
+    def collect(
+        self,
+        results: dict[int, Result],
+        lost_result: Callable[[Item, LostError], Result],
+    ) -> None:
+        """Wait for processes, and add their results by number."""
+        for line in wait(list(self._busy)):
+            child, attempt = self._busy.pop(line)
+            try:
+                results[attempt.number] = child.receive()
+                self._idle.append(child)
+            except LostError as error:
+                if attempt.attempts < TRIES:
+                    self._retries.append(attempt)
+                else:
+                    results[attempt.number] = lost_result(attempt.item, error)
+            except BaseException:
+                self._idle.append(child)
+                raise
+
+    def close(self) -> None:
+        """End all processes."""
+        children = [*self._idle, *(child for child, _ in self._busy.values())]
+        for child in children:
+            child.stop()
+        until = time.monotonic() + GRACE
+        for child in children:
+            child.end(until)
+
+
 def run_parallel(
     work: Callable[[Item], Result],
     items: Iterable[Item],
@@ -106,55 +190,18 @@ def run_parallel(
     if workers <= 1:
         yield from map(work, items)
         return
-    source = enumerate(items)
-    idle: list[Child] = []
-    busy: dict[Any, tuple[Child, int, Item, int]] = {}
-    """Line -> process, number of its item, item, attempts."""
-    retries: list[tuple[int, Item, int]] = []
     results: dict[int, Result] = {}
-    due = next_item = 0
-    try:
+    due = 0
+    with closing(Queue(work, items, workers)) as queue:
         while True:
-            while len(busy) < workers:
-                if retries:
-                    number, item, tries = retries.pop()
-                elif (
-                    next_item < due + AHEAD * workers
-                    and (entry := next(source, None)) is not None
-                ):
-                    (number, item), tries = entry, 0
-                    next_item += 1
-                else:
-                    break
-                child = idle.pop() if idle else Child(work)
-                busy[child.line] = child, number, item, tries + 1
-                child.send(item)
+            queue.start(due)
             if due in results:
                 yield results.pop(due)
                 due += 1
-                continue
-            if not busy:
+            elif queue.is_busy:
+                queue.collect(results, lost_result)
+            else:
                 return
-            for line in wait(list(busy)):
-                child, number, item, tries = busy.pop(line)
-                try:
-                    results[number] = child.receive()
-                    idle.append(child)
-                except LostError as error:
-                    if tries < TRIES:
-                        retries.append((number, item, tries))
-                    else:
-                        results[number] = lost_result(item, error)
-                except BaseException:
-                    idle.append(child)
-                    raise
-    finally:
-        ending = [*idle, *(child for child, *_ in busy.values())]
-        for child in ending:
-            child.stop()
-        until = time.monotonic() + GRACE
-        for child in ending:
-            child.end(until)
 
 
 def child_main(line: Connection, parent: int) -> None:

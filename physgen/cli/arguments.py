@@ -68,7 +68,8 @@ class Parser(argparse.ArgumentParser):
         **more: Any,
     ) -> None:
         """Add a flag with a value. `names` are separated by a space."""
-        kind = _output(kind) if names.startswith("-o ") else kind
+        if names.startswith("-o "):
+            kind = _output(kind)
         self.add_argument(
             *names.split(),
             metavar=metavar,
@@ -144,7 +145,9 @@ class Parser(argparse.ArgumentParser):
             return f"{text} {refusal.expected}; {refusal.fix}"
         flag = text.partition("=")[0]
         similar = get_close_matches(flag, flags, 1, 0.7)
-        fix = f"did you mean {similar[0]}?" if similar else "leave it out"
+        fix = "leave it out"
+        if similar:
+            fix = f"did you mean {similar[0]}?"
         refusal = Message.UNKNOWN_FLAG.refusal(fix=fix)
         return f"{flag} {refusal.expected}; {refusal.fix}"
 
@@ -179,9 +182,13 @@ class Parser(argparse.ArgumentParser):
         if flag is not None:
             name = flag[1].rpartition("/")[2]
             action = self._option_string_actions.get(name)
-            return message if action is None else f"{message}: {name} {action.metavar}"
+            if action is None:
+                return message
+            return f"{message}: {name} {action.metavar}"
         is_count = "are required" in message or "one argument too many" in message
-        return f"{message}; {self.epilog}" if is_count and self.epilog else message
+        if is_count and self.epilog:
+            return f"{message}; {self.epilog}"
+        return message
 
 
 def _hide_dashes(arguments: Sequence[str] | None) -> Sequence[str] | None:
@@ -241,11 +248,10 @@ def integer_reader(low: int, high: int) -> Callable[[str], int]:
     def read(text: str) -> int:
         digits = text.removeprefix("-")
         # `int` also reads digits of other scripts and, slowly, thousands of digits.
-        value = (
-            int(text)
-            if digits.isascii() and digits.isdecimal() and len(digits) < 20
-            else low - 1
-        )
+        if digits.isascii() and digits.isdecimal() and len(digits) < 20:
+            value = int(text)
+        else:
+            value = low - 1
         if not low <= value <= high:
             refusal = Message.NOT_WHOLE_NUMBER.refusal(low=low, high=high)
             raise wrong_value(text, refusal)
@@ -283,7 +289,10 @@ def choice_reader(choices: Sequence[str]) -> Callable[[str], list[str]]:
     """Return a reader of `a,b` for names among `choices`."""
 
     def read(text: str) -> list[str]:
-        wrong = [name for name in names(text) if name not in choices]
+        wrong = []
+        for name in names(text):
+            if name not in choices:
+                wrong.append(name)
         if wrong or not names(text):
             refusal = Message.NOT_AMONG.refusal(names=", ".join(choices))
             raise wrong_value(", ".join(wrong) or text, refusal)
@@ -334,7 +343,10 @@ def refuse_split_values(arguments: Sequence[str], files: Sequence[str]) -> None:
         # A file that exists is a file, even if its name looks like a number.
         if flag.startswith("--") and len(pieces) > 1:
             is_key = flag == "--set" and "=" not in "".join(pieces)
-            value = "=".join(pieces) if is_key else _join_pieces(pieces)
+            if is_key:
+                value = "=".join(pieces)
+            else:
+                value = _join_pieces(pieces)
             raise Message.VALUE_SPLIT.error(
                 flag, quoted(" ".join(pieces)), flag=flag, value=quoted(value, "")
             )

@@ -33,7 +33,9 @@ def listing_lines(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         if row["role"] != role:
             role = row["role"]
             yield role
-        chosen_mark = "*" if row["chosen"] else " "
+        chosen_mark = " "
+        if row["chosen"]:
+            chosen_mark = "*"
         yield f"  {chosen_mark} {row['name']:<{NAME_WIDTH}} {row['about']}{terms(row)}"
         yield from (f"{'':{NAME_WIDTH + 5}}[{line}]" for line in row["missing"])
 
@@ -43,7 +45,9 @@ def terms(row: Mapping[str, Any]) -> str:
     Apache-2.0)`.
     """
     parts = [f"{weights['size']}, {weights['licence']}" for weights in row["weights"]]
-    return f" ({'; '.join(parts)})" if parts else ""
+    if parts:
+        return f" ({'; '.join(parts)})"
+    return ""
 
 
 def list_backends(options: argparse.Namespace) -> int:
@@ -80,7 +84,9 @@ def check_backends(options: argparse.Namespace) -> int:
     failures = [check for check in checks if check.fault]
     for check in failures:
         print_error(f"{check.setting} failed: {check.fault}")
-    return FAILED if failures else OK
+    if failures:
+        return FAILED
+    return OK
 
 
 def check_line(check: BackendCheck) -> str:

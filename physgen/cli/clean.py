@@ -60,19 +60,20 @@ def _find_unused(path: Path) -> list[UnusedPath]:
     family = re.compile(rf"{re.escape(path.stem)}(-\d+)?\.assets")
     backup = re.compile(rf"{re.escape(path.name)}~\d*")
     folder = _find_unused_in_folder(path.parent, backup)
-    own = assets_of(path)
+    own_assets = assets_of(path)
     backups = [item for item in folder if backup.fullmatch(item.path.name)]
     # A removed backup also frees its assets.
     named_assets = {assets_of(item.path) for item in backups}
-    return [
-        item
-        for item in folder
-        if item in backups
-        or family.fullmatch(item.path.name)
-        or item.path in named_assets
-        or item.path.name.startswith(f".{path.name}.")
-        or (item.kind is UnusedKind.CACHE and item.path.parent == own)
-    ]
+
+    def belongs_to_scene(item: UnusedPath) -> bool:
+        name = item.path.name
+        if item in backups or item.path in named_assets:
+            return True
+        if item.kind is UnusedKind.CACHE and item.path.parent == own_assets:
+            return True
+        return bool(family.fullmatch(name)) or name.startswith(f".{path.name}.")
+
+    return list(filter(belongs_to_scene, folder))
 
 
 def _find_unused_in_folder(
@@ -96,7 +97,10 @@ def _find_unused_in_folder(
     ]
     assets = unused_assets(folder, backups)
     # Assets include their cache: count it once.
-    caches = [one for one in caches_of_assets(folder) if one.parent not in assets]
+    caches = []
+    for one in caches_of_assets(folder):
+        if one.parent not in assets:
+            caches.append(one)
     partials = _partials(folder)
     for item in folder.glob("*.assets"):
         if item not in assets:
@@ -119,7 +123,9 @@ def _cache() -> list[UnusedPath]:
     from physgen.scene.saving import UnusedKind, UnusedPath
 
     folder = cache_folder()
-    return [UnusedPath(folder, UnusedKind.CACHE)] if folder.is_dir() else []
+    if folder.is_dir():
+        return [UnusedPath(folder, UnusedKind.CACHE)]
+    return []
 
 
 def _print_table(

@@ -62,7 +62,9 @@ def clip(options: argparse.Namespace) -> int:
     # The scenes already contain these pushes.
     options.push, options.story = [], None
     code = render(options)
-    return WRONG_INPUT if problems else code
+    if problems:
+        return WRONG_INPUT
+    return code
 
 
 def _perceive(
@@ -70,7 +72,10 @@ def _perceive(
 ) -> tuple[Sequence[Path], Sequence[Problem]]:
     """Perceive the photos. Return the scenes beside the clips, and problems."""
     bar = Bar()
-    folder = Path(options.output) if video is None else video.parent
+    if video is None:
+        folder = Path(options.output)
+    else:
+        folder = video.parent
     with bar.ticking():
         bar.show(BEGIN, 0, 1)
         if len(options.image) > 1:
@@ -78,7 +83,10 @@ def _perceive(
             result = perceive_photos(options, bar)
             scenes, problems = result.scenes, result.problems
         else:
-            name = options.image[0].stem if video is None else video.stem
+            if video is None:
+                name = options.image[0].stem
+            else:
+                name = video.stem
             options.output = folder / f"{name}.yaml"
             perceive_photo(options, bar)
             scenes, problems = [options.output], []

@@ -65,17 +65,19 @@ GALLERY_CLIPS = 20_000
 
 def jobs_of(options: argparse.Namespace) -> Iterator[Job]:
     """Yield the jobs of `render`: scenes times variants. Raise InputError."""
-    clips = [
-        (path, variant)
-        for path in options.scenes
-        for variant in variants_of(path, options)
-    ]
+    clips = []
+    for path in options.scenes:
+        for variant in variants_of(path, options):
+            clips.append((path, variant))
     # Collect the problems of all scenes, so that the user sees them at once.
     calls: list[Callable[[], Any]] = [partial(job_maker, options)]
     calls += [partial(_motion_edits, *clip, options) for clip in clips]
     make, *push_edits = collect(calls)
     for clip, edits in zip(clips, push_edits, strict=True):
-        preview = preview_edits(*clip, options, edits) if options.preview else ()
+        if options.preview:
+            preview = preview_edits(*clip, options, edits)
+        else:
+            preview = ()
         yield make(*clip, edits, preview=preview)
 
 
@@ -90,7 +92,7 @@ def _motion_edits(
         return ()
     from physgen import pipeline
     from physgen.pipeline.pushes import motion_edits
-    from physgen.scene.write import edit_texts, scene_text
+    from physgen.scene.write import edit_texts
 
     scene = _open_scene(path, options.allow_outside).scene(options.set, variant)
     with variant_named(variant):
@@ -101,26 +103,32 @@ def _motion_edits(
         edits = motion_edits(
             scene, compilation, options.push, options.drop, options.kick
         )
-    if not edits:
+    if edits:
+        _print_edits(path, edits)
+    else:
         print_error(f"{path}: the scene has this motion already")
-        return ()
+    return edit_texts(edits)
+
+
+def _print_edits(path: str, edits: Mapping[str, Any]) -> None:
+    """Print the YAML of edits, which can be copied into the file."""
+    from physgen.scene.write import scene_text
+
     values: dict[str, Any] = {}
-    # The printed YAML can be copied into the file: nested mappings instead of dotted
-    # keys.
+    # Nested mappings instead of dotted keys.
     for key, value in edits.items():
+        if value is None:
+            continue
         *parents, last = key.split(".")
         part = values
-        for name in parents if value is not None else ():
+        for name in parents:
             part = part.setdefault(name, {})
-        if value is not None:
-            part[last] = value
-    print_error(
-        f"{path}: to keep this motion, write\n{indent(scene_text(values), '  ').rstrip()}"
-    )
-    removed = [key for key, value in edits.items() if value is None]
-    if removed:
-        print_error(f"{path}: and remove {listed(removed, 'and')}")
-    return edit_texts(edits)
+        part[last] = value
+    text = indent(scene_text(values), "  ").rstrip()
+    print_error(f"{path}: to keep this motion, write\n{text}")
+    removed_keys = [key for key, value in edits.items() if value is None]
+    if removed_keys:
+        print_error(f"{path}: and remove {listed(removed_keys, 'and')}")
 
 
 def _story_edits(
@@ -147,7 +155,9 @@ def _story_edits(
     subject = story_server.StoryScene(scene, compilation, edited)
     plan = story_server.load_plan(config=options.config)
     telling = story_server.tell(subject, options.story, plan, print_problem)
-    verdict = "the story happens" if telling.is_fulfilled else "the nearest outcome"
+    verdict = "the nearest outcome"
+    if telling.is_fulfilled:
+        verdict = "the story happens"
     print_error(f"{path}: {verdict}: {telling.outcome} ({telling.trials} tried)")
     return telling.edits
 
@@ -164,24 +174,24 @@ def preview_edits(
         scene_file = _open_scene(path, options.allow_outside)
         scene = scene_file.scene((*options.set, *further), variant)
         has_fixed_end = not scene.world.until_rest
-        world = (
-            scene.world
-            if has_fixed_end
-            else pipeline.compile(scene, pipeline.percepts(scene)).world
-        )
+        duration = scene.world.duration
+        if not has_fixed_end:
+            compiled = pipeline.compile(scene, pipeline.percepts(scene))
+            duration = compiled.world.duration
     except InputError:
         # The render reports this error.
         return ()
     # The frame rate falls with the number of frames, so that the preview has the clip's
     # duration.
-    film, length = scene.render, world.duration * scene.render.slow
+    film, length = scene.render, duration * scene.render.slow
     count = film.frames or max(1, round(film.fps * length))
     frame_count = min(count, PREVIEW_FRAMES)
     edits = [
         f"render.frames={frame_count}",
         f"render.fps={max(1.0, film.fps * frame_count / count):g}",
     ]
-    edits += [] if has_fixed_end else [f"world.duration={world.duration}"]
+    if not has_fixed_end:
+        edits.append(f"world.duration={duration}")
     edits += ["render.motion_blur=0", "render.supersample=1"]
     edits += ["render.hold=0", "render.grain=none"]
     # The user's own edits of the size stay.
@@ -345,6 +355,21 @@ class Tally:
                     self.newest, (result.folder / "manifest.json").stat().st_mtime
                 )
 
+    def accept(self, result: JobResult) -> bool:
+        """Count one clip and print its new problems; return False if the disk is full.
+
+        Raise OutputError if no further clip can be written to the folder.
+        """
+        if not result.can_write:
+            raise OutputError(result.problems)
+        if result.disk_full:
+            self.disk_full = True
+            return False
+        self.add(result)
+        for line in self.new_warnings(result):
+            print_error(line)
+        return True
+
     def new_warnings(self, result: JobResult) -> Iterator[str]:
         """Yield the problems of a clip, without those of earlier clips."""
         for problem in result.problems:
@@ -413,23 +438,18 @@ def make_all(
         jobs = (replace(job, pictures=True) for job in jobs)
     tally, bar = Tally(), Bar()
     _announce(bar, 1, count)
-    work = run if is_parallel(options, count) else partial(run, progress=bar.show)
+    work = run
+    if not is_parallel(options, count):
+        work = partial(run, progress=bar.show)
     with (
         clean_up_after_error(out),
         closing(run_all(options, work, jobs, count, report_failure)) as results,
     ):
         for result in results:
             bar.clear()
-            if not result.can_write:
-                # No further clip can be written to this folder.
-                raise OutputError(result.problems)
-            if result.disk_full:
+            if not tally.accept(result):
                 # Every further clip would fail in the same way.
-                tally.disk_full = True
                 break
-            tally.add(result)
-            for line in tally.new_warnings(result):
-                print_error(line)
             record_failure(result, out, gallery)
             on_result(result)
             _print_done(result, options.json, store)
@@ -439,7 +459,9 @@ def make_all(
     files = finish()
     if gallery and not tally.disk_full:
         _renew_gallery(out, tally, bar)
-    gallery_page = index if count > 1 and index.exists() else None
+    gallery_page = None
+    if count > 1 and index.exists():
+        gallery_page = index
     return _sum_up(tally, count, gallery_page, files, options)
 
 
@@ -454,7 +476,10 @@ def _print_done(result: JobResult, as_json: bool, store: str | None) -> None:
     """Print the folder of a clip, in its store if there is one, or the clip's data as a
     line of JSON.
     """
-    folder = None if result.folder is None else str(result.folder)
+    if result.folder is None:
+        folder = None
+    else:
+        folder = str(result.folder)
     if store is not None and folder is not None:
         folder = f"{store.rstrip('/')}/{folder}"
     if as_json:
@@ -478,9 +503,9 @@ def _print_done(result: JobResult, as_json: bool, store: str | None) -> None:
 
 def _video_entry(result: JobResult) -> dict[str, str]:
     """Return the entry of the video file of `-o`, if there is one."""
-    return (
-        {"video": str(result.job.video)} if result.job.video and result.folder else {}
-    )
+    if result.job.video and result.folder:
+        return {"video": str(result.job.video)}
+    return {}
 
 
 def _sum_up(
@@ -491,34 +516,42 @@ def _sum_up(
     options: argparse.Namespace,
 ) -> int:
     """Print the last line. Return the exit code."""
-    made, unchanged, failed = (
-        tally.counts[name] for name in ("made", "unchanged", "failed")
-    )
+    index_files = [] if index is None else [str(index)]
     if options.json:
-        line = {
-            "clips": count,
-            "made": made,
-            "unchanged": unchanged,
-            "failed": failed,
-            "index": None if index is None else str(index),
-            **{file.rpartition("/")[2]: file for file in files},
-            "passed": failed == 0 and tally.counts.total() == count,
-        }
-        print_line(json.dumps(line))
+        _print_summary(tally, count, index_files, files)
     else:
-        for file in ([] if index is None else [str(index)]) + [*files]:
+        for file in [*index_files, *files]:
             print_line(file)
+    unchanged, failed = tally.counts["unchanged"], tally.counts["failed"]
     # The finished clips are complete: the same command continues after room was made.
     if tally.disk_full:
-        shortage = f"{count - made - unchanged:,} of {count:,} clips are missing"
+        missing_count = count - tally.counts["made"] - unchanged
+        shortage = f"{missing_count:,} of {count:,} clips are missing"
         fix = "make room and run the same command again"
         print_error(f"{options.output}: no room left: {shortage}; {fix}")
         return FAILED
-    if count > 1 and (failed or unchanged) and not (options.json and not failed):
-        print_error(str(tally))
-    elif unchanged and not options.json:
-        print_error("1 clip, unchanged")
-    return WRONG_INPUT if failed else OK
+    if failed:
+        if count > 1:
+            print_error(str(tally))
+        return WRONG_INPUT
+    if unchanged and not options.json:
+        print_error(str(tally) if count > 1 else "1 clip, unchanged")
+    return OK
+
+
+def _print_summary(
+    tally: Tally, count: int, index_files: Sequence[str], files: Sequence[str]
+) -> None:
+    """Print the counts of clips and the files as a line of JSON."""
+    counts = {name: tally.counts[name] for name in ("made", "unchanged", "failed")}
+    line = {
+        "clips": count,
+        **counts,
+        "index": next(iter(index_files), None),
+        **{file.rpartition("/")[2]: file for file in files},
+        "passed": counts["failed"] == 0 and tally.counts.total() == count,
+    }
+    print_line(json.dumps(line))
 
 
 REPORTS = ("full", "none")

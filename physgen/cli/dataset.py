@@ -73,16 +73,24 @@ def dataset(options: argparse.Namespace) -> int:
         print_error(f"... and {warnings - MAX_WARNINGS:,} more that cannot be used")
     _warn_of_empty_splits(summary, options.output)
     _print_summary(summary, options)
-    return WRONG_INPUT if summary.left_out else OK
+    if summary.left_out:
+        return WRONG_INPUT
+    return OK
 
 
 def _warn_of_empty_splits(summary: DatasetSummary, output: Path) -> None:
     """Print a warning if a split has no clips."""
-    empty = [name for name, count in summary.counts.items() if not count]
+    empty = []
+    for name, count in summary.counts.items():
+        if not count:
+            empty.append(name)
     if not empty:
         return
     photos = len(summary.photos)
-    photo_count = "there is 1 photo" if photos == 1 else f"there are {photos:,} photos"
+    if photos == 1:
+        photo_count = "there is 1 photo"
+    else:
+        photo_count = f"there are {photos:,} photos"
     place = Place(str(output))
     names = ", ".join(empty)
     print_problem(Message.SPLIT_EMPTY.warning(place, empty=names, there=photo_count))
@@ -90,7 +98,10 @@ def _warn_of_empty_splits(summary: DatasetSummary, output: Path) -> None:
 
 def _print_summary(summary: DatasetSummary, options: argparse.Namespace) -> None:
     """Print the files for readers, in their store if there is one."""
-    store = "" if options.ship is None else options.ship.rstrip("/") + "/"
+    if options.ship is None:
+        store = ""
+    else:
+        store = options.ship.rstrip("/") + "/"
     files = [f"{store}{path}" for path in summary.files]
     if options.json:
         line = {

@@ -136,30 +136,19 @@ def _check_edited(before: OpenedScene, after: OpenedScene) -> None:
 
 def edit_file(options: argparse.Namespace) -> int:
     """Apply one edit of objects. All other lines and the comments stay."""
-    from physgen.pipeline.pushes import named
     from physgen.scene.load import OpenedScene
     from physgen.scene.saving import note_copies, save_scene
 
     path: Path = options.scene
-    words = [*options.objects, *([options.to] if "to" in options else [])]
+    words = list(options.objects)
+    if "to" in options:
+        words.append(options.to)
     _refuse_scene_behind(options.command, path, words)
     before = OpenedScene(path, options.allow_outside)
     scene = before.scene()
     check_writable(path.resolve().parent)
     _refuse_other_names(scene, path, options.objects)
-    is_merge = options.command == "merge"
-    names = list(options.objects)
-    # A merge can add doubtful regions to an object.
-    doubtful = set(scene.document.get("doubtful") or {})
-    for name in names:
-        if not (is_merge and name in doubtful):
-            named(scene, str(path), name)
-    if is_merge and len(names) < 2:
-        raise Message.MERGE_NEEDS_TWO.error(
-            str(path), quoted(names[0]), path=path, name=names[0]
-        )
-    if is_merge and names[0] in doubtful:
-        _refuse_doubtful_first(scene, path, names)
+    _check_names(scene, path, options)
     correction = _edit_objects(path, options)
     _check_edited(before, OpenedScene(path, options.allow_outside, correction.text))
     folder = getattr(correction, "folder", None)
@@ -174,6 +163,27 @@ def edit_file(options: argparse.Namespace) -> int:
     )
     print_line(str(path))
     return OK
+
+
+def _check_names(scene: Scene, path: Path, options: argparse.Namespace) -> None:
+    """Raise InputError for unknown objects, and for a merge that cannot be made."""
+    from physgen.pipeline.pushes import named
+
+    names = list(options.objects)
+    is_merge = options.command == "merge"
+    # A merge can add doubtful regions to an object.
+    doubtful_names = set(scene.document.get("doubtful") or {}) if is_merge else set()
+    for name in names:
+        if name not in doubtful_names:
+            named(scene, str(path), name)
+    if not is_merge:
+        return
+    if len(names) < 2:
+        raise Message.MERGE_NEEDS_TWO.error(
+            str(path), quoted(names[0]), path=path, name=names[0]
+        )
+    if names[0] in doubtful_names:
+        _refuse_doubtful_first(scene, path, names)
 
 
 def _past_tense(edit: str) -> str:
@@ -212,16 +222,23 @@ def _refuse_other_names(scene: Scene, path: Path, names: Sequence[str]) -> None:
     of the scene.
     """
     objects = {item.name for item in scene.objects}
-    kinds = dict.fromkeys((item.name for item in scene.boundaries), "boundary")
-    kinds |= dict.fromkeys((item.name for item in scene.joints), "joint")
-    kinds |= dict.fromkeys((item.name for item in scene.fields), "field")
+    kinds: dict[str, str] = {}
+    parts_of_scene = (
+        ("boundary", scene.boundaries),
+        ("joint", scene.joints),
+        ("field", scene.fields),
+    )
+    for kind, items in parts_of_scene:
+        kinds |= {item.name: kind for item in items}
     for name in names:
-        parts = [part for part in re.split(r"[,;\s]+", name) if part]
-        if name not in objects and len(parts) > 1 and objects.issuperset(parts):
+        if name in objects:
+            continue
+        parts = list(filter(None, re.split(r"[,;\s]+", name)))
+        if len(parts) > 1 and objects.issuperset(parts):
             raise Message.SEVERAL_NAMES_IN_ONE.error(
                 str(path), quoted(name), parts=" ".join(parts)
             )
-        if name not in objects and name in kinds:
+        if name in kinds:
             raise Message.NAME_OF_ANOTHER_KIND.error(
                 str(path), quoted(name), kind=kinds[name]
             )

@@ -61,7 +61,9 @@ def show(findings: Findings, options: argparse.Namespace) -> int:
     from physgen.evaluate.measure import as_json, text
 
     sys.stdout.write(as_json(findings) if options.json else text(findings))
-    return OK if findings.has_passed else FAILED
+    if findings.has_passed:
+        return OK
+    return FAILED
 
 
 def hand_over(findings: Findings, options: argparse.Namespace) -> int:

@@ -24,24 +24,25 @@ def export(options: argparse.Namespace) -> int:
 
     check_folder_name(options.output)
     choose_formats(options.format)
-    jobs = [
-        Job(
-            path,
-            RenderOptions(
-                overrides=tuple(options.set),
-                variant=variant,
-                allow_outside=options.allow_outside,
-                formats=(),
-                command=tuple(options.command_line),
-                cached=options.cache,
-                page=Page.NONE,
-                export=tuple(options.format),
-            ),
-            options.output,
-        )
-        for path in options.scenes
-        for variant in variants_of(path, options)
-    ]
+    jobs = []
+    for path in options.scenes:
+        for variant in variants_of(path, options):
+            jobs.append(
+                Job(
+                    path,
+                    RenderOptions(
+                        overrides=tuple(options.set),
+                        variant=variant,
+                        allow_outside=options.allow_outside,
+                        formats=(),
+                        command=tuple(options.command_line),
+                        cached=options.cache,
+                        page=Page.NONE,
+                        export=tuple(options.format),
+                    ),
+                    options.output,
+                )
+            )
     check_names(jobs)
     return make_all(jobs, len(jobs), options, gallery=False)
 

@@ -15,16 +15,10 @@ REPORTS = ("full", "none")
 def fit(options: argparse.Namespace) -> int:
     from physgen.fit.run import FitOptions, fit_files, interval_lines, kinds_of
 
-    if (options.clip is None) == (options.tracks is None):
-        raise Message.FIT_NEEDS_FILM.error("fit")
-    for path in (options.scene, options.clip, options.tracks):
-        if path is not None and not path.exists():
-            raise Message.FIT_FILE_MISSING.error(str(path))
-    output = options.output or options.scene.with_name(
-        f"{options.scene.stem}-fitted.yaml"
-    )
-    if options.tracks is not None and options.slow != 1.0:
-        raise Message.FIT_SLOW_TRACKS.error("--slow", f"{options.slow:g}")
+    _check_files(options)
+    output = options.output
+    if not output:
+        output = options.scene.with_name(f"{options.scene.stem}-fitted.yaml")
     bar = Bar()
     request = FitOptions(
         scene=options.scene,
@@ -50,6 +44,17 @@ def fit(options: argparse.Namespace) -> int:
         print_error(f"report: {result.report}")
     print_line(str(output))
     return OK
+
+
+def _check_files(options: argparse.Namespace) -> None:
+    """Raise InputError unless there is a scene, and either a clip or tracks."""
+    if (options.clip is None) == (options.tracks is None):
+        raise Message.FIT_NEEDS_FILM.error("fit")
+    for path in (options.scene, options.clip, options.tracks):
+        if path is not None and not path.exists():
+            raise Message.FIT_FILE_MISSING.error(str(path))
+    if options.tracks is not None and options.slow != 1.0:
+        raise Message.FIT_SLOW_TRACKS.error("--slow", f"{options.slow:g}")
 
 
 def add(parser: Parser) -> None:

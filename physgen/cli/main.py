@@ -62,13 +62,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             # File names may contain bytes without a character.
             stream.reconfigure(errors="backslashreplace")
     parser = build_parser()
-    for before, text in zip(["", *words], words, strict=False):
-        if URL.match(text) and (
-            before in ("-o", "--output") or not before.startswith("-")
-        ):
-            parser.error(
-                f"{text}: URLs are not read or written; mount the store, or copy the files"
-            )
+    address = _first_address(words)
+    if address is not None:
+        parser.error(
+            f"{address}: URLs are not read or written; mount the store, or copy the files"
+        )
     options = parser.parse_args(words)
     options.command_line = ["physgen", *words]
     # Only the main thread can set signal handlers.
@@ -78,33 +76,50 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return COMMANDS[options.command].run(options)
     except InputError as error:
-        print_problems(error.problems)
-        if getattr(options, "json", False) and options.command in BATCHES:
-            print_json(
-                {
-                    "passed": False,
-                    "problems": [
-                        named_by_flag(problem).as_dict() for problem in error.problems
-                    ],
-                }
-            )
+        _print_input_error(error, options)
         return WRONG_INPUT
     except KeyboardInterrupt:
         print_error("interrupted")
         return INTERRUPTED
     except BrokenPipeError:
         sys.stderr.close()
-        return UNREAD if options.command in BATCHES else OK
+        if options.command in BATCHES:
+            return UNREAD
+        return OK
     except OSError as error:
-        # Partial files have temporary names; the user knows only the final one.
-        file_name = f"{final_name(str(error.filename))}: " if error.filename else ""
-        if error.errno == ENAMETOOLONG:
-            print_error(
-                f"{file_name}is too long a name; write the path of a file that is there"
-            )
-            return WRONG_INPUT
-        print_error(f"{file_name}{error.strerror or error}")
-        return FAILED
+        return _print_system_error(error)
+
+
+def _first_address(words: Sequence[str]) -> str | None:
+    """Return the first URL among files and outputs, or None."""
+    for flag, text in zip(["", *words], words, strict=False):
+        is_path = flag in ("-o", "--output") or not flag.startswith("-")
+        if is_path and URL.match(text):
+            return text
+    return None
+
+
+def _print_input_error(error: InputError, options: argparse.Namespace) -> None:
+    """Print all problems of an input, also as JSON if asked for."""
+    print_problems(error.problems)
+    if getattr(options, "json", False) and options.command in BATCHES:
+        problems = [named_by_flag(problem).as_dict() for problem in error.problems]
+        print_json({"passed": False, "problems": problems})
+
+
+def _print_system_error(error: OSError) -> int:
+    """Print an error of the system. Return the exit code."""
+    # Partial files have temporary names; the user knows only the final one.
+    file_name = ""
+    if error.filename:
+        file_name = f"{final_name(str(error.filename))}: "
+    if error.errno == ENAMETOOLONG:
+        print_error(
+            f"{file_name}is too long a name; write the path of a file that is there"
+        )
+        return WRONG_INPUT
+    print_error(f"{file_name}{error.strerror or error}")
+    return FAILED
 
 
 def _interrupt(number: int, frame: object) -> None:

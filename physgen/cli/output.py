@@ -38,7 +38,9 @@ FLAGS = {"story": "--story", "free": "--free", "fitted": "-o"}
 def named_by_flag(problem: Problem) -> Problem:
     """Return a problem with the flag as its place, if a flag sets its key."""
     flag = FLAGS.get(problem.place.file)
-    return problem if flag is None else replace(problem, place=Place(flag))
+    if flag is None:
+        return problem
+    return replace(problem, place=Place(flag))
 
 
 def print_problems(problems: Sequence[Problem]) -> None:
@@ -104,7 +106,9 @@ def stdout_file() -> Path | None:
         # Another process may have renamed or removed the open file.
         if path is None or not os.path.samestat(status, path.stat()):
             return None
-        return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
+        if path.is_relative_to(Path.cwd()):
+            return path.relative_to(Path.cwd())
+        return path
     except (OSError, ValueError):
         return None
 

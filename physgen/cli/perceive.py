@@ -63,7 +63,10 @@ def _perceive(options: argparse.Namespace, bar: Bar) -> int:
         return OK
     _name_in_folder(options)
     output = options.output or options.refresh
-    output_file = None if output else stdout_file()
+    if output:
+        output_file = None
+    else:
+        output_file = stdout_file()
     text = perceive_photo(options, bar, output_file)
     bar.clear()
     write_result(text, output, output_file)
@@ -164,11 +167,10 @@ def _flag_problems(options: argparse.Namespace, names: list[str]) -> list[Proble
         "--label": options.label,
         "--push": options.push,
     }
-    problems = [
-        Message.FLAG_OF_ONE_PHOTO.problem(command, "", flag)
-        for flag, value in flags_of_one_photo.items()
-        if value
-    ]
+    problems = []
+    for flag, value in flags_of_one_photo.items():
+        if value:
+            problems.append(Message.FLAG_OF_ONE_PHOTO.problem(command, "", flag))
     if options.output is None or options.output.suffix in (".yaml", ".yml"):
         folder, value_text = Message.PHOTOS_NEED_FOLDER, f"{len(names)} photos"
         problems.append(folder.problem(command, "", value_text))
@@ -254,7 +256,9 @@ def _names(images: Sequence[Path]) -> list[str]:
     stems = [image.stem for image in images]
     folders = [image.resolve().parent.name for image in images]
     # `a/photo.jpg b/photo.jpg`: only the folders tell the photos apart.
-    return folders if len(set(stems)) == 1 < len(stems) == len(set(folders)) else stems
+    if len(set(stems)) == 1 < len(stems) == len(set(folders)):
+        return folders
+    return stems
 
 
 def crew_of(options: argparse.Namespace, *, keep: bool = False) -> Backends:
@@ -290,11 +294,12 @@ def _refuse_beside_refresh(options: argparse.Namespace) -> None:
         "--side": options.side,
     }
     place = Place("perceive")
-    problems = [
-        Message.NOT_WITH_REFRESH.problem(place, "", f'"{value}"', flag=flag)
-        for flag, value in excluded_flags.items()
-        if options.refresh and value is not None
-    ]
+    problems = []
+    for flag, value in excluded_flags.items():
+        if options.refresh and value is not None:
+            problems.append(
+                Message.NOT_WITH_REFRESH.problem(place, "", f'"{value}"', flag=flag)
+            )
     if (
         options.refresh
         and not options.output
@@ -309,7 +314,10 @@ def _refuse_push_and_still(options: argparse.Namespace) -> None:
     """Raise InputError if --push comes with --still, or a story with other pushes or an
     old scene.
     """
-    others = ["--push"] if options.push else []
+    if options.push:
+        others = ["--push"]
+    else:
+        others = []
     others += ["--still"] if options.still else []
     others += ["--refresh"] if options.refresh else []
     if options.story is not None and others:
@@ -330,7 +338,10 @@ def import_(options: argparse.Namespace) -> int:
     from physgen import pipeline
 
     check_scene_name(options.output)
-    output_file = None if options.output else stdout_file()
+    if options.output:
+        output_file = None
+    else:
+        output_file = stdout_file()
     bar = Bar()
     text = pipeline.import_physgen(
         options.path,

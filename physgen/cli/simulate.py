@@ -81,12 +81,14 @@ def object_rows(scene: Scene, compilation: CompiledScene) -> list[dict[str, Any]
     ):
         speed = hypot(*body.velocity) / scene.world.pixels_per_meter
         confidence = scene.document["objects"][item.name].get("confidence")
-        size_text = (
-            source(item.provenance["mask"]).confidence
-            if "mask" in item.provenance
-            else confidence
-        )
-        support = ["static"] if item.motion.value == "static" else under
+        if "mask" in item.provenance:
+            size_text = source(item.provenance["mask"]).confidence
+        else:
+            size_text = confidence
+        if item.motion.value == "static":
+            support = ["static"]
+        else:
+            support = under
         values = (
             item.name,
             item.label,
@@ -126,7 +128,9 @@ def check(options: argparse.Namespace) -> int:
         print_problems(report)
         for line in lines:
             print_line(line)
-    return WRONG_INPUT if has_errors else OK
+    if has_errors:
+        return WRONG_INPUT
+    return OK
 
 
 def _problems_of_file(path: str, options: argparse.Namespace) -> Iterator[Problem]:
@@ -148,11 +152,10 @@ def _problems_of_file(path: str, options: argparse.Namespace) -> Iterator[Proble
 def _count_text(problems: Iterable[Problem]) -> str:
     """Return the counts of problems by severity as text."""
     kinds = [problem.severity for problem in problems]
-    parts = [
-        f"{count} {kind.value}{'s' * (count != 1)}"
-        for kind in Severity
-        if (count := kinds.count(kind))
-    ]
+    parts = []
+    for kind in Severity:
+        if count := kinds.count(kind):
+            parts.append(f"{count} {kind.value}{'s' * (count != 1)}")
     return ", ".join(parts) or "no problems"
 
 
@@ -179,11 +182,10 @@ def simulate(options: argparse.Namespace) -> int:
     if kind == "npz":
         trajectory.save(options.output)
     if options.output is None or kind != "npz":
-        text = (
-            trajectory.as_json()
-            if options.json or kind == "json"
-            else trajectory.as_csv()
-        )
+        if options.json or kind == "json":
+            text = trajectory.as_json()
+        else:
+            text = trajectory.as_csv()
         if options.output is None:
             sys.stdout.write(text)
         else:
@@ -209,7 +211,9 @@ def _trajectory_kind(output: Path | None) -> str:
 def _one_variant(options: argparse.Namespace) -> str | None:
     if options.variant == "all":
         raise Message.VARIANT_ALL_SIMULATED.error("--variant", "all")
-    return str(options.variant) if options.variant else None
+    if options.variant:
+        return str(options.variant)
+    return None
 
 
 def add_show(parser: Parser) -> None:

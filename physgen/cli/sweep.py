@@ -57,16 +57,15 @@ def sweep(options: argparse.Namespace) -> int:
     check_folder_name(options.output)
     check_cluster(options)
     scene_file = OpenedScene(Path(options.scene), options.allow_outside)
-    variants = (
-        [None, *scene_file.variants] if options.variant == "all" else [options.variant]
-    )
+    if options.variant == "all":
+        variants = [None, *scene_file.variants]
+    else:
+        variants = [options.variant]
     plan = plan_clips(read_axes(options.axes), variants, options.samples, options.seed)
     objects = check_values(plan, scene_file, options.set)
-    return (
-        _list_clips(plan, options)
-        if options.dry_run
-        else _make_sweep(plan, objects, options)
-    )
+    if options.dry_run:
+        return _list_clips(plan, options)
+    return _make_sweep(plan, objects, options)
 
 
 def _list_clips(plan: Sweep, options: argparse.Namespace) -> int:
@@ -175,7 +174,9 @@ def _tracked_names(
     objects: tuple[str, ...], requested_names: list[str] | None
 ) -> tuple[str, ...]:
     if requested_names is None:
-        return objects if len(objects) <= MOST_TRACKED else ()
+        if len(objects) <= MOST_TRACKED:
+            return objects
+        return ()
     problems = []
     for name in requested_names:
         if name not in objects:

@@ -8,6 +8,7 @@ from collections import Counter
 from contextlib import closing
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from physgen.cli.arguments import WRONG_INPUT, Command, Parser, count
 from physgen.cli.clusters import (
@@ -18,6 +19,9 @@ from physgen.cli.clusters import (
     stored_clips,
 )
 from physgen.cli.output import FAILED, OK, Bar, print_error, print_line
+
+if TYPE_CHECKING:
+    from physgen.batch.verify import Outcome
 
 
 def verify(options: argparse.Namespace) -> int:
@@ -45,32 +49,32 @@ def verify(options: argparse.Namespace) -> int:
         for verdict in verdicts:
             bar.clear()
             counts[verdict.outcome] += 1
-            line = (
-                json.dumps(verdict.as_dict(), ensure_ascii=False)
-                if options.json
-                else verdict.line()
-            )
+            line = verdict.line()
+            if options.json:
+                line = json.dumps(verdict.as_dict(), ensure_ascii=False)
             print_line(line)
             if has_many:
                 bar.show("clips", counts.total(), len(requests))
     bar.clear()
-    code = (
-        WRONG_INPUT
-        if counts[batch.Outcome.UNKNOWN]
-        else FAILED
-        if counts[batch.Outcome.DIFFERS]
-        else OK
-    )
+    return _sum_up(counts, len(requests), options)
+
+
+def _sum_up(counts: Counter[Outcome], total: int, options: argparse.Namespace) -> int:
+    """Print the counts of outcomes. Return the exit code."""
+    from physgen.batch.verify import Outcome
+
+    code = OK
+    if counts[Outcome.UNKNOWN]:
+        code = WRONG_INPUT
+    elif counts[Outcome.DIFFERS]:
+        code = FAILED
     if options.json:
-        outcomes = {outcome.name.lower(): counts[outcome] for outcome in batch.Outcome}
-        print(json.dumps({"clips": len(requests), **outcomes, "passed": code == OK}))
-    elif has_many:
-        parts = [
-            f"{counts[outcome]} {outcome.value}"
-            for outcome in batch.Outcome
-            if counts[outcome]
-        ]
-        print_error(f"{len(requests):,} clips: {', '.join(parts)}")
+        outcomes = {outcome.name.lower(): counts[outcome] for outcome in Outcome}
+        print(json.dumps({"clips": total, **outcomes, "passed": code == OK}))
+    elif total > 1:
+        present_outcomes = [outcome for outcome in Outcome if counts[outcome]]
+        parts = [f"{counts[outcome]} {outcome.value}" for outcome in present_outcomes]
+        print_error(f"{total:,} clips: {', '.join(parts)}")
     return code
 
 

@@ -63,11 +63,10 @@ def pushes_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Push, ...]:
 
     def push(force: model.Force) -> Push:
         body = index[force.object]
-        point = (
-            np.zeros(2)
-            if force.at is None
-            else np.array(force.at) - bodies[body].center
-        )
+        if force.at is None:
+            point = np.zeros(2)
+        else:
+            point = np.array(force.at) - bodies[body].center
         end = force.start
         # An impulse acts at one time; a force without a duration never ends.
         if force.load is not Load.IMPULSE:
@@ -99,7 +98,10 @@ def joints_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Joint, ...]:
 
 
 def _joint(item: model.Joint, ends: Sequence[int], bodies: Sequence[Body]) -> Joint:
-    first, second = (ends[0], ends[1]) if len(ends) == 2 else (ends[0], None)
+    if len(ends) == 2:
+        first, second = (ends[0], ends[1])
+    else:
+        first, second = (ends[0], None)
     first_point, second_point, guide = _places(item, bodies[first])
     points = np.array(item.points, np.float64).reshape(-1, 2)
     length = float(np.hypot(*np.diff(points, axis=0).T).sum())
@@ -176,11 +178,15 @@ RAIL_END = 1e-3
 
 
 def _or_infinite(limit: float | None) -> float:
-    return inf if limit is None else limit
+    if limit is None:
+        return inf
+    return limit
 
 
 def _in_radians(limits: model.Point | None) -> tuple[float, float] | None:
-    return None if limits is None else (radians(limits[0]), radians(limits[1]))
+    if limits is None:
+        return None
+    return (radians(limits[0]), radians(limits[1]))
 
 
 def fields_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Field, ...]:
@@ -194,11 +200,12 @@ def fields_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Field, ...]:
     fields = []
     for item in scene.fields:
         named_bodies = sorted({index[name] for name in item.objects})
-        targets = (
-            tuple(k for k in named_bodies if bodies[k].motion is Motion.DYNAMIC)
-            if named_bodies
-            else dynamic_bodies
-        )
+        if named_bodies:
+            targets = tuple(
+                k for k in named_bodies if bodies[k].motion is Motion.DYNAMIC
+            )
+        else:
+            targets = dynamic_bodies
         vector = np.array(item.vector, np.float64)
         fields.append(
             Field(
@@ -399,8 +406,12 @@ def frame_times(scene: Scene, duration: float) -> Array:
     rate = render.fps * render.slow
     if render.frames is None and rate * duration > Limit.FRAMES.most:
         value_text = f"{rate * duration:,.0f} frames"
-        slow = " times slow" if render.slow != 1 else ""
-        smaller = "duration, fps or slow" if slow else "duration or fps"
+        slow = ""
+        if render.slow != 1:
+            slow = " times slow"
+        smaller = "duration or fps"
+        if slow:
+            smaller = "duration, fps or slow"
         place = scene.place("render.slow" if slow else "render.fps")
         values = {"slow": slow, "most": Limit.FRAMES.fix, "keys": smaller}
         raise Message.TOO_MANY_SAMPLES.error_at(place, "render", value_text, **values)
@@ -475,7 +486,10 @@ def _body(item: Object, outline: Outline, scene: Scene) -> Body:
     # The solid of a stored shape belongs to a circle. A repainted mask may not be
     # round.
     has_stored_shape = isinstance(item.shape, Auto) and item.shape.stored is not None
-    solid = None if has_stored_shape and radius is None else item.solid
+    if has_stored_shape and radius is None:
+        solid = None
+    else:
+        solid = item.solid
     return Body(
         name=item.name,
         motion=item.motion,
@@ -547,7 +561,9 @@ def _path(item: Object, center: Array, scene: Scene) -> Array:
                 scene.place(key), key, "the first knot", x=x, y=y, time=path[0, 0]
             )
         path[:, 1:3] -= offset
-    return _repeat_path(path, scene) if item.loop else path
+    if item.loop:
+        return _repeat_path(path, scene)
+    return path
 
 
 def _repeat_path(path: Array, scene: Scene) -> Array:

@@ -106,11 +106,10 @@ def doubtful_ids(scene: Scene, maps: Percepts | None) -> Iterator[Problem]:
         for entries in (scene.document["objects"], scene.document.get("doubtful", {}))
     )
     owners = {mask: name for name, mask in owners.items()}
-    owners_by_id = (
-        set(np.unique(maps.labels).tolist())
-        if named_ids and maps is not None
-        else set(named_ids.values())
-    )
+    if named_ids and maps is not None:
+        owners_by_id = set(np.unique(maps.labels).tolist())
+    else:
+        owners_by_id = set(named_ids.values())
     for name, mask in named_ids.items():
         if mask in owners:
             mask_path, message = f"doubtful.{name}.mask", Message.DOUBTFUL_IS_OBJECT
@@ -176,16 +175,12 @@ def _shape_differences(
     reach = LIMITS.mask_reach * np.count_nonzero(mask) ** 0.5
     hull = outline_shape(outline).convex_hull.buffer(reach)
     corners = np.rint(shapely.get_coordinates(hull)).astype(np.int32)
-    height, width = mask.shape
-    cover, (x0, y0) = coverage_box(outline, (0, 0, width, height))
-    x1, y1 = x0 + cover.shape[1], y0 + cover.shape[0]
-    x, y, w, h = cv2.boundingRect(mask.astype(np.uint8))
+    cover, (x, y) = coverage_box(outline, (0, 0, *mask.shape[::-1]))
     # A spike without area belongs to the coverage's box but not to the hull.
-    extent = np.concatenate([corners, [[x0, y0], [x1, y1], [x, y], [x + w, y + h]]])
-    left, top = np.maximum(extent.min(axis=0) - LIMITS.thread_width, 0).tolist()
-    right, bottom = (extent.max(axis=0) + LIMITS.thread_width).tolist()
-    window = np.s_[top:bottom, left:right]
-    box = np.s_[y0 - top : y1 - top, x0 - left : x1 - left]
+    opposite_corner = [x + cover.shape[1], y + cover.shape[0]]
+    extent = [*corners.tolist(), [x, y], opposite_corner, *_box_corners(mask)]
+    window = _window_around(extent)
+    left, top = window[1].start, window[0].start
     mask = mask[window]
     inside_hull = np.zeros(mask.shape, np.uint8)
     cv2.fillPoly(inside_hull, [corners - np.array([left, top], np.int32)], 1)
@@ -194,7 +189,27 @@ def _shape_differences(
     if isinstance(item.shape, Auto):
         # Perception adds a flat base below objects seen from above.
         occupied |= np.logical_or.accumulate(mask, axis=0)
+    box = _window_at(x - left, y - top, cover.shape)
     return mask & (inside_hull == 0), (cover >= 0.5) & ~occupied[box]
+
+
+def _window_around(points: list[list[int]]) -> tuple[slice, slice]:
+    """Return the slices of an image around points x, y, with a margin."""
+    extent = np.array(points)
+    left, top = np.maximum(extent.min(axis=0) - LIMITS.thread_width, 0).tolist()
+    right, bottom = (extent.max(axis=0) + LIMITS.thread_width).tolist()
+    return np.s_[top:bottom, left:right]
+
+
+def _box_corners(mask: Mask) -> list[list[int]]:
+    """Return two opposite corners x, y of the box of a mask."""
+    x, y, width, height = cv2.boundingRect(mask.astype(np.uint8))
+    return [[x, y], [x + width, y + height]]
+
+
+def _window_at(x: int, y: int, shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """Return the slices of a part (H, W) of an image with its top-left pixel at x, y."""
+    return np.s_[y : y + shape[0], x : x + shape[1]]
 
 
 def _opened_area(mask: Mask) -> float:

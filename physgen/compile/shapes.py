@@ -56,26 +56,31 @@ def object_labels(
     for k in sorted(range(len(scene.objects)), key=lambda k: scene.objects[k].layer):
         item, outline = scene.objects[k], written_outlines[k]
         mask = mask_pixels(item.mask, scene.size, labels)
-        if mask is not None:
-            out[mask] = k + 1
-        if (mask is None and outline is None) or (mask is not None and not mask.any()):
-            problems.append(
-                _mask_problem(scene, f"objects.{item.name}.mask", item, mask)
-            )
-        elif mask is None and outline is not None:
+        if mask is None and outline is not None:
             box, (x0, y0) = coverage_box(outline, (0, 0, width, height))
             out[y0 : y0 + box.shape[0], x0 : x0 + box.shape[1]][box >= 0.5] = k + 1
-    pixel_counts = np.bincount(out.ravel(), minlength=len(scene.objects) + 1)
+        elif mask is not None and mask.any():
+            out[mask] = k + 1
+        else:
+            path = f"objects.{item.name}.mask"
+            problems.append(_mask_problem(scene, path, item, mask))
     if not problems:
-        hidden_names = (
-            k
-            for k, outline in enumerate(written_outlines)
-            if outline is None and not pixel_counts[k + 1]
-        )
-        problems = [_report_hidden_mask(scene, scene.objects[k]) for k in hidden_names]
+        problems = _problems_of_hidden_masks(scene, out, written_outlines)
     if problems:
         raise InputError(problems)
     return out
+
+
+def _problems_of_hidden_masks(
+    scene: Scene, labels: U16, written_outlines: list[Outline | None]
+) -> list[Problem]:
+    """Return the problems of fitted objects without a visible pixel."""
+    pixel_counts = np.bincount(labels.ravel(), minlength=len(scene.objects) + 1)
+    problems = []
+    for k, outline in enumerate(written_outlines):
+        if outline is None and not pixel_counts[k + 1]:
+            problems.append(_report_hidden_mask(scene, scene.objects[k]))
+    return problems
 
 
 def mask_pixels(
@@ -86,7 +91,9 @@ def mask_pixels(
     """
     match mask:
         case MaskId(id=identity):
-            return None if labels is None else np.asarray(labels == identity)
+            if labels is None:
+                return None
+            return np.asarray(labels == identity)
         case MaskPolygon(points=points):
             return fill_polygon(points, size)
         case _:
@@ -110,8 +117,13 @@ def _mask_problem(
     """Return the problem of an empty mask; `mask` is None for an id in a scene without
     a photo.
     """
-    mask_text = str(item.mask.id) if isinstance(item.mask, MaskId) else "it"
-    message = Message.ID_WITHOUT_PHOTO if mask is None else Message.MASK_OF_NO_PIXEL
+    mask_text = "it"
+    if isinstance(item.mask, MaskId):
+        mask_text = str(item.mask.id)
+    if mask is None:
+        message = Message.ID_WITHOUT_PHOTO
+    else:
+        message = Message.MASK_OF_NO_PIXEL
     return message.problem(scene.place(path), path, mask_text)
 
 
@@ -167,11 +179,10 @@ def fit_masks(
     if problems:
         raise InputError(problems)
     ids = [*fitted_ids, *shared_ids.values()]
-    fits = (
-        fit_outlines(joint_labels, ids, never_discs=set(shared_ids.values()))
-        if ids
-        else {}
-    )
+    if ids:
+        fits = fit_outlines(joint_labels, ids, never_discs=set(shared_ids.values()))
+    else:
+        fits = {}
     walls = {
         k: fit for k, i in shared_ids.items() if isinstance(fit := fits[i], Region)
     } | lone_regions
@@ -201,7 +212,10 @@ def solid_of(item: Boundary) -> tuple[tuple[Array, ...], tuple[Array, float] | N
     """Return the convex pieces, and centre and radius, of a boundary with a solid
     shape.
     """
-    outline = None if item.shape is None else shape_outline(item.shape)
+    if item.shape is None:
+        outline = None
+    else:
+        outline = shape_outline(item.shape)
     if isinstance(outline, Disc):
         return (), (np.asarray(outline.center, np.float64), outline.radius)
     return (() if outline is None else convex_pieces(outline)), None
@@ -301,7 +315,9 @@ def _written_outline(item: Object, labels: U16 | None) -> Outline | None:
     shape: Shape | None = item.shape
     if isinstance(shape, Auto):
         shape = _stored_shape(shape, item.mask, labels)
-    return None if shape is None else shape_outline(shape)
+    if shape is None:
+        return None
+    return shape_outline(shape)
 
 
 def _stored_whole_outline(item: Object, labels: U16 | None) -> Outline | None:
@@ -319,7 +335,9 @@ def _stored_shape(shape: Auto, mask: Mask | None, labels: U16 | None) -> Shape |
     if not isinstance(mask, MaskId) or labels is None or shape.stored is None:
         return None
     is_unchanged = mask_crc(labels, mask.id) == shape.crc
-    return shape.stored if is_unchanged else None
+    if is_unchanged:
+        return shape.stored
+    return None
 
 
 BAND = 2.0
@@ -336,7 +354,10 @@ def snapped_to_boundaries(
     """Return the outlines; move fitted ones onto boundaries within reach of their
     lowest points.
     """
-    lines = carrying_lines(scene) if any(fit_flags) else []
+    if any(fit_flags):
+        lines = carrying_lines(scene)
+    else:
+        lines = []
     if not lines:
         return outlines
     return tuple(
@@ -384,8 +405,11 @@ class Line:
             return None
         direction = (b - a) / length
         normal = np.array([-direction[1], direction[0]])
-        normal = -normal if normal @ down > 0 else normal
-        return Line(a, direction, length, normal) if -(normal @ down) >= LEVEL else None
+        if normal @ down > 0:
+            normal = -normal
+        if -(normal @ down) >= LEVEL:
+            return Line(a, direction, length, normal)
+        return None
 
     def measure_points(self, points: Array) -> tuple[NDArray[np.bool_], Array]:
         """Return which points lie along the segment, and the heights of all points over

@@ -36,20 +36,28 @@ def _swinging(
     is_turning = body.spin != 0 and not body.velocity.any()
     if body.motion is not Motion.DYNAMIC or not is_turning:
         return body
-    holding = [
-        joint
-        for joint in joints
-        if index in (joint.first, joint.second) and joint.kind not in LOOSE
-    ]
-    if len(holding) != 1 or holding[0].kind not in PINS:
+    pin = _only_pin(index, joints)
+    if pin is None:
         return body
-    (pin,) = holding
-    is_first = pin.first == index
-    partner = pin.second if is_first else pin.first
+    partner: int | None = pin.first
+    x, y = pin.second_at
+    if pin.first == index:
+        partner = pin.second
+        x, y = pin.first_at
     if partner is not None and bodies[partner].motion is Motion.DYNAMIC:
         return body
-    x, y = pin.first_at if is_first else pin.second_at
     return replace(body, velocity=body.spin * np.array([y, -x]))
+
+
+def _only_pin(index: int, joints: Sequence[Joint]) -> Joint | None:
+    """Return the pin of a body; None if other joints hold it too."""
+    own_joints = []
+    for joint in joints:
+        if index in (joint.first, joint.second) and joint.kind not in LOOSE:
+            own_joints.append(joint)
+    if len(own_joints) != 1 or own_joints[0].kind not in PINS:
+        return None
+    return own_joints[0]
 
 
 def _constraint_rows(joint: Joint, count: int) -> Array:

@@ -104,7 +104,10 @@ def place_wheels(
     """Return the wheels in the body's frame, on the ground if it is within reach."""
     middle = mass_properties(photo_outline).center
     lines = carrying_lines(scene)
-    turn = rotation(radians(item.place[2])) if item.place is not None else np.eye(2)
+    if item.place is not None:
+        turn = rotation(radians(item.place[2]))
+    else:
+        turn = np.eye(2)
     wheels = []
     for wheel in item.wheels:
         disc = Disc(np.array(wheel.center, np.float64), wheel.radius)
@@ -152,23 +155,26 @@ def _road(
     """
     gravity = np.array(scene.world.gravity, np.float64)
     strength = float(np.hypot(*gravity))
-    down = gravity / strength if strength > 0 else np.array([0.0, 1.0])
+    down = np.array([0.0, 1.0])
+    if strength > 0:
+        down = gravity / strength
     direction = np.array([down[1], -down[0]])
-    touching = [center + wheel.axle + wheel.radius * down for wheel in wheels]
-    order = sorted(range(len(wheels)), key=lambda k: float(touching[k] @ direction))
-    first, last = touching[order[0]], touching[order[-1]]
-    run = last - first
-    length = float(np.hypot(*run))
+    lowest_points = [center + wheel.axle + wheel.radius * down for wheel in wheels]
+    lowest_points.sort(key=lambda point: float(point @ direction))
+    first, last = lowest_points[0], lowest_points[-1]
+    length = float(np.hypot(*(last - first)))
     # A single wheel has no line: the road is level.
-    way = run / length if length > 1 else direction
+    if length > 1:
+        direction = (last - first) / length
     lift = VEHICLE.clearance * min(wheel.radius for wheel in wheels)
     # The polygon must be larger than the body in every direction.
     distance = 4 * float(np.hypot(bounds[2] - bounds[0], bounds[3] - bounds[1])) + 100
     middle = (first + last) / 2 - lift * down
-    corners = [middle - distance * way, middle + distance * way]
-    corners += [
-        middle + distance * way + distance * down,
-        middle - distance * way + distance * down,
+    corners = [
+        middle - distance * direction,
+        middle + distance * direction,
+        middle + distance * direction + distance * down,
+        middle - distance * direction + distance * down,
     ]
     return shapely.Polygon(np.array(corners))
 

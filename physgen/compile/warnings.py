@@ -5,8 +5,8 @@ intended.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from functools import partial
 from math import ceil, sqrt
+from typing import Any
 
 import numpy as np
 import shapely
@@ -18,6 +18,7 @@ from physgen.compile.starts import velocities_that_joints_allow
 from physgen.compile.warning_limits import LIMITS, warning
 from physgen.compile.world import Body
 from physgen.geometry.convex import outline_shape, overlap_depth
+from physgen.geometry.polygon import Array
 from physgen.maps import Percepts
 from physgen.messages import Message
 from physgen.problems import Problem, by_place
@@ -68,7 +69,10 @@ def lint(
         _outdated_values,
         _long,
     )
-    problems = [problem for rule in rules for problem in rule(scene, compilation)]
+    problems = []
+    for rule in rules:
+        for problem in rule(scene, compilation):
+            problems.append(problem)
     return by_place(
         [
             *problems,
@@ -113,11 +117,19 @@ def _without_effect(scene: Scene, compilation: CompiledScene) -> Iterator[Proble
             path = f"joints.{joint.name}"
             yield warning(scene, path, joint.name, Message.MOVES_NO_OBJECT)
     yield from _gears_without_pins(scene, motion)
+    yield from _fields_without_objects(scene, motion)
+    yield from _belts_without_table(scene)
+
+
+def _fields_without_objects(
+    scene: Scene, motion: Mapping[str, Motion]
+) -> Iterator[Problem]:
+    """Yield warnings about fields without a dynamic object."""
     for field in scene.fields:
-        if not any(motion[name] is Motion.DYNAMIC for name in field.objects or motion):
+        motions = [motion[name] for name in field.objects or motion]
+        if Motion.DYNAMIC not in motions:
             path = f"fields.{field.name}"
             yield warning(scene, path, field.name, Message.MOVES_NO_OBJECT)
-    yield from _belts_without_table(scene)
 
 
 def _belts_without_table(scene: Scene) -> Iterator[Problem]:
@@ -136,40 +148,70 @@ def _object_keys_without_effect(
 ) -> Iterator[Problem]:
     """Yield warnings about keys of one object without effect on its motion."""
     path = f"objects.{item.name}"
-    is_dynamic = item.motion is Motion.DYNAMIC
     is_from_above = scene.world.view is View.TOP
-    is_sphere = body.radius is not None and body.solid is Solid.SPHERE
-    no_effect = partial(
-        warning, message=Message.NO_EFFECT_ON_MOTION, motion=item.motion.value
-    )
-    if not is_dynamic and (any(item.velocity) or item.spin):
-        key = "velocity" if any(item.velocity) else "spin"
-        yield no_effect(scene, f"{path}.{key}", key)
+    if item.motion is not Motion.DYNAMIC:
+        yield from _keys_of_fixed_object(scene, item)
     if item.wheels and not body.wheels:
         if is_from_above:
             message = Message.WHEELS_FROM_ABOVE
             yield warning(scene, f"{path}.wheels", "wheels", message)
         else:
-            yield no_effect(scene, f"{path}.wheels", "wheels")
-    rolls = is_sphere if is_from_above else body.radius is not None or bool(body.wheels)
-    if item.rolling > 0 and not is_dynamic:
-        yield no_effect(scene, f"{path}.rolling", f"{item.rolling:g}")
-    elif item.rolling > 0 and not rolls:
-        yield warning(
-            scene,
-            f"{path}.rolling",
-            f"{item.rolling:g}",
-            Message.ROLLING_HAS_NO_EFFECT,
-            shapes="spheres" if is_from_above else "circles",
-        )
-    rolls_on_table = is_sphere and is_from_above and scene.world.table_friction > 0
-    rocks = is_dynamic and body.radius is None and not is_from_above
+            yield _no_effect_on_motion(scene, item, "wheels", "wheels")
+    yield from _rolling_without_effect(scene, item, body)
+    rocks = item.motion is Motion.DYNAMIC and body.radius is None and not is_from_above
     if item.rocking and not rocks:
         rocking = f"{item.rocking:g}"
         message = Message.ROCKING_HAS_NO_EFFECT
         yield warning(scene, f"{path}.rocking", rocking, message)
-    if item.roll != "natural" and not (is_dynamic and rolls_on_table):
+    if item.roll != "natural" and not _rolls_on_table(scene, item, body):
         yield warning(scene, f"{path}.roll", "roll", Message.ROLL_HAS_NO_EFFECT)
+
+
+def _no_effect_on_motion(scene: Scene, item: Object, key: str, value: str) -> Problem:
+    path = f"objects.{item.name}.{key}"
+    message = Message.NO_EFFECT_ON_MOTION
+    return warning(scene, path, value, message, motion=item.motion.value)
+
+
+def _keys_of_fixed_object(scene: Scene, item: Object) -> Iterator[Problem]:
+    """Yield a warning about the velocity or the spin of an object that is not
+    dynamic.
+    """
+    if any(item.velocity):
+        yield _no_effect_on_motion(scene, item, "velocity", "velocity")
+    elif item.spin:
+        yield _no_effect_on_motion(scene, item, "spin", "spin")
+
+
+def _rolling_without_effect(
+    scene: Scene, item: Object, body: Body
+) -> Iterator[Problem]:
+    """Yield a warning about the rolling resistance of an object that cannot roll."""
+    if item.rolling <= 0:
+        return
+    resistance = f"{item.rolling:g}"
+    if item.motion is not Motion.DYNAMIC:
+        yield _no_effect_on_motion(scene, item, "rolling", resistance)
+        return
+    shapes = "circles"
+    can_roll = body.radius is not None or bool(body.wheels)
+    if scene.world.view is View.TOP:
+        shapes = "spheres"
+        can_roll = _is_sphere(body)
+    if not can_roll:
+        path, message = f"objects.{item.name}.rolling", Message.ROLLING_HAS_NO_EFFECT
+        yield warning(scene, path, resistance, message, shapes=shapes)
+
+
+def _is_sphere(body: Body) -> bool:
+    return body.radius is not None and body.solid is Solid.SPHERE
+
+
+def _rolls_on_table(scene: Scene, item: Object, body: Body) -> bool:
+    """Return whether an object is a dynamic sphere on a table seen from above."""
+    if item.motion is not Motion.DYNAMIC or scene.world.view is not View.TOP:
+        return False
+    return _is_sphere(body) and scene.world.table_friction > 0
 
 
 def _forces_without_effect(
@@ -204,11 +246,10 @@ def _gears_without_pins(
     for joint in scene.joints:
         if joint.kind is not JointKind.GEAR:
             continue
-        loose = [
-            name
-            for name in joint.objects
-            if name not in pinned_names and motion[name] is Motion.DYNAMIC
-        ]
+        loose = []
+        for name in joint.objects:
+            if name not in pinned_names and motion[name] is Motion.DYNAMIC:
+                loose.append(name)
         if loose:
             names = listed(loose, "and")
             message = Message.GEAR_WITHOUT_PIN
@@ -239,7 +280,9 @@ def _excluded_starts(scene: Scene, compilation: CompiledScene) -> Iterator[Probl
             allowed_velocities[k, 1],
             np.degrees(allowed_velocities[k, 2]),
         )
-        key = "velocity" if any(item.velocity) else "spin"
+        key = "spin"
+        if any(item.velocity):
+            key = "velocity"
         path, message = f"objects.{item.name}.{key}", Message.JOINTS_EXCLUDE_START
         yield warning(scene, path, key, message, x=x, y=y, spin=spin)
 
@@ -293,8 +336,8 @@ def _invisible(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
 def _outdated_values(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
     """Yield warnings about numbers that belong to an earlier label or scale."""
     record, scale = scene.record, scene.world.pixels_per_meter
-    stated = "world.pixels_per_meter" in scene.places
-    if stated and record.scale is not None and not equal(record.scale, scale):
+    is_stated = "world.pixels_per_meter" in scene.places
+    if is_stated and record.scale is not None and not equal(record.scale, scale):
         message = Message.SCALE_CHANGED
         if record.world.get("by_labels"):
             message = Message.SCALE_OF_NEW_LABELS
@@ -302,20 +345,23 @@ def _outdated_values(scene: Scene, compilation: CompiledScene) -> Iterator[Probl
         yield warning(scene, key_path, scale_text, message, perceived=record.scale)
     for item in scene.objects:
         entry = record.entry(item.name, scene.document["objects"][item.name])
-        if entry.get("label", item.label) != item.label:
-            shared_keys = item.provenance.keys() & entry.keys()
-            keys = [
-                key for key in ("mass", "friction", "elasticity") if key in shared_keys
-            ]
-            current_keys = [
-                f"{key} {getattr(item, key):g}"
-                for key in keys
-                if not equal(getattr(item, key), entry[key])
-            ]
-            if current_keys:
-                key_path, scale_text = f"objects.{item.name}.label", quoted(item.label)
-                message, values = Message.LABEL_CHANGED, ", ".join(current_keys)
-                yield warning(scene, key_path, scale_text, message, values=values)
+        if entry.get("label", item.label) == item.label:
+            continue
+        values = ", ".join(_values_of_earlier_label(item, entry))
+        if values:
+            key_path, label = f"objects.{item.name}.label", quoted(item.label)
+            message = Message.LABEL_CHANGED
+            yield warning(scene, key_path, label, message, values=values)
+
+
+def _values_of_earlier_label(item: Object, entry: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the values of an object that differ from those of its recorded label."""
+    for key in ("mass", "friction", "elasticity"):
+        if key not in item.provenance or key not in entry:
+            continue
+        value = getattr(item, key)
+        if not equal(value, entry[key]):
+            yield f"{key} {value:g}"
 
 
 def _long(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
@@ -373,46 +419,57 @@ def _overlaps(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
     joined_pairs = {
         frozenset(joint.objects) for joint in scene.joints if not joint.collide
     }
-    named_count = left_out = 0
+    pair_count = extra_count = 0
     for i, item in enumerate(scene.objects):
-        path = f"objects.{item.name}.shape"
         neighbours = tree.query(shapes[i])
         # Earlier objects only, so that each pair is named once.
         neighbours = np.sort(neighbours[neighbours < i])
-        if named_count >= LIMITS.pairs:
-            left_out += len(neighbours)
+        if pair_count >= LIMITS.pairs:
+            extra_count += len(neighbours)
             neighbours = neighbours[:0]
         for j in neighbours.tolist():
-            other = scene.objects[j].name
-            if {item.name, other} not in joined_pairs and collides(
-                item, scene.objects[j]
-            ):
-                depth = overlap_depth(compilation.outlines[i], compilation.outlines[j])
-                if depth > LIMITS.overlap:
-                    named_count += 1
-                    overlap = Message.OVERLAP_AT_START
-                    yield warning(
-                        scene, path, item.name, overlap, other=other, depth=depth
-                    )
-        for edge, wall in zip(scene.boundaries, compilation.world.walls, strict=True):
-            is_passed = not collides(item, edge) or edge.one_way is not None
-            if item.motion is not Motion.DYNAMIC or is_passed:
+            partner = scene.objects[j]
+            if frozenset((item.name, partner.name)) in joined_pairs:
                 continue
-            depth = max(
-                (
-                    depth_across(shapes[i], shapely.LineString(chain))
-                    for chain in wall.chains
-                ),
-                default=0.0,
-            )
-            if depth > LIMITS.overlap:
-                message = Message.ACROSS_BOUNDARY
-                yield warning(
-                    scene, path, item.name, message, depth=depth, name=wall.name
-                )
-    if left_out:
-        pairs = f"{left_out:,} more pairs"
+            problem = _overlap(scene, compilation, i, j)
+            if problem is not None:
+                pair_count += 1
+                yield problem
+        yield from _boundaries_across(scene, compilation, item, shapes[i])
+    if extra_count:
+        pairs = f"{extra_count:,} more pairs"
         yield warning(scene, "objects", pairs, Message.MORE_OVERLAPS)
+
+
+def _overlap(
+    scene: Scene, compilation: CompiledScene, i: int, j: int
+) -> Problem | None:
+    """Return a warning about the overlap of two objects that collide, or None."""
+    item, partner = scene.objects[i], scene.objects[j]
+    if not collides(item, partner):
+        return None
+    depth = overlap_depth(compilation.outlines[i], compilation.outlines[j])
+    if depth <= LIMITS.overlap:
+        return None
+    path, message = f"objects.{item.name}.shape", Message.OVERLAP_AT_START
+    return warning(scene, path, item.name, message, other=partner.name, depth=depth)
+
+
+def _boundaries_across(
+    scene: Scene, compilation: CompiledScene, item: Object, shape: shapely.Geometry
+) -> Iterator[Problem]:
+    """Yield warnings about boundaries through a dynamic object."""
+    if item.motion is not Motion.DYNAMIC:
+        return
+    path, message = f"objects.{item.name}.shape", Message.ACROSS_BOUNDARY
+    for edge, wall in zip(scene.boundaries, compilation.world.walls, strict=True):
+        if edge.one_way is not None or not collides(item, edge):
+            continue
+        depth = 0.0
+        for chain in wall.chains:
+            depth = max(depth, depth_across(shape, shapely.LineString(chain)))
+        if depth > LIMITS.overlap:
+            yield warning(scene, path, item.name, message, depth=depth, name=wall.name)
 
 
 def depth_across(shape: shapely.Geometry, wall: shapely.LineString) -> float:
@@ -437,47 +494,51 @@ def supports(scene: Scene, compilation: CompiledScene) -> list[list[str]]:
 
     A contact at an object's side only is not a support.
     """
-    gravity = compilation.world.gravity
-    if scene.world.view is View.TOP or not gravity.any():
+    if not _has_gravity(scene, compilation):
         return [[] for _ in scene.objects]
+    gravity = compilation.world.gravity
     down = gravity / float(np.hypot(*gravity)) * LIMITS.support
     shapes = [outline_shape(outline) for outline in compilation.outlines]
-    chains = [
-        (wall.name, shapely.LineString(chain))
-        for wall in compilation.world.walls
-        for chain in wall.chains
-    ]
-    names = [item.name for item in scene.objects] + [name for name, _ in chains]
-    others = shapely.STRtree([*shapes, *(line for _, line in chains)])
+    names = [item.name for item in scene.objects]
+    lines: list[shapely.LineString] = []
+    for wall in compilation.world.walls:
+        names += [wall.name] * len(wall.chains)
+        lines += map(shapely.LineString, wall.chains)
+    tree = shapely.STRtree([*shapes, *lines])
+    support_names = []
+    for index, shape in enumerate(shapes):
+        rows = sorted(tree.query(_way_down(shape, down), "intersects").tolist())
+        # Each name once, in the order of the rows.
+        rows_of_names = dict.fromkeys(names[k] for k in rows if k != index)
+        support_names.append(list(rows_of_names))
+    return support_names
 
-    def met(i: int) -> list[str]:
-        lowered_shapes = (translate(shapes[i], *(down * part)) for part in PARTS)
-        # The shrunken region leaves out neighbours with a common side.
-        way = shapely.union_all(list(lowered_shapes)).buffer(-TOUCH)
-        hits = sorted(int(k) for k in others.query(way, "intersects") if k != i)
-        return list(dict.fromkeys(names[k] for k in hits))
 
-    return [met(i) for i in range(len(shapes))]
+def _has_gravity(scene: Scene, compilation: CompiledScene) -> bool:
+    """Return whether gravity acts in the plane of the photo."""
+    return scene.world.view is not View.TOP and bool(compilation.world.gravity.any())
+
+
+def _way_down(shape: shapely.Geometry, down: Array) -> shapely.Geometry:
+    """Return the region that a shape covers on its way along `down`, px."""
+    lowered_shapes = [translate(shape, *(down * part)) for part in PARTS]
+    # The shrunken region leaves out neighbours with a common side.
+    return shapely.union_all(lowered_shapes).buffer(-TOUCH)
 
 
 def _unsupported_objects(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
     """Yield warnings about objects of a photo at rest without a support below them or
     below their joined partners.
     """
-    if (
-        scene.image is None
-        or scene.world.view is View.TOP
-        or not compilation.world.gravity.any()
-    ):
+    if scene.image is None or not _has_gravity(scene, compilation):
         return
     supports_by_object = supports(scene, compilation)
-    hanging = [
-        i
-        for group in _joined_groups(scene)
-        if not any(supports_by_object[k] for k in group)
-        for i in group
-    ]
-    for item in (scene.objects[i] for i in sorted(hanging)):
+    hanging_objects: list[int] = []
+    for group in _joined_groups(scene):
+        if not any(supports_by_object[k] for k in group):
+            hanging_objects += group
+    for index in sorted(hanging_objects):
+        item = scene.objects[index]
         if not (any(item.velocity) or item.place):
             path = f"objects.{item.name}"
             yield warning(scene, path, item.name, Message.UNSUPPORTED)

@@ -5,7 +5,7 @@ A body's frame has its origin at the centre of mass and the angle 0 at t = 0.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import inf, radians, sqrt
@@ -188,13 +188,16 @@ def _limb_width(pieces: tuple[bytes, ...]) -> float:
         shapely.distance(points[:, None], shapes),
         np.inf,
     )
+    union, joined_count = shapes[0], 1
     for k, (width, _) in enumerate(pairs[1:], 1):
-        # A union is slow, and only a possible limb needs it.
+        # A union is slow, and only a possible limb needs it. The union grows by the
+        # pieces since the last limb.
         if distances[owner == k].min(axis=1).max() > 0.999 * width:
-            outer_distances = shapely.distance(
-                points[owner == k], shapely.union_all(shapes[:k])
-            )
-            size = width if outer_distances.max() > width else size
+            union = shapely.union_all([union, *shapes[joined_count:k]])
+            joined_count = k
+            outer_distances = shapely.distance(points[owner == k], union)
+            if outer_distances.max() > width:
+                size = width
     return size
 
 
@@ -380,19 +383,24 @@ def passages(scene: Scene) -> dict[str, Passage]:
     parts: dict[str, Object | Boundary] = {}
     parts |= {f"objects.{item.name}": item for item in scene.objects}
     parts |= {f"boundaries.{item.name}": item for item in scene.boundaries}
-    names = [item.collision_group for item in parts.values()]
-    groups = [MAIN_GROUP, *sorted({name for name in names if name} - {MAIN_GROUP})]
-    bits = {name: 1 << number for number, name in enumerate(groups)}
+    bits = _group_bits(item.collision_group for item in parts.values())
     passages_by_name: dict[str, Passage] = {}
     for path, item in parts.items():
         mask = EVERY_GROUP
         if item.collides_with is not None:
-            mask = sum({bits[name] for name in item.collides_with if name in bits})
+            mask = sum({bits.get(name, 0) for name in item.collides_with})
         passage = Passage(bits[item.collision_group or MAIN_GROUP], mask, item.one_way)
         # Most scenes have no groups: no entry means the default passage.
         if passage != Passage():
             passages_by_name[path] = passage
     return passages_by_name
+
+
+def _group_bits(names: Iterable[str | None]) -> dict[str, int]:
+    """Return the bit of each collision group; the main group has the first."""
+    other_names = {name for name in names if name} - {MAIN_GROUP}
+    groups = [MAIN_GROUP, *sorted(other_names)]
+    return {name: 1 << number for number, name in enumerate(groups)}
 
 
 TABLE = "the table"
@@ -454,11 +462,9 @@ def pairings(world: World) -> list[Pairing[list[str]]]:
 
 def _names(names: Sequence[str]) -> str:
     name_text = name_ranges(names)
-    return (
-        name_text
-        if name_text.count(",") < 3
-        else f"{names[0]}, {names[1]} and {len(names) - 2} more"
-    )
+    if name_text.count(",") < 3:
+        return name_text
+    return f"{names[0]}, {names[1]} and {len(names) - 2} more"
 
 
 def mass_center(outline: Outline, item: Object) -> Array:
@@ -475,14 +481,14 @@ def placed_outline(outline: Outline, item: Object) -> Outline:
     x, y, degrees = item.place
     center, turn = mass_center(outline, item), rotation(radians(degrees))
 
-    def there(points: Array) -> Array:
+    def move(points: Array) -> Array:
         return (points - center) @ turn.T + (x, y)
 
     if isinstance(outline, Disc):
-        return Disc(there(np.asarray(outline.center)), outline.radius)
+        return Disc(move(np.asarray(outline.center)), outline.radius)
     return Region(
         tuple(
-            Ring(there(ring.outer), tuple(map(there, ring.holes)))
+            Ring(move(ring.outer), tuple(map(move, ring.holes)))
             for ring in outline.rings
         )
     )
@@ -556,9 +562,9 @@ def appearance(scene: Scene, world: World) -> tuple[object, ...]:
     without a photo is drawn in the size of the video, so that its camera counts.
     """
     render, settings = scene.render, scene.world
-    camera = (
-        () if scene.image is not None else (render.scale, render.size, render.camera)
-    )
+    camera: tuple[object, ...] = ()
+    if scene.image is None:
+        camera = (render.scale, render.size, render.camera)
     bodies = [
         (body.center, body.radius, body.pieces, body.rings, body.solid, body.wheels)
         for body in world_in_photo(world).bodies

@@ -68,7 +68,10 @@ class Events:
             # The queue drops its oldest events, so that its first event has the number
             # `_next - len`.
             skipped_count = max(number - (self._next - len(self._events)), 0)
-            events = list(self._events)[skipped_count:] if run == self.run else []
+            if run == self.run:
+                events = list(self._events)[skipped_count:]
+            else:
+                events = []
             return {"run": self.run, "next": self._next, "events": events}
 
 
@@ -124,7 +127,7 @@ class Render(Body):
     refine: bool | None = None
 
 
-class Nothing(Body):
+class NoParameters(Body):
     pass
 
 
@@ -186,9 +189,10 @@ def motion(
 def picture(services: Served, key: str, motion: str | None = None) -> Response:
     """Return the background and the sprites; with `motion`, their shadows."""
     pictures = services.session.pictures
-    picture_data = (
-        pictures.look(key) if motion is None else pictures.shadows(key, motion)
-    )
+    if motion is None:
+        picture_data = pictures.look(key)
+    else:
+        picture_data = pictures.shadows(key, motion)
     return _present(picture_data)
 
 
@@ -300,7 +304,7 @@ def render_status(services: Served) -> Response:
 
 
 @api.post("/api/render/stop")
-def stop(services: Served, body: Nothing) -> Response:
+def stop(services: Served, body: NoParameters) -> Response:
     """Stop rendering."""
     services.rendering.stop()
     return JSONResponse(services.rendering.status())
@@ -327,7 +331,10 @@ def result(services: Served, key: str, name: str) -> Response:
     is_current_job = job is not None and secrets.compare_digest(
         key.encode(), job.encode()
     )
-    path = services.rendering.file(name) if is_current_job else None
+    if is_current_job:
+        path = services.rendering.file(name)
+    else:
+        path = None
     if path is None:
         raise EditError(Why.ABSENT, "there is no such result", "render again")
     return FileResponse(path)

@@ -153,11 +153,9 @@ async def _answer(request: Request, error: Exception) -> Response:
             fix = "see /api/openapi.json"
             headers = error.headers
         case OSError():  # the disk is full, or may not be written
-            location = (
-                f"{Path(error.filename).name}: "
-                if isinstance(error.filename, str)
-                else ""
-            )
+            location = ""
+            if isinstance(error.filename, str):
+                location = f"{Path(error.filename).name}: "
             message = f"{location}{(error.strerror or 'it could not be read or written').lower()}"
             status = 507
             fix = "make room, or correct the permissions, and try again"
@@ -229,9 +227,10 @@ class Guard:
         async def send_with_headers(message: ServerMessage) -> None:
             if message["type"] == "http.response.start":
                 is_result = scope["path"].startswith(RESULT)
-                headers = (
-                    result_headers(f"{self.host}:{self.port}") if is_result else HEADERS
-                )
+                if is_result:
+                    headers = result_headers(f"{self.host}:{self.port}")
+                else:
+                    headers = HEADERS
                 added_headers = [
                     (key.lower().encode(), value.encode())
                     for key, value in headers.items()
@@ -257,25 +256,10 @@ class Guard:
         headers = Headers(scope=scope)
         path = scope["path"]
         fix = "open the address as it was printed"
-        if [key for key, _ in scope["headers"]].count(b"host") != 1 or not self.is_ours(
-            headers["host"]
-        ):
+        host_count = [key for key, _ in scope["headers"]].count(b"host")
+        if host_count != 1 or not self.is_ours(headers["host"]):
             raise EditError(Why.FOREIGN, "the Host header names another server", fix)
-        # Browsers send the origin with every request that changes something, and the
-        # site with every request: a page of another site is refused by either. Links
-        # from other sites may only open the page itself and rendered files.
-        is_foreign = (
-            headers.get("origin", own_origin := f"http://{headers['host']}")
-            != own_origin
-        )
-        site = headers.get("sec-fetch-site")
-        if (
-            site in ("cross-site", "same-site")
-            and path != "/"
-            and not path.startswith(RESULT)
-        ):
-            is_foreign = True
-        if is_foreign:
+        if _is_foreign(headers, path):
             raise EditError(Why.FOREIGN, "another site's page asks", fix)
         if path == "/" or path.startswith(OPEN):
             return
@@ -283,11 +267,9 @@ class Guard:
         if not secrets.compare_digest(sent_token.encode(), self.token.encode()):
             raise EditError(Why.UNTRUSTED, "the token is missing or wrong", fix)
         length = headers.get("content-length", "0")
-        if (
-            length.isascii()
-            and length.isdecimal()
-            and (len(length) > 12 or int(length) > BODY)
-        ):
+        if not (length.isascii() and length.isdecimal()):
+            return
+        if len(length) > 12 or int(length) > BODY:
             raise too_large()
 
     def is_ours(self, host: str) -> bool:
@@ -363,6 +345,21 @@ async def _body(scope: Scope, receive: Receive) -> Receive:
     return receive_again
 
 
+def _is_foreign(headers: Headers, path: str) -> bool:
+    """Check whether the page of another site sends a request.
+
+    Browsers send the origin with every request that changes something, and the site
+    with every request: either one tells. Links from other sites may only open the page
+    itself and rendered files.
+    """
+    own_origin = f"http://{headers['host']}"
+    if headers.get("origin", own_origin) != own_origin:
+        return True
+    if path == "/" or path.startswith(RESULT):
+        return False
+    return headers.get("sec-fetch-site") in ("cross-site", "same-site")
+
+
 def too_large() -> EditError:
     """Return the error for a body beyond the limit."""
     return EditError(
@@ -396,8 +393,12 @@ class Editor:
         try:
             self._socket = _listening(host, port)
             self.port: int = self._socket.getsockname()[1]
-            url_host = "127.0.0.1" if host in ("0.0.0.0", "::") else host
-            url_host = f"[{url_host}]" if ":" in url_host else url_host
+            if host in ("0.0.0.0", "::"):
+                url_host = "127.0.0.1"
+            else:
+                url_host = host
+            if ":" in url_host:
+                url_host = f"[{url_host}]"
             self.address = f"http://{url_host}:{self.port}/?token={self.token}"
             self.session.draft.listens(self.address)
         # The session has locked the draft folder: release it if the server cannot
@@ -450,7 +451,10 @@ def _listening(host: str, port: int | None) -> socket.socket:
     """Open a listening TCP socket. Raises InputError, which names the option to
     change.
     """
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    if ":" in host:
+        family = socket.AF_INET6
+    else:
+        family = socket.AF_INET
     # If the protocol is named, asyncio sets TCP_NODELAY; otherwise small answers wait
     # for 40 ms.
     listener = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
@@ -462,7 +466,10 @@ def _listening(host: str, port: int | None) -> socket.socket:
         listener.listen(128)
     except OSError as error:
         listener.close()
-        option = f"--port {port}" if port else f"--host {host}"
+        if port:
+            option = f"--port {port}"
+        else:
+            option = f"--host {host}"
         reason = (error.strerror or str(error)).lower()
         raise Message.PORT_UNUSABLE.error(option, reason=reason) from None
     return listener

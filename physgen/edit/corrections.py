@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from physgen import registry
 from physgen.arrays import F32
 from physgen.compile.shapes import U16, mask_crc, snapped_to_boundaries
+from physgen.compile.world import Body
 from physgen.edit.live import Live
 from physgen.edit.masks import PromptSegmenter, count, make, parse_op
 from physgen.edit.object_entries import (
@@ -45,7 +46,7 @@ from physgen.perceive import document, shape_entries
 from physgen.perceive.inpaint.poisson import dilate
 from physgen.perceive.roles import SMALLEST_OBJECT, BoundaryGuess, PhotoObject
 from physgen.photos import read_channels
-from physgen.problems import InputError
+from physgen.problems import EditError, InputError
 from physgen.scene.files import OUTLINES, OVERVIEW, RECORD, read_record
 from physgen.scene.scene import MaskId
 from physgen.scene.yaml_comments import without_comments
@@ -124,32 +125,16 @@ def correct(
         if correction.masks or correction.new_masks:
             map_folder = _linked_maps(correction.scene.assets, live.path)
             _finish(correction, map_folder)
-        new_text = apply_operations(correction.text, correction.ops).text
-        # Comments of perception about values that changed are no longer true: remove
-        # them.
-        own_comments = correction.scene.record.comments
-        changed_paths = [op["set"] for op in correction.ops if "set" in op]
-        changed_paths += [["objects", name, "mask"] for name in correction.masks]
-        new_text = without_comments(new_text, changed_paths, own_comments)
+        new_text = _corrected_text(correction)
         bodies = live.state(new_text).compiled_scene.world.bodies
         if correction.merged_names:
-            title += "".join(
-                f" ({body.mass:,.4g} g)"
-                for body in bodies
-                if body.name in correction.masks
-            )
+            title += _masses(correction, bodies)
     except BaseException as error:
         # The folder is new and no text names it yet.
         if map_folder is not None:
             shutil.rmtree(map_folder, ignore_errors=True)
         if isinstance(error, InputError):
-            problem = error.problems[0]
-            message = (
-                f"{problem.path or 'the scene'} {problem.found} {problem.expected}"
-            )
-            raise Message.EDIT_MAKES_PROBLEM.impossible(
-                reason=message, fix=problem.fix
-            ) from error
+            raise _impossible_edit(error) from error
         raise
     new_name = next(iter(correction.new_masks), None)
     changed_name = next(iter(correction.masks), None)
@@ -160,6 +145,32 @@ def correct(
         map_folder,
         changed_name if new_name is None else None,
     )
+
+
+def _corrected_text(correction: Correction) -> str:
+    """Return the text of the scene after a correction."""
+    text = apply_operations(correction.text, correction.ops).text
+    # Comments of perception about values that changed are no longer true: remove them.
+    own_comments = correction.scene.record.comments
+    changed_paths = [op["set"] for op in correction.ops if "set" in op]
+    changed_paths += [["objects", name, "mask"] for name in correction.masks]
+    return without_comments(text, changed_paths, own_comments)
+
+
+def _masses(correction: Correction, bodies: Sequence[Body]) -> str:
+    """Return the masses of merged objects as a part of a title."""
+    texts = []
+    for body in bodies:
+        if body.name in correction.masks:
+            texts.append(f" ({body.mass:,.4g} g)")
+    return "".join(texts)
+
+
+def _impossible_edit(error: InputError) -> EditError:
+    """Return the error of an edit that would make a problem."""
+    problem = error.problems[0]
+    reason = f"{problem.path or 'the scene'} {problem.found} {problem.expected}"
+    return Message.EDIT_MAKES_PROBLEM.impossible(reason=reason, fix=problem.fix)
 
 
 def _linked_maps(assets: Path | None, path: Path) -> Path:
@@ -219,21 +230,28 @@ def _write_record(folder: Path, entries: Mapping[str, Data], labels: U16) -> Non
     """
     for file in (OUTLINES, RECORD):
         content = read_record(folder / file)
-        records = content if file == OUTLINES else content.get("objects")
+        records: Any = content
+        if file != OUTLINES:
+            records = content.get("objects")
         if not isinstance(records, dict) or not records:
             continue
         for entry in entries.values():
             id_ = str(entry["mask"])
-            old_record: Data = (
-                records[id_] if isinstance(records.get(id_), dict) else {}
-            )
+            old_record: Data
+            if isinstance(records.get(id_), dict):
+                old_record = records[id_]
+            else:
+                old_record = {}
             # A velocity that differs from the record counts as the user's.
             if file == RECORD:
                 records[id_] = {"velocity": [0, 0], **old_record, **entry} | {
                     "velocity": old_record.get("velocity", [0, 0])
                 }
             else:
-                solid = {"solid": entry["solid"]} if "solid" in entry else {}
+                if "solid" in entry:
+                    solid = {"solid": entry["solid"]}
+                else:
+                    solid = {}
                 outline_record = {
                     "crc": mask_crc(labels, entry["mask"]),
                     "shape": entry["shape"],
@@ -281,7 +299,10 @@ def _paint(work: Correction) -> PaintedMaps:
 def _clear_masks(masks_png: U16, work: Correction, names: Sequence[str]) -> U16:
     """Return masks.png (H, W) without the masks of these objects."""
     mask_ids = _mask_ids(work)
-    cleared_ids = [mask_ids[name] for name in names if name in mask_ids]
+    cleared_ids = []
+    for name in names:
+        if name in mask_ids:
+            cleared_ids.append(mask_ids[name])
     result = masks_png.copy()
     result[np.isin(masks_png, cleared_ids)] = 0
     return result
@@ -343,7 +364,9 @@ def _stored_ids(work: Correction, names: Sequence[str]) -> dict[str, int]:
     free_ids = iter(range(max(used_ids) + 1, 65536))
     stored_ids: dict[str, int] = {}
     for name in names:
-        id_ = mask_ids[name] if name in mask_ids else next(free_ids, None)
+        id_ = mask_ids.get(name)
+        if id_ is None:
+            id_ = next(free_ids, None)
         if id_ is None:
             raise Message.NO_ID_LEFT.impossible()
         stored_ids[name] = id_
@@ -372,7 +395,10 @@ def _label(work: Correction, name: str) -> str:
     """Return the label of an object; a new part has the label of the divided object."""
     if name in work.entries:
         return str(work.entries[name]["label"])
-    source = name if name in work.masks else next(iter(work.masks))
+    if name in work.masks:
+        source = name
+    else:
+        source = next(iter(work.masks))
     return work.scene.objects[work.index(source)].label
 
 
@@ -387,7 +413,10 @@ def _entry(work: Correction, name: str, photo_object: PhotoObject, labels: U16) 
         return dict(work.entries[name]) | {
             "shape": shape_entries.shape_entry(photo_object.outline)
         }
-    source = name if name in work.masks else next(iter(work.masks))
+    if name in work.masks:
+        source = name
+    else:
+        source = next(iter(work.masks))
     entry = changed_entry(work, source, name, photo_object, labels)
     old_entry = work.old_entry(source)
     # Only a mass of the user is shared or added: one of the table follows from the
@@ -407,11 +436,10 @@ def _set_provenance(work: Correction, name: str, entry: Data) -> None:
     """Set `from` and `prompt` to the source of the mask; a mask drawn by a user has no
     source.
     """
-    sources = {
-        key: value
-        for key, value in (entry.pop("from", None) or {}).items()
-        if key != "mask"
-    }
+    sources = {}
+    for key, value in (entry.pop("from", None) or {}).items():
+        if key != "mask":
+            sources[key] = value
     # The old prompt found the old mask.
     entry.pop("prompt", None)
     if name in work.prompts:
@@ -479,7 +507,10 @@ def _changed_part(maps: Percepts, painted_maps: PaintedMaps) -> _ChangedPart:
     map_parts: dict[str, Any] = {}
     for one in fields(maps):
         values = getattr(maps, one.name)
-        map_parts[one.name] = None if values is None else values[window]
+        if values is None:
+            map_parts[one.name] = None
+        else:
+            map_parts[one.name] = values[window]
     union = painted_maps.union[window]
     # A matte is slow and soft: it is computed only in a band around the changed border.
     border_band = dilate(union != painted_maps.union_before[window], SOFT)
@@ -588,10 +619,15 @@ def _patch(
     """
     old_values = read_channels(path)
     if old_values.ndim == 3:
-        old_values = old_values[:, :, :3] if values.ndim == 3 else old_values[:, :, 0]
+        if values.ndim == 3:
+            old_values = old_values[:, :, :3]
+        else:
+            old_values = old_values[:, :, 0]
     old_values = old_values.copy()
     largest_value = np.iinfo(old_values.dtype).max
-    middle = (largest_value + 1) // 2 if is_signed else 0
+    middle = 0
+    if is_signed:
+        middle = (largest_value + 1) // 2
     encoded_values = np.clip(
         np.rint(values * (middle - 1 if is_signed else largest_value)) + middle,
         0,

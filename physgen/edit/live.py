@@ -74,9 +74,9 @@ class MotionStream:
         self.world = world
         body_count = max(len(world.bodies), 1)
         frames = world.times
-        subsamples = (
-            SUBSAMPLES if len(frames) * SUBSAMPLES * body_count <= MAX_SUBSAMPLED else 1
-        )
+        subsamples = 1
+        if len(frames) * SUBSAMPLES * body_count <= MAX_SUBSAMPLED:
+            subsamples = SUBSAMPLES
         # The page draws contacts and bounces between the frames, as long as the numbers
         # fit.
         times = frames
@@ -375,7 +375,10 @@ class Live:
             )
             # The label map follows from outlines, masks and maps. Hashing these is much
             # faster than hashing the label map of a large photo.
-            outlines = compiled.outlines if maps.percepts is None else ()
+            if maps.percepts is None:
+                outlines = compiled.outlines
+            else:
+                outlines = ()
             picture = key(
                 "picture", maps.key, *appearance(scene, compiled.world), outlines, masks
             )

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, Field, TypeAdapter, ValidationError
 
 from physgen import registry
@@ -122,11 +123,10 @@ def parse_op(op: Mapping[str, Any]) -> MaskOp:
     except ValidationError as error:
         first_error = error.errors()[0]
         location = ".".join(str(part) for part in first_error["loc"][1:])
-        message = (
-            f"{location}: {first_error['msg']}"
-            if location
-            else f"a mask operation is not known: {first_error['msg']}"
-        )
+        if location:
+            message = f"{location}: {first_error['msg']}"
+        else:
+            message = f"a mask operation is not known: {first_error['msg']}"
         raise Message.OPERATION_MALFORMED.impossible(reason=message[:300]) from None
 
 
@@ -182,13 +182,18 @@ def _apply_prompted_mask(
             np.bincount(part.ravel(), minlength=number + 1)
             for part in (labels[mask], labels)
         )
-        best_id = int(overlaps[1:].argmax()) + 1 if number else 0
+        best_id = 0
+        if number:
+            best_id = int(overlaps[1:].argmax()) + 1
         if best_id and overlaps[best_id] > max(
             SAME[0] * min(count(mask), int(areas[best_id])),
             SAME[1] * int(areas[best_id]),
         ):
             name = work.scene.objects[best_id - 1].name
-    own_id = 0 if name is None else work.index(name) + 1
+    if name is None:
+        own_id = 0
+    else:
+        own_id = work.index(name) + 1
     # A new mask never takes pixels of other objects.
     mask = mask & ((labels == 0) | (labels == own_id))
     if name is None:
@@ -220,7 +225,10 @@ def _brush(work: Correction, op: BrushOp) -> str:
     """Add a stroke to an object's mask, or erase it from the mask."""
     old_mask = work.mask(op.object)
     painted_mask = stroke(op.strokes, op.radius, work.scene.size)
-    mask = old_mask | painted_mask if op.kind == "brush" else old_mask & ~painted_mask
+    if op.kind == "brush":
+        mask = old_mask | painted_mask
+    else:
+        mask = old_mask & ~painted_mask
     if (mask == old_mask).all():
         raise Message.STROKE_CHANGES_NOTHING.impossible()
     _set_mask(work, op.object, mask)
@@ -376,7 +384,10 @@ def _edit_errors() -> Iterator[None]:
     except InputError as error:
         problem = error.problems[0]
         # The fixes of perception name flags and coordinates, which the page has not.
-        fix = "draw a box close around it" if "--" in problem.fix else problem.fix
+        if "--" in problem.fix:
+            fix = "draw a box close around it"
+        else:
+            fix = problem.fix
         if fix.startswith("write x,y"):
             fix = "mark it on the photo"
         wrong = Message.MARK_REFUSED
@@ -396,10 +407,10 @@ def stroke(
     width, height = size
     is_painted = np.zeros((height, width), np.bool_)
     line = np.array(points, np.float64)
+    # A single point is a segment without length.
+    ends = line[1:] if len(line) > 1 else line
     distance_count = 0
-    for start, end in zip(
-        line[: max(len(line) - 1, 1)], line[1:] if len(line) > 1 else line, strict=True
-    ):
+    for start, end in zip(line, ends, strict=False):
         # Only the bounding box of the segment is looked at, clipped to the photo.
         x0, y0 = np.floor(np.minimum(start, end) - radius).astype(int)
         x1, y1 = np.ceil(np.maximum(start, end) + radius).astype(int) + 1
@@ -410,18 +421,23 @@ def stroke(
         if distance_count > MAX_STROKE_WORK:
             raise Message.STROKE_TOO_LONG.impossible()
         y, x = np.mgrid[y0:y1, x0:x1]
-        direction = end - start
-        dx = x - start[0]
-        dy = y - start[1]
-        length = float(direction @ direction)
-        # Parameter of the nearest point on the segment, 0 at its start and 1 at its
-        # end; a single point has no direction.
-        fraction = (
-            np.clip((dx * direction[0] + dy * direction[1]) / length, 0, 1)
-            if length > 0
-            else np.zeros(x.shape)
-        )
-        is_painted[y0:y1, x0:x1] |= (dx - fraction * direction[0]) ** 2 + (
-            dy - fraction * direction[1]
-        ) ** 2 <= radius**2 + 1e-9
+        squares = _square_distances(x - start[0], y - start[1], end - start)
+        is_painted[y0:y1, x0:x1] |= squares <= radius**2 + 1e-9
     return is_painted
+
+
+def _square_distances(
+    dx: NDArray[np.float64], dy: NDArray[np.float64], direction: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the squares of distances to a segment, px², of points at dx, dy from its
+    start.
+    """
+    length = float(direction @ direction)
+    # Parameter of the nearest point on the segment, 0 at its start and 1 at its end; a
+    # single point has no direction.
+    fraction = np.zeros(dx.shape)
+    if length > 0:
+        fraction = np.clip((dx * direction[0] + dy * direction[1]) / length, 0, 1)
+    return np.asarray(
+        (dx - fraction * direction[0]) ** 2 + (dy - fraction * direction[1]) ** 2
+    )

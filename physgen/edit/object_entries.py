@@ -100,7 +100,10 @@ def begin(live: Live, text: str) -> Correction:
         raise Message.NO_PHOTO_TO_MASK.impossible()
     scene = sight.scene
     own_entries = file_document.get("objects") or {}
-    names = [item.name for item in scene.objects if item.name in own_entries]
+    names = []
+    for item in scene.objects:
+        if item.name in own_entries:
+            names.append(item.name)
     # Only objects of this file can be corrected, not those of a file that it extends.
     own_document = {
         **file_document,
@@ -130,9 +133,15 @@ def new_entry(
     """
     scene_scale = scale or work.scene.world.pixels_per_meter
     # An assumed scale is no evidence about the size of an object.
-    known_scale = None if is_assumed(scene_scale, max(work.scene.size)) else scene_scale
+    if is_assumed(scene_scale, max(work.scene.size)):
+        known_scale = None
+    else:
+        known_scale = scene_scale
     materials = registry.make("physics")(work.maps.rgb, [photo_object], known_scale)
-    source = "" if label is None else registry.find("label").name
+    if label is None:
+        source = ""
+    else:
+        source = registry.find("label").name
     labels_of_one = document.ObjectLabels(
         {photo_object.id: label or Name(photo_object.label, 1.0)},
         {photo_object.id: source},
@@ -180,9 +189,7 @@ def changed_entry(
     if label is not None:
         result["label"] = label
         if "from" in result:
-            result["from"] = {
-                key: author for key, author in result["from"].items() if key != "label"
-            }
+            result["from"] = _without_key(result["from"], "label")
     if isinstance(result.get("shape"), Mapping):
         result["shape"] = shape_entries.shape_entry(photo_object.outline)
     # Only round objects roll.
@@ -192,25 +199,26 @@ def changed_entry(
         result.pop("roll", None)
         if "rolling" in old_keys:
             result.pop("rolling", None)
-            result["from"] = {
-                key: author
-                for key, author in result["from"].items()
-                if key != "rolling"
-            }
-    path = result.get("motion")
+            result["from"] = _without_key(result["from"], "rolling")
+    motion = result.get("motion")
     # A path contains positions of the centre; the centre moves with the outline.
-    if isinstance(path, Mapping) and path.get("path"):
-        old_centre, new_centre = (
-            mass_properties(outline).center
-            for outline in (work.photo_object(source).outline, photo_object.outline)
-        )
-        dx, dy = (new_centre - old_centre).tolist()
-        knots = [
-            [t, round(x + dx, 2), round(y + dy, 2), *rest]
-            for t, x, y, *rest in path["path"]
-        ]
-        result["motion"] = {**path, "path": knots}
+    if isinstance(motion, Mapping) and motion.get("path"):
+        old_center = mass_properties(work.photo_object(source).outline).center
+        new_center = mass_properties(photo_object.outline).center
+        knots = _moved_knots(motion["path"], *(new_center - old_center).tolist())
+        result["motion"] = {**motion, "path": knots}
     return result
+
+
+def _without_key(mapping: Mapping[str, Any], key: str) -> Data:
+    return {other: value for other, value in mapping.items() if other != key}
+
+
+def _moved_knots(knots: list[list[Any]], dx: float, dy: float) -> list[list[Any]]:
+    """Return the knots of a path, displaced by dx, dy px."""
+    return [
+        [t, round(x + dx, 2), round(y + dy, 2), *angles] for t, x, y, *angles in knots
+    ]
 
 
 def joined_mass(work: Correction, *names: str) -> float:

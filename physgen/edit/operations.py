@@ -53,7 +53,9 @@ _NOWHERE = Source("", File())
 
 def to_integer(value: object) -> object:
     """Convert an integral number to an integer, since JSON does not tell 1.0 from 1."""
-    return int(value) if isinstance(value, float) and value.is_integer() else value
+    if isinstance(value, float) and value.is_integer():
+        return int(value)
+    return value
 
 
 Index = Annotated[int, Field(strict=True, ge=0, le=10**6), BeforeValidator(to_integer)]
@@ -201,19 +203,24 @@ def short(value: Any) -> Any:
     if isinstance(value, list):
         return [short(child) for child in value]
     if isinstance(value, float):
-        if not math.isfinite(value):
-            raise Message.SENT_NOT_FINITE.impossible()
-        # A number with that many digits comes from arithmetic.
-        if (
-            sum(map(str.isdigit, repr(value).partition("e")[0].strip("-0.")))
-            >= EXACT_DIGITS
-        ):
-            value = float(f"{value:.6g}")
-        return int(value) if value.is_integer() and abs(value) < 1e5 else value
+        return _short_float(value)
     if isinstance(value, int) and not isinstance(value, bool) and abs(value) >= 1e5:
         if abs(value) > 1e300:
             raise Message.SENT_TOO_LARGE.impossible()
-        return float(value) if float(f"{value:.1e}") == value else value
+        if float(f"{value:.1e}") == value:
+            return float(value)
+    return value
+
+
+def _short_float(value: float) -> float | int:
+    if not math.isfinite(value):
+        raise Message.SENT_NOT_FINITE.impossible()
+    mantissa = repr(value).partition("e")[0].strip("-0.")
+    # A number with that many digits comes from arithmetic.
+    if sum(map(str.isdigit, mantissa)) >= EXACT_DIGITS:
+        value = float(f"{value:.6g}")
+    if value.is_integer() and abs(value) < 1e5:
+        return int(value)
     return value
 
 
@@ -227,7 +234,10 @@ def reach(data: Any, path: KeyPath) -> Any:
             isinstance(data, list) and isinstance(key, int) and key >= 0
         )
         try:
-            data = data[key] if is_present else None
+            if is_present:
+                data = data[key]
+            else:
+                data = None
         except (KeyError, IndexError):
             is_present = False
         if not is_present:
@@ -238,25 +248,30 @@ def reach(data: Any, path: KeyPath) -> Any:
 def assign(data: Data, path: KeyPath, value: Any) -> None:
     """Set the value at a path, and create the mappings to it. Raises EditError."""
     holder: Any = data
-    for depth, key in enumerate(path):
-        if isinstance(holder, dict) and isinstance(key, str):
-            if depth + 1 < len(path) and holder.get(key) is None:
+    for depth, key in enumerate(path[:-1]):
+        _check_holder(holder, path, depth)
+        if isinstance(holder, dict):
+            if holder.get(key) is None:
                 holder[key] = {}
-        elif (
-            not isinstance(holder, list)
-            or not isinstance(key, int)
-            or key > len(holder)
-        ):
-            owner = dotted(path[:depth]) or "the file"
-            raise Message.PART_MISSING.impossible(key=key, owner=owner)
         elif key == len(holder):
-            if depth + 1 < len(path):
-                raise Message.ITEM_MISSING.impossible(path=dotted(path[: depth + 1]))
+            raise Message.ITEM_MISSING.impossible(path=dotted(path[: depth + 1]))
+        holder = holder[key]
+    if path:
+        _check_holder(holder, path, len(path) - 1)
+        if isinstance(holder, list) and path[-1] == len(holder):
             holder.append(value)
-        if depth + 1 < len(path):
-            holder = holder[key]
-        else:
-            holder[key] = value
+        holder[path[-1]] = value
+
+
+def _check_holder(holder: Any, path: KeyPath, depth: int) -> None:
+    """Raise EditError unless a mapping or list can hold the value of its key."""
+    key = path[depth]
+    if isinstance(holder, dict) and isinstance(key, str):
+        return
+    if isinstance(holder, list) and isinstance(key, int) and key <= len(holder):
+        return
+    owner = dotted(path[:depth]) or "the file"
+    raise Message.PART_MISSING.impossible(key=key, owner=owner)
 
 
 def take(data: Data, path: KeyPath) -> None:
@@ -270,6 +285,12 @@ def take(data: Data, path: KeyPath) -> None:
         and path[-1] < len(holder)
     ):
         del holder[path[-1]]
+
+
+def _are_same_scenes(first: Data, second: Data) -> bool:
+    """Return whether two scenes are equal but for their variants and extended files."""
+    keys = {*first, *second} - set(SEALED)
+    return all(are_equal(first.get(key), second.get(key)) for key in keys)
 
 
 # The place of an edit in the file
@@ -310,49 +331,46 @@ class Target:
             text = yaml_edit.write(self.text, data)
             self.text = with_true_comments(text, self.data, new_names or {})
             return
-        changes = {
-            path: value
-            for path, value in _changes(self.data, data, ())
-            if path[0] not in SEALED
-        }
-        if changed_path is not None and any(
-            path[: len(changed_path)] == changed_path for path in changes
-        ):
-            changes = {
-                path: value
-                for path, value in changes.items()
-                if path[: len(changed_path)] != changed_path
-            }
-            changes[changed_path] = reach(data, changed_path)
+        changes = self._variant_changes(data, changed_path)
         new_edits: Data = {}
+        # Removals come last.
         for path, value in sorted(
             changes.items(), key=lambda change: change[1] is ABSENT
         ):
             if parse_key(dotted(path)) != path:
                 raise Message.VARIANT_SECTION_FIXED.impossible(path=dotted(path)[:80])
             new_edits[dotted(path)] = None if value is ABSENT else value
-        other_edits = {
-            key: value
-            for key, value in self._edits.items()
-            if not _is_below(key, changes)
-        }
-        edits_in_place = {
-            key: value
-            for key, value in self._edits.items()
-            if key in new_edits or key in other_edits
-        }
+        other_edits: Data = {}
+        edits_in_place: Data = {}
+        for key, value in self._edits.items():
+            if not _is_key_below(key, changes):
+                other_edits[key] = value
+            if key in new_edits or key in other_edits:
+                edits_in_place[key] = value
         # Keep the order of keys if possible; otherwise append the new ones, since a
-        # later
-        # key overrides an earlier one.
+        # later key overrides an earlier one.
         for edits in (edits_in_place | new_edits, other_edits | new_edits):
-            resulting_scene = _with_edits(self._whole, edits)
-            if all(
-                are_equal(resulting_scene.get(key), data.get(key))
-                for key in {*resulting_scene, *data} - set(SEALED)
-            ):
+            if _are_same_scenes(_with_edits(self._whole, edits), data):
                 self._write_edits(edits)
                 return
         raise Message.VARIANT_NOT_WRITABLE.impossible(variant=self.variant)
+
+    def _variant_changes(
+        self, data: Data, changed_path: KeyPath | None
+    ) -> dict[KeyPath, Any]:
+        """Return the changed values of the scene; that at `changed_path` as a whole."""
+        changes = {}
+        inner_paths = []
+        for path, value in _changes(self.data, data, ()):
+            if path[0] in SEALED:
+                continue
+            if changed_path is not None and path[: len(changed_path)] == changed_path:
+                inner_paths.append(path)
+            else:
+                changes[path] = value
+        if changed_path is not None and inner_paths:
+            changes[changed_path] = reach(data, changed_path)
+        return changes
 
     def unset(self, path: KeyPath) -> None:
         """Remove a value: from a variant its edits there, or else the value itself.
@@ -360,11 +378,10 @@ class Target:
         Raises EditError.
         """
         if self.variant is not None and not isinstance(path[-1], int):
-            edits = {
-                key: value
-                for key, value in self._edits.items()
-                if not _is_below(key, [path])
-            }
+            edits = {}
+            for key, value in self._edits.items():
+                if not _is_key_below(key, [path]):
+                    edits[key] = value
             # Without an edit at the path, the variant has the value of the file.
             if edits != self._edits:
                 self._write_edits(edits)
@@ -380,7 +397,7 @@ class Target:
         self.text = yaml_edit.write(self.text, document)
 
 
-def _is_below(key: str, paths: Iterable[KeyPath]) -> bool:
+def _is_key_below(key: str, paths: Iterable[KeyPath]) -> bool:
     """Check whether a variant's key is one of these paths, or below one."""
     key_path = parse_key(key) or ()
     return any(key_path[: len(path)] == path for path in paths)
@@ -432,7 +449,10 @@ def _remove(target: Target, path: KeyPath) -> str:
     """Remove an entry and all references to it; return the title. Raises EditError."""
     if reach(target.data, path) is ABSENT:
         raise Message.EDITOR_NOT_THERE.impossible(path=dotted(path))
-    names = [str(path[-1])] if path[0] in NAMED else [dotted(path)]
+    if path[0] in NAMED:
+        names = [str(path[-1])]
+    else:
+        names = [dotted(path)]
     if len(path) == 2 and path[0] == "objects":
         data, removed_parts = replace_name(target.data, str(path[1]), None)
         names += removed_parts
@@ -460,26 +480,33 @@ def _rename(target: Target, path: KeyPath, new_id: str) -> str:
         raise Message.NEW_NAME_WRONG.impossible(form=rule["x-pattern"])
     section = str(path[0])
     old = str(path[1])
-    new_names = {old: new_id} if section == "objects" else {}
-    if new_id != old:
-        if reach(target.data, (section, new_id)) is not ABSENT:
-            raise Message.NAME_TAKEN.impossible(name=new_id)
-        if section == "objects":
-            # Forces, joints and fields refer to objects; only edits of variants refer
-            # to others.
-            data, _ = replace_name(target.data, old, new_id)
-        else:
-            data = deepcopy(target.data)
-            data[section] = {
-                new_id if key == old else key: value
-                for key, value in data[section].items()
-            }
-            _change_edits(
-                data,
-                lambda key: (section, new_id, *key[2:]) if key[:2] == path else key,
-            )
-        target.write(data, new_names=new_names)
-    return f"rename {old} to {new_id}"
+    title = f"rename {old} to {new_id}"
+    if new_id == old:
+        return title
+    if reach(target.data, (section, new_id)) is not ABSENT:
+        raise Message.NAME_TAKEN.impossible(name=new_id)
+    if section == "objects":
+        # Forces, joints and fields refer to objects; only edits of variants refer to
+        # others.
+        data, _ = replace_name(target.data, old, new_id)
+        target.write(data, new_names={old: new_id})
+        return title
+    data = deepcopy(target.data)
+    data[section] = _with_new_key(data[section], old, new_id)
+
+    def change(key: KeyPath) -> KeyPath:
+        if key[:2] == path:
+            return (section, new_id, *key[2:])
+        return key
+
+    _change_edits(data, change)
+    target.write(data, new_names={})
+    return title
+
+
+def _with_new_key(mapping: Data, old: str, new: str) -> Data:
+    """Return a mapping with another name of one key, in the same order."""
+    return {new if key == old else key: value for key, value in mapping.items()}
 
 
 def replace_name(data: Data, name: str, new_name: str | None) -> tuple[Data, list[str]]:
@@ -490,33 +517,29 @@ def replace_name(data: Data, name: str, new_name: str | None) -> tuple[Data, lis
     """
     data = deepcopy(data)
     removed_parts = list[str]()
-    is_merged = new_name in data["objects"]
-    if new_name is None or is_merged:
+    remaining_name = new_name
+    if new_name in data["objects"]:
+        remaining_name = None
+    if remaining_name is None:
         del data["objects"][name]
     else:
-        data["objects"] = {
-            new_name if key == name else key: value
-            for key, value in data["objects"].items()
-        }
+        data["objects"] = _with_new_key(data["objects"], name, remaining_name)
     joints = list(data.get("joints") or {})
     forces = _refer(data, name, new_name, removed_parts)
     if forces:
         removed_parts.insert(0, "its force" if forces == 1 else f"its {forces} forces")
     # Edits of variants that refer to a removed part are removed with it.
-    removed_joints = {
-        ("joints", joint) for joint in joints if joint not in data["joints"]
-    }
+    removed_joints = {("joints", joint) for joint in joints}
+    removed_joints -= {("joints", joint) for joint in data.get("joints") or {}}
 
     def change(key: KeyPath) -> KeyPath | None:
         if key[:2] == ("objects", name):
-            return (
-                None
-                if new_name is None or is_merged
-                else ("objects", new_name, *key[2:])
-            )
-        return (
-            None if key[:2] in removed_joints or (forces and _is_of_force(key)) else key
-        )
+            if remaining_name is None:
+                return None
+            return ("objects", remaining_name, *key[2:])
+        if key[:2] in removed_joints or (forces and _is_of_force(key)):
+            return None
+        return key
 
     return data, removed_parts + _change_edits(data, change)
 
@@ -571,24 +594,37 @@ def _refer_in_list(
     Without the object, a field goes on for the others; a joint of one object, or a
     magnet without a partner, has no meaning.
     """
-    list_key = "magnet" if "magnet" in entry else "objects"
+    list_key = "objects"
+    least_count = 1
+    if "magnet" in entry:
+        list_key = "magnet"
+        least_count = 2
     names = entry.get(list_key)
     if not isinstance(names, list) or name not in names:
         return True
-    new_names: list[Any] = []
-    for other in names:
-        if other == name and not target_name:
-            continue
-        new_name = target_name if other == name else other
-        # Two objects that became one are named once.
-        if new_name not in new_names:
-            new_names.append(new_name)
-    is_shorter = len(new_names) < len(names)
-    is_single_magnet = list_key == "magnet" and len(new_names) < 2
-    if not new_names or is_single_magnet or (section == "joints" and is_shorter):
+    if section == "joints":
+        least_count = max(least_count, len(names))
+    new_names = _with_new_name(names, name, target_name)
+    if len(new_names) < least_count:
         return False
     entry[list_key] = new_names
     return True
+
+
+def _with_new_name(names: list[Any], old: str, new: str | None) -> list[Any]:
+    """Return names with a new one for an old one, each once; without a new name, the
+    old one is left out.
+    """
+    new_names: list[Any] = []
+    for name in names:
+        if name == old:
+            if not new:
+                continue
+            name = new
+        # Two objects that became one are named once.
+        if name not in new_names:
+            new_names.append(name)
+    return new_names
 
 
 def _refer_in_cameras(
@@ -596,7 +632,10 @@ def _refer_in_cameras(
 ) -> None:
     """Replace an object's name in the cameras that follow it."""
     camera = reach(part, ("render", "camera"))
-    views = camera if isinstance(camera, list) else [camera]
+    if isinstance(camera, list):
+        views = camera
+    else:
+        views = [camera]
     for view in views:
         if not isinstance(view, dict) or view.get("follow") != name:
             continue
@@ -635,8 +674,6 @@ def _is_of_force(key: KeyPath) -> bool:
 def _entries(data: Data, section: str) -> list[tuple[str, Data]]:
     """Return the mappings among the entries of a section."""
     section_data = data.get(section)
-    return (
-        [(k, v) for k, v in section_data.items() if isinstance(v, dict)]
-        if isinstance(section_data, dict)
-        else []
-    )
+    if isinstance(section_data, dict):
+        return [(k, v) for k, v in section_data.items() if isinstance(v, dict)]
+    return []

@@ -48,9 +48,9 @@ def problem_data(problem: Problem, file: str) -> Data:
     """
     object_match = _OBJECT.search(problem.path)
     is_in_editor = problem.place.file == file and problem.place.line > 0
-    variant_path = (
-        f"variant {problem.variant}: {problem.path}" if problem.variant else ""
-    )
+    variant_path = ""
+    if problem.variant:
+        variant_path = f"variant {problem.variant}: {problem.path}"
     parts = (variant_path, problem.found, problem.expected)
     return problem.as_dict() | {
         "file": None if is_in_editor else problem.place.file,
@@ -67,7 +67,10 @@ def scene_data(scene: Scene) -> Data:
     """
     data: Data = {name: scene.document.get(name) for name in SECTIONS}
     data["size"] = list(scene.size)
-    data["image"] = None if scene.image is None else PurePath(scene.image).name
+    if scene.image is None:
+        data["image"] = None
+    else:
+        data["image"] = PurePath(scene.image).name
     data["written"] = sorted(scene.places)
     return data
 
@@ -99,12 +102,18 @@ def perceived_data(scene: Scene) -> Data | None:
     """Return the verdict on the photo and the summary of perception, if it
     wrote them.
     """
-    record = read_record(scene.assets / RECORD) if scene.assets is not None else {}
+    if scene.assets is not None:
+        record = read_record(scene.assets / RECORD)
+    else:
+        record = {}
     verdict = written_suitability(scene.assets)
     summary = record.get("summary")
     if not verdict:
         return None
-    lines = [str(line) for line in summary] if isinstance(summary, list) else []
+    if isinstance(summary, list):
+        lines = [str(line) for line in summary]
+    else:
+        lines = []
     return {"verdict": verdict, "summary": lines}
 
 
@@ -149,7 +158,10 @@ def todo(scene: Scene | None, problems: Sequence[Data]) -> list[Data]:
             errors.append(_row("error", problem, problem["message"], problem["fix"]))
         else:
             lints.append(_row("lint", problem, problem["message"], problem["fix"]))
-    guesses = list(_list_uncertain_guesses(scene)) if scene is not None else []
+    if scene is not None:
+        guesses = list(_list_uncertain_guesses(scene))
+    else:
+        guesses = []
     guesses.sort(key=lambda guess: guess[0])
     rows = errors + [row for _, row in guesses] + lints
     return rows[:MAX_ROWS]
@@ -195,7 +207,9 @@ class _Entry:
 
     def value_path(self, key: str) -> str:
         """Return the path of a value with dots."""
-        return f"{self.dotted_path}.{key}" if key else self.dotted_path
+        if key:
+            return f"{self.dotted_path}.{key}"
+        return self.dotted_path
 
 
 def _list_uncertain_guesses(scene: Scene) -> Iterator[tuple[float, Data]]:

@@ -71,11 +71,12 @@ class Pictures:
             # The text may have changed between the picture and the motion, with another
             # set of objects.
             is_same_scene = len(trajectory.names) == len(sight.scene.objects)
-            rows = (
-                shadows(render_stage, trajectory, range(len(render_stage.sprites)))
-                if is_same_scene
-                else []
-            )
+            if is_same_scene:
+                rows = shadows(
+                    render_stage, trajectory, range(len(render_stage.sprites))
+                )
+            else:
+                rows = []
             return {"key": key, "motion": motion, "shadows": rows}
 
     def frame(self, key: str, motion: str, number: int) -> bytes | None:
@@ -94,9 +95,10 @@ class Pictures:
         at_frames = trajectory.sampled(world.times)
         # Motion blur averages several samples within the exposure of a frame.
         exposure_moments, parts = exposure_times(at_frames, world, blur)
-        exposure_samples = (
-            at_frames if parts == 1 else trajectory.sampled(exposure_moments)
-        )
+        if parts == 1:
+            exposure_samples = at_frames
+        else:
+            exposure_samples = trajectory.sampled(exposure_moments)
         first_sample = min(number, len(world.times) - 1) * parts
         sample_indices = range(first_sample, first_sample + parts)
         frame = next(
@@ -128,7 +130,10 @@ class Pictures:
 def photo_png(sight: LiveScene) -> bytes:
     """Encode the photo as a PNG; a scene without a photo has a plain background."""
     maps = sight.percepts
-    rgb = flat_background(sight.compiled_scene.world, 1.0) if maps is None else maps.rgb
+    if maps is None:
+        rgb = flat_background(sight.compiled_scene.world, 1.0)
+    else:
+        rgb = maps.rgb
     return _png(cv2.cvtColor(np.ascontiguousarray(rgb), cv2.COLOR_RGB2BGR))
 
 

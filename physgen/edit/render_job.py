@@ -92,11 +92,9 @@ class RenderJob:
             is_inside = any(
                 path.is_relative_to((root / folder).resolve()) for folder in folders
             )
-            return (
-                path
-                if is_inside and path.is_relative_to(root) and path.is_file()
-                else None
-            )
+            if is_inside and path.is_relative_to(root) and path.is_file():
+                return path
+            return None
         except (OSError, ValueError):
             return None
 
@@ -110,7 +108,9 @@ class RenderJob:
 
         `variants` None stands for the file itself.
         """
-        variant_names = [None] if variants is None else list(dict.fromkeys(variants))
+        variant_names: list[str | None] = [None]
+        if variants is not None:
+            variant_names = list(dict.fromkeys(variants))
         if not variant_names:
             raise Message.NO_VARIANT_CHOSEN.impossible()
         if not set(format.split(",")) <= {
@@ -184,16 +184,25 @@ class RenderJob:
                 break
             try:
                 code = self._run_one(command, variant)
-                error = self._failure(code) if code else None
+                if code:
+                    error = self._failure(code)
+                else:
+                    error = None
             except OSError as failure:
                 error = {
                     "message": f"cannot be started: {failure.strerror or failure}",
                     "fix": "",
                 }
         with self._lock:
-            state = "stopped" if self._stopped else "failed" if error else "done"
+            if self._stopped:
+                state = "stopped"
+            else:
+                state = "done"
+                if error:
+                    state = "failed"
             self._process = None
-            error = None if self._stopped else error
+            if self._stopped:
+                error = None
             self._status |= {
                 "state": state,
                 "running": False,
@@ -229,11 +238,10 @@ class RenderJob:
                 event = None
             with self._lock:
                 if not isinstance(event, dict):
-                    lines = (
-                        [*self._status["lines"], line.rstrip("\n")]
-                        if line.strip()
-                        else self._status["lines"]
-                    )
+                    if line.strip():
+                        lines = [*self._status["lines"], line.rstrip("\n")]
+                    else:
+                        lines = self._status["lines"]
                     self._status["lines"] = lines[-MAX_LINES:]
                 elif "progress" in event:
                     stage = STAGES.get(event["progress"], event["progress"])
@@ -259,7 +267,13 @@ class RenderJob:
 
     def _failure(self, code: int) -> Data:
         """Return the last message of a run and its fix."""
-        lines = [line for line in self.status()["lines"] if "warning:" not in line]
-        message = lines[-1] if lines else f"the run ended with exit code {code}"
+        lines = []
+        for line in self.status()["lines"]:
+            if "warning:" not in line:
+                lines.append(line)
+        if lines:
+            message = lines[-1]
+        else:
+            message = f"the run ended with exit code {code}"
         text, _, fix = message.partition("; ")
         return {"message": text, "fix": fix}

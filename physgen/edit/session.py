@@ -94,16 +94,16 @@ class History:
     @property
     def undo(self) -> str | None:
         """Return the title of the edit to undo; None at the beginning."""
-        return self.current_state.title if self._at else None
+        if self._at:
+            return self.current_state.title
+        return None
 
     @property
     def redo(self) -> str | None:
         """Return the title of the edit to redo; None at the end."""
-        return (
-            self._states[self._at + 1].title
-            if self._at + 1 < len(self._states)
-            else None
-        )
+        if self._at + 1 < len(self._states):
+            return self._states[self._at + 1].title
+        return None
 
     def push(self, state: State) -> None:
         """Add a state after the present one, and remove the undone states.
@@ -181,7 +181,10 @@ class Session:
         is_removed = (
             not self.real.exists() and (draft_folder(path) / "draft.json").is_file()
         )
-        data = b"" if is_removed else scene_bytes(path, str(path))
+        if is_removed:
+            data = b""
+        else:
+            data = scene_bytes(path, str(path))
         text = decode(data, str(path))
         self._bom = data.startswith(codecs.BOM_UTF8)
         self._crlf = "\r\n" in text
@@ -239,7 +242,9 @@ class Session:
                 ):
                     shutil.rmtree(self.path.with_name(name), ignore_errors=True)
             self.draft.close(keep=not self.is_saved)
-            return None if self.is_saved else self.draft.folder
+            if self.is_saved:
+                return None
+            return self.draft.folder
 
     # The contents of the page
 
@@ -284,7 +289,10 @@ class Session:
             node = mark_values(self.current_state.text).child("variants")
         except EditError:
             return self._names
-        self._names = [key for key, _, _ in node.keys] if node is not None else []
+        if node is not None:
+            self._names = [key for key, _, _ in node.keys]
+        else:
+            self._names = []
         return self._names
 
     def photo(self) -> bytes:
@@ -308,11 +316,10 @@ class Session:
             # Comments of perception about changed values are no longer true. A text
             # with errors keeps its comments, since its record cannot be read.
             with suppress(InputError):
-                own_comments = (
-                    frozenset()
-                    if request.variant
-                    else self.live.state(present_state.text).scene.record.comments
-                )
+                own_comments: frozenset[str] = frozenset()
+                if not request.variant:
+                    present_scene = self.live.state(present_state.text).scene
+                    own_comments = present_scene.record.comments
                 text = without_comments(
                     text, [op.set for op in ops if isinstance(op, SetOp)], own_comments
                 )
@@ -399,7 +406,10 @@ class Session:
             limit = Limit.BYTES
             message = f"the file would be {limit.expected}"
             raise EditError(Why.TOO_LARGE, message, limit.fix, code=limit.code)
-        tag = None if request.tag is None else f"{request.variant or ''} {request.tag}"
+        if request.tag is None:
+            tag = None
+        else:
+            tag = f"{request.variant or ''} {request.tag}"
         self._add(State(text, request.what or title, tag, time.time()))
         self._send_new_version()
 
@@ -539,11 +549,15 @@ class Session:
         before = self.outside
         if disk_text is None:
             self.outside = "gone"
-            return "gone" if before != "gone" else None
+            if before != "gone":
+                return "gone"
+            return None
         # Another program may restore the saved text, which ends a clash.
         if disk_text == self.saved:
             self.outside = None
-            return "taken" if before is not None else None
+            if before is not None:
+                return "taken"
+            return None
         if self._check_unchanged and before is None:
             self._take(disk_text)
             return "taken"

@@ -67,7 +67,9 @@ class Coco(Writer):
                     self._hidden.append(json.dumps(row))
                     continue
                 self._count += 1
-                separator = "," if self._count > 1 else ""
+                separator = ""
+                if self._count > 1:
+                    separator = ","
                 file.write(f"{separator}\n" + json.dumps({"id": self._count, **row}))
 
     def close(self) -> None:
@@ -83,7 +85,9 @@ class Coco(Writer):
 def _format_rows(rows: Iterable[str]) -> str:
     """Return a list with one row per line."""
     lines = ",\n".join(rows)
-    return f"[\n{lines}\n]" if lines else "[]"
+    if lines:
+        return f"[\n{lines}\n]"
+    return "[]"
 
 
 def _clip_rows(clip: Clip) -> dict[str, Sequence[dict[str, Any]]]:

@@ -50,7 +50,10 @@ def photo_view(trajectory: Trajectory, world: World) -> PosedView:
     the photo.
     """
     known_poses = photo_poses(world)
-    poses = np.array(known_poses) if known_poses else trajectory.poses[0]
+    if known_poses:
+        poses = np.array(known_poses)
+    else:
+        poses = trajectory.poses[0]
     rotations = None
     if trajectory.turns.size:
         rotations = np.tile(np.eye(3), (len(poses), 1, 1))
@@ -123,19 +126,20 @@ def follow_ball(
     scale = float(view.lens[0, 0])
     radius = scale * body_radius
     other_radius = radius * (float(other.lens[0, 0]) / scale)
-    center_x, center_y = _video_center(body, view)
-    u = (x - center_x) / radius
-    v = (y - center_y) / radius
+    center = _video_center(body, view)
+    u = (x - center[0]) / radius
+    v = (y - center[1]) / radius
     other_x, other_y = _video_center(body, other)
-    shifted_x = other_x + other_radius * u
-    shifted_y = other_y + other_radius * v
     # From one view back to t = 0 and on to the other view.
     turn = other.spaces[body] @ view.spaces[body].T
-    scales = [[other_radius], [other_radius], [1.0]]
     # Only the change is computed: a ball at rest then moves by exactly zero.
-    change = (turn - np.diag([1.0, 1.0, 0.0])) * scales
+    change = (turn - np.diag([1.0, 1.0, 0.0])) * [[other_radius], [other_radius], [1.0]]
     change_x, change_y, change_z = _turn_ball(u, v, change)
-    return shifted_x + change_x, shifted_y + change_y, change_z > 0
+    return (
+        other_x + other_radius * u + change_x,
+        other_y + other_radius * v + change_y,
+        change_z > 0,
+    )
 
 
 def _turn_ball(u: Array, v: Array, matrix: Array) -> tuple[Array, Array, Array]:

@@ -61,7 +61,9 @@ def object_id(name: str) -> int:
     exponent = hash_ >> 23 & 255
     # Denormal and infinite floats do not survive all programs; the specification flips
     # this bit.
-    return hash_ ^ 1 << 23 if exponent in (0, 255) else hash_
+    if exponent in (0, 255):
+        return hash_ ^ 1 << 23
+    return hash_
 
 
 def write_cryptomatte(
@@ -88,7 +90,10 @@ def ranked_channels(shares: Mapping[str, F32]) -> dict[str, F32]:
     """Return channels (h, w) of the RANKS largest shares of each pixel, and of their
     ids.
     """
-    size = next(iter(shares.values())).shape if shares else (1, 1)
+    if shares:
+        size = next(iter(shares.values())).shape
+    else:
+        size = (1, 1)
     stack = np.zeros((RANKS + len(shares), *size), np.float32)
     ids = np.zeros(len(stack), np.uint32)
     for index, (name, share) in enumerate(shares.items()):

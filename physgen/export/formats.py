@@ -162,7 +162,9 @@ def _map_problems(
         return []
     place = scene.place("assets")
     # `perceive` does not estimate depth by default.
-    option = " --backend depth=NAME" if row.needs == "depth" else ""
+    option = ""
+    if row.needs == "depth":
+        option = " --backend depth=NAME"
     problem = Message.FORMAT_WITHOUT_MAP.problem(
         place,
         "assets",

@@ -226,11 +226,15 @@ class Scale:
 
     def meters(self, px: float) -> float | None:
         """Return m of px, or m/s of px/s; None without a known scale."""
-        return px / self.pixels_per_meter if self.is_known else None
+        if self.is_known:
+            return px / self.pixels_per_meter
+        return None
 
     def newton_seconds(self, impulse: float) -> float | None:
         """Return N·s of g·px/s, or N of g·px/s²; None without a known scale."""
-        return impulse / 1000 / self.pixels_per_meter if self.is_known else None
+        if self.is_known:
+            return impulse / 1000 / self.pixels_per_meter
+        return None
 
     def as_dict(self) -> dict[str, object]:
         """Return the scale for JSON."""
@@ -403,12 +407,16 @@ class Moment:
     @cached_property
     def forward(self) -> Flow | None:
         """Return the flow to the next view."""
-        return None if self.after is None else flow(self.view, self.after, self.world)
+        if self.after is None:
+            return None
+        return flow(self.view, self.after, self.world)
 
     @cached_property
     def backward(self) -> Flow | None:
         """Return the flow to the previous view."""
-        return None if self.before is None else flow(self.view, self.before, self.world)
+        if self.before is None:
+            return None
+        return flow(self.view, self.before, self.world)
 
 
 class MomentQueue:
@@ -445,7 +453,9 @@ class MomentQueue:
     def end(self) -> Moment | None:
         """Return the last moment."""
         view, self._view = self._view, None
-        return None if view is None else Moment(self._world, self._before, view, None)
+        if view is None:
+            return None
+        return Moment(self._world, self._before, view, None)
 
     def _view_of(self, frame: Frame) -> View:
         index = self._count

@@ -195,14 +195,19 @@ class LayerFiles(Writer):
 
     def _description(self) -> dict[str, Any]:
         pattern = self.encoding.pattern
-        plate = "plate" + pattern if self._clip.shot.moves else "plate.png"
+        plate = "plate.png"
+        if self._clip.shot.moves:
+            plate = "plate" + pattern
         objects = []
         for body in self._order:
             path = self._object_path(body) + pattern
             label = self._clip.labels[body]
             entry = {"id": body + 1, "name": self._clip.names[body], "label": label}
             objects.append({**entry, "path": path})
-        cryptomatte = "cryptomatte/%05d.exr" if self._has_cryptomatte else None
+        if self._has_cryptomatte:
+            cryptomatte = "cryptomatte/%05d.exr"
+        else:
+            cryptomatte = None
         return {
             "layers": 1,
             "size": list(self._clip.size),
@@ -266,8 +271,14 @@ def visible_shares(
     # From the nearest to the farthest: each hides a share of those behind it.
     for body in reversed(order):
         coverage = np.clip(objects[body][..., 3], 0, 1)
-        shares[body] = coverage if free is None else coverage * free
-        free = 1 - coverage if free is None else free * (1 - coverage)
+        if free is None:
+            shares[body] = coverage
+        else:
+            shares[body] = coverage * free
+        if free is None:
+            free = 1 - coverage
+        else:
+            free = free * (1 - coverage)
     return shares
 
 

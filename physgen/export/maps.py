@@ -146,7 +146,10 @@ def unknown_ground(clip: Clip) -> Mask:
 
 def fill_map(values: F32, hole: Mask) -> F32:
     """Return values (H, W[, C]) with a harmonic fill of a hole (H, W)."""
-    channels = values if values.ndim == 3 else values[..., None]
+    if values.ndim == 3:
+        channels = values
+    else:
+        channels = values[..., None]
     # A constant map has no range.
     error = max(float(np.ptp(channels)), 1e-6) * LIMITS.fill_error
     return harmonic_fill(channels, hole, error).reshape(values.shape)

@@ -250,15 +250,24 @@ def _push(push: Push, world: World) -> dict[str, Any]:
     if push.profile is not None:
         row["profile"] = {push.profile.kind.value: push.profile.numbers}
     if push.load is not Load.IMPULSE:
-        row["end"] = push.end if isfinite(push.end) else None
+        if isfinite(push.end):
+            row["end"] = push.end
+        else:
+            row["end"] = None
     return row
 
 
 def _joint(joint: Joint, world: World) -> dict[str, Any]:
     row: dict[str, Any]
-    second = None if joint.second is None else world.bodies[joint.second]
+    if joint.second is None:
+        second = None
+    else:
+        second = world.bodies[joint.second]
     first = world.bodies[joint.first]
-    other = joint.second_at if second is None else second.center + joint.second_at
+    if second is None:
+        other = joint.second_at
+    else:
+        other = second.center + joint.second_at
     row = {
         "name": joint.name,
         "kind": joint.kind.value,
@@ -274,7 +283,10 @@ def _joint(joint: Joint, world: World) -> dict[str, Any]:
     if joint.kind is JointKind.SLIDER:
         row["rail"] = joint.guide[0].tolist()
         row["drive"] = joint.drive
-        row["force"] = joint.force if isfinite(joint.force) else None
+        if isfinite(joint.force):
+            row["force"] = joint.force
+        else:
+            row["force"] = None
     elif joint.kind is JointKind.PULLEY:
         row["wheels"] = [wheel.tolist() for wheel in joint.guide]
     elif joint.kind is JointKind.GEAR:

@@ -113,7 +113,10 @@ class Tapvid(Writer):
 
     def close(self) -> None:
         """Choose points, and write their tracks."""
-        spaces = np.stack(self._spaces) if self._spaces else None
+        if self._spaces:
+            spaces = np.stack(self._spaces)
+        else:
+            spaces = None
         camera = CameraPath(np.stack(self._lenses), np.stack(self._poses), spaces)
         points = self._choose_points()
         places, far_side = track_points(points, camera, self._clip.world)
@@ -274,7 +277,9 @@ def point_counts(areas: Array, points: int) -> Index:
     is_visible = objects > 0
     counts = np.zeros(len(areas), np.int64)
     if areas[0] > 0:
-        share = LIMITS.background if is_visible.any() else 1
+        share = 1.0
+        if is_visible.any():
+            share = LIMITS.background
         counts[0] = round(points * share)
     counts[1:][is_visible] = LIMITS.min_points
     rest = points - int(counts.sum())

@@ -62,7 +62,10 @@ def motion_arrays(clip: Clip) -> dict[str, NDArray[np.generic]]:
     places, speeds = video_motion(clip.shot, times, poses, velocities)
     lenses = np.array([clip.shot.affine(float(time)) for time in times])
     scale = clip.scale
-    px_per_meter = scale.pixels_per_meter if scale.is_known else np.nan
+    if scale.is_known:
+        px_per_meter = scale.pixels_per_meter
+    else:
+        px_per_meter = np.nan
     arrays: dict[str, NDArray[np.generic]] = {
         "names": np.array(clip.names, np.str_),
         "labels": np.array(clip.labels, np.str_),

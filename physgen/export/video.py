@@ -80,7 +80,9 @@ class Format(Enum):
     def file_name(self, name: str) -> str:
         """Return the name of another video beside it."""
         if self is Format.PNG:
-            return "frames" if name == "video" else name
+            if name == "video":
+                return "frames"
+            return name
         return f"{name}.{self.value}"
 
 
@@ -510,7 +512,9 @@ def open_alpha_clip(
         context.flags |= BITEXACT
         context.color_range, context.colorspace = 1, 1
         context.color_primaries, context.color_trc = 1, 13
-        layout = "rgba64le" if channels == 4 else "rgb48le"
+        layout = "rgb48le"
+        if channels == 4:
+            layout = "rgba64le"
 
         def write(picture: NDArray[np.uint16]) -> None:
             border = _padding(size)

@@ -26,13 +26,9 @@ from physgen.geometry.scale import PhotoObject
 from physgen.materials import is_living
 from physgen.perceive.shape_entries import corners, shape_entry
 from physgen.perceive.summary import mask_confidence
-from physgen.perceive.support.ground_contact import (
-    Line,
-    add_base,
-    find_foot,
-    needs_base,
-    straighten_foot,
-)
+from physgen.perceive.support.flat_bases import add_base, needs_base
+from physgen.perceive.support.ground_contact import Line, find_foot
+from physgen.perceive.support.level_feet import straighten_foot
 from physgen.pipeline.push_outcomes import TRIAL
 from physgen.pipeline.trial_scenes import open_trial
 from physgen.pipeline.verdicts import part_owners

@@ -124,7 +124,10 @@ def fuse_latents(
     fusing = steps_fused(count, stop)
     for k in range(count):
         z = denoise(z, k)
-        share = mask * (1 - weight(k, count)) if k < fusing else 0 * mask
+        if k < fusing:
+            share = mask * (1 - weight(k, count))
+        else:
+            share = 0 * mask
         # Line 8; the held share applies in free steps, too.
         share = np.maximum(share, held_share)
         # With a share of 1, this form equals z~ to the last bit; z + share (z~ - z)
@@ -272,18 +275,39 @@ class Refinement:
 
     def _frames(self, guidance: Sequence[U8], coverage: Sequence[F32]) -> Iterator[U8]:
         """Yield refined frames; raises MemoryError."""
-        model, settings, fit, grid = self._model, self._how, self._fit, self._model.grid
-        frame_total = frames_held(self._latents, grid)
+        settings, fit = self._how, self._fit
+        z0 = self._encode(guidance)
+        frame_total = frames_held(self._latents, self._model.grid)
+        held_shares = hold_weights(frame_total, settings.hold)
+        z = self._fuse(z0, coverage, held_shares)
+        pairs = enumerate(self._decoded_pairs(z, z0))
+        for index, (refined_frame, guidance_frame) in pairs:
+            yield restore_detail(
+                guidance[index],
+                fit.from_model(refined_frame),
+                fit.from_model(guidance_frame),
+                coverage[index],
+                detail=settings.detail,
+                lock=settings.lock,
+                held_share=float(held_shares[index]),
+            )
+
+    def _encode(self, guidance: Sequence[U8]) -> F32:
+        """Return the latents of the guidance frames."""
+        settings = self._how
+        frame_total = frames_held(self._latents, self._model.grid)
         padded_guidance = pad_frames(
-            [fit.to_model(rgb) for rgb in guidance], frame_total
+            [self._fit.to_model(rgb) for rgb in guidance], frame_total
         )
         self._progress("refine", 0, settings.count)
-        z0 = model.begin(
+        return self._model.begin(
             padded_guidance, settings.prompt, settings.steps, settings.count
         )
-        del padded_guidance
-        mask = cell_coverage(map(fit.mask, coverage), self._latents, grid)
-        stay = hold_weights(frame_total, settings.hold)
+
+    def _fuse(self, z0: F32, coverage: Sequence[F32], held_shares: F32) -> F32:
+        """Return the refined latents. Raises InputError if they are not finite."""
+        model, settings, grid = self._model, self._how, self._model.grid
+        mask = cell_coverage(map(self._fit.mask, coverage), self._latents, grid)
         noise = np.random.default_rng(settings.seed).standard_normal(
             z0.shape, np.float32
         )
@@ -295,6 +319,7 @@ class Refinement:
             self._progress("refine", k + 1, settings.count)
             return model.step(prediction, z, k)
 
+        held_share = each_step(over_time(held_shares, grid), settings.count)
         z = fuse_latents(
             z0,
             mask,
@@ -303,25 +328,13 @@ class Refinement:
             count=settings.count,
             stop=settings.stop,
             weight=self._weight,
-            held_share=each_step(over_time(stay, grid), settings.count)[
-                :, None, None, None
-            ],
+            held_share=held_share[:, None, None, None],
         )
         if not np.isfinite(z).all():
             raise Message.REFINED_NOT_FINITE.error(
                 "refine", str(model.note().get("dtype", ""))
             )
-        pairs = enumerate(self._decoded_pairs(z, z0))
-        for index, (refined_frame, guidance_frame) in pairs:
-            yield restore_detail(
-                guidance[index],
-                fit.from_model(refined_frame),
-                fit.from_model(guidance_frame),
-                coverage[index],
-                detail=settings.detail,
-                lock=settings.lock,
-                held_share=float(stay[index]),
-            )
+        return z
 
     def _decoded_pairs(self, z: F32, z0: F32) -> Iterator[tuple[F32, F32]]:
         """Yield each refined frame with its decoded guidance frame.

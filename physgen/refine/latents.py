@@ -71,11 +71,10 @@ class Fit:
         )
         if not right and not bottom:
             return picture
-        edge = (
-            cv2.BORDER_REFLECT_101
-            if min(self.scaled_size) > 1
-            else cv2.BORDER_REPLICATE
-        )
+        if min(self.scaled_size) > 1:
+            edge = cv2.BORDER_REFLECT_101
+        else:
+            edge = cv2.BORDER_REPLICATE
         return np.asarray(
             cv2.copyMakeBorder(np.asarray(picture), 0, bottom, 0, right, edge)
         )
@@ -105,12 +104,16 @@ def latent_frames(frames: int, grid: Grid) -> int:
     >>> latent_frames(16, Grid(8, 16, 480 * 832, 21, 4))
     5
     """
-    return frames if grid.stride == 1 else 1 + ceil((frames - 1) / grid.stride)
+    if grid.stride == 1:
+        return frames
+    return 1 + ceil((frames - 1) / grid.stride)
 
 
 def frames_held(latents: int, grid: Grid) -> int:
     """Return the number of frames of these latent frames."""
-    return latents if grid.stride == 1 else 1 + (latents - 1) * grid.stride
+    if grid.stride == 1:
+        return latents
+    return 1 + (latents - 1) * grid.stride
 
 
 def pad_frames(frames: Sequence[U8], count: int) -> list[U8]:
@@ -186,10 +189,14 @@ def weights(span: Span, total: int) -> F32:
     """
     first, last = span
     frame_numbers = np.arange(first, last)
-    rising = frame_numbers - first + 1 if first else np.full(len(frame_numbers), total)
-    falling = (
-        last - frame_numbers if last < total else np.full(len(frame_numbers), total)
-    )
+    if first:
+        rising = frame_numbers - first + 1
+    else:
+        rising = np.full(len(frame_numbers), total)
+    if last < total:
+        falling = last - frame_numbers
+    else:
+        falling = np.full(len(frame_numbers), total)
     return np.asarray(np.minimum(rising, falling), np.float32)
 
 

@@ -188,8 +188,9 @@ def ball_from_photo(
             ball, smooth_light = painting
     if _has_one_colour(ball.skin, *normals.parts, normals.inside):
         return _with_one_colour(ball, colour, normals.inside)
-    if view is View.TOP and not has_paints:
+    if not has_paints:
         ball = _without_highlights(ball, normals.inside)
+        ball = replace(ball, has_continued_texture=view is View.TOP)
     return replace(ball, fade=_rim_light(ball, colour, normals, smooth_light))
 
 
@@ -311,7 +312,7 @@ def _without_highlights(ball: Ball, inside: Mask) -> Ball:
     """Move highlights from the skin to the gloss; the far side continues the skin."""
     skin = part_highlights(ball.skin, inside, ball.radius)
     gloss = ball.gloss + (ball.skin - skin) * ball.shading
-    return replace(ball, skin=skin, gloss=gloss, has_continued_texture=True)
+    return replace(ball, skin=skin, gloss=gloss)
 
 
 def _measure_shading_strength(colour: F32, shade: F32, inside: Mask) -> float:

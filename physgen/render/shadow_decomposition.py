@@ -500,13 +500,13 @@ def decompose_shadows(
     setting, firsts, total = _matched_shadows(
         all_figures, steps, setting, darkness, is_open
     )
-    residual = _compute_excess_darkness(darkness, total, is_open)
+    difference = _compare_darkness(darkness, total, is_open)
     # Assign the unexplained darkness to the objects with the largest claims.
     claims = _claims(all_figures, firsts, setting.size)
     claimed_area, owner = _sum_claims(claims, darkness.shape)
     all_casts = []
     for k, start in enumerate(all_figures):
-        own_shadow = _claimed_darkness(residual, claims[k], claimed_area)
+        own_shadow = _claimed_darkness(difference, claims[k], claimed_area, firsts[k])
         is_round = k < len(starts) and rounds[k]
         all_casts.append(
             _cast(start, steps[k], firsts[k], own_shadow, is_round, setting)
@@ -882,32 +882,74 @@ BEYOND = 0.2
 """Width of that fade beyond the photo's border, as a share of the longer side."""
 
 
+@dataclass(frozen=True)
+class _Difference:
+    """Difference between the photo's darkness and the predicted one, (H, W)."""
+
+    excess: F32
+    """Darkness beyond the prediction; negative if the photo is brighter than the
+    clean picture.
+    """
+    lack: F32
+    """Share 0..1 of the predicted darkness that the photo lacks."""
+
+
+def _compare_darkness(darkness: F32, total: F32, is_open: Mask) -> _Difference:
+    """Compare the photo's darkness (H, W) with the predicted `total`."""
+    residual = _compute_excess_darkness(darkness, total, is_open)
+    lack = np.clip(-residual, 0, np.maximum(total, 0))
+    share = lack / np.maximum(total, np.float32(SHADOW.least_darkness))
+    excess = np.asarray(residual + lack, np.float32)
+    return _Difference(excess, np.asarray(share, np.float32))
+
+
 def _claimed_darkness(
-    rest: F32, claim: tuple[PixelBox, F32], claim_sum: F32
+    difference: _Difference,
+    claim: tuple[PixelBox, F32],
+    claim_sum: F32,
+    first: tuple[PixelBox, F32] | None,
 ) -> tuple[PixelBox, F32]:
     """Return an object's part of the unexplained darkness.
 
-    It is the excess of the object's claim over those of all others together.
+    It is the excess of the object's claim over those of all others together. `first`
+    is the object's predicted shadow: each prediction loses the share that the photo
+    lacks, so that no object keeps a shadow that is not in the photo.
     """
     (x0, y0, x1, y1), own_claim = claim
     if not own_claim.size:
         return claim
     all_claims = claim_sum[y0:y1, x0:x1] + np.float32(SHADOW.claim_range[0])
     share = own_claim / all_claims
+    rest = difference.excess
     own_part = rest[y0:y1, x0:x1] * np.maximum(2 * share - 1, 0)
+    if first is not None:
+        (left, top, right, bottom), prediction = first
+        lack = difference.lack[top:bottom, left:right] * prediction
+        own_part[top - y0 : bottom - y0, left - x0 : right - x0] -= lack
+    return _faded_at_border(claim[0], own_part, rest.shape)
+
+
+def _faded_at_border(
+    box: PixelBox, shade: F32, shape: tuple[int, ...]
+) -> tuple[PixelBox, F32]:
+    """Return shade (h, w) in a box, with a fade at the border of the box.
+
+    `shape` (H, W) of the photo.
+    """
+    x0, y0, x1, y1 = box
     # The shadow fades at the box's border, so that its motion is invisible; beyond the
     # photo's border it is continued.
-    height, width = rest.shape
+    height, width = shape
     fade_width = max(round(BEYOND * max(height, width)), EDGE)
     top_margin, bottom_margin = fade_width * (y0 <= 0), fade_width * (y1 >= height)
     left_margin, right_margin = fade_width * (x0 <= 0), fade_width * (x1 >= width)
-    own_part = np.pad(
-        own_part, ((top_margin, bottom_margin), (left_margin, right_margin)), "edge"
+    shade = np.pad(
+        shade, ((top_margin, bottom_margin), (left_margin, right_margin)), "edge"
     )
-    rows = _faded_ends(own_part.shape[0], top_margin, bottom_margin)
-    columns = _faded_ends(own_part.shape[1], left_margin, right_margin)
-    box = x0 - left_margin, y0 - top_margin, x1 + right_margin, y1 + bottom_margin
-    return box, np.asarray(own_part * np.outer(rows, columns), np.float32)
+    rows = _faded_ends(shade.shape[0], top_margin, bottom_margin)
+    columns = _faded_ends(shade.shape[1], left_margin, right_margin)
+    outer_box = x0 - left_margin, y0 - top_margin, x1 + right_margin, y1 + bottom_margin
+    return outer_box, np.asarray(shade * np.outer(rows, columns), np.float32)
 
 
 def _faded_ends(count: int, before: int, after: int) -> F32:

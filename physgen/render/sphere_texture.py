@@ -55,6 +55,9 @@ class TextureConstants:
     """Maximum share of a peak in the strongest channel."""
     margin: int = 2
     """Margin of a highlight, px."""
+    rim_gap: float = 0.1
+    """Smallest distance of a highlight from the rim, radii. The seam of a tennis ball
+    and a stripe run to the rim."""
     seed: int = 7
 
 
@@ -77,6 +80,7 @@ def part_highlights(skin: F32, inside: Mask, radius: float) -> F32:
     usual_rise = float(np.median(np.abs(rise[inside]))) if inside.any() else 0.0
     threshold = max(TEXTURE.highlight, TEXTURE.unusual * usual_rise)
     peaks = inside & (rise > threshold) & (coloured_rise < TEXTURE.whiter * rise)
+    peaks = _without_stripes(peaks, inside, TEXTURE.rim_gap * radius)
     size = 2 * TEXTURE.margin + 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
     # Include the blurred border of a highlight, and fill it with smooth surroundings.
@@ -90,6 +94,16 @@ def part_highlights(skin: F32, inside: Mask, radius: float) -> F32:
     return np.asarray(
         np.exp(level_without_peaks) - np.float32(TEXTURE.least_light), np.float32
     )
+
+
+def _without_stripes(peaks: Mask, inside: Mask, rim_gap: float) -> Mask:
+    """Remove the peaks that come within `rim_gap` px of the rim."""
+    rim_distance = cv2.distanceTransform(
+        np.pad(inside, 1).astype(np.uint8), cv2.DIST_L2, 5
+    )[1:-1, 1:-1]
+    _, pieces = cv2.connectedComponents(peaks.astype(np.uint8), connectivity=8)
+    stripes = np.unique(pieces[rim_distance < rim_gap])
+    return peaks & ~np.isin(pieces, stripes)
 
 
 def continue_skin(skin: F32, center: Sequence[float], radius: float) -> list[F32]:

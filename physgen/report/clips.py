@@ -90,7 +90,10 @@ def read_failure(file: Path) -> Failure | None:
             if not isinstance(data[name], list):
                 return None
             lists[name] = tuple(map(str, data[name]))
-        variant = None if data["variant"] is None else str(data["variant"])
+        if data["variant"] is None:
+            variant = None
+        else:
+            variant = str(data["variant"])
         return Failure(str(data["scene"]), str(data["path"]), variant, **lists)
     except (OSError, ValueError, KeyError, TypeError):
         return None
@@ -135,23 +138,31 @@ class Clip:
         unchanged.
         """
         title = self.document.get("title")
-        return title if isinstance(title, str) else title_of(self.scene)
+        if isinstance(title, str):
+            return title
+        return title_of(self.scene)
 
     @property
     def sentence(self) -> str:
         """Return the first sentence of the scene file."""
-        return "" if self.source is None else sentence_of(self.source)
+        if self.source is None:
+            return ""
+        return sentence_of(self.source)
 
     @property
     def slow(self) -> float:
         """Return the factor of slow motion."""
         slow = self.document.get("render", {}).get("slow", 1)
-        return float(slow) if isinstance(slow, int | float) else 1.0
+        if isinstance(slow, int | float):
+            return float(slow)
+        return 1.0
 
     @property
     def scene(self) -> str:
         """Return the clip's name without the variant's."""
-        return self.name.removesuffix(f"-{self.variant}") if self.variant else self.name
+        if self.variant:
+            return self.name.removesuffix(f"-{self.variant}")
+        return self.name
 
     @property
     def subject(self) -> object:
@@ -161,7 +172,9 @@ class Clip:
     @property
     def duration(self) -> float:
         """Return the duration of the film, s."""
-        return self.frames / self.fps if self.fps > 0 else 0.0
+        if self.fps > 0:
+            return self.frames / self.fps
+        return 0.0
 
     @property
     def labels(self) -> Mapping[str, int]:
@@ -215,7 +228,10 @@ def clips_in(roots: Sequence[Path]) -> list[Clip]:
 def _find_clips(root: Path) -> Iterator[Clip]:
     for place, folders, files in os.walk(root):
         here = Path(place)
-        clip = _read_rendered(here) if "manifest.json" in files else None
+        if "manifest.json" in files:
+            clip = _read_rendered(here)
+        else:
+            clip = None
         if clip is not None:
             # Folders inside a clip belong to it.
             folders.clear()
@@ -295,7 +311,9 @@ def _source(folder: Path, data: Mapping[str, Any]) -> Path | None:
     if not name:
         return None
     path = Path(os.path.normpath(os.path.realpath(folder) + "/" + name))
-    return path if path.is_file() else None
+    if path.is_file():
+        return path
+    return None
 
 
 def _read_failed(file: Path, failure: Failure) -> Clip:

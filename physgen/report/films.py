@@ -57,7 +57,10 @@ def poster(film: Path) -> bytes:
     Raise OSError for an unreadable film.
     """
     try:
-        frame = sample_frames(film, 1, SIDE)[0] if film.suffix == ".mp4" else _rgb(film)
+        if film.suffix == ".mp4":
+            frame = sample_frames(film, 1, SIDE)[0]
+        else:
+            frame = _rgb(film)
     except (
         SyntaxError,
         ValueError,
@@ -74,9 +77,14 @@ def result_still(film: Path, *, middle: bool = False) -> bytes:
 
     Raise OSError for an unreadable film.
     """
-    count = 3 if middle else 2
+    count = 2
+    if middle:
+        count = 3
     frames = sample_frames(film, count, SIDE)
     if not frames:
         raise OSError(f"{film} has no frames")
-    frame = frames[len(frames) // 2] if middle else frames[-1]
+    if middle:
+        frame = frames[len(frames) // 2]
+    else:
+        frame = frames[-1]
     return encode_webp(fit_to_side(frame, SIDE), QUALITY)

@@ -81,7 +81,9 @@ def _final_folder(leftover: Path) -> Path | None:
     if match is None or match["kind"] != "old" or leftover.is_symlink():
         return None
     final = leftover.with_name(match["name"])
-    return final if leftover.is_dir() and not final.exists() else None
+    if leftover.is_dir() and not final.exists():
+        return final
+    return None
 
 
 TRIES = 20
@@ -163,8 +165,11 @@ def read_manifest(folder: Path) -> dict[str, Any]:
     damaged one.
     """
     try:
-        found = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-        return found if found["manifest"] == 1 and {*found["files"]} else {}
+        text = (folder / "manifest.json").read_text(encoding="utf-8")
+        manifest: dict[str, Any] = json.loads(text)
+        if manifest["manifest"] == 1 and {*manifest["files"]}:
+            return manifest
+        return {}
     except (OSError, ValueError, KeyError, TypeError):
         return {}
 
@@ -199,11 +204,10 @@ def _strangers(folder: Path) -> list[str] | None:
         return []
     if not (folder / "manifest.json").is_file():
         return None
-    names = [
-        p.relative_to(folder).as_posix()
-        for p in sorted(folder.rglob("*"))
-        if not p.is_dir()
-    ]
+    names = []
+    for p in sorted(folder.rglob("*")):
+        if not p.is_dir():
+            names.append(p.relative_to(folder).as_posix())
     if manifest := read_manifest(folder):
         return [
             name
@@ -211,4 +215,6 @@ def _strangers(folder: Path) -> list[str] | None:
             if name not in {"manifest.json", TIMING, *manifest["files"]}
         ]
     # A power failure may leave our files with a damaged manifest.
-    return None if any(OURS.fullmatch(name) is None for name in names) else []
+    if any(OURS.fullmatch(name) is None for name in names):
+        return None
+    return []

@@ -100,15 +100,16 @@ def write_gallery(
         names = [
             root.resolve().name.replace("-", " ").replace("_", " ") for root in roots
         ]
-        title = (
-            ", ".join(dict.fromkeys(names))
-            if len(set(names)) <= 3 and all(names)
-            else "Gallery"
-        )
+        title = "Gallery"
+        if len(set(names)) <= 3 and all(names):
+            title = ", ".join(dict.fromkeys(names))
         title = title[:1].upper() + title[1:]
     title = title or "Gallery"
     listening = write_listening_page(clips, index, title)
-    listen = "" if listening is None else quote(listening.name)
+    if listening is None:
+        listen = ""
+    else:
+        listen = quote(listening.name)
     # The page is made before the old one is touched.
     text = gallery_page(clips, shots, index.parent, title, results, listen)
     if index.exists() and not _has_mark(index):
@@ -146,9 +147,14 @@ def _cards(
     for k, (clip, shot) in enumerate(zip(clips, shots, strict=True)):
         values = [key.values[k] for key in keys]
         card = _card(k, clip, shot, keys, values, home)
-        card["result"] = results[k] if results and not clip.problems else ""
+        if results and not clip.problems:
+            card["result"] = results[k]
+        else:
+            card["result"] = ""
         # Clips of several folders may have the same name.
-        folder = _folder(clip, home) if names[clip.name] > 1 else ""
+        folder = ""
+        if names[clip.name] > 1:
+            folder = _folder(clip, home)
         card["where"] = card["data"]["where"] = folder
         cards.append(card)
     return cards
@@ -169,18 +175,21 @@ def gallery_page(
     """
     keys = swept_keys(clips)
     cards = _cards(clips, shots, home, keys, results)
-    free_keys = [key for key in keys if not key.follows]
     subjects = {clip.subject for clip in clips if clip.document}
-    is_sweep = bool(free_keys) and len(subjects) == 1
+    free_keys: list[SweptKey] = []
+    if len(subjects) == 1:
+        free_keys = [key for key in keys if not key.follows]
+    is_sweep = bool(free_keys)
+    is_grid = is_sweep and _is_grid(clips, free_keys)
     data = {
         "clips": [card.pop("data") for card in cards],
         "keys": [_axis(key) for key in keys],
         "swept": is_sweep,
-        "grid": is_sweep and _is_grid(clips, free_keys),
+        "grid": is_grid,
     }
     hero = None
     # A table of a sweep has no room for a large clip.
-    if not data["grid"]:
+    if not is_grid:
         hero = next((card for card in cards if card["moves"]), None)
     times = [clip.time for clip in clips]
     page: str = template("gallery.html.j2").render(
@@ -194,10 +203,10 @@ def gallery_page(
         labels=_label_choices(clips),
         common=LIMITS.common_labels,
         many=LIMITS.max_cards,
-        keys=[_filter(key) for key in keys if _is_filter(key)],
+        keys=list(map(_filter, filter(_is_filter, keys))),
         swept=is_sweep,
         listen=listen,
-        sentence=_sentence(clips, free_keys if is_sweep else []),
+        sentence=_sentence(clips, free_keys),
         hero=hero,
         documents=document_links(home),
         searchable=is_sweep or len(cards) >= LIMITS.min_searchable,
@@ -234,7 +243,9 @@ def _label_choices(clips: Sequence[Clip]) -> list[tuple[str, int]]:
     for label, count in labels.most_common():
         if count < scene_count:
             choices.append((label, count))
-    return choices if len(choices) > 1 else []
+    if len(choices) > 1:
+        return choices
+    return []
 
 
 def _script() -> str:
@@ -341,7 +352,9 @@ def _sentence(clips: Sequence[Clip], swept_keys: Sequence[SweptKey]) -> str:
             f"{count} of one scene, simulated with {', '.join(ranges)}{failure_note}."
         )
     photos = {clip.photo for clip in clips} - {""}
-    source = f" from {counted(len(photos), 'photo')}" if photos else ""
+    source = ""
+    if photos:
+        source = f" from {counted(len(photos), 'photo')}"
     return f"{count}, simulated{source}{failure_note}."
 
 
@@ -440,7 +453,9 @@ def _has_mark(index: Path) -> bool:
 
 
 def _day(time: float) -> str:
-    return datetime.fromtimestamp(time, UTC).date().isoformat() if time > 0 else ""
+    if time > 0:
+        return datetime.fromtimestamp(time, UTC).date().isoformat()
+    return ""
 
 
 def _sorted_values(key: SweptKey) -> list[float | str]:
@@ -484,7 +499,10 @@ def _filter(key: SweptKey) -> dict[str, Any]:
 
 def _aspect(clips: Sequence[Clip]) -> str:
     """Return the common aspect ratio of all films, or "" if they differ."""
-    sizes = {clip.size for clip in clips if clip.document}
+    sizes = set()
+    for clip in clips:
+        if clip.document:
+            sizes.add(clip.size)
     # Videos have even sizes, so that equal ratios may differ a little.
     ratios = {round(width / height, 2) for width, height in sizes}
     if len(ratios) != 1:

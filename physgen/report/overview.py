@@ -104,7 +104,10 @@ def draw_overview(
     # The text row counts towards the height of the picture.
     scale = min(scale, (LONGEST - row) / height)
     size = max(1, round(width * scale)), max(1, round(height * scale))
-    style = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+    if scale < 1:
+        style = cv2.INTER_AREA
+    else:
+        style = cv2.INTER_CUBIC
     small = cv2.resize(rgb, size, interpolation=style).astype(np.float32)
     picture = np.asarray(DIM * small + 0.5, np.uint8)
     pen = max(1.6, PEN * max(size))

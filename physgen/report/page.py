@@ -318,7 +318,9 @@ def _speed(slow: float) -> str:
     """Return the speed of a clip in words; `slow` is the factor of slow motion."""
     if slow == 1:
         return ""
-    return "at half speed" if slow == 2 else f"slowed down {value_text(slow)}x"
+    if slow == 2:
+        return "at half speed"
+    return f"slowed down {value_text(slow)}x"
 
 
 def provenance(
@@ -329,8 +331,13 @@ def provenance(
     `resolved_text` is the scene with all defaults, `written_text` the file itself, if readable.
     `frames` is one hash of all frames: equal clips have equal hashes.
     """
-    texts = [] if written_text is None else [_source_text("Scene file", written_text)]
-    separator = "" if texts else ","
+    if written_text is None:
+        texts = []
+    else:
+        texts = [_source_text("Scene file", written_text)]
+    separator = ","
+    if texts:
+        separator = ""
     texts.append(
         _source_text(
             f"Scene file{separator} with every default filled in", resolved_text

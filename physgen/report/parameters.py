@@ -4,7 +4,7 @@ and arrows.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import degrees
 from typing import Any
@@ -147,7 +147,9 @@ def constraint_rows(scene: Scene) -> list[dict[str, str]]:
         if len(field.objects) > 8:
             names += ", ..."
         has_place = field.kind in PLACED
-        place = value_text(field.vector) if has_place else "everywhere"
+        place = "everywhere"
+        if has_place:
+            place = value_text(field.vector)
         if field.kind is FieldKind.MAGNET:
             place = "between each two"
         rows.append(
@@ -166,34 +168,9 @@ def constraint_rows(scene: Scene) -> list[dict[str, str]]:
 
 def _settings(joint: Joint) -> str:
     parts = []
-    if joint.kind is JointKind.SPRING:
-        (x1, y1), (x2, y2) = joint.points
-        length = (
-            float(np.hypot(x2 - x1, y2 - y1)) if joint.length is None else joint.length
-        )
-        stiffness, damping = value_text(joint.stiffness), value_text(joint.damping)
-        parts = [
-            f"{stiffness} g/s²",
-            f"damping {damping} g/s",
-            f"length {rounded(length, 4)} px",
-        ]
-    elif joint.kind is JointKind.GEAR:
-        parts = [f"{value_text(joint.gear)} turns for one"]
-    elif joint.kind in (JointKind.ROPE, JointKind.PULLEY):
-        if joint.length is not None:
-            parts = [f"length {value_text(joint.length)} px"]
-    elif joint.kind is JointKind.SLIDER:
-        if joint.drive is not None:
-            parts = [f"{value_text(joint.drive)} px/s"]
-        if joint.force is not None:
-            parts.append(f"at most {value_text(joint.force)} g·px/s²")
-    elif joint.kind is JointKind.MOTOR:
-        parts = [f"{value_text(joint.speed)} °/s"]
-        parts += (
-            []
-            if joint.limit is None
-            else [f"at most {value_text(joint.limit)} g·px²/s²"]
-        )
+    make_parts = _SETTINGS.get(joint.kind)
+    if make_parts is not None:
+        parts += make_parts(joint)
     if joint.limits is not None:
         least, most = map(value_text, joint.limits)
         parts.append(f"from {least}° to {most}°")
@@ -201,15 +178,67 @@ def _settings(joint: Joint) -> str:
         parts.append(f"friction {value_text(joint.friction)} g·px²/s²")
     if joint.breaks is not None:
         parts.append(f"breaks at {value_text(joint.breaks)} g·px/s²")
-    return ", ".join(
-        [*parts, *(["the two bump into each other"] if joint.collide else [])]
-    )
+    if joint.collide:
+        parts.append("the two bump into each other")
+    return ", ".join(parts)
+
+
+def _spring_settings(joint: Joint) -> list[str]:
+    length = joint.length
+    if length is None:
+        (x1, y1), (x2, y2) = joint.points
+        length = float(np.hypot(x2 - x1, y2 - y1))
+    return [
+        f"{value_text(joint.stiffness)} g/s²",
+        f"damping {value_text(joint.damping)} g/s",
+        f"length {rounded(length, 4)} px",
+    ]
+
+
+def _gear_settings(joint: Joint) -> list[str]:
+    return [f"{value_text(joint.gear)} turns for one"]
+
+
+def _rope_settings(joint: Joint) -> list[str]:
+    if joint.length is None:
+        return []
+    return [f"length {value_text(joint.length)} px"]
+
+
+def _slider_settings(joint: Joint) -> list[str]:
+    parts = []
+    if joint.drive is not None:
+        parts.append(f"{value_text(joint.drive)} px/s")
+    if joint.force is not None:
+        parts.append(f"at most {value_text(joint.force)} g·px/s²")
+    return parts
+
+
+def _motor_settings(joint: Joint) -> list[str]:
+    parts = [f"{value_text(joint.speed)} °/s"]
+    if joint.limit is not None:
+        parts.append(f"at most {value_text(joint.limit)} g·px²/s²")
+    return parts
+
+
+_SETTINGS: dict[JointKind, Callable[[Joint], list[str]]] = {
+    JointKind.SPRING: _spring_settings,
+    JointKind.GEAR: _gear_settings,
+    JointKind.ROPE: _rope_settings,
+    JointKind.PULLEY: _rope_settings,
+    JointKind.SLIDER: _slider_settings,
+    JointKind.MOTOR: _motor_settings,
+}
+"""Texts of the settings of each kind of joint; other kinds have none."""
 
 
 def _strength(field: Field) -> str:
     if field.kind is FieldKind.WIND:
         return f"{value_text(field.vector)} px/s, drag {value_text(field.drag)} g/px²"
-    drag = [f"drag {value_text(field.drag)} g/px²"] if field.drag else []
+    if field.drag:
+        drag = [f"drag {value_text(field.drag)} g/px²"]
+    else:
+        drag = []
     if field.linear:
         drag.append(f"{value_text(field.linear)} g/px/s")
     if field.kind is FieldKind.AIR:
@@ -268,7 +297,9 @@ def parameter_rows(scene: Scene, world: World, variant: str | None) -> list[Row]
     for wall, item in zip(world.walls, scene.boundaries, strict=True):
         path = f"boundaries.{item.name}"
         corners = sum(len(chain) for chain in wall.chains)
-        shape = "mask" if item.mask is not None else "wall"
+        shape = "wall"
+        if item.mask is not None:
+            shape = "mask"
         cells = {
             "shape": Cell(
                 f"{corners} points",
@@ -431,9 +462,13 @@ def _shape(scene: Scene, body: Body) -> tuple[str, str]:
     """Return a body's shape in words, and its size in px if the words have cm."""
     if body.radius is None:
         corners = sum(len(ring) for ring in body.rings)
-        pieces = f", {len(body.pieces)} pieces" if len(body.pieces) > 1 else ""
+        pieces = ""
+        if len(body.pieces) > 1:
+            pieces = f", {len(body.pieces)} pieces"
         return f"polygon, {corners} corners{pieces}", ""
-    shape_name = body.solid.value if body.solid is not Solid.DISC else "circle"
+    shape_name = "circle"
+    if body.solid is not Solid.DISC:
+        shape_name = body.solid.value
     pixels = f"r {rounded(body.radius, 4)} px"
     if not is_scaled(scene):
         return f"{shape_name}, {pixels}", ""

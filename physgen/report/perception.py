@@ -104,7 +104,9 @@ Outlines = Sequence[tuple[int, Sequence[Array]]]
 
 def doubt_text(name: str, confidence: float | None) -> str:
     """Return a name with its confidence, if any."""
-    return name if confidence is None else f"{name} ({confidence:.0%})"
+    if confidence is None:
+        return name
+    return f"{name} ({confidence:.0%})"
 
 
 def mask_rings(mask: NDArray[np.bool_]) -> list[Array]:
@@ -140,50 +142,58 @@ def perception(
     """Return the section on perception, or None for a scene without a photo."""
     if maps is None:
         return None
+    pictures = list(_photo_pictures_of(scene, compiled, maps))
+    for picture in _map_pictures(maps, scene.light):
+        if has_content(picture.rgb):
+            pictures.append(picture)
+    if maps.shadows is not None and maps.shadows.any():
+        text = "Each in the colour of the object that casts it."
+        coloured_shadows = _shadows(maps.rgb, _by_object(scene, maps.shadows))
+        pictures.append(
+            _picture("shadows", "Shadows by object", text, coloured_shadows)
+        )
+    # A comparison needs both backgrounds; a single one is a plain picture.
+    if maps.background is None or maps.clean is None:
+        pictures += _single_background(maps)
+        return Perception(tuple(pictures), ())
+    caption = "The area behind the objects, filled in; slide to remove their shadows."
+    before = "with their old shadows", maps.background
+    after = "without them", maps.clean
+    comparison = compare_frames("background", "Background", caption, before, after)
+    return Perception(tuple(pictures), (comparison,))
+
+
+def _photo_pictures_of(
+    scene: Scene, compiled: CompiledScene, maps: Percepts
+) -> list[Picture]:
+    """Return the pictures of the photo with its objects, walls and doubtful regions."""
     world = compiled.world
     objects = [
         (k, [ring + body.center for ring in body.rings])
         for k, body in enumerate(map(body_in_photo, world.bodies), 1)
     ]
-    walls = [chain for wall in world.walls for chain in wall.chains]
-    seen = "from above" if world.view is View.TOP else "from the side"
-    if suits := written_suitability(scene.assets):
-        seen += f". Suitability: {suits}"
+    walls: list[Array] = []
+    for wall in world.walls:
+        walls += wall.chains
+    view = "from the side"
+    if world.view is View.TOP:
+        view = "from above"
+    suitability = written_suitability(scene.assets)
+    if suitability:
+        view += f". Suitability: {suitability}"
     doubtful = list(doubtful_regions(maps.labels, scene.document))
-    map_pictures = _map_pictures(maps, scene.light)
-    pictures = [
-        *_photo_pictures(maps, compiled.labels, objects, walls, seen, doubtful),
-        *(picture for picture in map_pictures if has_content(picture.rgb)),
-    ]
-    if maps.shadows is not None and maps.shadows.any():
-        text = "Each in the colour of the object that casts it."
-        shown = _shadows(maps.rgb, _by_object(scene, maps.shadows))
-        pictures.append(_picture("shadows", "Shadows by object", text, shown))
-    # A comparison needs both backgrounds; a single one is a plain picture.
-    if maps.background is None or maps.clean is None:
-        behind = maps.background if maps.clean is None else maps.clean
-        if behind is not None:
-            object_text = (
-                "the objects" if maps.clean is None else "the objects and their shadows"
-            )
-            pictures.append(
-                _picture(
-                    "background",
-                    "Background",
-                    f"The place without {object_text}.",
-                    behind,
-                )
-            )
-        return Perception(tuple(pictures), ())
-    caption = "The area behind the objects, filled in; slide to remove their shadows."
-    before, after = (
-        ("with their old shadows", maps.background),
-        ("without them", maps.clean),
-    )
-    return Perception(
-        tuple(pictures),
-        (compare_frames("background", "Background", caption, before, after),),
-    )
+    return _photo_pictures(maps, compiled.labels, objects, walls, view, doubtful)
+
+
+def _single_background(maps: Percepts) -> list[Picture]:
+    """Return the picture of the only background, if there is one."""
+    background, content = maps.clean, "the objects and their shadows"
+    if background is None:
+        background, content = maps.background, "the objects"
+    if background is None:
+        return []
+    text = f"The place without {content}."
+    return [_picture("background", "Background", text, background)]
 
 
 def written_suitability(assets: Path | None) -> str:
@@ -404,19 +414,32 @@ def light_description(light: Light) -> str:
     """
     x, y, z = light.direction
     # A component below 0.2 is less than 12 degrees, and hardly visible.
-    horizontal = "" if abs(x) < 0.2 else "right" if x > 0 else "left"
-    vertical = "" if abs(y) < 0.2 else "above" if y < 0 else "below"
+    if abs(x) < 0.2:
+        horizontal = ""
+    else:
+        horizontal = "left"
+        if x > 0:
+            horizontal = "right"
+    if abs(y) < 0.2:
+        vertical = ""
+    else:
+        vertical = "below"
+        if y < 0:
+            vertical = "above"
     corner = {"above": "upper", "below": "lower"}.get(vertical, "")
-    where = (
-        f"the {corner} {horizontal}"
-        if horizontal and vertical
-        else f"the {horizontal}"
-        if horizontal
-        else vertical
-    )
-    depth = (
-        "" if abs(z) < 0.2 else "in front of the scene" if z > 0 else "behind the scene"
-    )
+    if horizontal and vertical:
+        where = f"the {corner} {horizontal}"
+    else:
+        if horizontal:
+            where = f"the {horizontal}"
+        else:
+            where = vertical
+    if abs(z) < 0.2:
+        depth = ""
+    else:
+        depth = "behind the scene"
+        if z > 0:
+            depth = "in front of the scene"
     share = light.ambient / max(light.ambient + light.intensity, 1e-6)
     return f"From {', '.join(filter(None, (where, depth)))}; {100 * share:.0f} % of it from all around."
 

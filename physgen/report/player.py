@@ -29,7 +29,11 @@ from physgen.render.camera import Shot
 from physgen.render.contacts import Impact, find_impacts, sample_times
 from physgen.render.occlusion import sprite_silhouette
 from physgen.render.scales import scales
-from physgen.render.shadow_decomposition import LitBackground, shaded_background
+from physgen.render.shadow_decomposition import (
+    CastShadow,
+    LitBackground,
+    shaded_background,
+)
 from physgen.render.sprites import Sprite
 from physgen.render.stage import SpritePose, Stage, sprite_coverage, sprite_poses
 from physgen.report.html import webp
@@ -154,22 +158,15 @@ def _cut(sprite: Sprite, display_scale: float, scale: float) -> dict[str, Any]:
     """Cut a sprite with unmultiplied colours from its covered pixels, with a margin of
     one pixel.
     """
-    x0, y0, x1, y1 = sprite.covered_box
-    h, w = sprite.coverage.shape
-    rows, columns = (
-        slice(max(y0 - 1, 0), min(y1 + 1, h)),
-        slice(max(x0 - 1, 0), min(x1 + 1, w)),
-    )
+    rows, columns = _with_margin(sprite.covered_box, sprite.coverage.shape)
     alpha = sprite.coverage[rows, columns]
-    colours = sprite.light[rows, columns] / np.maximum(alpha, 1e-3)[..., None]
-    covers = np.rint(255 * np.clip(alpha, 0, 1)).astype(np.uint8)
-    pixels = np.dstack([encode_u8(np.clip(colours, 0, 1)), covers])
+    height, width = alpha.shape
     left, top = sprite.corner[0] + columns.start, sprite.corner[1] + rows.start
     ball = sprite.ball
     # The rotation of a ball with one colour is invisible, and its shading does not
     # turn.
     is_plain = ball is not None and float(np.ptp(ball.skin, axis=(0, 1)).max()) < 1e-6
-    height, width = alpha.shape
+    pixels = _unmultiplied(sprite.light[rows, columns], alpha)
     picture = {
         "body": sprite.body,
         "box": _place_box((left, top, left + width, top + height), scale),
@@ -181,6 +178,21 @@ def _cut(sprite: Sprite, display_scale: float, scale: float) -> dict[str, Any]:
     if ball is not None and not is_plain and is_small:
         picture["ball"] = _ball_data(ball, (rows, columns), (left, top))
     return picture
+
+
+def _with_margin(box: PixelBox, shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """Return the rows and columns of a box with a margin of 1 px, in an image (h, w)."""
+    x0, y0, x1, y1 = box
+    height, width = shape
+    rows = slice(max(y0 - 1, 0), min(y1 + 1, height))
+    return rows, slice(max(x0 - 1, 0), min(x1 + 1, width))
+
+
+def _unmultiplied(light: F32, alpha: F32) -> U8:
+    """Return the colours and the coverage of premultiplied linear light, (h, w, 4)."""
+    colours = light / np.maximum(alpha, 1e-3)[..., None]
+    covers = np.rint(255 * np.clip(alpha, 0, 1)).astype(np.uint8)
+    return np.dstack([encode_u8(np.clip(colours, 0, 1)), covers])
 
 
 def _ball_data(
@@ -209,9 +221,10 @@ def _encode_roots(values: F32, *, signed: bool = False) -> dict[str, Any]:
     max_value = max(float(np.abs(values).max()), 1e-6)
     # Roots give dark tones more of the 256 codes.
     roots = np.sqrt(np.abs(values) / max_value)
-    codes = (
-        128 + 127 * np.sign(values) * roots if signed else 255 * roots * (values > 0)
-    )
+    if signed:
+        codes = 128 + 127 * np.sign(values) * roots
+    else:
+        codes = 255 * roots * (values > 0)
     return {
         "most": float(f"{max_value:.4g}"),
         "src": webp(np.rint(codes).astype(np.uint8), LIMITS.balls),
@@ -240,7 +253,10 @@ def select_keys(path: Array, reach: float) -> list[int]:
     """
     # An angle counts as the motion of the border.
     scaled_path = path * (1, 1, reach)
-    keys = [0, len(scaled_path) - 1] if len(scaled_path) > 1 else [0]
+    if len(scaled_path) > 1:
+        keys = [0, len(scaled_path) - 1]
+    else:
+        keys = [0]
     while len(keys) < LIMITS.keys:
         samples = np.arange(len(scaled_path))
         chords = np.stack(
@@ -268,32 +284,36 @@ def shadows(
     for k in moving:
         body = stage.sprites[k].body
         reach = max(stage.sprites[k].coverage.shape) / 2
-        keys[k] = (
-            [0]
-            if lit.casts[k].sliding is not None
-            else select_keys(trajectory.poses[:, body], reach)
-        )
-    order = sorted({sample for mine in keys.values() for sample in mine})
+        if lit.casts[k].sliding is not None:
+            keys[k] = [0]
+        else:
+            keys[k] = select_keys(trajectory.poses[:, body], reach)
+    samples = sorted(set().union(*keys.values()))
     rows: dict[int, list[dict[str, Any]]] = {k: [] for k in moving}
-    for sample, (_, stands) in zip(
-        order, sprite_poses(stage, trajectory, order), strict=True
-    ):
+    poses_of_samples = sprite_poses(stage, trajectory, samples)
+    for sample, (_, poses) in zip(samples, poses_of_samples, strict=True):
         for k in moving:
             if sample in keys[k]:
-                dark = _measure_darkening(stage, lit, stands[k])
-                rows[k].append(
-                    {"sample": sample} | ({} if dark is None else _shadow(*dark))
-                )
-    return [
-        {
-            "body": stage.sprites[k].body,
-            "slides": lit.casts[k].sliding is not None,
-            "keys": rows[k],
-        }
-        | ({"lean": round(lit.casts[k].lean, 4)} if lit.casts[k].lean else {})
-        for k in moving
-        if any("src" in row for row in rows[k])
-    ]
+                darkening = _measure_darkening(stage, lit, poses[k])
+                row: dict[str, Any] = {"sample": sample}
+                if darkening is not None:
+                    row |= _shadow(*darkening)
+                rows[k].append(row)
+    entries = []
+    for k in moving:
+        if any("src" in row for row in rows[k]):
+            body = stage.sprites[k].body
+            entries.append(_shadow_entry(body, lit.casts[k], rows[k]))
+    return entries
+
+
+def _shadow_entry(
+    body: int, cast: CastShadow, rows: list[dict[str, Any]]
+) -> dict[str, Any]:
+    entry = {"body": body, "slides": cast.sliding is not None, "keys": rows}
+    if cast.lean:
+        entry["lean"] = round(cast.lean, 4)
+    return entry
 
 
 def _measure_darkening(
@@ -318,7 +338,9 @@ def _measure_darkening(
             sprite_coverage(stage.sprites[stand.k], stand.placement),
         )
     parts = lit.move_shadow(stand.k, now, stand.start, stand.pose)
-    return joined_pictures(parts) if parts else None
+    if parts:
+        return joined_pictures(parts)
+    return None
 
 
 def _shadow(box: PixelBox, darkness: F32) -> dict[str, Any]:
@@ -523,7 +545,9 @@ def _energy(samples: Trajectory) -> Data:
     changes have a meaning.
     """
     e = samples.energy
-    low = float(e.potential.min()) if len(e.potential) else 0.0
+    low = 0.0
+    if len(e.potential):
+        low = float(e.potential.min())
     rows = {
         "kinetic": e.kinetic,
         "potential": e.potential - low,
@@ -545,52 +569,49 @@ def touches(samples: Trajectory) -> list[list[float | int | None]]:
     """Return first and second surface, start and end (null: beyond the clip), s, and
     total impulse, g·px/s, of each touch.
     """
-    contacts, N = samples.contacts, len(samples.contacts.surfaces)
+    contacts = samples.contacts
     if not len(contacts.touch_pairs):
         return []
-    when = samples.times[contacts.impulse_rows[:, 0]]
-    pair = (
-        contacts.impulse_rows[:, 1].astype(np.int64) * N + contacts.impulse_rows[:, 2]
-    )
-    size = np.hypot(*contacts.impulses.T)
-    begins: dict[int, list[tuple[float, int]]] = {}
-    for row, ((first, second), (begin, _)) in enumerate(
-        zip(contacts.touch_pairs.tolist(), contacts.touch_times.tolist(), strict=True)
+    totals = _total_impulses(samples)
+    rows: list[list[float | int | None]] = []
+    for (first, second), (begin, end), total in zip(
+        contacts.touch_pairs.tolist(),
+        contacts.touch_times.tolist(),
+        totals.tolist(),
+        strict=True,
     ):
-        begins.setdefault(first * N + second, []).append((begin, row))
-    total = np.zeros(len(contacts.touch_pairs))
-    # The impulses of a sample belong to the latest touch of the pair before it.
-    for (
-        key,
-        total_rows,
-    ) in begins.items():
-        indices = np.flatnonzero(pair == key)
-        row_indices = (
-            np.searchsorted(
-                [begin for begin, _ in total_rows], when[indices] + LIMITS.instant
-            )
-            - 1
-        )
-        np.add.at(
-            total,
-            np.array([row for _, row in total_rows])[np.maximum(row_indices, 0)],
-            size[indices],
-        )
-    return [
-        [
-            first,
-            second,
-            round(begin, 6),
-            round(end, 6) if np.isfinite(end) else None,
-            _short(given),
-        ]
-        for (first, second), (begin, end), given in zip(
-            contacts.touch_pairs.tolist(),
-            contacts.touch_times.tolist(),
-            total.tolist(),
-            strict=True,
-        )
-    ]
+        rounded_end = None
+        if np.isfinite(end):
+            rounded_end = round(end, 6)
+        rows.append([first, second, round(begin, 6), rounded_end, _short(total)])
+    return rows
+
+
+def _total_impulses(samples: Trajectory) -> Array:
+    """Return the sum of the impulses of each touch, (T,) g·px/s.
+
+    The impulses of a sample belong to the latest touch of the pair before it.
+    """
+    contacts = samples.contacts
+    surface_count = len(contacts.surfaces)
+    impulse_times = samples.times[contacts.impulse_rows[:, 0]]
+    codes_of_impulses = _pair_codes(contacts.impulse_rows[:, 1:3], surface_count)
+    sizes = np.hypot(*contacts.impulses.T)
+    codes = _pair_codes(contacts.touch_pairs, surface_count)
+    begins = contacts.touch_times[:, 0]
+    totals = np.zeros(len(contacts.touch_pairs))
+    for code in np.unique(codes).tolist():
+        rows = np.flatnonzero(codes == code)
+        indices = np.flatnonzero(codes_of_impulses == code)
+        latest_times = impulse_times[indices] + LIMITS.instant
+        positions = np.searchsorted(begins[rows], latest_times) - 1
+        np.add.at(totals, rows[np.maximum(positions, 0)], sizes[indices])
+    return totals
+
+
+def _pair_codes(pairs: NDArray[Any], count: int) -> NDArray[np.int64]:
+    """Return one number for each pair (K, 2) of `count` surfaces."""
+    return np.asarray(pairs[:, 0].astype(np.int64) * count + pairs[:, 1])
 
 
 def _impact(impact: Impact) -> list[float | int]:
@@ -676,4 +697,6 @@ def _camera(shot: Shot) -> list[list[float]] | None:
             ]
         )
     canvas = [-0.5, -0.5, *map(float, shot.photo)]
-    return views if np.abs(np.array(views) - canvas).max(initial=0.0) > 1.0 else None
+    if np.abs(np.array(views) - canvas).max(initial=0.0) > 1.0:
+        return views
+    return None

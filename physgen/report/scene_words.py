@@ -50,7 +50,10 @@ def first_sentence(text: str) -> str:
             lines.append(words)
     comment = " ".join(" ".join(lines).split())
     sentence = _SENTENCE.match(comment)
-    words = sentence[0] if sentence else comment
+    if sentence:
+        words = sentence[0]
+    else:
+        words = comment
     if len(words) <= LONGEST_SENTENCE:
         return words
     return words[:LONGEST_SENTENCE].rsplit(" ", 1)[0] + " …"
@@ -76,4 +79,6 @@ def masks_from(document: Mapping[str, Any], inputs: Mapping[str, str]) -> str:
     if not any(item.get("mask") is not None for item in objects):
         return ""
     has_record = any(Path(path).name == RECORD for path in inputs)
-    return PERCEIVED if has_record else HAND_MADE
+    if has_record:
+        return PERCEIVED
+    return HAND_MADE

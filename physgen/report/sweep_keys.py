@@ -59,20 +59,26 @@ def swept_keys(clips: Sequence[Clip]) -> list[SweptKey]:
     splits: set[tuple[int, ...]] = set()
     labels = zip(rows, names, shortest_names(names), strict=False)
     for (path, values), name, parts in labels:
-        distinct_values = []
-        for value, clip in zip(values, clips, strict=True):
-            if clip.document:
-                distinct_values.append(value)
         # Two keys with the same split are one axis: the second follows the first.
-        split = tuple(distinct_values.index(value) for value in distinct_values)
-        short_name = " ".join(parts).replace("_", " ")
+        split = _split(clips, values)
+        key_unit = unit(path)
         # A text contains its own unit.
-        has_text = any(isinstance(value, str) for value in values)
-        key_unit = "" if has_text else unit(path)
+        if any(isinstance(value, str) for value in values):
+            key_unit = ""
+        short_name = " ".join(parts).replace("_", " ")
         follows = split in splits
         keys.append(SweptKey(name, short_name, key_unit, tuple(values), follows))
         splits.add(split)
     return keys
+
+
+def _split(clips: Sequence[Clip], values: Sequence[Value | None]) -> tuple[int, ...]:
+    """Return for each complete clip the first one with its value."""
+    own_values = []
+    for value, clip in zip(values, clips, strict=True):
+        if clip.document:
+            own_values.append(value)
+    return tuple(map(own_values.index, own_values))
 
 
 def _differing_keys(clips: Sequence[Clip]) -> list[tuple[KeyPath, list[Value | None]]]:
@@ -82,14 +88,20 @@ def _differing_keys(clips: Sequence[Clip]) -> list[tuple[KeyPath, list[Value | N
     edits = [_edits(clip) for clip in clips]
     subjects = {clip.subject for clip in clips if clip.document}
     # A failed clip has no document; assume the only subject.
-    only_subject = subjects.pop() if len(subjects) == 1 else ""
+    only_subject: object = ""
+    if len(subjects) == 1:
+        only_subject = subjects.pop()
     paths = dict.fromkeys(path for edit in edits for path in edit)
     rows = []
     for path in paths:
         values: list[Value | None] = []
         by_subject: dict[object, set[Value]] = {}
         for clip, edit in zip(clips, edits, strict=True):
-            value = edit[path] if path in edit else _value(clip.document, path)
+            value: Value | None
+            if path in edit:
+                value = edit[path]
+            else:
+                value = _value(clip.document, path)
             values.append(value)
             if value is not None:
                 subject = clip.subject or only_subject
@@ -153,9 +165,10 @@ def shortest_names(paths: Sequence[str]) -> list[list[str]]:
     for parts in every_path:
         count = _least_parts(parts)
         while count < len(parts):
-            duplicates = [
-                other for other in every_path if other[-count:] == parts[-count:]
-            ]
+            duplicates = []
+            for other in every_path:
+                if other[-count:] == parts[-count:]:
+                    duplicates.append(other)
             if len(duplicates) == 1:
                 break
             count += 1
@@ -167,7 +180,10 @@ def _path_parts(path: str) -> list[str]:
     """Return the parts of a path without `*`; a component at its end becomes
     x, y or z.
     """
-    parts = [part for part in re.findall(r"[^.\[\]]+", path) if part != "*"]
+    parts = []
+    for part in re.findall(r"[^.\[\]]+", path):
+        if part != "*":
+            parts.append(part)
     if parts[-1] in ("0", "1", "2"):
         parts[-1] = "xyz"[int(parts[-1])]
     return parts
@@ -176,7 +192,9 @@ def _path_parts(path: str) -> list[str]:
 def _least_parts(parts: Sequence[str]) -> int:
     """Return the minimum number of last parts with a meaning."""
     is_component = parts[-1] in ("x", "y", "z")
-    count = 2 if is_component or parts[-2:-1] == ["table"] else 1
+    count = 1
+    if is_component or parts[-2:-1] == ["table"]:
+        count = 2
     # An index alone says nothing: add the name of the list.
     while count < len(parts) and parts[-count].isdecimal():
         count += 1

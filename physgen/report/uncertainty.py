@@ -84,7 +84,9 @@ def _facts(fan: Ensemble) -> str:
     draws, number_count = len(fan.outcomes), len(fan.doubts)
     number_text = f"{number_count} number{'s' * (number_count != 1)}"
     failure_count = draws - len(fan.complete_draws)
-    failure_note = f"; {failure_count} could not be simulated" if failure_count else ""
+    failure_note = ""
+    if failure_count:
+        failure_note = f"; {failure_count} could not be simulated"
     return (
         f"{draws} draws (seed {fan.seed}) of {number_text}, each as wide as its source is unsure, "
         f"each simulated{failure_note}. "
@@ -114,7 +116,10 @@ def _path(points: Array, world: World) -> str:
     kept = cv2.approxPolyDP(
         np.ascontiguousarray(points, np.float32)[:, None], error, False
     )[:, 0]
-    corners = kept.tolist() if len(kept) > 1 else points[[0, -1]].tolist()
+    if len(kept) > 1:
+        corners = kept.tolist()
+    else:
+        corners = points[[0, -1]].tolist()
     return "M" + " ".join(f"{x:.1f},{y:.1f}" for x, y in corners)
 
 

@@ -31,7 +31,10 @@ def name_edits(
 ) -> list[Problem]:
     """Return the problems of a tree after `edits`, each at the edit that caused it."""
     # A value of an edit is its own cause; other problems need checks of partial trees.
-    writers = {place: edit for edit in edits for place in _places(edit.value)}
+    writers = {}
+    for edit in edits:
+        for place in _places(edit.value):
+            writers[place] = edit
     located_problems = []
     pending = []
     for problem in problems:
@@ -170,7 +173,9 @@ def _remove_key(node: Node, path: KeyPath) -> Node:
 
 
 def _mapping(node: Node) -> dict[str, Node]:
-    return node.value if isinstance(node.value, dict) else {}
+    if isinstance(node.value, dict):
+        return node.value
+    return {}
 
 
 def _places(node: Node) -> Iterator[Place]:

@@ -106,10 +106,48 @@ def scene_from_tree(
     natural order of their names, so that no number depends on the order of keys in a
     file.
     """
+    data = _complete_data(root, record, source, ground)
+    light = None
+    if "light" in data:
+        light = _light(data["light"])
+    assert ground.size is not None
+    return parts.Scene(
+        name=name,
+        folder=source.folder,
+        # Real paths: a link that changes later must not change a loaded scene.
+        image=_real_path(ground.image),
+        size=ground.size,
+        assets=_real_path(ground.assets),
+        world=_settings(root, data["world"]),
+        objects=tuple(
+            _add_stored_shape(item, ground)
+            for item in _make_named(data["objects"], _object)
+        ),
+        boundaries=_make_named(data["boundaries"], _boundary),
+        forces=tuple(map(_force, data["forces"])),
+        joints=_make_named(data["joints"], _joint),
+        fields=_make_named(data["fields"], _field),
+        light=light,
+        render=_render(data["render"]),
+        refine=refinement(data["refine"]),
+        maps=_maps(ground.record.maps, data.get("maps", {})),
+        record=replace(ground.record, world=record.world),
+        places=MappingProxyType(dict(_places(root, ()))),
+        document=MappingProxyType(data),
+        variants=tuple(data["variants"]),
+        title=data.get("title"),
+    )
+
+
+def _complete_data(
+    root: Node, record: Record, source: Source, ground: Ground
+) -> dict[str, Any]:
+    """Return the data of a checked tree with defaults, and paths from the opened file.
+
+    Defaults come before the construction, so that the manifest's document has them too.
+    """
     scene_data = to_plain_data(root)
-    # Defaults come before the construction, so that the manifest's document has them
-    # too.
-    data = with_defaults(scene_data)
+    data: dict[str, Any] = with_defaults(scene_data)
     _complete_objects(data["objects"], scene_data.get("objects", {}), record, ground)
     # Paths of an extended file start at its own folder.
     for key in ("image", "assets"):
@@ -122,33 +160,7 @@ def scene_from_tree(
     # schema.
     if "gravity" not in world:
         world["gravity"] = _default_gravity(world)
-    assert ground.size is not None
-    return parts.Scene(
-        name=name,
-        folder=source.folder,
-        # Real paths: a link that changes later must not change a loaded scene.
-        image=_real_path(ground.image),
-        size=ground.size,
-        assets=_real_path(ground.assets),
-        world=_settings(root, world),
-        objects=tuple(
-            _add_stored_shape(item, ground)
-            for item in _make_named(data["objects"], _object)
-        ),
-        boundaries=_make_named(data["boundaries"], _boundary),
-        forces=tuple(map(_force, data["forces"])),
-        joints=_make_named(data["joints"], _joint),
-        fields=_make_named(data["fields"], _field),
-        light=_light(data["light"]) if "light" in data else None,
-        render=_render(data["render"]),
-        refine=refinement(data["refine"]),
-        maps=_maps(ground.record.maps, data.get("maps", {})),
-        record=replace(ground.record, world=record.world),
-        places=MappingProxyType(dict(_places(root, ()))),
-        document=MappingProxyType(data),
-        variants=tuple(data["variants"]),
-        title=data.get("title"),
-    )
+    return data
 
 
 def _has_unit(node: Node | None) -> bool:
@@ -191,7 +203,10 @@ def _make(dataclass_type: type[T], item: Mapping[str, Any], /, **given: Any) -> 
     for name, convert in _readers(dataclass_type):  # type: ignore[arg-type]
         if name not in given:
             value = item.get(name)
-            given[name] = None if value is None else convert(value)
+            if value is None:
+                given[name] = None
+            else:
+                given[name] = convert(value)
     return dataclass_type(**given)
 
 
@@ -257,7 +272,10 @@ no conversion.
 
 
 def _object(name: str, item: Mapping[str, Any]) -> parts.Object:
-    path = item["motion"]["path"] if isinstance(item["motion"], dict) else []
+    if isinstance(item["motion"], dict):
+        path = item["motion"]["path"]
+    else:
+        path = []
     return _make(
         parts.Object,
         item,
@@ -277,18 +295,20 @@ def _object(name: str, item: Mapping[str, Any]) -> parts.Object:
 
 def _add_stored_shape(item: parts.Object, ground: Ground) -> parts.Object:
     """Return the object with the shape stored for its mask."""
-    stored_shape = (
-        ground.outlines.get(item.mask.id)
-        if isinstance(item.mask, parts.MaskId)
-        else None
-    )
+    if isinstance(item.mask, parts.MaskId):
+        stored_shape = ground.outlines.get(item.mask.id)
+    else:
+        stored_shape = None
     if stored_shape is None or not isinstance(item.shape, parts.Auto):
         return item
     shape = _shape(stored_shape[1])
     assert not isinstance(shape, parts.Auto)
     assert isinstance(item.mask, parts.MaskId)
     whole_node = ground.wholes.get(item.mask.id)
-    whole_outline = None if whole_node is None else _shape(whole_node)
+    if whole_node is None:
+        whole_outline = None
+    else:
+        whole_outline = _shape(whole_node)
     assert not isinstance(whole_outline, parts.Auto)
     return replace(item, shape=parts.Auto(shape, stored_shape[0], whole_outline))
 
@@ -308,7 +328,10 @@ def _boundary(name: str, item: Mapping[str, Any]) -> parts.Boundary:
         points = arc_points(item["arc"])
     elif "bezier" in item:
         points = bezier_points(item["bezier"])
-    shape = _shape(item["shape"]) if "shape" in item else None
+    if "shape" in item:
+        shape = _shape(item["shape"])
+    else:
+        shape = None
     values = {"name": name, "points": points, "shape": shape, "is_smooth": is_smooth}
     return _make(parts.Boundary, item, **values)
 
@@ -356,8 +379,14 @@ def bezier_points(values: Sequence[Sequence[float]]) -> parts.Points:
 def _force(item: Mapping[str, Any]) -> parts.Force:
     (load,) = (load for load in parts.Load if load.value in item)
     turning = load is parts.Load.TORQUE
-    vector = (0.0, 0.0) if turning else _pair(item[load.value])
-    profile = _profile(item["profile"]) if "profile" in item else None
+    if turning:
+        vector = (0.0, 0.0)
+    else:
+        vector = _pair(item[load.value])
+    if "profile" in item:
+        profile = _profile(item["profile"])
+    else:
+        profile = None
     values = {"torque": 0, **item}
     return _make(parts.Force, values, load=load, vector=vector, profile=profile)
 
@@ -365,7 +394,11 @@ def _force(item: Mapping[str, Any]) -> parts.Force:
 def _profile(item: Mapping[str, Any]) -> parts.Profile:
     ((name, value),) = item.items()
     kind = parts.ProfileKind(name)
-    numbers: parts.Points = ((float(value), 0.0),) if kind in SINGLE else ()
+    numbers: parts.Points
+    if kind in SINGLE:
+        numbers = ((float(value), 0.0),)
+    else:
+        numbers = ()
     if kind is parts.ProfileKind.PULSE:
         numbers = (_pair(value),)
     elif kind is parts.ProfileKind.TABLE:
@@ -442,8 +475,13 @@ def _light(item: Mapping[str, Any]) -> parts.Light:
 def _render(item: Mapping[str, Any]) -> parts.Render:
     camera = item.get("camera", ())
     # A single view lasts for the whole clip.
-    views = [{"time": 0, **camera}] if isinstance(camera, dict) else camera
-    handheld = camera.get("handheld", 0.0) if isinstance(camera, dict) else 0.0
+    if isinstance(camera, dict):
+        views = [{"time": 0, **camera}]
+    else:
+        views = camera
+    handheld = 0.0
+    if isinstance(camera, dict):
+        handheld = camera.get("handheld", 0.0)
     return _make(
         parts.Render,
         {"slow": 1, **item},
@@ -458,4 +496,6 @@ def _sound_level(item: bool | Mapping[str, Any]) -> parts.SoundLevel | None:
     """Return the level of `sound:`, or None for false."""
     if isinstance(item, Mapping):
         return parts.SoundLevel(item.get("level", "peak"))
-    return parts.SoundLevel.PEAK if item else None
+    if item:
+        return parts.SoundLevel.PEAK
+    return None

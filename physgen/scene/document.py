@@ -63,12 +63,19 @@ def resolve(text: str) -> Scalar:
     """
     if not text or text[0] not in _STARTS:
         # The longest word is shorter than six letters: most texts need no lookup.
-        return _WORDS.get(text, text) if len(text) < 6 else text
+        if len(text) < 6:
+            return _WORDS.get(text, text)
+        return text
     if _NUMBER(text):
         # Integers stay exact: ids of masks must not become floats.
         if "." not in text and "e" not in text and "E" not in text:
-            return int(text) if len(text) < 20 else int(_short(text))
-        number = float(text) if len(text) < 30 else float(_short(text))
+            if len(text) < 20:
+                return int(text)
+            return int(_short(text))
+        if len(text) < 30:
+            number = float(text)
+        else:
+            number = float(_short(text))
         if math.isinf(number):
             raise Message.NUMBER_TOO_LARGE.refusal()
         return number
@@ -120,7 +127,9 @@ class Node:
     @property
     def key_place(self) -> Place:
         """Return the place of the key."""
-        return Place(self.source.name, *self.key) if self.key else self.place
+        if self.key:
+            return Place(self.source.name, *self.key)
+        return self.place
 
     def with_value(
         self,
@@ -144,17 +153,20 @@ def to_plain_data(node: Node) -> Any:
 def children(node: Node | None, *keys: str) -> dict[str, Node]:
     """Return the mapping below `keys`, or an empty one."""
     for key in keys:
-        node = (
-            node.value.get(key)
-            if node is not None and isinstance(node.value, dict)
-            else None
-        )
-    return node.value if node is not None and isinstance(node.value, dict) else {}
+        if node is not None and isinstance(node.value, dict):
+            node = node.value.get(key)
+        else:
+            node = None
+    if node is not None and isinstance(node.value, dict):
+        return node.value
+    return {}
 
 
 def items(node: Node | None) -> list[Node]:
     """Return the items of a list, or an empty list."""
-    return node.value if node is not None and isinstance(node.value, list) else []
+    if node is not None and isinstance(node.value, list):
+        return node.value
+    return []
 
 
 def read_integers(node: Node) -> list[int]:
@@ -209,12 +221,19 @@ def read(
         raise InputError(reader.problems)
     # The value of a flag may be empty, which is null.
     if not has_lines:
-        return root if root is not None else Node(None, source)
+        if root is not None:
+            return root
+        return Node(None, source)
     if root is None or root.value is None:
-        empty = Message.SCENE_EMPTY if start is SCENE_START else Message.FILE_EMPTY
+        if start is SCENE_START:
+            empty = Message.SCENE_EMPTY
+        else:
+            empty = Message.FILE_EMPTY
         raise empty.error(source.name, start=start)
     if not isinstance(root.value, dict):
-        kind = "a list" if isinstance(root.value, list) else "one value"
+        kind = "one value"
+        if isinstance(root.value, list):
+            kind = "a list"
         top = Message.TOP_NOT_MAPPING
         raise top.error_at(root.place, found=kind, start=start)
     return root
@@ -231,7 +250,9 @@ class _Reader:
         self.problems: list[Problem] = []
 
     def _place(self, event: Any) -> Place:
-        line = event.start_mark.line + 1 if self.has_lines else 0
+        line = 0
+        if self.has_lines:
+            line = event.start_mark.line + 1
         return Place(self.source.name, line, event.start_mark.column + 1 if line else 0)
 
     def _count_documents(self, event: Any, documents: int) -> int:
@@ -246,7 +267,7 @@ class _Reader:
             raise self._error(Message.SECOND_DOCUMENT, event)
         return documents + 1
 
-    def _resolved(self, event: Any, stack: list[Node], key: str | None) -> Scalar:
+    def _resolve_scalar(self, event: Any, stack: list[Node], key: str | None) -> Scalar:
         """Return the value of a plain scalar; collect the problem of a refused one."""
         try:
             return resolve(event.value)
@@ -304,7 +325,7 @@ class _Reader:
                 value: Any = event.value
                 # A quoted scalar is text, even if it looks like a number.
                 if event.implicit[0]:
-                    value = self._resolved(event, stack, key)
+                    value = self._resolve_scalar(event, stack, key)
             elif kind is SequenceStartEvent:
                 value = []
             else:
@@ -332,10 +353,7 @@ class _Reader:
             raise self._error(Message.KEY_NOT_TEXT, event)
         key: str = event.value
         if key in siblings:
-            first = siblings[key].key
-            line = f", first on line {first[0]}" if first and self.has_lines else ""
-            place, key_path = self._place(event), _path(stack, key)
-            self._collect(Message.KEY_TWICE.problem(place, key_path, first=line))
+            self._report_repeated_key(event, siblings[key], _path(stack, key))
         elif key == "<<" and event.implicit[0]:
             raise self._error(Message.MERGE_KEY, event)
         # The limit is checked during reading, before a huge file fills the memory.
@@ -345,6 +363,14 @@ class _Reader:
             if next(reversed(top)) == "objects":
                 raise Limit.OBJECTS.error(self._place(event), "objects")
         return key
+
+    def _report_repeated_key(self, event: Any, first: Node, key_path: str) -> None:
+        line = ""
+        if first.key and self.has_lines:
+            line = f", first on line {first.key[0]}"
+        self._collect(
+            Message.KEY_TWICE.problem(self._place(event), key_path, first=line)
+        )
 
     def _collect(self, problem: Problem) -> None:
         self.problems.append(problem)
@@ -358,7 +384,9 @@ class _Reader:
     def _refusal(self, event: Any) -> InputError:
         if getattr(event, "tag", None) is not None:
             return self._error(Message.TAG, event, tag=quoted(event.tag, ""))
-        kind = "an alias" if type(event) is AliasEvent else "an anchor"
+        kind = "an anchor"
+        if type(event) is AliasEvent:
+            kind = "an alias"
         name = quoted(event.anchor, "")
         return self._error(Message.ANCHOR, event, kind=kind, name=name)
 
@@ -392,6 +420,13 @@ def _line_and_column(text: str, index: int) -> tuple[int, int]:
     return text.count("\n", 0, index) + 1, index - start + 1
 
 
+def _reason_of(error: yaml.MarkedYAMLError) -> str:
+    """Return PyYAML's description of an error."""
+    if error.context and error.problem:
+        return f"{error.problem} {error.context}"
+    return error.problem or error.context or "wrong YAML"
+
+
 def _marked_fault(
     error: yaml.MarkedYAMLError, text: str, source: Source
 ) -> tuple[Place, str, str]:
@@ -404,9 +439,7 @@ def _marked_fault(
     if mark:
         place = Place(source.name, mark.line + 1, mark.column + 1)
         line_start = text.rfind("\n", 0, mark.index) + 1
-    reason = error.problem or error.context or "wrong YAML"
-    if error.context and error.problem:
-        reason = f"{error.problem} {error.context}"
+    reason = _reason_of(error)
     # PyYAML reports an unclosed quote at the end of the file. The first open quote is
     # the better place.
     quote_places = [match.start() for match in _OPEN.finditer(text, 0, line_start)]

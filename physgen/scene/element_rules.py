@@ -144,7 +144,10 @@ def _check_static_friction(
     friction = valid_keys.get("friction")
     # Objects and boundaries have different defaults.
     default = find_schema_part(f"{path[0]}.*")["properties"]["friction"]["default"]
-    least = default if friction is None else number_of(friction)
+    if friction is None:
+        least = default
+    else:
+        least = number_of(friction)
     if number_of(node) < least:
         problem = Message.STATIC_FRICTION_LOW.problem(
             node.place,
@@ -190,25 +193,34 @@ def check_joints(tree: CheckedTree, section: str) -> None:
     """Report faults of the joints or fields of a scene. `section` is a key of KINDS."""
     for name, node in children(tree.root, section).items():
         path: KeyPath = (section, name)
-        bad, objects = tree.findings.bad, items(children(node).get("objects"))
-        for index, item in enumerate(objects):
-            if item not in bad:
-                check_object_name(tree, item, (*path, "objects", index))
+        object_names = _partner_names(tree, node, (*path, "objects"))
         if not isinstance(node.value, dict):
             continue
         _check_kind(tree, node, path, section)
         _check_magnet(tree, node, path)
-        names = (
-            [item.value for item in objects if item not in bad]
-            if section == "joints"
-            else []
-        )
-        if len(names) == 2 and names[0] == names[1]:
-            place = children(node)["objects"].place
-            itself, where = Message.JOINED_TO_ITSELF, (*path, "objects")
-            tree.report(itself.problem(place, where, shown(names[0])))
         if section == "joints":
-            _check_joint(tree, node, path, names)
+            _check_partners(tree, node, object_names, (*path, "objects"))
+            _check_joint(tree, node, path, object_names)
+
+
+def _partner_names(tree: CheckedTree, node: Node, path: KeyPath) -> list[Any]:
+    """Report unknown objects of a joint or field; return all its usable names."""
+    names = []
+    for index, item in enumerate(items(children(node).get("objects"))):
+        if item not in tree.findings.bad:
+            check_object_name(tree, item, (*path, index))
+            names.append(item.value)
+    return names
+
+
+def _check_partners(
+    tree: CheckedTree, node: Node, names: list[Any], path: KeyPath
+) -> None:
+    """Report a joint between an object and itself."""
+    if len(names) == 2 and names[0] == names[1]:
+        place = children(node)["objects"].place
+        message = Message.JOINED_TO_ITSELF
+        tree.report(message.problem(place, path, shown(names[0])))
 
 
 def _check_magnet(tree: CheckedTree, node: Node, path: KeyPath) -> None:
@@ -278,7 +290,10 @@ def _check_joint_ends(
         # A rope of a stated length may begin at its own end.
         if kind == "rope" and has_length:
             continue
-        ends = points_of(valid_keys[kind]) if kind in valid_keys else []
+        if kind in valid_keys:
+            ends = points_of(valid_keys[kind])
+        else:
+            ends = []
         for one, other in pairwise(ends[:2] if kind == "slider" else ends):
             if max(abs(a - b) for a, b in zip(one, other, strict=True)) < SAME_POINT:
                 place = valid_keys[kind].place
@@ -318,7 +333,10 @@ def _find_kind(
     if not given and any(key not in known for key in children(node)):
         # The message about the unknown key lists the kinds.
         return None
-    content = f"has {listed(given, 'and')}" if given else f"has no {listed(kinds)}"
+    if given:
+        content = f"has {listed(given, 'and')}"
+    else:
+        content = f"has no {listed(kinds)}"
     problem = Message.NOT_ONE_KEY.problem(
         node.place, path, content=content, kinds=listed(kinds, "and")
     )

@@ -14,6 +14,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from glob import glob
+from itertools import repeat
 from math import inf, isclose, isfinite
 from pathlib import Path
 from typing import Any
@@ -110,11 +111,9 @@ def scene_bytes(path: Path, name: str) -> bytes:
         fix = similar(name, path, SUFFIXES, "write the path of a scene file")
         raise Message.NO_SUCH_FILE.error(name, fix=fix) from None
     except (OSError, ValueError) as error:
-        reason = (
-            error.strerror
-            if isinstance(error, OSError) and error.strerror
-            else "the path is no path"
-        )
+        reason = "the path is no path"
+        if isinstance(error, OSError) and error.strerror:
+            reason = error.strerror
         raise Message.CANNOT_READ.error(name, reason=reason.lower()) from None
 
 
@@ -126,13 +125,20 @@ def read_record(path: Path) -> dict[str, Any]:
         record = json.loads(scene_bytes(path, RECORD))
     except (InputError, ValueError, RecursionError):
         return {}
-    return record if isinstance(record, dict) else {}
+    if isinstance(record, dict):
+        return record
+    return {}
 
 
 def read_recorded(assets: Path | None, key: str) -> dict[str, Any]:
     """Return one mapping of the record of these assets, or an empty one."""
-    record_value = None if assets is None else read_record(assets / RECORD).get(key)
-    return record_value if isinstance(record_value, dict) else {}
+    if assets is None:
+        record_value = None
+    else:
+        record_value = read_record(assets / RECORD).get(key)
+    if isinstance(record_value, dict):
+        return record_value
+    return {}
 
 
 def read_bases(
@@ -323,7 +329,10 @@ class Record:
         `item_data` is the object's data in the file, in numbers; `full_data` also has defaults.
         """
         wrote = self.entry(name, item_data)
-        sources = item_data["from"] if "from" in item_data else wrote.get("from")
+        if "from" in item_data:
+            sources = item_data["from"]
+        else:
+            sources = wrote.get("from")
         return {
             key: text
             for key, text in (sources.items() if isinstance(sources, Mapping) else ())
@@ -344,30 +353,35 @@ def read_written_record(path: Path) -> Record:
         objects = {
             key: entry for key, entry in entries.items() if isinstance(entry, dict)
         }
-        maps = {
-            name: (float(low), float(high))
-            for name, (low, high) in record.get("maps", {}).items()
-        }
-        maps = {
-            name: ends
-            for name, ends in maps.items()
-            if all(map(isfinite, ends)) and ends[0] < ends[1]
-        }
-        world = {
-            key: value
-            for key, value in record.get("world", {}).items()
-            if key != "boundaries"
-        }
-        walls = record.get("world", {}).get("boundaries")
-        if isinstance(walls, dict) and all(
-            isinstance(wall, dict) for wall in walls.values()
-        ):
-            world["boundaries"] = walls
-        return Record(
-            objects, world, maps, frozenset(map(str, record.get("comments", ())))
-        )
+        maps = _map_ends(record.get("maps", {}))
+        world = _world_record(record.get("world", {}))
+        comments = frozenset(map(str, record.get("comments", ())))
+        return Record(objects, world, maps, comments)
     except (ValueError, TypeError, AttributeError, OverflowError):
         return Record()
+
+
+def _map_ends(record: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+    """Return the lowest and the highest value of each map; leave out wrong ones."""
+    ends = {}
+    for name, (low, high) in record.items():
+        ends[name] = float(low), float(high)
+    return {
+        name: (low, high)
+        for name, (low, high) in ends.items()
+        if isfinite(low) and isfinite(high) and low < high
+    }
+
+
+def _world_record(record: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the record of the world; its boundaries must be mappings."""
+    world = {key: value for key, value in record.items() if key != "boundaries"}
+    walls = record.get("boundaries")
+    if not isinstance(walls, dict):
+        return world
+    if all(isinstance(wall, dict) for wall in walls.values()):
+        world["boundaries"] = walls
+    return world
 
 
 def equal(first: object, second: object, tolerance: float = WRITTEN) -> bool:
@@ -375,13 +389,19 @@ def equal(first: object, second: object, tolerance: float = WRITTEN) -> bool:
     or by `tolerance`.
     """
     if isinstance(first, Mapping) and isinstance(second, Mapping):
-        return first.keys() == second.keys() and all(
-            equal(first[key], second[key], tolerance) for key in first
-        )
+        if first.keys() != second.keys():
+            return False
+        return all(equal(first[key], second[key], tolerance) for key in first)
     if isinstance(first, list | tuple) and isinstance(second, list | tuple):
-        return len(first) == len(second) and all(
-            equal(*pair, tolerance) for pair in zip(first, second, strict=True)
-        )
+        return _equal_lists(first, second, tolerance)
     if isinstance(first, int | float) and isinstance(second, int | float):
         return isclose(first, second, rel_tol=WRITTEN, abs_tol=tolerance)
     return first == second
+
+
+def _equal_lists(
+    first: Sequence[object], second: Sequence[object], tolerance: float
+) -> bool:
+    if len(first) != len(second):
+        return False
+    return all(map(equal, first, second, repeat(tolerance)))

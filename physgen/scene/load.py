@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -64,12 +64,16 @@ class OpenedScene:
         name = os.fspath(path)
         self._source = Source(name, Path(os.path.abspath(self.file)).parent)
         # The stamp is taken before reading, so that a save in between is noticed.
-        self._stamps = {self.file: file_stamp(self.file)} if text is None else {}
-        own_problems = (
-            read_scene(self.file, name)
-            if text is None
-            else read(decode(text.encode("utf-8", "surrogatepass"), name), self._source)
-        )
+        if text is None:
+            self._stamps = {self.file: file_stamp(self.file)}
+        else:
+            self._stamps = {}
+        if text is None:
+            own_problems = read_scene(self.file, name)
+        else:
+            own_problems = read(
+                decode(text.encode("utf-8", "surrogatepass"), name), self._source
+            )
         self._chain = read_bases(own_problems, self.file, allow_outside, self._stamps)
         self._root = merge_bases(self._chain)
         self._files = Files(allow_outside)
@@ -190,7 +194,9 @@ def _edits(
 
 def _unknown_variant(variant: str, names: Sequence[str]) -> Problem:
     """Return the problem of `--variant`."""
-    fix = one_of(variant, names) if names else "the file has no variants"
+    fix = "the file has no variants"
+    if names:
+        fix = one_of(variant, names)
     place = Place(f"--variant {quoted(variant, '')}")
     return Message.UNKNOWN_VARIANT.problem(place, "", quoted(variant), fix=fix)
 
@@ -269,23 +275,25 @@ def _problems_of_variant(
         problems = _problems(_apply_edits(root, edits), files)
     except InputError as error:
         return error.problems
-    new = [problem for problem in problems if problem not in own_findings.problems]
+    new = []
+    for problem in problems:
+        if problem not in own_findings.problems:
+            new.append(problem)
     return name_edits(new, root, edits, lambda tree: _problems(tree, files))
 
 
 def _values(node: Node) -> int:
     """Return the number of values in a tree."""
-    child_nodes = node.value.values() if isinstance(node.value, dict) else items(node)
-    return 1 + sum(map(_values, child_nodes))
+    if isinstance(node.value, dict):
+        return 1 + sum(map(_values, node.value.values()))
+    return 1 + sum(map(_values, items(node)))
 
 
 def scene_name(file: Path) -> str:
     """Return the file's stem, or its folder's name for a file `scene.yaml`."""
-    return (
-        Path(os.path.abspath(file)).parent.name
-        if file.name == "scene.yaml"
-        else file.stem
-    )
+    if file.name == "scene.yaml":
+        return Path(os.path.abspath(file)).parent.name
+    return file.stem
 
 
 def _apply_consequences(root: Node, file: Node, ground: Ground) -> tuple[Node, Record]:
@@ -303,42 +311,54 @@ def _apply_consequences(root: Node, file: Node, ground: Ground) -> tuple[Node, R
     data = to_plain_data(tree)
     outlines: dict[str, Any] = {}
     for name, entry in data.get("objects", {}).items():
-        stored_shapes = (
-            ground.outlines.get(entry["mask"])
-            if isinstance(entry.get("mask"), int)
-            else None
-        )
-        shape = (
-            entry["shape"]
-            if isinstance(entry.get("shape"), dict)
-            else stored_shapes[1]
-            if stored_shapes
-            else None
-        )
-        outline = None if shape is None else parts.shape_outline(_shape(shape))
-        outlines |= {} if outline is None else {name: outline}
+        shape = _known_shape(entry, ground)
+        if shape is None:
+            continue
+        outline = parts.shape_outline(_shape(shape))
+        if outline is not None:
+            outlines[name] = outline
     values, record = apply_consequences(
         to_plain_data(root), with_defaults(data), record, outlines, ground.size
     )
-    home = children(root)["assets"].source
-    for path, value in sorted(values.items(), key=lambda one: len(one[0])):
-        key = dotted(path)
-        node = _find_node(root, path)
-        written_node = children(root, *path[:-1]).get(path[-1])
-        # Only values of the perceived file follow: an edit or another file states its
-        # value on purpose.
-        if written_node is not None and (
-            written_node.source != home
-            or written_node is not children(file, *path[:-1]).get(path[-1])
-        ):
-            continue
-        new_node = (
-            [node.with_value(part) for part in value]
-            if isinstance(value, list)
-            else value
-        )
-        root = apply(root, Edit(key, node.with_value(new_node), ()))
-    return in_numbers(root) if values else tree, record
+    if not values:
+        return tree, record
+    # A value may lie inside the value of another one: set the outer one first.
+    for path, value in sorted(values.items(), key=lambda item: len(item[0])):
+        if _is_perceived_value(root, file, path):
+            root = _with_value(root, path, value)
+    return in_numbers(root), record
+
+
+def _known_shape(entry: Mapping[str, Any], ground: Ground) -> Any:
+    """Return the shape of an object, or that stored for its mask, or None."""
+    if isinstance(entry.get("shape"), dict):
+        return entry["shape"]
+    if not isinstance(entry.get("mask"), int):
+        return None
+    stored_shapes = ground.outlines.get(entry["mask"])
+    return stored_shapes[1] if stored_shapes else None
+
+
+def _is_perceived_value(root: Node, file: Node, path: Sequence[str]) -> bool:
+    """Return whether a value is absent or that of the perceived file.
+
+    Only such values follow: an edit or another file states its value on purpose.
+    """
+    node = children(root, *path[:-1]).get(path[-1])
+    if node is None:
+        return True
+    if node.source != children(root)["assets"].source:
+        return False
+    return node is children(file, *path[:-1]).get(path[-1])
+
+
+def _with_value(root: Node, path: KeyPath, value: Any) -> Node:
+    """Return the tree with a value at a path."""
+    node = _find_node(root, path)
+    new_value = value
+    if isinstance(value, list):
+        new_value = [node.with_value(part) for part in value]
+    return apply(root, Edit(dotted(path), node.with_value(new_value), ()))
 
 
 def _find_node(root: Node, path: KeyPath) -> Node:

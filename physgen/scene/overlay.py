@@ -95,7 +95,9 @@ def parse_key(text: str) -> KeyPath | None:
         for index in re.findall(r"\[([^\]]+)\]", match[2]):
             parts.append("[*]" if index == "*" else int(index))
         position = match.end()
-    return tuple(parts) if parts and not text.endswith(".") else None
+    if parts and not text.endswith("."):
+        return tuple(parts)
+    return None
 
 
 class Edit:
@@ -107,11 +109,15 @@ class Edit:
     @property
     def variant(self) -> str:
         """Return the name of the edit's variant, or ""."""
-        return str(self.path[1]) if self.path else ""
+        if self.path:
+            return str(self.path[1])
+        return ""
 
     def error(self, refusal: RefusedError) -> InputError:
         """Return the error of an impossible edit."""
-        path = self.key if self.variant else ""
+        path = ""
+        if self.variant:
+            path = self.key
         problem = refusal.problem(self.value.key_place, path)
         return InputError([replace(problem, variant=self.variant)])
 
@@ -131,7 +137,9 @@ def edit_of_flag(text: str, folder: Source) -> Edit:
     source = Source(quoted(f"--set {text}", "", 80), folder.folder)
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
-        part = "key" if equals else "="
+        part = "="
+        if equals:
+            part = "key"
         raise Message.SET_INCOMPLETE.error(source.name, part=part)
     return Edit(key.strip(), read(value, source, has_lines=False), ())
 
@@ -168,38 +176,39 @@ def _set(
     if depth == len(path):
         return edit.value
     step = path[depth]
-    no_mapping = node is None or isinstance(node.value, list)
-    if no_mapping and isinstance(step, str) and step.isdecimal():
+    has_no_keys = node is None or isinstance(node.value, list)
+    if has_no_keys and isinstance(step, str) and step.isdecimal():
         # `pivot.0` means the same as `pivot[0]`.
         step = int(step[:9])
         path = (*path[:depth], step, *path[depth + 1 :])
     if isinstance(step, int) or step == "[*]":
-        default = (schema_at(kind_of(place_path)) or {}).get("default")
-        # The default of a list makes single components possible, as in `velocity.0`.
-        if node is None and isinstance(default, list) and default:
-            node = edit.value.with_value(
-                [edit.value.with_value(item) for item in default]
-            )
+        if node is None:
+            node = _default_list(edit, place_path)
         return _set_item(node, path, depth, edit, star, place_path)
     new_children = dict(children(node))
+    is_mapping = node is not None and isinstance(node.value, dict)
     if step == "*":
-        if node is None or not isinstance(node.value, dict):
+        if not is_mapping:
             owner = dotted(place_path) or "the scene"
             raise edit.error(Message.STAR_MATCHES_NOTHING.refusal(owner=owner))
         for key in children(node):
             _put(new_children, key, path, depth, edit, True, place_path)
     else:
         _put(new_children, step, path, depth, edit, star, place_path)
-    place_node = (
-        node if node is not None and isinstance(node.value, dict) else edit.value
-    )
-    return Node(
-        new_children,
-        place_node.source,
-        place_node.line,
-        place_node.column,
-        place_node.key,
-    )
+    if node is None or not is_mapping:
+        node = edit.value
+    return Node(new_children, node.source, node.line, node.column, node.key)
+
+
+def _default_list(edit: Edit, place_path: KeyPath) -> Node | None:
+    """Return the default of a list, or None.
+
+    It makes single components of an absent list possible, as in `velocity.0`.
+    """
+    default = (schema_at(kind_of(place_path)) or {}).get("default")
+    if not isinstance(default, list) or not default:
+        return None
+    return edit.value.with_value([edit.value.with_value(item) for item in default])
 
 
 def _put(
@@ -212,34 +221,37 @@ def _put(
     place_path: KeyPath,
 ) -> None:
     """Set or remove one key of a new mapping."""
-    last = depth + 1 == len(path)
-    if last and edit.value.value is None:
+    is_last = depth + 1 == len(path)
+    if is_last and edit.value.value is None:
         if key in new_children:
             del new_children[key]
         elif not star:
-            similar_key = nearest(key, new_children)
-            fix = did_you_mean(similar_key) if similar_key else "leave it out"
-            path_text = dotted((*place_path, key))
-            raise edit.error(Message.NOTHING_TO_REMOVE.refusal(path=path_text, fix=fix))
+            raise _nothing_to_remove(new_children, key, edit, place_path)
         return
     # `objects.new.shape` starts a new object.
-    may_begin = not last and path[depth + 1] in (
-        "shape",
-        "mask",
-    )
-    if (
-        place_path == ("objects",)
-        and not last
-        and key not in new_children
-        and not may_begin
-    ):
+    is_start = not is_last and path[depth + 1] in ("shape", "mask")
+    is_known = is_last or key in new_children
+    if place_path == ("objects",) and not is_known and not is_start:
         fix = _name_advice(key, list(new_children))
-        raise edit.error(Message.NO_OBJECT_CALLED.refusal(name=quoted(key), fix=fix))
+        message = Message.NO_OBJECT_CALLED
+        raise edit.error(message.refusal(name=quoted(key), fix=fix))
     child = _set(new_children.get(key), path, depth + 1, edit, star, (*place_path, key))
     # Setting `mass` removes `density`: the user wants the new value to count.
     for rival in rivals(kind_of(place_path)).get(key, ()):
         new_children.pop(rival, None)
     new_children[key] = child
+
+
+def _nothing_to_remove(
+    siblings: dict[str, Node], key: str, edit: Edit, place_path: KeyPath
+) -> InputError:
+    """Return the error of an edit that removes an unknown key."""
+    similar_key = nearest(key, siblings)
+    fix = "leave it out"
+    if similar_key:
+        fix = did_you_mean(similar_key)
+    path_text = dotted((*place_path, key))
+    return edit.error(Message.NOTHING_TO_REMOVE.refusal(path=path_text, fix=fix))
 
 
 def _name_advice(name: str, object_names: Sequence[str]) -> str:
@@ -250,11 +262,9 @@ def _name_advice(name: str, object_names: Sequence[str]) -> str:
     if not object_names:
         return "the scene has no objects"
     names = ", ".join(object_names[:8])
-    return (
-        f"the objects are {names}, ..."
-        if len(object_names) > 8
-        else f"the objects are {names}"
-    )
+    if len(object_names) > 8:
+        return f"the objects are {names}, ..."
+    return f"the objects are {names}"
 
 
 def _set_item(
@@ -267,7 +277,10 @@ def _set_item(
 ) -> Node:
     step = path[depth]
     if node is None or not isinstance(node.value, list):
-        list_key = edit.key.partition("[")[0] if "[" in edit.key else dotted(place_path)
+        if "[" in edit.key:
+            list_key = edit.key.partition("[")[0]
+        else:
+            list_key = dotted(place_path)
         raise edit.error(
             Message.NOT_A_LIST.refusal(path=dotted(place_path), whole=list_key)
         )
@@ -303,7 +316,10 @@ def targets(root: Node, edit: Edit) -> int:
 
 def variants_of(root: Node) -> Iterator[tuple[str, Node]]:
     """Yield the name and mapping of every variant."""
-    entries = root.value.get("variants") if isinstance(root.value, dict) else None
+    if isinstance(root.value, dict):
+        entries = root.value.get("variants")
+    else:
+        entries = None
     if entries is not None and isinstance(entries.value, dict):
         for name, variant in entries.value.items():
             if isinstance(variant.value, dict):

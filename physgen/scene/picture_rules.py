@@ -31,36 +31,32 @@ def check_render(
     _check_exclusive(tree, node, ("render",), "render")
     _check_video_size(tree, tree.valid_keys(node))
     camera = children(node).get("camera")
-    views = (
-        items(camera)
-        if camera is not None and isinstance(camera.value, list)
-        else [camera]
-    )
+    if camera is None:
+        return
+    if not isinstance(camera.value, list):
+        _check_view(tree, camera, ("render", "camera"))
+        return
     before: Any = None
-    for index, view in enumerate(views):
-        if view is None:
-            continue
-        path: KeyPath = (
-            "render",
-            "camera",
-            *((index,) if view is not camera else ()),
-        )
-        _check_exclusive(tree, view, path, "render.camera")
-        valid_keys = tree.valid_keys(view)
+    for index, view in enumerate(items(camera)):
+        path: KeyPath = ("render", "camera", index)
+        _check_view(tree, view, path)
         # Times of views must rise, as times of knots.
-        if "time" in valid_keys:
-            now: Any = valid_keys["time"].value
-            if before is not None and now <= before:
-                report_time_order(
-                    tree, valid_keys["time"], (*path, "time"), before, "views"
-                )
-            before = now
-        if "follow" in valid_keys:
-            check_object_name(tree, valid_keys["follow"], (*path, "follow"))
-        if "center" in valid_keys and tree.ground.size is not None:
-            _check_in_photo(
-                tree, valid_keys["center"], (*path, "center"), tree.ground.size
-            )
+        time = tree.valid_keys(view).get("time")
+        if time is not None:
+            value: Any = time.value
+            if before is not None and value <= before:
+                report_time_order(tree, time, (*path, "time"), before, "views")
+            before = value
+
+
+def _check_view(tree: CheckedTree, view: Node, path: KeyPath) -> None:
+    """Report faults of one view of the camera, except of its time."""
+    _check_exclusive(tree, view, path, "render.camera")
+    valid_keys = tree.valid_keys(view)
+    if "follow" in valid_keys:
+        check_object_name(tree, valid_keys["follow"], (*path, "follow"))
+    if "center" in valid_keys and tree.ground.size is not None:
+        _check_in_photo(tree, valid_keys["center"], (*path, "center"), tree.ground.size)
 
 
 def _check_exclusive(

@@ -121,7 +121,9 @@ class Provenance:
             return 3
         if place in self._edited:
             return 2
-        return 1 if place.file == self._file else 0
+        if place.file == self._file:
+            return 1
+        return 0
 
 
 Entry = Mapping[str, Any]
@@ -139,16 +141,14 @@ def perceived_keys(object_data: Entry, backends: Collection[str] = ()) -> set[st
     """Return the keys in an object's `from`, without label and mask. `backends` limits them
     to some sources.
     """
-    sources = (
-        object_data.get("from", {})
-        if isinstance(object_data.get("from", {}), Mapping)
-        else {}
-    )
-    keys = {
-        key
-        for key, source_text in sources.items()
-        if not backends or str(source_text).split(" ")[0] in backends
-    }
+    if isinstance(object_data.get("from", {}), Mapping):
+        sources = object_data.get("from", {})
+    else:
+        sources = {}
+    keys = set()
+    for key, source_text in sources.items():
+        if not backends or str(source_text).split(" ")[0] in backends:
+            keys.add(key)
     return (keys | ({"solid"} if "mass" in keys else set())) - {"label", "mask"}
 
 
@@ -178,7 +178,10 @@ def follows_scale(scene: Entry, record: Record, side: int) -> bool:
 
 def _metric(value: object) -> bool:
     """Return whether a speed has a metric unit, and no px."""
-    parts = value if isinstance(value, list) else [value]
+    if isinstance(value, list):
+        parts = value
+    else:
+        parts = [value]
     return all(
         part == 0 or (isinstance(part, str) and "px" not in part) for part in parts
     )
@@ -197,9 +200,9 @@ def scale_is_given(scene: Entry, record: Record, side: int) -> bool:
 def stated_scale(scene: Entry) -> float:
     """Return the scale of data in the file's form, px/m."""
     scale = scene.get("world", {}).get("pixels_per_meter", PAPER_SCALE)
-    return (
-        quantity(scale, "px/m", 1.0) or 0.0 if isinstance(scale, str) else float(scale)
-    )
+    if isinstance(scale, str):
+        return quantity(scale, "px/m", 1.0) or 0.0
+    return float(scale)
 
 
 def scaled_values(
@@ -216,21 +219,8 @@ def scaled_values(
     # Speeds of falls grow with the square root of lengths: the motion looks the same.
     ratio = sqrt(old / pixels_per_meter)
     for name, item in scene.get("objects", {}).items():
-        velocity = record.entry(name, item).get("velocity")
-        # A push changed by the user stays.
-        if isinstance(velocity, list) and equal(item.get("velocity"), velocity):
-            speeds = [
-                quantity(part, "m/s", 1.0) if isinstance(part, str) else 0
-                for part in velocity
-            ]
-            if any(speeds) and None not in speeds:
-                values["objects", name, "velocity"] = [
-                    meters(ratio * (part or 0)) for part in speeds
-                ]
-                spin = record.entry(name, item).get("spin")
-                # A rate is a speed over a length.
-                if spin and equal(item.get("spin"), spin):
-                    values["objects", name, "spin"] = round(spin / ratio, 1)
+        for key, value in _scaled_push(item, record.entry(name, item), ratio).items():
+            values["objects", name, key] = value
     film = scene.get("render", {})
     before, slow = film.get("slow", 1), slow_motion(side, pixels_per_meter)
     if (
@@ -242,9 +232,39 @@ def scaled_values(
     return values
 
 
+def _scaled_push(item: Entry, entry: Entry, ratio: float) -> Entry:
+    """Return the velocity and the spin of a recorded push, times `ratio`.
+
+    Empty for an object without a push, and for a push changed by the user.
+    """
+    velocity = entry.get("velocity")
+    if not isinstance(velocity, list) or not equal(item.get("velocity"), velocity):
+        return {}
+    speeds = list(map(_speed, velocity))
+    if None in speeds or not any(speeds):
+        return {}
+    values: dict[str, Any] = {
+        "velocity": [meters(ratio * (speed or 0)) for speed in speeds]
+    }
+    spin = entry.get("spin")
+    # A rate is a speed over a length.
+    if spin and equal(item.get("spin"), spin):
+        values["spin"] = round(spin / ratio, 1)
+    return values
+
+
+def _speed(component: Any) -> float | None:
+    """Return a component of a recorded velocity, m/s; None for an unknown unit."""
+    if isinstance(component, str):
+        return quantity(component, "m/s", 1.0)
+    return 0
+
+
 def meters(speed: float) -> Any:
     """Return a speed in m/s, in the form of perception."""
-    return f"{float(f'{speed:.3g}'):g} m/s" if abs(speed) > 1e-9 else 0
+    if abs(speed) > 1e-9:
+        return f"{float(f'{speed:.3g}'):g} m/s"
+    return 0
 
 
 def _changed_labels(objects: Entry, entries: Mapping[str, Entry]) -> list[str]:
@@ -271,13 +291,14 @@ def apply_consequences(
     backend, pushes and playback. `written_data` is the scene's data in the file's form,
     `full_data` in numbers with defaults; `outlines` are the known ones, by object.
     """
-    objects, side = full_data["objects"], max(size)
-    entries_by_name = _labelled_entries(written_data, objects, record, outlines)
-    new_labels = _changed_labels(objects, entries_by_name)
+    objects = full_data["objects"]
+    side = max(size)
+    old_entries = _labelled_entries(written_data, objects, record, outlines)
+    new_labels = _changed_labels(objects, old_entries)
     per_meter = full_data["world"]["pixels_per_meter"]
     values: dict[tuple[str, ...], Any] = {}
     if new_labels and follows_scale(written_data, record, side):
-        scale = _scale_of_labels(objects, entries_by_name, new_labels, outlines, size)
+        scale = _scale_of_labels(objects, old_entries, new_labels, outlines, size)
         # A doubtful scale would change all masses at once.
         if scale is not None and scale.confidence >= MIN_SCALE_CONFIDENCE:
             per_meter = values["world", "pixels_per_meter"] = scale.pixels_per_meter
@@ -285,27 +306,36 @@ def apply_consequences(
     if "pixels_per_meter" in written_data.get("world", {}):
         values |= scaled_values(written_data, record, per_meter, side)
         if record.scale is not None and not equal(record.scale, per_meter):
-            names = entries_by_name
-    # A mass cannot be more certain than the scale behind it.
-    highest_confidence = (
-        WEIGHING.unscaled_confidence if is_assumed(per_meter, side) else 1.0
-    )
+            names = old_entries
     entries = dict(record.objects)
     for name in names:
-        item, entry = objects[name], entries_by_name[name]
+        item = objects[name]
         table = _table_values(
-            outlines[name], item["label"], per_meter, highest_confidence
+            outlines[name],
+            item["label"],
+            per_meter,
+            _highest_confidence(per_meter, side),
         )
         new_values, new_entry = _entry_of_label(
-            item, written_data["objects"][name], entry, table, is_new=name in new_labels
+            item,
+            written_data["objects"][name],
+            old_entries[name],
+            table,
+            is_new=name in new_labels,
         )
-        for key, value in new_values.items():
-            values["objects", name, key] = value
+        values |= {("objects", name, key): new_values[key] for key in new_values}
         mask_id = str(item.get("mask"))
         entries[mask_id if mask_id in record.objects else name] = new_entry
-    has_scale_of_labels = ("world", "pixels_per_meter") in values
-    world = {**record.world, "by_labels": has_scale_of_labels}
+    world = dict(record.world)
+    world["by_labels"] = ("world", "pixels_per_meter") in values
     return values, replace(record, objects=entries, world=world)
+
+
+def _highest_confidence(pixels_per_meter: float, side: int) -> float:
+    """Return the highest confidence of a mass, at most that of the scale behind it."""
+    if is_assumed(pixels_per_meter, side):
+        return WEIGHING.unscaled_confidence
+    return 1.0
 
 
 def _labelled_entries(
@@ -400,9 +430,10 @@ def _table_values(
         key: getattr(object_kind.material, key)
         for key in ("friction", "elasticity", "rolling")
     }
-    solid = (
-        {"solid": object_kind.solid or "sphere"} if isinstance(outline, Disc) else {}
-    )
+    if isinstance(outline, Disc):
+        solid = {"solid": object_kind.solid or "sphere"}
+    else:
+        solid = {}
     table, confidences = (
         registry.find("physics").name,
         table_confidences(min(confidence, highest_confidence)),
@@ -422,6 +453,14 @@ def table_confidences(mass: float) -> dict[str, float]:
 
 def label_confidence(sources: object) -> float:
     """Return the label's confidence in a `from`, or 1 without one."""
-    text = sources.get("label") if isinstance(sources, Mapping) else None
-    confidence = source(text).confidence if isinstance(text, str) else None
-    return 1.0 if confidence is None else confidence
+    if isinstance(sources, Mapping):
+        text = sources.get("label")
+    else:
+        text = None
+    if isinstance(text, str):
+        confidence = source(text).confidence
+    else:
+        confidence = None
+    if confidence is None:
+        return 1.0
+    return confidence

@@ -7,6 +7,7 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
+from typing import Any
 
 from physgen.files import Stamp, file_stamp
 from physgen.messages import Message
@@ -89,6 +90,16 @@ def check_rules(root: Node, findings: Findings, files: Files) -> Ground:
     return _Rules(root, findings, files).check()
 
 
+def _known_solid(node: Node | None) -> Any:
+    """Return the solid of a stored shape; None for an absent or unknown one."""
+    if node is None:
+        return None
+    solid = to_plain_data(node)
+    if solid in find_schema_part("objects.*.solid")["enum"]:
+        return solid
+    return None
+
+
 class _Rules:
     """The rules of one tree."""
 
@@ -129,24 +140,28 @@ class _Rules:
         if image is None and size is None and not misspelt & {"image", "size"}:
             self.report(Message.NO_CANVAS.problem(self.tree.root.place, "image"))
         valid_keys = self.tree.valid_keys(self.tree.root)
-        if image and "image" in valid_keys:
-            folder = image.source.folder
-            try:
-                path = resolve_confined(
-                    str(image.value), folder, folder, self.files.allow_outside
-                )
-                self.ground.size = self.files.size(path, str(image.value))
-                self.ground.image = path
-            except RefusedError as error:
-                if self.is_in_missing_assets(image):
-                    return
-                self.report(error.problem(image.place, "image", shown(image.value)))
-        elif not image and "size" in valid_keys:
+        if image:
+            if "image" in valid_keys:
+                self._photo(image)
+        elif "size" in valid_keys:
             width, height = read_integers(valid_keys["size"])
             if width * height > Limit.PIXELS.most:
                 report_pixel_count(self.tree, valid_keys["size"], "size", "[512, 512]")
             else:
                 self.ground.size = (width, height)
+
+    def _photo(self, image: Node) -> None:
+        """Read the size of the photo; report an unreadable one."""
+        folder = image.source.folder
+        try:
+            path = resolve_confined(
+                str(image.value), folder, folder, self.files.allow_outside
+            )
+            self.ground.size = self.files.size(path, str(image.value))
+            self.ground.image = path
+        except RefusedError as error:
+            if not self.is_in_missing_assets(image):
+                self.report(error.problem(image.place, "image", shown(image.value)))
 
     def is_in_missing_assets(self, image: Node) -> bool:
         """Return whether the photo was in a missing assets folder."""
@@ -167,35 +182,48 @@ class _Rules:
         if node is None:
             return
         home = node.source.folder
-        value_text = shown(node.value)
         try:
             folder = resolve_confined(
                 str(node.value), home, home, self.files.allow_outside
             )
             if not folder.is_dir():
-                image = self.tree.top.get("image")
-                is_photo_lost = image is not None and self.is_in_missing_assets(image)
-                # The photo of a scene may be in its assets: then the advice must be
-                # another one.
-                fix = RESTORE_PHOTO if is_photo_lost else RESTORE_ASSETS
-                if not self._is_own_folder(node):
-                    fix = similar(str(node.value), folder, ("/",), fix)
-                raise Message.ASSETS_NOT_FOLDER.refusal(fix=fix)
+                raise Message.ASSETS_NOT_FOLDER.refusal(fix=self._fix_of(node, folder))
         except RefusedError as error:
-            self.report(error.problem(node.place, "assets", value_text))
+            self.report(error.problem(node.place, "assets", shown(node.value)))
             return
         self.ground.assets = folder
         for file in ASSETS:
             # A broken link exists for lexists, and is refused below.
             if os.path.lexists(folder / file):
-                data = self.outlines if file == OUTLINES else self.record
-                use = self.map_file if file.endswith(".png") else data
                 try:
-                    use(resolve_confined(file, folder, home, self.files.allow_outside))
+                    path = resolve_confined(
+                        file, folder, home, self.files.allow_outside
+                    )
+                    self._asset(file, path)
                 except RefusedError as error:
                     value_text = quoted(f"{node.value}/{file}")
                     self.report(error.problem(node.place, "assets", value_text))
         self.check_map_sizes(node)
+
+    def _fix_of(self, node: Node, folder: Path) -> str:
+        """Return the fix for a missing assets folder."""
+        image = self.tree.top.get("image")
+        fix = RESTORE_ASSETS
+        # The photo of a scene may be in its assets: then the advice must be another one.
+        if image is not None and self.is_in_missing_assets(image):
+            fix = RESTORE_PHOTO
+        if self._is_own_folder(node):
+            return fix
+        return similar(str(node.value), folder, ("/",), fix)
+
+    def _asset(self, file: str, path: Path) -> None:
+        """Read a file of the assets. Raise RefusedError."""
+        if file.endswith(".png"):
+            self.map_file(path)
+        elif file == OUTLINES:
+            self.outlines(path)
+        else:
+            self.record(path)
 
     def check_map_sizes(self, assets: Node) -> None:
         """Report maps with other sizes than the photo; only once if the photo is
@@ -245,44 +273,32 @@ class _Rules:
                 reason=error.problems[0]
             ) from None
         for key, entry in children(tree).items():
-            crc, shape, solid = (
-                children(entry).get(part) for part in ("crc", "shape", "solid")
-            )
-            if not (
-                # Keys are ids of masks.png.
-                key.isdecimal()
-                and crc is not None
-                and type(crc.value) is int
-                and shape is not None
-            ):
+            fields = children(entry)
+            crc = fields.get("crc")
+            shape = fields.get("shape")
+            # Keys are ids of masks.png.
+            crc_value: Any = None if crc is None else crc.value
+            if shape is None or type(crc_value) is not int or not key.isdecimal():
                 raise Message.OUTLINE_MISSING.refusal(key=quoted(key))
-            before = len(self.tree.findings.problems)
-            check_part(shape, (key, "shape"), "objects.*.shape", self.tree.findings)
-            if len(self.tree.findings.problems) > before or not isinstance(
-                shape.value, dict
-            ):
+            if not self._is_sound(shape, (key, "shape")):
                 continue
-            for outline_path, outline, crossing in outlines_of(None, children(shape)):
-                check_outline(self.tree, outline, (key, *outline_path), crossing)
-            body = to_plain_data(solid) if solid is not None else None
-            # An unknown solid is ignored.
-            known = (
-                body if body in find_schema_part("objects.*.solid")["enum"] else None
-            )
-            self.ground.outlines[int(key)] = crc.value, to_plain_data(shape), known
-            whole_node = children(entry).get("whole")
-            if whole_node is not None:
-                self.whole(whole_node, key)
+            solid = _known_solid(fields.get("solid"))
+            self.ground.outlines[int(key)] = crc_value, to_plain_data(shape), solid
+            whole_node = fields.get("whole")
+            if whole_node is not None and self._is_sound(whole_node, (key, "whole")):
+                self.ground.wholes[int(key)] = to_plain_data(whole_node)
 
-    def whole(self, shape: Node, key: str) -> None:
-        """Read a stored shape with its hidden part. Report a wrong one."""
+    def _is_sound(self, shape: Node, path: KeyPath) -> bool:
+        """Report the faults of a stored shape; return whether the schema permits it."""
         before = len(self.tree.findings.problems)
-        check_part(shape, (key, "whole"), "objects.*.shape", self.tree.findings)
-        is_sound = len(self.tree.findings.problems) == before
-        if is_sound and isinstance(shape.value, dict):
-            for outline_path, outline, crossing in outlines_of(None, children(shape)):
-                check_outline(self.tree, outline, (key, *outline_path), crossing)
-            self.ground.wholes[int(key)] = to_plain_data(shape)
+        check_part(shape, path, "objects.*.shape", self.tree.findings)
+        if len(self.tree.findings.problems) > before or not isinstance(
+            shape.value, dict
+        ):
+            return False
+        for outline_path, outline, crossing in outlines_of(None, children(shape)):
+            check_outline(self.tree, outline, (path[0], *outline_path), crossing)
+        return True
 
     def record(self, path: Path) -> None:
         self.ground.record = read_written_record(path)

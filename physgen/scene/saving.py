@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from enum import Enum
@@ -49,11 +49,14 @@ def save_scene(
     """
     # Find the assets of the replaced backup before it is gone.
     backup = backup_path(path, is_written_scene)
-    replaced_assets = assets_of(backup) if backup.is_file() else None
+    if backup.is_file():
+        replaced_assets = assets_of(backup)
+    else:
+        replaced_assets = None
     backups: list[Path] = []
     write_with_backup(path, data, backups.append, is_written_scene)
     note_scene(path, data)
-    if backups and replaced_assets is not None and is_unused(replaced_assets):
+    if backups and replaced_assets is not None and is_unused_folder(replaced_assets):
         shutil.rmtree(replaced_assets, ignore_errors=True)
     for one in backups:
         keep(one)
@@ -74,13 +77,17 @@ def named_assets(data: bytes, folder: Path) -> Path | None:
     any.
     """
     assets = _named_path(data, "assets", folder)
-    return assets if assets is not None and assets.is_dir() else None
+    if assets is not None and assets.is_dir():
+        return assets
+    return None
 
 
 def named_photo(data: bytes, folder: Path) -> Path | None:
     """Return the existing photo in a scene's text, relative to `folder`, if any."""
     photo = _named_path(data, "image", folder)
-    return photo if photo is not None and photo.is_file() else None
+    if photo is not None and photo.is_file():
+        return photo
+    return None
 
 
 def _named_path(data: bytes, key: str, folder: Path) -> Path | None:
@@ -97,7 +104,9 @@ def _named_path(data: bytes, key: str, folder: Path) -> Path | None:
         return None
     path = folder / name
     # A scene must not lead to the removal of files outside its folder.
-    return path if path.resolve().is_relative_to(folder.resolve()) else None
+    if path.resolve().is_relative_to(folder.resolve()):
+        return path
+    return None
 
 
 def note_scene(path: Path, data: bytes) -> None:
@@ -107,7 +116,10 @@ def note_scene(path: Path, data: bytes) -> None:
         return
     record = read_record(assets / WRITTEN_FILE)
     digest = sha256(data).hexdigest()
-    others = [text for text in _texts(record) if text != digest]
+    others = []
+    for text in _texts(record):
+        if text != digest:
+            others.append(text)
     # The newest hash is last, and the oldest are dropped.
     record["scenes"] = [*others, digest][-MOST_TEXTS:]
     # Without a record, backups only live longer.
@@ -143,12 +155,17 @@ def _write_record(assets: Path, record: dict[str, Any]) -> None:
 def _texts(record: dict[str, Any]) -> list[str]:
     """Return the hashes of the scenes, or nothing for a damaged record."""
     texts = record.get("scenes")
-    return [str(text) for text in texts] if isinstance(texts, list) else []
+    if isinstance(texts, list):
+        return [str(text) for text in texts]
+    return []
 
 
 def is_written_scene(path: Path) -> bool:
     """Return whether a scene or a backup is unchanged since physgen wrote it."""
-    assets = assets_of(path) if path.is_file() and not path.is_symlink() else None
+    if path.is_file() and not path.is_symlink():
+        assets = assets_of(path)
+    else:
+        assets = None
     if assets is None:
         return False
     digest = sha256(path.read_bytes()).hexdigest()
@@ -161,18 +178,24 @@ def is_written_folder(assets: Path) -> bool:
     # A link or a folder without a record is the user's.
     if assets.is_symlink() or not checksums:
         return False
+    unlisted_names = {WRITTEN_FILE}
+    if RECORD not in checksums:
+        unlisted_names.add(RECORD)
     for file in assets.iterdir():
-        if file.name == WRITTEN_FILE or (
-            file.name == RECORD and RECORD not in checksums
-        ):
+        if file.name in unlisted_names:
             continue
         if file.name == CACHE_FOLDER and file.is_dir() and not file.is_symlink():
             continue
-        if file.is_symlink() or not file.is_file() or file.name not in checksums:
-            return False
-        if crc32(file.read_bytes()) != checksums[file.name]:
+        if not _has_checksum(file, checksums):
             return False
     return True
+
+
+def _has_checksum(file: Path, checksums: Mapping[str, Any]) -> bool:
+    """Return whether a path is a file with its recorded CRC-32."""
+    if file.is_symlink() or not file.is_file() or file.name not in checksums:
+        return False
+    return bool(crc32(file.read_bytes()) == checksums[file.name])
 
 
 def _checksums(assets: Path) -> dict[str, Any]:
@@ -181,10 +204,12 @@ def _checksums(assets: Path) -> dict[str, Any]:
     # An earlier version of physgen wrote the folder.
     if not isinstance(files, dict):
         files = read_record(assets / RECORD).get("files")
-    return files if isinstance(files, dict) else {}
+    if isinstance(files, dict):
+        return files
+    return {}
 
 
-def is_unused(assets: Path, ignored_files: Collection[Path] = ()) -> bool:
+def is_unused_folder(assets: Path, ignored_files: Collection[Path] = ()) -> bool:
     """Return whether an assets folder is unchanged, and no file names it.
 
     All files in its folder count, also copies and backups of scenes, and scenes in the
@@ -221,9 +246,7 @@ def _files_that_may_name(assets: Path) -> Iterator[Path]:
     `assets`.
     """
     home = assets.parent
-    for path in home.iterdir():
-        if _is_small_file(path):
-            yield path
+    yield from filter(_is_small_file, home.iterdir())
     for path in home.rglob("*"):
         is_inside = path.is_relative_to(assets)
         is_scene = path.suffix.lower() in TEXT_SUFFIXES
@@ -302,7 +325,7 @@ def unused_assets(folder: Path, backups: Collection[Path] = ()) -> list[Path]:
     `backups` are about to be removed, and do not count.
     """
     folders = sorted(path for path in folder.glob("*.assets") if path.is_dir())
-    return [path for path in folders if is_unused(path, backups)]
+    return [path for path in folders if is_unused_folder(path, backups)]
 
 
 def caches_of_assets(folder: Path) -> list[Path]:

@@ -54,7 +54,9 @@ def scale_part(value: Any, path: KeyPath, factor: float) -> Any:
     schema = schema_at(path)
     for candidate in (schema, schema_at(parent_path)):
         unit = unit or (candidate or {}).get("x-unit", "")
-    return value if schema is None else _scale(value, schema, unit, path, factor)
+    if schema is None:
+        return value
+    return _scale(value, schema, unit, path, factor)
 
 
 def _scaled_variant(edits: Any, factor: float) -> Any:
@@ -94,13 +96,20 @@ def _scale(value: Any, schema: Schema, unit: str, path: KeyPath, factor: float) 
     if _is_position(unit, path):
         return _round_estimate(factor * (value + 0.5) - 0.5, value)
     # Torques have px²: the power of px in the unit decides.
-    power = pixel_power(unit) if unit else 0
-    return value if power == 0 else _round_estimate(value * factor**power, value)
+    power = 0
+    if unit:
+        power = pixel_power(unit)
+    if power == 0:
+        return value
+    return _round_estimate(value * factor**power, value)
 
 
 def _is_position(unit: str, path: KeyPath) -> bool:
     """Return whether the number at a path is an x or a y in px."""
-    names = [key for key in path if isinstance(key, str)]
+    names = []
+    for key in path:
+        if isinstance(key, str):
+            names.append(key)
     if names and names[-1] in PATH_KEYS:
         return path[-1] in (1, 2)
     if names and names[-1] in REGIONS:
@@ -115,7 +124,9 @@ def _round_estimate(value: float, before: float) -> float:
     """
     rounded = float(f"{value:.{DIGITS}g}")
     is_whole = isinstance(before, int) and rounded.is_integer()
-    return int(rounded) if is_whole else rounded
+    if is_whole:
+        return int(rounded)
+    return rounded
 
 
 def _scaled_child(

@@ -35,7 +35,10 @@ def load_expanded_schema() -> Schema:
 
 def expand(root: Schema) -> Schema:
     """Return a schema without $ref."""
-    root_part = {key: value for key, value in root.items() if key != "$defs"}
+    root_part = {}
+    for key, value in root.items():
+        if key != "$defs":
+            root_part[key] = value
     expanded_schema = _expand(root_part, root["$defs"])
     assert isinstance(expanded_schema, dict)
     return expanded_schema
@@ -46,9 +49,10 @@ def _expand(part: Any, defs: Schema) -> Any:
         return [_expand(item, defs) for item in part]
     if not isinstance(part, dict):
         return part
-    own_keys = {
-        key: _expand(value, defs) for key, value in part.items() if key != "$ref"
-    }
+    own_keys = {}
+    for key, value in part.items():
+        if key != "$ref":
+            own_keys[key] = _expand(value, defs)
     if (
         part.get("type") in (["number", "string"], ["array", "number", "string"])
         and "if" not in part
@@ -72,7 +76,10 @@ def find_schema_part(path: str) -> Schema:
     """
     part = load_expanded_schema()
     for key in path.split(".") if path else ():
-        part = part["additionalProperties"] if key == "*" else part["properties"][key]
+        if key == "*":
+            part = part["additionalProperties"]
+        else:
+            part = part["properties"][key]
     return part
 
 
@@ -82,10 +89,15 @@ def inner(schema: Schema | None, key: str | int) -> Schema | None:
         return None
     if isinstance(key, int):
         prefix = schema.get("prefixItems", [])
-        part = prefix[key] if key < len(prefix) else schema.get("items")
+        if key < len(prefix):
+            part = prefix[key]
+        else:
+            part = schema.get("items")
     else:
         part = schema.get("properties", {}).get(key, schema.get("additionalProperties"))
-    return part if isinstance(part, dict) else None
+    if isinstance(part, dict):
+        return part
+    return None
 
 
 def schema_at(path: KeyPath) -> Schema | None:
@@ -110,7 +122,9 @@ def parents() -> Mapping[str, tuple[str, ...]]:
 
 def _index_keys(schema: Schema, path: str, index: dict[str, list[str]]) -> None:
     """Add the keys of a part of the schema at `path`, and those below it."""
-    prefix = f"{path}." if path else ""
+    prefix = ""
+    if path:
+        prefix = f"{path}."
     for key, part in schema.get("properties", {}).items():
         index.setdefault(key, []).append(path)
         _index_keys(part, f"{prefix}{key}", index)
@@ -128,14 +142,19 @@ def with_defaults(data: Any, schema: Schema | None = None) -> Any:
     >>> with_defaults({"physgen": 1, "objects": {"a": {"mask": 1}}})["objects"]["a"]["friction"]
     0.5
     """
-    schema = load_expanded_schema() if schema is None else schema
+    if schema is None:
+        schema = load_expanded_schema()
     if isinstance(data, list):
         items = schema.get("items")
         if not isinstance(items, dict) or items.get("type") != "object":
             return data
         return [with_defaults(item, items) for item in data]
-    if not isinstance(data, Mapping):
-        return data
+    if isinstance(data, Mapping):
+        return _mapping_with_defaults(data, schema)
+    return data
+
+
+def _mapping_with_defaults(data: Mapping[str, Any], schema: Schema) -> dict[str, Any]:
     properties = schema.get("properties", {})
     values: dict[str, Any] = {}
     for key, part in properties.items():
@@ -146,10 +165,11 @@ def with_defaults(data: Any, schema: Schema | None = None) -> Any:
             values[key] = with_defaults(copy.copy(part["default"]), part)
     rest = schema.get("additionalProperties")
     for key, value in data.items():
-        if key not in properties:
-            values[key] = (
-                with_defaults(value, rest) if isinstance(rest, dict) else value
-            )
+        if key in properties:
+            continue
+        values[key] = value
+        if isinstance(rest, dict):
+            values[key] = with_defaults(value, rest)
     return values
 
 
@@ -158,7 +178,10 @@ def bounds(schema: Schema) -> tuple[float, float, bool]:
     excluded.
     """
     open_ = "exclusiveMinimum" in schema
-    lowest = schema["exclusiveMinimum"] if open_ else schema["minimum"]
+    if open_:
+        lowest = schema["exclusiveMinimum"]
+    else:
+        lowest = schema["minimum"]
     return lowest, schema["maximum"], open_
 
 
@@ -178,7 +201,9 @@ def measure(schema: Schema, unit: str, has_range: bool) -> str:
     unit if not `has_range`.
     """
     lowest, greatest, open_ = bounds(schema)
-    kind = "a whole number" if schema["type"] == "integer" else "a number"
+    kind = "a number"
+    if schema["type"] == "integer":
+        kind = "a whole number"
     if unit:
         kind = UNITS.get(unit, unit)
         if not has_range:
@@ -190,7 +215,9 @@ def measure(schema: Schema, unit: str, has_range: bool) -> str:
             "" if huge else f", at most {limit(greatest)}"
         )
     if huge:
-        return kind if lowest <= -1e9 else f"{kind} of at least {limit(lowest)}"
+        if lowest <= -1e9:
+            return kind
+        return f"{kind} of at least {limit(lowest)}"
     return f"{kind} from {limit(lowest)} to {limit(greatest)}"
 
 
@@ -198,13 +225,18 @@ def advice(schema: Schema) -> str:
     """Return the fix for a missing or wrong part of the schema."""
     if "enum" in schema or "const" in schema:
         return f"write {listed(example(choice) for choice in schema.get('enum', [schema.get('const')]))}"
-    hint = f", e.g. {example(schema['examples'][0])}" if "examples" in schema else ""
+    hint = ""
+    if "examples" in schema:
+        hint = f", e.g. {example(schema['examples'][0])}"
     kind, unit = schema["type"], schema.get("x-unit", "")
     if kind in ("number", "integer"):
         return f"write {measure(schema, unit, has_range=False)}{hint}"
     if kind == "array":
         return f"write a list{f' in {UNITS.get(unit, unit)}' if unit else ''}{hint}"
-    what = (
-        "a name" if "pattern" in schema else "text" if kind == "string" else "a mapping"
-    )
+    if "pattern" in schema:
+        what = "a name"
+    else:
+        what = "a mapping"
+        if kind == "string":
+            what = "text"
     return f"write {what}{hint}"

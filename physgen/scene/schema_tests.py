@@ -104,30 +104,48 @@ def _quick_test(schema: Schema) -> Test:
         choices = schema.get("enum", [schema.get("const")])
         # In Python, 1 == True: the types must agree too.
         return lambda value: type(value) is type(choices[0]) and value in choices
-    if kinds == "boolean":
-        return lambda value: isinstance(value, bool)
-    if kinds in ("number", "integer"):
-        lowest, greatest, is_open = bounds(schema)
-        types = (int,) if kinds == "integer" else (int, float)
-        return lambda value: (
-            type(value) in types
-            and lowest <= value <= greatest
-            and not (is_open and value == lowest)
-        )
-    if kinds == "string":
-        shortest, longest = (
-            schema.get("minLength", 0),
-            schema.get("maxLength", math.inf),
-        )
-        search = _compile_pattern(schema.get("pattern", "")).search
-        return lambda value: (
-            isinstance(value, str)
-            and shortest <= len(value) <= longest
-            and bool(search(value))
-        )
-    if kinds == "array":
-        return _quick_list(schema)
-    return _quick_mapping(schema) if kinds == "object" else lambda value: True
+    make_test = _TESTS.get(str(kinds))
+    if make_test is None:
+        return lambda value: True
+    return make_test(schema)
+
+
+def _quick_boolean(schema: Schema) -> Test:
+    return lambda value: isinstance(value, bool)
+
+
+def _quick_number(schema: Schema) -> Test:
+    lowest, greatest, is_open = bounds(schema)
+    types: tuple[type, ...] = (int, float)
+    if schema["type"] == "integer":
+        types = (int,)
+    return lambda value: (
+        type(value) in types
+        and lowest <= value <= greatest
+        and not (is_open and value == lowest)
+    )
+
+
+def _quick_text(schema: Schema) -> Test:
+    shortest = schema.get("minLength", 0)
+    longest = schema.get("maxLength", math.inf)
+    search = _compile_pattern(schema.get("pattern", "")).search
+    return lambda value: (
+        isinstance(value, str)
+        and shortest <= len(value) <= longest
+        and bool(search(value))
+    )
+
+
+_TESTS: dict[str, Callable[[Schema], Test]] = {
+    "boolean": _quick_boolean,
+    "number": _quick_number,
+    "integer": _quick_number,
+    "string": _quick_text,
+    "array": lambda schema: _quick_list(schema),
+    "object": lambda schema: _quick_mapping(schema),
+}
+"""Maker of the test of each type."""
 
 
 def _quick_choice(schema: Schema, kinds: list[str]) -> Test:
@@ -147,7 +165,10 @@ def _quick_choice(schema: Schema, kinds: list[str]) -> Test:
 
 def _quick_list(schema: Schema) -> Test:
     prefix = [_quick_test(part) for part in schema.get("prefixItems", [])]
-    item_test = _quick_test(schema["items"]) if "items" in schema else None
+    if "items" in schema:
+        item_test = _quick_test(schema["items"])
+    else:
+        item_test = None
     shortest, longest = schema.get("minItems", 0), schema.get("maxItems", math.inf)
     if item_test is not None:
         return lambda value: (
@@ -162,12 +183,18 @@ def _quick_list(schema: Schema) -> Test:
     )
 
 
+def _refuse(value: Any) -> bool:
+    return False
+
+
 def _quick_mapping(schema: Schema) -> Test:
     tests = {
         key: _quick_test(part) for key, part in schema.get("properties", {}).items()
     }
     rest = schema.get("additionalProperties", {})
-    other = _quick_test(rest) if isinstance(rest, dict) else lambda value: False
+    other: Test = _refuse
+    if isinstance(rest, dict):
+        other = _quick_test(rest)
     is_name = _quick_test(schema.get("propertyNames", {}))
     required_keys = schema.get("required", [])
     smallest, largest = (

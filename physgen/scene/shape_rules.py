@@ -44,32 +44,16 @@ def check_object(tree: CheckedTree, name: str, node: Node) -> None:
     """Report faults of the mask, shape and motion of an object."""
     path: KeyPath = ("objects", name)
     parts, valid_keys = children(node), tree.valid_keys(node)
-    mask, shape = parts.get("mask"), parts.get("shape")
     if "mass" in parts and "density" in parts:
         place = parts["density"].key_place
         density_path: KeyPath = (*path, "density")
         tree.report(Message.EXCLUDES.problem(place, density_path, other="mass"))
-    is_bad = shape is not None and "shape" not in valid_keys
-    # `circle:` directly in the object is reported as unknown already.
-    kinds_of_shape = find_schema_part("objects.*.shape")["properties"]
-    is_misplaced = shape is None and any(key in kinds_of_shape for key in parts)
-    # `shape: outline` needs a mask, as no shape does.
-    needs_shape = shape is None or isinstance(shape.value, str)
-    if mask is None and needs_shape and not (is_bad or is_misplaced):
-        fix = (
-            "write mask: 1, or shape: {circle: {center: [470.5, 257.0], radius: 30.2}}"
-        )
-        close = nearest(name, (other for other in tree.objects if other != name))
-        if close and shape is None and len(parts) < 3:
-            fix += f"; or did you mean {quoted(close)}?"
-        message = Message.NO_MASK_FOR_SHAPE
-        if shape is None:
-            message = Message.NO_MASK_NOR_SHAPE
-        tree.report(message.problem(node.place, path, fix=fix))
+    if _lacks_shape(parts, valid_keys):
+        _report_no_shape(tree, name, node)
     kinds = children(valid_keys.get("shape"))
     _check_solid(tree, valid_keys.get("solid"), kinds, path)
-    for density_path, outline, crossing in outlines_of(valid_keys.get("mask"), kinds):
-        check_outline(tree, outline, (*path, *density_path), crossing)
+    for outline_path, outline, crossing in outlines_of(valid_keys.get("mask"), kinds):
+        check_outline(tree, outline, (*path, *outline_path), crossing)
     _check_areas(tree, kinds, path)
     # Static and scripted objects may be as large as a landscape.
     if "motion" not in parts:
@@ -78,6 +62,32 @@ def check_object(tree: CheckedTree, name: str, node: Node) -> None:
     motion = children(valid_keys.get("motion"))
     check_rising(tree, items(motion.get("path")), (*path, "motion", "path"))
     _check_loop(tree, motion, (*path, "motion"))
+
+
+def _lacks_shape(parts: dict[str, Node], valid_keys: dict[str, Node]) -> bool:
+    """Return whether an object has neither mask nor shape, and no fault explains it."""
+    shape = parts.get("shape")
+    if "mask" in parts:
+        return False
+    if shape is not None:
+        # `shape: outline` needs a mask, as no shape does.
+        return "shape" in valid_keys and isinstance(shape.value, str)
+    # `circle:` directly in the object is reported as unknown already.
+    kinds_of_shape = find_schema_part("objects.*.shape")["properties"]
+    return not any(key in kinds_of_shape for key in parts)
+
+
+def _report_no_shape(tree: CheckedTree, name: str, node: Node) -> None:
+    """Report an object without mask and shape; its name may be a misspelt one."""
+    parts = children(node)
+    fix = "write mask: 1, or shape: {circle: {center: [470.5, 257.0], radius: 30.2}}"
+    message = Message.NO_MASK_FOR_SHAPE
+    if "shape" not in parts:
+        message = Message.NO_MASK_NOR_SHAPE
+        close = nearest(name, (other for other in tree.objects if other != name))
+        if close and len(parts) < 3:
+            fix += f"; or did you mean {quoted(close)}?"
+    tree.report(message.problem(node.place, ("objects", name), fix=fix))
 
 
 def _check_solid(
@@ -203,27 +213,31 @@ def check_boundary(tree: CheckedTree, node: Node, path: KeyPath) -> None:
         tree.report(Message.SEVERAL_LINES.problem(node.place, path, keys=keys))
         return
     line = tree.valid_keys(node).get(given_kinds[0])
-    if line is None:
-        return
-    if given_kinds == ["arc"]:
+    if line is not None:
+        _check_line(tree, given_kinds[0], line, path)
+
+
+def _check_line(tree: CheckedTree, kind: str, line: Node, path: KeyPath) -> None:
+    """Report faults of the only line of a boundary."""
+    if kind == "arc":
         _check_arc(tree, children(line), path)
         return
-    if given_kinds == ["bezier"] and len(items(line)) % 3 != 1:
+    if kind == "bezier" and len(items(line)) % 3 != 1:
         key: KeyPath = (*path, "bezier")
         count = len(items(line))
         tree.report(Message.CURVE_POINTS.problem(line.place, key, count=count))
         return
-    if given_kinds == ["shape"]:
+    if kind == "shape":
         shapes = children(line)
         for part, outline, crossing in outlines_of(None, shapes):
             check_outline(tree, outline, (*path, *part), crossing)
         _check_areas(tree, shapes, path)
         return
-    if given_kinds == ["mask"]:
+    if kind == "mask":
         for part, outline, crossing in outlines_of(line, {}):
             check_outline(tree, outline, (*path, *part), crossing)
         return
-    _check_distinct_points(tree, line, (*path, given_kinds[0]))
+    _check_distinct_points(tree, line, (*path, kind))
 
 
 def _check_distinct_points(tree: CheckedTree, line: Node, path: KeyPath) -> None:
@@ -243,7 +257,9 @@ def _check_arc(tree: CheckedTree, parts: dict[str, Node], path: KeyPath) -> None
         for key, default in (("from", 0.0), ("to", 360.0))
     )
     if begin == end or abs(end - begin) > 360:
-        fault = "has no length" if begin == end else "goes round more than once"
+        fault = "goes round more than once"
+        if begin == end:
+            fault = "has no length"
         place = parts[next(iter(parts))].place
         key: KeyPath = (*path, "arc")
         problem = Message.ARC_ANGLES.problem(place, key, "the arc", fault=fault)
@@ -276,15 +292,18 @@ def outline_fault(points: Sequence[Corner], crossing: bool) -> RefusedError | No
     """
     xs = [x for x, _ in points]
     ys = [y for _, y in points]
-    area = _signed_area(points)
     extent = (max(xs) - min(xs)) * (max(ys) - min(ys))
-    # The tolerance is relative to the box, so that small outlines count.
-    flat = abs(area) < 1e-12 * extent
-    if extent > 0 and crossing and (pair := _crossing(tuple(points))) is not None:
+    if extent == 0:
+        return Message.OUTLINE_FLAT.refusal()
+    if crossing:
+        pair = _crossing(tuple(points))
         if pair == (-1, -1):
             return Limit.CROSSINGS.refusal()
-        return Message.OUTLINE_CROSSES.refusal(first=pair[0], second=pair[1])
-    if extent == 0 or (flat and (crossing or len(points) < 4)):
+        if pair is not None:
+            return Message.OUTLINE_CROSSES.refusal(first=pair[0], second=pair[1])
+    # The tolerance is relative to the box, so that small outlines count.
+    is_flat = abs(_signed_area(points)) < 1e-12 * extent
+    if is_flat and (crossing or len(points) < 4):
         return Message.OUTLINE_FLAT.refusal()
     return None
 

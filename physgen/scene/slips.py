@@ -115,7 +115,10 @@ def meant_list(text: str) -> str | None:
     if len(text) > LONGEST_SLIP:
         return None
     inner = normalize_text(text).strip("()[]{} ")
-    parts = [part for part in re.split(r"\s*[,;xX]\s*|\s+", inner) if part]
+    parts = []
+    for part in re.split(r"\s*[,;xX]\s*|\s+", inner):
+        if part:
+            parts.append(part)
     if len(parts) < 2 or not all(map(_is_number, parts)):
         return None
     return f"[{', '.join(parts)}]"

@@ -121,7 +121,9 @@ def _quote_in_quotes(
     quote = before[-1:]
     if quote not in ("'", '"'):
         return None
-    inside = "''" if quote == "'" else '\\"'
+    inside = '\\"'
+    if quote == "'":
+        inside = "''"
     fix = f"write {inside} for a quote within {quote}...{quote}"
     return SyntaxFault(mark.line + 1, len(before), "a quote within a quoted text", fix)
 
@@ -133,7 +135,9 @@ def _open_bracket(
     problem, context = error.problem or "", error.context_mark
     if "did not find expected ','" not in problem or context is None:
         return None
-    bracket = "[" if "']'" in problem else "{"
+    bracket = "{"
+    if "']'" in problem:
+        bracket = "["
     if mark.line > context.line and ("," not in _line(lines, mark.line)):
         return SyntaxFault(
             context.line + 1,
@@ -146,7 +150,9 @@ def _open_bracket(
 
 
 def _line(lines: list[str], number: int) -> str:
-    return lines[number] if 0 <= number < len(lines) else ""
+    if 0 <= number < len(lines):
+        return lines[number]
+    return ""
 
 
 def _line_before(lines: list[str], number: int) -> int:

@@ -70,10 +70,14 @@ class _NumberTree:
             return self._text(node, part, path, unit)
         if isinstance(value, int | float):
             is_vector = part.get("type") == "array" and not isinstance(value, bool)
-            return _vector(node, value, path[-1]) if is_vector else node
+            if is_vector:
+                return _vector(node, value, path[-1])
+            return node
         if isinstance(value, dict):
             changes = self._children(value.items(), part, path, unit)
-            return node.with_value({**value, **changes}) if changes else node
+            if changes:
+                return node.with_value({**value, **changes})
+            return node
         # Lists of names have no numbers.
         if isinstance(value, list) and not _has_names(part):
             changes = self._children(enumerate(value), part, path, unit)
@@ -87,7 +91,10 @@ class _NumberTree:
         text = str(node.value)
         if path == ("world", "duration") and text.strip() == "auto":
             return node.with_value(OpenDuration(LONGEST))
-        number = quantity(text, unit, self.scale) if unit else None
+        if unit:
+            number = quantity(text, unit, self.scale)
+        else:
+            number = None
         if number is None or part.get("type") not in ("number", "array"):
             return node
         if part["type"] == "number":
@@ -113,7 +120,9 @@ class _NumberTree:
             if schema is None:
                 continue
             # The items of a list have the unit of the list.
-            inherited_unit = unit if isinstance(key, int) else ""
+            inherited_unit = ""
+            if isinstance(key, int):
+                inherited_unit = unit
             unit_of_child = schema.get("x-unit", inherited_unit)
             converted = self.convert(child, schema, (*path, key), unit_of_child)
             if converted is not child:
@@ -130,5 +139,8 @@ def _vector(node: Node, length: float, key: str | int, text: str | None = None) 
     """Return the vector of a single number, or the node itself for other keys."""
     if key not in ONE_FOR_TWO:
         return node
-    ends = (0.0, length) if key == "gravity" else (length, 0.0)
+    if key == "gravity":
+        ends = (0.0, length)
+    else:
+        ends = (length, 0.0)
     return node.with_value([node.with_value(end, text=text) for end in ends])

@@ -9,7 +9,7 @@ scenes accepted by a quick test.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
@@ -93,7 +93,10 @@ class Findings:
         """
         if node not in self.bad:
             self.bad.add(node)
-            value_text = shown(node.value) if node.text is None else quoted(node.text)
+            if node.text is None:
+                value_text = shown(node.value)
+            else:
+                value_text = quoted(node.text)
             self.report(refusal.problem(node.place, dotted(path), value_text))
 
 
@@ -123,38 +126,48 @@ def check_part(
     a mapping.
     """
     # Values of a mapping are checked one by one, so that each has its own errors.
-    data: Any = (
-        dict.fromkeys(node.value)
-        if isinstance(node.value, dict) and shallow
-        else to_plain_data(node)
-    )
-    errors: list[ValidationError] = []
-    if not quick_check(schema_path, shallow)(data):
-        errors = list(
-            islice(schema_validator(schema_path, shallow).iter_errors(data), MAX_ERRORS)
-        )
-    short = [
+    data: Any
+    if isinstance(node.value, dict) and shallow:
+        data = dict.fromkeys(node.value)
+    else:
+        data = to_plain_data(node)
+    if quick_check(schema_path, shallow)(data):
+        return
+    validator = schema_validator(schema_path, shallow)
+    errors = list(islice(validator.iter_errors(data), MAX_ERRORS))
+    for error in _without_consequences(errors):
+        _Fault(error, node, path, find_schema_part(schema_path)).report(findings)
+
+
+def _without_consequences(
+    errors: Sequence[ValidationError],
+) -> Iterator[ValidationError]:
+    """Yield the errors without those that repeat or follow from another one."""
+    # A list of the wrong length needs no messages about its items.
+    list_paths = [
         tuple(error.path)
         for error in errors
         if error.validator in ("minItems", "maxItems")
     ]
-    shallow_paths: set[tuple[str | int, ...]] = set()
+    point_lists: set[tuple[str | int, ...]] = set()
     for error in errors:
-        error_path = tuple(error.path)
-        if any(
-            len(error_path) > len(other) and error_path[: len(other)] == other
-            # A list of the wrong length needs no messages about its items.
-            for other in short
-        ):
+        path = tuple(error.path)
+        if any(len(path) > len(p) and path[: len(p)] == p for p in list_paths):
             continue
-        if error.validator == "type" and error_path and isinstance(error_path[-1], int):
-            # Numbers in a list of points: one message about the first number is enough.
-            is_number = isinstance(error.instance, int | float)
-            if is_number and error.validator_value == "array":
-                if error_path[:-1] in shallow_paths:
-                    continue
-                shallow_paths.add(error_path[:-1])
-        _Fault(error, node, path, find_schema_part(schema_path)).report(findings)
+        # Numbers in a list of points: one message about the first number is enough.
+        if _is_number_for_point(error):
+            if path[:-1] in point_lists:
+                continue
+            point_lists.add(path[:-1])
+        yield error
+
+
+def _is_number_for_point(error: ValidationError) -> bool:
+    """Return whether an item of a list is a number in place of a point."""
+    if error.validator != "type" or error.validator_value != "array":
+        return False
+    is_item = bool(error.path) and isinstance(error.path[-1], int)
+    return is_item and isinstance(error.instance, int | float)
 
 
 class _Fault:
@@ -176,9 +189,10 @@ class _Fault:
         self.node, self.schema = node, schema
         kinds = schema.get("type", "")
         self.kinds: list[str] = [kinds] if isinstance(kinds, str) else kinds
-        self.hint = (
-            f", e.g. {example(schema['examples'][0])}" if "examples" in schema else ""
-        )
+        if "examples" in schema:
+            self.hint = f", e.g. {example(schema['examples'][0])}"
+        else:
+            self.hint = ""
 
     def report(self, findings: Findings) -> None:
         """Report the message, and mark the values that other rules cannot use."""
@@ -207,7 +221,10 @@ class _Fault:
         elif may_be_list:
             kind, fix = self._list_fix()
         elif "boolean" in kinds:
-            word = BOOLEAN_WORDS.get(value.lower()) if isinstance(value, str) else None
+            if isinstance(value, str):
+                word = BOOLEAN_WORDS.get(value.lower())
+            else:
+                word = None
             kind, fix = "true or false", f"write {word or 'true or false'}"
         elif "string" in kinds:
             kind, fix = "text", self._text_fix()
@@ -222,7 +239,10 @@ class _Fault:
         if value is None:
             mapping = advice({**self.schema, "type": "object"})
             return f"{mapping}, or indent its keys below it"
-        spaced_text = add_space(value) if isinstance(value, str) else None
+        if isinstance(value, str):
+            spaced_text = add_space(value)
+        else:
+            spaced_text = None
         return spaced_text or advice({**self.schema, "type": "object"})
 
     def _list_fix(self) -> tuple[str, str]:
@@ -244,8 +264,13 @@ class _Fault:
     def _not_a_number(self, findings: Findings) -> None:
         """Report a value in place of a number, with the intended number."""
         value = self.node.value
-        kind = "a whole number" if "integer" in self.kinds else "a number"
-        meaning = meant_number(value, self.unit) if isinstance(value, str) else None
+        kind = "a number"
+        if "integer" in self.kinds:
+            kind = "a whole number"
+        if isinstance(value, str):
+            meaning = meant_number(value, self.unit)
+        else:
+            meaning = None
         if meaning and has_decimal_comma(str(value)):
             refusal = Message.DECIMAL_COMMA.refusal(number=meaning)
             return findings.value(self.node, self.path, refusal)
@@ -268,8 +293,12 @@ class _Fault:
         if noun == "names":
             names = [plain_text(part) for part in value.split(",")]
             is_names = all(re.fullmatch(r"[A-Za-z][\w-]*", name) for name in names)
-            return f"[{', '.join(names)}]" if is_names else None
-        return meant_list(value) if noun in ("numbers", "whole numbers") else None
+            if is_names:
+                return f"[{', '.join(names)}]"
+            return None
+        if noun in ("numbers", "whole numbers"):
+            return meant_list(value)
+        return None
 
     def _ways(self) -> list[str]:
         """Return the accepted words, numbers, keys or lists of a part with several
@@ -305,20 +334,18 @@ class _Fault:
         return item_name, f"{minimum} {item_name}" if minimum == maximum else item_name
 
     def _in_unit(self, noun: str) -> str:
-        return (
-            f" in {UNITS.get(self.unit, self.unit)}"
-            if self.unit and noun != "mappings"
-            else ""
-        )
+        if self.unit and noun != "mappings":
+            return f" in {UNITS.get(self.unit, self.unit)}"
+        return ""
 
     def _units(self) -> str:
         """Return the units for texts at this place."""
-        auto = ", or auto" if self.path == ("world", "duration") else ""
-        return (
-            f", or a number with {ALLOWED[self.unit]} behind it{auto}"
-            if self.unit in ALLOWED
-            else ""
-        )
+        auto = ""
+        if self.path == ("world", "duration"):
+            auto = ", or auto"
+        if self.unit in ALLOWED:
+            return f", or a number with {ALLOWED[self.unit]} behind it{auto}"
+        return ""
 
     def _choice(self, findings: Findings) -> None:
         value, schema = self.node.value, self.schema
@@ -350,7 +377,9 @@ class _Fault:
         if value > greatest:
             side, limit_text = "above", limit(greatest)
         else:
-            side = "not above" if value == lowest else "below"
+            side = "below"
+            if value == lowest:
+                side = "not above"
             limit_text = limit(lowest)
         fix = measure(schema, self.unit, has_range=True)
         if value > greatest and limit(greatest) not in fix:
@@ -379,26 +408,38 @@ class _Fault:
         items = self.node.value
         assert isinstance(items, list)
         minimum, maximum = self.schema.get("minItems", 0), self.schema.get("maxItems")
-        limit_count = minimum if len(items) < minimum else maximum
-        quantifier = (
-            ""
-            if minimum == maximum
-            else "at least "
-            if limit_count == minimum
-            else "at most "
-        )
-        noun = item_name if limit_count != 1 else item_name.removesuffix("s")
+        if len(items) < minimum:
+            limit_count = minimum
+        else:
+            limit_count = maximum
+        if minimum == maximum:
+            quantifier = ""
+        else:
+            quantifier = "at most "
+            if limit_count == minimum:
+                quantifier = "at least "
+        if limit_count != 1:
+            noun = item_name
+        else:
+            noun = item_name.removesuffix("s")
         fix = f"write {quantifier}{limit_count} {noun}{self._in_unit(item_name)}{self.hint}"
-        item_text = items[0].value if len(items) == 1 else None
-        meaning = meant_list(item_text) if isinstance(item_text, str) else None
-        fix = f"write {meaning}, with a comma between" if meaning else fix
+        if len(items) == 1:
+            item_text = items[0].value
+        else:
+            item_text = None
+        if isinstance(item_text, str):
+            meaning = meant_list(item_text)
+        else:
+            meaning = None
+        if meaning:
+            fix = f"write {meaning}, with a comma between"
         count = counted(len(items), "item")
         problem = Message.LIST_LENGTH.problem(
             self.node.place, self.path, items=count, fix=fix
         )
         findings.report(problem)
 
-    def _missing(self, findings: Findings) -> None:
+    def _report_missing_keys(self, findings: Findings) -> None:
         value = self.node.value
         assert isinstance(value, dict)
         misspelt = misspelt_keys(value, self.schema["properties"])
@@ -409,14 +450,16 @@ class _Fault:
                 message = Message.IS_MISSING
                 findings.report(message.problem(self.node.place, key_path, fix=fix))
 
-    def _several(self, findings: Findings) -> None:
+    def _report_key_count(self, findings: Findings) -> None:
         value, parts = self.node.value, self.schema.get("properties", {})
         assert isinstance(value, dict)
         if not parts:
             maximum = self.schema["maxProperties"]
             refusal = Message.TOO_MANY_KEYS.refusal(count=len(value), most=maximum)
         elif all(key in parts for key in value):
-            content = f"has {listed(value, 'and')}" if value else "is empty"
+            content = "is empty"
+            if value:
+                content = f"has {listed(value, 'and')}"
             kinds = listed(parts)
             refusal = Message.NOT_ONE_KEY.refusal(content=content, kinds=kinds)
         else:
@@ -455,7 +498,6 @@ class _Fault:
 
     def _fix_of_key(self, key: str, siblings: dict[str, Node]) -> str:
         """Return the replacement for an unknown key."""
-        known_keys = list(self.schema["properties"])
         spaced_text = add_space(key)
         if spaced_text is not None:
             return spaced_text
@@ -463,25 +505,26 @@ class _Fault:
         parent_key = _empty_above(key, siblings)
         if parent_key is not None and inner(self.schema, parent_key):
             return f"indent it by two spaces more, so that it belongs to {parent_key}"
-        aliases = _ALIASES.get(dotted(kind_of(self.path)), {})
+        known_keys = list(self.schema["properties"])
+        kinds = self._missing_kinds(siblings)
         # Users of other engines write their names.
+        aliases = _ALIASES.get(dotted(kind_of(self.path)), {})
         alias = aliases.get(key.replace("-", "_").lower())
-        close = alias or nearest(key, known_keys)
-        likeness = 1.0 if alias else similarity(key, close or "")
         homes = parents().get(key, ())
+        if alias:
+            return did_you_mean(alias)
+        close, likeness = _nearest_key(key, known_keys)
         if homes and likeness < SURE:
             return f"it belongs to {listed(self._nearest_of(homes))}"
-        kinds = self._missing_kinds(siblings)
-        if kinds and not alias:
-            close = nearest(key, kinds)
-            likeness = similarity(key, close or "")
-        is_sure = alias or not kinds or likeness >= SURE
-        if close and is_sure:
+        if kinds:
+            close, likeness = _nearest_key(key, kinds)
+        if close and (not kinds or likeness >= SURE):
             return did_you_mean(close)
-        similar_parent = None if kinds or self.path else nearest(key, parents())
-        if similar_parent is not None and similarity(key, similar_parent) >= SURE:
-            home = listed(self._nearest_of(parents()[similar_parent]))
-            return f"{did_you_mean(similar_parent)} it belongs to {home}"
+        if not kinds and not self.path:
+            parent, likeness = _nearest_key(key, parents())
+            if parent and likeness >= SURE:
+                home = listed(self._nearest_of(parents()[parent]))
+                return f"{did_you_mean(parent)} it belongs to {home}"
         return f"write {listed(islice(kinds or known_keys, 30))}"
 
     def _nearest_of(self, homes: Iterable[str]) -> list[str]:
@@ -497,7 +540,15 @@ class _Fault:
         if len(self.path) != 2:
             return []
         (kinds,) = self.schema["x-exclusive"]
-        return [] if any(kind in siblings for kind in kinds) else list(kinds)
+        if any(kind in siblings for kind in kinds):
+            return []
+        return list(kinds)
+
+
+def _nearest_key(key: str, names: Iterable[str]) -> tuple[str | None, float]:
+    """Return the most similar of several names, or None, and its similarity."""
+    close = nearest(key, names)
+    return close, similarity(key, close or "")
 
 
 def _empty_above(key: str, siblings: dict[str, Node]) -> str | None:
@@ -507,7 +558,9 @@ def _empty_above(key: str, siblings: dict[str, Node]) -> str | None:
     if number == 0:
         return None
     parent_key = keys[number - 1]
-    return parent_key if siblings[parent_key].value is None else None
+    if siblings[parent_key].value is None:
+        return parent_key
+    return None
 
 
 def misspelt_keys(keys: Iterable[str], known_keys: Iterable[str]) -> set[str | None]:
@@ -570,8 +623,8 @@ _MESSAGES: dict[str, Callable[[_Fault, Findings], None]] = {
     "pattern": _Fault._text,
     "minItems": _Fault._length,
     "maxItems": _Fault._length,
-    "required": _Fault._missing,
-    "minProperties": _Fault._several,
-    "maxProperties": _Fault._several,
+    "required": _Fault._report_missing_keys,
+    "minProperties": _Fault._report_key_count,
+    "maxProperties": _Fault._report_key_count,
 }
 """Keyword of the schema -> message about its violation."""

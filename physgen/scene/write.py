@@ -71,7 +71,10 @@ def edit_texts(edits: Mapping[str, Any]) -> tuple[str, ...]:
     """
     texts = []
     for key, value in edits.items():
-        text = "" if value is None else flow_text(value, ())
+        if value is None:
+            text = ""
+        else:
+            text = flow_text(value, ())
         texts.append(f"{key}={text}")
     return tuple(texts)
 
@@ -107,50 +110,58 @@ class _Writer:
         """Yield the lines of `start` (a key with its colon, or a dash) and its value.
         `indent` belongs to the lines below.
         """
-        key_path = dotted(path)
-        comment = self.comments.get(key_path, "")
+        comment = self.comments.get(dotted(path), "")
         value = _data(value)
         text = _flow(value, schema)
-        block = bool(value) and (
-            (
-                isinstance(value, Mapping)
-                and (key_path in self.commented or bool(_BLOCK(key_path)))
-            )
-            or (
-                isinstance(value, Mapping | list)
-                and path[-1:] != ("from",)
-                and len(start) + 1 + len(text) > WIDTH + 8
-                and not (_points(value) or _WRAPPED(key_path))
-            )
-            or (isinstance(value, list) and isinstance(value[0], Mapping))
-        )
-        first = start if block else f"{start} {text}"
+        if not self._is_block(value, len(start) + 1 + len(text), path):
+            first = f"{start} {text}"
+            line_above, line = _place_comment(comment, start, first, is_above=False)
+            yield from line_above
+            yield from _wrap_line(line, start, indent, text)
+            return
         # The first key of a mapping follows the dash of its item.
-        dash = block and isinstance(value, Mapping) and start.endswith("-")
-        if comment and (
-            dash or "\n" in comment or len(first) + len(comment) + 4 > WIDTH + 8
-        ):
-            yield from _comment_lines(
-                comment, start[: len(start) - len(start.lstrip())]
-            )
-        elif comment:
-            first = f"{first}  {_comment_lines(comment, '')[0]}"
-        if not block:
-            yield from _wrap_line(first, start, indent, text)
-        elif isinstance(value, Mapping):
-            inner = list(self.mapping(value, indent, path, schema))
-            if dash:
-                inner[0] = f"{start} {inner[0].lstrip()}"
-            else:
-                yield first
-            yield from inner
-        else:
-            yield first
-            items = schema.get("items") if schema else None
-            for index, item in enumerate(value):
-                yield from self.entry(
-                    item, f"{indent}-", indent + "  ", (*path, index), items
-                )
+        has_dash = isinstance(value, Mapping) and start.endswith("-")
+        line_above, line = _place_comment(comment, start, start, is_above=has_dash)
+        yield from line_above
+        if not has_dash:
+            yield line
+        if isinstance(value, Mapping):
+            lines = list(self.mapping(value, indent, path, schema))
+            if has_dash:
+                lines[0] = f"{start} {lines[0].lstrip()}"
+            yield from lines
+            return
+        items = schema.get("items") if schema else None
+        for index, item in enumerate(value):
+            item_path = (*path, index)
+            yield from self.entry(item, f"{indent}-", indent + "  ", item_path, items)
+
+    def _is_block(self, value: Any, length: int, path: KeyPath) -> bool:
+        """Return whether a value has lines of its own; `length` is that of one line."""
+        if not value or not isinstance(value, Mapping | list):
+            return False
+        key_path = dotted(path)
+        if isinstance(value, Mapping):
+            if key_path in self.commented or _BLOCK(key_path):
+                return True
+        elif isinstance(value[0], Mapping):
+            return True
+        if path[-1:] == ("from",) or length <= WIDTH + 8:
+            return False
+        return not (_points(value) or _WRAPPED(key_path))
+
+
+def _place_comment(
+    comment: str, start: str, line: str, *, is_above: bool
+) -> tuple[list[str], str]:
+    """Return the lines of a comment above a line, and the line with a short comment."""
+    if not comment:
+        return [], line
+    is_long = "\n" in comment or len(line) + len(comment) + 4 > WIDTH + 8
+    if is_above or is_long:
+        margin = start[: len(start) - len(start.lstrip())]
+        return _comment_lines(comment, margin), line
+    return [], f"{line}  {_comment_lines(comment, '')[0]}"
 
 
 def _comment_lines(text: str, indent: str) -> list[str]:
@@ -201,11 +212,16 @@ def _data(value: Any) -> Any:
     """Convert tuples, and numpy's scalars and arrays, to plain data."""
     if hasattr(value, "tolist"):
         value = value.tolist()
-    return list(value) if isinstance(value, tuple) else value
+    if isinstance(value, tuple):
+        return list(value)
+    return value
 
 
 def _order_keys(value: Mapping[str, Any], schema: Schema | None) -> list[str]:
-    schema_keys = list(schema.get("properties", {})) if schema else []
+    if schema:
+        schema_keys = list(schema.get("properties", {}))
+    else:
+        schema_keys = []
     return [key for key in schema_keys if key in value] + [
         key for key in value if key not in schema_keys
     ]
@@ -220,21 +236,26 @@ def _flow(value: Any, schema: Schema | None) -> str:
             for key in _order_keys(value, schema)
         )
         return "{" + ", ".join(pairs) + "}"
-    if isinstance(value, Sequence) and not isinstance(value, str):
+    if isinstance(value, str):
+        return _text(value)
+    if isinstance(value, Sequence):
         items = schema.get("items") if schema else None
         return "[" + ", ".join(_flow(item, items) for item in value) + "]"
+    return _scalar(value)
+
+
+def _scalar(value: Any) -> str:
+    """Return a number, a boolean or None as YAML."""
     if value is None:
         return "null"
     if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int | float):
-        # YAML has .inf and .nan, but scenes do not.
-        if not math.isfinite(value):
-            raise ValueError(f"a scene cannot hold {value}")
-        return number(value)
-    if isinstance(value, str):
-        return _text(value)
-    raise ValueError(f"a scene cannot hold {type(value).__name__}")
+        return str(value).lower()
+    if not isinstance(value, int | float):
+        raise ValueError(f"a scene cannot hold {type(value).__name__}")
+    # YAML has .inf and .nan, but scenes do not.
+    if not math.isfinite(value):
+        raise ValueError(f"a scene cannot hold {value}")
+    return number(value)
 
 
 def key_text(key: Any) -> str:
@@ -264,10 +285,8 @@ def _escape(char: str) -> str:
     if char.isprintable():
         return char
     code = ord(char)
-    return (
-        f"\\x{code:02x}"
-        if code < 256
-        else f"\\u{code:04x}"
-        if code < 65536
-        else f"\\U{code:08x}"
-    )
+    if code < 256:
+        return f"\\x{code:02x}"
+    if code < 65536:
+        return f"\\u{code:04x}"
+    return f"\\U{code:08x}"

@@ -54,29 +54,33 @@ def with_comments(
         except EditError:
             continue
         begin, words = entry(text, parent, index), " ".join(comment.split())
-        there = set(dict(_comments(text, begin)).values())
-        if (
-            # A comment in a line of several values could belong to any of them.
-            parent.is_flow
-            or not leads(text, begin)
-            or words in there
-            or not (key in new or any(_is_ours(one, own_comments) for one in there))
-        ):
+        # A comment in a line of several values could belong to any of them.
+        if parent.is_flow or not leads(text, begin):
             continue
-        text = without_comments(text, [key.split(".")], own_comments)
-        parent, index = parent_of(text, tuple(key.split(".")))
-        begin = entry(text, parent, index)
-        first, stop = line_begin(text, begin), line_end(text, begin)
-        # A user's own comment on the line stays alone there.
-        short = stop - first + len(words) <= LONGEST and "#" not in text[first:stop]
-        child = parent.children[index]
-        if short and (child.end <= stop or not (child.is_flow or child.kind is str)):
-            text = apply_patches(text, (stop, stop, f"  # {words}"))
-        else:
-            text = apply_patches(
-                text, (first, first, f"{text[first:begin]}# {words}{newline(text)}")
-            )
+        present_comments = set(dict(_comments(text, begin)).values())
+        if words in present_comments:
+            continue
+        has_own = any(
+            _is_own_comment(present, own_comments) for present in present_comments
+        )
+        if key in new or has_own:
+            text = without_comments(text, [key.split(".")], own_comments)
+            text = _insert_comment(text, key, words)
     return text
+
+
+def _insert_comment(text: str, key: str, words: str) -> str:
+    """Return the text with a comment after the value of a key, or above its line."""
+    parent, index = parent_of(text, tuple(key.split(".")))
+    begin = entry(text, parent, index)
+    first, stop = line_begin(text, begin), line_end(text, begin)
+    # A user's own comment on the line stays alone there.
+    is_short = stop - first + len(words) <= LONGEST and "#" not in text[first:stop]
+    child = parent.children[index]
+    if is_short and (child.end <= stop or not (child.is_flow or child.kind is str)):
+        return apply_patches(text, (stop, stop, f"  # {words}"))
+    line = f"{text[first:begin]}# {words}{newline(text)}"
+    return apply_patches(text, (first, first, line))
 
 
 _COUNTS = re.compile(
@@ -126,7 +130,7 @@ def with_true_comments(
     return text
 
 
-def _is_ours(words: str, own_comments: Collection[str]) -> bool:
+def _is_own_comment(words: str, own_comments: Collection[str]) -> bool:
     """Return whether perception wrote a comment, or an edit updated it."""
     is_updated = _HIDDEN.fullmatch(words) or _COUNTS.fullmatch(words)
     return words in own_comments or is_updated is not None
@@ -137,7 +141,10 @@ def _labels(data: Mapping[str, Any]) -> dict[str, str]:
     labels: dict[str, str] = {}
     objects = data.get("objects")
     for name, item in objects.items() if isinstance(objects, dict) else ():
-        label = item.get("label") if isinstance(item, dict) else None
+        if isinstance(item, dict):
+            label = item.get("label")
+        else:
+            label = None
         labels[name] = str(label or "object")
     return labels
 
@@ -154,12 +161,16 @@ def _count_objects(words: str, counts: str) -> str:
     match = _COUNTS.fullmatch(words)
     if match is None:
         return words
-    return counts + match[1] if counts else ""
+    if counts:
+        return counts + match[1]
+    return ""
 
 
 def _without_support(words: str) -> str:
     """Return a comment on a boundary, or "" if it counts the objects on it."""
-    return "" if _SUPPORTED.fullmatch(words) else words
+    if _SUPPORTED.fullmatch(words):
+        return ""
+    return words
 
 
 def _hidden_names(
@@ -172,7 +183,9 @@ def _hidden_names(
     before = re.split(", | and ", match[1])
     new_names = [new_name_of.get(name, name) for name in before]
     hidden_names = [name for name in new_names if name in names]
-    return _HIDING + listed(hidden_names, "and") if hidden_names else ""
+    if hidden_names:
+        return _HIDING + listed(hidden_names, "and")
+    return ""
 
 
 def _with_comment(text: str, path: KeyPath, change: Callable[[str], str]) -> str:
@@ -195,7 +208,9 @@ def _with_words(text: str, number: int, words: str) -> str:
     """Replace the words of the comment in a line, or remove the comment."""
     lines = text.split("\n")
     line = lines[number]
-    end = "\r" if line.endswith("\r") else ""
+    end = ""
+    if line.endswith("\r"):
+        end = "\r"
     is_whole = line.lstrip().startswith("#")
     if is_whole and not words:
         del lines[number]
@@ -228,9 +243,11 @@ def _without_comment(text: str, path: KeyPath, own_comments: Collection[str]) ->
         return text
     lines = text.split("\n")
     for line, words in _comments(text, begin):
-        if _is_ours(words, own_comments) and lines[line].lstrip().startswith("#"):
+        if _is_own_comment(words, own_comments) and lines[line].lstrip().startswith(
+            "#"
+        ):
             del lines[line]
-        elif _is_ours(words, own_comments):
+        elif _is_own_comment(words, own_comments):
             lines[line] = lines[line].rpartition(" #")[0].rstrip() + "\r" * lines[
                 line
             ].endswith("\r")

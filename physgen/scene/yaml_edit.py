@@ -64,7 +64,9 @@ class MarkedValue:
     def place(self, key: str | int) -> int | None:
         """Return the index of the child at a key or an index, or None."""
         if isinstance(key, int):
-            return key if self.kind is list and 0 <= key < len(self.children) else None
+            if self.kind is list and 0 <= key < len(self.children):
+                return key
+            return None
         return self._places.get(key)
 
     @cached_property
@@ -74,7 +76,9 @@ class MarkedValue:
     def child(self, key: str | int) -> MarkedValue | None:
         """Return the value of a key or an index."""
         index = self.place(key)
-        return None if index is None else self.children[index]
+        if index is None:
+            return None
+        return self.children[index]
 
     def data(self) -> Any:
         """Return the plain data."""
@@ -97,7 +101,9 @@ def mark_values(text: str) -> MarkedValue:
         read(text, Source("", _NOWHERE))
     except InputError as error:
         problem = error.problems[0]
-        line_text = f" (line {problem.place.line})" if problem.place.line else ""
+        line_text = ""
+        if problem.place.line:
+            line_text = f" (line {problem.place.line})"
         reason = f"{problem.found} {problem.expected}".strip()
         raise Message.EDITOR_UNREADABLE.impossible(
             where=line_text, reason=reason
@@ -112,11 +118,16 @@ def _mark_tree(node: Any, text: str) -> MarkedValue:
         node.start_mark.column,
     )
     if isinstance(node, yaml.ScalarNode):
-        style = node.style if node.style in ("'", '"', "|", ">") else ""
+        style = ""
+        if node.style in ("'", '"', "|", ">"):
+            style = node.style
         if style in ("|", ">"):
             # PyYAML counts the empty lines after a block scalar.
             end = begin + len(text[begin:end].rstrip())
-        value = node.value if style else resolve(node.value)
+        if style:
+            value = node.value
+        else:
+            value = resolve(node.value)
         return MarkedValue(str, False, begin, end, column, value, style)
     keys: list[tuple[str, int, int]] = []
     if isinstance(node, yaml.MappingNode):
@@ -128,7 +139,9 @@ def _mark_tree(node: Any, text: str) -> MarkedValue:
     else:
         children = [_mark_tree(child, text) for child in node.value]
     flow = bool(node.flow_style)
-    kind = dict if isinstance(node, yaml.MappingNode) else list
+    kind: type = list
+    if isinstance(node, yaml.MappingNode):
+        kind = dict
     return MarkedValue(
         kind,
         flow,
@@ -167,13 +180,17 @@ def line_begin(text: str, place: int) -> int:
 def line_end(text: str, place: int) -> int:
     """Return the end of the line of a place, before its break."""
     line_break = BREAK.search(text, place)
-    return line_break.start() if line_break else len(text)
+    if line_break:
+        return line_break.start()
+    return len(text)
 
 
 def line_after(text: str, place: int) -> int:
     """Return the start of the next line."""
     line_break = BREAK.search(text, place)
-    return line_break.end() if line_break else len(text)
+    if line_break:
+        return line_break.end()
+    return len(text)
 
 
 def leads(text: str, place: int) -> bool:
@@ -184,7 +201,9 @@ def leads(text: str, place: int) -> bool:
 def newline(text: str) -> str:
     """Return the line break of a text."""
     line_break = BREAK.search(text)
-    return line_break[0] if line_break and line_break[0] in ("\r\n", "\r") else "\n"
+    if line_break and line_break[0] in ("\r\n", "\r"):
+        return line_break[0]
+    return "\n"
 
 
 def patch_below(text: str, place: int, lines: Sequence[str]) -> Patch:
@@ -197,9 +216,10 @@ def joint(text: str, node: MarkedValue, before: MarkedValue) -> str:
     """Return the separator before a new entry in brackets, with a line break if each
     entry has its own line.
     """
-    begin = (
-        node.keys[node.children.index(before)][1] if node.kind is dict else before.begin
-    )
+    if node.kind is dict:
+        begin = node.keys[node.children.index(before)][1]
+    else:
+        begin = before.begin
     if leads(text, begin) and line_begin(text, begin) > node.begin:
         return "," + newline(text) + text[line_begin(text, begin) : begin]
     return ", "
@@ -279,11 +299,9 @@ def put(text: str, path: KeyPath, value: Any) -> str:
     """Set the value at a path with an existing parent."""
     if path and find(text, path[:-1]).place(path[-1]) is None:
         return _make_entry(text, path, value)
-    return (
-        text
-        if are_equal(find(text, path).data(), value)
-        else _replace_value(text, path, value)
-    )
+    if are_equal(find(text, path).data(), value):
+        return text
+    return _replace_value(text, path, value)
 
 
 def _drop(text: str, path: KeyPath) -> str:
@@ -327,7 +345,9 @@ def _first_line(text: str, parent: MarkedValue, index: int) -> int:
     begin = entry(text, parent, index)
     first = line_begin(text, begin)
     column = begin - first
-    end_above = parent.children[index - 1].end if index else 0
+    end_above = 0
+    if index:
+        end_above = parent.children[index - 1].end
     top = first
     while top > end_above:
         line = line_begin(text, top - len(_break_before(text, top)))
@@ -345,7 +365,9 @@ def _break_before(text: str, place: int) -> str:
     if text.endswith("\r\n", 0, place):
         return "\r\n"
     before = text[max(place - 1, 0) : place]
-    return before if BREAK.match(before) else ""
+    if BREAK.match(before):
+        return before
+    return ""
 
 
 def _last_line(text: str, parent: MarkedValue, index: int) -> int:
@@ -457,9 +479,10 @@ def _before(node: MarkedValue, path: KeyPath, key: str) -> int:
     if key not in order:
         return len(node.keys) - 1
     earlier_keys = order[: order.index(key)]
-    places = [
-        index for index, (name, _, _) in enumerate(node.keys) if name in earlier_keys
-    ]
+    places = []
+    for index, (name, _, _) in enumerate(node.keys):
+        if name in earlier_keys:
+            places.append(index)
     return max(places, default=len(node.keys) - 1)
 
 
@@ -471,24 +494,29 @@ def _replace_value(text: str, path: KeyPath, value: Any) -> str:
         empty_text = _empty_collection(text, path)
         if empty_text is not None:
             return empty_text
-    patches = _differences(text, node, value, path) if node.is_flow else None
-    if patches is None and _are_filled(node, value):
+    patches = None
+    if node.is_flow:
+        patches = _differences(text, node, value, path)
+    if patches is None and _have_children(node, value):
         if node.kind is list:
             return _items(text, path, node.data(), value)
         if not node.is_flow or value.keys() & {key for key, _, _ in node.keys}:
             return _entries(text, path, node, value)
-    if not path and is_json(text):
-        patches = patches or [(node.begin, node.end, _inline(text, value, path))]
-    elif not path:
-        lines = [
-            line
-            for key in value
-            for line in entry_lines(value[key], f"{key_text(key)}:", "  ", (key,))
-        ]
-        patches = patches or [(node.begin, node.end, newline(text).join(lines) or "{}")]
-    return apply_patches(
-        text, *(_rewritten(text, path, value) if patches is None else patches)
-    )
+    if not path:
+        patches = patches or [_new_document(text, node, value)]
+    elif patches is None:
+        patches = _rewritten(text, path, value)
+    return apply_patches(text, *patches)
+
+
+def _new_document(text: str, node: MarkedValue, value: Any) -> Patch:
+    """Return the patch that replaces the whole document."""
+    if is_json(text):
+        return node.begin, node.end, _inline(text, value, ())
+    lines: list[str] = []
+    for key in value:
+        lines += entry_lines(value[key], f"{key_text(key)}:", "  ", (key,))
+    return node.begin, node.end, newline(text).join(lines) or "{}"
 
 
 def _empty_collection(text: str, path: KeyPath) -> str | None:
@@ -500,7 +528,9 @@ def _empty_collection(text: str, path: KeyPath) -> str | None:
     if parent.kind is not dict or not leads(text, entry(text, node, 0)):
         return None
     colon = text.index(":", parent.keys[index][2])
-    empty = " {}" if node.kind is dict else " []"
+    empty = " []"
+    if node.kind is dict:
+        empty = " {}"
     patches: list[Patch] = [(colon + 1, colon + 1, empty)]
     for child in range(len(node.children)):
         first, stop = _first_line(text, node, child), _last_line(text, node, child)
@@ -508,7 +538,7 @@ def _empty_collection(text: str, path: KeyPath) -> str | None:
     return apply_patches(text, *patches)
 
 
-def _are_filled(node: MarkedValue, value: Any) -> bool:
+def _have_children(node: MarkedValue, value: Any) -> bool:
     """Return whether two values are non-empty mappings or lists."""
     is_same_kind = node.kind is not str and isinstance(value, node.kind)
     return is_same_kind and bool(node.children) and bool(value)
@@ -577,41 +607,41 @@ def _differences(
     """Return patches for values inside brackets, or None if keys or the number of items
     differ, at any depth.
     """
-    if (
-        node.kind is dict
-        and isinstance(value, dict)
-        and {key for key, _, _ in node.keys} == value.keys()
-    ):
-        pairs = [
-            (child, value[key], (*path, key))
-            for (key, _, _), child in zip(node.keys, node.children, strict=True)
-        ]
-    elif (
-        node.kind is list
-        and isinstance(value, list)
-        and len(node.children) == len(value)
-    ):
-        pairs = [
-            (child, value[index], (*path, index))
-            for index, child in enumerate(node.children)
-        ]
-    else:
+    keys = _common_keys(node, value)
+    if keys is None:
         return None
     patches: list[Patch] = []
-    for child, new, child_path in pairs:
-        if not are_equal(child.data(), new):
-            inner = _differences(text, child, new, child_path)
-            if inner is None and _are_filled(child, new):
+    for key, child in zip(keys, node.children, strict=True):
+        new = value[key]
+        child_path = (*path, key)
+        if are_equal(child.data(), new):
+            continue
+        child_patches = _differences(text, child, new, child_path)
+        if child_patches is None:
+            if _have_children(child, new):
                 return None
-            patches += (
-                [_inside(text, child, new, child_path)] if inner is None else inner
-            )
+            child_patches = [_inside(text, child, new, child_path)]
+        patches += child_patches
     return patches
+
+
+def _common_keys(node: MarkedValue, value: Any) -> list[str | int] | None:
+    """Return the keys or indices of a collection; None if those of `value` differ."""
+    if node.kind is dict and isinstance(value, dict):
+        keys = [key for key, _, _ in node.keys]
+        return [*keys] if set(keys) == value.keys() else None
+    if node.kind is not list or not isinstance(value, list):
+        return None
+    if len(node.children) != len(value):
+        return None
+    return [*range(len(value))]
 
 
 def _inside(text: str, node: MarkedValue, value: Any, path: KeyPath) -> Patch:
     """Return the patch of a value in brackets."""
-    gap = " " if node.begin == node.end else ""
+    gap = ""
+    if node.begin == node.end:
+        gap = " "
     inner = _inline(text, value, path)
     if isinstance(value, str):
         inner = _quoted_as(text, node.style, value, inner)
@@ -627,7 +657,9 @@ def _quoted_as(text: str, quote: str, value: str, plain_text: str) -> str:
     if is_json(text):
         return _json(value)
     is_quoted = quote in ("'", '"') and SIMPLE(value) is not None
-    return f"{quote}{value}{quote}" if is_quoted else plain_text
+    if is_quoted:
+        return f"{quote}{value}{quote}"
+    return plain_text
 
 
 @lru_cache(maxsize=4)
@@ -642,12 +674,16 @@ def is_json(text: str) -> bool:
 
 def _inline(text: str, value: Any, path: KeyPath) -> str:
     """Return a value on one line: as JSON in a JSON file, otherwise as YAML."""
-    return _json(value) if is_json(text) else flow_text(value, path)
+    if is_json(text):
+        return _json(value)
+    return flow_text(value, path)
 
 
 def _key(text: str, key: str) -> str:
     """Return a key: as JSON in a JSON file, otherwise as YAML."""
-    return _json(key) if is_json(text) else key_text(key)
+    if is_json(text):
+        return _json(key)
+    return key_text(key)
 
 
 def _json(value: Any) -> str:
@@ -660,7 +696,9 @@ def _json(value: Any) -> str:
     if isinstance(value, int | float) and not isinstance(value, bool):
         return number(value)
     json_text = json.dumps(value, ensure_ascii=False)
-    return json_text if json_text.isprintable() else json.dumps(value)
+    if json_text.isprintable():
+        return json_text
+    return json.dumps(value)
 
 
 def _rewritten(text: str, path: KeyPath, value: Any) -> list[Patch]:
@@ -671,8 +709,6 @@ def _rewritten(text: str, path: KeyPath, value: Any) -> list[Patch]:
     """
     parent, index = parent_of(text, path)
     node = parent.children[index]
-    is_block = node.kind in (dict, list) and not node.is_flow
-    end, header = node.end, ""
     if parent.is_flow:
         return [_inside(text, node, value, path)]
     begin = entry(text, parent, index)
@@ -682,23 +718,32 @@ def _rewritten(text: str, path: KeyPath, value: Any) -> list[Patch]:
     else:
         colon = begin
         start = " " * parent.column + "-"
-    if is_block:
-        end, below_value = line_end(text, node.end), line_after(text, node.end)
-        column = begin - line_begin(text, begin)
-        stop = _after_deeper_comments(text, below_value, column)
-        if stop > below_value:
-            end = stop - len(_break_before(text, stop))
+    end, header = node.end, ""
+    if node.kind in (dict, list) and not node.is_flow:
+        end = _end_of_block(text, node, begin)
         line = text[colon + 1 : line_end(text, colon)]
-        header = line.rstrip() if line.lstrip().startswith("#") else ""
+        if line.lstrip().startswith("#"):
+            header = line.rstrip()
     first, *rest = entry_lines(value, start, " " * parent.column + "  ", path)
     first = first[len(start) :]
     if isinstance(value, str) and node.kind is str:
         first = " " + _quoted_as(text, node.style, value, first.strip())
-    if (
-        rest
-        and not first
-        and (node.kind is str or node.is_flow)
-        and node.style not in ("|", ">")
-    ):
+    if rest and not first and _is_on_one_line(node):
         return [(colon + 1, node.end, ""), patch_below(text, node.end, rest)]
     return [(colon + 1, end, newline(text).join([first + header, *rest]))]
+
+
+def _end_of_block(text: str, node: MarkedValue, begin: int) -> int:
+    """Return the end of a block collection with the deeper comments below it."""
+    below_value = line_after(text, node.end)
+    column = begin - line_begin(text, begin)
+    stop = _after_deeper_comments(text, below_value, column)
+    if stop > below_value:
+        return stop - len(_break_before(text, stop))
+    return line_end(text, node.end)
+
+
+def _is_on_one_line(node: MarkedValue) -> bool:
+    if node.style in ("|", ">"):
+        return False
+    return node.kind is str or node.is_flow

@@ -55,7 +55,9 @@ def pair_mass(first: Surface, second: Surface) -> float:
 
 
 def _inverse(value: float) -> float:
-    return 0.0 if value == inf else 1 / value
+    if value == inf:
+        return 0.0
+    return 1 / value
 
 
 def pulse_spectrum(frequencies: F64, time: float) -> F64:

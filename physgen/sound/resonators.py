@@ -165,7 +165,10 @@ def body_resonator(body: Body, label: Kind, meters: float) -> Resonator:
         frequencies = solid_frequencies(solid, width, height)
         area = 2 * width * height
     is_audible = (frequencies > LIMITS.lowest) & (frequencies < LIMITS.highest)
-    curvature = radius if is_round else LIMITS.edge
+    if is_round:
+        curvature = radius
+    else:
+        curvature = LIMITS.edge
     # Scenes have g, acoustics kg.
     mass = body.mass / 1000
     surface = Surface(mass, curvature, solid.young, solid.poisson)
@@ -197,7 +200,10 @@ def _shell_frequencies(
     """Return the modes of a hollow object: waves around its wall."""
     radius = min(width, height) / 2
     # A wall of thickness t fills 2 t / radius of a cylinder.
-    thickness = radius * label.filled / 2 if label.filled > 0 else radius * LIMITS.wall
+    if label.filled > 0:
+        thickness = radius * label.filled / 2
+    else:
+        thickness = radius * LIMITS.wall
     return ring_frequencies(solid, radius, thickness, LIMITS.modes)
 
 
@@ -236,7 +242,9 @@ def support_material(name: str) -> Material:
             if word.startswith(key):
                 return kind(material).material
     named = kind(" ".join(words)).material
-    return kind("wood").material if named.name == "unknown" else named
+    if named.name == "unknown":
+        return kind("wood").material
+    return named
 
 
 def _elasticity(material: Material) -> Elasticity:

@@ -7,6 +7,7 @@ import wave
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from html import escape
 
 import numpy as np
@@ -141,7 +142,10 @@ def _as_samples(pressure: F64, level: SoundLevel) -> I16 | None:
     peak = float(np.abs(pressure).max(initial=0.0))
     if peak <= 0:
         return None
-    scale = PEAK / peak if level is SoundLevel.PEAK else 1 / FULL_SCALE
+    if level is SoundLevel.PEAK:
+        scale = PEAK / peak
+    else:
+        scale = 1 / FULL_SCALE
     codes = np.round(np.clip(pressure * scale, -1, 1) * np.iinfo(np.int16).max)
     if not codes.any():
         return None
@@ -160,7 +164,9 @@ def event_strikes(
     speed = max(speed, impulse / (2 * pair_mass(sides[0], sides[1])))
     duration = contact_time(sides[0], sides[1], speed)
     place = clip.shot.affine(event.time) @ (*event.place, 1.0)
-    polarity = -1.0 if event.vector is not None and event.vector[1] < 0 else 1.0
+    polarity = 1.0
+    if event.vector is not None and event.vector[1] < 0:
+        polarity = -1.0
     gains = pan(float(place[0]) / clip.size[0])
     strikes = []
     for surface in event.surfaces:
@@ -282,32 +288,46 @@ def _pair_rubbing(
     """Return the friction of one pair; `members` are its rows of impulses."""
     world = clip.world
     meters = 1 / world.pixels_per_meter
-    samples, first, second = motion.contacts.impulse_rows[members].T
+    rows = motion.contacts.impulse_rows[members]
+    samples = rows[:, 0]
+    pair = (int(rows[0, 1]), int(rows[0, 2]))
     impulses = motion.contacts.impulses[members]
     sizes = np.hypot(*impulses.T)
-    normals = impulses / np.maximum(sizes, 1e-300)[:, None]
-    step = motion.times[1] - motion.times[0]
-    pair = (int(first[0]), int(second[0]))
-    load = np.minimum(sizes / step, _max_load(world, pair)) * meters / 1000
-    is_rolling_vehicle = any(
-        k < len(world.bodies) and bool(world.bodies[k].wheels) for k in pair
-    )
+    forces = sizes / (motion.times[1] - motion.times[0])
+    load = np.minimum(forces, _max_load(world, pair)) * meters / 1000
     # A vehicle rolls on its wheels: its surface does not slide over the road.
     slip = np.zeros(len(samples))
-    if not is_rolling_vehicle:
+    if not any(map(partial(_has_wheels, world), pair)):
+        normals = impulses / np.maximum(sizes, 1e-300)[:, None]
         slip = np.abs(_slip_speeds(world, motion, samples, pair, normals)) * meters
     relative = _center_velocities(world, motion, samples, pair[0])
     relative = relative - _center_velocities(world, motion, samples, pair[1])
     center_speed = np.hypot(*relative.T) * meters
+    power = np.zeros(len(motion.times))
+    speed = np.zeros(len(motion.times))
+    power[samples] = _friction_power(world, pair, load, slip, center_speed)
+    speed[samples] = np.maximum(slip, center_speed)
+    return Rubbing(clip_times, power, speed, _places(clip, motion, _mover(world, pair)))
+
+
+def _has_wheels(world: World, k: int) -> bool:
+    """Return whether a surface is a body with wheels."""
+    return k < len(world.bodies) and bool(world.bodies[k].wheels)
+
+
+def _friction_power(
+    world: World, pair: tuple[int, int], load: F64, slip: F64, center_speed: F64
+) -> F64:
+    """Return the power of sliding and rolling that becomes sound, (K,) W.
+
+    `load` N; `slip` and `center_speed` m/s.
+    """
     surfaces = [surface for _, surface in world.surfaces]
     friction = surfaces[pair[0]].friction * surfaces[pair[1]].friction
     sliding_power = FRICTION.sliding_efficiency * friction * load * slip
     rolling = _rolling(world, pair)
     rolling_power = FRICTION.rolling_efficiency * rolling * load * center_speed
-    power, speed = np.zeros(len(motion.times)), np.zeros(len(motion.times))
-    power[samples] = sliding_power + rolling_power
-    speed[samples] = np.maximum(slip, center_speed)
-    return Rubbing(clip_times, power, speed, _places(clip, motion, _mover(world, pair)))
+    return np.asarray(sliding_power + rolling_power)
 
 
 def _center_velocities(

@@ -120,7 +120,10 @@ def read_training_settings(weights: tuple[str, ...]) -> TrainingSettings:
         index.get("unet", ["", ""])[1] == "UNet2DConditionModel"
         and "text_encoder_2" not in index
     )
-    unet = part_config(base, "unet", WHAT) if base_classes else {}
+    if base_classes:
+        unet = part_config(base, "unet", WHAT)
+    else:
+        unet = {}
     if list(motion["block_out_channels"]) != list(unet.get("block_out_channels", [])):
         raise Message.BASE_DOES_NOT_FIT.error(
             REFINE.name, f'"{base}"', kind=index.get("_class_name")

@@ -67,7 +67,10 @@ def pipeline_index(weights: str, title: str) -> dict[str, Any]:
 
 def part_config(weights: str, part: str, title: str) -> dict[str, Any]:
     """Read `config.json` of a part; `""` for weights that are a single part."""
-    subfolder = {"subfolder": part} if part else {}
+    if part:
+        subfolder = {"subfolder": part}
+    else:
+        subfolder = {}
     return load_weights(
         lambda path: dict(AutoencoderKL.load_config(path, **subfolder)),
         weights,
@@ -113,7 +116,9 @@ def check_pipeline_class(
 def revision(weights: str) -> str:
     """Return the hub's commit of the weights; `""` for a folder."""
     main = hub_folder(weights) / "refs" / "main"
-    return main.read_text(encoding="utf-8").strip() if main.is_file() else ""
+    if main.is_file():
+        return main.read_text(encoding="utf-8").strip()
+    return ""
 
 
 def place_pipeline(pipe: Any, device: str) -> str:
@@ -384,11 +389,15 @@ class Sampler:
                 frames[0].shape[0] * frames[0].shape[1] > self._trained.grid.area
             )
             vae.enable_tiling() if self._tiled else vae.disable_tiling()
-            guidance = (
-                self._kind.guidance if prompt.guidance is None else prompt.guidance
-            )
+            if prompt.guidance is None:
+                guidance = self._kind.guidance
+            else:
+                guidance = prompt.guidance
             text = network.encode_text(prompt.prompt)
-            negative = network.encode_text(prompt.negative) if guidance > 1 else None
+            if guidance > 1:
+                negative = network.encode_text(prompt.negative)
+            else:
+                negative = None
             # Free the GPU of the text encoder before the VAE runs.
             network.pipe.maybe_free_model_hooks()
             encoded = network.encode(_video(frames))
@@ -403,11 +412,9 @@ class Sampler:
     def add_noise(self, latents: F32, noise: F32, k: int) -> F32:
         """Return noisy latents; see `Denoiser`."""
         schedule = self._at().schedule
-        return (
-            schedule.add_noise(latents, noise, k)
-            if k < len(schedule.times)
-            else latents
-        )
+        if k < len(schedule.times):
+            return schedule.add_noise(latents, noise, k)
+        return latents
 
     def predict(self, latents: F32, k: int, first: int) -> F32:
         """Predict a step with guidance; see `Denoiser`."""
@@ -429,7 +436,9 @@ class Sampler:
 
     def _frame(self, latent: int) -> int:
         """Return the first frame of a window that begins with this latent frame."""
-        return frames_held(latent, self.grid) if latent else 0
+        if latent:
+            return frames_held(latent, self.grid)
+        return 0
 
     def step(self, prediction: F32, latents: F32, k: int) -> F32:
         """Return the latents after a step; see `Denoiser`."""
@@ -441,11 +450,10 @@ class Sampler:
         while True:
             with memory_errors():
                 part = next(parts, None)
-                frames = (
-                    None
-                    if part is None
-                    else _array((part / 2 + 0.5).permute(0, 2, 3, 1))
-                )
+                if part is None:
+                    frames = None
+                else:
+                    frames = _array((part / 2 + 0.5).permute(0, 2, 3, 1))
             if frames is None:
                 return
             yield frames

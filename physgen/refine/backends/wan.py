@@ -183,9 +183,13 @@ class Wan:
         )
         share = self.pipe.config.get("boundary_ratio")
         if first_network is None or second_network is None or share is None:
-            return first_network if first_network is not None else second_network
+            if first_network is not None:
+                return first_network
+            return second_network
         edge = share * self._scheduler.config.num_train_timesteps
-        return first_network if time >= edge else second_network
+        if time >= edge:
+            return first_network
+        return second_network
 
 
 def read_training_settings(weights: tuple[str, ...]) -> TrainingSettings:
@@ -196,7 +200,9 @@ def read_training_settings(weights: tuple[str, ...]) -> TrainingSettings:
     # A pipeline may have two networks, for different levels of noise, or only the
     # second.
     has_first = index.get("transformer", [None, None])[1]
-    part = "transformer" if has_first else "transformer_2"
+    part = "transformer_2"
+    if has_first:
+        part = "transformer"
     vae, network = (
         part_config(weights_name, "vae", WHAT),
         part_config(weights_name, part, WHAT),
