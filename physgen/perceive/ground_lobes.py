@@ -78,7 +78,7 @@ def _ground_pieces(photo: Rgb, labels: Labels, number: int) -> Mask:
     window = rows, columns
     surroundings = _Surroundings.create(photo[window], labels[window], number, size)
     ground = surroundings.ground_pieces()
-    result = np.zeros_like(object_mask)
+    result: Mask = np.zeros_like(object_mask)
     if ground.any():
         own_window = object_mask[window]
         result[window] = own_window & _sharpen(photo[window], surroundings, ground)
@@ -196,7 +196,7 @@ def _colour_frequencies(colours: Rgb) -> F32:
     blur of one cell.
     """
     cells = colours.astype(np.intp) * LOBES.bins // 256
-    counts = np.zeros((LOBES.bins,) * 3, np.float32)
+    counts: F32 = np.zeros((LOBES.bins,) * 3, np.float32)
     np.add.at(counts, tuple(cells.T), 1)
     for axis in range(3):
         before = np.roll(counts, 1, axis)
@@ -204,7 +204,7 @@ def _colour_frequencies(colours: Rgb) -> F32:
         # The circle of bins would join black and white.
         np.moveaxis(before, axis, 0)[0] = 0
         np.moveaxis(after, axis, 0)[-1] = 0
-        counts = counts / 2 + (before + after) / 4
+        counts = np.asarray(counts / 2 + (before + after) / 4, np.float32)
     counts += LOBES.floor * len(colours) / counts.size
     return np.asarray(counts / counts.sum(), np.float32)
 

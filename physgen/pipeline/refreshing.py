@@ -220,11 +220,10 @@ def _refresh(opened_scene: OpenedScene, text: str, run: _Refresh) -> str:
     """Refresh a scene with fitting assets; `text` is the text of its file."""
     old, labels = _read_old_scene(opened_scene, run)
     selection = _select_objects(old, labels, run)
-    old_names = {
-        i: name
-        for i, name in selection.detections.object_names.items()
-        if name in old.document["objects"]
-    }
+    old_names = {}
+    for number, name in selection.detections.object_names.items():
+        if name in old.document["objects"]:
+            old_names[number] = name
     new = _perceive_again(old, selection, old_names, run)
     new_labels = _new_labels(run.options, old_names)
     merged, record_changes = _merge_scenes(old, new, selection, new_labels)
@@ -232,10 +231,10 @@ def _refresh(opened_scene: OpenedScene, text: str, run: _Refresh) -> str:
     moving_scene, motions = _set_in_motion(merged, old, run)
     description = describe(_summary_scene(moving_scene, new, motions))
     # A scene that extends another one is written as a whole, without the old text.
-    old_text = None if "extends" in old.written_document else text
+    is_whole = "extends" in old.written_document
     final_scene = replace(
         moving_scene,
-        comments={} if old_text is None else moving_scene.comments,
+        comments={} if is_whole else moving_scene.comments,
         wrote=record_changes,
         full_size=old_and_new.full_size(old.scene),
         description=description,
@@ -246,7 +245,7 @@ def _refresh(opened_scene: OpenedScene, text: str, run: _Refresh) -> str:
         old.image.stem,
         run.output,
         run.keep,
-        old_text,
+        None if is_whole else text,
         old.scene.record,
     )
     lines = [*description.summary, *overview_lines(new_text, run.output)]

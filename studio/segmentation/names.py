@@ -77,7 +77,10 @@ def learned(heads: naming.Heads, taught: Objects) -> naming.Heads:
     right = torch.from_numpy(taught.right(heads.labels))
     features = torch.from_numpy(taught.features)
     plain = replace(
-        heads, trust=1.0, regression=np.zeros_like(heads.regression), shift=np.zeros_like(heads.shift)
+        heads,
+        trust=1.0,
+        regression=np.zeros_like(heads.regression),
+        shift=np.zeros_like(heads.shift),
     )
     logs = torch.from_numpy(np.log(plain.chances(taught.features)[0]))
     rows = right.any(0).nonzero()[:, 0]
@@ -101,7 +104,9 @@ def learned(heads: naming.Heads, taught: Objects) -> naming.Heads:
     search.step(loss)
     weights = np.zeros_like(heads.regression)
     weights[rows] = own.detach().numpy()
-    return replace(heads, trust=trust.item(), regression=weights, shift=shift.detach().numpy())
+    return replace(
+        heads, trust=trust.item(), regression=weights, shift=shift.detach().numpy()
+    )
 
 
 def threshold(heads: naming.Heads, taught: Objects) -> float:
@@ -129,7 +134,8 @@ def threshold(heads: naming.Heads, taught: Objects) -> float:
         sureness[order][np.flatnonzero(right >= RIGHT * weight).max(initial=0)]
     )
     report(
-        "cross-validation", shares(chances, sureness, replace(heads, least_chance=sure), taught)
+        "cross-validation",
+        shares(chances, sureness, replace(heads, least_chance=sure), taught),
     )
     return sure
 

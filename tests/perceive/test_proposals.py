@@ -37,7 +37,9 @@ def test_the_gradient_of_a_step_lies_on_it_and_faces_across() -> None:
     assert np.cos(gradient.angle[20, 29]) ** 2 == pytest.approx(1)
     at = np.array([29.5]), np.array([20.0])
     assert gradient.measure_across(*at, np.array([0.0])) > 5
-    assert gradient.measure_across(*at, np.array([np.pi / 2])) == pytest.approx(0, abs=1e-3)
+    assert gradient.measure_across(*at, np.array([np.pi / 2])) == pytest.approx(
+        0, abs=1e-3
+    )
 
 
 def test_the_merge_tree_joins_the_most_alike_first() -> None:

@@ -57,7 +57,7 @@ def test_a_streak_beside_the_foot_is_reported_alone():
     """Objects that slide would collide with a streak on the tray."""
     photo, labels, part = toy("streak")
     remains = find_remains(photo, labels, [1])
-    assert [remain for remain in remains if remain.is_sure] == []
+    assert [remain for remain in remains if remain.is_confident] == []
     assert any((remain.mask & part).any() for remain in remains)
 
 

@@ -11,16 +11,16 @@ import pytest
 from physgen.compile.world import Body
 from physgen.geometry.shadows import ShadowSetting, Silhouette
 from physgen.photometry import DistantLight, decode
+from physgen.render.ball_parts import is_lump
 from physgen.render.shadow_decomposition import (
     BEYOND,
     EDGE,
+    _claimed_darkness,
     _Difference,
-    _owned,
     _share_beyond_floor,
     decompose_shadows,
 )
 from physgen.render.sprites import Sprite
-from physgen.render.staging import _is_lump
 
 BOXES = [(0, 0, 60, 100), (0, 0, 100, 60), (40, 0, 100, 100), (0, 40, 100, 100)]
 """x0, y0, x1, y1 px of shade at the left, top, right and bottom of a photo."""
@@ -34,7 +34,7 @@ def _shade_around(box) -> np.ndarray:
     rest = np.full((SIDE, SIDE), 0.2, np.float32)
     claim = np.ones((box[3] - box[1], box[2] - box[0]), np.float32)
     difference = _Difference(rest, np.zeros_like(rest))
-    (left, top, right, bottom), own = _owned(
+    (left, top, right, bottom), own = _claimed_darkness(
         difference, (box, claim), np.ones_like(rest), None
     )
     canvas = np.zeros((3 * SIDE, 3 * SIDE), np.float32)
@@ -101,8 +101,8 @@ def test_a_lump_leaves_its_circle_and_a_thread_does_not_make_one() -> None:
     thread = ball | ((np.abs(x) <= 4) & (y < 0))
     lump = np.hypot(x / 50, y / 42) <= 1
     body = cast(Body, SimpleNamespace(radius=40.0, center=np.array([80.0, 80.0])))
-    assert not _is_lump(_sprite(ball), body)
-    assert not _is_lump(_sprite(thread), body)
-    assert _is_lump(_sprite(lump), body)
+    assert not is_lump(_sprite(ball), body)
+    assert not is_lump(_sprite(thread), body)
+    assert is_lump(_sprite(lump), body)
     block = cast(Body, SimpleNamespace(radius=None, center=body.center))
-    assert not _is_lump(_sprite(lump), block)
+    assert not is_lump(_sprite(lump), block)

@@ -124,7 +124,8 @@ def _continue_levels(shading: F32, hole: Mask) -> F32:
         weighted_levels += np.cumsum(profile, axis=0)[:, None] * weight[:, None]
         total_weight += weight
     least_weight = np.float32(1e-6)
-    return weighted_levels / np.maximum(total_weight, least_weight)[:, None]
+    levels = weighted_levels / np.maximum(total_weight, least_weight)[:, None]
+    return np.asarray(levels, np.float32)
 
 
 def _shared_steps(
