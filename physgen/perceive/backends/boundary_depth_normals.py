@@ -407,8 +407,8 @@ def side_section(
     solid = (background < limit).astype(np.float32)
     if scenery is not None:
         visible_ids = np.where(occlusion, 0, scenery.labels)
-        depth_range_of_objects = front, float(limit.max())
-        for i in _find_other_scenery(background, visible_ids, depth_range_of_objects):
+        farthest = float(limit.max())
+        for i in _find_other_scenery(background, visible_ids, (front, farthest)):
             solid[scenery.labels == i] = 0.0
     smooth_solid = cv2.GaussianBlur(solid, (0, 0), LIMITS.border_blur) > 0.5
     return Section(background, smooth_solid, ~occlusion, front)
