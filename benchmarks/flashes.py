@@ -33,6 +33,7 @@ from physgen.cli.main import main as physgen
 from physgen.maps import Percepts
 from physgen.photometry import encode_u8
 from physgen.render.camera import exposure_times
+from physgen.render.mattes import matte_stage
 from physgen.render.occlusion import sprite_silhouette
 from physgen.render.shadow_decomposition import LitBackground
 from physgen.render.stage import (
@@ -42,7 +43,6 @@ from physgen.render.stage import (
     sprite_coverage,
     sprite_poses,
 )
-from physgen.render.staging import matte_stage
 from physgen.simulate.trajectory import Trajectory
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -21,7 +21,7 @@ from PIL import Image
 from physgen.evaluate.fidelity import TRUTH, Truth, read_ids, replay, truths
 from physgen.export.flow import VISIBLE
 from physgen.photos import read_image
-from physgen.pipeline.clip import Labels
+from physgen.pipeline.clip_labels import Labels
 from physgen.pipeline.film import Film
 from physgen.pipeline.stages import Keep, Stages
 from physgen.progress import silent

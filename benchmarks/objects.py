@@ -237,11 +237,11 @@ def _judged_without(
 ) -> Iterator[tuple[str, JudgedCandidates]]:
     """Yield the judged candidates of a photo with one of their sources taken away."""
     seen, boxes = run_network(rgb), judged.boxes
-    features = judged.found.features.copy()
+    features = judged.candidates.features.copy()
     features[:, FEATURES.index(BOX_FEATURES[0]) :] = 0
     yield (
         "the judge's numbers of boxes",
-        _judge(replace(judged.found, features=features), boxes),
+        _judge(replace(judged.candidates, features=features), boxes),
     )
     without_edges = find_candidates(rgb, seen, boxes)
     yield "candidates of edges and circles", _judge(without_edges, boxes)

@@ -130,7 +130,7 @@ def main() -> None:
         end = time.process_time()
         print(
             f"{name:8} {len(things):4} things: outlines {drawn - start:6.2f} s, boundary {end - drawn:6.2f} s,"
-            f" {len(setting.walls):4} walls, {len(setting.held):4} held",
+            f" {len(setting.walls):4} walls, {len(setting.held_ids):4} held",
             flush=True,
         )
 

@@ -32,7 +32,7 @@ from physgen.photometry import decode
 from physgen.refine.denoiser import Grid, PromptSettings
 from physgen.refine.fusion import Refinement, RefineSettings, hold_frames, prompt_of
 from physgen.registry import Setup
-from physgen.render.staging import matte_stage
+from physgen.render.mattes import matte_stage
 
 ROOT = Path(__file__).resolve().parent.parent
 HOW = RefineSettings(

@@ -227,7 +227,9 @@ def names(folder: Path) -> list[dict]:
     from named import measure, seen  # type: ignore[import-not-found]
 
     found, heads = seen(True), label_imagenet.heads()
-    alone = replace(heads, trust=1.0, own=0 * heads.own, shift=0 * heads.shift)
+    alone = replace(
+        heads, trust=1.0, regression=0 * heads.regression, shift=0 * heads.shift
+    )
     rows = [
         {"by": "ImageNet alone", **measure(alone, found)},
         {"by": "with what is learned", **measure(heads, found)},

@@ -188,12 +188,14 @@ def _limb_width(pieces: tuple[bytes, ...]) -> float:
         shapely.distance(points[:, None], shapes),
         np.inf,
     )
+    union, joined_count = shapes[0], 1
     for k, (width, _) in enumerate(pairs[1:], 1):
-        # A union is slow, and only a possible limb needs it.
+        # A union is slow, and only a possible limb needs it. The union grows by the
+        # pieces since the last limb.
         if distances[owner == k].min(axis=1).max() > 0.999 * width:
-            outer_distances = shapely.distance(
-                points[owner == k], shapely.union_all(shapes[:k])
-            )
+            union = shapely.union_all([union, *shapes[joined_count:k]])
+            joined_count = k
+            outer_distances = shapely.distance(points[owner == k], union)
             if outer_distances.max() > width:
                 size = width
     return size

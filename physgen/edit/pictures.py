@@ -15,9 +15,9 @@ from physgen.edit.live import Live, LiveScene
 from physgen.messages import Message
 from physgen.pipeline.stages import Recent, stage
 from physgen.render.camera import exposure_times
+from physgen.render.flat_drawing import flat_background
 from physgen.render.frames import render_frames
 from physgen.render.stage import Stage
-from physgen.render.staging import flat_background
 from physgen.report.player import plate, shadows, sprites
 from physgen.simulate.trajectory import Trajectory
 

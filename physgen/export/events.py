@@ -223,7 +223,7 @@ def _collision(world: World, trajectory: Trajectory, impact: Impact) -> Event:
         EventKind.COLLISION,
         impact.time,
         pair,
-        _point(impact.at),
+        _point(impact.place),
         impulse=impact.impulse,
         vector=_point(direction),
         closing=sum(approach),
@@ -240,7 +240,7 @@ def _approach(
     for n, (k, sign) in enumerate(zip(impact.pair, (-1.0, 1.0), strict=True)):
         if k < len(world.bodies):
             x, y, spin = trajectory.velocities[sample, k]
-            arm = impact.at - trajectory.poses[sample, k, :2]
+            arm = impact.place - trajectory.poses[sample, k, :2]
             point_x = x - spin * arm[1]
             point_y = y + spin * arm[0]
             speed = np.array([point_x, point_y]) @ impact.way

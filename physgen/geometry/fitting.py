@@ -52,6 +52,9 @@ class FitTuning:
     """Weight of a border point beside another object, as it may be the other's
     border.
     """
+    exact_side: float = 640.0
+    """Longer side of the photos whose outlines follow their masks within a pixel, px.
+    In larger photos the tolerance grows with the side: masks are found at this size."""
 
 
 FIT = FitTuning()
@@ -163,12 +166,15 @@ def fit_outlines(
     """Fit outlines to the objects `ids` of a label map `(H, W)`.
 
     Circles are fitted together; other objects share their borders, which differ from
-    the half-level lines of their masks by at most 0.5 px (Hausdorff distance). Objects
-    of `never_discs`, and those on a flat foot, are regions. Pieces of a few px² are
+    the half-level lines of their masks by at most 1 px (Hausdorff distance). In photos
+    above `FIT.exact_side` this distance grows with the photo. Objects of
+    `never_discs`, and those on a flat foot, are regions. Pieces of a few px² are
     dropped, and such holes are filled. Raises ValueError if an id has no pixels.
     """
     owners = _clean_labels(labels, ids)
     views = _views(owners, ids)
+    # The jags of a mask grow with the photo and are not part of the object's shape.
+    coarseness = max(1.0, max(labels.shape) / FIT.exact_side)
     rough_shapes = {}
     for i, view in views.items():
         if i in never_discs:
@@ -181,7 +187,7 @@ def fit_outlines(
     # regions, and fit the rest again, until all discs match.
     while True:
         others = np.where(np.isin(owners, list(rough_shapes)), 0, owners)
-        regions = fit_regions(close_gaps(others))
+        regions = fit_regions(close_gaps(others), coarseness)
         discs = _fit_together(owners, views, rough_shapes, regions)
         lost_ids = []
         for i, disc in discs.items():

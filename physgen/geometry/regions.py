@@ -291,8 +291,13 @@ not vanish.
 """
 
 
-def fit_regions(labels: NDArray[np.int64]) -> dict[int, Region]:
-    """Fit regions to all labels but 0 in a map `(H, W)`."""
+def fit_regions(
+    labels: NDArray[np.int64], coarseness: float = 1.0
+) -> dict[int, Region]:
+    """Fit regions to all labels but 0 in a map `(H, W)`.
+
+    `coarseness` multiplies the tolerances of the outlines.
+    """
     rows = np.flatnonzero(labels.any(axis=1))
     columns = np.flatnonzero(labels.any(axis=0))
     if not len(rows):
@@ -304,7 +309,8 @@ def fit_regions(labels: NDArray[np.int64]) -> dict[int, Region]:
     areas = np.bincount(part.ravel())
     tiny = {label for label in borders.loops if areas[label] < _TINY}
     # Junctions first: their places decide the ends of lines, which are simplified next.
-    lines = _untangle(borders, _settle_junctions(borders.borders, tiny), tiny)
+    settled_lines = _settle_junctions(borders.borders, tiny, coarseness)
+    lines = _untangle(borders, settled_lines, tiny, coarseness)
     closed = [border.is_loop for border in borders.borders]
     regions = {}
     for label, loops in sorted(borders.loops.items()):
@@ -349,7 +355,9 @@ def _tolerance(border: Border) -> float:
     return TOLERANCE
 
 
-def _settle_junctions(borders: tuple[Border, ...], tiny: set[int]) -> list[Array]:
+def _settle_junctions(
+    borders: tuple[Border, ...], tiny: set[int], coarseness: float
+) -> list[Array]:
     """Return the half-level lines, with open ends moved to their junctions' best
     places.
     """
@@ -360,7 +368,7 @@ def _settle_junctions(borders: tuple[Border, ...], tiny: set[int]) -> list[Array
     for index, border in enumerate(borders):
         if border.is_loop:
             continue
-        runs[index] = end_lines(lines[index], _tolerance(border))
+        runs[index] = end_lines(lines[index], coarseness * _tolerance(border))
         for end in (0, -1):
             x, y = lines[index][end]
             junctions.setdefault((x, y), []).append((index, end))
@@ -406,11 +414,11 @@ def _moved_junction(
 
 
 def _untangle(
-    border_map: BorderMap, middles: list[Array], tiny: set[int]
+    border_map: BorderMap, middles: list[Array], tiny: set[int], coarseness: float
 ) -> list[Array]:
     """Simplify each border; if two of them then cross, simplify these less."""
     borders = border_map.borders
-    tolerance = [_tolerance(border) for border in borders]
+    tolerance = [coarseness * _tolerance(border) for border in borders]
     lines = []
     for k, border in enumerate(borders):
         line = middles[k]

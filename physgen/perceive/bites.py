@@ -39,11 +39,11 @@ class BiteConstants:
     # px: longer side of an object's surroundings in the search.
     side: int = 300
     # Width of these surroundings over the object's size.
-    around: float = 0.4
+    surroundings: float = 0.4
     # Largest distance of a bite's pixels from the mask over the object's size.
     reach: float = 0.13
     # Least area of an object over the photo's.
-    least: float = 0.01
+    least_area: float = 0.01
     # Number of searched objects, the largest ones.
     objects: int = 5
     # Chances of the object at the border of a bite: the lowest level gives the
@@ -51,9 +51,9 @@ class BiteConstants:
     levels: tuple[float, ...] = (0.15, 0.25, 0.35, 0.5)
     # Least mean chance in a bite, and its least difference from the level.
     chance: float = 0.28
-    above: float = 0.1
+    height: float = 0.1
     # Additional chance of a bite with the colour of shaded ground.
-    shaded: float = 0.07
+    shade_chance: float = 0.07
     # Probability that a pixel is on any object: least value, and least mean of a bite.
     foreground: float = 0.55
     mean_foreground: float = 0.7
@@ -65,11 +65,11 @@ class BiteConstants:
     convex: float = 1.2
     # Largest contact with other objects over the contact with its own object: a larger
     # one is a gap between objects, or a part of the others.
-    shared: float = 0.3
+    shared_contact: float = 0.3
     # px at reduced size: distance that counts as contact with another object.
-    apart: int = 2
+    contact_distance: int = 2
     # 8-bit levels: least median difference from the ground's mean colour.
-    unlike: float = 20.0
+    colour_difference: float = 20.0
     # 8-bit levels: a smaller difference is ground, seen through a gap.
     ground_colour: float = 12.0
     # Width of the average of the ground over the reach.
@@ -110,13 +110,13 @@ def _large_objects(labels: Labels) -> Iterator[int]:
     areas[0] = 0
     order = np.argsort(-areas, kind="stable")[: BITES.objects]
     for label in order.tolist():
-        if areas[label] >= BITES.least * labels.size:
+        if areas[label] >= BITES.least_area * labels.size:
             yield label
 
 
 def _surroundings(mask: Mask) -> tuple[slice, slice]:
     """Return rows and columns of an object (H, W) and its surroundings."""
-    margin = round(BITES.around * float(np.sqrt(np.count_nonzero(mask))))
+    margin = round(BITES.surroundings * float(np.sqrt(np.count_nonzero(mask))))
     left, top, right, bottom = box_of(mask)
     rows = slice(max(0, top - margin), min(mask.shape[0], bottom + margin))
     columns = slice(max(0, left - margin), min(mask.shape[1], right + margin))
@@ -238,14 +238,14 @@ class _Surroundings:
         shade = _is_shade(colour, ground)
         for level in BITES.levels:
             for piece in self._pieces(distance, level):
-                least_chance = max(BITES.chance, level + BITES.above)
+                least_chance = max(BITES.chance, level + BITES.height)
                 if np.median(shade[piece]):
-                    least_chance += BITES.shaded
+                    least_chance += BITES.shade_chance
                 if (
                     self._closes_outline(piece)
                     and self.chances[piece].mean() >= least_chance
                     and self.foreground[piece].mean() >= BITES.mean_foreground
-                    and np.median(contrast[piece]) >= BITES.unlike
+                    and np.median(contrast[piece]) >= BITES.colour_difference
                 ):
                     result |= piece
         return np.asarray(result & (contrast >= BITES.ground_colour))
@@ -272,9 +272,9 @@ class _Surroundings:
         if np.count_nonzero(piece) > BITES.largest * self.size**2:
             return False
         seam = int(np.count_nonzero(piece & _dilate(self.object_mask, 1)))
-        neighbourhood = _dilate(self.neighbours, BITES.apart)
+        neighbourhood = _dilate(self.neighbours, BITES.contact_distance)
         contact = int(np.count_nonzero(piece & neighbourhood))
-        if not seam or contact > BITES.shared * seam:
+        if not seam or contact > BITES.shared_contact * seam:
             return False
         border = piece & ~_erode(piece) & ~_dilate(self.object_mask, 2)
         return int(np.count_nonzero(border)) <= BITES.convex * seam

@@ -36,21 +36,21 @@ FREE_SECTIONS = ("refine",)
 
 
 @dataclass
-class Carried:
+class Transfer:
     """A scene with values of an old one, and the kept and dropped dotted keys."""
 
-    perceived: PerceivedScene
-    kept: list[str] = field(default_factory=list)
-    dropped: list[str] = field(default_factory=list)
+    scene: PerceivedScene
+    kept_keys: list[str] = field(default_factory=list)
+    dropped_keys: list[str] = field(default_factory=list)
 
 
-def carry_over(old: Entry, record: Record, new: PerceivedScene) -> Carried:
+def carry_over(old: Entry, record: Record, new: PerceivedScene) -> Transfer:
     """Transfer the user's settings in the `old` scene to the `new` one.
 
     Objects are matched by name; `record` holds the values that perception wrote in the
     old scene.
     """
-    result = Carried(new)
+    result = Transfer(new)
     for name, entry in old.get("objects", {}).items():
         _carry_object(name, entry, record.entry(name, entry), result)
     wrote = {"world": {}, "render": {"slow": record.world.get("slow")}}
@@ -58,30 +58,32 @@ def carry_over(old: Entry, record: Record, new: PerceivedScene) -> Carried:
         _carry_section(section, old.get(section, {}), record_section, result)
     for section in FREE_SECTIONS:
         if section in old:
-            document = {**result.perceived.document, section: old[section]}
-            result.perceived = replace(result.perceived, document=document)
-            result.kept.append(section)
-    result.dropped += [section for section in PHOTO_SECTIONS if old.get(section)]
+            document = {**result.scene.document, section: old[section]}
+            result.scene = replace(result.scene, document=document)
+            result.kept_keys.append(section)
+    result.dropped_keys += [section for section in PHOTO_SECTIONS if old.get(section)]
     walls = record.world.get("boundaries", {})
     for name, wall in old.get("boundaries", {}).items():
         if not equal(wall, walls.get(name)):
-            result.dropped.append(f"boundaries.{name}")
+            result.dropped_keys.append(f"boundaries.{name}")
     return result
 
 
-def _carry_object(name: str, was: Entry, wrote: Entry, carried: Carried) -> None:
+def _carry_object(
+    name: str, entry_before: Entry, wrote: Entry, transfer: Transfer
+) -> None:
     """Transfer the user's settings of one object to the object of the same name."""
-    scene = carried.perceived
+    scene = transfer.scene
     objects = dict(scene.document["objects"])
     values: dict[str, Any] = {}
-    for key, value in was.items():
+    for key, value in entry_before.items():
         if key in PIXEL_KEYS or equal(value, wrote.get(key)):
             continue
         if name in objects and _is_free_of_pixels(value, ("objects", name, key)):
             values[key] = value
-            carried.kept.append(f"objects.{name}.{key}")
+            transfer.kept_keys.append(f"objects.{name}.{key}")
         else:
-            carried.dropped.append(f"objects.{name}.{key}")
+            transfer.dropped_keys.append(f"objects.{name}.{key}")
     if not values:
         return
     current = objects[name]
@@ -98,7 +100,7 @@ def _carry_object(name: str, was: Entry, wrote: Entry, carried: Carried) -> None
         for key, words in scene.comments.items()
         if key not in {f"objects.{name}.{origin}" for origin in values}
     }
-    carried.perceived = replace(
+    transfer.scene = replace(
         scene,
         document={**scene.document, "objects": objects},
         comments=comments,
@@ -106,11 +108,13 @@ def _carry_object(name: str, was: Entry, wrote: Entry, carried: Carried) -> None
     )
 
 
-def _carry_section(section: str, was: Entry, wrote: Entry, carried: Carried) -> None:
+def _carry_section(
+    section: str, entry_before: Entry, wrote: Entry, transfer: Transfer
+) -> None:
     """Transfer the user's settings of `world` or `render` to the new scene."""
-    scene = carried.perceived
+    scene = transfer.scene
     settings = dict(scene.document.get(section, {}))
-    for key, value in was.items():
+    for key, value in entry_before.items():
         follows_photo = section == "world" and key in VIEW_KEYS
         if (
             follows_photo
@@ -120,11 +124,11 @@ def _carry_section(section: str, was: Entry, wrote: Entry, carried: Carried) -> 
             continue
         if _is_free_of_pixels(value, (section, key)):
             settings[key] = value
-            carried.kept.append(f"{section}.{key}")
+            transfer.kept_keys.append(f"{section}.{key}")
         else:
-            carried.dropped.append(f"{section}.{key}")
+            transfer.dropped_keys.append(f"{section}.{key}")
     document = {**scene.document, section: settings}
-    carried.perceived = replace(scene, document=document)
+    transfer.scene = replace(scene, document=document)
 
 
 def _is_free_of_pixels(value: Any, path: tuple[str, ...]) -> bool:

@@ -24,7 +24,7 @@ class ContentLimits:
     """Share of its convex outline from which an object has no room for contents."""
     inside: float = 0.5
     """Share of contents within that outline, at least."""
-    above: float = 0.05
+    height: float = 0.05
     """Of that outline's height, between the lower ends of both, at least."""
     touch: int = 5
     """px between contents and what holds them."""
@@ -37,19 +37,19 @@ class ContentLimits:
 CONTENT = ContentLimits()
 
 
-def attach_contents(found: Detections) -> Detections:
+def attach_contents(detections: Detections) -> Detections:
     """Return the detections with contents as parts of what holds them.
 
     The largest container comes first. Holes and narrow gaps in the union are closed;
     doubtful regions within it are parts of it, too.
     """
-    ids = [int(i) for i in np.unique(found.labels) if i > 0]
-    sizes = {i: int(np.count_nonzero(found.labels == i)) for i in ids}
+    ids = [int(i) for i in np.unique(detections.labels) if i > 0]
+    sizes = {i: int(np.count_nonzero(detections.labels == i)) for i in ids}
     for i in sorted(ids, key=lambda one: sizes[one], reverse=True):
-        container = _Container.of(found.labels, i)
+        container = _Container.of(detections.labels, i)
         if container is not None:
-            found = _with_contents(found, container)
-    return found
+            detections = _with_contents(detections, container)
+    return detections
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ class _Container:
     """An object with bays, and its convex outline."""
 
     id: int
-    own: Mask
+    mask: Mask
     """(H, W)."""
     hull: Mask
     """(H, W)."""
@@ -89,51 +89,51 @@ class _Container:
         share = np.count_nonzero(other & self.hull) / area
         low = int(np.flatnonzero(other.any(axis=1))[-1])
         return bool(
-            share >= CONTENT.inside and low < self.low - CONTENT.above * self.height
+            share >= CONTENT.inside and low < self.low - CONTENT.height * self.height
         )
 
 
-def _with_contents(found: Detections, container: _Container) -> Detections:
+def _with_contents(detections: Detections, container: _Container) -> Detections:
     """Return the detections with what a container holds as parts of it."""
-    labels = found.labels
+    labels = detections.labels
     near = cv2.dilate(
-        container.own.view(np.uint8),
+        container.mask.view(np.uint8),
         np.ones((2 * CONTENT.touch + 1, 2 * CONTENT.touch + 1), np.uint8),
     )
     touching = np.setdiff1d(np.unique(labels[near > 0]), (0, container.id))
     members = [int(i) for i in touching if container.holds(labels == i)]
     if not members:
-        return found
-    whole = container.own | np.isin(labels, members)
+        return detections
+    whole = container.mask | np.isin(labels, members)
     kept: list[Doubt] = []
-    for doubt in found.doubtful:
+    for doubt in detections.doubtful:
         region = fill_polygon(tuple(doubt.polygon), (labels.shape[1], labels.shape[0]))
         if container.holds(np.asarray(region)):
             whole |= region & (labels == 0)
         else:
             kept.append(doubt)
     joined = np.where(np.isin(labels, members), container.id, labels)
-    joined[_closed(whole, container.height) & (joined == 0)] = container.id
-    confidence = dict(found.confidence)
+    joined[_close_slits(whole, container.height) & (joined == 0)] = container.id
+    confidence = dict(detections.confidence)
     parts = [container.id, *members]
     confidence[container.id] = max(confidence.get(i, 0.0) for i in parts)
     return replace(
-        found,
+        detections,
         labels=joined.astype(np.uint16),
         confidence=confidence,
         doubtful=kept,
-        names={i: name for i, name in found.names.items() if i not in members},
+        names={i: name for i, name in detections.names.items() if i not in members},
     )
 
 
-def _closed(whole: Mask, height: int) -> Mask:
+def _close_slits(mask: Mask, height: int) -> Mask:
     """Return a mask (H, W) without slits, and without the holes behind narrow gaps.
 
     Wider bays that are open to the outside stay as they are.
     """
     reach = max(1, round(CONTENT.gap * height)) + 1
-    padded = np.pad(whole.astype(np.uint8), reach)
-    closed = _bridged(padded, CONTENT.gap * height)
+    padded = np.pad(mask.astype(np.uint8), reach)
+    closed = _close_gaps(padded, CONTENT.gap * height)
     outlines, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     filled = np.zeros_like(closed)
     cv2.drawContours(filled, list(outlines), -1, 1, cv2.FILLED)
@@ -143,11 +143,11 @@ def _closed(whole: Mask, height: int) -> Mask:
     is_open = np.zeros(int(pieces.max()) + 1, bool)
     is_open[np.unique(pieces[outside])] = True
     holes = (added > 0) & ~is_open[pieces]
-    full = _bridged((holes | (padded > 0)).astype(np.uint8), CONTENT.slit * height)
+    full = _close_gaps((holes | (padded > 0)).astype(np.uint8), CONTENT.slit * height)
     return np.asarray(full[reach:-reach, reach:-reach] > 0)
 
 
-def _bridged(mask: NDArray[np.uint8], width: float) -> NDArray[np.uint8]:
+def _close_gaps(mask: NDArray[np.uint8], width: float) -> NDArray[np.uint8]:
     """Return a mask (H, W) whose gaps up to twice this width, px, are closed."""
     radius = max(1, round(width))
     size = (2 * radius + 1, 2 * radius + 1)

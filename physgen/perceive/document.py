@@ -12,7 +12,7 @@ import numpy as np
 from physgen.compile.shapes import fill_polygon
 from physgen.geometry.polygon import Disc
 from physgen.materials import kind
-from physgen.perceive.occlusion import drawing_layers, occlusion_orders
+from physgen.perceive.occlusion import OcclusionOrder, drawing_layers, occlusion_orders
 from physgen.perceive.roles import (
     SMALLEST_OBJECT,
     BoundaryGuess,
@@ -61,10 +61,25 @@ class ObjectLabels:
     """Sources of the labels, for `from`; `""` for labels of the user."""
 
 
+@dataclass(frozen=True)
+class _EntryDraft:
+    """The entry of one object while its parts are added, with sources and comments."""
+
+    path: str
+    entry: dict[str, Any]
+    sources: dict[str, str]
+    comments: dict[str, str]
+    """Comments on all objects, by dotted path."""
+
+    def comment(self, key: str, text: str) -> None:
+        """Add the comment on a key of the entry."""
+        self.comments[f"{self.path}.{key}"] = text
+
+
 def object_entries(
-    found: Detections,
+    detections: Detections,
     objects: Sequence[PhotoObject],
-    called: Mapping[int, str],
+    names: Mapping[int, str],
     matter: Mapping[int, Matter],
     boundaries: BoundaryGuess,
     labels: ObjectLabels,
@@ -75,117 +90,171 @@ def object_entries(
 
     `table` is the name of the backend of matter.
     """
-    layer_of, kept = drawing_layers(
-        occlusion_orders(found.labels, [item.id for item in objects]), found.layers
+    layers, orders = drawing_layers(
+        occlusion_orders(detections.labels, [item.id for item in objects]),
+        detections.layers,
     )
     entries: dict[str, Any] = {}
     comments: dict[str, str] = {}
-    for item in sorted(objects, key=lambda t: list(called).index(t.id)):
-        name, its = called[item.id], matter[item.id]
-        path = f"objects.{name}"
-        sources = {"mask": _mask_source(found, item.id)}
-        # Only labels of perception have a source and alternatives.
-        if labels.sources[item.id]:
-            guess = labels.names[item.id]
-            sources["label"] = provenance(
-                guess.source or labels.sources[item.id], guess.confidence
-            )
-            alternatives = [
-                f"{label} {chance:g}"
-                for label, chance in guess.likely
-                if chance >= LIKELY and label != item.label
-            ]
-            comments[f"{path}.label"] = (
-                sources["label"]
-                + (", or " if alternatives else "")
-                + ", ".join(alternatives)
-            )
-        sources |= {
-            key: provenance(table, confidence)
-            for key, confidence in table_confidences(its.confidence).items()
-        }
-        grip = boundaries.grip.get(item.id, 0.0)
-        entry: dict[str, Any] = {
-            "label": item.label,
-            "mask": item.id,
-            "shape": shape_entry(item.outline),
-            **({"solid": its.solid.value} if isinstance(item.outline, Disc) else {}),
-            "mass": short(its.mass),
-            "friction": max(its.friction, grip),
-            "elasticity": its.elasticity,
-        }
-        is_static = item.id in boundaries.held
-        # Circles roll when seen from the side; from above only spheres roll.
-        rolls = isinstance(item.outline, Disc) and (
-            boundaries.view is View.SIDE or its.solid is Solid.SPHERE
-        )
-        vehicle = None if is_static else vehicles.get(item.id)
-        # Wheels roll even if the object is not a circle.
-        if vehicle is not None:
-            entry["rolling"] = max(its.rolling, kind("wheel").material.rolling)
-        elif rolls and not (item.cut or is_static):
-            entry["rolling"] = its.rolling
-        else:
-            del sources["rolling"]
-        if its.surface:
-            comments[f"{path}.friction"] = its.surface
-        if not (item.cut or is_static):
-            entry["velocity"] = [0, 0]
-        else:
-            reason = (
-                "cut off by the photo's border"
-                if item.cut
-                else "nothing that is seen keeps it from falling"
-            )
-            entry["motion"] = "static"
-            comments[f"{path}.motion"] = f"{reason}, so it is held; dynamic lets it go"
-        # An object at rest on a slope proves a friction of at least the slope.
-        if its.friction < grip:
-            sources["friction"] = provenance("lies on a slope", 0.5)
-            comments[f"{path}.friction"] = (
-                "at least this much, since it lies still on a slope"
-            )
-        if vehicle is not None:
-            entry |= vehicle_entry(vehicle)
-            sources["wheels"] = provenance("circles", vehicle.confidence)
-            sources["facing"] = provenance("cabin", FACING_CONFIDENCE)
-            comments[f"{path}.wheels"] = (
-                f"circles at its lower edge (confidence {vehicle.confidence:g});"
-                " they turn and carry it"
-            )
-            comments[f"{path}.facing"] = (
-                "a guess: the cabin is behind the middle; left or right"
-            )
+    for item in sorted(objects, key=lambda t: list(names).index(t.id)):
+        name, substance = names[item.id], matter[item.id]
+        draft = _EntryDraft(f"objects.{name}", {}, {}, comments)
+        draft.sources["mask"] = _mask_source(detections, item.id)
+        _add_label(draft, item, labels)
+        for key, confidence in table_confidences(substance.confidence).items():
+            draft.sources[key] = provenance(table, confidence)
+        _add_physics(draft, item, substance, vehicles.get(item.id), boundaries)
         # Layers are written only if the order of drawing differs from the default.
-        if item.id in layer_of:
-            orders = [order for order in kept if order.front == item.id]
-            entry["layer"] = layer_of[item.id]
-            sources["layer"] = provenance(
-                "outlines", max(order.confidence for order in orders)
-            )
-            *names, last = [called[order.behind] for order in orders]
-            hidden_names = ", ".join(names) + (" and " if names else "") + last
-            comments[f"{path}.layer"] = f"in front: it hides parts of {hidden_names}"
-        comments[f"{path}.mask"] = (
-            f"{sources['mask']}, {shape_words(item.outline, its.solid)}"
-        )
-        comments[f"{path}.mass"] = f"g, {sources['mass']}: {its.reason}"
-        entries[name] = {**entry, "from": sources}
-        if item.id in found.prompts:
-            entries[name]["prompt"] = dict(found.prompts[item.id])
+        if item.id in layers:
+            own_orders = [order for order in orders if order.front == item.id]
+            _add_layer(draft, layers[item.id], own_orders, names)
+        shape = shape_words(item.outline, substance.solid)
+        draft.comment("mask", f"{draft.sources['mask']}, {shape}")
+        draft.comment("mass", f"g, {draft.sources['mass']}: {substance.reason}")
+        entries[name] = {**draft.entry, "from": draft.sources}
+        if item.id in detections.prompts:
+            entries[name]["prompt"] = dict(detections.prompts[item.id])
     return entries, comments
 
 
-def _mask_source(found: Detections, i: int) -> str:
-    source = "pointed at" if i in found.prompts else found.source
-    return found.mask_sources.get(i) or provenance(source, found.confidence.get(i, 1.0))
+def _add_physics(
+    draft: _EntryDraft,
+    item: PhotoObject,
+    substance: Matter,
+    vehicle: Vehicle | None,
+    boundaries: BoundaryGuess,
+) -> None:
+    """Add the matter and the motion of an object."""
+    grip = boundaries.grip.get(item.id, 0.0)
+    draft.entry.update(_describe_matter(item, substance, grip))
+    is_static = item.id in boundaries.held_ids
+    if is_static:
+        vehicle = None
+    _add_rolling(draft, item, substance, vehicle, boundaries)
+    if substance.surface:
+        draft.comment("friction", substance.surface)
+    _add_motion(draft, item, is_static)
+    # An object at rest on a slope proves a friction of at least the slope.
+    if substance.friction < grip:
+        draft.sources["friction"] = provenance("lies on a slope", 0.5)
+        draft.comment("friction", "at least this much, since it lies still on a slope")
+    if vehicle is not None:
+        _add_vehicle(draft, vehicle)
+
+
+def _add_label(draft: _EntryDraft, item: PhotoObject, labels: ObjectLabels) -> None:
+    """Add the source of an object's label, and its alternatives as a comment.
+
+    Only labels of perception have a source and alternatives.
+    """
+    if not labels.sources[item.id]:
+        return
+    guess = labels.names[item.id]
+    source = provenance(guess.source or labels.sources[item.id], guess.confidence)
+    draft.sources["label"] = source
+    alternatives = [
+        f"{label} {chance:g}"
+        for label, chance in guess.alternatives
+        if chance >= LIKELY and label != item.label
+    ]
+    conjunction = ", or " if alternatives else ""
+    draft.comment("label", source + conjunction + ", ".join(alternatives))
+
+
+def _describe_matter(
+    item: PhotoObject, substance: Matter, grip: float
+) -> dict[str, Any]:
+    """Return the entry's label, mask, shape and matter; `grip` is the least friction."""
+    entry = {
+        "label": item.label,
+        "mask": item.id,
+        "shape": shape_entry(item.outline),
+    }
+    if isinstance(item.outline, Disc):
+        entry["solid"] = substance.solid.value
+    return {
+        **entry,
+        "mass": short(substance.mass),
+        "friction": max(substance.friction, grip),
+        "elasticity": substance.elasticity,
+    }
+
+
+def _add_rolling(
+    draft: _EntryDraft,
+    item: PhotoObject,
+    substance: Matter,
+    vehicle: Vehicle | None,
+    boundaries: BoundaryGuess,
+) -> None:
+    """Add the rolling resistance of an object that rolls."""
+    # Circles roll when seen from the side; from above only spheres roll.
+    rolls = isinstance(item.outline, Disc) and (
+        boundaries.view is View.SIDE or substance.solid is Solid.SPHERE
+    )
+    can_move = not item.cut and item.id not in boundaries.held_ids
+    # Wheels roll even if the object is not a circle.
+    if vehicle is not None:
+        wheel = kind("wheel").material
+        draft.entry["rolling"] = max(substance.rolling, wheel.rolling)
+    elif rolls and can_move:
+        draft.entry["rolling"] = substance.rolling
+    else:
+        del draft.sources["rolling"]
+
+
+def _add_motion(draft: _EntryDraft, item: PhotoObject, is_static: bool) -> None:
+    """Add the velocity of an object, or the reason why it is static."""
+    if not (item.cut or is_static):
+        draft.entry["velocity"] = [0, 0]
+        return
+    reason = "nothing that is seen keeps it from falling"
+    if item.cut:
+        reason = "cut off by the photo's border"
+    draft.entry["motion"] = "static"
+    draft.comment("motion", f"{reason}, so it is held; dynamic lets it go")
+
+
+def _add_vehicle(draft: _EntryDraft, vehicle: Vehicle) -> None:
+    """Add the wheels and the direction of a vehicle."""
+    draft.entry.update(vehicle_entry(vehicle))
+    draft.sources["wheels"] = provenance("circles", vehicle.confidence)
+    draft.sources["facing"] = provenance("cabin", FACING_CONFIDENCE)
+    draft.comment(
+        "wheels",
+        f"circles at its lower edge (confidence {vehicle.confidence:g});"
+        " they turn and carry it",
+    )
+    draft.comment("facing", "a guess: the cabin is behind the middle; left or right")
+
+
+def _add_layer(
+    draft: _EntryDraft,
+    layer: int,
+    orders: Sequence[OcclusionOrder],
+    names: Mapping[int, str],
+) -> None:
+    """Add the layer of an object that hides parts of others."""
+    draft.entry["layer"] = layer
+    confidence = max(order.confidence for order in orders)
+    draft.sources["layer"] = provenance("outlines", confidence)
+    *first_names, last_name = [names[order.back] for order in orders]
+    conjunction = " and " if first_names else ""
+    hidden_names = ", ".join(first_names) + conjunction + last_name
+    draft.comment("layer", f"in front: it hides parts of {hidden_names}")
+
+
+def _mask_source(detections: Detections, i: int) -> str:
+    source = "pointed at" if i in detections.prompts else detections.source
+    confidence = detections.confidence.get(i, 1.0)
+    return detections.mask_sources.get(i) or provenance(source, confidence)
 
 
 # Comments of the document.
 
 
 def scene_comments(
-    found: Detections,
+    detections: Detections,
     objects: Sequence[PhotoObject],
     specks: int,
     boundaries: BoundaryGuess,
@@ -195,9 +264,9 @@ def scene_comments(
         "given": "from the masks given",
         "pointed at": "where you pointed",
         "kept": "as the scene had them"
-        + (", and where you pointed" if found.prompts else ""),
+        + (", and where you pointed" if detections.prompts else ""),
     }
-    origin = sources.get(found.source, f"found by {found.source}")
+    origin = sources.get(detections.source, f"found by {detections.source}")
     left_out = (
         f"; {specks} specks of under {SMALLEST_OBJECT} px left out" if specks else ""
     )
@@ -215,7 +284,7 @@ def scene_comments(
         comments["world.tilt"] = (
             "degrees by which the camera looks down, by the looks of the photo"
         )
-    if found.doubtful:
+    if detections.doubtful:
         comments["doubtful"] = (
             "perhaps objects, too: move a line to objects to have one"
         )

@@ -19,15 +19,15 @@ from physgen.perceive.roles import Labels, Mask
 class HangingLimits:
     """Limits of parts that hang beside an object; chosen on pots, cars and stacks."""
 
-    unsure: float = 0.7
+    confidence: float = 0.7
     """Confidence from which an object is not a part."""
     small: float = 0.35
     """Of the other object's area, at most."""
     touch: float = 0.01
     """Gap between them, as a share of the root of the other's area."""
-    above: float = 0.15
+    height: float = 0.15
     """Of the other's height, between the lower ends of both, at least."""
-    beside: float = 0.1
+    side_distance: float = 0.1
     """Of its width, by which what is under it may lie beside its middle."""
     gap: float = 0.06
     """Of its height, between it and what is under it."""
@@ -44,7 +44,7 @@ def attach_hanging_parts(labels: Labels, confidence: Mapping[int, float]) -> Lab
     attached = labels.copy()
     for i in sorted(confidence, key=lambda k: confidence[k]):
         own = attached == i
-        if confidence[i] >= HANGING.unsure or not own.any() or _is_cut(own):
+        if confidence[i] >= HANGING.confidence or not own.any() or _is_cut(own):
             continue
         owner = _owner(attached, own, i)
         if owner and not _is_carried(attached, own):
@@ -52,20 +52,20 @@ def attach_hanging_parts(labels: Labels, confidence: Mapping[int, float]) -> Lab
     return attached
 
 
-def _is_cut(own: Mask) -> bool:
+def _is_cut(mask: Mask) -> bool:
     """Return whether a mask reaches the border of the photo."""
-    return bool(own[[0, -1]].any() or own[:, [0, -1]].any())
+    return bool(mask[[0, -1]].any() or mask[:, [0, -1]].any())
 
 
-def _owner(labels: Labels, own: Mask, i: int) -> int:
+def _owner(labels: Labels, mask: Mask, i: int) -> int:
     """Return the id of the larger object that a mask alone touches; 0 if there is none."""
-    area = np.count_nonzero(own)
+    area = np.count_nonzero(mask)
     reach = max(2, round(HANGING.touch * float(np.sqrt(area / HANGING.small))))
-    x, y, width, height = cv2.boundingRect(own.view(np.uint8))
+    x, y, width, height = cv2.boundingRect(mask.view(np.uint8))
     rows = slice(max(y - reach, 0), y + height + reach)
     columns = slice(max(x - reach, 0), x + width + reach)
     kernel = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
-    around = cv2.dilate(own[rows, columns].view(np.uint8), kernel) > 0
+    around = cv2.dilate(mask[rows, columns].view(np.uint8), kernel) > 0
     touching = np.setdiff1d(np.unique(labels[rows, columns][around]), (0, i))
     if len(touching) != 1:
         return 0
@@ -73,13 +73,13 @@ def _owner(labels: Labels, own: Mask, i: int) -> int:
     other_rows = np.flatnonzero(other.any(axis=1))
     other_height = int(other_rows[-1] - other_rows[0]) + 1
     is_small = area < HANGING.small * np.count_nonzero(other)
-    is_above = y + height < other_rows[-1] - HANGING.above * other_height
+    is_above = y + height < other_rows[-1] - HANGING.height * other_height
     return int(touching[0]) if is_small and is_above else 0
 
 
-def _is_carried(labels: Labels, own: Mask) -> bool:
+def _is_carried(labels: Labels, mask: Mask) -> bool:
     """Return whether something is under the middle of a mask, or on both sides of it."""
-    rows, columns = np.nonzero(own)
+    rows, columns = np.nonzero(mask)
     left, right = int(columns.min()), int(columns.max())
     bottom = np.zeros(right - left + 1, np.int64)
     np.maximum.at(bottom, columns - left, rows)
@@ -87,10 +87,10 @@ def _is_carried(labels: Labels, own: Mask) -> bool:
     steps = np.arange(1, gap + 1)[:, None]
     below = np.minimum(bottom + steps, labels.shape[0] - 1)
     here = np.arange(left, right + 1)
-    is_held = ((labels[below, here] > 0) & ~own[below, here]).any(axis=0)
+    is_held = ((labels[below, here] > 0) & ~mask[below, here]).any(axis=0)
     held = here[is_held]
     if not len(held):
         return False
     middle = float(columns.mean())
-    slack = HANGING.beside * len(here)
+    slack = HANGING.side_distance * len(here)
     return bool(held.min() <= middle + slack and held.max() >= middle - slack)

@@ -33,7 +33,7 @@ class HiddenConstants:
     """Constants of continued outlines, tuned on apples and toys by eye."""
 
     # px: a border this near to another object may belong to that object.
-    near: float = 3.0
+    border_distance: float = 3.0
     # Least number of points of a visible border.
     points: int = 24
     # Least visible part of a circle's border, as a share of a turn.
@@ -45,21 +45,21 @@ class HiddenConstants:
     # Least share of the border within that distance.
     fits: float = 0.8
     # Largest distance of a border from its ellipse, as a share of the size.
-    smooth: float = 0.03
+    deviation: float = 0.03
     # Largest share of background in a circle.
     open: float = 0.08
     # Least completed hidden area, as a share of the object's area.
-    least: float = 0.02
+    least_share: float = 0.02
     # The same as a share of a ball's disc: a bite is visible on a round outline.
     least_of_ball: float = 0.004
     # Largest hidden area as a multiple of the visible area; more would be a guess.
-    most: float = 1.5
+    largest_share: float = 1.5
     # Least share of a bay filled by objects in front.
     bay: float = 0.8
     # Least remaining share of a ball's radius between touching neighbours.
     smallest: float = 0.6
     # Displacement by neighbours from which a ball returns to its border, in radii.
-    moved: float = 0.06
+    displacement: float = 0.06
 
 
 HIDDEN = HiddenConstants()
@@ -113,7 +113,7 @@ def _border_circle(labels: Labels, item: PhotoObject, fronts: set[int]) -> Disc 
         return None
     center = circle.center + corner
     shift = float(np.hypot(*(center - disc.center)))
-    if shift <= max(HIDDEN.near, HIDDEN.moved * circle.radius):
+    if shift <= max(HIDDEN.border_distance, HIDDEN.displacement * circle.radius):
         return None
     return Disc(center, circle.radius)
 
@@ -139,7 +139,7 @@ def fronts_of(orders: Sequence[OcclusionOrder]) -> Mapping[int, set[int]]:
     """Return the ids of the objects that hide each object."""
     fronts: dict[int, set[int]] = {}
     for order in orders:
-        fronts.setdefault(order.behind, set()).add(order.front)
+        fronts.setdefault(order.back, set()).add(order.front)
     return fronts
 
 
@@ -165,7 +165,7 @@ def _whole_outline(
     full_mask = mask | (hidden_part & front_mask)
     hidden_area = np.count_nonzero(full_mask) - np.count_nonzero(mask)
     area = np.count_nonzero(mask)
-    if not HIDDEN.least * area <= hidden_area <= HIDDEN.most * area:
+    if not HIDDEN.least_share * area <= hidden_area <= HIDDEN.largest_share * area:
         return None
     # The completed mask may leave the photo; only the inner pixels are fitted.
     full = np.zeros(labels.shape, np.uint16)
@@ -186,16 +186,16 @@ def _window(labels: Labels, i: int) -> tuple[Labels, Array]:
     return part, np.array([x - margin, y - margin], np.float64)
 
 
-def _free_border(own: Mask, window: Labels) -> Array:
+def _free_border(mask: Mask, window: Labels) -> Array:
     """Return the border `(N, 2)` away from other objects, px."""
-    border = long_border(own)
-    others = ((window != 0) & ~own).astype(np.uint8)
+    border = long_border(mask)
+    others = ((window != 0) & ~mask).astype(np.uint8)
     if not others.any():
         return border
     distance = cv2.distanceTransform(1 - others, cv2.DIST_L2, 5)
-    columns = np.clip(np.rint(border[:, 0]).astype(int), 0, own.shape[1] - 1)
-    rows = np.clip(np.rint(border[:, 1]).astype(int), 0, own.shape[0] - 1)
-    is_free = distance[rows, columns] > HIDDEN.near
+    columns = np.clip(np.rint(border[:, 0]).astype(int), 0, mask.shape[1] - 1)
+    rows = np.clip(np.rint(border[:, 1]).astype(int), 0, mask.shape[0] - 1)
+    is_free = distance[rows, columns] > HIDDEN.border_distance
     return np.asarray(border[is_free], np.float64)
 
 
@@ -206,7 +206,7 @@ def _covered_turn(border: Array, center: Array) -> float:
     return len(steps) / 72
 
 
-def _circle(border: Array, own: Mask, by: Mask) -> Disc | None:
+def _circle(border: Array, mask: Mask, front_mask: Mask) -> Disc | None:
     """Return the circle of a ball or a fruit, or None."""
     circle = robust_circle(border)
     center, radius = circle[:2], float(circle[2])
@@ -214,28 +214,28 @@ def _circle(border: Array, own: Mask, by: Mask) -> Disc | None:
     fits = float((distances <= max(1.0, HIDDEN.lumpy * radius)).mean())
     if fits < HIDDEN.fits or _covered_turn(border, center) < HIDDEN.arc:
         return None
-    rows, columns = np.indices(own.shape)
+    rows, columns = np.indices(mask.shape)
     inside = np.hypot(columns - center[0], rows - center[1]) <= radius
-    if (inside & ~own & ~by).sum() > HIDDEN.open * np.pi * radius**2:
+    if (inside & ~mask & ~front_mask).sum() > HIDDEN.open * np.pi * radius**2:
         return None
     return Disc(center, radius)
 
 
-def _hidden_share(disc: Disc, own: Mask, by: Mask) -> float:
+def _hidden_share(disc: Disc, mask: Mask, front_mask: Mask) -> float:
     """Return the share of a disc behind objects in front."""
-    rows, columns = np.indices(own.shape)
+    rows, columns = np.indices(mask.shape)
     distance = np.hypot(columns - disc.center[0], rows - disc.center[1])
     inside = distance <= disc.radius
-    return float((inside & by).sum() / max(inside.sum(), 1))
+    return float((inside & front_mask).sum() / max(inside.sum(), 1))
 
 
-def _ellipse(border: Array, own: Mask, by: Mask) -> Mask | None:
+def _ellipse(border: Array, mask: Mask, front_mask: Mask) -> Mask | None:
     """Return the pixels of an ellipse through the border, or None."""
     (x, y), axes, angle = cv2.fitEllipseAMS(border.astype(np.float32))
     size = float(min(axes)) / 2
-    if not np.isfinite([x, y, *axes]).all() or not 2 < size < max(own.shape):
+    if not np.isfinite([x, y, *axes]).all() or not 2 < size < max(mask.shape):
         return None
-    if max(axes) > 2 * max(own.shape):
+    if max(axes) > 2 * max(mask.shape):
         return None
     if _covered_turn(border, np.array([x, y])) < HIDDEN.ellipse_arc:
         return None
@@ -245,42 +245,42 @@ def _ellipse(border: Array, own: Mask, by: Mask) -> Mask | None:
     )
     unit_points = (border - [x, y]) @ axes_matrix.T / (np.array(axes) / 2)
     distances = np.abs(np.hypot(*unit_points.T) - 1)
-    if float(np.quantile(distances, HIDDEN.fits)) > HIDDEN.smooth:
+    if float(np.quantile(distances, HIDDEN.fits)) > HIDDEN.deviation:
         return None
-    ellipse_mask = np.zeros(own.shape, np.uint8)
+    ellipse_mask = np.zeros(mask.shape, np.uint8)
     cv2.ellipse(ellipse_mask, ((x, y), axes, angle), 1, -1)
     inside = ellipse_mask > 0
-    open_ = (inside & ~own & ~by).sum()
+    open_ = (inside & ~mask & ~front_mask).sum()
     return None if open_ > HIDDEN.open * inside.sum() else inside
 
 
-def _bays(own: Mask, by: Mask) -> Mask:
+def _bays(mask: Mask, front_mask: Mask) -> Mask:
     """Return the bays of an object's hull filled by objects in front."""
-    hull = np.zeros(own.shape, np.uint8)
-    corners = cv2.convexHull(np.argwhere(own)[:, ::-1].astype(np.int32))
+    hull = np.zeros(mask.shape, np.uint8)
+    corners = cv2.convexHull(np.argwhere(mask)[:, ::-1].astype(np.int32))
     cv2.fillConvexPoly(hull, corners, 1)
-    open_ = ((hull > 0) & ~own).astype(np.uint8)
+    open_ = ((hull > 0) & ~mask).astype(np.uint8)
     count, bays, stats, _ = cv2.connectedComponentsWithStats(open_, connectivity=4)
-    fill_counts = np.bincount(bays[by], minlength=count)
+    fill_counts = np.bincount(bays[front_mask], minlength=count)
     bay_mask = fill_counts >= HIDDEN.bay * stats[:, cv2.CC_STAT_AREA]
     bay_mask[0] = False
     return np.asarray(bay_mask[bays])
 
 
-def _free_disc(whole: Disc, others: Sequence[PhotoObject]) -> Disc | None:
+def _free_disc(disc: Disc, others: Sequence[PhotoObject]) -> Disc | None:
     """Return the largest disc about the ball's centre without overlap, or None.
 
     None means that little would remain; then the ball keeps its visible outline.
     """
-    radius = whole.radius
+    radius = disc.radius
     for other in others:
         outline = other.outline
         if isinstance(outline, Disc):
-            gap = float(np.hypot(*(outline.center - whole.center))) - outline.radius
+            gap = float(np.hypot(*(outline.center - disc.center))) - outline.radius
         else:
             rings = [shapely.Polygon(ring.outer).buffer(0) for ring in outline.rings]
-            gap = shapely.union_all(rings).distance(shapely.Point(whole.center))
+            gap = shapely.union_all(rings).distance(shapely.Point(disc.center))
         radius = min(radius, gap - 0.01)
-    if radius < HIDDEN.smallest * whole.radius:
+    if radius < HIDDEN.smallest * disc.radius:
         return None
-    return Disc(whole.center, radius)
+    return Disc(disc.center, radius)

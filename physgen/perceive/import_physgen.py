@@ -155,47 +155,79 @@ def import_physgen(
     background = _read_background(folder / "inpaint.png", rgb, coverage > 0)
     progress("maps", 3, 4)
     normals, shading, depth = _read_maps(folder, rgb)
-    albedo = None
-    if shading is not None:
-        albedo = np.clip(
-            linear_light(rgb) / np.maximum(shading, 1e-3)[:, :, None], 0, 1
-        ).astype(np.float32)
     percepts = Percepts(
-        rgb=rgb, labels=labels, coverage=coverage, background=background, depth=depth, normals=normals,
-        albedo=albedo, shading=shading,
-    )  # fmt: skip
-    document, comments = _document(sim, objects, image, assets), _comments(sim, folder)
-    if (light := _fitted_light(normals, shading, labels)) is not None:
+        rgb=rgb,
+        labels=labels,
+        coverage=coverage,
+        background=background,
+        depth=depth,
+        normals=normals,
+        albedo=_divide_shading(rgb, shading),
+        shading=shading,
+    )
+    document = _document(sim, objects, image, assets)
+    light = _fitted_light(normals, shading, labels)
+    if light is not None:
         document["light"] = light
-    shadows = _find_shadows(percepts, objects, sim)
-    if (clean_background := shadows.clean) is not None:
-        if not shadows.faint:
-            standing = labels if sim.gravity else None
-            clean_background = refill_background(
-                clean_background,
-                background,
-                coverage,
-                registry.make("inpaint"),
-                standing,
-            )
-        percepts = replace(percepts, clean=clean_background)
-        source = provenance("shadows", shadows.confidence)
-        document["light"] = light_entry(shadows.light) | {
-            "softness": shadows.softness,
-            "from": source,
-        }
-        document["world"] |= view_entry(shadows, bool(sim.gravity))
-    document["render"] = {
-        "fps": max(1, round(sim.frames / sim.duration, 3)),
-        "frames": sim.frames,
-    }
-    document["render"]["motion_blur"] = MOTION_BLUR
-    if sim.denoise_strength is not None:
-        document["refine"] = {"strength": sim.denoise_strength}
+    percepts = _add_shadows(document, percepts, objects, sim)
+    _add_video(document, sim)
+    comments = _comments(sim, folder)
     comments["physgen"] = (
         f"imported from {folder.name}/sim.yaml of the paper's public code"
     )
     return PerceivedScene(percepts, document, comments, sim.warnings)
+
+
+def _divide_shading(rgb: Rgb, shading: F32 | None) -> F32 | None:
+    """Return the albedo (H, W, 3), or None without shading."""
+    if shading is None:
+        return None
+    albedo = linear_light(rgb) / np.maximum(shading, 1e-3)[:, :, None]
+    return np.clip(albedo, 0, 1).astype(np.float32)
+
+
+def _add_shadows(
+    document: dict[str, Any],
+    percepts: Percepts,
+    objects: list[PhotoObject],
+    sim: Sim,
+) -> Percepts:
+    """Add the light of the photo's shadows to a document.
+
+    Returns the percepts with the background without shadows.
+    """
+    shadows = _find_shadows(percepts, objects, sim)
+    clean_background = shadows.clean
+    if clean_background is None:
+        return percepts
+    background, coverage = percepts.background, percepts.coverage
+    assert background is not None
+    assert coverage is not None
+    if not shadows.faint:
+        clean_background = refill_background(
+            clean_background,
+            background,
+            coverage,
+            registry.make("inpaint"),
+            percepts.labels if sim.gravity else None,
+        )
+    document["light"] = light_entry(shadows.light) | {
+        "softness": shadows.softness,
+        "from": provenance("shadows", shadows.confidence),
+    }
+    document["world"] |= view_entry(shadows, bool(sim.gravity))
+    return replace(percepts, clean=clean_background)
+
+
+def _add_video(document: dict[str, Any], sim: Sim) -> None:
+    """Add the settings of the video and of its refinement to a document."""
+    document["render"] = {
+        "fps": max(1, round(sim.frames / sim.duration, 3)),
+        "frames": sim.frames,
+        "motion_blur": MOTION_BLUR,
+    }
+    if sim.denoise_strength is not None:
+        document["refine"] = {"strength": sim.denoise_strength}
 
 
 def outlines_by_kind(
@@ -220,52 +252,76 @@ def _document(
 ) -> dict[str, Any]:
     """Return the document: world, objects, boundaries and forces."""
     names = object_names(objects)
-    world: dict[str, Any] = {
-        "view": "side" if sim.gravity else "top",
-        "pixels_per_meter": 100,
-    }
-    world["gravity"] = [0, sim.gravity]
-    if not sim.gravity:
-        world["table"] = {"friction": 0}
-    world |= {"combine": "multiply", "duration": round(sim.duration, 9)}
     order = list(names)
-    entries, forces = {}, []
-    for item in sorted(objects, key=lambda one: order.index(one.id)):
-        body = sim.bodies[item.id]
-        entry = {
-            "label": item.label,
-            "mask": item.id,
-            "shape": shape_entry(item.outline),
-        }
-        if isinstance(item.outline, Disc):
-            entry |= {"solid": "disc", "mass": body.mass}
-        else:
-            entry["density"] = body.density
-        entry |= {"friction": body.friction, "elasticity": body.elasticity}
-        if body.velocity is not None:
-            entry["velocity"] = list(body.velocity)
-        entries[names[item.id]] = entry
+    entries = {
+        names[item.id]: _object_entry(item, sim.bodies[item.id])
+        for item in sorted(objects, key=lambda item: order.index(item.id))
+    }
+    forces = []
     for item in objects:
         body = sim.bodies[item.id]
         if body.push is not None:
-            area = mass_properties(item.outline).area
-            mass = body.mass if isinstance(item.outline, Disc) else body.density * area
-            impulse = [float(f"{mass * v:.6g}") for v in body.push]
-            # `init_acc` is added to the velocity at t = 0, so that it becomes an
-            # impulse.
-            force: dict[str, Any] = {"object": names[item.id], "impulse": impulse}
-            if not isinstance(item.outline, Disc):
-                force["at"] = list(POLYGON_ORIGIN)
-            forces.append(force)
+            forces.append(_force_entry(item, body, body.push, names[item.id]))
     surface = {"friction": sim.ground_friction, "elasticity": sim.ground_elasticity}
     walls = {
         f"wall-{k}": {"segment": [list(a), list(b)], **surface}
         for k, (a, b) in enumerate(sim.edges, 1)
     }
     return {
-        "physgen": 1, "image": image, "assets": assets, "world": world, "objects": entries, "boundaries": walls,
+        "physgen": 1,
+        "image": image,
+        "assets": assets,
+        "world": _world_entry(sim),
+        "objects": entries,
+        "boundaries": walls,
         "forces": forces,
-    }  # fmt: skip
+    }
+
+
+def _world_entry(sim: Sim) -> dict[str, Any]:
+    """Return the entry `world`."""
+    world: dict[str, Any] = {
+        "view": "side" if sim.gravity else "top",
+        "pixels_per_meter": 100,
+        "gravity": [0, sim.gravity],
+    }
+    if not sim.gravity:
+        world["table"] = {"friction": 0}
+    return world | {"combine": "multiply", "duration": round(sim.duration, 9)}
+
+
+def _object_entry(item: PhotoObject, body: Body) -> dict[str, Any]:
+    """Return the entry of an object."""
+    entry = {
+        "label": item.label,
+        "mask": item.id,
+        "shape": shape_entry(item.outline),
+    }
+    if isinstance(item.outline, Disc):
+        entry |= {"solid": "disc", "mass": body.mass}
+    else:
+        entry["density"] = body.density
+    entry |= {"friction": body.friction, "elasticity": body.elasticity}
+    if body.velocity is not None:
+        entry["velocity"] = list(body.velocity)
+    return entry
+
+
+def _force_entry(
+    item: PhotoObject, body: Body, push: Vector, name: str
+) -> dict[str, Any]:
+    """Return the impulse of a push.
+
+    `init_acc` is added to the velocity at t = 0, so that it becomes an impulse.
+    """
+    mass = body.mass
+    if not isinstance(item.outline, Disc):
+        mass = body.density * mass_properties(item.outline).area
+    impulse = [float(f"{mass * v:.6g}") for v in push]
+    force: dict[str, Any] = {"object": name, "impulse": impulse}
+    if not isinstance(item.outline, Disc):
+        force["at"] = list(POLYGON_ORIGIN)
+    return force
 
 
 def _comments(sim: Sim, folder: Path) -> dict[str, str]:
@@ -424,6 +480,8 @@ def _read_array(path: Path, shape: tuple[int, ...]) -> F32 | None:
 
 SIM_START = "`obj_info:` and one entry per object"
 """The first key of the file, as written in messages."""
+LONGEST_LABEL = 200
+"""Characters of a label; longer labels are cut."""
 
 
 def read_sim(path: Path) -> Sim:
@@ -431,37 +489,22 @@ def read_sim(path: Path) -> Sim:
     source = Source(str(path), path.parent)
     root = read(decode(path.read_bytes(), str(path)), source, start=SIM_START)
     data, properties = to_plain_data(root), _schema()["properties"]
-    of_object = properties["obj_info"]["additionalProperties"]["properties"]
-    problems = [
-        _fault(root, error)
-        for error in Draft202012Validator(_schema()).iter_errors(data)
-    ]
-    problems += _unknown_keys(root, properties, "")
-    nodes = children(root, "obj_info")
-    for key, node in nodes.items():
-        problems += _unknown_keys(node, of_object, f"obj_info.{key}")
-    for key in ("init_velocity", "init_acc"):
-        for name, node in children(root, key).items():
-            if name not in nodes:
-                problems.append(
-                    Message.NOT_IN_OBJ_INFO.problem(
-                        node.place, f"{key}.{name}", name, names=", ".join(nodes)
-                    )
-                )
-    if errors := [
-        problem for problem in problems if problem.severity is Severity.ERROR
-    ]:
+    object_properties = properties["obj_info"]["additionalProperties"]["properties"]
+    problems = _find_problems(root, data, properties, object_properties)
+    errors = [problem for problem in problems if problem.severity is Severity.ERROR]
+    if errors:
         raise InputError(errors)
-    velocity, push = (data.get(key) or {} for key in ("init_velocity", "init_acc"))
+    velocities = data.get("init_velocity") or {}
+    pushes = data.get("init_acc") or {}
     bodies = {}
-    for key, node in nodes.items():
-        settings = _settings(data["obj_info"][key], of_object)
-        settings["label"] = str(settings["label"])[:200]
+    for key, node in children(root, "obj_info").items():
+        settings = _settings(data["obj_info"][key], object_properties)
+        settings["label"] = str(settings["label"])[:LONGEST_LABEL]
         bodies[int(key)] = Body(
             **settings,
             place=node.key_place,
-            velocity=velocity.get(key),
-            push=push.get(key),
+            velocity=velocities.get(key),
+            push=pushes.get(key),
         )
     edges = [((a[0], a[1]), (b[0], b[1])) for a, b in data.get("edge_list") or []]
     return Sim(
@@ -472,10 +515,38 @@ def read_sim(path: Path) -> Sim:
     )
 
 
-def _settings(entry: Mapping[str, Any], known: Mapping[str, Schema]) -> dict[str, Any]:
+def _find_problems(
+    root: Node,
+    data: Any,
+    properties: Mapping[str, Schema],
+    object_properties: Mapping[str, Schema],
+) -> list[Problem]:
+    """Return the violations of the schema, unknown keys and unknown objects."""
+    problems = [
+        _fault(root, error)
+        for error in Draft202012Validator(_schema()).iter_errors(data)
+    ]
+    problems += _unknown_keys(root, properties, "")
+    nodes = children(root, "obj_info")
+    for key, node in nodes.items():
+        problems += _unknown_keys(node, object_properties, f"obj_info.{key}")
+    for key in ("init_velocity", "init_acc"):
+        for name, node in children(root, key).items():
+            if name not in nodes:
+                problems.append(
+                    Message.NOT_IN_OBJ_INFO.problem(
+                        node.place, f"{key}.{name}", name, names=", ".join(nodes)
+                    )
+                )
+    return problems
+
+
+def _settings(
+    entry: Mapping[str, Any], properties: Mapping[str, Schema]
+) -> dict[str, Any]:
     """Return the value of each key with a default; null means the default."""
     defaults = {
-        key: part["default"] for key, part in known.items() if "default" in part
+        key: part["default"] for key, part in properties.items() if "default" in part
     }
     return {
         key: default if entry.get(key) is None else entry[key]
@@ -497,11 +568,13 @@ def _fault(root: Node, error: ValidationError) -> Problem:
     return message.problem(node.place, path, actual_value, wanted=expected_value)
 
 
-def _unknown_keys(node: Node, known: Mapping[str, Any], path: str) -> Iterator[Problem]:
+def _unknown_keys(
+    node: Node, properties: Mapping[str, Any], path: str
+) -> Iterator[Problem]:
     """Yield an error for a misspelt key and a warning for an unknown one."""
     for key, child in children(node).items():
-        if key not in known:
-            similar_key = nearest(key, known)
+        if key not in properties:
+            similar_key = nearest(key, properties)
             key_path = f"{path}.{key}" if path else key
             place, quoted_key = child.key_place, f'"{key}"'
             unknown = Message.UNKNOWN_SIM_KEY

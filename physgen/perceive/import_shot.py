@@ -46,7 +46,7 @@ class ShotTuning:
     """Largest speed of a push on a table, longer sides of the photo per second: faster
     balls cannot be followed.
     """
-    beyond: float = 0.5
+    wall_distance: float = 0.5
     """Distance of a table's unseen walls from the picture's border, sides of the
     photo.
     """
@@ -67,10 +67,10 @@ RENDER = {
 """Settings of the video, as `perceive` writes them."""
 
 
-def as_shot(imported: PerceivedScene) -> PerceivedScene:
+def as_shot(scene: PerceivedScene) -> PerceivedScene:
     """Return an imported scene with spheres, boxes, long floors, a table, 30 fps and pushes that take a while."""
-    document, comments = dict(imported.document), dict(imported.comments)
-    height, width = imported.percepts.labels.shape
+    document, comments = dict(scene.document), dict(scene.comments)
+    height, width = scene.percepts.labels.shape
     floors = [wall["segment"] for wall in document["boundaries"].values()]
     objects = {}
     for name, entry in document["objects"].items():
@@ -91,7 +91,7 @@ def as_shot(imported: PerceivedScene) -> PerceivedScene:
         "forces": [],
         "render": dict(RENDER),
     }
-    return replace(imported, document=document, comments=comments)
+    return replace(scene, document=document, comments=comments)
 
 
 def _natural_world(
@@ -215,7 +215,7 @@ def _with_cushions(
     cushions = {}
     remarks = []
     for name, wall in boundaries.items():
-        cushions[name] = wall | {"segment": _moved_outwards(wall["segment"], size)}
+        cushions[name] = wall | {"segment": _move_outwards(wall["segment"], size)}
         if not wall["elasticity"]:
             cushions[name]["elasticity"] = SHOT.cushion
             remarks = ["0 in sim.yaml: nothing bounced off them"]
@@ -230,7 +230,7 @@ def _with_cushions(
     return cushions
 
 
-def _moved_outwards(
+def _move_outwards(
     segment: Sequence[Sequence[float]], size: tuple[int, int]
 ) -> list[list[float]]:
     """Return a segment, with ends at the border of a photo of `size` moved outwards.
@@ -242,7 +242,7 @@ def _moved_outwards(
     is_low, is_high = ends <= SHOT.border, ends >= last - SHOT.border
     is_along_border = bool(is_low.all(axis=0).any() or is_high.all(axis=0).any())
     if is_along_border:
-        ends += SHOT.beyond * np.array(size) * (is_high.astype(int) - is_low)
+        ends += SHOT.wall_distance * np.array(size) * (is_high.astype(int) - is_low)
     return [[short(x), short(y)] for x, y in ends.tolist()]
 
 

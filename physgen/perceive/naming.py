@@ -36,7 +36,7 @@ class Names:
     # Names without the user's new labels.
     before: Mapping[int, str]
     # Ids of objects with a new label of the user.
-    renamed: set[int]
+    renamed_ids: set[int]
 
 
 def slug(label: str) -> str:
@@ -52,14 +52,14 @@ def slug(label: str) -> str:
 
 
 def object_names(
-    objects: Sequence[PhotoObject], kept: Mapping[int, str] | None = None
+    objects: Sequence[PhotoObject], earlier_names: Mapping[int, str] | None = None
 ) -> dict[int, str]:
     """Return a name for every object by id, numbered per label from left to right.
 
-    Names in `kept` stay.
+    Names in `earlier_names` stay.
     """
-    kept = kept or {}
-    used_names = set(kept.values())
+    earlier_names = earlier_names or {}
+    used_names = set(earlier_names.values())
     objects_by_position = sorted(
         objects,
         key=lambda t: (round(float(mass_properties(t.outline).center[0]), 1), t.id),
@@ -67,8 +67,8 @@ def object_names(
     counts: dict[str, int] = {}
     result = {}
     for item in objects_by_position:
-        if item.id in kept:
-            result[item.id] = kept[item.id]
+        if item.id in earlier_names:
+            result[item.id] = earlier_names[item.id]
             continue
         start = slug(item.label)
         counts[start] = counts.get(start, 0) + 1
@@ -79,15 +79,17 @@ def object_names(
 
 
 def relabel_objects(
-    objects: Sequence[PhotoObject], renames: Sequence[str], called: Mapping[int, str]
+    objects: Sequence[PhotoObject],
+    renames: Sequence[str],
+    names_by_id: Mapping[int, str],
 ) -> tuple[list[PhotoObject], set[int]]:
     """Return the objects with their new labels, and the ids of objects with a new
     label.
 
-    `called` gives the objects' names by id. Raises InputError with every invalid NAME
+    `names_by_id` gives the objects' names by id. Raises InputError with every invalid NAME
     of `renames`, each NAME=TEXT.
     """
-    labels, problems = renamed_labels(renames, called)
+    labels, problems = renamed_labels(renames, names_by_id)
     if problems:
         raise InputError(problems)
     return [
@@ -96,7 +98,7 @@ def relabel_objects(
 
 
 def renamed_labels(
-    renames: Sequence[str], called: Mapping[int, str]
+    renames: Sequence[str], names_by_id: Mapping[int, str]
 ) -> tuple[dict[int, str], list[Problem]]:
     """Return the new labels by object id, and problems with unknown names.
 
@@ -107,14 +109,14 @@ def renamed_labels(
     problems = []
     for rename in renames:
         name, sign, text = (part.strip() for part in rename.partition("="))
-        exact_ids = [i for i, n in called.items() if name in (n, str(i))]
+        exact_ids = [i for i, n in names_by_id.items() if name in (n, str(i))]
         hits = exact_ids or [
-            i for i, n in called.items() if fnmatch.fnmatchcase(n, name)
+            i for i, n in names_by_id.items() if fnmatch.fnmatchcase(n, name)
         ]
         if not (sign and text and hits):
-            matches = difflib.get_close_matches(name, called.values(), 1)
-            known_names = ", ".join(list(called.values())[:8]) + (
-                ", ..." if len(called) > 8 else ""
+            matches = difflib.get_close_matches(name, names_by_id.values(), 1)
+            known_names = ", ".join(list(names_by_id.values())[:8]) + (
+                ", ..." if len(names_by_id) > 8 else ""
             )
             fix = f"the objects are {known_names}"
             if matches and matches[0] != name:
@@ -130,19 +132,23 @@ def renamed_labels(
 
 
 def label_confidences(
-    found: Detections,
-    named: Mapping[int, Name],
-    guessed: Mapping[int, Name],
-    renamed: set[int],
+    detections: Detections,
+    names: Mapping[int, Name],
+    guesses: Mapping[int, Name],
+    renamed_ids: set[int],
 ) -> dict[int, float]:
     """Return the confidence of each label: 1 if the user gave or changed it."""
-    user_names = found.names if found.object_names or found.named_by == "given" else {}
+    user_names = (
+        detections.names
+        if detections.object_names or detections.name_source == "given"
+        else {}
+    )
     user_ids = {
         i
         for i in user_names
-        if i not in guessed or found.names[i].label != guessed[i].label
-    } | renamed
-    return {i: 1.0 if i in user_ids else name.confidence for i, name in named.items()}
+        if i not in guesses or detections.names[i].label != guesses[i].label
+    } | renamed_ids
+    return {i: 1.0 if i in user_ids else name.confidence for i, name in names.items()}
 
 
 def unknown_label(label: str) -> Problem | None:

@@ -30,29 +30,29 @@ class _Limits:
     """Limits of occlusion; px unless stated."""
 
     # Least depth of an object under another, and at least ...
-    deep: float = 6.0
+    least_depth: float = 6.0
     # ... this share of the smaller object's size. True masks of stacked objects seen
     # slightly from above overlap by 5 px (chosen on the studio's tuning half).
     part: float = 0.1
     # Least ratio of both depths if each object seems to reach under the other.
-    twice: float = 2.0
+    depth_ratio: float = 2.0
     # Least visible part of a circle's border, as a share of a full turn.
     free_arc: float = 0.25
     # Largest distance of a round object's border from its circle, as a share of the
     # radius, and at least ...
-    rounded: float = 0.04
+    circle_deviation: float = 0.04
     # ... this distance.
-    coarse: float = 0.8
+    least_deviation: float = 0.8
     # Least share of the visible border within that distance.
     fits: float = 0.95
     # Largest share of background in a circle in place of the object.
     open: float = 0.04
     # Least share of a bay or hole that another object fills.
-    filled: float = 0.8
+    filled_share: float = 0.8
     # Least visible share of the circle of a round object in front.
-    whole: float = 0.97
+    circle_share: float = 0.97
     # Largest distance between common borders of two objects.
-    near: float = 2.6
+    border_distance: float = 2.6
 
 
 LIMITS = _Limits()
@@ -63,7 +63,7 @@ class OcclusionOrder:
     """An object in front of another, by their ids."""
 
     front: int
-    behind: int
+    back: int
     confidence: float  # 0..1
 
 
@@ -98,48 +98,48 @@ def _find_orders(
         depth = max(depths)
         # The depth must be large for the objects' size, and clearly larger than the
         # opposite depth.
-        if depth < max(LIMITS.deep, LIMITS.part * size) or depth < LIMITS.twice * min(
-            depths
-        ):
+        if depth < max(
+            LIMITS.least_depth, LIMITS.part * size
+        ) or depth < LIMITS.depth_ratio * min(depths):
             continue
         front, back = (j, i) if depths[0] > depths[1] else (i, j)
         orders.append(
             OcclusionOrder(front, back, round(min(0.5 + 0.4 * depth / size, 0.9), 2))
         )
     return sorted(
-        orders, key=lambda order: (-order.confidence, order.front, order.behind)
+        orders, key=lambda order: (-order.confidence, order.front, order.back)
     )
 
 
 def drawing_layers(
-    found: Sequence[OcclusionOrder], fixed: Mapping[int, int] | None = None
+    orders: Sequence[OcclusionOrder], fixed_layers: Mapping[int, int] | None = None
 ) -> tuple[dict[int, int], list[OcclusionOrder]]:
-    """Return the layers of all objects in `found` that are not 0, by id, and their
+    """Return the layers of all objects in `orders` that are not 0, by id, and their
     orders.
 
-    Orders that would close a cycle are dropped, the least confident first. `fixed`
+    Orders that would close a cycle are dropped, the least confident first. `fixed_layers`
     layers stay.
     """
     before: dict[int, set[int]] = {}
     kept_orders: list[OcclusionOrder] = []
-    for order in sorted(found, key=lambda one: -one.confidence):
+    for order in sorted(orders, key=lambda one: -one.confidence):
         if (
-            order.front in _collect_objects_behind(order.behind, before)
-            or order.front == order.behind
+            order.front in _collect_objects_behind(order.back, before)
+            or order.front == order.back
         ):
             continue
-        before.setdefault(order.front, set()).add(order.behind)
+        before.setdefault(order.front, set()).add(order.back)
         kept_orders.append(order)
-    level = dict(fixed or {})
+    level = dict(fixed_layers or {})
 
     def layer(i: int) -> int:
         if i not in level:
             level[i] = max((layer(k) + 1 for k in before.get(i, ())), default=0)
         return level[i]
 
-    layers = {i: layer(i) for one in kept_orders for i in (one.front, one.behind)}
+    layers = {i: layer(i) for one in kept_orders for i in (one.front, one.back)}
     return {
-        i: k for i, k in layers.items() if k and i not in (fixed or {})
+        i: k for i, k in layers.items() if k and i not in (fixed_layers or {})
     }, kept_orders
 
 
@@ -173,26 +173,26 @@ def _reach_under(
     if (circle := circles[j]) is not None:
         in_circle = _distance(circle, other.shape) <= circle[2]
         # If j is a complete circle, a common border that bulges into i belongs to j.
-        if (in_circle & other).sum() >= LIMITS.whole * (in_circle & inner).sum():
+        if (in_circle & other).sum() >= LIMITS.circle_share * (in_circle & inner).sum():
             depth = max(depth, _bulge(mask, other))
     return depth
 
 
-def _filled_bay(mine: Mask, other: Mask) -> float:
+def _filled_bay(mask: Mask, other: Mask) -> float:
     """Return the depth of an object inside the hull of another, px.
 
     Only bays and holes filled by the first object count.
     """
-    hull = np.zeros(mine.shape, np.uint8)
+    hull = np.zeros(mask.shape, np.uint8)
     cv2.fillConvexPoly(
-        hull, cv2.convexHull(np.argwhere(mine)[:, ::-1].astype(np.int32)), 1
+        hull, cv2.convexHull(np.argwhere(mask)[:, ::-1].astype(np.int32)), 1
     )
     hull_depth = cv2.distanceTransform(np.pad(hull, 1), cv2.DIST_L2, 5)[1:-1, 1:-1]
-    open_ = ((hull > 0) & ~mine).astype(np.uint8)
+    open_ = ((hull > 0) & ~mask).astype(np.uint8)
     count, bays, stats, _ = cv2.connectedComponentsWithStats(open_, connectivity=4)
     is_filled = (
         np.bincount(bays[other], minlength=count)
-        >= LIMITS.filled * stats[:, cv2.CC_STAT_AREA]
+        >= LIMITS.filled_share * stats[:, cv2.CC_STAT_AREA]
     )
     is_filled[0] = False
     depths = hull_depth[is_filled[bays] & other]
@@ -205,7 +205,8 @@ def _free_circle(labels: Labels, i: int, box: Box) -> Array | None:
     border = long_border(part == i)
     others = (part != 0) & (part != i)
     free = border[
-        (_gap(others, border) > LIMITS.near) & (_gap(~inner, border) > LIMITS.near)
+        (_gap(others, border) > LIMITS.border_distance)
+        & (_gap(~inner, border) > LIMITS.border_distance)
     ]
     if len(free) < 12:
         return None
@@ -213,7 +214,12 @@ def _free_circle(labels: Labels, i: int, box: Box) -> Array | None:
     x, y = (free - circle[:2]).T
     angles = np.unique((np.arctan2(y, x) * 36 / np.pi).astype(int))
     distances = np.abs(np.hypot(x, y) - circle[2])
-    fits = float((distances <= max(LIMITS.coarse, LIMITS.rounded * circle[2])).mean())
+    fits = float(
+        (
+            distances
+            <= max(LIMITS.least_deviation, LIMITS.circle_deviation * circle[2])
+        ).mean()
+    )
     return (
         circle + corner
         if len(angles) >= LIMITS.free_arc * 72 and fits >= LIMITS.fits
@@ -221,10 +227,10 @@ def _free_circle(labels: Labels, i: int, box: Box) -> Array | None:
     )
 
 
-def _bulge(mine: Mask, other: Mask) -> float:
+def _bulge(mask: Mask, other: Mask) -> float:
     """Return the bulge of the common border of two objects into the first one, px."""
     border = long_border(other)
-    is_common = _gap(mine, border) <= LIMITS.near
+    is_common = _gap(mask, border) <= LIMITS.border_distance
     if is_common.all():
         return float(np.ptp(border, axis=0).min())
     # Start outside the common border, so that each common stretch is contiguous.

@@ -28,6 +28,7 @@ from physgen.maps import F32, Percepts
 from physgen.messages import Message
 from physgen.perceive import document, naming, shape_entries
 from physgen.perceive.bites import fill_bites
+from physgen.perceive.ground_lobes import detach_ground
 from physgen.perceive.hidden_parts import continue_outlines
 from physgen.perceive.inpaint.outgrowths import attach_outgrowths
 from physgen.perceive.part_joints import close_part_joints
@@ -129,7 +130,7 @@ def perceive(
     if not objects:
         naming.relabel_objects(objects, renames, {})
         empty_scene = _empty_scene(rgb, detections, facts.pixels_per_meter)
-        return run.signed(meanwhile(empty_scene))
+        return run.sign(meanwhile(empty_scene))
     detections = _extend_to_discs(detections, objects)
     filled_labels = _labels_to_fill(detections)
     # The matte and the fill run in a second thread, beside stages without need for
@@ -168,7 +169,7 @@ def perceive(
             run, draft, detections, estimate, surroundings, backgrounds, shadows
         )
         run.crew.release("inpaint")
-        return run.signed(scene)
+        return run.sign(scene)
 
 
 def _detect_objects(
@@ -185,6 +186,7 @@ def _detect_objects(
     # Models of the extras draw finer masks than the network that fills bites.
     if run.core("segment"):
         labels = fill_bites(run.rgb, labels)
+        labels = detach_ground(run.rgb, labels)
     labels = close_part_joints(detections.labels, labels)
     detections = replace(detections, labels=labels)
     detections = attach_loose_parts(run.rgb, detections, view)
@@ -207,9 +209,9 @@ def _extend_to_discs(
 
 def _labels_to_fill(detections: Detections) -> Labels:
     """Return the ids (H, W) of objects and of regions that the user deleted."""
-    if detections.gone is None:
+    if detections.removed_pixels is None:
         return detections.labels
-    return np.where(detections.labels > 0, detections.labels, detections.gone)
+    return np.where(detections.labels > 0, detections.labels, detections.removed_pixels)
 
 
 def _estimate_scene(
@@ -310,7 +312,7 @@ def _with_backgrounds(
         # Mirror images are removed last, from the filled background.
         standing_ids = []
         for item in estimate.objects:
-            if item.id not in estimate.boundaries.held:
+            if item.id not in estimate.boundaries.held_ids:
                 standing_ids.append(item.id)
         clean_background, owners = run.without_mirror_images(
             backgrounds,
@@ -395,7 +397,7 @@ def _name_objects(detections: Detections, estimate: _SceneEstimate) -> dict[int,
     """
     kept_names = {}
     for i, name in estimate.names.before.items():
-        if i in detections.object_names or i not in estimate.names.renamed:
+        if i in detections.object_names or i not in estimate.names.renamed_ids:
             kept_names[i] = name
     return naming.object_names(estimate.objects, kept_names)
 
@@ -467,7 +469,7 @@ def _scene_warnings(
     names = estimate.names
     warnings: list[Problem] = []
     for item in estimate.objects:
-        if item.id in names.renamed:
+        if item.id in names.renamed_ids:
             problem = naming.unknown_label(item.label)
             # One label gives one warning, not one for each object.
             if problem and problem not in warnings:

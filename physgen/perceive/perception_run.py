@@ -106,7 +106,7 @@ class PerceptionRun:
 
     def fill(
         self,
-        around: Surroundings,
+        surroundings: Surroundings,
         shadows: Shadows,
         standing: Labels | None,
         scenery_mask: Mask,
@@ -117,16 +117,18 @@ class PerceptionRun:
         removed as well.
         """
         inpaint = partial(self.crew.call, "inpaint")
-        has_movable = ((around.coverage > 0) & ~scenery_mask).any()
+        has_movable = ((surroundings.coverage > 0) & ~scenery_mask).any()
         if has_movable and scenery_mask.any():
-            backgrounds = fill_before_scenery(around, scenery_mask, shadows, inpaint)
+            backgrounds = fill_before_scenery(
+                surroundings, scenery_mask, shadows, inpaint
+            )
         else:
-            backgrounds = fill_backgrounds(around, shadows, inpaint)
+            backgrounds = fill_backgrounds(surroundings, shadows, inpaint)
         if backgrounds.clean is None or shadows.faint or standing is None:
             return backgrounds
         # Scenery stays in the picture, and so do its reflections.
         movable = np.where(scenery_mask, np.uint16(0), standing)
-        coverage = np.where(scenery_mask, np.float32(0), around.coverage)
+        coverage = np.where(scenery_mask, np.float32(0), surroundings.coverage)
         clean_background = remove_reflections(
             backgrounds.clean, movable, coverage, inpaint
         )
@@ -167,44 +169,49 @@ class PerceptionRun:
             confidences,
             segments.names,
             doubtful=segments.doubtful,
-            named_by=backend_name,
+            name_source=backend_name,
         )
         return detections, segments.scenery
 
     def name(
-        self, found: Detections, objects: Sequence[PhotoObject], renames: Sequence[str]
+        self,
+        detections: Detections,
+        objects: Sequence[PhotoObject],
+        renames: Sequence[str],
     ) -> naming.Names:
         """Label the objects."""
         # A model labels only objects without labels. The default labels are computed
         # for all, so that a refresh can tell which names they made.
         new_objects = (
-            [t for t in objects if t.id not in found.names]
+            [t for t in objects if t.id not in detections.names]
             if self.crew.row("label").extra
             else objects
         )
         guesses: Mapping[int, Name] = (
-            self.role("label", self.rgb, found.labels, new_objects)
+            self.role("label", self.rgb, detections.labels, new_objects)
             if new_objects
             else {}
         )
-        labels = {**guesses, **found.names}
+        labels = {**guesses, **detections.names}
         source = {
-            t.id: found.named_by if t.id in found.names else self.crew.name("label")
+            t.id: detections.name_source
+            if t.id in detections.names
+            else self.crew.name("label")
             for t in objects
         }
         # An existing scene already contains the sources of its labels.
-        if found.object_names:
-            source |= dict.fromkeys(found.names, "")
+        if detections.object_names:
+            source |= dict.fromkeys(detections.names, "")
         objects = [replace(t, label=labels[t.id].label) for t in objects]
         old_names = {
-            t.id: found.object_names[t.id]
+            t.id: detections.object_names[t.id]
             for t in objects
-            if t.id in found.object_names
+            if t.id in detections.object_names
         }
         before = naming.object_names(objects, old_names)
         objects, renamed_ids = naming.relabel_objects(objects, renames, before)
         source |= dict.fromkeys(renamed_ids, "")
-        confidence = naming.label_confidences(found, labels, guesses, renamed_ids)
+        confidence = naming.label_confidences(detections, labels, guesses, renamed_ids)
         return naming.Names(objects, labels, source, confidence, before, renamed_ids)
 
     def weigh(
@@ -231,7 +238,7 @@ class PerceptionRun:
 
     def find_boundaries(
         self,
-        found: Detections,
+        detections: Detections,
         objects: Sequence[PhotoObject],
         view: BoundaryGuess | None,
         scenery: Any,
@@ -245,11 +252,11 @@ class PerceptionRun:
             extra["depth"] = self.role("depth", self.rgb)
         if "normals" in inputs:
             extra["normals"] = self.role(
-                "normals", self.rgb, found.labels, objects, UNKNOWN
+                "normals", self.rgb, detections.labels, objects, UNKNOWN
             )
         known_view = view and view.view
         guess: BoundaryGuess = self.role(
-            "boundary", self.rgb, found.labels, objects, known_view, **extra
+            "boundary", self.rgb, detections.labels, objects, known_view, **extra
         )
         guess = (
             replace(guess, confidence=view.confidence, reason=view.reason)
@@ -259,14 +266,14 @@ class PerceptionRun:
         depth = None if self.crew.name("depth") == "none" else extra.get("depth")
         return guess, depth, extra.get("normals")
 
-    def signed(self, made: PerceivedScene) -> PerceivedScene:
+    def sign(self, scene: PerceivedScene) -> PerceivedScene:
         """Return the scene with the record of the backends, if models took part."""
         # A role in the second thread may have finished out of order.
         self.crew.steps.sort(key=lambda step: ROLES.index(step.role))
         return (
-            made
+            scene
             if self.crew.all_default()
-            else replace(made, record=self.crew.record())
+            else replace(scene, record=self.crew.record())
         )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from physgen.arrays import Mask
 from physgen.geometry import raster
 from physgen.geometry.fitting import disc_iou, fit_outlines
-from physgen.geometry.polygon import Disc, bounds
+from physgen.geometry.polygon import Disc, Outline, bounds
 from physgen.materials import kind
 from physgen.messages import Message
 from physgen.perceive.contents import attach_contents
@@ -29,6 +29,9 @@ from physgen.perceive.segment.plain_ground import shows_ground_beyond
 from physgen.perceive.spheres import has_round_form, is_shaded_as_sphere
 from physgen.perceive.support.view_classifier import view_chances
 from physgen.problems import THIS_PHOTO, Problem
+
+SOURCES_BY_HAND = ("given", "pointed at", "drawn", "kept")
+"""Beginnings of the sources of masks from the user."""
 
 # Limits of a label map: ids if most of them are specks, and objects in any case.
 MOST_IDS, MOST_OBJECTS = (200, 5000)
@@ -53,69 +56,94 @@ EQUAL_RADIUS = 0.04
 FARTHEST_SLIVER = 1.2
 
 
-def fit_objects(rgb: Rgb, found: Detections) -> tuple[list[PhotoObject], int]:
+def fit_objects(rgb: Rgb, detections: Detections) -> tuple[list[PhotoObject], int]:
     """Return every object with its outline, without specks, and the number of
     specks.
     """
-    labels = found.labels
+    labels = detections.labels
     height, width = rgb.shape[:2]
     if labels.shape != (height, width):
         size = f"{labels.shape[1]} x {labels.shape[0]} px"
         differs = Message.NOT_PHOTO_SIZE
         raise differs.error("--masks", size, width=width, height=height)
-    counts = np.bincount(labels.ravel(), minlength=2)
-    all_ids = np.flatnonzero(counts[1:]) + 1
-    ids = [int(i) for i in all_ids if counts[i] >= SMALLEST_OBJECT]
-    mostly_specks = 2 * len(ids) < len(all_ids)
-    if (len(all_ids) > MOST_IDS and mostly_specks) or len(ids) > MOST_OBJECTS:
-        specks = ", most of them of a few pixels" if mostly_specks else ""
-        count = f"{len(all_ids):,} ids{specks}"
-        raise Message.NOT_A_LABEL_MAP.error("--masks", count=count)
-    if not ids and found.source == "given":
-        if len(all_ids):
-            raise Message.MASKS_OF_SPECKS.error("--masks", least=SMALLEST_OBJECT)
-        raise Message.MASKS_EMPTY.error("--masks")
+    ids, count = _list_object_ids(detections)
     if not ids:
-        return [], len(all_ids)
+        return [], count
     outlines = fit_outlines(labels, ids)
     # The mask of a network may end slightly before the border that cuts its object.
     margin = min(round(0.012 * max(width, height)), min(width, height) // 4)
-    on_border, ids_near_border = (
-        np.unique(
-            np.concatenate([labels[k], labels[-1 - k], labels[:, k], labels[:, -1 - k]])
-        )
-        for k in (0, margin)
-    )
-    by_hand = ("given", "pointed at", "drawn", "kept")
+    ids_on_border = _find_ids_at_border(labels, 0)
+    ids_near_border = _find_ids_at_border(labels, margin)
     objects = []
     for i in ids:
-        x0, y0, x1, y1 = bounds(outlines[i])
-        excess = max(-0.5 - x0, -0.5 - y0, x1 - width + 0.5, y1 - height + 0.5)
-        exact = i in found.prompts or (
-            found.mask_sources.get(i) or found.source
-        ).startswith(by_hand)
-        ends = not exact and not isinstance(outlines[i], Disc) and i in ids_near_border
+        outline = outlines[i]
+        is_cut = i in ids_on_border or _reaches_outside(outline, width, height)
+        is_uncertain = not (_is_exact(detections, i) or isinstance(outline, Disc))
         # Visible ground outside the mask shows that the object is complete.
-        ends = ends and not shows_ground_beyond(rgb, labels == i, margin)
-        objects.append(
-            PhotoObject(i, outlines[i], cut=bool(excess > 0 or i in on_border or ends))
-        )
-    return objects, len(all_ids) - len(ids)
+        if not is_cut and is_uncertain and i in ids_near_border:
+            is_cut = not shows_ground_beyond(rgb, labels == i, margin)
+        objects.append(PhotoObject(i, outline, cut=is_cut))
+    return objects, count - len(ids)
+
+
+def _list_object_ids(detections: Detections) -> tuple[list[int], int]:
+    """Return the ids of all objects, without specks, and the number of all ids.
+
+    Raises InputError if a label map of the user contains too many or no objects.
+    """
+    counts = np.bincount(detections.labels.ravel(), minlength=2)
+    all_ids = np.flatnonzero(counts[1:]) + 1
+    ids = [int(i) for i in all_ids if counts[i] >= SMALLEST_OBJECT]
+    has_mostly_specks = 2 * len(ids) < len(all_ids)
+    is_photo = len(all_ids) > MOST_IDS and has_mostly_specks
+    if is_photo or len(ids) > MOST_OBJECTS:
+        specks = ", most of them of a few pixels" if has_mostly_specks else ""
+        count = f"{len(all_ids):,} ids{specks}"
+        raise Message.NOT_A_LABEL_MAP.error("--masks", count=count)
+    if not ids and detections.source == "given":
+        if len(all_ids):
+            raise Message.MASKS_OF_SPECKS.error("--masks", least=SMALLEST_OBJECT)
+        raise Message.MASKS_EMPTY.error("--masks")
+    return ids, len(all_ids)
+
+
+def _find_ids_at_border(labels: Labels, margin: int) -> set[int]:
+    """Return the ids at a distance of `margin` px from the photo's border."""
+    sides = (
+        labels[margin],
+        labels[-1 - margin],
+        labels[:, margin],
+        labels[:, -1 - margin],
+    )
+    return set(np.unique(np.concatenate(sides)).tolist())
+
+
+def _reaches_outside(outline: Outline, width: int, height: int) -> bool:
+    """Return whether an outline reaches outside the photo."""
+    x0, y0, x1, y1 = bounds(outline)
+    excess = max(-0.5 - x0, -0.5 - y0, x1 - width + 0.5, y1 - height + 0.5)
+    return bool(excess > 0)
+
+
+def _is_exact(detections: Detections, i: int) -> bool:
+    """Return whether the user gave, drew or selected a mask."""
+    source = detections.mask_sources.get(i) or detections.source
+    return i in detections.prompts or source.startswith(SOURCES_BY_HAND)
 
 
 def attach_loose_parts(
-    rgb: Rgb, found: Detections, view: BoundaryGuess | None
+    rgb: Rgb, detections: Detections, view: BoundaryGuess | None
 ) -> Detections:
     """Return the detections with parts that move with their objects, as the view tells."""
     if view is not None:
-        return found
+        return detections
     chances = view_chances(run_network(rgb).features)
     if chances.tilt is not None:
-        return attach_contents(found)
+        return attach_contents(detections)
     if chances.is_level:
-        attached = attach_hanging_parts(found.labels, found.confidence)
-        return replace(found, labels=attached)
-    return found
+        attached = attach_hanging_parts(detections.labels, detections.confidence)
+        return replace(detections, labels=attached)
+    return detections
 
 
 def remain_problem(remain: Remain, name: str) -> Problem:

@@ -54,14 +54,16 @@ def shrink_photo(rgb: Rgb, side: int) -> Rgb:
     return small
 
 
-def shrink_detections(found: Detections, full: tuple[int, int], rgb: Rgb) -> Detections:
+def shrink_detections(
+    detections: Detections, full: tuple[int, int], rgb: Rgb
+) -> Detections:
     """Return detections of a photo of `full` width and height, px, for the smaller
     `rgb`.
 
     Detections of another size stay as they are.
     """
     size = (rgb.shape[1], rgb.shape[0])
-    if size == full or found.labels.shape != full[::-1]:
-        return found
-    labels = cv2.resize(found.labels, size, interpolation=cv2.INTER_NEAREST_EXACT)
-    return replace(found, labels=np.asarray(labels, np.uint16))
+    if size == full or detections.labels.shape != full[::-1]:
+        return detections
+    labels = cv2.resize(detections.labels, size, interpolation=cv2.INTER_NEAREST_EXACT)
+    return replace(detections, labels=np.asarray(labels, np.uint16))

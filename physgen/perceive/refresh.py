@@ -65,11 +65,11 @@ class RefreshStart:
     by name.
     """
 
-    found: Detections
+    detections: Detections
     # Objects with pixels from a prompt, old or new.
-    prompted: frozenset[str]
+    prompted_names: frozenset[str]
     # Objects that a new prompt absorbed.
-    gone: tuple[str, ...]
+    absorbed_names: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ def full_size(scene: Scene) -> tuple[int, int] | None:
     return None
 
 
-def prompted(objects: Sequence[Object]) -> list[Object]:
+def list_prompts(objects: Sequence[Object]) -> list[Object]:
     """Return the objects with a prompt: those with a box, then those with a point."""
     boxes = [item for item in objects if isinstance(item.prompt, BoxPrompt)]
     points = [item for item in objects if isinstance(item.prompt, PointPrompt)]
@@ -196,9 +196,9 @@ def start_refresh(
 
 
 def _draw_present_objects(
-    objects: Sequence[Object], labels: Labels, stored: Detections
+    objects: Sequence[Object], labels: Labels, detections: Detections
 ) -> _ObjectDrawing:
-    """Draw the objects of a scene; `stored` are the detections of their prompts."""
+    """Draw the objects of a scene; `detections` are the detections of their prompts."""
     ids = _mask_ids(objects)
     owners = {i: k for k, i in enumerate(ids)}
     drawing = _ObjectDrawing(np.zeros(labels.shape, np.uint16), owners)
@@ -207,10 +207,10 @@ def _draw_present_objects(
         if objects[k].prompt is None:
             drawing.labels[labels == k + 1] = i
     indices = {item.name: k for k, item in enumerate(objects)}
-    for n, item in enumerate(prompted(objects), 1):
+    for n, item in enumerate(list_prompts(objects), 1):
         id_ = ids[indices[item.name]]
-        mask = stored.labels == n
-        drawing.cover(id_, mask, stored.confidence[n], stored.prompts[n])
+        mask = detections.labels == n
+        drawing.cover(id_, mask, detections.confidence[n], detections.prompts[n])
     return drawing
 
 
@@ -309,7 +309,7 @@ def known_view(scene: Scene) -> BoundaryGuess:
 
 
 def as_before(
-    perceived: PerceivedScene, scene: Scene, is_resized: bool = False
+    perceived_scene: PerceivedScene, scene: Scene, is_resized: bool = False
 ) -> PerceivedScene:
     """Return the perceived scene with the boundaries and doubts of the old scene.
 
@@ -321,16 +321,16 @@ def as_before(
         read_recorded(scene.assets, "suitability"),
     )
     if is_resized:
-        anew = perceived.document["boundaries"].values()
+        anew = perceived_scene.document["boundaries"].values()
         walls = {name: _nearest_wall(wall, anew) for name, wall in walls.items()}
     suits = (
         Suitability(tuple(map(str, doubts.get("reasons", ()))))
         if doubts
-        else perceived.suitability
+        else perceived_scene.suitability
     )
     return replace(
-        perceived,
-        document={**perceived.document, "boundaries": walls},
+        perceived_scene,
+        document={**perceived_scene.document, "boundaries": walls},
         suitability=suits,
     )
 
@@ -345,11 +345,11 @@ def _nearest_wall(wall: Entry, others: Iterable[Entry]) -> Entry:
 
 
 def true_comments(
-    comments: Entry, merged: Entry, seen: Entry, world: Entry
+    comments: Entry, merged_entry: Entry, perceived_entry: Entry, world: Entry
 ) -> dict[str, str]:
-    """Return the still true comments for the `merged` scene.
+    """Return the still true comments for the `merged_entry` scene.
 
-    A comment is true if its value equals the value in `seen`, the new scene. Comments
+    A comment is true if its value equals the value in `perceived_entry`, the new scene. Comments
     on whole sections stay; the comment on the view requires a recorded reason in
     `world`.
     """
@@ -360,7 +360,7 @@ def true_comments(
     return {
         k: reason
         for k, reason in candidates.items()
-        if "." not in k or equal(value(merged, k), value(seen, k))
+        if "." not in k or equal(value(merged_entry, k), value(perceived_entry, k))
     }
 
 
@@ -381,36 +381,36 @@ def merge_documents(
     old: Entry,
     new: Entry,
     start: RefreshStart,
-    renamed: Mapping[str, str],
-    scaled: bool,
+    new_names: Mapping[str, str],
+    scale_changed: bool,
     record: Record,
 ) -> dict[str, Any]:
     """Return the `old` scene with repeated results of the `new` scene and its new
     objects.
 
-    `renamed` are new labels by name, `scaled` says whether perception set the scale,
+    `new_names` are new labels by name, `scale_changed` says whether perception set the scale,
     and `record` belongs to `old`.
     """
     objects: dict[str, Any] = {}
     # Start from the user's entries and replace the values of perception.
     for name, old_entry in old["objects"].items():
-        if name in start.gone:
+        if name in start.absorbed_names:
             continue
         new_entry = new["objects"].get(name)
-        is_prompted = name in start.prompted
+        is_prompted = name in start.prompted_names
         entry = old_entry
         if new_entry is not None:
             entry = merge_object(old_entry, new_entry, is_prompted)
             # An object with new pixels gets the motion of those pixels.
             if is_prompted and _has_perceived_motion(name, old_entry, record):
                 entry = _with_motion(entry, new_entry)
-        if name in renamed:
-            entry = _with_label(entry, renamed[name], "from" in old_entry)
+        if name in new_names:
+            entry = _with_label(entry, new_names[name], "from" in old_entry)
         objects[name] = entry
     for name, new_entry in new["objects"].items():
         if name not in old["objects"]:
             objects[name] = new_entry
-    world = _merge_worlds(old.get("world", {}), new["world"], scaled, record)
+    world = _merge_worlds(old.get("world", {}), new["world"], scale_changed, record)
     # Boundaries are merged by position, since their names may change.
     walls = merge_boundaries(old.get("boundaries", {}), new["boundaries"], record)
     result = {**old, "objects": objects}
@@ -447,12 +447,12 @@ def _with_label(entry: Entry, label: str, has_sources: bool) -> dict[str, Any]:
 
 
 def _merge_worlds(
-    old_world: Entry, new_world: Entry, scaled: bool, record: Record
+    old_world: Entry, new_world: Entry, scale_changed: bool, record: Record
 ) -> dict[str, Any]:
     """Return the old `world` with the scale and the view's values of the new one."""
     world = dict(old_world)
     new_scale = new_world["pixels_per_meter"]
-    if scaled and new_scale != world.get("pixels_per_meter", PAPER_SCALE):
+    if scale_changed and new_scale != world.get("pixels_per_meter", PAPER_SCALE):
         world["pixels_per_meter"] = new_scale
     perceived_tables = document.TABLE, {"friction": 0}
     if "table" not in new_world and world.get("table") in perceived_tables:
@@ -465,22 +465,26 @@ def _merge_worlds(
     return world
 
 
-def merge_boundaries(was: Entry, now: Entry, record: Record) -> dict[str, Any]:
-    """Return the boundaries `now`, with those of the user as they were.
+def merge_boundaries(
+    old_entry: Entry, user_entry: Entry, record: Record
+) -> dict[str, Any]:
+    """Return the boundaries `user_entry`, with those of the user as they were.
 
     Boundaries that the user changed or deleted are not added again.
     """
-    estimates = {name: wall for name, wall in was.items() if "from" in wall}
+    estimates = {name: wall for name, wall in old_entry.items() if "from" in wall}
     wrote = record.world.get("boundaries", estimates)
     walls = {
-        name: wall for name, wall in was.items() if not equal(wall, wrote.get(name))
+        name: wall
+        for name, wall in old_entry.items()
+        if not equal(wall, wrote.get(name))
     }
     known_walls = [
-        wall for name, wall in wrote.items() if name in walls or name not in was
+        wall for name, wall in wrote.items() if name in walls or name not in old_entry
     ]
     new_walls = {
         free_name(name, walls): wall
-        for name, wall in now.items()
+        for name, wall in user_entry.items()
         if not any(
             equal(known_wall.get(kind), wall[kind], SAME)
             for known_wall in known_walls
@@ -524,41 +528,46 @@ def same_objects(scene: Scene, before: Labels, labels: Labels) -> bool:
     )
 
 
-def merge_object(was: Entry, now: Entry, prompted: bool = False) -> dict[str, Any]:
-    """Return an object as it `was`, with the values listed in its `from` as they are
-    `now`.
+def merge_object(
+    old_entry: Entry, user_entry: Entry, has_prompt: bool = False
+) -> dict[str, Any]:
+    """Return an object as it `old_entry`, with the values listed in its `from` as they are
+    `user_entry`.
 
-    If it is `prompted`, its pixels are new as well. An object with only a mask gets all
+    If it is `has_prompt`, its pixels are new as well. An object with only a mask gets all
     values.
     """
-    if set(was) <= scene_files.BARE:
+    if set(old_entry) <= scene_files.BARE:
         return {
-            **now,
-            "mask": was["mask"],
-            "from": {**now["from"], **was.get("from", {})},
+            **user_entry,
+            "mask": old_entry["mask"],
+            "from": {**user_entry["from"], **old_entry.get("from", {})},
         }
-    keys = perceived_keys(was) | (set(PIXEL_KEYS) if prompted else set())
+    keys = perceived_keys(old_entry) | (set(PIXEL_KEYS) if has_prompt else set())
     # A label with a source is estimated again.
-    keys |= {"label"} & was.get("from", {}).keys() & now["from"].keys()
+    keys |= {"label"} & old_entry.get("from", {}).keys() & user_entry["from"].keys()
     keys -= {
         key
         for key in keys
-        if isinstance(was.get(key), str) and isinstance(now.get(key), int | float)
+        if isinstance(old_entry.get(key), str)
+        and isinstance(user_entry.get(key), int | float)
     }
-    if "from" in was:
+    if "from" in old_entry:
         # These values are stored in the assets, not in the file.
-        keys |= {"shape", "solid", "layer"} - was.keys()
-    return rewritten(was, now, keys)
+        keys |= {"shape", "solid", "layer"} - old_entry.keys()
+    return rewritten(old_entry, user_entry, keys)
 
 
-def rewritten(was: Entry, now: Entry, keys: Collection[str]) -> dict[str, Any]:
-    """Return an object as it `was`, with the values and sources of `keys` as they are
-    `now`.
+def rewritten(
+    old_entry: Entry, user_entry: Entry, keys: Collection[str]
+) -> dict[str, Any]:
+    """Return an object as it `old_entry`, with the values and sources of `keys` as they are
+    `user_entry`.
     """
-    result, sources = dict(was), dict(was.get("from", {}))
+    result, sources = dict(old_entry), dict(old_entry.get("from", {}))
     # In the order of a set, new keys would differ from run to run.
     for key in sorted(keys):
-        for values, new in ((result, now), (sources, now["from"])):
+        for values, new in ((result, user_entry), (sources, user_entry["from"])):
             if key in new:
                 values[key] = new[key]
             else:
@@ -566,7 +575,7 @@ def rewritten(was: Entry, now: Entry, keys: Collection[str]) -> dict[str, Any]:
     return result | ({"from": sources} if sources else {})
 
 
-def rescaled(
+def rescale_document(
     old: Entry, new: dict[str, Any], record: Record, side: int
 ) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
     """Return the `new` data with speeds and playback for its scale, and changed values.
@@ -594,9 +603,9 @@ def rescaled(
 
 
 def kept_doubtful(
-    scene: Entry, before: Labels, labels: Labels, gone: Labels
+    scene: Entry, before: Labels, labels: Labels, removed_pixels: Labels
 ) -> tuple[Labels, dict[str, Any]]:
-    """Return the label map with the remaining doubtful regions and `gone`, and entries.
+    """Return the label map with the remaining doubtful regions and `removed_pixels`, and entries.
 
     Entries are those of the doubtful regions.
     """
@@ -616,14 +625,16 @@ def kept_doubtful(
                 else entry["mask"]
             )
             result[region], entries[name] = id_, {**entry, "mask": id_}
-    free = (result == 0) & (gone > 0)
-    result[free] = np.where(np.isin(gone, result), result.max() + 1, gone)[free]
+    free = (result == 0) & (removed_pixels > 0)
+    result[free] = np.where(
+        np.isin(removed_pixels, result), result.max() + 1, removed_pixels
+    )[free]
     return result, entries
 
 
-def free_name(name: str, taken: Collection[str]) -> str:
+def free_name(name: str, names: Collection[str]) -> str:
     """Return the name, or the first of `name-2`, `name-3`, ... that is free."""
     free, k = name, 2
-    while free in taken:
+    while free in names:
         free, k = f"{name}-{k}", k + 1
     return free

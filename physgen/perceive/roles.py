@@ -49,7 +49,7 @@ class Name:
 
     label: str
     confidence: float
-    likely: tuple[tuple[str, float], ...] = ()
+    alternatives: tuple[tuple[str, float], ...] = ()
     """Alternative labels with their probabilities, the likeliest first."""
     source: str = ""
     """Source for `from`; `""` stands for the backend's name."""
@@ -194,7 +194,7 @@ class BoundaryGuess:
     walls: tuple[Wall, ...]
     outlines: Mapping[int, Outline] = field(default_factory=dict)
     """Corrected outlines, by id, of objects with level feet on their supports."""
-    held: frozenset[int] = frozenset()
+    held_ids: frozenset[int] = frozenset()
     """Ids of objects without a visible support."""
     grip: Mapping[int, float] = field(default_factory=dict)
     """Least friction, by id, of objects at rest on a slope."""
@@ -317,9 +317,9 @@ class Detections:
     """
     layers: Mapping[int, int] = field(default_factory=dict)
     """Drawing layers set by the user, by id."""
-    named_by: str = "given"
+    name_source: str = "given"
     """Source of `names`, for `from`."""
-    gone: Labels | None = None
+    removed_pixels: Labels | None = None
     """(H, W) > 0: regions removed by the user and filled as well."""
 
 

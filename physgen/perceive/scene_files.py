@@ -60,7 +60,7 @@ refresh adds the other keys.
 
 
 def write_scene(
-    perceived: PerceivedScene,
+    scene: PerceivedScene,
     photo: Path | None,
     name: str,
     output: Path | None,
@@ -86,7 +86,7 @@ def write_scene(
     other content are kept as `NAME~`, and `keep` is called with them.
     """
     target = output or stdout or Path(f"{name}.yaml")
-    draft = _SceneDraft.of(perceived, photo, name, target.parent, old_text, record)
+    draft = _SceneDraft.of(scene, photo, name, target.parent, old_text, record)
     if output is not None:
         target.parent.mkdir(parents=True, exist_ok=True)
     assets = _choose_assets(draft, target, output)
@@ -108,7 +108,7 @@ def write_scene(
 class _SceneDraft:
     """A perceived scene before the choice of its assets folder."""
 
-    perceived: PerceivedScene
+    scene: PerceivedScene
     folder: Path
     """Folder of the scene file."""
     photo: Path | None
@@ -126,7 +126,7 @@ class _SceneDraft:
     @classmethod
     def of(
         cls,
-        perceived: PerceivedScene,
+        scene: PerceivedScene,
         photo: Path | None,
         name: str,
         folder: Path,
@@ -140,7 +140,7 @@ class _SceneDraft:
         # A copy of the pixels does not contain the photo's metadata, such as the place.
         photo_copy = "" if is_inside else _free_of_maps(f"{name}.png")
         body = {}
-        for key, value in perceived.document.items():
+        for key, value in scene.document.items():
             if key not in HEAD_KEYS:
                 body[key] = value
         old_data: dict[str, Any] = {}
@@ -148,12 +148,12 @@ class _SceneDraft:
             old_data = mark_values(old_text).data()
         body["objects"], outlines = short_entries(
             body["objects"],
-            perceived.percepts.labels,
+            scene.percepts.labels,
             old_data.get("objects", {}),
-            perceived.wholes,
+            scene.wholes,
         )
         return cls(
-            perceived,
+            scene,
             folder,
             photo,
             photo_copy,
@@ -177,9 +177,9 @@ class _SceneDraft:
         schema = _relative(assets / SCHEMA, self.folder)
         data = head | self.body
         if self.old_text is None:
-            return scene_text(data, self.perceived.comments, schema=schema)
+            return scene_text(data, self.scene.comments, schema=schema)
         text = _rewrite_text(
-            self.old_text, self.old_data, data, self.perceived, self.record
+            self.old_text, self.old_data, data, self.scene, self.record
         )
         return re.sub(
             r"\A# yaml-language-server: .*",
@@ -223,7 +223,7 @@ def _remove_unchanged_files(assets: Path, file_names: Collection[str]) -> None:
 
 def _write_asset_files(draft: _SceneDraft, assets: Path, keep: Keep) -> dict[str, Any]:
     """Write the maps and the other assets; return the ranges of the maps."""
-    perceived = draft.perceived
+    perceived = draft.scene
     ranges = write_assets(perceived.percepts, assets, keep)
     if draft.photo_copy:
         write_png(assets / draft.photo_copy, perceived.percepts.rgb, keep)
@@ -244,7 +244,7 @@ def _write_record(
 
     The record tells a later refresh which values are perception's.
     """
-    perceived = draft.perceived
+    perceived = draft.scene
     record: dict[str, Any] = {
         "physgen": __version__,
         "steps": list(perceived.record),
@@ -276,18 +276,18 @@ def _write_record(
     write_atomic(assets / RECORD, text.encode() + b"\n")
 
 
-def _object_records(perceived: PerceivedScene) -> dict[str, Any]:
+def _object_records(scene: PerceivedScene) -> dict[str, Any]:
     """Return perception's entries of the objects, by mask id."""
     records = {}
-    for name, item in perceived.document["objects"].items():
+    for name, item in scene.document["objects"].items():
         if "mask" in item:
-            records[str(item["mask"])] = item | perceived.wrote.get(name, {})
+            records[str(item["mask"])] = item | scene.wrote.get(name, {})
     return records
 
 
 def _world_record(draft: _SceneDraft) -> dict[str, Any]:
     """Return perception's scale, view and boundaries."""
-    perceived = draft.perceived
+    perceived = draft.scene
     per_meter = stated_scale(perceived.document)
     record = {
         "pixels_per_meter": per_meter,
@@ -299,10 +299,10 @@ def _world_record(draft: _SceneDraft) -> dict[str, Any]:
     return record | perceived.wrote.get("", {})
 
 
-def _comment_lines(perceived: PerceivedScene) -> set[str]:
+def _comment_lines(scene: PerceivedScene) -> set[str]:
     """Return the lines of all comments, with single spaces."""
     lines = set()
-    for comment in perceived.comments.values():
+    for comment in scene.comments.values():
         for line in comment.split("\n"):
             lines.add(" ".join(line.split()))
     return lines
@@ -312,7 +312,7 @@ def _rewrite_text(
     text: str,
     old_data: Mapping[str, Any],
     new_data: dict[str, Any],
-    perceived: PerceivedScene,
+    scene: PerceivedScene,
     record: Record,
 ) -> str:
     """Return the text with new data, and with comments on new values and new reasons.
@@ -325,7 +325,7 @@ def _rewrite_text(
     for name, entry in old_objects.items():
         if entry.keys() <= BARE:
             bare_names.add(name)
-    changes = _comment_changes(old_data, new_data, bare_names, perceived, record)
+    changes = _comment_changes(old_data, new_data, bare_names, scene, record)
     sections = {
         "objects": bare_names,
         "boundaries": old_data.get("boundaries", {}),
@@ -356,22 +356,22 @@ def _comment_changes(
     old_data: Mapping[str, Any],
     new_data: Mapping[str, Any],
     bare_names: Collection[str],
-    perceived: PerceivedScene,
+    scene: PerceivedScene,
     record: Record,
 ) -> _CommentChanges:
     """Return the changes to the comments by the values of old and new data."""
     old_objects = old_data.get("objects", {})
     has_changes = old_objects.keys() != new_data["objects"].keys()
-    new_keys = _new_comment_keys(old_data, new_data, bare_names, perceived.comments)
+    new_keys = _new_comment_keys(old_data, new_data, bare_names, scene.comments)
     if not has_changes:
         new_keys.discard("objects")
     removed_keys = []
-    if perceived.wrote.get("", {}).get("given"):
+    if scene.wrote.get("", {}).get("given"):
         removed_keys.append("world.pixels_per_meter")
     unchanged_keys = []
-    for name, item in perceived.document["objects"].items():
+    for name, item in scene.document["objects"].items():
         old_item = record.entry(name, item)
-        removed_keys += _user_keys(name, item, old_item, perceived)
+        removed_keys += _user_keys(name, item, old_item, scene)
         # The file already describes the detection of these objects.
         if _has_same_detection(item, old_item):
             for part in ("mask", "mass"):
@@ -383,7 +383,7 @@ def _comment_changes(
     if not has_changes:
         unchanged_keys.append("objects")
     comments = {}
-    for key, comment in perceived.comments.items():
+    for key, comment in scene.comments.items():
         if key not in removed_keys and key not in unchanged_keys:
             comments[key] = comment
     return _CommentChanges(comments, new_keys, removed_keys)
@@ -409,11 +409,11 @@ def _user_keys(
     name: str,
     item: Mapping[str, Any],
     old_item: Mapping[str, Any],
-    perceived: PerceivedScene,
+    scene: PerceivedScene,
 ) -> list[str]:
     """Return the dotted paths of an object's values that belong to the user."""
     sources, old_sources = item.get("from", {}), old_item.get("from", {})
-    keys = set(perceived.wrote.get(name, {}))
+    keys = set(scene.wrote.get(name, {}))
     for key in ("label", "mass", "friction"):
         if key in old_sources and key not in sources:
             keys.add(key)
@@ -441,18 +441,18 @@ def value_at(document: Mapping[str, Any], key: str) -> object:
 def short_entries(
     objects: Mapping[str, Any],
     labels: Labels,
-    written: Mapping[str, Any],
+    entries: Mapping[str, Any],
     wholes: Mapping[int, Outline] = MappingProxyType({}),
 ) -> tuple[dict[str, Any], str]:
     """Return the objects as the file has them, and the text of `outlines.json`.
 
     `outlines.json` holds shapes, solids and `wholes`, by mask id. The file omits shape,
-    solid, `from` and defaults, except if it was `written` with them or the object's
+    solid, `from` and defaults, except if it was `entries` with them or the object's
     mask is not an id.
     """
     short_objects, stored_shapes = {}, []
     for name, item in objects.items():
-        written_entry, mask = written.get(name, {}), item.get("mask")
+        written_entry, mask = entries.get(name, {}), item.get("mask")
         has_new_shape = "shape" in item and "shape" not in written_entry
         if has_new_shape and isinstance(mask, int):
             shape_keys = ["shape"] if "solid" in written_entry else ["shape", "solid"]

@@ -19,9 +19,9 @@ class SphereConstants:
     # Radius of the tested disc; outside it pixels are mixed with the background.
     inner: float = 0.9
     # Linear light: logarithms of darker colours are noise.
-    dark: float = 0.03
+    darkest: float = 0.03
     # Least number of pixels of a disc with measurable shading.
-    least: int = 30
+    least_pixels: int = 30
     # Largest number of sampled pixels.
     pixels: int = 4000
     # Rounds of reweighted least squares.
@@ -33,7 +33,7 @@ class SphereConstants:
     # Largest residual of log light of a sphere.
     residual: float = 0.33
     # Least share of the variance of log light that a sphere's shading explains.
-    explained: float = 0.6
+    variance_share: float = 0.6
     # Inner radius of the rim.
     rim: float = 0.8
     # Outer radius of the middle.
@@ -43,7 +43,7 @@ class SphereConstants:
     # Largest log ratio of a sphere: that in even light.
     brightest: float = -0.08
     # Log light: a drawing without shading has less variation and proves nothing.
-    plain: float = 0.05
+    least_variation: float = 0.05
 
 
 SPHERE = SphereConstants()
@@ -51,9 +51,9 @@ ROUND_FORMS = ("ball", "lump", "disc", "hoop", "turned")
 """Values of `materials.Kind.form` of objects that may have a circular outline."""
 
 
-def has_round_form(what: Kind) -> bool:
+def has_round_form(noun_kind: Kind) -> bool:
     """Return whether objects of a kind may have a circular outline."""
-    return what.form in ROUND_FORMS
+    return noun_kind.form in ROUND_FORMS
 
 
 @dataclass(frozen=True)
@@ -70,14 +70,14 @@ class SphereFit:
     @property
     def is_plain(self) -> bool:
         """Return whether the disc has neither shading nor texture, as in drawings."""
-        return max(self.residual, self.shading) < SPHERE.plain
+        return max(self.residual, self.shading) < SPHERE.least_variation
 
     @property
     def is_sphere(self) -> bool:
         """Return whether the light is that of a sphere."""
         variance = self.residual**2 + self.shading**2
         has_small_residual = self.residual <= SPHERE.residual
-        has_shading = self.shading**2 >= SPHERE.explained * variance
+        has_shading = self.shading**2 >= SPHERE.variance_share * variance
         has_dark_rim = SPHERE.dimmest <= self.rim <= SPHERE.brightest
         return has_small_residual and has_shading and has_dark_rim
 
@@ -105,15 +105,15 @@ def fit_sphere_shading(rgb: Rgb, disc: Disc) -> SphereFit | None:
     u = (columns + x0 - disc.center[0]) / radius
     v = (rows + y0 - disc.center[1]) / radius
     inside = np.flatnonzero(np.hypot(u, v) < SPHERE.inner)
-    if len(inside) < SPHERE.least:
+    if len(inside) < SPHERE.least_pixels:
         return None
     inside = inside[:: -(-len(inside) // SPHERE.pixels)]
     light = decode(part.reshape(-1, 3)[inside]).mean(axis=1)
-    level = np.log(light + SPHERE.dark).astype(np.float64)
-    return _fitted(level, u.ravel()[inside], v.ravel()[inside])
+    level = np.log(light + SPHERE.darkest).astype(np.float64)
+    return _fit_shading(level, u.ravel()[inside], v.ravel()[inside])
 
 
-def _fitted(level: Array, u: Array, v: Array) -> SphereFit:
+def _fit_shading(level: Array, u: Array, v: Array) -> SphereFit:
     """Return the fit by iteratively reweighted least squares.
 
     Highlights and prints get less weight, so that they do not bend the fit.

@@ -16,12 +16,12 @@ from physgen.scene.scene import ADD_OBJECT
 from physgen.text import counted, listed
 
 
-def summary(perceived: PerceivedScene) -> list[str]:
+def summary(scene: PerceivedScene) -> list[str]:
     """Return the results, their confidence and possible corrections as lines.
 
     The first line is short; one line per subject follows.
     """
-    document, comments = perceived.document, perceived.comments
+    document, comments = scene.document, scene.comments
     objects, world = document["objects"], document["world"]
     confidences = {name: mask_confidence(item) for name, item in objects.items()}
     ends = sorted(
@@ -35,16 +35,16 @@ def summary(perceived: PerceivedScene) -> list[str]:
     doubtful_names = [
         f"{name} ({value:.2f})"
         for name, value in confidences.items()
-        if value < DOUBTS.unsure
+        if value < DOUBTS.object_confidence
     ]
     check = (
         f", but look at {listed([name.split()[0] for name in doubtful_names], 'and')}"
     )
-    suits = f"{perceived.suitability}{check if doubtful_names and str(perceived.suitability) == 'good' else ''}"
+    suits = f"{scene.suitability}{check if doubtful_names and str(scene.suitability) == 'good' else ''}"
     first = f"{counted(len(objects), 'object')}{confidence}; suitability: {suits}"
     if not objects:
         lines = [first, f"  objects   {Note.NO_OBJECTS.text(fix=ADD_OBJECT)}"]
-        if doubts := _doubtful_row(perceived, doubtful_names):
+        if doubts := _doubtful_row(scene, doubtful_names):
             lines.append(f"  doubtful  {doubts}")
         return lines
     table = {
@@ -58,8 +58,8 @@ def summary(perceived: PerceivedScene) -> list[str]:
         "view": f"{world['view']}: {comments.get('world.view', '').partition(': ')[2]}",
     }
     table["support"] = _support_row(document)
-    table["motion"] = _motion_row(perceived)
-    if doubts := _doubtful_row(perceived, doubtful_names):
+    table["motion"] = _motion_row(scene)
+    if doubts := _doubtful_row(scene, doubtful_names):
         table["doubtful"] = doubts
     return [
         first,
@@ -80,23 +80,23 @@ def _support_row(document: Mapping[str, Any]) -> str:
     return Note.STATIC.text(boundaries=row, names=", ".join(static))
 
 
-def _motion_row(perceived: PerceivedScene) -> str:
+def _motion_row(scene: PerceivedScene) -> str:
     """Return the row with the pushes."""
     pushes = []
-    for name, item in perceived.document["objects"].items():
+    for name, item in scene.document["objects"].items():
         if any(item.get("velocity", ())):
-            comment = perceived.comments.get(f"objects.{name}.velocity", ", as before")
+            comment = scene.comments.get(f"objects.{name}.velocity", ", as before")
             direction = comment.split(", ")[1].partition(";")[0]
             pushes.append(Note.PUSHED.text(name=name, way=direction))
     return "; ".join(pushes) or Note.NOTHING_PUSHED.text()
 
 
-def _doubtful_row(perceived: PerceivedScene, unsure: Sequence[str]) -> str:
-    """Return the row with `unsure` objects and doubtful regions."""
-    document, comments = perceived.document, perceived.comments
+def _doubtful_row(scene: PerceivedScene, doubtful_names: Sequence[str]) -> str:
+    """Return the row with `doubtful_names` objects and doubtful regions."""
+    document, comments = scene.document, scene.comments
     doubts: list[str] = []
-    if unsure:
-        doubts.append(Note.UNSURE.text(names=", ".join(unsure)))
+    if doubtful_names:
+        doubts.append(Note.UNSURE.text(names=", ".join(doubtful_names)))
     # Regions drawn by the user have no confidence and are not doubtful.
     regions = [
         name

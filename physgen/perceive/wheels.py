@@ -35,13 +35,13 @@ class WheelSearch:
     # px: longer side of the object in the search.
     side: int = 240
     # Least probability of a vehicle's label for a search.
-    likely: float = 0.3
+    probability: float = 0.3
     # Least radius over the object's height.
-    least: float = 0.07
+    least_radius: float = 0.07
     # Largest radius over the object's height.
-    most: float = 0.32
+    largest_radius: float = 0.32
     # Largest radius over the width, for an object much wider than high.
-    flat: float = 0.5
+    flat_radius: float = 0.5
     step: float = 1.12  # ratio of neighbouring radii
     # Highest position of an axle over the height.
     low: float = 0.5
@@ -50,16 +50,16 @@ class WheelSearch:
     # Largest distance of the mask from the wheel's tread, in radii.
     arc: float = 0.12
     # Largest ratio of two wheels' radii.
-    alike: float = 1.35
+    radius_ratio: float = 1.35
     # Least distance between two axles, in radii.
-    apart: float = 2.1
+    distance: float = 2.1
     # Largest slope of the road under two wheels.
     level: float = 0.2
     # Least distance between two axles over the width; closer axles are at one end of
     # the vehicle.
     span: float = 0.42
     # Least confidence of written wheels.
-    sure: float = 0.84
+    confidence: float = 0.84
     # Largest number of axle candidates.
     candidates: int = 12
     # Largest distance of the ground from the tread, in radii.
@@ -114,8 +114,31 @@ def may_drive(label: str, name: Name | None) -> bool:
         return True
     if name is None or label != name.label or kind(label).noun:
         return False
-    chances = [chance for other, chance in name.likely if kind(other).noun in VEHICLES]
-    return sum(chances) >= SEARCH.likely
+    chances = [
+        chance for other, chance in name.alternatives if kind(other).noun in VEHICLES
+    ]
+    return sum(chances) >= SEARCH.probability
+
+
+@dataclass(frozen=True, eq=False)
+class _ObjectView:
+    """An object in grey at the size of the search."""
+
+    grey: NDArray[np.float32]  # (h, w)
+    mask: Mask  # (h, w)
+    # Column and row of the view's first pixel in the photo.
+    corner: tuple[int, int]
+    # Ratio of the view's pixels to the photo's along x and y.
+    ratio: tuple[float, float]
+    # Width of the object in the photo, px.
+    width: int
+
+    def place_wheel(self, axle: _Candidate) -> Wheel:
+        """Return the wheel of an axle in pixels of the photo."""
+        x = (axle.x + 0.5) / self.ratio[0] - 0.5 + self.corner[0]
+        y = (axle.y + 0.5) / self.ratio[1] - 0.5 + self.corner[1]
+        center = (round(float(x), 2), round(float(y), 2))
+        return Wheel(center, round(float(axle.radius / self.ratio[1]), 2))
 
 
 def find_wheels(rgb: Rgb, mask: Mask) -> tuple[tuple[Wheel, ...], float]:
@@ -123,81 +146,85 @@ def find_wheels(rgb: Rgb, mask: Mask) -> tuple[tuple[Wheel, ...], float]:
 
     There are no wheels if fewer than two circles stand on the lower edge of the mask.
     """
+    view = _crop_object(rgb, mask)
+    least_span = SEARCH.span * view.width * view.ratio[0]
+    pair = _best_pair(_find_axles(view.grey, view.mask), least_span)
+    if pair is None:
+        return (), 0.0
+    confidence = min(0.95, 0.5 + 0.5 * min(axle.score for axle in pair))
+    if confidence < SEARCH.confidence:
+        return (), 0.0
+    axles = sorted(pair, key=lambda candidate: candidate.x)
+    wheels = tuple(view.place_wheel(axle) for axle in axles)
+    return wheels, round(confidence, 2)
+
+
+def _crop_object(rgb: Rgb, mask: Mask) -> _ObjectView:
+    """Return an object of the photo at the size of the search."""
     x0, y0, width, height = cv2.boundingRect(mask.astype(np.uint8))
     scale = SEARCH.side / max(width, height)
     pad = max(4, round(0.03 * max(width, height)))
     left, top = max(x0 - pad, 0), max(y0 - pad, 0)
-    part = np.s_[top : y0 + height + pad, left : x0 + width + pad]
-    size = (
-        max(round(rgb[part].shape[1] * scale), 8),
-        max(round(rgb[part].shape[0] * scale), 8),
-    )
+    window = np.s_[top : y0 + height + pad, left : x0 + width + pad]
+    part = rgb[window]
+    rows, columns = part.shape[:2]
+    size = max(round(columns * scale), 8), max(round(rows * scale), 8)
     interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
-    grey = cv2.cvtColor(
-        cv2.resize(rgb[part], size, interpolation=interpolation), cv2.COLOR_RGB2GRAY
-    )
+    small = cv2.resize(part, size, interpolation=interpolation)
+    grey = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY).astype(np.float32)
     small_mask = cv2.resize(
-        mask[part].astype(np.uint8), size, interpolation=cv2.INTER_AREA
+        mask[window].astype(np.uint8), size, interpolation=cv2.INTER_AREA
     )
-    span = SEARCH.span * width * size[0] / rgb[part].shape[1]
-    pair = _best_pair(_candidates(grey.astype(np.float32), small_mask > 0), span)
-    if pair is None:
-        return (), 0.0
-    ratio = (size[0] / rgb[part].shape[1], size[1] / rgb[part].shape[0])
-    wheels = []
-    for axle in sorted(pair, key=lambda candidate: candidate.x):
-        x = (axle.x + 0.5) / ratio[0] - 0.5 + left
-        y = (axle.y + 0.5) / ratio[1] - 0.5 + top
-        radius = axle.radius / ratio[1]
-        center = (round(float(x), 2), round(float(y), 2))
-        wheels.append(Wheel(center, round(float(radius), 2)))
-    confidence = min(0.95, 0.5 + 0.5 * min(axle.score for axle in pair))
-    if confidence < SEARCH.sure:
-        return (), 0.0
-    return tuple(wheels), round(confidence, 2)
+    ratio = (size[0] / columns, size[1] / rows)
+    return _ObjectView(grey, small_mask > 0, (left, top), ratio, width)
 
 
-def _candidates(grey: NDArray[np.float32], own: Mask) -> list[_Candidate]:
+def _find_axles(grey: NDArray[np.float32], mask: Mask) -> list[_Candidate]:
     """Return axles near the lower edge of an object, the most confident first."""
-    rows = np.flatnonzero(own.any(axis=1))
-    columns = np.flatnonzero(own.any(axis=0))
-    height, width = int(np.ptp(rows)) + 1, int(np.ptp(columns)) + 1
-    largest = min(SEARCH.most * height, 0.5 * width)
-    if width > 2.5 * height:
-        largest = min(SEARCH.flat * height, 0.5 * width)
-    radii = [max(SEARCH.least * height, 3.0)]
-    while radii[-1] * SEARCH.step < largest:
-        radii.append(radii[-1] * SEARCH.step)
-    votes = circle_votes(grey, own, radii)
-    bottoms = _bottoms(own)
+    rows = np.flatnonzero(mask.any(axis=1))
+    height = int(np.ptp(rows)) + 1
+    radii, largest = _list_radii(mask, height)
+    votes = circle_votes(grey, mask, radii)
+    bottoms = _bottoms(mask)
     evidence = np.sort(votes, axis=0)[-3:].mean(axis=0)
     evidence[: rows[0] + round(SEARCH.low * height)] = 0
-    evidence[~own] = 0
+    evidence[~mask] = 0
+    reach = max(3, round(0.05 * height))
     axles: list[_Candidate] = []
     while len(axles) < SEARCH.candidates:
         y, x = np.unravel_index(int(evidence.argmax()), evidence.shape)
         score = float(evidence[y, x])
         if score < SEARCH.circles / 2:
             break
-        reach = max(3, round(0.05 * height))
-        neighbourhood = np.s_[
-            max(y - reach, 0) : y + reach + 1, max(x - reach, 0) : x + reach + 1
-        ]
         # Suppress the neighbourhood of an axle, so that each axle is found once.
-        evidence[neighbourhood] = 0
+        evidence[
+            max(y - reach, 0) : y + reach + 1, max(x - reach, 0) : x + reach + 1
+        ] = 0
         radius = float(bottoms[x] - y)
-        if SEARCH.least * height <= radius <= 1.1 * largest:
+        if SEARCH.least_radius * height <= radius <= 1.1 * largest:
             deviation = _off_tread(bottoms, float(x), float(y), radius)
             if deviation <= SEARCH.arc:
                 axles.append(_Candidate(float(x), float(y), radius, score))
     return axles
 
 
-def _bottoms(own: Mask) -> Array:
+def _list_radii(mask: Mask, height: int) -> tuple[list[float], float]:
+    """Return the searched radii of an object's wheels, and the largest possible one."""
+    width = int(np.ptp(np.flatnonzero(mask.any(axis=0)))) + 1
+    largest = min(SEARCH.largest_radius * height, 0.5 * width)
+    if width > 2.5 * height:
+        largest = min(SEARCH.flat_radius * height, 0.5 * width)
+    radii = [max(SEARCH.least_radius * height, 3.0)]
+    while radii[-1] * SEARCH.step < largest:
+        radii.append(radii[-1] * SEARCH.step)
+    return radii, largest
+
+
+def _bottoms(mask: Mask) -> Array:
     """Return the row of the lowest pixel of each column `(w,)`, or -inf without one."""
-    height = len(own)
-    lowest = height - own[::-1].argmax(axis=0) - 0.5
-    return np.where(own.any(axis=0), lowest, -np.inf)
+    height = len(mask)
+    lowest = height - mask[::-1].argmax(axis=0) - 0.5
+    return np.where(mask.any(axis=0), lowest, -np.inf)
 
 
 def _off_tread(bottoms: Array, x: float, y: float, radius: float) -> float:
@@ -220,9 +247,9 @@ def _best_pair(
         small, large = sorted((left.radius, right.radius))
         distance = abs(left.x - right.x)
         rise = abs((left.y + left.radius) - (right.y + right.radius))
-        if large > SEARCH.alike * small:
+        if large > SEARCH.radius_ratio * small:
             continue
-        if distance < max(SEARCH.apart * large, span):
+        if distance < max(SEARCH.distance * large, span):
             continue
         if rise > SEARCH.level * distance:
             continue

@@ -6,8 +6,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from enum import Enum
 from functools import partial
@@ -58,7 +57,6 @@ from physgen.report.folders import (
 from physgen.report.record import (
     TIMING,
     RunRecord,
-    StageTime,
     file_hash,
     inputs,
     source_of,
@@ -68,14 +66,11 @@ from physgen.scene.scene import ADD_OBJECT, Motion
 
 if TYPE_CHECKING:
     from physgen.compile.world import World
-    from physgen.export.formats import LabelFormat
-    from physgen.export.labels import Moment, MomentQueue
-    from physgen.maps import Percepts
-    from physgen.render.stage import Frame
     from physgen.report.perception import Comparison, Perception
     from physgen.report.player import Data
     from physgen.scene.scene import Object, Scene
     from physgen.simulate.trajectory import Trajectory
+from physgen.pipeline.clip_labels import Labels
 
 
 class Page(Enum):
@@ -144,111 +139,6 @@ def command_alone(path: str | Path, options: RenderOptions) -> list[str]:
         *([f"--export={','.join(options.export)}"] if options.export else []),
         *(["--allow-outside"] if options.allow_outside else []),
     ]
-
-
-Tap = Callable[["Iterator[Frame]"], "Iterator[Frame]"]
-"""Function that returns the same frames, and uses them on the way."""
-
-
-@dataclass(frozen=True)
-class Labels:
-    """The formats of labels of one clip."""
-
-    kinds: Sequence[LabelFormat]
-    maps: Percepts | None
-    """Maps of the photo, if a format needs them."""
-
-    @classmethod
-    def of(cls, formats: Sequence[str], scene: Scene, maps: Percepts | None) -> Labels:
-        """Create the labels of a clip. Raises InputError for a wrong format for the
-        scene.
-        """
-        if not formats:
-            return cls((), None)
-        from physgen.export.formats import check_fits, choose_formats
-
-        label_formats = choose_formats(formats)
-        check_fits(label_formats, scene, maps)
-        return cls(
-            label_formats, maps if any(kind.needs for kind in label_formats) else None
-        )
-
-    def check_kept(self, final: Path) -> None:
-        """Raise InputError if this run would remove files of an earlier run from the
-        folder.
-        """
-        if removed_files := lost_files(
-            read_manifest(final),
-            {"trajectory.npz", *(kind.name for kind in self.kinds)},
-        ):
-            raise Message.FILES_WOULD_BE_LOST.error(str(final), files=removed_files)
-
-    @contextmanager
-    def exported(
-        self, film: Film, trajectory: Trajectory, folder: Path, record: RunRecord
-    ) -> Iterator[Tap]:
-        """Write labels of the frames that pass the tap into `folder`.
-
-        The labels are complete when the block ends.
-        """
-        if not self.kinds:
-            yield lambda frames: frames
-            return
-        from physgen.export.formats import open_writers
-        from physgen.pipeline.labelling import labelled_clip, open_queue
-
-        shot = film.shot(trajectory)
-        clip = labelled_clip(film, trajectory, record, self.maps)
-        queues: list[MomentQueue] = []
-        with ExitStack() as open_files:
-            with record.stage("export"):
-                writers = open_files.enter_context(
-                    open_writers(self.kinds, folder, clip)
-                )
-
-            def write(moment: Moment | None) -> None:
-                if moment is not None:
-                    for writer in writers:
-                        writer.add(moment)
-
-            def tap(frames: Iterator[Frame]) -> Iterator[Frame]:
-                exposure_samples, parts = film.exposed(trajectory)
-                samples = [sample * parts + parts - 1 for sample in shot.order]
-                for frame in frames:
-                    wall_time = time.perf_counter()
-                    cpu_time = time.thread_time()
-                    if not queues:
-                        queues.append(open_queue(clip, exposure_samples, samples))
-                    write(queues[0].put(frame))
-                    wall_time = time.perf_counter() - wall_time
-                    cpu_time = time.thread_time() - cpu_time
-                    # The caller counts all time of this generator as drawing.
-                    for stage, sign in (("export", 1), ("render", -1)):
-                        times = record.stages.setdefault(stage, StageTime())
-                        times.wall += sign * wall_time
-                        times.cpu += sign * cpu_time
-                    yield frame
-
-            yield tap
-            with record.stage("export"):
-                write(queues[0].end() if queues else None)
-                open_files.close()
-
-    def of_frames(
-        self,
-        film: Film,
-        trajectory: Trajectory,
-        folder: Path,
-        record: RunRecord,
-        progress: Progress,
-    ) -> None:
-        """Write labels into `folder`, of frames drawn only for this purpose."""
-        if not self.kinds:
-            return
-        count = len(film.shot(trajectory).order)
-        with self.exported(film, trajectory, folder, record) as tap:
-            for index, _ in enumerate(tap(film.frames(trajectory))):
-                progress("export", index + 1, count)
 
 
 def render_scene(
@@ -668,32 +558,32 @@ class _Run:
         from physgen.report.page import PageParts, report_page
         from physgen.scene.write import scene_text
 
-        # A failed refinement leaves only the unrefined video.
-        scene = self.scene
-        film = self.film
-        record = self.record
-        kinds = self.options.formats
+        scene, film, record = self.scene, self.film, self.record
         world = film.compiled.world
-        shot = film.shot(trajectory)
-        name = "video" if record.frames else "unrefined"
-        names = [kind.file_name(name) for kind in kinds]
-        video_files = [video for video in names if (folder / video).exists()]
-        film_link = linked_film(video_files)
+        film_link = linked_film(self._video_files(folder))
         # The page draws its own overlay on the bare first frame of the whole photo.
-        if scene.render.overlay or not shot.opens_on_photo:
+        if scene.render.overlay or not film.shot(trajectory).opens_on_photo:
             first = next(render(film.stage, trajectory)).rgb
-        section = None if draws is None else draws.section(world, first)
-        text = scene_text(record.document)
         parts = PageParts(
             self._player(),
             self._perceived(),
             comparison,
-            section,
+            None if draws is None else draws.section(world, first),
             home=self.final,
             sound=self._sound_section,
         )
+        text = scene_text(record.document)
         html = report_page(scene, world, record, first, film_link, text, parts)
         (folder / "report.html").write_text(html, "utf-8", "backslashreplace")
+
+    def _video_files(self, folder: Path) -> list[str]:
+        """Return the names of the clip's films in a folder.
+
+        A failed refinement leaves only the unrefined video.
+        """
+        name = "video" if self.record.frames else "unrefined"
+        names = [kind.file_name(name) for kind in self.options.formats]
+        return [video for video in names if (folder / video).exists()]
 
 
 def _kept_clip(folder: Path, description: str) -> Problem:

@@ -169,7 +169,7 @@ class Film:
         """
         from physgen.geometry.polygon import Pose
         from physgen.render.camera import blur_first_frame
-        from physgen.render.staging import matte_stage
+        from physgen.render.mattes import matte_stage
 
         camera_shot = self.shot(trajectory)
         if order is not None:

@@ -60,12 +60,12 @@ class StoryRequest:
 
 
 def start_motion(
-    perceived: PerceivedScene,
-    still: bool,
+    perceived_scene: PerceivedScene,
+    is_still: bool,
     pushes: Sequence[str] = (),
     story: StoryRequest | None = None,
 ) -> PerceivedScene:
-    """Return the scene with falling objects held and one object pushed, unless `still`.
+    """Return the scene with falling objects held and one object pushed, unless `is_still`.
 
     `pushes`, or a `story` in words, replace the automatic push. Raises InputError if
     one of them is wrong.
@@ -74,44 +74,48 @@ def start_motion(
 
     # A problem of the scene is reported when the scene is rendered.
     with suppress(InputError):
-        perceived = _at_rest(perceived)
-        if perceived.document["objects"] and not (still or pushes or story is not None):
-            perceived = _add_story_push(perceived)
-        perceived = with_living_named(perceived)
-    perceived = with_toys_named(perceived)
+        perceived_scene = _at_rest(perceived_scene)
+        if perceived_scene.document["objects"] and not (
+            is_still or pushes or story is not None
+        ):
+            perceived_scene = _add_story_push(perceived_scene)
+        perceived_scene = with_living_named(perceived_scene)
+    perceived_scene = with_toys_named(perceived_scene)
     if pushes:
-        perceived = push_by_request(perceived, pushes)
+        perceived_scene = push_by_request(perceived_scene, pushes)
     if story is not None:
-        perceived = _moved_by_story(perceived, story)
-    return perceived
+        perceived_scene = _moved_by_story(perceived_scene, story)
+    return perceived_scene
 
 
-def _moved_by_story(perceived: PerceivedScene, story: StoryRequest) -> PerceivedScene:
+def _moved_by_story(
+    perceived_scene: PerceivedScene, story: StoryRequest
+) -> PerceivedScene:
     """Return the scene with the motion that a sentence asks for. Raises InputError."""
     from physgen.pipeline.stages import compile, ended
     from physgen.pipeline.story_server import StoryScene, photo_overview, tell
 
-    opened = open_trial(perceived, "motion")
+    opened = open_trial(perceived_scene, "motion")
     scene = opened.scene()
     compiled, _ = ended(scene, compile(scene, None))
 
     def edited(edits: Mapping[str, Any]) -> Scene:
         return opened.scene(edit_texts(edits))
 
-    picture = photo_overview(perceived.percepts, perceived.document)
+    picture = photo_overview(perceived_scene.percepts, perceived_scene.document)
     subject = StoryScene(scene, compiled, edited, picture, may_change_objects=False)
     telling = tell(subject, story.text, story.plan, story.warn)
     per_meter = scene.world.pixels_per_meter
-    return _with_story_edits(perceived, telling, per_meter)
+    return _with_story_edits(perceived_scene, telling, per_meter)
 
 
 def _with_story_edits(
-    perceived: PerceivedScene, telling: Telling, pixels_per_meter: float
+    perceived_scene: PerceivedScene, telling: Telling, pixels_per_meter: float
 ) -> PerceivedScene:
     """Return the scene with the edits of a story, and its outcome as their comment."""
-    document = dict(perceived.document)
+    document = dict(perceived_scene.document)
     objects = dict(document["objects"])
-    comments = dict(perceived.comments)
+    comments = dict(perceived_scene.comments)
     for key, value in telling.edits.items():
         if key == "forces":
             document["forces"] = value
@@ -125,14 +129,16 @@ def _with_story_edits(
         objects[name] = objects[name] | {part: value}
         comments[key] = telling.outcome
     document["objects"] = objects
-    return replace(perceived, document=document, comments=comments)
+    return replace(perceived_scene, document=document, comments=comments)
 
 
-def _at_rest(perceived: PerceivedScene, kept: Collection[str] = ()) -> PerceivedScene:
+def _at_rest(
+    perceived_scene: PerceivedScene, exempt_names: Collection[str] = ()
+) -> PerceivedScene:
     """Hold the objects that move more than `REST_PX` without a push, in order of
     motion.
 
-    Objects of `kept` are not held. Only in the side view can objects fall.
+    Objects of `exempt_names` are not held. Only in the side view can objects fall.
     """
     import numpy as np
 
@@ -140,16 +146,19 @@ def _at_rest(perceived: PerceivedScene, kept: Collection[str] = ()) -> Perceived
     from physgen.compile.shapes import shapes_of
     from physgen.scene.scene import View
 
-    trial = open_trial(perceived)
+    trial = open_trial(perceived_scene)
     scene = trial.scene()
     shapes = shapes_of(scene, None)
-    objects, comments = dict(perceived.document["objects"]), dict(perceived.comments)
+    objects, comments = (
+        dict(perceived_scene.document["objects"]),
+        dict(perceived_scene.comments),
+    )
     # Hold the first objects that move and simulate again: objects that rest on them may
     # stay at rest then.
     while scene.world.view is View.SIDE:
         is_moving = _first_to_go(
             compile_shapes(scene, shapes).world,
-            np.array([item.name not in kept for item in scene.objects], bool),
+            np.array([item.name not in exempt_names for item in scene.objects], bool),
         )
         if not is_moving.any():
             break
@@ -182,7 +191,9 @@ def _at_rest(perceived: PerceivedScene, kept: Collection[str] = ()) -> Perceived
             ]
         )
     return replace(
-        perceived, document=perceived.document | {"objects": objects}, comments=comments
+        perceived_scene,
+        document=perceived_scene.document | {"objects": objects},
+        comments=comments,
     )
 
 
@@ -215,11 +226,11 @@ def _first_to_go(world: World, is_free: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _add_story_push(
-    perceived: PerceivedScene, only: Collection[str] = ()
+    perceived_scene: PerceivedScene, candidate_names: Collection[str] = ()
 ) -> PerceivedScene:
     """Return the scene with the push of a short story inside the picture.
 
-    Only objects of `only`, if any are named, are pushed. If no push moves an object, a
+    Only objects of `candidate_names`, if any are named, are pushed. If no push moves an object, a
     held object is released and pushed alone.
     """
     from physgen.pipeline.refusals import find_refusals
@@ -231,35 +242,35 @@ def _add_story_push(
     )
     from physgen.pipeline.verdicts import stillness_doubts, with_doubts
 
-    refusals = find_refusals(perceived)
+    refusals = find_refusals(perceived_scene)
     if refusals.photo:
-        return with_doubts(perceived, refusals.reasons)
-    candidates = set(perceived.document["objects"]) - set(refusals.objects)
-    movable_names = candidates & set(only) if only else candidates
+        return with_doubts(perceived_scene, refusals.reasons)
+    candidates = set(perceived_scene.document["objects"]) - set(refusals.objects)
+    movable_names = candidates & set(candidate_names) if candidate_names else candidates
     # Try the objects that nothing speaks against; someone beside an object bars one
     # side.
-    push = _chosen_push(perceived, movable_names, refusals.barred)
+    push = _chosen_push(perceived_scene, movable_names, refusals.barred)
     # At an angle, the upper border of a nearer thing is no ledge to slide along.
-    is_behind = push is not None and stands_behind(perceived, push.name)
-    if not only and (is_behind or is_weak(perceived, push)):
+    is_behind = push is not None and stands_behind(perceived_scene, push.name)
+    if not candidate_names and (is_behind or is_weak(perceived_scene, push)):
         # A push of an object on a guessed floor is still better than no motion, or than
         # a motion out of the picture.
-        release = _release(perceived, refusals)
+        release = _release(perceived_scene, refusals)
         if release is not None and is_better(release[1], None if is_behind else push):
             doubts = []
             # At an angle, the ground is visible around the object.
-            if not is_oblique(perceived):
+            if not is_oblique(perceived_scene):
                 doubts.append(Note.GUESSED_FLOOR.text(name=release[1].name))
             return _with_push(with_doubts(release[0], doubts), release[1])
     if push is None:
-        reasons = [*refusals.reasons, *stillness_doubts(perceived, movable_names)]
-        return with_doubts(perceived, reasons)
-    return _with_push(perceived, push)
+        reasons = [*refusals.reasons, *stillness_doubts(perceived_scene, movable_names)]
+        return with_doubts(perceived_scene, reasons)
+    return _with_push(perceived_scene, push)
 
 
-def _with_push(perceived: PerceivedScene, push: Push) -> PerceivedScene:
+def _with_push(perceived_scene: PerceivedScene, push: Push) -> PerceivedScene:
     """Return the scene with a push, its comment and its doubts."""
-    per_meter = perceived.document["world"]["pixels_per_meter"]
+    per_meter = perceived_scene.document["world"]["pixels_per_meter"]
     speeds = [meters(part / per_meter) for part in push.velocity]
     comment = f"the push that sets it off, {push.phrase}; [0, 0] leaves it at rest"
     if push.spin:
@@ -267,57 +278,61 @@ def _with_push(perceived: PerceivedScene, push: Push) -> PerceivedScene:
             f"the push that sets it off, at its top {push.phrase}; "
             f"[0, 0] and spin: 0 leave it at rest"
         )
-        perceived = _with_spin(perceived, push.name, push.spin)
+        perceived_scene = _with_spin(perceived_scene, push.name, push.spin)
     motions = {push.name: (speeds, comment)}
-    return _with_motion(perceived, motions, push.outcome, push.ramp)
+    return _with_motion(perceived_scene, motions, push.outcome, push.ramp)
 
 
-def _with_spin(perceived: PerceivedScene, name: str, spin: float) -> PerceivedScene:
+def _with_spin(
+    perceived_scene: PerceivedScene, name: str, spin: float
+) -> PerceivedScene:
     """Return the scene with the spin of an object, degrees/s."""
-    objects = dict(perceived.document["objects"])
+    objects = dict(perceived_scene.document["objects"])
     objects[name] = objects[name] | {"spin": spin}
-    return replace(perceived, document=perceived.document | {"objects": objects})
+    return replace(
+        perceived_scene, document=perceived_scene.document | {"objects": objects}
+    )
 
 
 def _chosen_push(
-    perceived: PerceivedScene,
+    perceived_scene: PerceivedScene,
     names: Collection[str],
-    barred: Mapping[str, str],
-    least: float = 0.0,
+    barred_sides: Mapping[str, str],
+    least_confidence: float = 0.0,
 ) -> Push | None:
     """Return the best push of the objects of these names; None if no push moves an
     object.
 
-    `barred` are the sides to which objects are not pushed. Confidences below `least`
-    are raised to `least`.
+    `barred_sides` are the sides to which objects are not pushed. Confidences below `least_confidence`
+    are raised to `least_confidence`.
     """
     from physgen.compile.shapes import shapes_of
     from physgen.pipeline.push_choice import push_confidence, round_ends
     from physgen.pipeline.pushes import default_push
 
-    objects = perceived.document["objects"]
-    confidence = push_confidence(perceived, names, least)
+    objects = perceived_scene.document["objects"]
+    confidence = push_confidence(perceived_scene, names, least_confidence)
     facing = {
         name: item["facing"] for name, item in objects.items() if "facing" in item
     }
-    scene = open_trial(perceived).scene()
+    scene = open_trial(perceived_scene).scene()
     shapes = shapes_of(scene, None)
-    invisible_walls = _unseen_walls(perceived)
-    ramp = scene.world.ramp if "ramp" in perceived.document["world"] else None
+    invisible_walls = _unseen_walls(perceived_scene)
+    ramp = scene.world.ramp if "ramp" in perceived_scene.document["world"] else None
     return default_push(
         scene,
         shapes,
         confidence,
         invisible_walls,
         facing,
-        barred,
+        barred_sides,
         ramp,
-        round_ends(perceived),
+        round_ends(perceived_scene),
     )
 
 
 def _release(
-    perceived: PerceivedScene, refusals: Refusals
+    perceived_scene: PerceivedScene, refusals: Refusals
 ) -> tuple[PerceivedScene, Push] | None:
     """Release one held object and return its scene and push; None if no object
     moves.
@@ -325,7 +340,7 @@ def _release(
     from physgen.pipeline.releases import RELEASE, is_better, releases
 
     best: tuple[PerceivedScene, Push] | None = None
-    for name, released_scene in releases(perceived, refusals.objects):
+    for name, released_scene in releases(perceived_scene, refusals.objects):
         # The guessed floor may not support the object.
         resting_scene = _at_rest(released_scene)
         push = _chosen_push(resting_scene, [name], refusals.barred, RELEASE.certainty)
@@ -338,16 +353,16 @@ def _release(
     return best
 
 
-def _unseen_walls(perceived: PerceivedScene) -> list[str]:
+def _unseen_walls(perceived_scene: PerceivedScene) -> list[str]:
     """Return the names of walls outside the picture."""
     from physgen.perceive.support.supports import SOURCE
 
-    walls = perceived.document["boundaries"].items()
+    walls = perceived_scene.document["boundaries"].items()
     return [k for k, wall in walls if source(wall.get("from", "")).text == SOURCE]
 
 
 def _with_motion(
-    perceived: PerceivedScene,
+    perceived_scene: PerceivedScene,
     motions: Mapping[str, tuple[list[Any], str]],
     outcome: Outcome,
     ramp: float | None = None,
@@ -364,7 +379,7 @@ def _with_motion(
         without_parts_at_rest,
     )
 
-    document, comments = perceived.document, dict(perceived.comments)
+    document, comments = perceived_scene.document, dict(perceived_scene.comments)
     objects = dict(document["objects"])
     for name, (velocity, comment) in motions.items():
         item = {k: v for k, v in objects[name].items() if k != "motion"}
@@ -384,7 +399,7 @@ def _with_motion(
     document = document | {"objects": objects}
     if render or "render" in document:
         document["render"] = render
-    moving_scene = replace(perceived, document=document, comments=comments)
+    moving_scene = replace(perceived_scene, document=document, comments=comments)
     moving_scene = _with_ramp(moving_scene, outcome, ramp)
     moving_scene = without_parts_at_rest(moving_scene, outcome)
     return with_doubts(
@@ -393,7 +408,7 @@ def _with_motion(
 
 
 def _with_ramp(
-    perceived: PerceivedScene, outcome: Outcome, tried_ramp: float | None
+    perceived_scene: PerceivedScene, outcome: Outcome, tried_ramp: float | None
 ) -> PerceivedScene:
     """Return the scene whose push takes some frames, if the motion is then as good.
 
@@ -403,10 +418,10 @@ def _with_ramp(
     from physgen.compile.shapes import shapes_of
     from physgen.pipeline.push_trials import compile_trials, simulate_push
 
-    if tried_ramp == 0 or "ramp" in perceived.document["world"]:
-        return perceived
-    ramp = ramp_of(perceived.document.get("render", {}).get("slow", 1))
-    ramped = _set_ramp(perceived, ramp)
+    if tried_ramp == 0 or "ramp" in perceived_scene.document["world"]:
+        return perceived_scene
+    ramp = ramp_of(perceived_scene.document.get("render", {}).get("slow", 1))
+    ramped = _set_ramp(perceived_scene, ramp)
     if ramp == tried_ramp:
         return ramped
     scene = open_trial(ramped, "velocity", "spin").scene()
@@ -417,7 +432,11 @@ def _with_ramp(
     trials = compile_trials(scene, shapes_of(scene, None), _unseen_walls(ramped))
     if velocities and simulate_push(trials, velocities).grade >= outcome.grade:
         return ramped
-    return perceived if tried_ramp is None else _set_ramp(perceived, tried_ramp)
+    return (
+        perceived_scene
+        if tried_ramp is None
+        else _set_ramp(perceived_scene, tried_ramp)
+    )
 
 
 def _set_ramp(perceived_scene: PerceivedScene, ramp: float) -> PerceivedScene:
@@ -429,14 +448,16 @@ def _set_ramp(perceived_scene: PerceivedScene, ramp: float) -> PerceivedScene:
     return replace(perceived_scene, document=document, comments=comments)
 
 
-def push_by_request(perceived: PerceivedScene, pushes: Sequence[str]) -> PerceivedScene:
+def push_by_request(
+    perceived_scene: PerceivedScene, pushes: Sequence[str]
+) -> PerceivedScene:
     """Return the scene with the pushes `NAME=DIRECTION[@SPEED]`. Raises InputError."""
     from physgen.compile.shapes import shapes_of
     from physgen.pipeline.push_trials import compile_trials, simulate_push
     from physgen.pipeline.pushes import Push, direction_words, named_pushes
 
     dynamic_scene = _release_objects(
-        perceived, [text.partition("=")[0].strip() for text in pushes]
+        perceived_scene, [text.partition("=")[0].strip() for text in pushes]
     )
     # The outcome of the pushes decides about slow motion and doubts, as for an
     # automatic push.
@@ -457,7 +478,7 @@ def push_by_request(perceived: PerceivedScene, pushes: Sequence[str]) -> Perceiv
 
 
 def push_anew(
-    perceived: PerceivedScene, scene: Scene, pushes: Sequence[str]
+    perceived_scene: PerceivedScene, scene: Scene, pushes: Sequence[str]
 ) -> PerceivedScene:
     """Return a refreshed scene with pushes of the user in place of perception's push.
 
@@ -465,15 +486,15 @@ def push_anew(
     """
     from physgen.pipeline.pushes import perceived_pushes
 
-    objects = dict(perceived.document["objects"])
+    objects = dict(perceived_scene.document["objects"])
     for name in perceived_pushes(scene):
         if name in objects:
             still_item = {k: v for k, v in objects[name].items() if k != "spin"}
             objects[name] = still_item | {"velocity": [0, 0]}
-    document = perceived.document | {"objects": objects}
-    perceived = replace(perceived, document=document)
-    pushed_scene = push_by_request(_with_usual_playback(perceived, scene), pushes)
-    document = pushed_scene.document | _playback(perceived, pushed_scene, scene)
+    document = perceived_scene.document | {"objects": objects}
+    perceived_scene = replace(perceived_scene, document=document)
+    pushed_scene = push_by_request(_with_usual_playback(perceived_scene, scene), pushes)
+    document = pushed_scene.document | _playback(perceived_scene, pushed_scene, scene)
     return replace(pushed_scene, document=document)
 
 
@@ -549,22 +570,50 @@ def with_slow_motion_comment(perceived_scene: PerceivedScene) -> PerceivedScene:
 
 
 def _release_objects(
-    perceived: PerceivedScene, names: Collection[str]
+    perceived_scene: PerceivedScene, names: Collection[str]
 ) -> PerceivedScene:
     """Return the scene with the objects of these names released."""
     objects = {}
-    for name, item in perceived.document["objects"].items():
+    for name, item in perceived_scene.document["objects"].items():
         if name in names:
             item = {key: value for key, value in item.items() if key != "motion"}
         objects[name] = item
-    return replace(perceived, document=perceived.document | {"objects": objects})
+    return replace(
+        perceived_scene, document=perceived_scene.document | {"objects": objects}
+    )
+
+
+@dataclass(frozen=True)
+class _MotionChanges:
+    """Changes of a refreshed scene after which other objects may be pushed."""
+
+    released_names: Collection[str]
+    """Objects that are no longer held."""
+    has_new_view: bool
+    stopped_names: Sequence[str]
+    """Objects whose push of perception is removed."""
+
+    @property
+    def candidate_names(self) -> Collection[str]:
+        """Return the objects that may be pushed; empty for all.
+
+        After another view or a stopped push, any object may be pushed, otherwise only
+        those that the refresh released.
+        """
+        if self.has_new_view or self.stopped_names:
+            return ()
+        return self.released_names
+
+    def allow_push(self) -> bool:
+        """Return whether a push may be added."""
+        return bool(self.released_names or self.has_new_view or self.stopped_names)
 
 
 def refresh_motion(
-    perceived: PerceivedScene,
+    perceived_scene: PerceivedScene,
     scene: Scene,
-    was: Mapping[str, Mapping[str, Any]],
-    still: bool,
+    old_entries: Mapping[str, Mapping[str, Any]],
+    is_still: bool,
     warn: Warn,
 ) -> tuple[PerceivedScene, dict[str, Any]]:
     """Set the objects of a refreshed scene in motion again.
@@ -572,84 +621,123 @@ def refresh_motion(
     Objects with a new prompt are held if they would fall. A push is added if nothing
     else moves and if an object was released, the view has changed, or perception's old
     push now moves nothing; the last case is a warning. `scene` is the scene before the
-    refresh, `was` its entries of objects by name. Returns the refreshed scene, and the
-    values of objects that move as before, by name.
+    refresh, `old_entries` its entries of objects by name. Returns the refreshed scene,
+    and the values of objects that move as before, by name.
+    """
+    from physgen.pipeline.pushes import perceived_pushes
+
+    moving = _moving_values(scene)
+    pushes: list[str] = []
+    if not (is_still or scene.forces or scene.joints):
+        pushes = list(perceived_pushes(scene))
+    # After a problem of the scene, the changes so far remain: rendering reports it.
+    with suppress(InputError):
+        perceived_scene = _hold_changed_objects(perceived_scene, old_entries)
+        changes = _find_changes(perceived_scene, scene, old_entries, pushes)
+        for name in changes.stopped_names:
+            del moving[name]
+        perceived_scene = _stop_objects(perceived_scene, changes.stopped_names)
+        is_at_rest = not (is_still or moving or scene.forces)
+        if changes.allow_push() and is_at_rest:
+            names = changes.candidate_names
+            perceived_scene = _with_story_push(perceived_scene, scene, names)
+        if not changes.has_new_view:
+            _warn_of_stopped_pushes(perceived_scene, changes.stopped_names, warn)
+    return perceived_scene, moving
+
+
+def _moving_values(scene: Scene) -> dict[str, dict[str, Any]]:
+    """Return the velocity, and the spin if any, of each moving object by name."""
+    values: dict[str, dict[str, Any]] = {}
+    for item in scene.objects:
+        if any(item.velocity):
+            values[item.name] = {"velocity": list(item.velocity)}
+            if item.spin:
+                values[item.name]["spin"] = item.spin
+    return values
+
+
+def _hold_changed_objects(
+    perceived_scene: PerceivedScene, old_entries: Mapping[str, Mapping[str, Any]]
+) -> PerceivedScene:
+    """Hold the objects with a new prompt that would fall.
+
+    Objects with an unchanged prompt keep the motion that they had, whether they fall or
+    not.
+    """
+    objects = perceived_scene.document["objects"]
+    unchanged_names = []
+    for name, entry in old_entries.items():
+        if entry.get("prompt") == objects.get(name, entry).get("prompt"):
+            unchanged_names.append(name)
+    return _at_rest(perceived_scene, unchanged_names)
+
+
+def _find_changes(
+    perceived_scene: PerceivedScene,
+    scene: Scene,
+    old_entries: Mapping[str, Mapping[str, Any]],
+    pushes: Sequence[str],
+) -> _MotionChanges:
+    """Compare a refreshed scene with the scene before. Raises InputError.
+
+    `pushes` are the names of objects with a push of perception.
+    """
+    objects = perceived_scene.document["objects"]
+    released_names = set()
+    for name, entry in old_entries.items():
+        if "motion" in entry and "motion" not in objects.get(name, entry):
+            released_names.add(name)
+    old_view = scene.record.world.get("view")
+    has_new_view = old_view not in (None, scene.world.view.value)
+    has_motion = _push_moves(perceived_scene, pushes)
+    stopped_names = pushes if has_new_view or not has_motion else []
+    return _MotionChanges(released_names, has_new_view, stopped_names)
+
+
+def _push_moves(perceived_scene: PerceivedScene, pushes: Sequence[str]) -> bool:
+    """Check whether one of perception's pushes still moves an object.
+
+    It may now meet an obstacle, since masks have changed. Raises InputError.
     """
     from physgen.compile.shapes import shapes_of
     from physgen.pipeline.push_trials import compile_trials, simulate_push
-    from physgen.pipeline.pushes import perceived_pushes
 
-    moving: dict[str, dict[str, Any]] = {}
-    for item in scene.objects:
-        if any(item.velocity):
-            spin = {"spin": item.spin} if item.spin else {}
-            moving[item.name] = {"velocity": list(item.velocity)} | spin
-    pushes = (
-        [] if still or scene.forces or scene.joints else list(perceived_pushes(scene))
-    )
-    with suppress(InputError):
-        objects = perceived.document["objects"]
-        unchanged_names = [
-            k
-            for k, item in was.items()
-            if item.get("prompt") == objects.get(k, item).get("prompt")
-        ]
-        # Objects with an unchanged prompt keep the motion that they had, whether they
-        # fall or not.
-        perceived = _at_rest(perceived, unchanged_names)
-        objects_at_rest = perceived.document["objects"]
-        released_names = {
-            k
-            for k, item in was.items()
-            if "motion" in item and "motion" not in objects_at_rest.get(k, item)
-        }
-        has_new_view = scene.record.world.get("view") not in (
-            None,
-            scene.world.view.value,
-        )
-        keys = ("velocity", "spin", "place", "layer")
-        trial_scene = open_trial(perceived, *keys).scene()
-        pushed_objects = [
-            item
-            for item in trial_scene.objects
-            if item.name in pushes and any(item.velocity)
-        ]
-        # The push of perception may now meet an obstacle, since masks have changed.
-        trials = compile_trials(trial_scene, shapes_of(trial_scene, None))
-        outcomes = [
-            simulate_push(trials, {pushed_item.name: pushed_item.velocity})
-            for pushed_item in pushed_objects
-        ]
-        has_motion = any(outcome.grade for outcome in outcomes)
-        stopped_names = pushes if has_new_view or not has_motion else []
-        for name in stopped_names:
-            del moving[name]
-        stopped_entries = {}
-        for name in stopped_names:
-            if name in objects_at_rest:
-                entry = {k: v for k, v in objects_at_rest[name].items() if k != "spin"}
-                stopped_entries[name] = entry | {"velocity": [0, 0]}
-        perceived = replace(
-            perceived,
-            document=perceived.document
-            | {"objects": objects_at_rest | stopped_entries},
-        )
-        if (released_names or has_new_view or stopped_names) and not (
-            still or moving or scene.forces
-        ):
-            # After another view or a stopped push, any object may be pushed, otherwise
-            # only those that the refresh released.
-            only = () if has_new_view or stopped_names else released_names
-            perceived = _with_story_push(perceived, scene, only)
-        pushed_names = [
-            k
-            for k, item in perceived.document["objects"].items()
-            if any(item.get("velocity", ()))
-        ]
-        fix = "no other push moves anything"
-        if pushed_names:
-            fix = f"{listed(pushed_names, 'and')} is pushed instead"
-        template, place = Message.PUSH_MOVES_NOTHING, Place("--refresh")
-        for name in [] if has_new_view else stopped_names:
-            warn(template.warning(place, name, "its push", fix=fix))
-    return perceived, moving
+    keys = ("velocity", "spin", "place", "layer")
+    trial_scene = open_trial(perceived_scene, *keys).scene()
+    trials = compile_trials(trial_scene, shapes_of(trial_scene, None))
+    for item in trial_scene.objects:
+        if item.name in pushes and any(item.velocity):
+            outcome = simulate_push(trials, {item.name: item.velocity})
+            if outcome.grade:
+                return True
+    return False
+
+
+def _stop_objects(
+    perceived_scene: PerceivedScene, names: Collection[str]
+) -> PerceivedScene:
+    """Return the scene with the objects of these names at rest."""
+    objects = dict(perceived_scene.document["objects"])
+    for name in names:
+        if name in objects:
+            entry = {k: v for k, v in objects[name].items() if k != "spin"}
+            objects[name] = entry | {"velocity": [0, 0]}
+    document = perceived_scene.document | {"objects": objects}
+    return replace(perceived_scene, document=document)
+
+
+def _warn_of_stopped_pushes(
+    perceived_scene: PerceivedScene, stopped_names: Sequence[str], warn: Warn
+) -> None:
+    """Warn of perception's pushes that move nothing, and name the present ones."""
+    pushed_names = []
+    for name, entry in perceived_scene.document["objects"].items():
+        if any(entry.get("velocity", ())):
+            pushed_names.append(name)
+    fix = "no other push moves anything"
+    if pushed_names:
+        fix = f"{listed(pushed_names, 'and')} is pushed instead"
+    template, place = Message.PUSH_MOVES_NOTHING, Place("--refresh")
+    for name in stopped_names:
+        warn(template.warning(place, name, "its push", fix=fix))

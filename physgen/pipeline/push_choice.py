@@ -19,35 +19,35 @@ if TYPE_CHECKING:
 
 
 def push_confidence(
-    perceived: PerceivedScene, names: Collection[str], least: float
+    perceived_scene: PerceivedScene, names: Collection[str], least_confidence: float
 ) -> dict[str, float]:
     """Return the confidences of all objects for a push, 0 for those not in `names`.
 
-    Confidences below `least` are raised to `least`.
+    Confidences below `least_confidence` are raised to `least_confidence`.
     """
-    objects = perceived.document["objects"]
+    objects = perceived_scene.document["objects"]
     confidence = dict.fromkeys(objects, 0.0)
-    torn_names = part_owners(perceived)
+    torn_names = part_owners(perceived_scene)
     for name in names:
         # An object whose parts may stay behind is pushed only for want of another.
-        certainty = max(mask_confidence(objects[name]), least)
+        certainty = max(mask_confidence(objects[name]), least_confidence)
         if name in torn_names and certainty > TRIAL.confidence:
             certainty = max(certainty * RELEASE.torn_weight, TRIAL.confidence)
         confidence[name] = certainty
     return confidence
 
 
-def round_ends(perceived: PerceivedScene) -> set[tuple[str, str]]:
+def round_ends(perceived_scene: PerceivedScene) -> set[tuple[str, str]]:
     """Return the names of objects with a round foot, and the side of the round end.
 
     Such an object stands on a hidden base.
     """
     ends = set()
-    for name, item in perceived.document["objects"].items():
+    for name, item in perceived_scene.document["objects"].items():
         corners = item.get("shape", {}).get("polygon")
         if corners is None:
             continue
-        mask = perceived.percepts.labels == item["mask"]
+        mask = perceived_scene.percepts.labels == item["mask"]
         for side in _round_sides(mask, np.array(corners, np.float64)):
             ends.add((name, side))
     return ends

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 def is_tall(body: Body) -> bool:
     """Check whether a body may fall over."""
     width, height = measure_extent(body)
-    return body.radius is None and height >= TRIAL.tall * width
+    return body.radius is None and height >= TRIAL.fall_ratio * width
 
 
 def measure_extent(body: Body) -> tuple[float, float]:
@@ -69,7 +69,7 @@ class PictureBorder:
         )
         # An object that begins beyond the border may stay there, so that the border is
         # wider.
-        slack = TRIAL.beside * trials.side
+        slack = TRIAL.border_margin * trials.side
         movable = [body.motion is Motion.DYNAMIC for body in world.bodies]
         return PictureBorder(
             points,
@@ -144,7 +144,7 @@ def find_fallen_objects(world: World, motion: Trajectory) -> list[str]:
     names = []
     for k, body in enumerate(world.bodies):
         turn = abs(float(motion.poses[-1, k, 2] - motion.poses[0, k, 2]))
-        if is_tall(body) and turn >= radians(TRIAL.fallen):
+        if is_tall(body) and turn >= radians(TRIAL.fall_angle):
             names.append(body.name)
     return names
 
@@ -213,7 +213,7 @@ def full_travel(world: World, fallen_names: Collection[str]) -> Array:
     is_free = [
         body.radius is not None or body.name in fallen_names for body in world.bodies
     ]
-    return np.where(np.array(is_free, bool), TRIAL.far, TRIAL.slide)
+    return np.where(np.array(is_free, bool), TRIAL.full_travel, TRIAL.slide)
 
 
 def climbs(trials: TrialScene, world: World, motion: Trajectory) -> bool:
@@ -288,7 +288,7 @@ def throws(
     index = motion.names.index(name)
     direction = np.array(velocity, np.float64)
     stopped_mass = _stopped_mass(motion, index, direction, trials.unseen)
-    return stopped_mass > TRIAL.thrown * trials.world.bodies[index].mass
+    return stopped_mass > TRIAL.momentum_share * trials.world.bodies[index].mass
 
 
 def _stopped_mass(

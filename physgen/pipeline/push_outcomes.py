@@ -35,11 +35,11 @@ class TrialLimits:
     """Number of objects with a direction to try."""
     patience: int = 2
     """Number of further pairs to try after a story without a better one."""
-    more: int = 16
+    pairs_without_story: int = 16
     """The same while no push makes a story, as in a heap of objects that block each
     other.
     """
-    most: int = 28
+    trial_count: int = 28
     """Number of trials; twice as many while no push makes a story."""
     poor: float = 0.4
     """Score below which a push is no story, whatever its grade."""
@@ -47,7 +47,7 @@ class TrialLimits:
     """Work of all trials together, in steps of the engine: about half a second."""
     more_work: float = 7500.0
     """The same while no calm push moves an object by `travel`."""
-    one: float = 1500.0
+    trial_work: float = 1500.0
     """Work after which a single trial ends: jammed objects take long."""
     longest: float = 6.0
     """Maximum duration of a trial, s: a scale wrong by powers of ten would take
@@ -81,25 +81,25 @@ class TrialLimits:
     """Number of speeds between one without and one with objects that leave the
     picture.
     """
-    verified: int = 3
+    verification_count: int = 3
     """Maximum number of pushes that are tried again."""
     tips: tuple[float, float] = (1.25, 2.0)
     """Range of speeds for a thin object, relative to its tipping speed."""
-    thin: float = 3.0
+    tipping_ratio: float = 3.0
     """Height over width above which an object is tipped as by a finger."""
-    tall: float = 1.4
+    fall_ratio: float = 1.4
     """Height over width above which a fall of an object is worth more."""
-    fallen: float = 50.0
+    fall_angle: float = 50.0
     """Rotation above which an object has fallen over, degrees."""
     travel: float = 0.05
     """Minimum displacement of a story."""
-    least: float = 0.03
+    least_travel: float = 0.03
     """Minimum visible displacement: in a heap, no object moves farther."""
-    far: float = 0.15
+    full_travel: float = 0.15
     """Displacement of the full score: a hand's breadth in a photo of 0.5 m."""
     slide: float = 0.08
     """The same for a sliding object, which uncovers filled background."""
-    beside: float = 0.005
+    border_margin: float = 0.005
     """Margin beyond the border that still counts as inside the picture."""
     unrest: float = 0.004
     """Displacement in the last unit of time that still counts as rest."""
@@ -118,10 +118,10 @@ class TrialLimits:
     slide in one piece looks dull, and uncovers more background.
     """
     rocking_work: float = 2.5
-    """Work of a trial of a rocking object, relative to `one`: each return to the ground
+    """Work of a trial of a rocking object, relative to `trial_work`: each return to the ground
     is an impact.
     """
-    flat: float = 0.75
+    hand_ratio: float = 0.75
     """Height over width below which no hand tips an object."""
     foot: float = 0.04
     """Height of the foot of an object, by its height."""
@@ -136,7 +136,7 @@ class TrialLimits:
     """Score of each fallen object, relative to an object with a long path."""
     worth: float = 1.1
     """Gain of the score above which a harder push or another object is preferred."""
-    enough: float = 0.85
+    score_share: float = 0.85
     """Share of the best score above which a gentler push is preferred."""
     wrong_way: float = 0.3
     """Factor of the score for a vehicle driving backwards."""
@@ -144,7 +144,7 @@ class TrialLimits:
     """Factor for the return of an object from an obstacle."""
     border: float = 0.02
     """Gap to the picture's border below which an object ends crowded."""
-    crowded: float = 0.8
+    crowding: float = 0.8
     """Factor for a push after which an object ends crowded, without such a start."""
     overhang: float = 0.2
     """Factor for a push after which an object stands half beyond a visible edge."""
@@ -156,7 +156,7 @@ class TrialLimits:
     """Smallest climb over an obstacle or throw upwards, by an object's height."""
     edge: float = 0.02
     """Tolerance of the position on an edge."""
-    thrown: float = 0.25
+    momentum_share: float = 0.25
     """Share of an object's momentum that an invisible wall takes in a rebound."""
     wild: float = 2.5
     """Ratio to the speeds of the push and of a fall over the photo above which the

@@ -131,26 +131,32 @@ def _room_score(
     turned_corners = [points @ frame.T for points in corners]
     lower_corners = np.array([points.min(axis=0) for points in turned_corners])
     upper_corners = np.array([points.max(axis=0) for points in turned_corners])
-    overlaps = np.minimum(upper_corners, upper_corners[k]) - np.maximum(
-        lower_corners, lower_corners[k]
-    )
-    is_in_path = (
-        overlaps[:, 1] > RANK.side_share * (upper_corners - lower_corners)[:, 1]
-    )
-    is_ahead = is_in_path & (lower_corners[:, 0] > upper_corners[k, 0] - RANK.touch)
-    objects_ahead = [n for n in np.flatnonzero(is_ahead).tolist() if n != k]
+    objects_ahead = _objects_ahead(lower_corners, upper_corners, k)
     picture_end = max(np.array([[0, 0], trials.scene.size]) @ frame[0])
     full_room = RANK.room * trials.side
-    center = trials.world.bodies[k].center
-    gaps = [
-        picture_end - center @ frame[0],
-        *(lower_corners[n, 0] - upper_corners[k, 0] for n in objects_ahead),
-    ]
-    free_share = float(np.clip(min(gaps) / full_room, 0, 1))
-    last_edge = max(upper_corners[n, 0] for n in (k, *objects_ahead))
+    room = picture_end - trials.world.bodies[k].center @ frame[0]
+    last_edge = upper_corners[k, 0]
+    for n in objects_ahead:
+        room = min(room, lower_corners[n, 0] - upper_corners[k, 0])
+        last_edge = max(last_edge, upper_corners[n, 0])
+    free_share = float(np.clip(room / full_room, 0, 1))
     room_beyond = float(np.clip((picture_end - last_edge) / full_room, 0, 1))
     return (
         free_share
         + RANK.room_beyond * room_beyond
         + RANK.ahead * (1 - 0.5 ** len(objects_ahead))
     )
+
+
+def _objects_ahead(lower_corners: Array, upper_corners: Array, k: int) -> list[int]:
+    """Return the indices of objects in the path of object k.
+
+    Corners (N, 2) are those of boxes, in axes along and across the path.
+    """
+    overlaps = np.minimum(upper_corners, upper_corners[k]) - np.maximum(
+        lower_corners, lower_corners[k]
+    )
+    widths = (upper_corners - lower_corners)[:, 1]
+    is_in_path = overlaps[:, 1] > RANK.side_share * widths
+    is_ahead = is_in_path & (lower_corners[:, 0] > upper_corners[k, 0] - RANK.touch)
+    return [n for n in np.flatnonzero(is_ahead).tolist() if n != k]

@@ -122,7 +122,7 @@ class Hand:
         if not self.is_free or (self.item.name, end) in self.trials.round_ends:
             return False
         width, height = measure_extent(self.body)
-        return not self.is_filling and height >= TRIAL.flat * width
+        return not self.is_filling and height >= TRIAL.hand_ratio * width
 
     @property
     def can_sway(self) -> bool:
@@ -143,7 +143,7 @@ class Hand:
         yield candidate
         outcome = candidate.outcome
         is_hard = outcome.grade in (Grade.LEAVES, Grade.RESTLESS)
-        if is_hard or outcome.travel > TRIAL.far:
+        if is_hard or outcome.travel > TRIAL.full_travel:
             yield attempt(self._push(smaller_angle, 0.0, self.ramp))
         elif outcome.travel < TRIAL.slide:
             yield attempt(self._push(larger_angle, 0.0, self.ramp))

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import chain
 from math import hypot, inf, log, sqrt
 from types import MappingProxyType
@@ -64,7 +65,7 @@ def compile_trials(
     scene: Scene,
     shapes: Shapes,
     unseen: Collection[str] = (),
-    barred: Mapping[str, str] = MappingProxyType({}),
+    barred_sides: Mapping[str, str] = MappingProxyType({}),
     ramp: float | None = None,
     round_ends: Collection[tuple[str, str]] = (),
 ) -> TrialScene:
@@ -73,7 +74,7 @@ def compile_trials(
 
     world = compile_shapes(scene, shapes).world
     ends = frozenset(round_ends)
-    return TrialScene(scene, world, frozenset(unseen), barred, ramp, ends)
+    return TrialScene(scene, world, frozenset(unseen), barred_sides, ramp, ends)
 
 
 def choose_push(
@@ -97,7 +98,7 @@ def choose_push(
     candidates = [_weight_candidate(trial, confidence) for trial in candidates]
     sorted_candidates = sorted(candidates, key=_preference, reverse=True)
     verified_candidates: list[Candidate] = []
-    for candidate in sorted_candidates[: TRIAL.verified]:
+    for candidate in sorted_candidates[: TRIAL.verification_count]:
         if sum(trial.outcome.work for trial in verified_candidates) > TRIAL.work:
             break
         verified_candidate = _verify(trials, candidate, facing)
@@ -177,7 +178,7 @@ def _preference(candidate: Candidate) -> tuple[float, ...]:
     gentleness = -candidate.speed
     if outcome.grade is Grade.LEAVES:
         return (outcome.grade, gentleness, outcome.score)
-    level = int(log(max(outcome.score, 1e-3), 1 / TRIAL.enough))
+    level = int(log(max(outcome.score, 1e-3), 1 / TRIAL.score_share))
     return (outcome.grade, level, gentleness)
 
 
@@ -188,7 +189,7 @@ def _candidates(
     world = replace(trials.world, steps_per_second=TRIAL.rate)
     # A search yields the same speed again if it halves an interval to it.
     known_pushes: set[tuple[str, Direction, float]] = set()
-    sorted_pushes = rank_pushes(trials, confidence)[: TRIAL.more]
+    sorted_pushes = rank_pushes(trials, confidence)[: TRIAL.pairs_without_story]
     highest_score = _highest_score(trials)
     search = _search
     # Among others, an object should touch them: only a lone object rocks.
@@ -270,9 +271,9 @@ class _SearchEffort:
         is_free = candidate.item.name not in self.loaded
         if is_story and is_free and score > TRIAL.worth * self.best:
             self.best, self.best_pair = score, self.pairs
-        if is_story and score >= TRIAL.enough * self.highest:
+        if is_story and score >= TRIAL.score_share * self.highest:
             return True
-        most_trials = TRIAL.most if self.has_story else 2 * TRIAL.most
+        most_trials = TRIAL.trial_count if self.has_story else 2 * TRIAL.trial_count
         most_work = TRIAL.work if self.is_visible else TRIAL.more_work
         return self.work > most_work or self.trials >= most_trials
 
@@ -376,7 +377,7 @@ def _is_too_hard(outcome: Outcome, gentler: Outcome) -> bool:
     Objects that move too far uncover much background; rocking objects may need less.
     """
     if outcome.grade is Grade.STORY:
-        return gentler.grade is not Grade.STORY and outcome.travel > TRIAL.far
+        return gentler.grade is not Grade.STORY and outcome.travel > TRIAL.full_travel
     is_short = gentler.grade is Grade.SHORT and gentler.travel < TRIAL.travel
     return is_short and outcome.grade is Grade.RESTLESS
 
@@ -418,7 +419,7 @@ def _speed_limits(trials: TrialScene, item: Object) -> tuple[float, float]:
     if tipping_speed is None:
         return gentlest, hardest
     # A flat object slides before it tips; a tall one tips first.
-    if height < TRIAL.thin * width:
+    if height < TRIAL.tipping_ratio * width:
         first_speed = min(
             tipping_speed, TRIAL.slides * _sliding_speed(trials, item.name)
         )
@@ -459,6 +460,46 @@ def _tipping_speed(body: Body, gravity: float) -> float | None:
 # Outcome of one push
 
 
+@dataclass(frozen=True)
+class _TrialRun:
+    """The simulated motion of one trial."""
+
+    trials: TrialScene
+    world: World
+    motion: Trajectory
+    travel: NDArray[np.float64]
+    """Displacements (N,) of the bodies, by the photo's longer side."""
+    has_left: NDArray[np.bool_]
+    """Bodies (N,) that leave the picture."""
+
+    @cached_property
+    def seconds(self) -> float:
+        """Return the time until all objects rest, s."""
+        least_distance = TRIAL.unrest * self.trials.side
+        return measure_moving_time(self.world, self.motion, least_distance)
+
+    def find_names(self, mask: NDArray[np.bool_]) -> tuple[str, ...]:
+        """Return the names of the bodies of a mask (N,)."""
+        return tuple(self.world.bodies[k].name for k in np.flatnonzero(mask))
+
+
+@dataclass(frozen=True)
+class _Faults:
+    """Implausible parts of a motion."""
+
+    has_rebound: bool
+    """Whether a pushed object returns from an obstacle."""
+    is_thrown: bool
+    """Whether an invisible wall throws an object back."""
+    has_overhang: bool
+    """Whether an object ends half beyond a visible edge."""
+    is_crowded: bool
+    """Whether an object ends at the picture's border."""
+    is_climbing: bool
+    is_tumbling: bool
+    """Whether a low object climbs or tumbles instead of sliding."""
+
+
 def simulate_push(
     trials: TrialScene,
     velocities: Mapping[str, tuple[float, float]],
@@ -476,58 +517,91 @@ def simulate_push(
     world = _pushed_world(trials, velocities, world or trials.world, ramp, spins)
     motion, has_left, work = _run(trials, world)
     travel = measure_travel(world, motion) / trials.side
+    farthest = float(travel.max(initial=0.0))
     speed = max(hypot(*velocity) for velocity in velocities.values())
-    if travel.max(initial=0.0) < TRIAL.least or explodes(trials, motion, speed):
-        farthest = float(travel.max(initial=0.0))
+    if farthest < TRIAL.least_travel or explodes(trials, motion, speed):
         return replace(NO_MOTION, travel=farthest, work=work)
-    names = [body.name for body in world.bodies]
-    moving_names = tuple(names[k] for k in np.flatnonzero(travel >= TRIAL.least))
-    leaving_names = tuple(names[k] for k in np.flatnonzero(has_left))
-    seconds = measure_moving_time(world, motion, TRIAL.unrest * trials.side)
-    is_resting = seconds <= float(motion.times[-1]) - trials.unit
-    slow_factor = playback_of(trials, seconds)
-    # The share of a second of video that is filled by visible motion.
-    visible_time = measure_moving_time(world, motion, TRIAL.visible * trials.side)
-    film_share = min(visible_time * slow_factor / PLAYBACK.least_motion, 1.0)
-    film_share = min(film_share, float(travel.max()) / TRIAL.travel)
-    fallen_names = find_fallen_objects(world, motion)
-    score = float(np.minimum(travel / full_travel(world, fallen_names), 1.0).sum())
-    score += TRIAL.falls * len(fallen_names)
-    if any(spins.values()) and rocks(world, motion):
-        # A small slide with a rotation tells as much as a long slide.
-        score = max(score, min(float(travel.max()) / TRIAL.travel, 1.0))
-        score += TRIAL.rocking
-    # Penalties for implausible motion.
-    if any(returns(motion, *push) for push in velocities.items()):
-        score *= TRIAL.rebound
-    is_thrown = any(throws(trials, motion, *push) for push in velocities.items())
-    if overhangs(trials, world, motion):
-        score *= TRIAL.overhang
-        film_share = min(film_share, TRIAL.overhang)
-    if crowds_border(trials, world, motion):
-        score *= TRIAL.crowded
-    is_climbing = climbs(trials, world, motion)
-    if is_climbing or any(tumbles(world, motion, name) for name in velocities):
-        score *= TRIAL.tumbling
-        film_share = min(film_share, TRIAL.tumbling)
-    grade = Grade.STORY
-    if leaving_names or is_thrown:
-        grade = Grade.LEAVES
-    elif is_climbing or not is_resting:
-        grade = Grade.RESTLESS
-    elif film_share < 1:
-        grade = Grade.SHORT
+    run = _TrialRun(trials, world, motion, travel, has_left)
+    faults = _find_faults(run, velocities)
+    film_share = _film_share(run, faults)
+    grade = _grade_run(run, faults, film_share)
+    score = _score_run(run, faults, is_spun=any(spins.values()))
+    if grade is Grade.SHORT:
         score *= film_share
     return Outcome(
         grade,
         score,
-        float(travel.max()),
-        seconds,
-        moving_names,
-        leaving_names,
+        farthest,
+        run.seconds,
+        run.find_names(travel >= TRIAL.least_travel),
+        run.find_names(has_left),
         work,
         measure_turn(motion, velocities),
     )
+
+
+def _find_faults(
+    run: _TrialRun, velocities: Mapping[str, tuple[float, float]]
+) -> _Faults:
+    """Return the implausible parts of the motion after pushes by name, px/s."""
+    trials, world, motion = run.trials, run.world, run.motion
+    is_climbing = climbs(trials, world, motion)
+    return _Faults(
+        has_rebound=any(returns(motion, *push) for push in velocities.items()),
+        is_thrown=any(throws(trials, motion, *push) for push in velocities.items()),
+        has_overhang=overhangs(trials, world, motion),
+        is_crowded=crowds_border(trials, world, motion),
+        is_climbing=is_climbing,
+        is_tumbling=is_climbing
+        or any(tumbles(world, motion, name) for name in velocities),
+    )
+
+
+def _film_share(run: _TrialRun, faults: _Faults) -> float:
+    """Return the share 0..1 of a second of video that is filled by visible motion."""
+    trials, motion = run.trials, run.motion
+    least_distance = TRIAL.visible * trials.side
+    visible_time = measure_moving_time(run.world, motion, least_distance)
+    slow_factor = playback_of(trials, run.seconds)
+    film_share = min(visible_time * slow_factor / PLAYBACK.least_motion, 1.0)
+    film_share = min(film_share, float(run.travel.max()) / TRIAL.travel)
+    if faults.has_overhang:
+        film_share = min(film_share, TRIAL.overhang)
+    if faults.is_tumbling:
+        film_share = min(film_share, TRIAL.tumbling)
+    return film_share
+
+
+def _grade_run(run: _TrialRun, faults: _Faults, film_share: float) -> Grade:
+    """Return the grade of a motion that fills a share of a second of video."""
+    if run.has_left.any() or faults.is_thrown:
+        return Grade.LEAVES
+    is_resting = run.seconds <= float(run.motion.times[-1]) - run.trials.unit
+    if faults.is_climbing or not is_resting:
+        return Grade.RESTLESS
+    return Grade.SHORT if film_share < 1 else Grade.STORY
+
+
+def _score_run(run: _TrialRun, faults: _Faults, is_spun: bool) -> float:
+    """Return the score of a motion: its paths and falls, times the faults' factors."""
+    world, motion, travel = run.world, run.motion, run.travel
+    fallen_names = find_fallen_objects(world, motion)
+    score = float(np.minimum(travel / full_travel(world, fallen_names), 1.0).sum())
+    score += TRIAL.falls * len(fallen_names)
+    if is_spun and rocks(world, motion):
+        # A small slide with a rotation tells as much as a long slide.
+        score = max(score, min(float(travel.max()) / TRIAL.travel, 1.0))
+        score += TRIAL.rocking
+    # Penalties for implausible motion.
+    if faults.has_rebound:
+        score *= TRIAL.rebound
+    if faults.has_overhang:
+        score *= TRIAL.overhang
+    if faults.is_crowded:
+        score *= TRIAL.crowding
+    if faults.is_tumbling:
+        score *= TRIAL.tumbling
+    return score
 
 
 def _pushed_world(
@@ -564,7 +638,7 @@ def _run(
     step = trials.unit / TRIAL.samples
     count = max(int(duration / step), 2)
     running = Running(world, np.linspace(0.0, duration, count + 1))
-    limit = TRIAL.one * max(world.steps_per_second / TRIAL.rate, 1.0)
+    limit = TRIAL.trial_work * max(world.steps_per_second / TRIAL.rate, 1.0)
     if any(body.spin for body in world.bodies):
         limit *= TRIAL.rocking_work
     rest_distance = TRIAL.unrest * trials.side / 4

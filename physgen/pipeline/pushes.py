@@ -12,6 +12,7 @@ from math import cos, hypot, radians, sin, sqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from physgen.geometry.scale import push_speed
 from physgen.messages import Message, one_of
@@ -26,6 +27,7 @@ from physgen.text import nearest, quantity, quoted
 if TYPE_CHECKING:
     from physgen.compile.compile import CompiledScene
     from physgen.compile.shapes import Shapes
+    from physgen.compile.world import Body
 
 
 WRITTEN = 0.01
@@ -73,7 +75,7 @@ def default_push(
     confidence: Mapping[str, float],
     unseen: Collection[str] = (),
     facing: Mapping[str, str] | None = None,
-    barred: Mapping[str, str] | None = None,
+    barred_sides: Mapping[str, str] | None = None,
     ramp: float | None = None,
     round_ends: Collection[tuple[str, str]] = (),
 ) -> Push | None:
@@ -82,11 +84,11 @@ def default_push(
     None if no push moves an object. In the side view a push goes left or right, in the
     top view towards other objects. `confidence` are confidences of objects by name.
     `unseen` are walls outside the photo: a rebound from them would look like a rebound
-    from empty space. `facing` are the sides to which vehicles drive, and `barred` the
+    from empty space. `facing` are the sides to which vehicles drive, and `barred_sides` the
     sides to which objects are not pushed. `ramp`: given time of the push, s.
     `round_ends` are objects with a round foot, and the side over which they never tip.
     """
-    trials = compile_trials(scene, shapes, unseen, barred or {}, ramp, round_ends)
+    trials = compile_trials(scene, shapes, unseen, barred_sides or {}, ramp, round_ends)
     best_trial = choose_push(trials, confidence, facing or {})
     if best_trial is None:
         return None
@@ -124,7 +126,7 @@ def direction_words(velocity: tuple[float, float]) -> str:
 
 def motion_edits(
     scene: Scene,
-    compiled: CompiledScene,
+    compiled_scene: CompiledScene,
     pushes: Sequence[str],
     drops: Sequence[str],
     kicks: Sequence[str],
@@ -136,9 +138,9 @@ def motion_edits(
     """
     motions = collect(
         [
-            *(partial(_push, scene, compiled.shapes, text) for text in pushes),
-            *(partial(_drop, scene, compiled, name) for name in drops),
-            *(partial(_kick, scene, compiled, text) for text in kicks),
+            *(partial(_push, scene, compiled_scene.shapes, text) for text in pushes),
+            *(partial(_drop, scene, compiled_scene, name) for name in drops),
+            *(partial(_kick, scene, compiled_scene, text) for text in kicks),
         ]
     )
     edits: dict[str, Any] = {}
@@ -270,13 +272,13 @@ def _refuse_other_signs(scene: Scene, text: str) -> None:
 
 
 def _drop(
-    scene: Scene, compiled: CompiledScene, name: str
+    scene: Scene, compiled_scene: CompiledScene, name: str
 ) -> tuple[Object, dict[str, Any]]:
     """Return the object of that name, and its place above its support by dotted key."""
     item = named(scene, "--drop", name.strip())
     if scene.world.view is View.TOP:
         raise Message.CANNOT_FALL.error("--drop", f'"{name}"', name=item.name)
-    return item, {f"objects.{item.name}.place": _lifted(scene, compiled, item)}
+    return item, {f"objects.{item.name}.place": _lifted(scene, compiled_scene, item)}
 
 
 def named(scene: Scene, flag: str, name: str) -> Object:
@@ -366,13 +368,13 @@ def _way_names() -> list[str]:
     return [*WORDS, *diagonals]
 
 
-def _lifted(scene: Scene, compiled: CompiledScene, item: Object) -> list[float]:
+def _lifted(scene: Scene, compiled_scene: CompiledScene, item: Object) -> list[float]:
     """Return `place` of an object, lifted by its own height, or up to the object above
     it.
     """
     from physgen.geometry.polygon import bounds
 
-    boxes = [bounds(outline) for outline in compiled.outlines]
+    boxes = [bounds(outline) for outline in compiled_scene.outlines]
     k = scene.objects.index(item)
     left, top, right, bottom = boxes[k]
     lower_edges = [
@@ -382,71 +384,103 @@ def _lifted(scene: Scene, compiled: CompiledScene, item: Object) -> list[float]:
     ]
     # An object above limits the height, if it spans the same columns.
     free_height = top - max([0.0, *(y for y in lower_edges if y <= top + 1)])
-    x, y = compiled.world.bodies[k].center
+    x, y = compiled_scene.world.bodies[k].center
     angle = item.place[2] if item.place else 0.0
     lift = max(0.0, min(bottom - top, free_height))
     return [round(float(x), 2), round(float(y - lift), 2), *([angle] if angle else [])]
 
 
 def _kick(
-    scene: Scene, compiled: CompiledScene, text: str
+    scene: Scene, compiled_scene: CompiledScene, text: str
 ) -> tuple[Object, dict[str, Any]]:
     """Return the object at or near a point, and an impulse there by dotted key.
 
     The impulse leads away from the point; in the side view it is level.
     """
+    point_text, speed = _direction_and_speed(scene, "--kick", text)
+    point, written_point = _read_point(scene, point_text)
+    if not scene.objects:
+        raise Message.KICK_WITHOUT_OBJECTS.error("--kick", f'"{point_text}"')
+    k = _find_kicked_object(scene, compiled_scene, point, point_text)
+    body = compiled_scene.world.bodies[k]
+    direction = _kick_direction(scene, body, point)
+    impulse: list[Any] = []
+    for part in direction:
+        impulse.append(float(f"{body.mass * speed * part:.4g}") + 0.0)
+    if _metric(text):
+        per_meter = scene.world.pixels_per_meter
+        impulse = [f"{part / per_meter:.4g} g m/s" if part else 0 for part in impulse]
+    force = {"object": body.name, "impulse": impulse, "at": written_point}
+    return scene.objects[k], {"forces": [force]}
+
+
+def _read_point(
+    scene: Scene, text: str
+) -> tuple[NDArray[np.float64], list[float | str]]:
+    """Return a point X,Y in px, and its coordinates for the scene file.
+
+    Lengths with a unit stay as written. Raises InputError.
+    """
+    parts = text.split(",")
+    coordinates: list[float] = []
+    written_point: list[float | str] = []
+    try:
+        for part in parts:
+            px = quantity(part, "px", scene.world.pixels_per_meter)
+            number = finite(part if px is None else repr(px))
+            coordinates.append(number)
+            if px is not None:
+                written_point.append(part.strip())
+            else:
+                written_point.append(int(number) if number.is_integer() else number)
+        x, y = coordinates
+    except ValueError:
+        raise Message.NOT_TWO_LENGTHS.error("--kick", f'"{text}"') from None
+    return np.array([x, y]), written_point
+
+
+def _find_kicked_object(
+    scene: Scene,
+    compiled_scene: CompiledScene,
+    point: NDArray[np.float64],
+    point_text: str,
+) -> int:
+    """Return the index of the object at or near a point. Raises InputError.
+
+    The label map decides inside a mask; beside all masks, the nearest outline counts.
+    """
     import shapely
 
     from physgen.geometry.convex import outline_shape
 
-    point_text, speed = _direction_and_speed(scene, "--kick", text)
-    per_meter, coordinates = scene.world.pixels_per_meter, point_text.split(",")
-    pixel_lengths = [quantity(part, "px", per_meter) for part in coordinates]
-    try:
-        x, y = (
-            finite(part if px is None else repr(px))
-            for part, px in zip(coordinates, pixel_lengths, strict=True)
-        )
-    except ValueError:
-        raise Message.NOT_TWO_LENGTHS.error("--kick", f'"{point_text}"') from None
-    if not scene.objects:
-        raise Message.KICK_WITHOUT_OBJECTS.error("--kick", f'"{point_text}"')
-    point = np.array([x, y])
-    shortest_lines = [
-        shapely.shortest_line(outline_shape(outline), shapely.Point(x, y))
-        for outline in compiled.outlines
-    ]
-    # The label map decides inside a mask; beside all masks, the nearest outline counts.
+    x, y = point.tolist()
+    width, height = scene.size
+    row = int(np.clip(y, 0, height - 1))
+    column = int(np.clip(x, 0, width - 1))
+    label = int(compiled_scene.labels[row, column])
+    if label:
+        return label - 1
+    shortest_lines = []
+    for outline in compiled_scene.outlines:
+        shape = outline_shape(outline)
+        shortest_lines.append(shapely.shortest_line(shape, shapely.Point(x, y)))
     k = int(np.nanargmin(shapely.length(shortest_lines)))
-    row, column = (
-        int(np.clip(part, 0, side - 1))
-        for part, side in zip((y, x), scene.size[::-1], strict=True)
-    )
-    if compiled.labels[row, column]:
-        k = int(compiled.labels[row, column]) - 1
-    elif shortest_lines[k].length > NEAR * max(scene.size):
+    if shortest_lines[k].length > NEAR * max(scene.size):
         nearest_point = ",".join(
             str(round(part)) for part in shortest_lines[k].coords[0]
         )
         raise Message.KICK_MISSES.error(
             "--kick", f'"{point_text}"', name=scene.objects[k].name, point=nearest_point
         )
-    body = compiled.world.bodies[k]
+    return k
+
+
+def _kick_direction(
+    scene: Scene, body: Body, point: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the unit vector (2,) of a kick at a point of a body."""
     direction = body.center - point
     # A kick at the centre has no direction of its own: it goes to the right.
     if scene.world.view is View.SIDE or hypot(*direction) < 1:
         direction = np.array([1.0 if direction[0] >= 0 else -1.0, 0.0])
-    direction = direction / hypot(*direction)
-    impulse: list[Any] = [
-        float(f"{body.mass * speed * part:.4g}") + 0.0 for part in direction
-    ]
-    if _metric(text):
-        impulse = [f"{part / per_meter:.4g} g m/s" if part else 0 for part in impulse]
-    numbers = (int(end) if end.is_integer() else end for end in (x, y))
-    written_point = [
-        end if px is None else part.strip()
-        for end, px, part in zip(numbers, pixel_lengths, coordinates, strict=True)
-    ]
-    return scene.objects[k], {
-        "forces": [{"object": body.name, "impulse": impulse, "at": written_point}]
-    }
+    return np.asarray(direction / hypot(*direction), np.float64)

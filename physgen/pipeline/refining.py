@@ -140,7 +140,7 @@ def refine_settings(scene: Scene) -> RefineSettings:
 
 def guidance_footage(film: Film, record: RunRecord, progress: Progress) -> Footage:
     """Render the clip without refinement, one frame per sample."""
-    from physgen.render.staging import matte_coverage
+    from physgen.render.mattes import matte_coverage
 
     progress("simulate", 0, 1)
     footage = Footage(film.simulated(progress))
@@ -213,13 +213,13 @@ def refine_footage(
     return Outcome((), _compare(footage, most_changed))
 
 
-def _compare(footage: Footage, most_changed: MostChanged) -> Comparison:
+def _compare(footage: Footage, largest_change: MostChanged) -> Comparison:
     """Return the comparison of the most changed frame, before and after."""
     from physgen.report.perception import compare_frames
 
-    time = float(footage.trajectory.times[most_changed.index])
-    before = ("as it was drawn", footage.rgb[most_changed.index])
-    after = ("refined", most_changed.refined)
+    time = float(footage.trajectory.times[largest_change.index])
+    before = ("as it was drawn", footage.rgb[largest_change.index])
+    after = ("refined", largest_change.refined)
     caption = f"The frame that changed most, at {time:.2f} s."
     return compare_frames("refined", "Refined", caption, before, after)
 
@@ -251,15 +251,15 @@ def _write_unrefined(
 
 
 def _record_frame_changes(
-    name: str, frames: Iterator[U8], footage: Footage, most_changed: MostChanged
+    name: str, frames: Iterator[U8], footage: Footage, largest_change: MostChanged
 ) -> Iterator[U8]:
-    """Yield the same frames, and add each to `most_changed`."""
+    """Yield the same frames, and add each to `largest_change`."""
     from physgen.refine.fusion import backend_errors
 
     for before in footage.rgb:
         with backend_errors("--refine", name):
             rgb = next(frames)
-        most_changed.add(before, rgb)
+        largest_change.add(before, rgb)
         yield rgb
 
 

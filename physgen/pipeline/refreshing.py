@@ -145,11 +145,11 @@ def _perceive_anew(opened_scene: OpenedScene, run: _Refresh) -> str:
     transfer = carry_over(
         old_document, opened_scene.ground.record, new_photo.perceived_scene
     )
-    description = describe(transfer.perceived)
-    for key in transfer.dropped:
+    description = describe(transfer.scene)
+    for key in transfer.dropped_keys:
         run.warn(Message.VALUE_OF_OTHER_PHOTO.warning(Place(str(path)), key))
     text = write_scene(
-        replace(transfer.perceived, description=description),
+        replace(transfer.scene, description=description),
         image if new_photo.is_nameable else None,
         image.stem,
         run.output,
@@ -157,7 +157,7 @@ def _perceive_anew(opened_scene: OpenedScene, run: _Refresh) -> str:
     )
     lines = [*description.summary, *overview_lines(text, run.output)]
     run.inform(f"{path}: " + "\n".join(lines))
-    run.inform(f"{path}: kept: {listed(transfer.kept, 'and') or 'nothing'}")
+    run.inform(f"{path}: kept: {listed(transfer.kept_keys, 'and') or 'nothing'}")
     return text
 
 
@@ -220,11 +220,10 @@ def _refresh(opened_scene: OpenedScene, text: str, run: _Refresh) -> str:
     """Refresh a scene with fitting assets; `text` is the text of its file."""
     old, labels = _read_old_scene(opened_scene, run)
     selection = _select_objects(old, labels, run)
-    old_names = {
-        i: name
-        for i, name in selection.found.object_names.items()
-        if name in old.document["objects"]
-    }
+    old_names = {}
+    for number, name in selection.detections.object_names.items():
+        if name in old.document["objects"]:
+            old_names[number] = name
     new = _perceive_again(old, selection, old_names, run)
     new_labels = _new_labels(run.options, old_names)
     merged, record_changes = _merge_scenes(old, new, selection, new_labels)
@@ -232,10 +231,10 @@ def _refresh(opened_scene: OpenedScene, text: str, run: _Refresh) -> str:
     moving_scene, motions = _set_in_motion(merged, old, run)
     description = describe(_summary_scene(moving_scene, new, motions))
     # A scene that extends another one is written as a whole, without the old text.
-    old_text = None if "extends" in old.written_document else text
+    is_whole = "extends" in old.written_document
     final_scene = replace(
         moving_scene,
-        comments={} if old_text is None else moving_scene.comments,
+        comments={} if is_whole else moving_scene.comments,
         wrote=record_changes,
         full_size=old_and_new.full_size(old.scene),
         description=description,
@@ -246,7 +245,7 @@ def _refresh(opened_scene: OpenedScene, text: str, run: _Refresh) -> str:
         old.image.stem,
         run.output,
         run.keep,
-        old_text,
+        None if is_whole else text,
         old.scene.record,
     )
     lines = [*description.summary, *overview_lines(new_text, run.output)]
@@ -261,7 +260,7 @@ def _prompt_frames(opened_scene: OpenedScene, scene: Scene) -> PromptFrames:
     places = {}
     # Prompts of the scene are in its own pixels; a problem of one is reported at its
     # line.
-    for order, item in enumerate(old_and_new.prompted(scene.objects)):
+    for order, item in enumerate(old_and_new.list_prompts(scene.objects)):
         path = ("objects", item.name, "prompt")
         kind = "box" if isinstance(item.prompt, BoxPrompt) else "point"
         places[order] = (
@@ -325,7 +324,7 @@ def _select_objects(old: _OldScene, labels: Labels, run: _Refresh) -> RefreshSta
     )
     crew.release("segment")
     place = Place(str(run.path))
-    for name in selection.gone:
+    for name in selection.absorbed_names:
         run.warn(Message.POINTED_PART_LOST.warning(place, f"objects.{name}"))
     return selection
 
@@ -341,7 +340,7 @@ def _perceive_again(
     removed_pixels = None
     if maps is not None:
         removed_pixels = old_and_new.taken_out(
-            scene.objects, maps.cut_out, selection.found.labels
+            scene.objects, maps.cut_out, selection.detections.labels
         )
     # The layers of the user decide which object covers which, also in the new masks.
     layers = old_and_new.user_layers(old.document)
@@ -352,7 +351,9 @@ def _perceive_again(
     known_view = given_view(run.options) or old_and_new.known_view(scene)
     perceived = perception.perceive(
         old.photo.rgb,
-        replace(selection.found, layers=layers_by_id, gone=removed_pixels),
+        replace(
+            selection.detections, layers=layers_by_id, removed_pixels=removed_pixels
+        ),
         renames=run.options.labels,
         backends=run.crew,
         facts=perception.KnownFacts(known_view, known_scale),
@@ -399,7 +400,7 @@ def _merge_scenes(
     comments = old_and_new.true_comments(
         perceived.comments, document, perceived.document, record.world
     )
-    document, record_changes = old_and_new.rescaled(
+    document, record_changes = old_and_new.rescale_document(
         old.written_document, document, record, old.side
     )
     record_changes[""]["boundaries"] = perceived.document["boundaries"]

@@ -26,13 +26,9 @@ from physgen.geometry.scale import PhotoObject
 from physgen.materials import is_living
 from physgen.perceive.shape_entries import corners, shape_entry
 from physgen.perceive.summary import mask_confidence
-from physgen.perceive.support.ground_contact import (
-    Line,
-    add_base,
-    find_foot,
-    needs_base,
-    straighten_foot,
-)
+from physgen.perceive.support.flat_bases import add_base, needs_base
+from physgen.perceive.support.ground_contact import Line, find_foot
+from physgen.perceive.support.level_feet import straighten_foot
 from physgen.pipeline.push_outcomes import TRIAL
 from physgen.pipeline.trial_scenes import open_trial
 from physgen.pipeline.verdicts import part_owners
@@ -84,9 +80,9 @@ class ReleaseLimits:
     """Part of an object's height, from below, that is its foot ..."""
     gap: float = 0.06
     """... and largest gap below the foot, by the object's height."""
-    carried: float = 0.5
+    carrier_share: float = 0.5
     """Least share of a foot's columns above the object that seems to carry it."""
-    beside: float = 0.5
+    side_width: float = 0.5
     """Width, by that of the foot, of the places beside it where its carrier shows."""
 
 
@@ -155,14 +151,14 @@ def stands_behind(photo_scene: PerceivedScene, name: str) -> bool:
         share = (carriers == carrier).any(axis=0).mean()
         is_wider = bool((sides == carrier).any())
         is_in_sight = bool((sides[:foot_top] == carrier).any())
-        if share >= RELEASE.carried and is_wider and not is_in_sight:
+        if share >= RELEASE.carrier_share and is_wider and not is_in_sight:
             return True
     return False
 
 
 def _columns_beside(labels: Labels, columns: NDArray[np.int64]) -> Labels:
     """Return the columns (H, n) of `labels` on both sides of a foot's `columns`."""
-    width = max(round(RELEASE.beside * len(columns)), 1)
+    width = max(round(RELEASE.side_width * len(columns)), 1)
     first, last = int(columns[0]), int(columns[-1])
     left = labels[:, max(first - width, 0) : first]
     right = labels[:, last + 1 : last + 1 + width]
@@ -276,10 +272,21 @@ def _release_object(photo_scene: PerceivedScene, name: str) -> PerceivedScene:
     Raises InputError if its level outline is not a valid shape.
     """
     scene = open_trial(photo_scene).scene()
-    index = [item.name for item in scene.objects].index(name)
+    names = [item.name for item in scene.objects]
     outlines = compile_shapes(scene, shapes_of(scene, None)).outlines
-    outline, ground = _level_outline(outlines[index], photo_scene, name)
+    outline, ground = _level_outline(outlines[names.index(name)], photo_scene, name)
     photo_scene = _with_others_held(photo_scene, name, outline)
+    released_scene = _with_guessed_floor(photo_scene, name, ground)
+    if is_oblique(photo_scene):
+        named_outlines = dict(zip(names, outlines, strict=True))
+        return _passing(released_scene, name, named_outlines)
+    return released_scene
+
+
+def _with_guessed_floor(
+    photo_scene: PerceivedScene, name: str, ground: float
+) -> PerceivedScene:
+    """Return the scene with a floor at a row `ground`, px, in place of its walls."""
     floor = _guessed_floor(photo_scene.percepts.labels.shape[1], ground)
     walls = photo_scene.document["boundaries"]
     # Other walls of the scene could block the guessed floor.
@@ -287,11 +294,7 @@ def _release_object(photo_scene: PerceivedScene, name: str) -> PerceivedScene:
     document = photo_scene.document | {"boundaries": other_walls | {FLOOR: floor}}
     comment = f"a guess: through the lowest point of {name}"
     comments = {**photo_scene.comments, f"boundaries.{FLOOR}": comment}
-    released = replace(photo_scene, document=document, comments=comments)
-    if is_oblique(photo_scene):
-        names = [item.name for item in scene.objects]
-        return _passing(released, name, dict(zip(names, outlines, strict=True)))
-    return released
+    return replace(photo_scene, document=document, comments=comments)
 
 
 def _passing(

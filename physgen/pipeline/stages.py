@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from physgen.compile.compile import CompiledScene
     from physgen.compile.shapes import Shapes
     from physgen.compile.world import World
+    from physgen.geometry.polygon import Outline
     from physgen.maps import F32, U16, Percepts
     from physgen.pipeline.asset_cache import AssetCache
     from physgen.render.camera import Shot
@@ -271,70 +272,55 @@ def stage(scene: Scene, compiled_scene: CompiledScene, maps: Percepts | None) ->
     of its camera. The result does not depend on the motion.
     """
     from physgen.compile.world import photo_poses, world_as_drawn, world_in_photo
-    from physgen.render.camera import canvas_scale
     from physgen.render.frames import single_threaded
     from physgen.render.sprites import cut_sprites
-    from physgen.render.stage import Stage
-    from physgen.render.staging import (
-        enlarged_world,
-        flat_background,
-        flat_sprites,
-        lit_stage,
-    )
+    from physgen.render.staging import lit_stage
 
-    start_poses = photo_poses(compiled_scene.world)
     world = world_in_photo(compiled_scene.world)
-    layer_order = _layer_order(scene)
-    supersample = scene.render.supersample
     if maps is None:
-        scale = canvas_scale(scene)
-        world, outlines = enlarged_world(world, compiled_scene.outlines, scale)
-        sprites = flat_sprites(world, outlines, list(layer_order), scale)
-        return Stage(
-            flat_background(world, scale), sprites, supersample=supersample, scale=scale
-        )
+        return _flat_stage(scene, world, compiled_scene.outlines)
+    labels, scenery = compiled_scene.labels, compiled_scene.scenery
     # The background behind objects, and the soft borders of objects.
-    coverage, background = filled(maps, compiled_scene.labels, compiled_scene.scenery)
+    coverage, background = filled(maps, labels, scenery)
     # Perception cut out doubtful regions like objects, but in this scene they belong to
     # the background.
-    doubtful = [
-        region["mask"] for region in scene.document.get("doubtful", {}).values()
-    ]
-    maps, coverage, background = _put_back(
-        maps, doubtful, coverage, background, compiled_scene.labels
-    )
-    is_absent = (
-        (maps.cut_out > 0) & (compiled_scene.labels == 0) & ~compiled_scene.scenery
-    )
-    absent_pixels = is_absent & ~np.isin(maps.labels, doubtful)
+    regions = scene.document.get("doubtful", {}).values()
+    doubtful = [region["mask"] for region in regions]
+    maps, coverage, background = _put_back(maps, doubtful, coverage, background, labels)
+    is_absent = (maps.cut_out > 0) & (labels == 0) & ~scenery
+    is_absent &= ~np.isin(maps.labels, doubtful)
     # Threads of OpenCV cost a third more CPU time, and the encoder uses the other core.
     with single_threaded():
         shapes = compiled_scene.shapes.drawn
         world = world_as_drawn(world, shapes)
-        light_direction = FRONTAL_LIGHT
-        if scene.light is not None:
-            light_direction = scene.light.direction
         sprites = cut_sprites(
             maps.rgb,
-            compiled_scene.labels,
-            absent_pixels,
+            labels,
+            is_absent,
             coverage,
             background,
-            layer_order,
+            _layer_order(scene),
             shapes,
-            light_direction,
+            FRONTAL_LIGHT if scene.light is None else scene.light.direction,
         )
-        prepared_stage = lit_stage(
-            scene,
-            world,
-            sprites,
-            maps,
-            background,
-            coverage,
-            absent_pixels,
-            compiled_scene.labels,
+        photo_stage = lit_stage(
+            scene, world, sprites, maps, background, coverage, is_absent, labels
         )
-    return replace(prepared_stage, supersample=supersample, starts=start_poses)
+    start_poses = photo_poses(compiled_scene.world)
+    return replace(
+        photo_stage, supersample=scene.render.supersample, starts=start_poses
+    )
+
+
+def _flat_stage(scene: Scene, world: World, outlines: Sequence[Outline]) -> Stage:
+    """Draw flat shapes on a plain background, at the largest scale of the camera."""
+    from physgen.render.camera import canvas_scale
+    from physgen.render.flat_drawing import flat_stage
+
+    order = list(_layer_order(scene))
+    scale = canvas_scale(scene)
+    drawing = flat_stage(world, outlines, order, scale)
+    return replace(drawing, supersample=scene.render.supersample)
 
 
 def _put_back(
@@ -417,7 +403,7 @@ def render(
     camera moves, an exposure is the mean of four views, if `parts` is divisible by
     four, else of one view per sample.
     """
-    from physgen.render.camera import FEWEST, filmed, mean_exposures, ways_seen
+    from physgen.render.camera import FEWEST, film_frames, mean_exposures, ways_seen
     from physgen.render.frames import render_frames
 
     if shot is None:
@@ -432,9 +418,11 @@ def render(
             stage, trajectory, samples, samples_per_view, poses_in_view
         )
         return mean_exposures(
-            filmed(frames, shot, stage.scale), parts // samples_per_view
+            film_frames(frames, shot, stage.scale), parts // samples_per_view
         )
-    return filmed(render_frames(stage, trajectory, samples, parts), shot, stage.scale)
+    return film_frames(
+        render_frames(stage, trajectory, samples, parts), shot, stage.scale
+    )
 
 
 class Keep(Enum):
@@ -453,8 +441,8 @@ class Recent(Generic[T]):
     computed.
     """
 
-    def __init__(self, most: int) -> None:
-        self._most = most
+    def __init__(self, limit: int) -> None:
+        self._most = limit
         self._kept: dict[object, T] = {}
 
     def forget(self, key: object) -> None:

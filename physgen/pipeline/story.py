@@ -97,6 +97,18 @@ class Telling:
     """Number of simulations."""
 
 
+@dataclass(frozen=True)
+class _StoryTrial:
+    """A simulated start of a story."""
+
+    start: Start
+    motion: Trajectory
+    share: float
+    """Share of the story that happens."""
+    merit: float
+    """The share, less if the actor leaves the picture."""
+
+
 def tell_story(scene: Scene, compiled_scene: CompiledScene, text: str) -> Telling:
     """Return the edits for the motion that a sentence describes, or for the nearest
     one.
@@ -109,31 +121,32 @@ def tell_story(scene: Scene, compiled_scene: CompiledScene, text: str) -> Tellin
     if not actors:
         raise Message.STORY_WITHOUT_ACTOR.error(STORY, quoted(text))
     quiet = _at_rest(scene, world)
-    best = None
-    best_merit = -1.0
+    best: _StoryTrial | None = None
     trial_count = 0
     for start in _starts(scene, compiled_scene, story, actors):
-        motion = _simulate_start(scene, quiet, start)
-        share = fulfilment(quiet, story, start, motion)
+        trial = _try_start(scene, quiet, story, start)
         trial_count += 1
-        # Prefer a motion inside the picture: an actor that leaves it looks like an
-        # error.
-        merit = share
-        if start.is_moved and _leaves(quiet, start.actor, motion):
-            merit -= LIMITS.leaving
         # The trials begin with the gentlest. Of equal outcomes keep the first.
-        if merit > best_merit + 1e-6:
-            best = start
-            best_merit = merit
-            best_share = share
-            best_motion = motion
-        if merit >= LIMITS.partial or trial_count >= LIMITS.max_simulations:
+        if best is None or trial.merit > best.merit + 1e-6:
+            best = trial
+        if trial.merit >= LIMITS.partial or trial_count >= LIMITS.max_simulations:
             break
     assert best is not None
-    is_fulfilled = best_share >= LIMITS.partial
-    words = outcome_words(scene, quiet, story, best, best_motion)
-    edits = story_edits(scene, compiled_scene, best)
+    is_fulfilled = best.share >= LIMITS.partial
+    words = outcome_words(scene, quiet, story, best.start, best.motion)
+    edits = story_edits(scene, compiled_scene, best.start)
     return Telling(edits, is_fulfilled, words, trial_count)
+
+
+def _try_start(scene: Scene, quiet: World, story: Story, start: Start) -> _StoryTrial:
+    """Simulate a start, and compare its motion with a story."""
+    motion = _simulate_start(scene, quiet, start)
+    share = fulfilment(quiet, story, start, motion)
+    # Prefer a motion inside the picture: an actor that leaves it looks like an error.
+    merit = share
+    if start.is_moved and _leaves(quiet, start.actor, motion):
+        merit -= LIMITS.leaving
+    return _StoryTrial(start, motion, share, merit)
 
 
 def scene_names(scene: Scene, world: World) -> list[Named]:

@@ -44,7 +44,8 @@ from physgen.simulate.trajectory import Trajectory, new_touches
 from physgen.text import listed, quoted
 
 if TYPE_CHECKING:
-    from physgen.perceive.backends.vlm import Query, Turn
+    from physgen.perceive.backends.vlm import Turn
+    from physgen.perceive.backends.vlm_questions import Query
 
 LONGEST_REPLY = 4000
 """Characters of a reply that the conversation keeps."""

@@ -189,25 +189,34 @@ def read_story(text: str, candidates: Sequence[Named]) -> Story:
     """
     words = split_words(text)
     mentions = find_mentions(words, candidates)
-    verbs = [(k, verb) for k, word in enumerate(words) if (verb := verb_of(word))]
-    # A word within a noun phrase is not a verb: the "roll" of a "paper roll".
-    verbs = [
-        (k, v) for k, v in verbs if not any(m.start <= k < m.end for m in mentions)
-    ]
+    verbs = _find_verbs(words, mentions)
     if not verbs:
         raise Message.STORY_WITHOUT_VERB.error(STORY, quoted(text), verbs=listed(VERBS))
-    objects = {candidate.index for candidate in candidates if candidate.is_object}
+    objects = [candidate for candidate in candidates if candidate.is_object]
+    names = listed([candidate.name for candidate in objects])
     unknown_noun = _unknown_noun(words, mentions)
     if unknown_noun:
-        object_names = listed([one.name for one in candidates if one.is_object])
         subject = f"{unknown_noun}, in {quoted(text)},"
-        raise Message.STORY_NOUN_UNKNOWN.error(STORY, subject, names=object_names)
-    if not any(set(mention.members) & objects for mention in mentions):
-        names = listed(
-            [candidate.name for candidate in candidates if candidate.is_object]
-        )
+        raise Message.STORY_NOUN_UNKNOWN.error(STORY, subject, names=names)
+    indices = {candidate.index for candidate in objects}
+    if indices.isdisjoint(k for mention in mentions for k in mention.members):
         raise Message.STORY_WITHOUT_OBJECT.error(STORY, quoted(text), names=names)
-    return _assemble(words, mentions, verbs, objects)
+    return _assemble(words, mentions, verbs, indices)
+
+
+def _find_verbs(
+    words: Sequence[str], mentions: Sequence[Mention]
+) -> list[tuple[int, str]]:
+    """Return the places and the base forms of the verbs.
+
+    A word within a noun phrase is not a verb: the "roll" of a "paper roll".
+    """
+    verbs = []
+    for k, word in enumerate(words):
+        verb = verb_of(word)
+        if verb and not any(m.start <= k < m.end for m in mentions):
+            verbs.append((k, verb))
+    return verbs
 
 
 def _unknown_noun(words: Sequence[str], mentions: Sequence[Mention]) -> str:
@@ -320,27 +329,51 @@ def _assemble(
     # The actor precedes the verb; in an imperative sentence it follows the verb.
     actor = subjects[0] if subjects else _first_object(objects_of_verb, objects)
     targets = [mention for mention in objects_of_verb if mention is not actor]
-    free_words = [k for k, word in enumerate(words) if not _is_within(k, mentions)]
-    direction = _direction([words[k] for k in free_words])
+    earlier_words, later_words = _split_free_words(words, mentions, place)
+    free_words = [*earlier_words, *later_words]
+    direction = _direction(free_words)
     later_wishes = {VERBS[verb] for _, verb in verbs[1:]}
     has_target = bool(targets) and _has_target(words, targets[-1], later_wishes)
     wish = _event(VERBS[verb], words, has_target, direction)
-    later_words = [words[k] for k in free_words if k > place]
     target_indices, is_all = _targets(wish, targets, actor, objects, later_words, words)
-    is_vertical = direction is not None and not direction[0]
-    if wish in (Wish.TURN, Wish.TOUCH) and is_vertical:
-        # "Knocks down" and "rolls down to" contain no direction of a push.
-        direction = None
     return Story(
         wish,
         tuple(k for k in actor.members if k in objects),
         tuple(target_indices),
         is_all,
-        direction,
-        _strength([words[k] for k in free_words]),
+        _push_direction(wish, direction),
+        _strength(free_words),
         must_rest=wish is not Wish.HALT and Wish.HALT in later_wishes,
         is_declared=bool(subjects),
     )
+
+
+def _split_free_words(
+    words: Sequence[str], mentions: Sequence[Mention], place: int
+) -> tuple[list[str], list[str]]:
+    """Return the words outside of mentions up to a verb at `place`, and after it."""
+    earlier_words, later_words = [], []
+    for k, word in enumerate(words):
+        if _is_within(k, mentions):
+            continue
+        if k > place:
+            later_words.append(word)
+        else:
+            earlier_words.append(word)
+    return earlier_words, later_words
+
+
+def _push_direction(
+    wish: Wish, direction: tuple[int, int] | None
+) -> tuple[int, int] | None:
+    """Return the direction of the push for an event, if the sentence contains one.
+
+    "Knocks down" and "rolls down to" contain none.
+    """
+    is_vertical = direction is not None and not direction[0]
+    if wish in (Wish.TURN, Wish.TOUCH) and is_vertical:
+        return None
+    return direction
 
 
 def _strength(words: Sequence[str]) -> float:

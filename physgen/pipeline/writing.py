@@ -54,21 +54,13 @@ class VideoFiles:
         is shown as `shown` or `stage`. Raises InputError if no format can be written.
         """
         record = self.record
-        render = self.scene.render
         # A model computes in threads of its own: count the time of the whole process.
         clock = time.process_time if stage == "refine" else time.thread_time
         frame_hashes = []
         encoding = record.stages.setdefault("encode", StageTime())
         with ExitStack() as files:
             with record.stage("encode", time.thread_time):
-                size = self.scene.video_size
-                mp4 = Mp4Options(render.chroma, self.sound)
-                writers = [
-                    files.enter_context(
-                        FormatWriter(self.folder, kind, size, render.fps, name, mp4)
-                    )
-                    for kind in self.formats
-                ]
+                writers = self._open_writers(files, name)
                 _check_any_usable(writers)
 
             def encode(rgb: U8) -> None:
@@ -96,6 +88,17 @@ class VideoFiles:
         for writer in writers:
             self.failures.extend(writer.problems)
         return frame_hashes, first_frame
+
+    def _open_writers(self, files: ExitStack, name: str) -> list[FormatWriter]:
+        """Open a file of each format; `files` closes them."""
+        render = self.scene.render
+        mp4 = Mp4Options(render.chroma, self.sound)
+        size = self.scene.video_size
+        writers = []
+        for kind in self.formats:
+            writer = FormatWriter(self.folder, kind, size, render.fps, name, mp4)
+            writers.append(files.enter_context(writer))
+        return writers
 
 
 def _check_any_usable(writers: Sequence[FormatWriter]) -> None:

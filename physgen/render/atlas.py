@@ -75,11 +75,11 @@ class Strip:
 
     n: int
     size: tuple[int, int]
-    fine: int = 1
+    samples: int = 1
 
-    def along(self, values: F64) -> F32:
+    def to_columns(self, values: F64) -> F32:
         """Return (n,) values as one value for each column of the strip."""
-        return np.repeat(values.astype(np.float32), self.size[1] * self.fine)
+        return np.repeat(values.astype(np.float32), self.size[1] * self.samples)
 
     @property
     def columns(self) -> F32:
@@ -92,13 +92,15 @@ class Strip:
         return self._steps(0)[:, None]
 
     def _steps(self, axis: int) -> F32:
-        steps = np.arange(self.size[axis] * self.fine, dtype=np.float32)
-        return (steps + np.float32(0.5 - self.fine / 2)) / np.float32(self.fine)
+        steps = np.arange(self.size[axis] * self.samples, dtype=np.float32)
+        return (steps + np.float32(0.5 - self.samples / 2)) / np.float32(self.samples)
 
     def empty(self) -> F32:
         """Return (H, W) to be filled."""
         height, width = self.size
-        return np.empty((height * self.fine, self.n * width * self.fine), np.float32)
+        return np.empty(
+            (height * self.samples, self.n * width * self.samples), np.float32
+        )
 
 
 def warp_picture(picture: F32, x: F32, y: F32) -> F32:
@@ -129,9 +131,9 @@ def equal_area(
             # Without a pattern, a point of the far side has the colour of its antipode.
             sides.append(_skin_at(skin, side * points, center, radius))
             continue
-        share, places = pattern.written(points, 1 / radius)
+        share, places = pattern.map_to_disc(points, 1 / radius)
         writing = _skin_at(skin, places, center, radius)
-        painted_colour = pattern.painted(points, 2 / radius)
+        painted_colour = pattern.paint(points, 2 / radius)
         sides.append(
             np.asarray(painted_colour + share * (writing - painted_colour), np.float32)
         )
@@ -162,8 +164,8 @@ class BallSprites:
             for place, i in enumerate(members):
                 self._homes[balls[i][0]] = (atlas, place)
 
-    def drawn(
-        self, placements: Iterable[tuple[int, Placement]], fine: int = 1
+    def draw(
+        self, placements: Iterable[tuple[int, Placement]], samples: int = 1
     ) -> dict[int, tuple[F32, F32]]:
         """Draw the balls among `placements`, pairs of a sprite's index and its
         placement.
@@ -182,7 +184,7 @@ class BallSprites:
         for atlas, members in groups.values():
             places = [place for _, place, _ in members]
             ball_placements = [placement for _, _, placement in members]
-            ball_pictures = atlas.drawn(places, ball_placements, fine)
+            ball_pictures = atlas.draw(places, ball_placements, samples)
             for (k, _, _), picture in zip(members, ball_pictures, strict=True):
                 pictures[k] = picture
         return pictures
@@ -216,7 +218,7 @@ class _Atlas:
             coverage = sprite.coverage[box]
             alpha, zeros = coverage[..., None], np.zeros_like(coverage)
             gloss_pictures.append(np.dstack([ball.gloss[box] * alpha, coverage]))
-            shading_pictures.append(np.dstack([ball.lit[box] * alpha, zeros]))
+            shading_pictures.append(np.dstack([ball.shading[box] * alpha, zeros]))
             skin_pictures.append(np.dstack([np.maximum(ball.skin[box], 0), zeros]))
         row, starts = lay_side_by_side(gloss_pictures, cv2.BORDER_CONSTANT)
         self.still, self.left = double_resolution(row), 2 * starts
@@ -241,14 +243,14 @@ class _Atlas:
         near_side, far_side = self.skin[:height], self.skin[height:]
         skin = near_side[place][..., :3].copy()
         # A painted ball has its pattern on the far side, another ball a continuation.
-        if ball.is_continued:
+        if ball.has_continued_texture:
             sides = continue_skin(np.ascontiguousarray(skin), centre, radius)
         else:
             sides = equal_area(skin, centre, radius, ball.pattern)
         near_side[place][..., :3], far_side[place][..., :3] = sides
 
-    def drawn(
-        self, places: Sequence[int], wheres: Sequence[Placement], fine: int
+    def draw(
+        self, places: Sequence[int], wheres: Sequence[Placement], samples: int
     ) -> list[tuple[F32, F32]]:
         """Draw the atlas' balls at `places`; see `BallSprites.drawn`."""
         height = max(
@@ -257,9 +259,9 @@ class _Atlas:
         width = max(
             placement.box[1].stop - placement.box[1].start for placement in wheres
         )
-        strip = Strip(len(wheres), (height, width), fine)
+        strip = Strip(len(wheres), (height, width), samples)
         picture = self._warp(np.array(places), wheres, strip)
-        if fine > 1:
+        if samples > 1:
             size = (strip.n * width, height)
             reduced = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
             picture = np.asarray(reduced, np.float32)
@@ -288,8 +290,8 @@ class _Atlas:
         x, y = strip.empty(), strip.empty()
         # Gloss and shading move without turning.
         first_samples = 2 * start
-        x[:] = 2 * strip.columns + strip.along(first_samples[:, 0] + left)
-        np.add(2 * strip.rows, strip.along(first_samples[:, 1] + 2 * GAP), out=y)
+        x[:] = 2 * strip.columns + strip.to_columns(first_samples[:, 0] + left)
+        np.add(2 * strip.rows, strip.to_columns(first_samples[:, 1] + 2 * GAP), out=y)
         picture, shading_light = (
             warp_picture(self.still, x, y),
             warp_picture(self.lit, x, y),
@@ -314,7 +316,7 @@ class _Atlas:
 
         This takes most of the time of a frame with balls.
         """
-        repeated, radius = strip.along, self.radius[places]
+        repeated, radius = strip.to_columns, self.radius[places]
         center, corner = self.center[places], self.corner[places]
         # Points of the sphere in radii from its centre; beyond the rim, the skin of the
         # rim is continued.
@@ -368,7 +370,7 @@ class ShadowSprites:
             for place, i in enumerate(members):
                 self._homes[sliding_shadows[i][0]] = (row, place)
 
-    def thrown(
+    def add_shadows(
         self, darkness: F32, stands: Iterable[tuple[SpritePose, float]]
     ) -> list[Slices]:
         """Add the sliding shadows of `stands`, times weights, to `darkness` (H, W).
@@ -383,7 +385,7 @@ class ShadowSprites:
                 group[1].append((place, stand, weight))
         boxes = []
         for row, members in groups.values():
-            boxes += row.thrown(darkness, members)
+            boxes += row.add_shadows(darkness, members)
         return boxes
 
 
@@ -397,7 +399,7 @@ class _Row:
         self.size = np.array([picture.shape[::-1] for picture in pictures])
         self.speed = 1 + np.array(leans)[:, None]
 
-    def thrown(
+    def add_shadows(
         self, darkness: F32, members: Sequence[tuple[int, SpritePose, float]]
     ) -> list[Slices]:
         """Add shadows, times weights, to `darkness` (H, W); return their boxes."""
@@ -426,8 +428,8 @@ class _Row:
         strip = Strip(len(visible_rows), (height, width))
         x, y = strip.empty(), strip.empty()
         columns = offset[:, 0] + self.left[places[visible_rows]]
-        x[:] = strip.columns + strip.along(columns)
-        np.add(strip.rows, strip.along(offset[:, 1] + GAP), out=y)
+        x[:] = strip.columns + strip.to_columns(columns)
+        np.add(strip.rows, strip.to_columns(offset[:, 1] + GAP), out=y)
         picture = warp_picture(self.picture, x, y)
         boxes: list[Slices] = []
         for j, (left, top, right, bottom) in enumerate(

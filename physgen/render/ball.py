@@ -54,9 +54,9 @@ class Ball:
     It does not turn.
     """
     light: DistantLight
-    seen: F32
+    photo_light: F32
     """Linear light in the photo, (h, w, 3), continued beyond the rim."""
-    even: F32 | None = None
+    lamp_weights: F32 | None = None
     """Weights (8, 3) of `basis`: log of light beyond Lambert's law."""
     trust: float = 1.0
     """Visibility of the light on the ball in the photo, 0..1: a power of Lambert's
@@ -66,7 +66,7 @@ class Ball:
     """Pattern of a ball in the top view."""
     fade: F32 | None = None
     """Fixed factor (h, w) of the light at the rim."""
-    is_continued: bool = False
+    has_continued_texture: bool = False
     """Whether its far side continues the texture of the near side."""
 
     def shade(self, u: F32, v: F32, z: F32) -> F32:
@@ -74,15 +74,15 @@ class Ball:
         shading = sphere_shading(self.light, u, v, z)[..., None]
         if self.trust < 1:
             shading = np.power(shading, np.float32(self.trust))
-        if self.even is None:
+        if self.lamp_weights is None:
             return shading
         harmonics = np.stack(np.broadcast_arrays(*basis(u, v, z)), axis=-1)
         limit = BALL.most_departure
-        departure = np.clip(harmonics @ self.even, -limit, limit)
+        departure = np.clip(harmonics @ self.lamp_weights, -limit, limit)
         return np.asarray(shading * np.exp(departure), np.float32)
 
     @cached_property
-    def lit(self) -> F32:
+    def shading(self) -> F32:
         """Return the shading (h, w, 3) on the ball's own box."""
         shape = self.skin.shape
         u, v, z, _ = normals_within(shape, self.corner, self.center, self.radius)
@@ -152,7 +152,7 @@ def ball_from_photo(
     radius: float,
     light: DistantLight,
     view: View,
-    is_painted: bool = True,
+    has_paints: bool = True,
     is_mirror: bool = False,
 ) -> Ball:
     """Separate a ball into skin, gloss and shading.
@@ -182,14 +182,15 @@ def ball_from_photo(
     use = normals.inside & (shine.max(axis=2) <= 0)
     paints = find_paints(ball.skin, *normals.parts, use)
     if paints is not None:
-        has_pattern = view is View.TOP and is_painted
+        has_pattern = view is View.TOP and has_paints
         painting = _painting(ball, paints, normals, use, has_pattern)
         if painting is not None:
             ball, smooth_light = painting
-    if _plain(ball.skin, *normals.parts, normals.inside):
+    if _has_one_colour(ball.skin, *normals.parts, normals.inside):
         return _with_one_colour(ball, colour, normals.inside)
-    if view is View.TOP and not is_painted:
+    if not has_paints:
         ball = _without_highlights(ball, normals.inside)
+        ball = replace(ball, has_continued_texture=view is View.TOP)
     return replace(ball, fade=_rim_light(ball, colour, normals, smooth_light))
 
 
@@ -199,14 +200,14 @@ def _painting(
     """Return the ball with a skin of its paints, and the smooth light (h, w) beyond
     shading; None if its paints are unclear.
     """
-    limit = BALL.painted
+    limit = BALL.mixture_share
     if has_pattern:
         limit = BALL.painted_by_name
-    if paints.between >= limit:
+    if paints.mixture_share >= limit:
         return None
     painting = _with_paints(ball, paints, normals, use, has_pattern)
     # Between both limits, only a pattern proves the paints.
-    if painting[0].pattern is None and paints.between >= BALL.painted:
+    if painting[0].pattern is None and paints.mixture_share >= BALL.mixture_share:
         return None
     return painting
 
@@ -219,7 +220,7 @@ def _with_one_colour(ball: Ball, colour: F32, inside: Mask) -> Ball:
     median = np.median(ball.skin[inside], axis=0)
     skin = np.broadcast_to(median, ball.skin.shape).copy()
     ball = replace(ball, skin=skin, pattern=None)
-    return replace(ball, gloss=colour - ball.skin * ball.lit)
+    return replace(ball, gloss=colour - ball.skin * ball.shading)
 
 
 def _carry_light_inwards(
@@ -243,8 +244,8 @@ def _with_paints(
     """Return the ball with a skin of its paints, and the smooth light (h, w) beyond
     shading.
     """
-    radius, inner_light, shine = ball.radius, ball.seen, ball.gloss
-    ball = replace(ball, even=paints.even)
+    radius, inner_light, shine = ball.radius, ball.photo_light, ball.gloss
+    ball = replace(ball, lamp_weights=paints.lamp_weights)
     shade = ball.shade(*normals.parts)
     skin = (inner_light - shine) / shade
     cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
@@ -257,7 +258,7 @@ def _with_paints(
         points = sphere_points(inner_light.shape, ball.corner, ball.center, radius)
         pattern = find_pattern(skin[use], paints.colours, points[use])
         if pattern is not None:
-            painted_skin = pattern.painted(points, 1 / radius)
+            painted_skin = pattern.paint(points, 1 / radius)
             shine = np.minimum(shine, np.maximum(inner_light - painted_skin * shade, 0))
             skin = (inner_light - shine) / shade
     excess = np.maximum(skin - BALL.excess * cv2.dilate(painted_skin, cross), 0)
@@ -268,7 +269,7 @@ def _with_paints(
     if pattern is None:
         is_within = (normals.rho < 1).astype(np.float32)
         brightness, flat_brightness = skin.mean(axis=2), painted_skin.mean(axis=2)
-        sigma = BALL.smooth * radius
+        sigma = BALL.light_width * radius
         smooth_light = blurred_share(brightness, flat_brightness, is_within, sigma)
         skin = skin / smooth_light[..., None]
     else:
@@ -276,25 +277,25 @@ def _with_paints(
     return replace(ball, skin=skin, gloss=shine, pattern=pattern), smooth_light
 
 
-def _rim_light(ball: Ball, colour: F32, normals: _Normals, soft: F32) -> F32:
+def _rim_light(ball: Ball, colour: F32, normals: _Normals, softness: F32) -> F32:
     """Return the photo's light over the model's at the rim, (h, w), and `soft` inside.
 
     The difference at the rim is light and stays: in brightness, not in colours.
     """
-    model = (ball.skin * ball.lit).mean(axis=2)
+    model = (ball.skin * ball.shading).mean(axis=2)
     brightness = (colour - ball.gloss).mean(axis=2)
     is_within = (normals.rho < 1).astype(np.float32)
-    sigma = max(1.0, BALL.even * ball.radius)
+    sigma = max(1.0, BALL.blur_width * ball.radius)
     share = blurred_share(brightness, model, is_within, sigma)
     is_rim = normals.rho > BALL.rim_light
-    return np.asarray(np.where(is_rim, share, soft), np.float32)
+    return np.asarray(np.where(is_rim, share, softness), np.float32)
 
 
 def _without_highlights(ball: Ball, inside: Mask) -> Ball:
     """Move highlights from the skin to the gloss; the far side continues the skin."""
     skin = part_highlights(ball.skin, inside, ball.radius)
-    gloss = ball.gloss + (ball.skin - skin) * ball.lit
-    return replace(ball, skin=skin, gloss=gloss, is_continued=True)
+    gloss = ball.gloss + (ball.skin - skin) * ball.shading
+    return replace(ball, skin=skin, gloss=gloss)
 
 
 def _measure_shading_strength(colour: F32, shade: F32, inside: Mask) -> float:
@@ -330,13 +331,13 @@ def blurred_share(brightness: F32, model: F32, weight: F32, sigma: float) -> F32
     blurred_brightness = cv2.GaussianBlur(brightness * weight, (0, 0), sigma)
     blurred_model = cv2.GaussianBlur(model * weight, (0, 0), sigma)
     # On dark skin the ratio is uncertain: the constant keeps it near 1.
-    share = (blurred_brightness + np.float32(BALL.dim)) / (
-        blurred_model + np.float32(BALL.dim)
+    share = (blurred_brightness + np.float32(BALL.least_light)) / (
+        blurred_model + np.float32(BALL.least_light)
     )
     return np.asarray(np.clip(share, 1 / BALL.fades, BALL.fades), np.float32)
 
 
-def _plain(skin: F32, u: F32, v: F32, z: F32, inside: Mask) -> bool:
+def _has_one_colour(skin: F32, u: F32, v: F32, z: F32, inside: Mask) -> bool:
     """Check whether a ball has one colour: nine tenths of its skin change linearly."""
     if np.count_nonzero(inside) < 50:
         return False
@@ -344,7 +345,7 @@ def _plain(skin: F32, u: F32, v: F32, z: F32, inside: Mask) -> bool:
     normals = [np.broadcast_to(part, inside.shape)[inside] for part in (u, v, z)]
     rows = np.column_stack([np.ones(len(level)), *normals])
     residuals = level - rows @ np.linalg.lstsq(rows, level, rcond=None)[0]
-    return bool(np.percentile(np.abs(residuals), 90) < BALL.plain)
+    return bool(np.percentile(np.abs(residuals), 90) < BALL.colour_error)
 
 
 def _gloss(
@@ -369,7 +370,7 @@ def _gloss(
         return no_gloss
     paint = dimmest / sphere_shading(light, u, v, z)
     brightest = np.percentile(paint[is_elsewhere], 97)
-    is_core &= (paint > BALL.outshines * brightest) | (dimmest > BALL.clipped)
+    is_core &= (paint > BALL.outshines * brightest) | (dimmest > BALL.brightest_paint)
     if not is_core.any():
         return no_gloss
     reach = max(2, round(0.12 * radius))
@@ -410,11 +411,11 @@ def paint_ball_skin(ball: Ball) -> Ball:
     assert ball.pattern is not None
     points = sphere_points(ball.skin.shape, ball.corner, ball.center, ball.radius)
     border = 1 / ball.radius
-    painted_skin = ball.pattern.painted(points, border)
-    skin = (ball.seen - ball.gloss) / ball.lit
+    painted_skin = ball.pattern.paint(points, border)
+    skin = (ball.photo_light - ball.gloss) / ball.shading
     brightest = ball.pattern.colours.max(axis=0)
     ink = np.clip(skin, 0, brightest) - painted_skin
-    share, _ = ball.pattern.written(points, border)
+    share, _ = ball.pattern.map_to_disc(points, border)
     return replace(ball, skin=np.asarray(painted_skin + share * ink, np.float32))
 
 

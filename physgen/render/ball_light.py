@@ -37,13 +37,13 @@ def in_one_light(balls: Sequence[Ball]) -> list[Ball]:
     most balls have in common gets one colour.
     """
     painted_balls = [ball for ball in balls if ball.pattern is not None]
-    if len(painted_balls) < BALL.together:
+    if len(painted_balls) < BALL.set_count:
         return list(balls)
     common_radius = max(round(ball.radius) for ball in painted_balls)
     # Resample all balls to one radius, so that their pixels have common normals.
-    views = _BallViews.of(painted_balls, balls, common_radius)
+    views = _BallViews.sample(painted_balls, balls, common_radius)
     trust = float(np.median([ball.trust for ball in painted_balls]))
-    common_ball = replace(painted_balls[0], trust=trust, even=None)
+    common_ball = replace(painted_balls[0], trust=trust, lamp_weights=None)
     shade = common_ball.shade(*np.moveaxis(views.points, 2, 0))
     patterns = [ball.pattern for ball in painted_balls if ball.pattern is not None]
     # First the light common to all balls, then the mirror images in the remaining
@@ -51,10 +51,10 @@ def in_one_light(balls: Sequence[Ball]) -> list[Ball]:
     light_weights, patterns = _shared_light(
         views.pictures / shade, views.points, views.is_lit, patterns
     )
-    common_ball = replace(common_ball, even=light_weights)
+    common_ball = replace(common_ball, lamp_weights=light_weights)
     shade = common_ball.shade(*np.moveaxis(views.points, 2, 0))
     painted_pictures = [
-        pattern.painted(views.points, 1 / common_radius) for pattern in patterns
+        pattern.paint(views.points, 1 / common_radius) for pattern in patterns
     ]
     model = np.stack(painted_pictures) * shade
     gloss = _shared_gloss(views, model)
@@ -68,7 +68,7 @@ def in_one_light(balls: Sequence[Ball]) -> list[Ball]:
             ball,
             gloss=sample_picture(gloss, size, scale, shift),
             fade=sample_picture(fade, size, scale, shift),
-            even=light_weights,
+            lamp_weights=light_weights,
             trust=trust,
             pattern=pattern,
         )
@@ -92,16 +92,18 @@ class _BallViews:
     """Whether the pattern has one paint without writing here."""
 
     @classmethod
-    def of(
-        cls, painted: Sequence[Ball], balls: Sequence[Ball], half: int
+    def sample(
+        cls, painted_balls: Sequence[Ball], balls: Sequence[Ball], radius: int
     ) -> _BallViews:
         """Sample painted balls at a radius of `half` px."""
-        size = (2 * half + 1, 2 * half + 1)
-        points = sphere_points(size, (0, 0), (half, half), half)
+        size = (2 * radius + 1, 2 * radius + 1)
+        points = sphere_points(size, (0, 0), (radius, radius), radius)
         pictures, masks = [], []
-        for ball in painted:
+        for ball in painted_balls:
             corner = np.subtract(ball.center, ball.corner) - ball.radius
-            pictures.append(sample_picture(ball.seen, size, ball.radius / half, corner))
+            pictures.append(
+                sample_picture(ball.photo_light, size, ball.radius / radius, corner)
+            )
             masks.append(_open(points, ball, balls))
         is_lit, is_clear, is_plain = (
             np.stack(part) for part in zip(*masks, strict=True)
@@ -113,11 +115,11 @@ def _shared_gloss(views: _BallViews, model: F32) -> F32:
     """Return the mirror images (h, w, 3) of all balls, which are visible on
     dark paint.
     """
-    is_dark = model < BALL.dark
+    is_dark = model < BALL.mirror_light
     excess = views.pictures - model
     is_clear, is_plain = views.is_clear[..., None], views.is_plain[..., None]
     gloss = np.maximum(_usual(excess, is_clear & is_dark, is_plain & is_dark), 0)
-    is_clipped = views.pictures.min(axis=3, keepdims=True) > BALL.clipped
+    is_clipped = views.pictures.min(axis=3, keepdims=True) > BALL.brightest_paint
     median_excess = np.median(np.where(is_clipped, 1, excess), axis=0)
     faces_viewer = views.points[..., 2:] ** 2 > 0.5
     return np.where(faces_viewer, np.clip(median_excess, 0, gloss), gloss)
@@ -125,8 +127,8 @@ def _shared_gloss(views: _BallViews, model: F32) -> F32:
 
 def _shared_fade(views: _BallViews, model: F32, gloss: F32) -> F32:
     """Return the light of the rim over the model's, (h, w), and 1 inside."""
-    is_dark = model < BALL.dark
-    share = (views.pictures - gloss) / np.maximum(model, BALL.dim)
+    is_dark = model < BALL.mirror_light
+    share = (views.pictures - gloss) / np.maximum(model, BALL.least_light)
     share = np.clip(share, 1 / BALL.fades, BALL.fades)
     everywhere = np.ones_like(is_dark)
     usual_share = _usual(share, views.is_clear[..., None] & ~is_dark, everywhere)
@@ -142,8 +144,8 @@ def _open(points: NDArray[Any], ball: Ball, balls: Sequence[Ball]) -> list[Mask]
     others, both only if plain, and the plain pixels: one paint without writing.
     """
     assert ball.pattern is not None
-    writing, _ = ball.pattern.written(points, 1e-3)
-    has_one_paint = np.abs(ball.pattern.values(points)) > BALL.even
+    writing, _ = ball.pattern.map_to_disc(points, 1e-3)
+    has_one_paint = np.abs(ball.pattern.values(points)) > BALL.blur_width
     is_plain = has_one_paint & (writing[..., 0] == 0)
     is_lit, is_clear = is_plain.copy(), is_plain.copy()
     viewer = np.array([0, 0, 1], np.float32)
@@ -157,20 +159,20 @@ def _open(points: NDArray[Any], ball: Ball, balls: Sequence[Ball]) -> list[Mask]
         size = other.radius / ball.radius
         # The light of another sphere falls with the square of its distance, and with
         # the cosine of its direction to the normal.
-        is_lit &= (points @ offset) * (size**2 / distance**3) < BALL.lent
+        is_lit &= (points @ offset) * (size**2 / distance**3) < BALL.neighbour_light
         ray = offset - points
         # A mirror image appears where the reflected ray of the viewer hits the other
         # ball.
         distance_along = (ray * mirror_rays).sum(axis=2)
         is_passing = (ray * ray).sum(axis=2) - distance_along**2 > (
-            BALL.beyond * size
+            BALL.ray_distance * size
         ) ** 2
         is_clear &= (distance_along < 0) | is_passing
     return [is_lit if is_lit.any() else is_plain, is_clear, is_plain]
 
 
 def _shared_light(
-    bare: NDArray[Any],
+    unlit_paint: NDArray[Any],
     points: NDArray[Any],
     is_lit: Mask,
     patterns: Sequence[Pattern],
@@ -186,9 +188,9 @@ def _shared_light(
     # Number all colours, two per pattern.
     number = (2 * np.arange(len(patterns))[:, None, None] + (values > 0))[is_used]
     numbers, paint = np.unique(number, return_inverse=True)
-    light = np.maximum(bare[is_used], 0)
-    level = np.log(light + np.float32(BALL.dim)).astype(np.float64)
-    directions = np.broadcast_to(points, bare.shape)[is_used].T
+    light = np.maximum(unlit_paint[is_used], 0)
+    level = np.log(light + np.float32(BALL.least_light)).astype(np.float64)
+    directions = np.broadcast_to(points, unlit_paint.shape)[is_used].T
     rows = np.column_stack(basis(*directions)).astype(np.float64)
     light_weights = _robust_light(rows, level, paint)
     unlit = light * np.exp(-rows @ light_weights)
@@ -207,14 +209,14 @@ def _robust_light(rows: F64, level: F64, paint: Ids) -> F64:
     Iteratively reweighted least squares.
     """
     # Light is hardly visible on dark paint.
-    visibility = 1 - BALL.dim * np.exp(-level).mean(axis=1)
+    visibility = 1 - BALL.least_light * np.exp(-level).mean(axis=1)
     light_weights, pixel_weights = np.zeros((8, 3)), visibility
     for _ in range(BALL.rounds):
         light_weights = solve_weights(rows, level, paint, pixel_weights)
         errors = np.abs(
             deviations_from_median(level - rows @ light_weights, paint)
         ).max(axis=1)
-        pixel_weights = visibility / np.maximum(errors / BALL.odd, 1)
+        pixel_weights = visibility / np.maximum(errors / BALL.outlier_error, 1)
     return light_weights
 
 
@@ -225,7 +227,7 @@ def _paint_colours(unlit: F64, paint: Ids) -> F64:
     """
     low_quantiles = average_each_paint(partial(np.quantile, q=0.2), unlit, paint)
     medians = average_each_paint(partial(np.quantile, q=0.5), unlit, paint)
-    return np.where(medians < BALL.dark, low_quantiles, medians)
+    return np.where(medians < BALL.mirror_light, low_quantiles, medians)
 
 
 def _unite_common_paint(colours: F32, number: Ids, patterns: int) -> None:
@@ -233,14 +235,16 @@ def _unite_common_paint(colours: F32, number: Ids, patterns: int) -> None:
 
     `number` (n,) is the colour of each pixel.
     """
-    logarithm = np.log(colours + np.float32(BALL.dim))
+    logarithm = np.log(colours + np.float32(BALL.least_light))
     grey = logarithm.mean(axis=1, keepdims=True)
     hue = logarithm - grey
-    is_alike = np.abs(hue[:, None] - hue).max(axis=2) < BALL.alike
+    is_alike = np.abs(hue[:, None] - hue).max(axis=2) < BALL.hue_difference
     is_alike &= np.abs(grey - grey.T) < BALL.contrast
     is_common = is_alike[is_alike.sum(axis=1).argmax()]
     if 2 * is_common.sum() > patterns:
-        counts = np.bincount(number, minlength=len(colours))[is_common] + BALL.dim
+        counts = (
+            np.bincount(number, minlength=len(colours))[is_common] + BALL.least_light
+        )
         colours[is_common] = np.average(colours[is_common], axis=0, weights=counts)
 
 

@@ -36,15 +36,15 @@ def basis(u: F32, v: F32, z: F32) -> list[F32]:
 class Paints:
     """The paints of a ball, and the light on it."""
 
-    even: F32
+    lamp_weights: F32
     """Weights of `basis`, (8, 3): log of each channel's light beyond Lambert's law."""
     colours: F32
     """Linear colours in full light, (K, 3)."""
-    between: float
+    mixture_share: float
     """Largest share of pixels unlike all paints on a painted ball."""
 
 
-def find_paints(bare: F32, u: F32, v: F32, z: F32, use: Mask) -> Paints | None:
+def find_paints(unlit_colours: F32, u: F32, v: F32, z: F32, use: Mask) -> Paints | None:
     """Find a ball's paints and its light alternately; None for too few pixels.
 
     `bare` (h, w, 3) is light over Lambert's shading of the normals (u, v, z), from the
@@ -54,8 +54,8 @@ def find_paints(bare: F32, u: F32, v: F32, z: F32, use: Mask) -> Paints | None:
     if len(pixels) < 80:
         return None
     pixels = pixels[:: -(-len(pixels) // BALL.most_pixels)]
-    light = np.maximum(bare.reshape(-1, 3)[pixels], 0)
-    level: F64 = np.log(light + np.float32(BALL.dim)).astype(np.float64)
+    light = np.maximum(unlit_colours.reshape(-1, 3)[pixels], 0)
+    level: F64 = np.log(light + np.float32(BALL.least_light)).astype(np.float64)
     pictures = [np.broadcast_to(b, use.shape).ravel()[pixels] for b in basis(u, v, z)]
     rows: F64 = np.column_stack(pictures).astype(np.float64)
     grey = level.mean(axis=1)
@@ -64,7 +64,7 @@ def find_paints(bare: F32, u: F32, v: F32, z: F32, use: Mask) -> Paints | None:
     light_weights, pixel_weights = np.zeros(8), np.ones(len(grey))
     for _ in range(BALL.rounds):
         errors = np.abs(deviations_from_median(grey - rows @ light_weights, paint_ids))
-        pixel_weights = 1 / np.maximum(errors / BALL.odd, 1)
+        pixel_weights = 1 / np.maximum(errors / BALL.outlier_error, 1)
         light_weights = solve_weights(rows, grey, paint_ids, pixel_weights)
         unlit = level - (rows @ light_weights)[:, None]
         paint_ids = _nearest(unlit, average_each_paint(np.median, unlit, paint_ids))
@@ -75,11 +75,11 @@ def find_paints(bare: F32, u: F32, v: F32, z: F32, use: Mask) -> Paints | None:
         rows, level - (rows @ light_weights)[:, None], paint_ids, pixel_weights
     )
     channels = light_weights[:, None] + channels
-    unlit = np.maximum(np.exp(level - rows @ channels) - BALL.dim, 0)
+    unlit = np.maximum(np.exp(level - rows @ channels) - BALL.least_light, 0)
     order = np.argsort(-np.bincount(paint_ids), kind="stable")
     colours = average_each_paint(np.median, unlit, paint_ids)[order]
     distances = [np.abs(unlit - colour).max(axis=1) for colour in colours]
-    is_unlike = np.min(distances, axis=0) > BALL.undecided * colours.max()
+    is_unlike = np.min(distances, axis=0) > BALL.mixture_distance * colours.max()
     return Paints(
         channels.astype(np.float32),
         colours.astype(np.float32),
@@ -155,9 +155,9 @@ class Border:
 
     normal: F64
     """Unit normal (3,), z to the viewer."""
-    at: float
+    distance: float
     """Distance from the centre, radii."""
-    folded: bool
+    has_two_planes: bool
     """Whether there are two planes."""
     sign: float
     """Sign of `values` beyond."""
@@ -167,10 +167,10 @@ class Border:
         border, radii.
         """
         heights = points @ self.normal
-        if self.folded:
+        if self.has_two_planes:
             heights = np.abs(heights)
-        slope = np.sqrt(max(1 - self.at**2, 0.1))
-        return np.asarray(self.sign * (heights - self.at) / slope)
+        slope = np.sqrt(max(1 - self.distance**2, 0.1))
+        return np.asarray(self.sign * (heights - self.distance) / slope)
 
 
 @dataclass(frozen=True)
@@ -195,16 +195,16 @@ class Pattern:
         sign = -np.sign(self.border.values(self.disc.normal))
         return np.asarray(sign * np.maximum(sign * values, self.disc.values(points)))
 
-    def painted(self, points: F64, soft: float) -> F32:
+    def paint(self, points: F64, softness: float) -> F32:
         """Return the colours (..., 3) of points (..., 3); a border is `soft` radii
         wide.
         """
-        share = np.clip(0.5 + self.values(points) / soft, 0, 1)
+        share = np.clip(0.5 + self.values(points) / softness, 0, 1)
         first, second = self.colours
         mixed_colours = first + share[..., None].astype(np.float32) * (second - first)
         return np.asarray(mixed_colours, np.float32)
 
-    def written(self, points: F64, soft: float) -> tuple[F32, F64]:
+    def map_to_disc(self, points: F64, softness: float) -> tuple[F32, F64]:
         """Return the share (..., 1) of points (..., 3) in a disc, and their source
         places (..., 3).
 
@@ -220,8 +220,8 @@ class Pattern:
         rear_places = 2 * (points @ upward)[..., None] * upward - points
         is_front = (points @ middle)[..., None] > 0
         places = np.where(is_front, points, rear_places)
-        share = np.clip(self.disc.values(points) / soft - 0.5, 0, 1)
-        share = share * (places[..., 2] > BALL.seen)
+        share = np.clip(self.disc.values(points) / softness - 0.5, 0, 1)
+        share = share * (places[..., 2] > BALL.view_cosine)
         return share[..., None].astype(np.float32), places
 
 
@@ -238,20 +238,20 @@ def find_pattern(skin: F32, colours: F32, points: F64) -> Pattern | None:
     share = (skin - pair[0]) @ step / (step @ step)
     nearest_mixture = np.clip(share, 0, 1)[:, None] * step
     distance = np.linalg.norm(skin - pair[0] - nearest_mixture, axis=1)
-    is_paint = distance < BALL.beside * np.linalg.norm(step)
+    is_paint = distance < BALL.line_distance * np.linalg.norm(step)
     if not is_paint.any():
         return None
     value = np.where(share > 0.5, 1.0, -1.0)[is_paint]
     places = points[is_paint]
     # Try a symmetric band and a single cut; prefer the band unless the cut explains
     # clearly more.
-    share_band, border = _border(places, value, folded=True)
-    share_cut, cut = _border(places, value, folded=False)
-    if share_cut > share_band + BALL.lopsided:
+    share_band, border = _border(places, value, has_two_planes=True)
+    share_cut, cut = _border(places, value, has_two_planes=False)
+    if share_cut > share_band + BALL.cut_share:
         border = cut
     pattern = _with_disc(Pattern(pair, border), places, value)
     explained_count = (value * pattern.values(places) > 0).sum()
-    return pattern if explained_count > BALL.explained * len(skin) else None
+    return pattern if explained_count > BALL.pattern_share * len(skin) else None
 
 
 def _contrasting_pair(skin: F32, colours: F32) -> F32 | None:
@@ -262,7 +262,7 @@ def _contrasting_pair(skin: F32, colours: F32) -> F32 | None:
     first = colours[0]
     nearest = np.abs(skin[:, None] - colours).max(axis=2).argmin(axis=1)
     counts = np.bincount(nearest, minlength=len(colours))
-    logarithms = np.log((colours + BALL.dim) / (first + BALL.dim))
+    logarithms = np.log((colours + BALL.least_light) / (first + BALL.least_light))
     is_other = np.abs(logarithms).max(axis=1) >= BALL.contrast
     if not is_other.any():
         return None
@@ -278,44 +278,44 @@ def _with_disc(pattern: Pattern, places: F64, value: F64) -> Pattern:
     """
     border = pattern.border
     is_right = value * pattern.values(places) > 0
-    share, disc = _border(places, np.where(is_right, -1.0, 1.0), folded=True)
-    is_disc = disc.sign > 0 and disc.at > BALL.disc
-    is_marked = is_disc and share > is_right.mean() + BALL.marked
-    if border.folded and border.at > BALL.disc:
+    share, disc = _border(places, np.where(is_right, -1.0, 1.0), has_two_planes=True)
+    is_disc = disc.sign > 0 and disc.distance > BALL.disc
+    is_marked = is_disc and share > is_right.mean() + BALL.disc_share
+    if border.has_two_planes and border.distance > BALL.disc:
         # A band of this size is a disc, and the rest of the ball has one paint, unless
         # a disc lies between its two caps.
-        is_between = abs(float(border.normal @ disc.normal)) < BALL.apart
+        is_between = abs(float(border.normal @ disc.normal)) < BALL.disc_cosine
         if is_marked and is_between:
             return replace(pattern, disc=disc)
         axis = np.eye(3)[np.abs(border.normal).argmin()]
-        nowhere = replace(border, normal=axis, at=2.0)
+        nowhere = replace(border, normal=axis, distance=2.0)
         return Pattern(pattern.colours, nowhere, replace(border, sign=1.0))
     if not is_marked:
         return pattern
     return replace(pattern, disc=disc)
 
 
-def _border(points: F64, value: F64, *, folded: bool) -> tuple[float, Border]:
+def _border(points: F64, value: F64, *, has_two_planes: bool) -> tuple[float, Border]:
     """Return the best border of `points` (n, 3) by their `value` (n,), 1 or -1, and its
     share.
 
     The share is that of correctly separated points.
     """
-    steps = BALL.steps if folded else 2 * BALL.steps
+    steps = BALL.steps if has_two_planes else 2 * BALL.steps
     axes = _spiral(BALL.axes)
     stride = -(-len(value) // BALL.most_pixels)
     # Search a coarse grid of directions on few points, then finer grids around the
     # best.
     for width in BALL.closer:
         heights = points[::stride] @ axes.T
-        share = np.abs(heights) if folded else (heights + 1) / 2
+        share = np.abs(heights) if has_two_planes else (heights + 1) / 2
         gain = _separation_gain(share, value[::stride], steps)
         best, step = np.unravel_index(np.argmax(np.abs(gain)), gain.shape)
         normal, largest, place = axes[best], gain[best, step], (step + 1) / steps
         axes = _axes_around(normal, width)
         stride = 1
-    distance = float(place if folded else 2 * place - 1)
-    border = Border(normal, distance, folded, float(np.sign(largest)))
+    distance = float(place if has_two_planes else 2 * place - 1)
+    border = Border(normal, distance, has_two_planes, float(np.sign(largest)))
     return 0.5 + abs(largest) / (2 * len(value)), border
 
 

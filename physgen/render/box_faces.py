@@ -70,7 +70,7 @@ class _Band:
 
     light: F32
     """Linear light over coverage, (rows, columns, 3)."""
-    own: Mask
+    pixels: Mask
     """Pixels of the box in the photo, (rows, columns)."""
     other: Mask
     """Pixels of other objects in the photo, (rows, columns)."""
@@ -155,7 +155,7 @@ def _edges(body: Body, sprite: Sprite) -> list[_Edge]:
     return edges
 
 
-def _band(sprite: Sprite, edge: _Edge, own: Mask, other: Mask) -> _Band:
+def _band(sprite: Sprite, edge: _Edge, own_mask: Mask, other: Mask) -> _Band:
     """Sample the strip beside an edge, one column and one row a pixel."""
     columns = np.arange(round(edge.length)) + 0.5
     rows = np.arange(-FACE.inside, max(round(FACE.reach * edge.length), 3)) + 0.5
@@ -168,7 +168,7 @@ def _band(sprite: Sprite, edge: _Edge, own: Mask, other: Mask) -> _Band:
     colour = sprite.light / np.maximum(sprite.coverage, 1e-3)[..., None]
     light = cv2.remap(colour.astype(np.float32), x, y, cv2.INTER_LINEAR)
     masks = []
-    for mask in (own, other):
+    for mask in (own_mask, other):
         picture = cv2.remap(mask.astype(np.uint8), x, y, cv2.INTER_NEAREST)
         masks.append(np.asarray(picture > 0, np.bool_))
     return _Band(np.asarray(light, np.float32), masks[0], masks[1])
@@ -190,7 +190,7 @@ def _visible_face(band: _Band) -> _Face | None:
     is_visible = np.abs(heights - thickness) <= FACE.spread
     light = _repeat_neighbours(face_light, is_visible)
     outer_rows = slice(FACE.inside, FACE.inside + height)
-    slant = _slant(band.own[outer_rows], band.other[outer_rows])
+    slant = _slant(band.pixels[outer_rows], band.other[outer_rows])
     return _Face(float(thickness), slant, light, inside)
 
 
@@ -198,7 +198,7 @@ def _visible_heights(band: _Band) -> F64:
     """Return the thickness of a face by column, px; NaN if another object hides its
     end.
     """
-    outside = band.own[FACE.inside :]
+    outside = band.pixels[FACE.inside :]
     rows, columns = outside.shape
     # The first pixel that is not the box's ends the face in each column.
     ends = np.where(outside.all(axis=0), rows, (~outside).argmax(axis=0))
@@ -233,13 +233,13 @@ def _repeat_neighbours(light: F32, visible: Mask) -> F32:
     return np.asarray(result, np.float32)
 
 
-def _slant(own: Mask, other: Mask) -> float:
+def _slant(own_mask: Mask, other: Mask) -> float:
     """Return how far a face's visible end moves along the edge per px outwards."""
     slants = []
-    last = own.shape[1] - 1
+    last = own_mask.shape[1] - 1
     for mask, others, sign in (
-        (own, other, 1),
-        (own[:, ::-1], other[:, ::-1], -1),
+        (own_mask, other, 1),
+        (own_mask[:, ::-1], other[:, ::-1], -1),
     ):
         first = mask.argmax(axis=1)
         is_seen = mask.any(axis=1) & (first < last // 2)

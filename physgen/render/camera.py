@@ -48,7 +48,7 @@ def resample_picture(rgb: U8, matrix: Array, size: Size) -> U8:
     within `rgb`. A shift by whole pixels only copies them.
     """
     scale = float(matrix[0, 0])
-    x0, y0, x1, y1 = _seen(rgb, matrix, size)
+    x0, y0, x1, y1 = _visible_borders(rgb, matrix, size)
     left, top = round(x0), round(y0)
     is_whole_shift = max(abs(x0 - left), abs(y0 - top)) < NOTHING
     if scale == 1.0 and is_whole_shift:
@@ -58,7 +58,7 @@ def resample_picture(rgb: U8, matrix: Array, size: Size) -> U8:
     left, top = max(floor(x0) - reach, 0), max(floor(y0) - reach, 0)
     rgb = rgb[top : ceil(y1) + reach, left : ceil(x1) + reach]
     matrix = np.column_stack([matrix[:, :2], matrix @ [left, top, 1.0]])
-    box = _seen(rgb, matrix, size)
+    box = _visible_borders(rgb, matrix, size)
     kernel, rows, columns = _lobes(rgb, matrix, size)
     light = decode(np.arange(256, dtype=np.uint8))
     planes = []
@@ -99,17 +99,17 @@ def nearest_in(
     return place, np.asarray(result)
 
 
-def sources(matrix: Array, shown: Size, size: Size) -> tuple[Index, Index]:
+def sources(matrix: Array, view_size: Size, size: Size) -> tuple[Index, Index]:
     """Return the nearest rows (h,) and columns (w,) in a picture of the size
     `shown`.
     """
-    width, height = shown
+    width, height = view_size
     rows = np.floor(_sources(matrix, 1, size[1]) + 0.5).astype(np.int64)
     columns = np.floor(_sources(matrix, 0, size[0]) + 0.5).astype(np.int64)
     return np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)
 
 
-def _seen(
+def _visible_borders(
     rgb: U8 | F32, matrix: Array, size: Size
 ) -> tuple[float, float, float, float]:
     """Return the borders x0, y0, x1, y1 of the visible part, px from the first pixel's
@@ -164,7 +164,7 @@ class Hand:
     """Frequencies of slow sway and tremor, Hz, without a common period."""
     phases: tuple[float, float] = (0.4, 2.1)
     """Phases of the drift to the right and down, rad."""
-    most: float = 2.5
+    drift_limit: float = 2.5
     """Maximum drift in standard deviations."""
 
 
@@ -267,7 +267,7 @@ class Shot:
         start = min(time / HAND.rise, 1.0)
         share = start * start * (3 - 2 * start)
         # Zoom in, so that the drift stays within the photo.
-        extra_zoom = 2 * HAND.most * self.handheld / min(self.video)
+        extra_zoom = 2 * HAND.drift_limit * self.handheld / min(self.video)
         zoom *= 1 + share * extra_zoom
         amount = share * self.handheld / magnification(self.photo, self.video, zoom)
         x, y = (amount * _sway(time, phase) for phase in HAND.phases)
@@ -316,8 +316,8 @@ def play_order(play: Play, count: int) -> tuple[int, ...]:
     return forward
 
 
-def filmed(
-    frames: Iterator[Frame], through: Shot, drawn: float = 1.0
+def film_frames(
+    frames: Iterator[Frame], shot: Shot, canvas_scale: float = 1.0
 ) -> Iterator[Frame]:
     """Yield frames as the camera sees them; `drawn`: canvas pixels per photo pixel.
 
@@ -326,24 +326,24 @@ def filmed(
     """
     last: tuple[Frame, Array, Frame] | None = None
     for frame in frames:
-        matrix = on_canvas(through.affine(frame.time), drawn)
+        matrix = on_canvas(shot.affine(frame.time), canvas_scale)
         height, width = frame.rgb.shape[:2]
-        if (width, height) == through.video and np.array_equal(matrix, np.eye(2, 3)):
+        if (width, height) == shot.video and np.array_equal(matrix, np.eye(2, 3)):
             yield frame
             continue
         if last is not None and _is_same(frame, matrix, last):
             rgb = last[2].rgb
         else:
-            rgb = resample_picture(frame.rgb, matrix, through.video)
+            rgb = resample_picture(frame.rgb, matrix, shot.video)
         # Ids, covers and layers are resampled only if someone reads them.
-        view = frame, matrix, through.video
+        view = frame, matrix, shot.video
         load_ids, load_covers = (
             partial(_sample_visible_ids, *view),
             partial(_covering, *view),
         )
         load_layers = None
         if frame.layering is not None:
-            load_layers = partial(_layers_seen, frame.layering, matrix, through.video)
+            load_layers = partial(_layers_seen, frame.layering, matrix, shot.video)
         result = Frame(
             frame.index,
             frame.time,
@@ -384,7 +384,7 @@ def resample_light(light: F32, matrix: Array, size: Size) -> F32:
     """Resample linear light 0..1 as (h, w, C) of `size` (w, h), like
     `resample_picture`.
     """
-    box = _seen(light, matrix, size)
+    box = _visible_borders(light, matrix, size)
     planes = []
     for plane in cv2.split(light):
         picture = Image.fromarray(plane).resize(size, Image.Resampling.LANCZOS, box=box)
@@ -420,13 +420,13 @@ def canvas_scale(scene: Scene) -> float:
     return max(1.0, min(largest_scale, scale_limit))
 
 
-def on_canvas(matrix: Array, drawn: float) -> Array:
+def on_canvas(matrix: Array, canvas_scale: float) -> Array:
     """Convert a matrix from photo px to one from px of a canvas, `drawn` times
     finer.
     """
-    if drawn == 1.0:
+    if canvas_scale == 1.0:
         return matrix
-    linear_part = matrix[:, :2] / drawn
+    linear_part = matrix[:, :2] / canvas_scale
     shift = matrix[:, 2] + linear_part @ [0.5, 0.5] - matrix[:, :2] @ [0.5, 0.5]
     return np.column_stack([linear_part, shift])
 
@@ -522,13 +522,13 @@ def blur_first_frame(
     return replace(trajectory, poses=poses)
 
 
-def ways_seen(trajectory: Trajectory, through: Shot, parts: int) -> Array:
+def ways_seen(trajectory: Trajectory, shot: Shot, parts: int) -> Array:
     """Return poses (T, N, 3) as seen by a moving camera within an exposure.
 
     Each group of `parts` samples is moved into the camera's view of its last sample.
     """
     poses = trajectory.poses
-    views = np.array([through.affine(time) for time in trajectory.times.tolist()])
+    views = np.array([shot.affine(time) for time in trajectory.times.tolist()])
     last = np.arange(len(poses)) // parts * parts + parts - 1
     own_views, last_views = views[:, None], views[last][:, None]
     in_video = poses[..., :2] * own_views[..., 0, :1] + own_views[..., 2]

@@ -29,9 +29,9 @@ class ContactShadeTuning:
     """Share of the smaller object: a larger overlap is no contact, but one object
     before another.
     """
-    least: float = 0.01
+    least_share: float = 0.01
     """Largest invisible share of the darkening."""
-    faint: float = 0.1
+    contact_share: float = 0.1
     """Share of the darkening above which objects touch in the photo."""
 
 
@@ -91,7 +91,7 @@ class ContactShade:
         is_contact = False
         if _is_near(first[0], second[0]):
             shades = [shade for shade in _shades(first, second) if shade is not None]
-            is_contact = any(shade[1].max() > SHADE.faint for shade in shades)
+            is_contact = any(shade[1].max() > SHADE.contact_share for shade in shades)
         self._photo_contacts[pair] = is_contact
         return is_contact
 
@@ -137,7 +137,9 @@ def _shades(first: Part, second: Part) -> tuple[Part | None, Part | None]:
     )
 
 
-def _shade(part: Part, own: F32, other: F32, corners: Sequence[int]) -> Part | None:
+def _shade(
+    part: Part, own_coverage: F32, other: F32, corners: Sequence[int]
+) -> Part | None:
     """Return the darkening of a part by another one; both coverages begin at
     `corners`.
     """
@@ -145,7 +147,7 @@ def _shade(part: Part, own: F32, other: F32, corners: Sequence[int]) -> Part | N
         cv2.GaussianBlur(other, (0, 0), SHADE.spread), np.float32
     )
     # An edge of a plane hides half of the blur's weight.
-    values = np.minimum(2 * blurred_cover, 1) * (own > 0)
+    values = np.minimum(2 * blurred_cover, 1) * (own_coverage > 0)
     return _own_part(part, np.asarray(values, np.float32), corners)
 
 
@@ -168,7 +170,7 @@ def _cut(part: Part, corners: Sequence[int], ends: Sequence[int]) -> F32:
 
 def _own_part(part: Part, values: F32, corners: Sequence[int]) -> Part | None:
     """Crop values to the box of a part's picture; None if they are invisible."""
-    if float(values.max(initial=0)) < SHADE.least:
+    if float(values.max(initial=0)) < SHADE.least_share:
         return None
     box, coverage = part
     target_slices, place = [], []

@@ -21,17 +21,17 @@ class ImpactTuning:
     """Thresholds between impacts and lasting contacts."""
 
     slack: float = 0.15
-    flat: float = 0.75
+    gap_tolerance: float = 0.75
     """Tolerance of the gap at other points of a contact than the nearest, px: of
     circles, and of faces, whose corners may be slightly rounded or tilted."""
-    apart: float = 3.0
+    point_distance: float = 3.0
     """Distance below which two points of a contact are one, px."""
-    faint: float = 0.7
+    least_share: float = 0.7
     loud: float = 3.0
     """Thresholds for the rise of a push, in units of the momentum that gravity gives
     the lighter partner: for an impact that changes the motion of a partner, and for one
     that is passed on."""
-    uneven: float = 1.5
+    push_ratio: float = 1.5
     """Threshold in units of the lasting push: a solver distributes pushes unevenly."""
     after: int = 3
     """Number of later spans in which a lasting push must continue."""
@@ -48,7 +48,7 @@ class Impact:
 
     time: float
     """Time, s."""
-    at: Array
+    place: Array
     """Place, (2,) px of the photo."""
     impulse: float
     """Size of the impulse, g·px/s."""
@@ -58,17 +58,17 @@ class Impact:
     """Indices of the two surfaces in `World.surfaces`."""
 
 
-def sample_times(trajectory: Trajectory, finer: int, most: int) -> Array:
+def sample_times(trajectory: Trajectory, finer: int, limit: int) -> Array:
     """Return times (K,) s: those of the trajectory, finer ones, and the starts of
     touches.
 
     They are `finer` times as dense, if that gives at most `most` samples.
     """
     times = np.unique(trajectory.times)
-    parts = max(1, min(finer, most // len(times)))
+    parts = max(1, min(finer, limit // len(times)))
     shares = np.arange(parts) / parts
     finer_times = times[:-1, None] + np.diff(times)[:, None] * shares
-    starts = trajectory.contacts.touch_times[:most, 0]
+    starts = trajectory.contacts.touch_times[:limit, 0]
     starts = starts[starts <= times[-1]]
     return np.unique(np.concatenate([times, finer_times.ravel(), starts]))
 
@@ -171,8 +171,8 @@ def _sudden_pushes(
     # A body in a heap passes impacts on without much motion of its own: these count
     # only if they are louder.
     changes_motion = lighter_masses * speed_changes > sizes / 2
-    threshold = np.where(changes_motion, IMPACT.faint, IMPACT.loud) * weight
-    rise = sizes - IMPACT.uneven * lasting
+    threshold = np.where(changes_motion, IMPACT.least_share, IMPACT.loud) * weight
+    rise = sizes - IMPACT.push_ratio * lasting
     is_sudden = np.isfinite(lighter_masses) & (rise > threshold + 1e-9 * lighter_masses)
     indices: list[int] = np.flatnonzero(is_sudden).tolist()
     return indices
@@ -258,7 +258,7 @@ def contact_points_between(
     ]
     points = np.concatenate([places for places, _ in candidates])
     gaps = np.concatenate([distances for _, distances in candidates])
-    return _ends(points, gaps, IMPACT.flat)
+    return _ends(points, gaps, IMPACT.gap_tolerance)
 
 
 def _between_circles(
@@ -326,6 +326,6 @@ def _ends(points: Array, gaps: Array, slack: float) -> tuple[Array, float]:
     middle = points.mean(axis=0)
     end = points[np.argmax(((points - middle) ** 2).sum(axis=1))]
     other_end = points[np.argmax(((points - end) ** 2).sum(axis=1))]
-    if np.hypot(*(other_end - end)) < IMPACT.apart:
+    if np.hypot(*(other_end - end)) < IMPACT.point_distance:
         return middle[None], smallest_gap
     return np.stack([end, other_end]), smallest_gap

@@ -45,10 +45,14 @@ class Layer:
         self._dark = np.zeros_like(self._ink)
 
     def line(
-        self, points: Array, width: float, strength: float = 1.0, closed: bool = False
+        self,
+        points: Array,
+        width: float,
+        strength: float = 1.0,
+        is_polygon: bool = False,
     ) -> None:
         """Draw a chain of segments through (K, 2) px."""
-        self._lines(points[None], width, 255 * strength, closed)
+        self._lines(points[None], width, 255 * strength, is_polygon)
 
     def segments(
         self, begins: Array, ends: Array, width: float, strengths: Array
@@ -62,40 +66,46 @@ class Layer:
         for level in np.unique(levels).tolist():
             self._lines(chains[levels == level], width, level, False)
 
-    def _lines(self, chains: Array, width: float, level: float, closed: bool) -> None:
+    def _lines(
+        self, chains: Array, width: float, level: float, is_polygon: bool
+    ) -> None:
         """Draw chains (K, N, 2) px."""
         is_near = np.abs(chains).max(axis=(1, 2)) < FARTHEST
-        corners = list(_fixed(chains[is_near]))
+        corners = list(_to_fixed_point(chains[is_near]))
         grey = round(level)
         for mask, casing_width in ((self._dark, 2 * self._casing), (self._ink, 0.0)):
             thickness = _convert_line_width(width + casing_width)
             line_type = cv2.LINE_AA
-            cv2.polylines(mask, corners, closed, grey, thickness, line_type, BITS)
+            cv2.polylines(mask, corners, is_polygon, grey, thickness, line_type, BITS)
 
     def area(self, points: Array, strength: float = 1.0) -> None:
         """Draw a filled outline (K, 2) px."""
         if np.abs(points).max() >= FARTHEST:
             return
-        corners, level, kind = [_fixed(points)], round(255 * strength), cv2.LINE_AA
+        corners, level, kind = (
+            [_to_fixed_point(points)],
+            round(255 * strength),
+            cv2.LINE_AA,
+        )
         cv2.fillPoly(self._ink, corners, level, kind, BITS)
         cv2.fillPoly(self._dark, corners, level, kind, BITS)
         if self._casing:
             thickness = _convert_line_width(2 * self._casing)
             cv2.polylines(self._dark, corners, True, level, thickness, kind, BITS)
 
-    def words(self, text: str, at: tuple[float, float], size: float) -> None:
+    def words(self, text: str, place: tuple[float, float], size: float) -> None:
         """Write text of `size` px with its middle `at` x, y px.
 
         The middle is that of small letters without descenders.
         """
         casing = round(1.4 * self._casing * FINE)
         ink, casing_mask, (x, y) = text_masks(text, round(size * FINE), casing)
-        left = round((at[0] + 0.5) * FINE - x)
-        top = round((at[1] + 0.5) * FINE - y)
+        left = round((place[0] + 0.5) * FINE - x)
+        top = round((place[1] + 0.5) * FINE - y)
         _stamp(self._dark, casing_mask, left, top)
         _stamp(self._ink, ink, left, top)
 
-    def onto(self, rgb: U8, colour: Colour, casing: float = OPAQUE) -> None:
+    def blend(self, rgb: U8, colour: Colour, casing: float = OPAQUE) -> None:
         """Blend the layer into a picture (H, W, 3) sRGB, in linear light.
 
         Pixels without ink stay as they are.
@@ -166,7 +176,7 @@ def _convert_line_width(width: float) -> int:
     return max(1, round(width * FINE))
 
 
-def _fixed(points: Array) -> NDArray[np.int32]:
+def _to_fixed_point(points: Array) -> NDArray[np.int32]:
     """Convert px to sub-pixels in OpenCV's fixed point.
 
     Whole numbers are centres of pixels in both.
@@ -277,11 +287,11 @@ def straight_arrow(
     pen: float,
     strength: float = 1.0,
     *,
-    struck: bool = False,
+    has_impact: bool = False,
 ) -> None:
     """Draw an arrow from a dot; an impulse, which is no lasting force, from a ring."""
-    if struck:
-        layer.line(circle(tail, 2.6 * pen), pen, strength, closed=True)
+    if has_impact:
+        layer.line(circle(tail, 2.6 * pen), pen, strength, is_polygon=True)
     length = float(np.hypot(*(tip - tail)))
     layer.area(circle(tail, min(1.1 * pen, 0.15 * length)), strength)
     layer.area(arrow(tail, tip, SHAFT * pen), strength)
@@ -304,5 +314,5 @@ def ring(
     layer: Layer, center: Array, radius: float, pen: float, strength: float = 1.0
 ) -> None:
     """Draw a ring with a dot in its middle, the mark of an impact."""
-    layer.line(circle(center, radius), 0.8 * pen, strength, closed=True)
+    layer.line(circle(center, radius), 0.8 * pen, strength, is_polygon=True)
     layer.area(circle(center, min(1.5 * pen, radius / 2)), strength)

@@ -29,7 +29,7 @@ class FootHaloTuning:
     """Height of the gaps between legs or wheels over the foot."""
     soft_top: float = 0.2
     """Height over which the shade in these gaps begins."""
-    beside: float = 0.1
+    floor_height: float = 0.1
     """Height over the foot at which the floor begins beside an object."""
     lift: float = 0.03
     """Largest height of an object on its floor: a mask may lack the lowest rim."""
@@ -39,17 +39,17 @@ class FootHaloTuning:
     """Width of a lower rim that the mask may lack."""
     shade: float = 0.1
     """Distance from the outline over which shade is carried."""
-    even: tuple[float, float] = (0.85, 0.97)
+    rim_ratio: tuple[float, float] = (0.85, 0.97)
     """Mean darkness over its root mean square: of grain, and of a rim."""
-    smooth: float = 0.02
+    blur_width: float = 0.02
     """Standard deviation of the blur: grain of the ground stays with the ground."""
-    steep: float = 0.25
+    slope: float = 0.25
     """Largest slope of a floor."""
     darkest: float = 1e-3
     """Linear light of a ground without visible shade."""
     deepest: float = 3.0
     """-log of the least light that shade leaves."""
-    faint: float = 0.02
+    least_share: float = 0.02
     """Largest invisible share."""
 
 
@@ -71,7 +71,7 @@ class FootHalo:
     side: float
     """Smaller side of the object, px."""
 
-    def moved(
+    def draw(
         self, start: Pose, pose: Pose, turn: float, size: tuple[int, int]
     ) -> tuple[Slices, F32, F32] | None:
         """Return a box of the photo, the share of its light that is left there, and the
@@ -79,10 +79,10 @@ class FootHalo:
         """
         dx, dy = pose.x - start.x, pose.y - start.y
         # The object follows its floor; a larger rise lifts it off.
-        rise = min(max(dy, -FOOT_HALO.steep * abs(dx)), FOOT_HALO.steep * abs(dx))
+        rise = min(max(dy, -FOOT_HALO.slope * abs(dx)), FOOT_HALO.slope * abs(dx))
         lift = (dy - rise) / (SHADOW.lift * self.side)
         share = exp(-(hypot(lift, turn / SHADOW.turn) ** 2))
-        if share < FOOT_HALO.faint:
+        if share < FOOT_HALO.least_share:
             return None
         shift = (dx, rise)
         box, light = shifted_picture(self.light, self.corner, shift, size)

@@ -294,7 +294,7 @@ def render_frames(
                 index,
                 time,
                 rgb,
-                partial(_named, covers, painter.size),
+                partial(_draw_ids, covers, painter.size),
                 partial(_covering, covers),
                 stage.faces,
                 None if painter.layers is None else painter.layers.taken_apart,
@@ -387,9 +387,11 @@ class _Painter:
             if factor is not None:
                 picture.light = multiply_light(picture.light, factor)
 
-    def _restore(self, changed: Sequence[Slices], shaded_tiles: Sequence[int]) -> None:
+    def _restore(
+        self, background_boxes: Sequence[Slices], shaded_tiles: Sequence[int]
+    ) -> None:
         """Restore the background in the last frame's tiles that have no shadow now."""
-        changed_tiles = touched_tiles(changed, self.size)
+        changed_tiles = touched_tiles(background_boxes, self.size)
         stale_tiles = []
         tiles = zip(self._painted_tiles, changed_tiles, shaded_tiles, strict=True)
         for old_bits, changed_bits, shaded_bits in tiles:
@@ -491,7 +493,7 @@ class _Shadows:
         stands: Sequence[SpritePose],
         pictures: Sequence[Picture],
         trails: Mapping[int, Trail],
-        changed: list[Slices],
+        background_boxes: list[Slices],
     ) -> list[int]:
         """Shade the background and the pictures; return the tiles that were composed
         again.
@@ -508,7 +510,7 @@ class _Shadows:
             return touched_tiles([], size)
         # Reset the darkness only where the last frame had shadows or the background
         # changed.
-        for box in self._shaded + changed:
+        for box in self._shaded + background_boxes:
             darkness[box] = base_darkness[box]
         figures = _figures(self._stage, pictures)
         boxes = self._add_shadows(darkness, background, stands, figures, trails)
@@ -525,7 +527,7 @@ class _Shadows:
     def _add_shadows(
         self,
         darkness: F32,
-        lit: LitBackground,
+        background: LitBackground,
         stands: Sequence[SpritePose],
         figures: Mapping[int, Silhouette],
         trails: Mapping[int, Trail],
@@ -539,14 +541,14 @@ class _Shadows:
             exposure = _sample_exposure_poses(trails.get(stand.k, ()), stand)
             exposures += exposure
             # Shadows that only slide are drawn together at the end, from an atlas.
-            if lit.casts[stand.k].sliding is not None:
+            if background.casts[stand.k].sliding is not None:
                 continue
             for moment, weight in exposure:
                 figure = figures.get(stand.k)
                 if figure is not None and moment is not stand:
                     figure = _moved_figure(figure, stand, moment)
-                boxes += add_shadow(darkness, lit, moment, figure, weight)
-        return boxes + self._slides.thrown(darkness, exposures)
+                boxes += add_shadow(darkness, background, moment, figure, weight)
+        return boxes + self._slides.add_shadows(darkness, exposures)
 
     def _veil(
         self, pictures: Sequence[Picture], figures: Mapping[int, Silhouette]
@@ -733,7 +735,7 @@ def _draw_unclipped(
     placement = place_sprite(sprite, stand.start, pose, size, stand.space)
     if placement is None:
         return None
-    ball = balls.drawn([(stand.k, placement)], stage.supersample).get(stand.k)
+    ball = balls.draw([(stand.k, placement)], stage.supersample).get(stand.k)
     light, coverage = ball or draw_sprite(sprite, placement, stage.supersample)
     top, left = placement.box[0].start - margin, placement.box[1].start - margin
     if picture is not None and picture.factor is not None:
@@ -755,7 +757,7 @@ def _trail_reach(trail: Trail, shape: tuple[int, ...]) -> int:
     return ceil(max(reaches))
 
 
-def _named(covers: Sequence[tuple[int, Slices, F32]], size: tuple[int, int]) -> U16:
+def _draw_ids(covers: Sequence[tuple[int, Slices, F32]], size: tuple[int, int]) -> U16:
     """Return the ids (H, W) of the nearest objects, given covers from back to front."""
     ids = np.zeros(size[::-1], np.uint16)
     for id_, box, coverage in covers:
@@ -774,7 +776,7 @@ def _pictures(
     """Yield the pictures of visible sprites at their poses, from back to front."""
     visible = [(stand, stand.where) for stand in stands if stand.where is not None]
     placements = [(stand.k, placement) for stand, placement in visible]
-    drawn_balls = balls.drawn(placements, stage.supersample)
+    drawn_balls = balls.draw(placements, stage.supersample)
     borders = borders_left(stage.sprites, [stand for stand, _ in visible])
     for (stand, placement), shares in zip(visible, borders, strict=True):
         sprite = stage.sprites[stand.k]

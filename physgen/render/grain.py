@@ -29,7 +29,7 @@ class GrainTuning:
     """Side of the blocks for the measurement of fine detail, px."""
     bins: int = 16
     """Number of ranges of brightness."""
-    flat: float = 0.1
+    block_share: float = 0.1
     """Share of the blocks in a range, the flattest ones, that count as free of
     texture.
     """
@@ -39,13 +39,13 @@ class GrainTuning:
     """
     blocks: int = 30
     """Minimum number of blocks for a measurement in a range."""
-    clipped: tuple[int, int] = (4, 251)
+    level_range: tuple[int, int] = (4, 251)
     """Grey levels beyond which a block may be clipped."""
-    least: float = 0.4
+    least_deviation: float = 0.4
     """Smallest deviation, grey levels, beyond that of rounding, 0.29."""
-    most: float = 6.0
+    largest_deviation: float = 6.0
     """Largest deviation of grain, grey levels; a larger one is texture."""
-    kept: float = 6.0
+    denoising_limit: float = 6.0
     """Differences in standard deviations, summed over the channels, that denoising
     preserves.
     """
@@ -91,7 +91,7 @@ def measure_grain(rgb: U8) -> Grain | None:
     detail = np.asarray(cv2.filter2D(picture, cv2.CV_32F, FINEST), np.float32)
     blocks, details = _blocks(picture), _blocks(detail)
     means = blocks.mean(axis=(1, 2))
-    darkest, brightest = GRAIN.clipped
+    darkest, brightest = GRAIN.level_range
     # Clipped pixels hide the noise.
     is_open = (means.min(axis=1) > darkest) & (means.max(axis=1) < brightest)
     blocks, details, means = blocks[is_open], details[is_open], means[is_open]
@@ -101,11 +101,13 @@ def measure_grain(rgb: U8) -> Grain | None:
     curve = []
     # Noise depends on brightness: measure it separately in groups of like brightness.
     for group in _brightness_groups(means.mean(axis=1)):
-        flattest = group[texture[group] <= np.quantile(texture[group], GRAIN.flat)]
+        flattest = group[
+            texture[group] <= np.quantile(texture[group], GRAIN.block_share)
+        ]
         is_flat[flattest] = True
         deviation = GRAIN.low * np.sqrt(squares[flattest].mean(axis=0))
         curve.append((means[group].mean(axis=0), deviation))
-    if not curve or np.median([row for _, row in curve]) < GRAIN.least:
+    if not curve or np.median([row for _, row in curve]) < GRAIN.least_deviation:
         return None
     channels = _channel_correlation(details[is_flat].reshape(-1, 3))
     return Grain(_curve(curve), channels, _neighbour_correlation(blocks[is_flat]))
@@ -144,7 +146,7 @@ def _curve(points: Sequence[tuple[F32, F32]]) -> F32:
     deviations = np.array([deviation for _, deviation in points])
     # Noise changes slowly with brightness: a peak in one range is texture.
     limits = GRAIN.steady * np.quantile(deviations, 0.25, axis=0)
-    limits = np.minimum(limits, GRAIN.most)
+    limits = np.minimum(limits, GRAIN.largest_deviation)
     all_levels = np.arange(256)
     columns = []
     for channel in range(3):
@@ -191,14 +193,14 @@ def remove_noise(rgb: U8, grain: Grain) -> U8:
 
     Levels are first rescaled such that the noise is 1 everywhere.
     """
-    floor = np.maximum(grain.deviation, GRAIN.least)
+    floor = np.maximum(grain.deviation, GRAIN.least_deviation)
     # Scale the levels such that noise has the deviation 1 at every brightness, so that
     # one filter fits all of them. The scale is the sum of the steps between levels.
     scales = np.cumsum(1 / floor, axis=0).astype(np.float32)
     planes = [scales[rgb[..., k], k] for k in range(3)]
     scaled_levels = np.asarray(cv2.merge(planes), np.float32)
     filtered_levels = cv2.bilateralFilter(
-        scaled_levels, GRAIN.reach, GRAIN.kept, GRAIN.spread
+        scaled_levels, GRAIN.reach, GRAIN.denoising_limit, GRAIN.spread
     )
     all_levels = np.arange(256)
     result = np.empty_like(rgb)

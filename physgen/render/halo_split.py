@@ -26,19 +26,19 @@ def split_halos(
     sprites: Sequence[Sprite],
     starts: Sequence[Silhouette],
     tilt: float,
-    behind: F32,
+    background: F32,
     *,
     is_mirror: bool,
     plate: F32 | None = None,
 ) -> list[Sprite]:
     """Return the sprites of a side view with the floor's part of their halos apart.
 
-    `tilt`: rise of a floor's point in the picture per px of distance. `behind`: linear
+    `tilt`: rise of a floor's point in the picture per px of distance. `background`: linear
     light of the background, (H, W, 3). `is_mirror`: whether the background lacks
-    mirror images, so that halos contain them. `plate`: `behind` without the shadows
+    mirror images, so that halos contain them. `plate`: `background` without the shadows
     that are drawn with objects; None if there are none.
     """
-    ground = _Ground(behind, behind if plate is None else plate)
+    ground = _Ground(background, background if plate is None else plate)
     moving: dict[int, _Moving] = {}
     for k, (sprite, start) in enumerate(zip(sprites, starts, strict=True)):
         contact = floor_contact(start, tilt)
@@ -49,7 +49,7 @@ def split_halos(
             part = _moving_part(sprite, start.ends, ground, is_mirror=is_mirror)
         if part is not None:
             moving[k] = part
-    return _apart(sprites, starts, moving, behind)
+    return _add_moving_halos(sprites, starts, moving, background)
 
 
 @dataclass(frozen=True)
@@ -62,19 +62,19 @@ class _Ground:
     """In full light."""
 
 
-def _apart(
+def _add_moving_halos(
     sprites: Sequence[Sprite],
     starts: Sequence[Silhouette],
     moving: Mapping[int, _Moving],
-    behind: F32,
+    background: F32,
 ) -> list[Sprite]:
     """Return sprites with their `moving` light, by index, in foot halos."""
     # Shade multiplies the light of the next ground, and so keeps its grain. Where
     # shades overlap, their product is the shade of the photo.
-    total_weight = np.full(behind.shape[:2], np.float32(TINY))
+    total_weight = np.full(background.shape[:2], np.float32(TINY))
     for part in moving.values():
         total_weight[part.box] += part.weight
-    total_shade = np.zeros_like(behind)
+    total_shade = np.zeros_like(background)
     for part in moving.values():
         share = (part.weight / total_weight[part.box])[..., None]
         total_shade[part.box] += share * part.shade
@@ -87,7 +87,7 @@ def _apart(
         shade = np.asarray(share * whole_shade, np.float32)
         foot_halo = FootHalo(part.corner, part.light, shade, starts[k].ends, part.side)
         # The halo keeps what shade and light do not explain: frame 0 is the photo.
-        removed_light = behind[part.box] * (1 - np.exp(-whole_shade)) * share
+        removed_light = background[part.box] * (1 - np.exp(-whole_shade)) * share
         corner, whole_halo, neighbours = sprite_halo
         rest = whole_halo.copy()
         rest[part.window] += np.asarray(removed_light - part.light, np.float32)
@@ -147,7 +147,7 @@ def _moving_part(
     near = _nearness(sprite.halo_reach, side, is_mirror=is_mirror)
     if not is_mirror:
         weight = weight * near
-    sigma = max(FOOT_HALO.smooth * side, 1.0)
+    sigma = max(FOOT_HALO.blur_width * side, 1.0)
     window = _window_of(weight > LEAST, math.ceil(BLUR_REACH * sigma))
     if window is None:
         return None
@@ -174,12 +174,12 @@ def _nearness(distance: F32, side: float, *, is_mirror: bool) -> F32:
     return np.asarray(np.exp(-np.square(distance / reach)), np.float32)
 
 
-def _carried_light(halo: F32, near: F32, blur: _GroundBlur) -> F32:
+def _carried_light(halo: F32, near_light: F32, blur: _GroundBlur) -> F32:
     """Return the light of a mirror image in a halo, (h, w, 3).
 
-    Close to the outline, where `near` (h, w) is 1, light corrects the fill.
+    Close to the outline, where `near_light` (h, w) is 1, light corrects the fill.
     """
-    share = near[..., None]
+    share = near_light[..., None]
     return np.asarray(share * halo + (1 - share) * blur.smooth(halo), np.float32)
 
 
@@ -250,7 +250,7 @@ def _rim_share(halo: F32, blur: _GroundBlur) -> F32:
     mean = blur.smooth(halo).mean(axis=2)
     power = cv2.GaussianBlur(np.square(halo.mean(axis=2)), (0, 0), blur.sigma)
     deviation = np.sqrt(power * blur.gain)
-    low, high = FOOT_HALO.even
+    low, high = FOOT_HALO.rim_ratio
     evenness = -mean / np.maximum(deviation, np.float32(1e-4))
     return np.asarray(np.clip((evenness - low) / (high - low), 0, 1), np.float32)
 
@@ -268,7 +268,7 @@ def _floor_weight(
         return None
     height = float(np.ptp(rows)) + 1
     foot = sprite.corner[1] + float(rows[-1])
-    begins = np.full(shape[1], foot - FOOT_HALO.beside * height)
+    begins = np.full(shape[1], foot - FOOT_HALO.floor_height * height)
     lowest = solid.shape[0] - 1 - np.argmax(solid[::-1], axis=0)[columns]
     places = columns + sprite.corner[0] - corner[0]
     is_inside = (places >= 0) & (places < shape[1])

@@ -25,7 +25,7 @@ PAINTED = 0.15
 
 def has_one_hue(ball: Sprite) -> bool:
     """Check whether a metal ball is bare: mirror images have the hue of the metal."""
-    light = ball.light[ball.coverage >= 1] + np.float32(CUT.dark)
+    light = ball.light[ball.coverage >= 1] + np.float32(CUT.least_light)
     if not len(light):
         return True
     hue = light / light.sum(axis=1, keepdims=True)
@@ -45,8 +45,8 @@ def without_eyelet(ball: Sprite, thread: Sprite, body: Body) -> Sprite:
     if not is_foot.any() or not is_metal.any():
         return ball
     colour = ball.light / np.maximum(ball.coverage, 1e-3)[..., None]
-    level = np.asarray(np.log(colour + np.float32(CUT.dark)), np.float32)
-    filling = np.exp(harmonic_fill(level, ~is_metal)) - np.float32(CUT.dark)
+    level = np.asarray(np.log(colour + np.float32(CUT.least_light)), np.float32)
+    filling = np.exp(harmonic_fill(level, ~is_metal)) - np.float32(CUT.least_light)
     filling = np.maximum(filling, 0) * ball.coverage[..., None]
     light: F32 = np.where(is_foot[..., None], filling, ball.light).astype(np.float32)
     return replace(ball, light=light)
@@ -60,7 +60,7 @@ def _foot(ball: Sprite, thread: Sprite, body: Body) -> Mask:
     x = columns + ball.corner[0] - body.center[0]
     y = rows + ball.corner[1] - body.center[1]
     distance = np.hypot(x, y)
-    inner, outer = radius + CUT.clean + 1, (1 + EYELET) * radius
+    inner, outer = radius + CUT.clean_depth + 1, (1 + EYELET) * radius
     foot = thread.coverage * ((distance > inner) & (distance < outer))
     direction_x, direction_y = float((x * foot).sum()), float((y * foot).sum())
     length = float(np.hypot(direction_x, direction_y))
@@ -68,6 +68,6 @@ def _foot(ball: Sprite, thread: Sprite, body: Body) -> Mask:
         return np.zeros(ball.coverage.shape, np.bool_)
     distance_along = (x * direction_x + y * direction_y) / length
     distance_across = np.abs(x * direction_y - y * direction_x) / length
-    width = distance_across[foot > 0.5].max(initial=0.0) + CUT.clean
+    width = distance_across[foot > 0.5].max(initial=0.0) + CUT.clean_depth
     is_foot = (distance_across <= width) & (distance_along > (1 - EYELET) * radius)
     return np.asarray(is_foot, np.bool_)

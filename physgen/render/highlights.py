@@ -46,7 +46,7 @@ class HighlightTuning:
     """Least variance between discs over that of their median: with less, their paints
     may be turned alike.
     """
-    all_known: float = 0.99
+    ring_share: float = 0.99
     """Share of a sample on a ring from which all its pixels are known."""
     unknown: float = 0.5
     """Share of unknown samples from which a disc is not compared with the others."""
@@ -122,7 +122,7 @@ def _turned_differently(discs: Sequence[DiscPicture]) -> bool:
     """
     levels = []
     for disc in discs:
-        is_unknown = _unroll(disc.known, disc) < SHINE.all_known
+        is_unknown = _unroll(disc.known, disc) < SHINE.ring_share
         if is_unknown.mean() > SHINE.unknown:
             continue
         brightness = disc.light.mean(axis=2) + np.float32(SHINE.dark_light)

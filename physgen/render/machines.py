@@ -83,11 +83,11 @@ def field_lines(world: World, poses: Array, time: float) -> Iterator[Array]:
         yield from _conveyor(wall)
 
 
-def _place(poses: Array, body: int | None, at: Array) -> Array:
+def _place(poses: Array, body: int | None, center: Array) -> Array:
     """Return the place (2,) px of a joint's side."""
     if body is None:
-        return at
-    return np.asarray(poses[body, :2] + rotation(float(poses[body, 2])) @ at)
+        return center
+    return np.asarray(poses[body, :2] + rotation(float(poses[body, 2])) @ center)
 
 
 def _spring(first: Array, second: Array) -> Array:
@@ -120,13 +120,13 @@ def _rail(joint: Joint, poses: Array) -> Iterator[Array]:
         yield np.stack([end - stop, end + stop])
 
 
-def _finger(joint: Joint, held: Array, time: float) -> Iterator[Array]:
+def _finger(joint: Joint, hold: Array, time: float) -> Iterator[Array]:
     """Yield the line from a held point to the finger, and the finger's ring."""
     knots = joint.knots
     if knots is None or not knots[0, 0] <= time <= knots[-1, 0]:
         return
     tip = np.array([np.interp(time, knots[:, 0], knots[:, k]) for k in (1, 2)])
-    yield np.stack([held, tip])
+    yield np.stack([hold, tip])
     yield circle(tip, 2 * PIN)
 
 

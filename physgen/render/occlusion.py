@@ -50,9 +50,9 @@ class OcclusionTuning:
     """
     floor: float = 1.0
     """Darkness (-log of light) of a ball by the floor that it touches; by tune."""
-    near: float = 0.09
+    height: float = 0.09
     """Height over the floor, in radii, at which this falls to a third; by tune."""
-    faint: float = 0.01
+    least_darkness: float = 0.01
     """Darkness (-log of light) below which a veil is left out."""
 
 
@@ -130,42 +130,44 @@ def _boxes_meet(
 
 def _balls_meet(
     figures: Sequence[Silhouette],
-    onto: Indices,
-    by: Indices,
+    receivers: Indices,
+    casters: Indices,
     spread: Array,
     setting: ShadowSetting,
 ) -> Mask:
-    """Return the mask (n,) of pairs in which the shadow of ball `by` meets ball `onto`.
+    """Return the mask (n,) of pairs in which the shadow of ball `casters` meets ball `receivers`.
 
     Always true for other objects.
     """
     lx, ly, lz = setting.light.direction
     radius = np.array([np.nan if f.radius is None else f.radius for f in figures])
     middles = np.array([(*f.center, middle(f, setting.top)) for f in figures]).T
-    x, y, z = middles[:, onto] - middles[:, by]
+    x, y, z = middles[:, receivers] - middles[:, casters]
     distance_along = x * lx + y * ly + z * lz
     distance = np.sqrt(
         np.maximum(x * x + y * y + z * z - distance_along * distance_along, 0)
     )
-    sum_of_radii = radius[onto] + radius[by]
+    sum_of_radii = radius[receivers] + radius[casters]
     # The radius of other objects is nan, and comparisons with it are false: they are
     # never clear.
     is_beside = distance >= sum_of_radii + spread
-    is_clear = (is_beside | (distance_along >= radius[onto])) & ~np.isnan(sum_of_radii)
+    is_clear = (is_beside | (distance_along >= radius[receivers])) & ~np.isnan(
+        sum_of_radii
+    )
     return np.asarray(~is_clear, np.bool_)
 
 
 def occlusions(
     figures: Sequence[Silhouette],
-    near: Mapping[int, Sequence[int]],
+    neighbours: Mapping[int, Sequence[int]],
     setting: ShadowSetting,
 ) -> dict[int, F32]:
     """Return the veil of each object, (h, w) on its box: -log of the remaining light.
 
-    Objects without a veil are left out. `near`: the result of `occluders`.
+    Objects without a veil are left out. `neighbours`: the result of `occluders`.
     """
     veils = {}
-    for k, others in near.items():
+    for k, others in neighbours.items():
         veil = occlusion_of(figures[k], [figures[other] for other in others], setting)
         if veil is not None:
             veils[k] = veil
@@ -190,56 +192,56 @@ class _Surface:
 
 
 def occlusion_of(
-    onto: Silhouette, others: Sequence[Silhouette], setting: ShadowSetting
+    receiver: Silhouette, others: Sequence[Silhouette], setting: ShadowSetting
 ) -> F32 | None:
-    """Return the veil (h, w) of `others` on the face of `onto`: -log of the remaining
+    """Return the veil (h, w) of `others` on the face of `receiver`: -log of the remaining
     light.
 
-    It covers the box of `onto`; None without a veil.
+    It covers the box of `receiver`; None without a veil.
     """
-    if not others and (onto.radius is None or onto.floor is None):
+    if not others and (receiver.radius is None or receiver.floor is None):
         return None
     # The area is used, because the box of a leaning object is mostly empty.
-    step = max(1, int(np.sqrt(onto.area)) // OCCLUSION.cells)
-    all_balls = all(figure.radius is not None for figure in (onto, *others))
-    surface = _surface(onto, step, np.float64 if all_balls else np.float32, setting)
+    step = max(1, int(np.sqrt(receiver.area)) // OCCLUSION.cells)
+    all_balls = all(figure.radius is not None for figure in (receiver, *others))
+    surface = _surface(receiver, step, np.float64 if all_balls else np.float32, setting)
     remaining = _remaining_light(surface, others, step, setting)
     darkness = _visible_darkness(remaining, surface.facing_viewer)
-    if surface.down is not None and onto.radius and onto.floor is not None:
+    if surface.down is not None and receiver.radius and receiver.floor is not None:
         # The floor close below a ball lies in the ball's shadow and reflects no light.
-        height = np.maximum(onto.floor - surface.y, 0) / np.float32(onto.radius)
-        floor_fade = np.exp(-height / OCCLUSION.near)
+        height = np.maximum(receiver.floor - surface.y, 0) / np.float32(receiver.radius)
+        floor_fade = np.exp(-height / OCCLUSION.height)
         downward_share = np.clip(surface.down, 0, 1) ** 2
         darkness = darkness + OCCLUSION.floor * downward_share * floor_fade
-    if darkness.max() < OCCLUSION.faint:
+    if darkness.max() < OCCLUSION.least_darkness:
         return None
-    height_px, width_px = onto.coverage.shape
+    height_px, width_px = receiver.coverage.shape
     size = (darkness.shape[1] * step, darkness.shape[0] * step)
     full_size = cv2.resize(darkness, size, interpolation=cv2.INTER_LINEAR)
     return np.asarray(full_size[:height_px, :width_px], np.float32)
 
 
 def _surface(
-    onto: Silhouette, step: int, kind: Any, setting: ShadowSetting
+    receiver: Silhouette, step: int, kind: Any, setting: ShadowSetting
 ) -> _Surface:
     """Return points `step` px apart on an object's face.
 
     `kind` is their type: balls on balls need float64.
     """
-    height, width = onto.coverage.shape
-    columns = onto.corner[0] + step * (np.arange(-(-width // step)) + 0.5) - 0.5
-    rows = onto.corner[1] + step * (np.arange(-(-height // step)) + 0.5) - 0.5
+    height, width = receiver.coverage.shape
+    columns = receiver.corner[0] + step * (np.arange(-(-width // step)) + 0.5) - 0.5
+    rows = receiver.corner[1] + step * (np.arange(-(-height // step)) + 0.5) - 0.5
     x, y = (np.asarray(part, kind) for part in np.meshgrid(columns, rows))
     lx, ly, lz = (np.float32(part) for part in setting.light.direction)
     # A face is flat and parallel to the photo, a ball has its own normal at each point.
-    if onto.radius is None:
-        viewer_distance = np.full(x.shape, face(onto, setting.top), np.float32)
+    if receiver.radius is None:
+        viewer_distance = np.full(x.shape, face(receiver, setting.top), np.float32)
         light_cosine = np.full(x.shape, max(lz, 0), np.float32)
         return _Surface(x, y, viewer_distance, _direct_share(light_cosine, setting))
-    cx, cy, radius = (np.float32(part) for part in (*onto.center, onto.radius))
+    cx, cy, radius = (np.float32(part) for part in (*receiver.center, receiver.radius))
     u, v = (x - cx) / radius, (y - cy) / radius
     z = np.sqrt(np.maximum(1 - u * u - v * v, 0))
-    viewer_distance = np.float32(middle(onto, setting.top)) + radius * z
+    viewer_distance = np.float32(middle(receiver, setting.top)) + radius * z
     light_cosine = np.maximum(u * lx + v * ly + z * lz, 0)
     return _Surface(x, y, viewer_distance, _direct_share(light_cosine, setting), v, z)
 
@@ -317,14 +319,14 @@ def _behind_balls(
 
 
 def _behind_slab(
-    slab: Silhouette, x: F32, y: F32, toward: F32, step: int, setting: ShadowSetting
+    slab: Silhouette, x: F32, y: F32, depth: F32, step: int, setting: ShadowSetting
 ) -> F32:
     """Return the share of light (h, w) that an object of constant thickness blocks.
 
     The points are `step` px apart.
     """
     lx, ly, lz = (float(part) for part in setting.light.direction)
-    height = np.maximum(face(slab, setting.top) - toward, 0)
+    height = np.maximum(face(slab, setting.top) - depth, 0)
     path = height / max(lz, LEAST_LIGHT_HEIGHT)
     blur = min(0.6 + 0.6 * setting.light_radius * float(path.max()), 4.0)
     margin = 8 + step
@@ -421,17 +423,19 @@ def silhouette(
 
 def add_shadow(
     darkness: F32,
-    lit: LitBackground,
+    background: LitBackground,
     stand: SpritePose,
-    now: Silhouette | None,
+    silhouette: Silhouette | None,
     weight: float = 1.0,
 ) -> list[Slices]:
     """Add the shadow of a sprite at its pose, times a `weight`, to `darkness` (H, W).
 
-    Returns its boxes. A sliding shadow does not need the sprite's silhouette `now`.
+    Returns its boxes. A sliding shadow does not need the sprite's silhouette `silhouette`.
     """
     boxes = []
-    for (x0, y0, x1, y1), shadow in lit.moved(stand.k, now, stand.start, stand.pose):
+    for (x0, y0, x1, y1), shadow in background.moved(
+        stand.k, silhouette, stand.start, stand.pose
+    ):
         if weight != 1:
             shadow = np.float32(weight) * shadow
         darkness[y0:y1, x0:x1] += shadow
@@ -439,12 +443,14 @@ def add_shadow(
     return boxes
 
 
-def relit_border(rest: F32, lit: LitBackground, darkness: F32, box: Slices) -> F32:
+def relit_border(
+    rest: F32, background: LitBackground, darkness: F32, box: Slices
+) -> F32:
     """Return the rest of a border (h, w, 3) in the present light of the background.
 
     Without it, a border would be black in a passing shadow.
     """
-    difference = lit.total[box] - darkness[box]
+    difference = background.total[box] - darkness[box]
     if not difference.any():
         return rest
     gain = three_channels(np.asarray(cv2.exp(np.minimum(difference, 1)), np.float32))

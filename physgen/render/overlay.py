@@ -95,7 +95,7 @@ class Sheet:
 class OverlayStyle:
     """Sizes and limits of overlays."""
 
-    opaque: float = 0.74
+    opacity: float = 0.74
     row: float = 1.6
     """Distance of lines, letters."""
     pad: float = 0.4
@@ -105,11 +105,11 @@ class OverlayStyle:
     """Share of a picture's side above which the key is left out."""
     arc: float = 1.1
     """Radius of a torque's sample, letters."""
-    least: float = 0.65
+    letter_count: float = 0.65
     """Smallest size of a name on a small object, letters."""
     finer: int = 8
     """Samples per frame for trails and impacts."""
-    most: int = 2_000_000
+    sample_limit: int = 2_000_000
     """Maximum of samples times objects for these."""
     flash: int = 8
     """Frames for which an impact or an instantaneous push is shown; at most a sixth of
@@ -117,8 +117,8 @@ class OverlayStyle:
     """
     fade: float = 0.5
     """Share of the clip in which a trail fades to its least."""
-    faint: float = 0.4
-    still: float = 2.0
+    opacity_of_trails: float = 0.4
+    least_length: float = 2.0
     """Smallest length of arrows and trails, px; shorter ones are not drawn."""
 
 
@@ -134,7 +134,7 @@ def write_key(rgb: U8, sheet: Sheet, entries: list[Entry]) -> None:
     """
     letter, side = sheet.letter, STYLE.side * sheet.letter
     row = STYLE.row * letter
-    column = max(_wide(entry, sheet) for entry in entries)
+    column = max(_sample_width(entry, sheet) for entry in entries)
     text = max(text_width(entry.text, letter) for entry in entries)
     corner = np.array([side, side])
     size = np.array(
@@ -146,8 +146,8 @@ def write_key(rgb: U8, sheet: Sheet, entries: list[Entry]) -> None:
     part = rgb[: ceil(corner[1] + size[1]) + 1, : ceil(corner[0] + size[0]) + 1]
     canvas = part.shape[1], part.shape[0]
     plate = Layer(canvas, 0.0)
-    plate.area(corner + size * [[0, 0], [1, 0], [1, 1], [0, 1]], STYLE.opaque)
-    plate.onto(part, CASING)
+    plate.area(corner + size * [[0, 0], [1, 0], [1, 1], [0, 1]], STYLE.opacity)
+    plate.blend(part, CASING)
     # Samples have their own colours, each on a layer; all words share the last layer.
     words = Layer(canvas, 0.0)
     for k, entry in enumerate(entries):
@@ -157,36 +157,42 @@ def write_key(rgb: U8, sheet: Sheet, entries: list[Entry]) -> None:
             layer,
             sheet,
             entry,
-            np.array([2 * side + (column - _wide(entry, sheet)) / 2, y]),
+            np.array([2 * side + (column - _sample_width(entry, sheet)) / 2, y]),
         )
-        layer.onto(part, COLOURS[entry.kind])
+        layer.blend(part, COLOURS[entry.kind])
         words.words(
             entry.text,
             (3 * side + column + text_width(entry.text, letter) / 2, y),
             letter,
         )
-    words.onto(part, WORDS)
+    words.blend(part, WORDS)
 
 
-def _wide(entry: Entry, sheet: Sheet) -> float:
+def _sample_width(entry: Entry, sheet: Sheet) -> float:
     """Return the width of a sample, px."""
     if entry.load is Load.TORQUE:
         return 2 * STYLE.arc * sheet.letter
     return entry.size * sheet.unit * (2 if entry.kind is Overlay.CONTACTS else 1)
 
 
-def _sample(layer: Layer, sheet: Sheet, entry: Entry, at: Array) -> None:
-    """Draw a sample with its left end and its middle height `at` x, y px."""
-    vector = np.array([_wide(entry, sheet), 0.0])
+def _sample(layer: Layer, sheet: Sheet, entry: Entry, corner: Array) -> None:
+    """Draw a sample with its left end and its middle height `corner` x, y px."""
+    vector = np.array([_sample_width(entry, sheet), 0.0])
     if entry.kind is Overlay.CONTACTS:
-        ring(layer, at + vector / 2, entry.size * sheet.unit, sheet.pen)
+        ring(layer, corner + vector / 2, entry.size * sheet.unit, sheet.pen)
     elif entry.load is Load.TORQUE:
         curved_arrow(
-            layer, arc(at + vector / 2, STYLE.arc * sheet.letter, entry.size), sheet.pen
+            layer,
+            arc(corner + vector / 2, STYLE.arc * sheet.letter, entry.size),
+            sheet.pen,
         )
     else:
         straight_arrow(
-            layer, at, at + vector, sheet.pen, struck=entry.load is Load.IMPULSE
+            layer,
+            corner,
+            corner + vector,
+            sheet.pen,
+            has_impact=entry.load is Load.IMPULSE,
         )
 
 
@@ -234,7 +240,7 @@ def annotate_frames(
         for kind in (kind for kind in DRAW if kind in kinds):
             layer = sheet.layer()
             DRAW[kind](clip, sheet, layer)
-            layer.onto(rgb, COLOURS[kind])
+            layer.blend(rgb, COLOURS[kind])
         if clip.key:
             write_key(rgb, sheet, clip.key)
         yield replace(frame, rgb=rgb)
@@ -248,7 +254,7 @@ def filmed(
     needs_samples = {Overlay.TRAILS, Overlay.CONTACTS} & set(kinds)
     if world.bodies and len(trajectory.times) > 1 and needs_samples:
         # More samples make trails smooth, and separate impacts in time.
-        sample_limit = STYLE.most // len(world.bodies)
+        sample_limit = STYLE.sample_limit // len(world.bodies)
         motion = trajectory.sampled(sample_times(trajectory, STYLE.finer, sample_limit))
     frame = world.duration / max(len(world.times), 1)
     impacts: list[Impact] = []
@@ -281,17 +287,19 @@ def _trails(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
     if len(times) < 2:
         return
     age = (sheet.time - times[1:]) / max(STYLE.fade * clip.world.duration, 1e-9)
-    strengths = np.clip(1 - (1 - STYLE.faint) * age, STYLE.faint, 1)
+    strengths = np.clip(
+        1 - (1 - STYLE.opacity_of_trails) * age, STYLE.opacity_of_trails, 1
+    )
     for path in np.moveaxis(clip.seen.poses[: sheet.sample + 1, :, :2], 1, 0):
-        if np.ptp(path, axis=0).max() > STYLE.still:
-            drawn_rows = _apart(path)
+        if np.ptp(path, axis=0).max() > STYLE.least_length:
+            drawn_rows = _distinct_indices(path)
             points = sheet.at(path[drawn_rows])
             layer.segments(
                 points[:-1], points[1:], sheet.pen, strengths[drawn_rows[1:] - 1]
             )
 
 
-def _apart(path: Array) -> NDArray[np.int64]:
+def _distinct_indices(path: Array) -> NDArray[np.int64]:
     """Return the indices of a path's points (K, 2) px to draw, at least a pixel apart.
 
     Corners and the last point are always among them.
@@ -320,7 +328,7 @@ def _outlines(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
                 tick = np.array([[0.72, 0.0], [1.0, 0.0]]) * body.radius
                 layer.line(sheet.at(tick @ turn.T + (x, y)), sheet.pen)
         for points in rings:
-            layer.line(sheet.at(points @ turn.T + (x, y)), sheet.pen, closed=True)
+            layer.line(sheet.at(points @ turn.T + (x, y)), sheet.pen, is_polygon=True)
 
 
 def _velocities(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
@@ -358,13 +366,13 @@ def _push(clip: OverlayClip, sheet: Sheet, layer: Layer, push: Push) -> None:
         radius = min(1.25 * reach, 0.2 * max(clip.world.size))
         sweep = clip.scales.torque * push.torque
         # An arc shorter than its own line would be only a dot.
-        if abs(sweep) * radius * sheet.zoom >= STYLE.still:
+        if abs(sweep) * radius * sheet.zoom >= STYLE.least_length:
             path = sheet.at(arc(center, radius, sweep))
             curved_arrow(layer, path, sheet.pen)
     elif push.load is Load.IMPULSE:
         strength = _left(clip, sheet, push.start)
         vector = clip.scales.impulse * push.vector
-        _arrow(sheet, layer, place, vector, strength, struck=True)
+        _arrow(sheet, layer, place, vector, strength, has_impact=True)
     else:
         _arrow(sheet, layer, place, clip.scales.force * push.vector)
 
@@ -372,19 +380,19 @@ def _push(clip: OverlayClip, sheet: Sheet, layer: Layer, push: Push) -> None:
 def _arrow(
     sheet: Sheet,
     layer: Layer,
-    at: Array,
+    start: Array,
     way: Array,
     strength: float = 1.0,
     *,
-    struck: bool = False,
+    has_impact: bool = False,
 ) -> None:
     """Draw an arrow from a point (2,) of the photo; `way` (2,) is its vector, px of the
     photo.
     """
-    tail, frame_vector = sheet.at(at), sheet.way(way)
-    if np.hypot(*frame_vector) >= STYLE.still:
+    tail, frame_vector = sheet.at(start), sheet.way(way)
+    if np.hypot(*frame_vector) >= STYLE.least_length:
         straight_arrow(
-            layer, tail, tail + frame_vector, sheet.pen, strength, struck=struck
+            layer, tail, tail + frame_vector, sheet.pen, strength, has_impact=has_impact
         )
 
 
@@ -407,16 +415,16 @@ def _contacts(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
     for first, second in contacts.touch_pairs[is_touching].tolist():
         points, gap = contact_points_between(clip.world, poses, first, second)
         # The contact list covers whole steps; check that the surfaces touch right now.
-        if gap < STYLE.still:
+        if gap < STYLE.least_length:
             for point in sheet.at(points):
                 layer.area(circle(point, 1.5 * sheet.pen))
     for impact in clip.impacts:
         if not impact.time <= present < impact.time + clip.flash:
             continue
         radius = float(np.sqrt(clip.scales.ring * impact.impulse)) * sheet.unit
-        if radius > STYLE.still:
+        if radius > STYLE.least_length:
             strength = _left(clip, sheet, impact.time)
-            ring(layer, sheet.at(impact.at), radius, sheet.pen, strength)
+            ring(layer, sheet.at(impact.place), radius, sheet.pen, strength)
 
 
 def _names(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
@@ -424,7 +432,9 @@ def _names(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
     for body, pose in zip(clip.world.bodies, _poses(clip, sheet), strict=True):
         x, y = sheet.at(pose[:2]).tolist()
         scale = 2 * body.reach * sheet.zoom / text_width(body.name, sheet.letter)
-        layer.words(body.name, (x, y), sheet.letter * min(max(scale, STYLE.least), 1.0))
+        layer.words(
+            body.name, (x, y), sheet.letter * min(max(scale, STYLE.letter_count), 1.0)
+        )
 
 
 def _joints(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:

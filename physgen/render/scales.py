@@ -84,13 +84,16 @@ class Entry:
 
 
 def scales(
-    world: World, seen: Trajectory, kinds: Collection[Overlay], impacts: Sequence[float]
+    world: World,
+    motion: Trajectory,
+    kinds: Collection[Overlay],
+    impacts: Sequence[float],
 ) -> Scales:
     """Return the scales of a clip; `impacts` are their impulses, g·px/s."""
     side = float(max(world.size))
     usual_length = SCALE.long * side
     velocity = 0.0
-    speeds = _speeds(world, seen)
+    speeds = _speeds(world, motion)
     if Overlay.VELOCITY in kinds and speeds.size:
         velocity = nearest_round(
             usual_length / float(np.percentile(speeds, SCALE.usual))
@@ -207,15 +210,15 @@ def value_text(value: float, unit: str) -> str:
     return f"{value * factor:g} {prefix}{unit}"
 
 
-def _per(size: float, most: float) -> float:
+def _per(size: float, limit: float) -> float:
     """Return a size per unit; 0 without a value."""
-    return size / most if most > 0 else 0.0
+    return size / limit if limit > 0 else 0.0
 
 
-def _speeds(world: World, seen: Trajectory) -> Array:
+def _speeds(world: World, motion: Trajectory) -> Array:
     """Return the speeds (K,) px/s of visible moving bodies."""
-    places = seen.poses[..., :2]
+    places = motion.poses[..., :2]
     is_inside = ((places >= 0) & (places < world.size)).all(axis=-1)
-    speeds = np.hypot(seen.velocities[..., 0], seen.velocities[..., 1])[is_inside]
+    speeds = np.hypot(motion.velocities[..., 0], motion.velocities[..., 1])[is_inside]
     smallest_speed = max(1.0, 0.02 * float(speeds.max(initial=0.0)))
     return np.asarray(speeds[speeds > smallest_speed])

@@ -51,7 +51,7 @@ class ShadowTuning:
     """
     parts: float = 0.1
     """Displacement, in sizes, over which the predicted shadow replaces the photo's."""
-    still: float = 0.995
+    full_share: float = 0.995
     """Share of the photo's shadow above which the predicted one is left out."""
     flies: float = 2.0
     """Height over the floor, in thicknesses, above which the shadow falls on the wall,
@@ -61,7 +61,7 @@ class ShadowTuning:
     """Rotation, rad, over which the photo's shadow of an object that is not round
     fades.
     """
-    smooth: float = 0.5
+    blur_width: float = 0.5
     """Standard deviation of the blur, px, after a median over 5 px: finer detail stays
     in the background.
     """
@@ -71,13 +71,13 @@ class ShadowTuning:
     """Half the width of gaps between objects, px, without visible background."""
     deepest: float = 3.5
     """Darkness (-log of light) of the deepest shadow."""
-    near: float = 0.5
+    claim_reach: float = 0.5
     """Largest distance of an object's own darkness, in its sizes."""
-    claimed: tuple[float, float] = (0.02, 0.1)
+    claim_range: tuple[float, float] = (0.02, 0.1)
     """Sum of objects' claims from which the plate begins to be the clean picture, and
     at which it is.
     """
-    explained: float = 0.5
+    lean_variance: float = 0.5
     """Share of the variance of shadows' offsets that a near lamp must explain."""
     shadows: int = 3
     """Minimum number of sliding shadows for a lamp: two are always on a line."""
@@ -87,11 +87,11 @@ class ShadowTuning:
     """
     leans: float = 0.3
     """Maximum lean, px per px of the object's displacement."""
-    faint: float = 0.006
+    least_darkness: float = 0.006
     """Darkness (-log of light) that is invisible: half a grey level of a middle
     grey.
     """
-    compared: tuple[float, int] = (0.2, 200)
+    comparison_limits: tuple[float, int] = (0.2, 200)
     """Darkness from which predicted shadows are compared with the photo's, and the
     number of pixels for it.
     """
@@ -167,8 +167,8 @@ class LitBackground:
 
         Direct light that one shadow blocks cannot be blocked again by others.
         """
-        cv2.max(darkness, self._least[box], dst=darkness)
-        excess = darkness - self._most[box]
+        cv2.max(darkness, self._least_darkness[box], dst=darkness)
+        excess = darkness - self._largest_darkness[box]
         if excess.max() <= 0:
             return darkness
         # A soft limit: darkness - excess + 1 - exp(-excess) never exceeds the limit by
@@ -180,35 +180,35 @@ class LitBackground:
         return np.asarray(soft_limit, np.float32)
 
     @cached_property
-    def _least(self) -> F32:
+    def _least_darkness(self) -> F32:
         """Return the minimum darkness (H, W): not brighter than the photo or
         the plate.
         """
         return np.minimum(self.total, 0)
 
     @cached_property
-    def _most(self) -> F32:
+    def _largest_darkness(self) -> F32:
         """Return the maximum darkness (H, W) by one object."""
         return np.maximum(self.total, self.setting.shade)
 
     def moved(
-        self, k: int, now: Silhouette | None, start: Pose, pose: Pose
+        self, k: int, silhouette: Silhouette | None, start: Pose, pose: Pose
     ) -> list[tuple[PixelBox, F32]]:
         """Return the shadows of object k at `pose`, as boxes with their darkness.
 
-        `start` is its pose in the photo, `now` its present silhouette.
+        `start` is its pose in the photo, `silhouette` its present silhouette.
         """
         cast = self.casts[k]
         if cast.sliding is not None:
             return self._shift_constant_shadow(cast, cast.sliding, start, pose)
-        if now is None:
+        if silhouette is None:
             return []
         if not self.lifted:
-            return self._late_shadow(cast, now, start, pose)
+            return self._late_shadow(cast, silhouette, start, pose)
         turn = pose.angle - start.angle
         # Near its start, an object keeps the photo's shadow; farther away, it gets the
         # predicted one, together with the unexplained part of the photo's.
-        strength, shift = self._kept(cast, now, turn)
+        strength, shift = self._valid_residual(cast, silhouette, turn)
         share = np.float32(0)
         if cast.whole is not None:
             share = _photo_share(cast, start, pose)
@@ -225,26 +225,26 @@ class LitBackground:
         if share == 1:
             return shadows
         rest = np.float32(1 - share)
-        prediction = predicted_shadow(now, self.setting, cast.step)
+        prediction = predicted_shadow(silhouette, self.setting, cast.step)
         if prediction is not None:
             box, picture = prediction
             shadows.append((box, picture if share == 0 else rest * picture))
-        own = self._carried_shadow(cast, now, float(rest) * strength, shift)
+        own = self._carried_shadow(cast, silhouette, float(rest) * strength, shift)
         if own is not None:
             shadows.append(own)
         return shadows
 
     def _late_shadow(
-        self, cast: CastShadow, now: Silhouette, start: Pose, pose: Pose
+        self, cast: CastShadow, silhouette: Silhouette, start: Pose, pose: Pose
     ) -> list[tuple[PixelBox, F32]]:
         """Return the predicted shadow, which appears as the object leaves the photo's
         shadow.
         """
-        prediction = predicted_shadow(now, self.setting, cast.step)
+        prediction = predicted_shadow(silhouette, self.setting, cast.step)
         if prediction is None:
             return []
         box, picture = prediction
-        return [(box, picture * _departure(now, start, pose))]
+        return [(box, picture * _departure(silhouette, start, pose))]
 
     def _shift_constant_shadow(
         self,
@@ -263,7 +263,7 @@ class LitBackground:
     def _carried_shadow(
         self,
         cast: CastShadow,
-        now: Silhouette,
+        silhouette: Silhouette,
         strength: float,
         shift: tuple[float, float],
     ) -> tuple[PixelBox, F32] | None:
@@ -278,14 +278,16 @@ class LitBackground:
         if box is None:
             return None
         moved_picture *= np.float32(strength)
-        if now.floor is not None and self._on_wall(cast.start):
-            wall_foot = now.floor - self.setting.tilt * self.setting.backdrop
+        if silhouette.floor is not None and self._on_wall(cast.start):
+            wall_foot = silhouette.floor - self.setting.tilt * self.setting.backdrop
             rows = np.arange(box[1], box[3], dtype=np.float32)[:, None]
             moved_picture *= np.clip(wall_foot - rows + 0.5, 0, 1)
-        elif now.floor is not None and not np.isfinite(self.setting.backdrop):
-            floor_shares = floor_share(now.ends, self.setting, box, now.floor)
+        elif silhouette.floor is not None and not np.isfinite(self.setting.backdrop):
+            floor_shares = floor_share(
+                silhouette.ends, self.setting, box, silhouette.floor
+            )
             # Upright surfaces behind the floor get no shadow of a moving object.
-            near_share = _near_share(self.setting, box, now.floor)
+            near_share = _near_share(self.setting, box, silhouette.floor)
             if self.setting.light.is_soft:
                 floor_shares *= near_share
             if cast.beyond is not None:
@@ -307,23 +309,28 @@ class LitBackground:
             return True
         return start.floor - start.center[1] > SHADOW.flies * start.thickness
 
-    def _kept(
-        self, cast: CastShadow, now: Silhouette, turn: float
+    def _valid_residual(
+        self, cast: CastShadow, silhouette: Silhouette, turn: float
     ) -> tuple[float, tuple[float, float]]:
         """Return the valid share of the photo's own shadow, and its shift, px."""
         start = cast.start
-        dx, dy = now.center[0] - start.center[0], now.center[1] - start.center[1]
+        dx, dy = (
+            silhouette.center[0] - start.center[0],
+            silhouette.center[1] - start.center[1],
+        )
         size = max(min(start.coverage.shape), 1)
         strength = 1.0 if cast.round else _bell(turn / SHADOW.turn)
         if self.setting.top or self._on_wall(start):
             return strength, (dx, dy)
-        if start.floor is None or now.floor is None:
+        if start.floor is None or silhouette.floor is None:
             distance = np.hypot(dx, dy)
             return strength * _bell(distance / (SHADOW.lift * size)), (0.0, 0.0)
         # A shadow on the floor stays valid while its object keeps its height over it.
-        lift = (start.floor - start.center[1]) - (now.floor - now.center[1])
+        lift = (start.floor - start.center[1]) - (
+            silhouette.floor - silhouette.center[1]
+        )
         strength *= _bell(lift / (SHADOW.lift * size))
-        return strength, (dx, now.floor - start.floor)
+        return strength, (dx, silhouette.floor - start.floor)
 
 
 LEAST_STRENGTH = 0.02
@@ -344,15 +351,15 @@ def _photo_share(cast: CastShadow, start: Pose, pose: Pose) -> np.float32:
     if not cast.round:
         distance += abs(pose.angle - start.angle) * max(shape) / 2
     share = _bell(distance / (SHADOW.parts * max(min(shape), 1)))
-    if share >= SHADOW.still:
+    if share >= SHADOW.full_share:
         return np.float32(1)
     return np.float32(share if share > LEAST_STRENGTH else 0)
 
 
-def _departure(now: Silhouette, start: Pose, pose: Pose) -> np.float32:
+def _departure(silhouette: Silhouette, start: Pose, pose: Pose) -> np.float32:
     """Return 0 for an object at its start, and 1 after it has left."""
     distance = np.hypot(pose.x - start.x, pose.y - start.y)
-    size = max(min(now.coverage.shape), 1)
+    size = max(min(silhouette.coverage.shape), 1)
     departure = distance / (SHADOW.comes * size)
     return np.float32(1 - np.exp(-(departure**2)))
 
@@ -460,44 +467,44 @@ def shifted_picture(
 
 def decompose_shadows(
     background: U8,
-    clean: U8 | None,
+    clean_background: U8 | None,
     coverage: F32,
     starts: Sequence[Silhouette],
     rounds: Sequence[bool],
     setting: ShadowSetting,
-    gone: Sequence[Silhouette] = (),
-    changed: Mask | None = None,
+    ghosts: Sequence[Silhouette] = (),
+    is_changed: Mask | None = None,
 ) -> tuple[LitBackground, F32 | None]:
     """Separate `background` (H, W, 3) sRGB into light and shadows.
 
-    `clean` is the background without shadows; None if they were not removed. `gone` are
-    objects of the photo that the scene leaves out, with their shadows. `changed` (H,
+    `clean_background` is the background without shadows; None if they were not removed. `ghosts` are
+    objects of the photo that the scene leaves out, with their shadows. `is_changed` (H,
     W): pixels that differ from the photo, and contain no information about shadows near
-    objects. Also returns the darkness (H, W), -log of light, by the shadows of `gone`;
+    objects. Also returns the darkness (H, W), -log of light, by the shadows of `ghosts`;
     None without such objects.
     """
     light = decode(background)
-    if clean is None:
+    if clean_background is None:
         return _keep_old_shadows(light, starts, rounds, setting), None
-    clean_light = decode(clean)
+    clean_light = decode(clean_background)
     darkness = _log(luminance(clean_light)) - _log(luminance(light))
     np.clip(darkness, -0.5, SHADOW.deepest, out=darkness)
     is_open = _open_background(coverage)
-    if changed is not None:
-        is_open &= ~changed
-    all_figures = [*starts, *gone]
+    if is_changed is not None:
+        is_open &= ~is_changed
+    all_figures = [*starts, *ghosts]
     steps = [shadow_grid_step(silhouette) for silhouette in all_figures]
     # Geometry predicts the shape of shadows; the photo tells their depth.
     setting, firsts, total = _matched_shadows(
         all_figures, steps, setting, darkness, is_open
     )
-    residual = _compute_excess_darkness(darkness, total, is_open)
+    difference = _compare_darkness(darkness, total, is_open)
     # Assign the unexplained darkness to the objects with the largest claims.
     claims = _claims(all_figures, firsts, setting.size)
     claimed_area, owner = _sum_claims(claims, darkness.shape)
     all_casts = []
     for k, start in enumerate(all_figures):
-        own_shadow = _owned(residual, claims[k], claimed_area)
+        own_shadow = _claimed_darkness(difference, claims[k], claimed_area, firsts[k])
         is_round = k < len(starts) and rounds[k]
         all_casts.append(
             _cast(start, steps[k], firsts[k], own_shadow, is_round, setting)
@@ -509,11 +516,11 @@ def decompose_shadows(
     share = _clean_share(claimed_area, is_open)
     plate = _plate(light, clean_light, (total + ghost_shadows), tint, share)
     result = LitBackground(setting, plate, tint, total, _leaning(casts), owner)
-    return result, ghost_shadows if gone else None
+    return result, ghost_shadows if ghosts else None
 
 
 def _keep_old_shadows(
-    lit: F32,
+    light: F32,
     starts: Sequence[Silhouette],
     rounds: Sequence[bool],
     setting: ShadowSetting,
@@ -526,10 +533,10 @@ def _keep_old_shadows(
     for start, is_round in zip(starts, rounds, strict=True):
         step = shadow_grid_step(start)
         casts.append(CastShadow(start, step, None, empty_shadow, None, is_round))
-    darkness = np.zeros(lit.shape[:2], np.float32)
+    darkness = np.zeros(light.shape[:2], np.float32)
     no_owner = np.zeros(darkness.shape, np.int32)
     tint = np.ones(3, np.float32)
-    return LitBackground(setting, lit, tint, darkness, casts, no_owner, lifted=False)
+    return LitBackground(setting, light, tint, darkness, casts, no_owner, lifted=False)
 
 
 def _square(reach: int) -> U8:
@@ -550,7 +557,7 @@ def _open_background(coverage: F32) -> Mask:
 
 
 def _matched_shadows(
-    everybody: Sequence[Silhouette],
+    silhouettes: Sequence[Silhouette],
     steps: Sequence[int],
     setting: ShadowSetting,
     darkness: F32,
@@ -560,9 +567,9 @@ def _matched_shadows(
 
     `darkness` (H, W) of the photo. Also returns the sum of shadows.
     """
-    firsts, total = _predicted(everybody, steps, setting)
+    firsts, total = _predict_shadows(silhouettes, steps, setting)
     (least_darkness, least_count), (quantile, least_ratio) = (
-        SHADOW.compared,
+        SHADOW.comparison_limits,
         SHADOW.lacking,
     )
     is_compared = is_open & (total > least_darkness)
@@ -573,7 +580,7 @@ def _matched_shadows(
     median_ratio, upper_ratio = np.quantile(ratios, (0.5, quantile))
     depth_ratio = float(max(min(upper_ratio, 1.0), median_ratio, least_ratio))
     setting = replace(setting, lacking=depth_ratio)
-    return setting, *_predicted(everybody, steps, setting)
+    return setting, *_predict_shadows(silhouettes, steps, setting)
 
 
 def _compute_excess_darkness(darkness: F32, total: F32, is_open: Mask) -> F32:
@@ -582,7 +589,7 @@ def _compute_excess_darkness(darkness: F32, total: F32, is_open: Mask) -> F32:
     """
     weight = is_open.astype(np.float32)
     difference = cv2.medianBlur(darkness - total, 5) * weight
-    remainder = _spread_into(difference, weight, SHADOW.smooth)
+    remainder = _spread_into(difference, weight, SHADOW.blur_width)
     remainder = harmonic_fill(remainder[..., None], ~is_open)[..., 0]
     # Behind an object, the background is not brighter than without shadows.
     np.maximum(remainder, np.where(is_open, remainder, -total), out=remainder)
@@ -598,33 +605,33 @@ def _sum_of_shadows(casts: Sequence[CastShadow], shape: tuple[int, ...]) -> F32:
     return total
 
 
-def _clean_share(claimed: F32, is_open: Mask) -> F32:
+def _clean_share(claim_sum: F32, is_open: Mask) -> F32:
     """Return the share (H, W) of the clean picture in the plate, 0..1."""
-    lower, upper = SHADOW.claimed
-    share = np.clip((claimed - lower) / (upper - lower), 0, 1)
+    lower, upper = SHADOW.claim_range
+    share = np.clip((claim_sum - lower) / (upper - lower), 0, 1)
     return np.asarray(np.where(is_open, share, np.float32(1)), np.float32)
 
 
-def _plate(lit: F32, bare: F32, total: F32, tint: F32, share: F32) -> F32:
+def _plate(light: F32, clean_light: F32, total: F32, tint: F32, share: F32) -> F32:
     """Return the background (H, W, 3) without the shadows `total`.
 
     It is mixed with the clean picture by `share`.
     """
-    plate = np.empty_like(lit)
+    plate = np.empty_like(light)
     for channel in range(3):
-        log_light = _log(lit[..., channel]) + total * tint[channel]
-        difference = _log(bare[..., channel]) - log_light
+        log_light = _log(light[..., channel]) + total * tint[channel]
+        difference = _log(clean_light[..., channel]) - log_light
         plate[..., channel] = cv2.exp(log_light + share * difference)
     return plate
 
 
-def _predicted(
-    everybody: Sequence[Silhouette], steps: Sequence[int], setting: ShadowSetting
+def _predict_shadows(
+    silhouettes: Sequence[Silhouette], steps: Sequence[int], setting: ShadowSetting
 ) -> tuple[list[tuple[PixelBox, F32] | None], F32]:
     """Return the shadow of each object, and their sum (H, W)."""
     shadows = []
     total = np.zeros(setting.size[::-1], np.float32)
-    for silhouette, step in zip(everybody, steps, strict=True):
+    for silhouette, step in zip(silhouettes, steps, strict=True):
         shadow = predicted_shadow(silhouette, setting, step)
         shadows.append(shadow)
         if shadow is not None:
@@ -641,34 +648,36 @@ def _cast(
     start: Silhouette,
     step: int,
     first: tuple[PixelBox, F32] | None,
-    own: tuple[PixelBox, F32],
+    residual: tuple[PixelBox, F32],
     is_round: bool,
     setting: ShadowSetting,
 ) -> CastShadow:
     """Return an object's shadow at t = 0: the prediction, and the photo's part beyond
     it.
     """
-    own = _crop_to_visible(*own)
+    residual = _crop_to_visible(*residual)
     is_sliding = setting.top and is_round and first is not None
     geometry = unbounded_shadow(start, setting, step) if is_sliding else first
-    parts = [own] if geometry is None else [geometry, own]
+    parts = [residual] if geometry is None else [geometry, residual]
     (x, y, *_), whole_picture = _crop_to_visible(*joined_pictures(parts))
     box, visible = shifted_picture(whole_picture, (x, y), (0.0, 0.0), setting.size)
     visible_shadow = None if box is None else (box, visible)
     # An object far outside the photo has no visible shadow.
     sliding = ((x, y), whole_picture) if is_sliding and whole_picture.size else None
-    share_beyond = _share_beyond_floor(start, own, setting)
-    return CastShadow(start, step, visible_shadow, own, sliding, is_round, share_beyond)
+    share_beyond = _share_beyond_floor(start, residual, setting)
+    return CastShadow(
+        start, step, visible_shadow, residual, sliding, is_round, share_beyond
+    )
 
 
 def _share_beyond_floor(
-    start: Silhouette, own: tuple[PixelBox, F32], setting: ShadowSetting
+    start: Silhouette, residual: tuple[PixelBox, F32], setting: ShadowSetting
 ) -> F32 | None:
     """Return the share (h, w) of an object's own shadow beyond its floor's ends.
 
     None without such a part, or if a wall behind ends the floor.
     """
-    box, picture = own
+    box, picture = residual
     if start.floor is None or np.isfinite(setting.backdrop) or not picture.size:
         return None
     shares = floor_share(start.ends, setting, box, start.floor)
@@ -716,7 +725,7 @@ def _leaning(casts: list[CastShadow]) -> list[CastShadow]:
     spread = float((weight * place**2).sum())
     slope = float((weight * place * offset).sum()) / max(spread, 1e-9)
     variance = max(float((weight * offset**2).sum()), 1e-9)
-    if slope <= 0 or slope**2 * spread / variance < SHADOW.explained:
+    if slope <= 0 or slope**2 * spread / variance < SHADOW.lean_variance:
         return casts
     leaning = []
     for cast in casts:
@@ -749,7 +758,7 @@ def unbounded_shadow(
 
 def _crop_to_visible(box: PixelBox, picture: F32) -> tuple[PixelBox, F32]:
     """Crop a picture to its visible part, with a smooth fade at its border."""
-    is_visible = np.abs(picture) > SHADOW.faint
+    is_visible = np.abs(picture) > SHADOW.least_darkness
     rows = np.flatnonzero(is_visible.any(axis=1))
     columns = np.flatnonzero(is_visible.any(axis=0))
     if not len(rows):
@@ -759,7 +768,7 @@ def _crop_to_visible(box: PixelBox, picture: F32) -> tuple[PixelBox, F32]:
     part = picture[y0:y1, x0:x1]
     # Reduce all values by the visible limit, so that the picture ends at 0 without a
     # step.
-    size = np.maximum(np.abs(part) - np.float32(SHADOW.faint), 0)
+    size = np.maximum(np.abs(part) - np.float32(SHADOW.least_darkness), 0)
     part_box = (box[0] + x0, box[1] + y0, box[0] + x1, box[1] + y1)
     return part_box, np.asarray(np.sign(part) * size, np.float32)
 
@@ -777,15 +786,19 @@ def _spread_into(values: F32, weight: F32, sigma: float) -> F32:
     return np.asarray(mean * np.clip(norm * 4, 0, 1), np.float32)
 
 
-def _tint(lit: F32, bare: F32, darkness: F32, is_open: Mask) -> F32:
+def _tint(light: F32, clean_light: F32, darkness: F32, is_open: Mask) -> F32:
     """Fit each channel's darkening (3,) to that of the luminance by least squares."""
     in_shadow = is_open & (darkness > 0.3)
-    lit, bare, darkness = lit[in_shadow], bare[in_shadow], darkness[in_shadow][:, None]
-    is_measurable = (lit.min(axis=1) > 2e-3) & (bare.min(axis=1) > 2e-3)
+    light, clean_light, darkness = (
+        light[in_shadow],
+        clean_light[in_shadow],
+        darkness[in_shadow][:, None],
+    )
+    is_measurable = (light.min(axis=1) > 2e-3) & (clean_light.min(axis=1) > 2e-3)
     if np.count_nonzero(is_measurable) < 200:
         return np.ones(3, np.float32)
     darkness = darkness[is_measurable]
-    channels = np.log(bare[is_measurable] / lit[is_measurable])
+    channels = np.log(clean_light[is_measurable] / light[is_measurable])
     slope = (channels * darkness).sum(axis=0) / (darkness * darkness).sum()
     return np.asarray(np.clip(slope, 0.85, 1.15), np.float32)
 
@@ -801,7 +814,7 @@ def _claims(
     """
     claims: list[tuple[PixelBox, F32]] = []
     for start, shadow in zip(starts, firsts, strict=True):
-        reach = SHADOW.near * min(start.coverage.shape) + 4
+        reach = SHADOW.claim_reach * min(start.coverage.shape) + 4
         box = _claim_box(start, shadow, ceil(2 * reach), size)
         x0, y0, x1, y1 = box
         if x1 <= x0 or y1 <= y0:
@@ -855,7 +868,7 @@ def _sum_claims(
         is_larger = claim > largest[part]
         largest[part][is_larger] = claim[is_larger]
         owner[part][is_larger] = number
-    owner[total <= SHADOW.claimed[0]] = 0
+    owner[total <= SHADOW.claim_range[0]] = 0
     return total, owner
 
 
@@ -865,32 +878,74 @@ BEYOND = 0.2
 """Width of that fade beyond the photo's border, as a share of the longer side."""
 
 
-def _owned(
-    rest: F32, claim: tuple[PixelBox, F32], claimed: F32
+@dataclass(frozen=True)
+class _Difference:
+    """Difference between the photo's darkness and the predicted one, (H, W)."""
+
+    excess: F32
+    """Darkness beyond the prediction; negative if the photo is brighter than the
+    clean picture.
+    """
+    lack: F32
+    """Share 0..1 of the predicted darkness that the photo lacks."""
+
+
+def _compare_darkness(darkness: F32, total: F32, is_open: Mask) -> _Difference:
+    """Compare the photo's darkness (H, W) with the predicted `total`."""
+    residual = _compute_excess_darkness(darkness, total, is_open)
+    lack = np.clip(-residual, 0, np.maximum(total, 0))
+    share = lack / np.maximum(total, np.float32(SHADOW.least_darkness))
+    excess = np.asarray(residual + lack, np.float32)
+    return _Difference(excess, np.asarray(share, np.float32))
+
+
+def _claimed_darkness(
+    difference: _Difference,
+    claim: tuple[PixelBox, F32],
+    claim_sum: F32,
+    first: tuple[PixelBox, F32] | None,
 ) -> tuple[PixelBox, F32]:
     """Return an object's part of the unexplained darkness.
 
-    It is the excess of the object's claim over those of all others together.
+    It is the excess of the object's claim over those of all others together. `first`
+    is the object's predicted shadow: each prediction loses the share that the photo
+    lacks, so that no object keeps a shadow that is not in the photo.
     """
     (x0, y0, x1, y1), own_claim = claim
     if not own_claim.size:
         return claim
-    all_claims = claimed[y0:y1, x0:x1] + np.float32(SHADOW.claimed[0])
+    all_claims = claim_sum[y0:y1, x0:x1] + np.float32(SHADOW.claim_range[0])
     share = own_claim / all_claims
+    rest = difference.excess
     own_part = rest[y0:y1, x0:x1] * np.maximum(2 * share - 1, 0)
+    if first is not None:
+        (left, top, right, bottom), prediction = first
+        lack = difference.lack[top:bottom, left:right] * prediction
+        own_part[top - y0 : bottom - y0, left - x0 : right - x0] -= lack
+    return _faded_at_border(claim[0], own_part, rest.shape)
+
+
+def _faded_at_border(
+    box: PixelBox, shade: F32, shape: tuple[int, ...]
+) -> tuple[PixelBox, F32]:
+    """Return shade (h, w) in a box, with a fade at the border of the box.
+
+    `shape` (H, W) of the photo.
+    """
+    x0, y0, x1, y1 = box
     # The shadow fades at the box's border, so that its motion is invisible; beyond the
     # photo's border it is continued.
-    height, width = rest.shape
+    height, width = shape
     fade_width = max(round(BEYOND * max(height, width)), EDGE)
     top_margin, bottom_margin = fade_width * (y0 <= 0), fade_width * (y1 >= height)
     left_margin, right_margin = fade_width * (x0 <= 0), fade_width * (x1 >= width)
-    own_part = np.pad(
-        own_part, ((top_margin, bottom_margin), (left_margin, right_margin)), "edge"
+    shade = np.pad(
+        shade, ((top_margin, bottom_margin), (left_margin, right_margin)), "edge"
     )
-    rows = _faded_ends(own_part.shape[0], top_margin, bottom_margin)
-    columns = _faded_ends(own_part.shape[1], left_margin, right_margin)
-    box = x0 - left_margin, y0 - top_margin, x1 + right_margin, y1 + bottom_margin
-    return box, np.asarray(own_part * np.outer(rows, columns), np.float32)
+    rows = _faded_ends(shade.shape[0], top_margin, bottom_margin)
+    columns = _faded_ends(shade.shape[1], left_margin, right_margin)
+    outer_box = x0 - left_margin, y0 - top_margin, x1 + right_margin, y1 + bottom_margin
+    return outer_box, np.asarray(shade * np.outer(rows, columns), np.float32)
 
 
 def _faded_ends(count: int, before: int, after: int) -> F32:

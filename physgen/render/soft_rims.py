@@ -23,9 +23,9 @@ class SoftRimTuning:
 
     ring: float = 2.5
     """px: width of the compared rim outside an outline."""
-    dark: float = 0.15
+    light_loss: float = 0.15
     """Least share of the ground's light that a blurred rim lacks ..."""
-    around: float = 0.6
+    outline_share: float = 0.6
     """... along at least this share of the outline: contact shade is below only."""
     depth: float = 4.0
     """px: width of the continuation inside the outline."""
@@ -40,16 +40,16 @@ DARKEST = 1e-3
 """Smallest linear light of a ground in ratios."""
 
 
-def continue_soft_rims(sprites: Sequence[Sprite], behind: F32) -> list[Sprite]:
+def continue_soft_rims(sprites: Sequence[Sprite], background: F32) -> list[Sprite]:
     """Return the sprites with the rims of blurred objects continued below them.
 
-    `behind`: linear light of the background, (H, W, 3). Frame 0 does not change.
+    `background`: linear light of the background, (H, W, 3). Frame 0 does not change.
     """
-    covers = np.zeros(behind.shape[:2], np.uint8)
+    covers = np.zeros(background.shape[:2], np.uint8)
     for sprite in sprites:
         photo_box, sprite_box = _boxes(sprite, (0, 0), covers.shape)
         covers[photo_box] += sprite.coverage[sprite_box] > 0
-    return [_continue_rim(sprite, behind, covers > 1) for sprite in sprites]
+    return [_continue_rim(sprite, background, covers > 1) for sprite in sprites]
 
 
 def _boxes(
@@ -68,7 +68,7 @@ def _boxes(
     return (places[0], places[1]), (own_places[0], own_places[1])
 
 
-def _continue_rim(sprite: Sprite, behind: F32, is_shared: Mask) -> Sprite:
+def _continue_rim(sprite: Sprite, background: F32, is_shared: Mask) -> Sprite:
     """Return a sprite with its rim continued, unchanged if it is not blurred.
 
     `is_shared` (H, W): pixels of several sprites, which stay.
@@ -77,10 +77,13 @@ def _continue_rim(sprite: Sprite, behind: F32, is_shared: Mask) -> Sprite:
         return sprite
     (x, y), halo, numbers = sprite.halo
     window = np.s_[y : y + halo.shape[0], x : x + halo.shape[1]]
-    ground, reach = behind[window], sprite.halo_reach
+    ground, reach = background[window], sprite.halo_reach
     ring = (reach > 0) & (reach <= SOFT_RIM.ring)
     darkness = -halo.mean(axis=2) / np.maximum(ground.mean(axis=2), DARKEST)
-    if not ring.any() or (darkness[ring] > SOFT_RIM.dark).mean() < SOFT_RIM.around:
+    if (
+        not ring.any()
+        or (darkness[ring] > SOFT_RIM.light_loss).mean() < SOFT_RIM.outline_share
+    ):
         return sprite
     rim = _rim_below(halo, ground, reach) * ~is_shared[window][..., None]
     place, sprite_box = _boxes(sprite, (x, y), halo.shape)

@@ -25,15 +25,15 @@ Mask = NDArray[np.bool_]
 class TextureConstants:
     """Constants of the continuation, tuned on apples, oranges and dates by eye."""
 
-    dark: float = 0.03
+    least_light: float = 0.03
     """Smallest linear light with reliable colours in logarithms."""
-    smooth: float = 0.18
+    blur_width: float = 0.18
     """Standard deviation of the base, radii."""
     rim: float = 0.85
     """Distance from the centre, radii, at which the base for the hidden half is
     read.
     """
-    sure: float = 0.8
+    photo_radius: float = 0.8
     """Distance from the centre, radii, up to which the skin of the photo is used
     unchanged.
     """
@@ -53,8 +53,11 @@ class TextureConstants:
     """Smallest height of a highlight in log light; a lower peak may be paint."""
     whiter: float = 0.6
     """Maximum share of a peak in the strongest channel."""
-    grown: int = 2
+    margin: int = 2
     """Margin of a highlight, px."""
+    rim_gap: float = 0.1
+    """Smallest distance of a highlight from the rim, radii. The seam of a tennis ball
+    and a stripe run to the rim."""
     seed: int = 7
 
 
@@ -66,8 +69,8 @@ def part_highlights(skin: F32, inside: Mask, radius: float) -> F32:
 
     These are fixed reflections of lamps and windows.
     """
-    level = np.log(np.maximum(skin, 0) + np.float32(TEXTURE.dark))
-    base = _blurred(level, inside, TEXTURE.smooth * radius)
+    level = np.log(np.maximum(skin, 0) + np.float32(TEXTURE.least_light))
+    base = _blur_known(level, inside, TEXTURE.blur_width * radius)
     excess = level - base
     dimmest = skin.argmin(axis=2)[..., None]
     brightest = skin.argmax(axis=2)[..., None]
@@ -77,19 +80,30 @@ def part_highlights(skin: F32, inside: Mask, radius: float) -> F32:
     usual_rise = float(np.median(np.abs(rise[inside]))) if inside.any() else 0.0
     threshold = max(TEXTURE.highlight, TEXTURE.unusual * usual_rise)
     peaks = inside & (rise > threshold) & (coloured_rise < TEXTURE.whiter * rise)
-    size = 2 * TEXTURE.grown + 1
+    peaks = _without_stripes(peaks, inside, TEXTURE.rim_gap * radius)
+    size = 2 * TEXTURE.margin + 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
     # Include the blurred border of a highlight, and fill it with smooth surroundings.
     hole = (cv2.dilate(peaks.astype(np.uint8), kernel) > 0) & inside
     if not hole.any():
         return skin
-    smooth_level = _blurred(level, inside & ~hole, TEXTURE.smooth * radius / 2)
+    smooth_level = _blur_known(level, inside & ~hole, TEXTURE.blur_width * radius / 2)
     level_without_peaks = np.where(
         hole[..., None], np.minimum(smooth_level, level), level
     )
     return np.asarray(
-        np.exp(level_without_peaks) - np.float32(TEXTURE.dark), np.float32
+        np.exp(level_without_peaks) - np.float32(TEXTURE.least_light), np.float32
     )
+
+
+def _without_stripes(peaks: Mask, inside: Mask, rim_gap: float) -> Mask:
+    """Remove the peaks that come within `rim_gap` px of the rim."""
+    rim_distance = cv2.distanceTransform(
+        np.pad(inside, 1).astype(np.uint8), cv2.DIST_L2, 5
+    )[1:-1, 1:-1]
+    _, pieces = cv2.connectedComponents(peaks.astype(np.uint8), connectivity=8)
+    stripes = np.unique(pieces[rim_distance < rim_gap])
+    return peaks & ~np.isin(pieces, stripes)
 
 
 def continue_skin(skin: F32, center: Sequence[float], radius: float) -> list[F32]:
@@ -98,7 +112,7 @@ def continue_skin(skin: F32, center: Sequence[float], radius: float) -> list[F32
     `skin` (h, w, 3): linear light over shading in the photo; `center`: px in it. The
     projection is that of `atlas.equal_area`.
     """
-    level = np.log(np.maximum(skin, 0) + np.float32(TEXTURE.dark))
+    level = np.log(np.maximum(skin, 0) + np.float32(TEXTURE.least_light))
     source = _Source.of(level, np.asarray(center, np.float64), radius)
     rows, columns = np.indices(skin.shape[:2])
     u = (columns - center[0]) / radius
@@ -110,7 +124,7 @@ def continue_skin(skin: F32, center: Sequence[float], radius: float) -> list[F32
     sides = []
     for side in (1.0, -1.0):
         points = np.dstack([factor * u, factor * v, side * z])
-        picture = np.exp(source.level_at(points)) - np.float32(TEXTURE.dark)
+        picture = np.exp(source.level_at(points)) - np.float32(TEXTURE.least_light)
         sides.append(np.asarray(np.maximum(picture, 0), np.float32))
     return sides
 
@@ -136,7 +150,7 @@ class _Source:
         rows, columns = np.indices(level.shape[:2])
         distance = np.hypot(columns - center[0], rows - center[1]) / radius
         is_visible = distance < TEXTURE.visible
-        base = _blurred(level, is_visible, TEXTURE.smooth * radius)
+        base = _blur_known(level, is_visible, TEXTURE.blur_width * radius)
         detail = level - base
         detail_size = np.abs(detail).max(axis=2)
         usual_size = (
@@ -154,7 +168,7 @@ class _Source:
             [np.cos(angles), np.sin(angles)], axis=1
         )
         # The base at the rim, as a few waves along the angle, continues to the back.
-        samples = _sampled(base, ring[None])[0]
+        samples = _sample(base, ring[None])[0]
         waves = np.fft.rfft(samples, axis=0)[: TEXTURE.modes] / len(angles)
         waves[1:] *= 2
         weighted_detail = np.dstack([limited_detail, weight]).astype(np.float32)
@@ -166,14 +180,16 @@ class _Source:
         is_near_side = points[..., 2] > 0
         # Near the rim the photo blends into the continuation, since its pixels are
         # compressed.
-        blend_radius = (TEXTURE.visible + TEXTURE.sure) / 2
+        blend_radius = (TEXTURE.visible + TEXTURE.photo_radius) / 2
         share = (
-            np.clip((blend_radius - distance) / (blend_radius - TEXTURE.sure), 0, 1)
+            np.clip(
+                (blend_radius - distance) / (blend_radius - TEXTURE.photo_radius), 0, 1
+            )
             * is_near_side
         )
         share = share[..., None].astype(np.float32)
         places = self.center + self.radius * points[..., :2]
-        photo_level = _sampled(self.level, places)
+        photo_level = _sample(self.level, places)
         continued_level = self._base_at(points) + self._detail_at(points)
         return np.asarray(
             share * photo_level + (1 - share) * continued_level, np.float32
@@ -197,7 +213,7 @@ class _Source:
             step = step * rotation * disc_radius
         places = self.center + self.radius * points[..., :2]
         is_visible = (z > edge) & (distance < TEXTURE.rim)
-        photo_base = _sampled(self.base, places)
+        photo_base = _sample(self.base, places)
         return np.asarray(
             np.where(is_visible[..., None], photo_base, hidden_base), np.float32
         )
@@ -215,7 +231,7 @@ class _Source:
                 continue
             box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
             source_points = points[box] @ turn.T
-            piece = _sampled(
+            piece = _sample(
                 self.detail, self.center + self.radius * source_points[..., :2]
             )
             angle = np.arccos(np.clip(cosine[box], -1, 1)) / TEXTURE.piece
@@ -263,7 +279,7 @@ def _rotation_between(start: Array, end: Array) -> Array:
     return np.asarray(cv2.Rodrigues(angle * axis / sine)[0], np.float64)
 
 
-def _sampled(picture: F32, places: Array) -> F32:
+def _sample(picture: F32, places: Array) -> F32:
     """Sample a picture `(h, w, C)` at px `(..., 2)`; its edge is continued outwards."""
     x = places[..., 0].astype(np.float32)
     y = places[..., 1].astype(np.float32)
@@ -271,11 +287,11 @@ def _sampled(picture: F32, places: Array) -> F32:
     return np.asarray(values, np.float32)
 
 
-def _blurred(level: F32, known: Mask, sigma: float) -> F32:
+def _blur_known(level: F32, mask: Mask, sigma: float) -> F32:
     """Return the local mean `(h, w, 3)` of the known pixels."""
-    weight = known.astype(np.float32)
+    weight = mask.astype(np.float32)
     weight_sum = cv2.GaussianBlur(weight, (0, 0), max(sigma, 1.0))
     total = cv2.GaussianBlur(level * weight[..., None], (0, 0), max(sigma, 1.0))
-    mean_level = level[known].mean(axis=0) if known.any() else level.mean(axis=(0, 1))
+    mean_level = level[mask].mean(axis=0) if mask.any() else level.mean(axis=(0, 1))
     total += np.float32(1e-4) * mean_level
     return np.asarray(total / (weight_sum + np.float32(1e-4))[..., None], np.float32)

@@ -41,25 +41,25 @@ class SpriteTuning:
 
     facing: float = 0.02
     """Minimum change of shading by a rotation; below it, no normals are stored."""
-    soft: int = 5
+    border_reach: int = 5
     """Reach of the soft coverage beyond a mask's border, px."""
     blur: float = 1.2
     """Width of the sharing of coverage far from all masks, px."""
-    crisp: float = 0.5
+    touch_width: float = 0.5
     """Width of the sharing between touching objects along their border, px."""
-    distant: float = 1e-3
-    """Weight of the share by `blur` relative to that by `crisp`."""
-    least: float = 1e-4
+    blur_weight: float = 1e-3
+    """Weight of the share by `blur` relative to that by `touch_width`."""
+    least_blur: float = 1e-4
     """Value of a mask's blur below which it is 0: with `blur`, 4.4 px beyond the
     border.
     """
-    clean: int = 2
+    clean_depth: int = 2
     """Distance inside the border, px, at which the photo shows only the object."""
     halo: float = 40 / 512
     """Reach of the blurred rim around an object, as a share of the photo's
     longer side.
     """
-    shared: float = 5.0
+    rest_width: float = 5.0
     """Width of the sharing of the rest between neighbours, px."""
     unseen: float = 1e-4
     """Linear light below which a difference from the photo is invisible."""
@@ -69,41 +69,41 @@ class SpriteTuning:
     """
     rim: int = 4
     """Depth of rounded edges inside an outline, px."""
-    along: float = 8.0
+    outline_width: float = 8.0
     """Width of smoothing along the outline, px."""
-    rough: float = 0.2
+    fill_error: float = 0.2
     """Error in log light that a fill of shading may leave."""
     faces: float = 0.5
     """Cosine to the light above which a gap deprives a border of light."""
     brightest: float = 2.0
     """Largest light of a border pixel relative to that inside."""
-    stray: float = 0.03
+    light_excess: float = 0.03
     """Linear light that a border pixel may have beyond that."""
     leak: float = 2.0
     """Light that a border may lose, relative to what its background lacks."""
-    unsure: float = 0.3
+    coverage_error: float = 0.3
     """Error of a border's coverage: the share of the light outside it may lose."""
     gap_shade: float = 0.25
     """Darkness in log light by which a gap beside a border shows."""
-    seen: float = 0.2
+    free_share: float = 0.2
     """Share of an object's mask that must be apart from others, so that pixels near
     others' rims can be left out of continuation.
     """
-    covered: float = 0.2
+    hidden_share: float = 0.2
     """Share of light let through by objects in front below which a pixel is all
     theirs.
     """
-    beside: float = 0.35
+    side_reach: float = 0.35
     """Reach of visible parts beside an object's shape, in roots of its mask's area."""
     face: float = 0.35
     """Reach of a face above the shape that is visible only on one side, in the same
     unit.
     """
-    shaded: float = 0.8
+    shade_share: float = 0.8
     """Share of the usual light of a top's row below which it is in another object's
     shadow.
     """
-    flat: float = 2.0
+    top_variation: float = 2.0
     """Variation of height of a level top, px."""
     texture: float = 3.0
     """Scale, px, between texture and shading."""
@@ -115,7 +115,7 @@ class SpriteTuning:
     """Share of a side's light that near fronts of others block."""
     leans: float = 0.25
     """Rotation, rad, over which a block's sides replace the top of the photo."""
-    dark: float = 0.003
+    least_light: float = 0.003
     """Smallest linear light with reliable differences of levels."""
     sides: int = 12
     """Number of sides of the hull of a sprite."""
@@ -166,15 +166,15 @@ apart.
 """
 
 
-def relief_of(normals: F32, known: Mask, light: DistantLight) -> Relief | None:
-    """Return the relief of `normals` (h, w, 3); those in `known` (h, w) belong to the
+def relief_of(normals: F32, object_mask: Mask, light: DistantLight) -> Relief | None:
+    """Return the relief of `normals` (h, w, 3); those in `object_mask` (h, w) belong to the
     object.
 
     None if rotation changes nothing visible.
     """
-    if not known.any() or light.intensity <= 0:
+    if not object_mask.any() or light.intensity <= 0:
         return None
-    continued_normals = _carried_normals(normals, known)
+    continued_normals = _carried_normals(normals, object_mask)
     shade = np.maximum(lambert(light, continued_normals), np.float32(0.05))
     x, y, z = (np.float32(light.intensity * part) / shade for part in light.direction)
     relief = Relief(
@@ -190,17 +190,17 @@ def relief_of(normals: F32, known: Mask, light: DistantLight) -> Relief | None:
     )
     changes = []
     for turn in TURNS:
-        changes.append(float(np.abs(relief.ratio(turn)[known] - 1).mean()))
+        changes.append(float(np.abs(relief.ratio(turn)[object_mask] - 1).mean()))
     return relief if max(changes) > CUT.facing else None
 
 
-def _carried_normals(normals: F32, known: Mask) -> F32:
+def _carried_normals(normals: F32, object_mask: Mask) -> F32:
     """Return unit normals (h, w, 3), with the known ones continued outwards.
 
     Far outside they face the viewer.
     """
-    weight = known.astype(np.float32)
-    result = np.where(known[..., None], normals, np.float32(0))
+    weight = object_mask.astype(np.float32)
+    result = np.where(object_mask[..., None], normals, np.float32(0))
     # Blur in growing widths: the nearest known normals reach a pixel first.
     for sigma in (1.0, 3.0):
         norm = cv2.GaussianBlur(weight, (0, 0), sigma)
@@ -484,7 +484,7 @@ def cut_sprites(
     background: U8,
     order: Mapping[int, int],
     shapes: Sequence[Outline] = (),
-    toward: tuple[float, float, float] = (0.0, 0.0, 1.0),
+    light_direction: tuple[float, float, float] = (0.0, 0.0, 1.0),
 ) -> list[Sprite]:
     """Cut the photo's objects out as sprites in drawing order, the farthest first.
 
@@ -493,16 +493,16 @@ def cut_sprites(
     (H, W, 3) sRGB; `labels` (H, W): id k + 1 is body k; `absent` (H, W): objects of the
     photo that the scene leaves out, and that vanish; `coverage` (H, W) of all objects,
     also of absent ones. The sprites are not `anchored` yet. Borders that are dark in
-    narrow gaps get the light from the direction `toward` that they would have without
+    narrow gaps get the light from the direction `light_direction` that they would have without
     the gap.
     """
     # A completed object needs a box that also contains its hidden part.
     boxes = _boxes(labels)
-    hidden_parts: dict[int, _Hidden] = {}
+    hidden_parts: dict[int, _HiddenPart] = {}
     for k, shape in enumerate(shapes):
         if k + 1 not in boxes:
             continue
-        part = _hidden(labels, absent, k, shape, boxes[k + 1])
+        part = _find_hidden_part(labels, absent, k, shape, boxes[k + 1])
         if part is not None:
             hidden_parts[k] = part
             boxes[k + 1] = part.box
@@ -514,10 +514,10 @@ def cut_sprites(
         absent=absent,
         coverage=coverage,
         soft_total=_blur_mask(is_object, CUT.blur),
-        crisp_total=_blur_mask(is_object, CUT.crisp),
+        crisp_total=_blur_mask(is_object, CUT.touch_width),
         dim=_dim_gaps(is_object),
         shapes=shapes,
-        toward=toward,
+        toward=light_direction,
     )
     sprites = []
     for k in _hiding_last(order, hidden_parts):
@@ -526,14 +526,14 @@ def cut_sprites(
     return sprites
 
 
-def _dim_gaps(taken: Mask) -> Mask:
+def _dim_gaps(object_mask: Mask) -> Mask:
     """Return gaps between objects too narrow for light, and the borders beside them."""
-    object_pixels = taken.astype(np.uint8)
+    object_pixels = object_mask.astype(np.uint8)
     square = np.ones((CUT.gap + 1, CUT.gap + 1), np.uint8)
     closed_pixels = cv2.morphologyEx(
         object_pixels, cv2.MORPH_CLOSE, square, borderType=cv2.BORDER_REPLICATE
     )
-    return dilate(closed_pixels > object_pixels, CUT.clean + 1)
+    return dilate(closed_pixels > object_pixels, CUT.clean_depth + 1)
 
 
 @dataclass(frozen=True)
@@ -550,13 +550,15 @@ class _Cutter:
     soft_total: F32
     """Blur of all masks by `CUT.blur`."""
     crisp_total: F32
-    """Blur of all masks by `CUT.crisp`."""
+    """Blur of all masks by `CUT.touch_width`."""
     dim: Mask
     """Gaps too narrow for light, and borders beside them."""
     shapes: Sequence[Outline]
     toward: tuple[float, float, float]
 
-    def cut(self, k: int, bounds_px: PixelBox, hidden: _Hidden | None) -> Sprite:
+    def cut(
+        self, k: int, bounds_px: PixelBox, hidden_part: _HiddenPart | None
+    ) -> Sprite:
         """Cut out body k in a box of the photo."""
         x0, y0, x1, y1 = bounds_px
         box = np.s_[y0:y1, x0:x1]
@@ -572,10 +574,10 @@ class _Cutter:
         touching_numbers = _nearest(others, no_pixels, CUT.gap)
         gain = self._border_gain(mask, touching_numbers > 0, box, is_disc)
         light = _foreground(photo, self.behind[box], mask, alpha, share, gain, is_disc)
-        has_neighbour = bool((dilate(is_other, CUT.clean) & mask).any())
+        has_neighbour = bool((dilate(is_other, CUT.clean_depth) & mask).any())
         # A neighbour hides a part or spoils the border; reconstruct the light there.
-        if hidden is not None or has_neighbour:
-            part = hidden or _Hidden(
+        if hidden_part is not None or has_neighbour:
+            part = hidden_part or _HiddenPart(
                 bounds_px, labels, np.zeros_like(alpha), no_pixels, is_other
             )
             light, alpha = _complete_hidden_part(
@@ -604,11 +606,14 @@ class _Cutter:
 
     def _coverage(self, mask: Mask, box: tuple[slice, slice]) -> tuple[F32, F32]:
         """Return an object's share of the covered pixels, and its coverage."""
-        wide_blur, narrow_blur = _blur_mask(mask, CUT.blur), _blur_mask(mask, CUT.crisp)
-        own_weight = narrow_blur + CUT.distant * wide_blur
-        all_weights = self.crisp_total[box] + CUT.distant * self.soft_total[box]
+        wide_blur, narrow_blur = (
+            _blur_mask(mask, CUT.blur),
+            _blur_mask(mask, CUT.touch_width),
+        )
+        own_weight = narrow_blur + CUT.blur_weight * wide_blur
+        all_weights = self.crisp_total[box] + CUT.blur_weight * self.soft_total[box]
         share = np.asarray(own_weight / np.maximum(all_weights, 1e-9), np.float32)
-        alpha = np.where(wide_blur > CUT.least, self.coverage[box] * share, 0.0)
+        alpha = np.where(wide_blur > CUT.least_blur, self.coverage[box] * share, 0.0)
         alpha = alpha.astype(np.float32)
         alpha[mask & (alpha > 0.995)] = 1.0
         return share, alpha
@@ -622,14 +627,14 @@ class _Cutter:
         """
         # Holes of the object itself do not count, and its other borders must be
         # brighter.
-        gaps = self.dim[box] & dilate(is_touched, CUT.clean + 1)
-        rim = mask & ~gaps & dilate(~mask, CUT.clean)
+        gaps = self.dim[box] & dilate(is_touched, CUT.clean_depth + 1)
+        rim = mask & ~gaps & dilate(~mask, CUT.clean_depth)
         photo = self.photo[box]
         # For a ball, light and shade are separated later.
         is_lit = bool(
             not is_disc and rim.any() and photo[rim].mean() > photo[mask].mean() / 2
         )
-        slope_y, slope_x = np.gradient(_blur_mask(mask, CUT.clean))
+        slope_y, slope_x = np.gradient(_blur_mask(mask, CUT.clean_depth))
         slope = self.toward[0] * slope_x + self.toward[1] * slope_y
         light_cosine = -slope / np.maximum(np.hypot(slope_x, slope_y), 1e-6)
         gain = np.where(gaps & is_lit, np.maximum(light_cosine, 0), 0)
@@ -637,7 +642,7 @@ class _Cutter:
 
 
 @dataclass(frozen=True)
-class _Hidden:
+class _HiddenPart:
     """A hidden part of an object's shape in the photo."""
 
     box: PixelBox
@@ -660,7 +665,7 @@ def _unshaded_top(
 
     The top is on both sides of the first row `shape_top` of its shape.
     """
-    is_visible = mask & ~dilate(is_other, CUT.clean)
+    is_visible = mask & ~dilate(is_other, CUT.clean_depth)
     x = np.arange(mask.shape[1])
     even_photo, is_dark, is_top = photo.copy(), np.zeros_like(mask), np.zeros_like(mask)
     for y in _top_rows(mask, shape_top):
@@ -668,7 +673,7 @@ def _unshaded_top(
             continue
         level = photo[y].mean(axis=1)
         usual_level = np.percentile(level[is_visible[y]], 70)
-        is_dark[y] = is_visible[y] & (level < CUT.shaded * usual_level)
+        is_dark[y] = is_visible[y] & (level < CUT.shade_share * usual_level)
         is_bright = is_visible[y] & ~is_dark[y]
         if 3 * np.count_nonzero(is_bright) > len(x):
             # Continue the light of the bright pixels linearly along the row.
@@ -679,9 +684,9 @@ def _unshaded_top(
             is_top[y] = True
     _, pieces = cv2.connectedComponents(is_dark.astype(np.uint8))
     # Only a dark piece beside another object can be its shadow.
-    is_near_other = dilate(is_other, CUT.clean + 2)
+    is_near_other = dilate(is_other, CUT.clean_depth + 2)
     is_shadow = np.isin(pieces, pieces[is_dark & is_near_other])
-    is_shaded = is_top & dilate(is_shadow | is_other, CUT.clean + 1)
+    is_shaded = is_top & dilate(is_shadow | is_other, CUT.clean_depth + 1)
     return even_photo, is_shaded & is_shadow.any()
 
 
@@ -695,9 +700,9 @@ def _top_rows(mask: Mask, shape_top: float) -> range:
     return range(first, min(ceil(2 * shape_top - first), len(mask)))
 
 
-def _hidden(
+def _find_hidden_part(
     labels: U16, absent: Mask, k: int, shape: Outline, box: PixelBox
-) -> _Hidden | None:
+) -> _HiddenPart | None:
     """Return the part of body k's shape behind other objects; None without such a part.
 
     `box`: that of its mask.
@@ -720,7 +725,7 @@ def _hidden(
     hole = (cover >= 0.5) & is_other
     if not hole.any():
         return None
-    return _Hidden((x0, y0, x1, y1), part, cover, hole, is_other)
+    return _HiddenPart((x0, y0, x1, y1), part, cover, hole, is_other)
 
 
 def _beyond_shape(mask: Mask, is_other: Mask, cover: F32) -> Mask:
@@ -729,14 +734,14 @@ def _beyond_shape(mask: Mask, is_other: Mask, cover: F32) -> Mask:
     """
     # A rim or a face beside the shape that is visible on both sides of an object in
     # front continues behind this object.
-    reach = CUT.beside * np.count_nonzero(mask) ** 0.5
+    reach = CUT.side_reach * np.count_nonzero(mask) ** 0.5
     is_outside = (cover < 0.5).astype(np.uint8)
     is_near = cv2.distanceTransform(is_outside, cv2.DIST_L2, 3) <= reach
     to_right, to_left = _find_pixels_beside(mask, is_other)
     is_continued = is_near & to_right & to_left
     is_solid = cover >= 0.5
     top_rows = is_solid.argmax(axis=0)[is_solid.any(axis=0)]
-    if len(top_rows) and np.ptp(np.percentile(top_rows, (10, 90))) <= CUT.flat:
+    if len(top_rows) and np.ptp(np.percentile(top_rows, (10, 90))) <= CUT.top_variation:
         # The face above a level top may be visible on one side only.
         column = np.ones((2 * round(CUT.face * reach) + 1, 1), np.uint8)
         is_above = cv2.dilate(is_solid.astype(np.uint8), column) > 0
@@ -745,15 +750,15 @@ def _beyond_shape(mask: Mask, is_other: Mask, cover: F32) -> Mask:
     return np.asarray(is_continued, np.bool_)
 
 
-def _find_pixels_beside(own: Mask, is_other: Mask) -> tuple[Mask, Mask]:
-    """Return the pixels (h, w) to the right, and to the left, of `own` pixels in their
+def _find_pixels_beside(own_mask: Mask, is_other: Mask) -> tuple[Mask, Mask]:
+    """Return the pixels (h, w) to the right, and to the left, of `own_mask` pixels in their
     row.
 
     Only pixels of others are between.
     """
-    is_open = ~is_other & ~own
-    to_right = _last_column(own) > _last_column(is_open)
-    to_left = _last_column(own[:, ::-1]) > _last_column(is_open[:, ::-1])
+    is_open = ~is_other & ~own_mask
+    to_right = _last_column(own_mask) > _last_column(is_open)
+    to_left = _last_column(own_mask[:, ::-1]) > _last_column(is_open[:, ::-1])
     return to_right, to_left[:, ::-1]
 
 
@@ -763,7 +768,9 @@ def _last_column(mask: Mask) -> NDArray[np.int64]:
     return np.maximum.accumulate(np.where(mask, columns, 0), axis=1)
 
 
-def _hiding_last(order: Mapping[int, int], hidden: Mapping[int, _Hidden]) -> list[int]:
+def _hiding_last(
+    order: Mapping[int, int], hidden_parts: Mapping[int, _HiddenPart]
+) -> list[int]:
     """Return the drawing order, changed within a layer such that hiding objects come
     last.
 
@@ -772,7 +779,7 @@ def _hiding_last(order: Mapping[int, int], hidden: Mapping[int, _Hidden]) -> lis
     the `hole`.
     """
     areas = {}
-    for k, part in hidden.items():
+    for k, part in hidden_parts.items():
         for other in order:
             area = int((part.labels[part.hole] == other + 1).sum())
             if area:
@@ -782,7 +789,7 @@ def _hiding_last(order: Mapping[int, int], hidden: Mapping[int, _Hidden]) -> lis
     # out.
     for k, front in sorted(areas, key=areas.__getitem__, reverse=True):
         if front in farther[k] or order[front] < order[k]:
-            hidden[k].hole[hidden[k].labels == front + 1] = False
+            hidden_parts[k].hole[hidden_parts[k].labels == front + 1] = False
             continue
         for other in order:
             if other == front or front in farther[other]:
@@ -800,21 +807,21 @@ def _complete_hidden_part(
     mask: Mask,
     light: F32,
     alpha: F32,
-    together: F32,
-    part: _Hidden,
+    total_coverage: F32,
+    part: _HiddenPart,
     gain: F32,
     is_disc: bool,
 ) -> tuple[F32, F32]:
     """Return light (h, w, 3) and coverage (h, w) with the hidden part and an undarkened
     rim.
 
-    The coverage is at most that of all objects, `together` (h, w). Shading is continued
+    The coverage is at most that of all objects, `total_coverage` (h, w). Shading is continued
     smoothly, texture is mirrored.
     """
-    is_reliable = mask & ~dilate(part.by, CUT.clean + 1) & (gain < CUT.faces)
-    if np.count_nonzero(is_reliable) < CUT.seen * np.count_nonzero(mask):
+    is_reliable = mask & ~dilate(part.by, CUT.clean_depth + 1) & (gain < CUT.faces)
+    if np.count_nonzero(is_reliable) < CUT.free_share * np.count_nonzero(mask):
         is_reliable = mask
-    level = np.log(photo + np.float32(CUT.dark))
+    level = np.log(photo + np.float32(CUT.least_light))
     filled_level = harmonic_fill(level, ~is_reliable) + _mirrored_texture(
         level, is_reliable
     )
@@ -822,17 +829,19 @@ def _complete_hidden_part(
     # The rim of a ball follows from its light.
     if not is_disc:
         filled_level += _rims(level, filled_level, is_reliable, object_mask)
-    filling = np.maximum(np.exp(filled_level) - np.float32(CUT.dark), 0)
-    zone = dilate(part.hole, CUT.clean + 1)
+    filling = np.maximum(np.exp(filled_level) - np.float32(CUT.least_light), 0)
+    zone = dilate(part.hole, CUT.clean_depth + 1)
     edge = np.clip(2 * _blur_mask(object_mask) - 0.5, 0, 1)
-    full_cover = np.maximum(alpha, np.minimum(edge, together))
+    full_cover = np.maximum(alpha, np.minimum(edge, total_coverage))
     cover = np.where(zone, full_cover, alpha).astype(np.float32)
-    is_new = zone | (mask & dilate(part.by, CUT.clean))
+    is_new = zone | (mask & dilate(part.by, CUT.clean_depth))
     if not is_disc:
         # The gap between two objects darkens more of their borders in places. Stripes
         # of a ball may end at its border: they are no shade.
         darkness = (filled_level - level).mean(axis=2)
-        is_new |= mask & dilate(part.by, CUT.clean + 1) & (darkness > CUT.gap_shade)
+        is_new |= (
+            mask & dilate(part.by, CUT.clean_depth + 1) & (darkness > CUT.gap_shade)
+        )
     is_new &= ~is_reliable
     result = np.where(is_new[..., None], filling * cover[..., None], light)
     return np.asarray(result, np.float32), cover
@@ -865,34 +874,34 @@ def _mirrored_texture(level: F32, reliable: Mask) -> F32:
     return np.asarray(detail[source_pixels[..., 0], source_pixels[..., 1]], np.float32)
 
 
-def _rims(level: F32, smooth: F32, reliable: Mask, object_mask: Mask) -> F32:
-    """Return the rim (h, w, 3) that `smooth` lacks, from `reliable` pixels of equal
+def _rims(level: F32, filling: F32, reliable: Mask, object_mask: Mask) -> F32:
+    """Return the rim (h, w, 3) that `filling` lacks, from `reliable` pixels of equal
     depth.
 
     Rounded edges change the `level` of light with their depth, not along the outline.
     """
     padded_mask = np.pad(object_mask, 1).astype(np.uint8)
     depth = np.rint(cv2.distanceTransform(padded_mask, cv2.DIST_L2, 3)[1:-1, 1:-1])
-    inner = harmonic_fill(level, ~(reliable & (depth > CUT.rim)), CUT.rough)
-    rims = np.zeros_like(smooth)
+    inner = harmonic_fill(level, ~(reliable & (depth > CUT.rim)), CUT.fill_error)
+    rims = np.zeros_like(filling)
     for number in range(1, CUT.rim + 1):
         ring = depth == number
         weight = (ring & reliable).astype(np.float32)
-        norm = cv2.GaussianBlur(weight, (0, 0), CUT.along)[..., None]
+        norm = cv2.GaussianBlur(weight, (0, 0), CUT.outline_width)[..., None]
         difference = (level - inner) * weight[..., None]
-        blurred_difference = cv2.GaussianBlur(difference, (0, 0), CUT.along)
+        blurred_difference = cv2.GaussianBlur(difference, (0, 0), CUT.outline_width)
         rim = blurred_difference / np.maximum(norm, 1e-6)
         # Half a line of reliable pixels up to here is enough.
-        share = np.clip(5 * CUT.along * norm, 0, 1)
+        share = np.clip(5 * CUT.outline_width * norm, 0, 1)
         is_unknown = (ring & ~reliable)[..., None]
-        rims += np.where(is_unknown, share * (inner + rim - smooth), 0)
+        rims += np.where(is_unknown, share * (inner + rim - filling), 0)
     return rims
 
 
 def anchored(
     sprites: Sequence[Sprite],
     photo: F32,
-    behind: F32,
+    background: F32,
     absent: Mask,
     owner: NDArray[np.int32] | None = None,
     reach: float | None = None,
@@ -900,23 +909,23 @@ def anchored(
     """Return sprites with `rest` and `halo`, such that the frame at t = 0 equals the
     photo.
 
-    `behind` (H, W, 3) linear is the background. A pixel's rest belongs to the object
+    `background` (H, W, 3) linear is the background. A pixel's rest belongs to the object
     that shows most there; outside all objects, to its `owner` (H, W), 1 + an index, or
     for 0 to the nearest object, up to `reach` shares of the photo's longer side.
     """
     reach = CUT.halo if reach is None else reach
-    height, width = behind.shape[:2]
+    height, width = background.shape[:2]
     boxes = [_SpriteBox.of(sprite) for sprite in sprites]
     # Draw all sprites over the background as in the first frame. The difference to the
     # photo is the rest, which the transmission of the sprites above divides.
-    composite, top, last = _compose(sprites, boxes, behind)
+    composite, top, last = _compose(sprites, boxes, background)
     transmission = _compute_visible_share(sprites, boxes, top)
-    is_covered = transmission < CUT.covered
+    is_covered = transmission < CUT.hidden_share
     top[is_covered], transmission[is_covered] = last[is_covered], 1
     rest = (photo - composite) / cv2.merge((transmission, transmission, transmission))
     # Light at absent objects belongs to them, and vanishes with them.
     if absent.any():
-        rest[_blur_mask(absent) > CUT.least] = 0.0
+        rest[_blur_mask(absent) > CUT.least_blur] = 0.0
     near_numbers = _nearest(top, absent, round(reach * max(height, width)))
     if owner is not None:
         near_numbers = np.where(owner > 0, owner, near_numbers)
@@ -924,7 +933,7 @@ def anchored(
     near_numbers[(top > 0) | (largest <= CUT.unseen)] = 0
     # Outside the objects, halos of neighbours blend into each other instead of ending
     # at a sharp line.
-    near_weight = _blur_mask(near_numbers > 0, CUT.shared)
+    near_weight = _blur_mask(near_numbers > 0, CUT.rest_width)
     bodies = np.array([0, *(sprite.body + 1 for sprite in sprites)], np.int32)
     anchored_sprites = []
     pairs = zip(sprites, boxes, strict=True)
@@ -961,14 +970,14 @@ class _SpriteBox:
 
 
 def _compose(
-    sprites: Sequence[Sprite], boxes: Sequence[_SpriteBox], behind: F32
+    sprites: Sequence[Sprite], boxes: Sequence[_SpriteBox], background: F32
 ) -> tuple[F32, NDArray[np.int32], NDArray[np.int32]]:
     """Draw sprites over the background.
 
     Returns the picture (H, W, 3), and 1 + the index of the most visible and of the last
     sprite, (H, W).
     """
-    composite, shape = behind.copy(), behind.shape[:2]
+    composite, shape = background.copy(), background.shape[:2]
     top, last = np.zeros(shape, np.int32), np.zeros(shape, np.int32)
     largest = np.zeros(shape, np.float32)
     pairs = zip(sprites, boxes, strict=True)
@@ -988,8 +997,8 @@ def _compose(
 
 def _halo(
     number: int,
-    near: NDArray[np.int32],
-    all_near: F32,
+    nearest_numbers: NDArray[np.int32],
+    near_weight: F32,
     rest: F32,
     top: NDArray[np.int32],
     bodies: NDArray[np.int32],
@@ -998,16 +1007,18 @@ def _halo(
 
     None without one.
     """
-    is_own = near == number
+    is_own = nearest_numbers == number
     x, y, width, height = cv2.boundingRect(is_own.astype(np.uint8))
     if not width:
         return None
-    margin = max(ceil(4 * CUT.shared), CUT.gap)
+    margin = max(ceil(4 * CUT.rest_width), CUT.gap)
     x0, y0 = max(x - margin, 0), max(y - margin, 0)
     box = np.s_[y0 : y + height + margin, x0 : x + width + margin]
     # Neighbours share the rest softly: all shares at a pixel add up to 1.
-    own_share = _blur_mask(is_own[box], CUT.shared) / np.maximum(all_near[box], 1e-6)
-    share = np.where(near[box] > 0, own_share, 0)
+    own_share = _blur_mask(is_own[box], CUT.rest_width) / np.maximum(
+        near_weight[box], 1e-6
+    )
+    share = np.where(nearest_numbers[box] > 0, own_share, 0)
     others = np.where(top[box] == number, 0, top[box])
     no_pixels = np.zeros(others.shape, np.bool_)
     near_numbers = _nearest(others, no_pixels, CUT.gap)
@@ -1066,10 +1077,10 @@ def _boxes(labels: U16) -> dict[int, PixelBox]:
     order = np.argsort(ids, kind="stable")
     present_ids, first = np.unique(ids[order], return_index=True)
     rows, columns = rows[order], columns[order]
-    left = np.minimum.reduceat(columns, first) - CUT.soft
-    top = np.minimum.reduceat(rows, first) - CUT.soft
-    right = np.maximum.reduceat(columns, first) + CUT.soft + 1
-    bottom = np.maximum.reduceat(rows, first) + CUT.soft + 1
+    left = np.minimum.reduceat(columns, first) - CUT.border_reach
+    top = np.minimum.reduceat(rows, first) - CUT.border_reach
+    right = np.maximum.reduceat(columns, first) + CUT.border_reach + 1
+    bottom = np.maximum.reduceat(rows, first) + CUT.border_reach + 1
     table = np.column_stack([present_ids, left, top, right, bottom]).tolist()
     boxes = {}
     for id_, x0, y0, x1, y1 in table:
@@ -1079,7 +1090,7 @@ def _boxes(labels: U16) -> dict[int, PixelBox]:
 
 def _foreground(
     photo: F32,
-    behind: F32,
+    background: F32,
     mask: Mask,
     alpha: F32,
     share: F32,
@@ -1096,23 +1107,23 @@ def _foreground(
     padded_mask = np.pad(mask, 1).astype(np.uint8)
     depth = cv2.distanceTransform(padded_mask, cv2.DIST_L2, 3)[1:-1, 1:-1]
     # Pixels well inside the mask show the object alone.
-    is_reliable = (depth > CUT.clean) & (alpha >= 1.0) & (gain == 0)
+    is_reliable = (depth > CUT.clean_depth) & (alpha >= 1.0) & (gain == 0)
     if not is_reliable.any():
-        is_reliable = depth >= min(float(depth.max()), CUT.clean)
+        is_reliable = depth >= min(float(depth.max()), CUT.clean_depth)
     inner_light = _carried_light(photo, is_reliable, alpha > 0)
     opacity = alpha[..., None]
     # Invert the composition photo = object + (1 - alpha) * background.
-    own_light = np.clip(photo - (1 - opacity) * behind, 0, None)
+    own_light = np.clip(photo - (1 - opacity) * background, 0, None)
     lowest_trust, full_trust = TRUST
     trust = np.clip(
         ((1 + is_disc) * opacity - lowest_trust) / (full_trust - lowest_trust), 0, 1
     )
     trust = trust * np.clip(10 * share - 9, 0, 1)[..., None]
     # A thread has no inside: the light of what it hangs on says nothing about it.
-    is_border = (alpha > 0) & (alpha < 1) & dilate(is_reliable, CUT.clean + 2)
-    most_light = opacity * (CUT.brightest * inner_light + np.float32(CUT.stray))
+    is_border = (alpha > 0) & (alpha < 1) & dilate(is_reliable, CUT.clean_depth + 2)
+    most_light = opacity * (CUT.brightest * inner_light + np.float32(CUT.light_excess))
     most_light = np.maximum(
-        most_light, own_light - _leak(photo, behind, alpha, is_border)
+        most_light, own_light - _leak(photo, background, alpha, is_border)
     )
     own_light[is_border] = np.minimum(own_light, most_light)[is_border]
     mixed_light = trust * own_light + (1 - trust) * opacity * inner_light
@@ -1121,7 +1132,7 @@ def _foreground(
     return np.asarray(np.maximum(light, least_light), np.float32)
 
 
-def _leak(photo: F32, behind: F32, alpha: F32, border: Mask) -> F32:
+def _leak(photo: F32, background: F32, alpha: F32, border: Mask) -> F32:
     """Return the light (h, w, 3) that a wrong background leaves in an object's border.
 
     It is what the background behind the border lacks of the light just outside, of a
@@ -1129,20 +1140,20 @@ def _leak(photo: F32, behind: F32, alpha: F32, border: Mask) -> F32:
     than that is the object's own.
     """
     outside = _carried_light(photo, ~dilate(alpha > 0, 1), border)
-    lack = np.maximum(outside - behind, 0)
-    leak = CUT.leak * (1 - alpha[..., None]) * lack + CUT.unsure * outside
+    lack = np.maximum(outside - background, 0)
+    leak = CUT.leak * (1 - alpha[..., None]) * lack + CUT.coverage_error * outside
     return np.asarray(leak, np.float32)
 
 
-def _carried_light(photo: F32, reliable: Mask, needed: Mask) -> F32:
+def _carried_light(photo: F32, reliable: Mask, target: Mask) -> F32:
     """Return the photo (h, w, 3) with the light of `reliable` pixels continued to
-    `needed` ones.
+    `target` ones.
     """
     light: F32 = photo.copy()
     weight, is_known = reliable.astype(np.float32), reliable.copy()
     # Blur in growing widths: the nearest reliable light reaches a pixel first.
     for sigma in (1.0, 2.0, 4.0, 8.0):
-        if is_known[needed].all():
+        if is_known[target].all():
             break
         norm = cv2.GaussianBlur(weight, (0, 0), sigma)
         blurred_light = cv2.GaussianBlur(photo * weight[..., None], (0, 0), sigma)

@@ -29,9 +29,9 @@ Slices = tuple[slice, slice]
 class SquashTuning:
     """Limits of the flattening."""
 
-    least: float = 0.01
+    least_share: float = 0.01
     """Share of the size that is invisible; hard materials stay below it."""
-    most: float = 0.08
+    largest_share: float = 0.08
     """Share of the size from which rubber looks like dough."""
     frames: tuple[float, ...] = (1.0, 0.5)
     """Share that the first frames after an impact show."""
@@ -96,7 +96,7 @@ def find_squashes(
             gravity = hypot(*world.gravity) * float(times[sample] - times[sample - 1])
             change = hypot(*impulse) / world.bodies[k].mass - gravity
             share = _share(world, world.bodies[k], change, softness[k])
-            if share < SQUASH.least:
+            if share < SQUASH.least_share:
                 continue
             normal = sign * impulse / hypot(*impulse)
             for frame, squash in _of_frames(
@@ -133,7 +133,7 @@ def _share(world: World, body: Body, change: float, softness: float) -> float:
     radius = _radius(body) / world.pixels_per_meter
     pressed = SQUASH.hertz * body.mass / GRAMS * speed**2 * softness
     share = float((pressed / radius**3) ** 0.4) / 2
-    return min(share, SQUASH.most)
+    return min(share, SQUASH.largest_share)
 
 
 def _radius(body: Body) -> float:

@@ -153,19 +153,21 @@ def _clip_box_to_canvas(
     return rows, slice(max(floor(left), 0), min(ceil(right) + 1, size[0]))
 
 
-def draw_sprite(sprite: Sprite, placement: Placement, fine: int = 1) -> tuple[F32, F32]:
+def draw_sprite(
+    sprite: Sprite, placement: Placement, samples: int = 1
+) -> tuple[F32, F32]:
     """Draw a sprite on its box: linear light times coverage (h, w, 3), and coverage (h,
     w).
 
-    In motion, each pixel is the mean of `fine` x `fine` samples. Moved balls are drawn
+    In motion, each pixel is the mean of `samples` x `samples` samples. Moved balls are drawn
     by `BallSprites`.
     """
     if placement.own is not None:
         return sprite.light[placement.own], sprite.coverage[placement.own]
     assert placement.matrix is not None
     size = _box_size(placement.box)
-    fine_size = (size[0] * fine, size[1] * fine)
-    matrix = _finer(placement.matrix, fine)
+    fine_size = (size[0] * samples, size[1] * samples)
+    matrix = _finer(placement.matrix, samples)
     # `Sprite.fine` has two samples a pixel.
     warped_sprite = _warp_picture(sprite.fine, 2 * matrix, fine_size)
     # The conversion keeps the first three channels.
@@ -185,7 +187,7 @@ def draw_sprite(sprite: Sprite, placement: Placement, fine: int = 1) -> tuple[F3
             light * three_channels(visible_share),
             coverage * visible_share,
         )
-    if fine > 1:
+    if samples > 1:
         area = cv2.INTER_AREA
         light = np.asarray(cv2.resize(light, size, interpolation=area), np.float32)
         small_coverage = cv2.resize(coverage, size, interpolation=area)
@@ -327,7 +329,7 @@ def draw_foot_halo(
     turn = stand.pose.angle - stand.start.angle
     if sprite.ball is not None:
         turn = 0.0  # the picture of a ball never turns
-    return sprite.foot_halo.moved(stand.start, stand.pose, turn, size)
+    return sprite.foot_halo.draw(stand.start, stand.pose, turn, size)
 
 
 def sprite_coverage(sprite: Sprite, placement: Placement) -> F32:
@@ -340,12 +342,12 @@ def sprite_coverage(sprite: Sprite, placement: Placement) -> F32:
     )
 
 
-def _finer(matrix: F64, fine: int) -> F64:
-    """Convert a matrix from pixels to one from a grid, `fine` times as fine, (2, 3)."""
-    if fine <= 1:
+def _finer(matrix: F64, samples: int) -> F64:
+    """Convert a matrix from pixels to one from a grid, `samples` times as fine, (2, 3)."""
+    if samples <= 1:
         return matrix
-    shift = 0.5 - fine / 2
-    to_pixels = np.array([[1, 0, shift], [0, 1, shift], [0, 0, fine]]) / fine
+    shift = 0.5 - samples / 2
+    to_pixels = np.array([[1, 0, shift], [0, 1, shift], [0, 0, samples]]) / samples
     return matrix @ to_pixels
 
 

@@ -102,11 +102,11 @@ NAIL_SHARP = 3.0
 class StrikerTuning:
     """Size and time of a striker."""
 
-    thin: float = 0.1
+    least_radius_share: float = 0.1
     """Of the object's reach, and ..."""
-    thick: float = 0.4
+    largest_radius_share: float = 0.4
     """... of it: limits of the tip's radius, as the scale may be a guess."""
-    least: float = 2.5
+    least_radius: float = 2.5
     """px of its radius."""
     back: int = 10
     """Frames in which it leaves."""
@@ -122,11 +122,11 @@ class StrikerTuning:
     """... mm of its standard deviation."""
     flush: float = 9.0
     """mm from the tip in which skin is redder."""
-    bright: float = 95
+    light_percentile: float = 95
     """Percentile of a photo's light that ..."""
     white: float = 0.6
     """... is as much as this if colours are as given."""
-    dark: tuple[float, float] = (0.35, 1.1)
+    light_limits: tuple[float, float] = (0.35, 1.1)
     """Limits of the light in darker and brighter photos."""
 
 
@@ -148,10 +148,10 @@ class _Way:
     scale: float
     """px a mm of its form."""
 
-    def place(self, pose: F64, away: float) -> F64:
+    def place(self, pose: F64, side: float) -> F64:
         """Return (2,) px of the middle of the tip, by the pose (3,) of the body."""
         arm = rotation(float(pose[2])) @ self.arm
-        return np.asarray(pose[:2] + arm + away * self.axis, np.float64)
+        return np.asarray(pose[:2] + arm + side * self.axis, np.float64)
 
 
 @dataclass(frozen=True)
@@ -168,15 +168,15 @@ def with_strikers(
     stage: Stage,
     world: World,
     kind: Striker,
-    exposed: tuple[Trajectory, int],
+    exposure: tuple[Trajectory, int],
     shot: Shot,
     hold: int,
 ) -> StruckScene | None:
     """Return the scene with a striker for each object that is pushed; None if none is, or in a single frame.
 
-    `exposed` are the samples of the exposures, and how many a frame has; `hold` frames come before them.
+    `exposure` are the samples of the exposures, and how many a frame has; `hold` frames come before them.
     """
-    fine, parts = exposed
+    fine, parts = exposure
     form = FORMS[kind]
     ways = []
     for k, body in enumerate(world.bodies):
@@ -208,8 +208,11 @@ def _way(stage: Stage, world: World, k: int, form: Form, pose: F64) -> _Way:
         lift = radians(form.lift) * (1 if push[0] > 0 else -1) * (abs(push[0]) > 0.5)
         axis = rotation(lift) @ axis
     usual = form.tip * world.pixels_per_meter / 1000
-    radius = min(max(usual, STRIKER.thin * body.reach), STRIKER.thick * body.reach)
-    radius = max(radius, STRIKER.least)
+    radius = min(
+        max(usual, STRIKER.least_radius_share * body.reach),
+        STRIKER.largest_radius_share * body.reach,
+    )
+    radius = max(radius, STRIKER.least_radius)
     arm = _rim(body, float(pose[2]), -push) - radius * push
     scale = radius / form.tip
     middle = pose[:2] + arm
@@ -246,7 +249,7 @@ def _exit(place: F64, axis: F64, size: tuple[int, int]) -> float:
     return max(float(min(ways)), 0.0)
 
 
-def _with_hold(fine: Trajectory, parts: int, hold: int) -> Trajectory:
+def _with_hold(fine_motion: Trajectory, parts: int, hold: int) -> Trajectory:
     """Return the samples with those of the hold before them, which show t = 0.
 
     That is the last sample of the first frame: earlier ones may be moved back by its blur.
@@ -258,12 +261,14 @@ def _with_hold(fine: Trajectory, parts: int, hold: int) -> Trajectory:
         return np.concatenate([first, values]) if len(values) else values
 
     return replace(
-        fine,
-        times=longer(fine.times),
-        poses=longer(fine.poses),
-        velocities=longer(fine.velocities),
-        turns=longer(fine.turns) if fine.turns.size else fine.turns,
-        wheel_turns=longer(fine.wheel_turns),
+        fine_motion,
+        times=longer(fine_motion.times),
+        poses=longer(fine_motion.poses),
+        velocities=longer(fine_motion.velocities),
+        turns=longer(fine_motion.turns)
+        if fine_motion.turns.size
+        else fine_motion.turns,
+        wheel_turns=longer(fine_motion.wheel_turns),
     )
 
 
@@ -312,21 +317,21 @@ def _with_sprites(
     form: Form,
     ways: Sequence[_Way],
     tracks: Sequence[F64],
-    fine: Trajectory,
+    fine_motion: Trajectory,
 ) -> Stage:
     """Return the stage with the strikers in front of all objects."""
     sprites, starts = list(stage.sprites), list(stage.starts)
     if not starts:
-        starts = [Pose(*pose) for pose in fine.poses[0].tolist()]
+        starts = [Pose(*pose) for pose in fine_motion.poses[0].tolist()]
     actors, casts = (
         list(stage.actors),
         [] if stage.lit is None else list(stage.lit.casts),
     )
     for number, (way, track) in enumerate(zip(ways, tracks, strict=True)):
         start = track[0]
-        body = fine.poses.shape[1] + number
+        body = fine_motion.poses.shape[1] + number
         reach = float(np.abs(track - start).max())
-        sprite = _drawn(stage, form, way, body, start, reach)
+        sprite = _draw_striker(stage, form, way, body, start, reach)
         sprites.append(sprite)
         starts.append(Pose(float(start[0]), float(start[1]), 0.0))
         thick = 2 * form.tip * way.scale
@@ -351,7 +356,7 @@ def _with_sprites(
     )
 
 
-def _drawn(
+def _draw_striker(
     stage: Stage, form: Form, way: _Way, body: int, start: F64, reach: float
 ) -> Sprite:
     """Return the sprite of a striker whose tip is at `start`, long enough for a way of `reach` px."""
@@ -378,38 +383,40 @@ def _drawn(
     return Sprite(body, corner, np.asarray(light, np.float32), coverage)
 
 
-def _radius(form: Form, along: F64) -> F64:
+def _radius(form: Form, distance: F64) -> F64:
     """Return (h, w) mm of the radius, by the mm from the tip (h, w)."""
-    radius = np.clip(form.tip + form.grows * along, form.tip, form.most)
+    radius = np.clip(form.tip + form.grows * distance, form.tip, form.most)
     for joint in form.joints:
-        shape = np.exp(-(((along - joint) / STRIKER.bulge_width) ** 2) / 2)
+        shape = np.exp(-(((distance - joint) / STRIKER.bulge_width) ** 2) / 2)
         radius = radius * (1 + STRIKER.bulge * shape)
     return np.asarray(radius, np.float64)
 
 
-def _colours(form: Form, along: F64, upper: F64) -> F32:
+def _colours(form: Form, distance: F64, upper: F64) -> F32:
     """Return (h, w, 3) linear, by the mm from the tip, and the share of the radius above the axis, (h, w) each."""
-    colours = np.zeros((*along.shape, 3), np.float32)
+    colours = np.zeros((*distance.shape, 3), np.float32)
     begin = -np.inf
     for band in form.bands:
-        is_inside = (along >= begin) & (along < band.end)
+        is_inside = (distance >= begin) & (distance < band.end)
         colours[is_inside] = decode(np.array(band.colour, np.uint8))
         begin = band.end
     for joint in form.joints:
-        depth = np.exp(-(((along - joint) / STRIKER.crease_width) ** 2) / 2)
+        depth = np.exp(-(((distance - joint) / STRIKER.crease_width) ** 2) / 2)
         colours *= (1 - STRIKER.crease * depth[..., None]).astype(np.float32)
     if form.has_nail:
-        red = np.exp(-np.maximum(along, 0) / STRIKER.flush)[..., None]
+        red = np.exp(-np.maximum(distance, 0) / STRIKER.flush)[..., None]
         colours *= (1 - red * FLUSH).astype(np.float32)
-        nail = ((along - NAIL[0]) / NAIL[1]) ** 2 + ((upper - NAIL[2]) / NAIL[3]) ** 2
+        nail = ((distance - NAIL[0]) / NAIL[1]) ** 2 + (
+            (upper - NAIL[2]) / NAIL[3]
+        ) ** 2
         share = np.clip(NAIL_SHARP * (1 - nail), 0, 1)[..., None].astype(np.float32)
         colours += share * (decode(np.array(NAIL_COLOUR, np.uint8)) - colours)
     return colours
 
 
-def _shading(stage: Stage, axis: F64, across: F64, tip: F64, gloss: float) -> F64:
+def _shading(stage: Stage, axis: F64, offset: F64, tip: F64, gloss: float) -> F64:
     """Return (h, w, 1) light of a round bar by its light from the scene; 1 if it faces the viewer in full light."""
-    toward = np.sqrt(np.clip(1 - across**2 - tip**2, 0, 1))
+    toward = np.sqrt(np.clip(1 - offset**2 - tip**2, 0, 1))
     direction = np.array([0.0, -0.5, 0.86])
     ambient, intensity = 0.4, 0.6
     if stage.lit is not None:
@@ -417,8 +424,8 @@ def _shading(stage: Stage, axis: F64, across: F64, tip: F64, gloss: float) -> F6
         direction = np.array(light.direction)
         total = light.ambient + light.intensity
         ambient, intensity = light.ambient / total, light.intensity / total
-    normal_x = tip * axis[0] - across * axis[1]
-    normal_y = tip * axis[1] + across * axis[0]
+    normal_x = tip * axis[0] - offset * axis[1]
+    normal_y = tip * axis[1] + offset * axis[0]
     facing = normal_x * direction[0] + normal_y * direction[1] + toward * direction[2]
     shading = ambient * (0.5 + 0.5 * toward) + intensity * np.maximum(facing, 0)
     # A face towards the viewer is as bright as its colour.
@@ -426,11 +433,13 @@ def _shading(stage: Stage, axis: F64, across: F64, tip: F64, gloss: float) -> F6
     if gloss:
         shading = shading + gloss * np.maximum(facing, 0) ** 24
     behind = luminance(decode(stage.background)).astype(np.float64)
-    bright = float(np.percentile(behind, STRIKER.bright))
+    bright = float(np.percentile(behind, STRIKER.light_percentile))
     for sprite in stage.sprites:
         solid = sprite.coverage >= 1
         if solid.any():
             own = float(np.median(luminance(sprite.light[solid])))
             bright = max(bright, own)
-    level = min(max(bright / STRIKER.white, STRIKER.dark[0]), STRIKER.dark[1])
+    level = min(
+        max(bright / STRIKER.white, STRIKER.light_limits[0]), STRIKER.light_limits[1]
+    )
     return np.asarray(shading * level)[..., None]

@@ -157,12 +157,14 @@ def open_vessel(
     )
 
 
-def _visible_gain(sprite: Sprite, hidden: Mask, light: F32, cover: F32) -> F32:
+def _visible_gain(sprite: Sprite, hidden_mask: Mask, light: F32, cover: F32) -> F32:
     """Return the light (3,) of the visible part of an inside over the drawn `light`.
 
-    `light` (h, w, 3) times coverage `cover` (h, w); `hidden` (h, w): other objects.
+    `light` (h, w, 3) times coverage `cover` (h, w); `hidden_mask` (h, w): other objects.
     """
-    is_near_other = cv2.dilate(hidden.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    is_near_other = (
+        cv2.dilate(hidden_mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    )
     is_visible = (cover >= 1) & (sprite.coverage >= 1) & ~is_near_other
     if np.count_nonzero(is_visible) < VESSEL.fewest_visible:
         return np.ones(3, np.float32)
@@ -171,10 +173,10 @@ def _visible_gain(sprite: Sprite, hidden: Mask, light: F32, cover: F32) -> F32:
     return np.asarray(actual_light / np.maximum(drawn_light, 1e-3), np.float32)
 
 
-def _is_covered(hidden: Mask, opening: Opening, tuning: VesselTuning) -> bool:
+def _is_covered(hidden_mask: Mask, opening: Opening, tuning: VesselTuning) -> bool:
     """Check whether other objects cover most of an opening."""
-    is_inside = _size(hidden.shape, opening, 0.0, 1) <= 1
-    share = hidden[is_inside].mean() if is_inside.any() else 0.0
+    is_inside = _size(hidden_mask.shape, opening, 0.0, 1) <= 1
+    share = hidden_mask[is_inside].mean() if is_inside.any() else 0.0
     return bool(share >= tuning.hidden_share)
 
 

@@ -25,33 +25,33 @@ Mask = NDArray[np.bool_]
 class WheelConstants:
     """Constants of wheels' pictures, tuned on two cars and a toy by eye."""
 
-    alike: float = 0.07
+    tyre_difference: float = 0.07
     """Difference of the root of light around the axle of a tyre."""
     spread: float = 3.0
     """Ratio to the usual difference above which a pixel belongs to the body."""
     deepest: float = 0.55
     """Maximum share of the radius that the body covers."""
-    joined: int = 3
+    tyre_length: int = 3
     """Length of tyre, px, at the end of the body's cover."""
     lower: float = 0.1
     """Sine of the angle below the axle from which a wheel is certainly visible."""
-    smooth: float = 0.1
+    median_width: float = 0.1
     """Width of the median over the body's border, turns."""
     shading: float = 0.5
     """Maximum change of light around the axle."""
-    dark: float = 0.02
+    least_light: float = 0.02
     """Linear light below which light and paint cannot be separated."""
     rims: tuple[float, ...] = (0.45, 0.5, 0.55, 0.61, 0.67, 0.74)
     """Radii of rims with a centre of their own, relative to the wheel."""
-    steered: float = 0.4
+    axle_distance: float = 0.4
     """Maximum distance of a steered wheel's rim from its axle, radii."""
     concentric: float = 0.1
     """Distance from the axle, radii, within which a rim turns with the tyre."""
     edge: float = 0.3
     """Share of a rim's circle that must be an edge."""
-    beyond: float = 1.06
+    turning_radius: float = 1.06
     """Radius of the turning part, in radii of the rim."""
-    narrow: tuple[float, ...] = (1.0, 0.95, 0.9, 0.85, 0.8, 0.75, 0.7)
+    rim_shapes: tuple[float, ...] = (1.0, 0.95, 0.9, 0.85, 0.8, 0.75, 0.7)
     """Width over height of a steered wheel's rim."""
     finer: tuple[float, ...] = (
         0.8,
@@ -117,9 +117,9 @@ class WheelSprite:
         to_paint = inverse_rotation @ to_picture
         to_paint[:, 2] += axle - inverse_rotation @ axle
         # Paint turns with the wheel; shading and cover do not.
-        paint = _warped(self.paint, to_paint, size, cv2.BORDER_REPLICATE)
-        shading = _warped(self.shading, to_picture, size, cv2.BORDER_REPLICATE)
-        cover = _warped(self.cover, to_picture, size, cv2.BORDER_CONSTANT)
+        paint = _warp(self.paint, to_paint, size, cv2.BORDER_REPLICATE)
+        shading = _warp(self.shading, to_picture, size, cv2.BORDER_REPLICATE)
+        cover = _warp(self.cover, to_picture, size, cv2.BORDER_CONSTANT)
         cover = np.clip(cover, 0, 1)[..., None]
         wheel_light = paint * shading[..., None] * coverage[box][..., None]
         light[box] = (1 - cover) * light[box] + cover * np.maximum(wheel_light, 0)
@@ -136,7 +136,7 @@ class WheelSprite:
         return slice(top, bottom), slice(left, right)
 
 
-def _warped(picture: F32, matrix: Array, size: tuple[int, int], border: int) -> F32:
+def _warp(picture: F32, matrix: Array, size: tuple[int, int], border: int) -> F32:
     """Warp a picture to a box of `size` (w, h)."""
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     result = cv2.warpAffine(picture, matrix, size, flags=flags, borderMode=border)
@@ -210,7 +210,7 @@ def _turning_part(
     radii = [max(part * radius, 2.0) for part in WHEEL.rims]
     votes = circle_votes(codes, is_inner, radii)
     # The centre of the turning part lies near the axle.
-    votes[:, distances > WHEEL.steered * radius] = 0
+    votes[:, distances > WHEEL.axle_distance * radius] = 0
     ring, y, x = np.unravel_index(int(votes.argmax()), votes.shape)
     is_sure = votes[ring, y, x] >= WHEEL.edge
     # Without a clear rim, or with a centred one, the wheel turns as a whole.
@@ -218,7 +218,7 @@ def _turning_part(
         return _Ellipse(axle[0], axle[1], radius, 1.0)
     first = _Ellipse(float(x), float(y), radii[ring], 1.0)
     rim = _best_rim(codes, first, WHEEL.reach * radius)
-    return _Ellipse(rim.x, rim.y, WHEEL.beyond * rim.radius, rim.aspect)
+    return _Ellipse(rim.x, rim.y, WHEEL.turning_radius * rim.radius, rim.aspect)
 
 
 def _best_rim(codes: F32, first: _Ellipse, reach: float) -> _Ellipse:
@@ -233,7 +233,7 @@ def _best_rim(codes: F32, first: _Ellipse, reach: float) -> _Ellipse:
     turn = 2 * pi * np.arange(64) / 64
     best, best_contrast = first, 0.0
     for scale in WHEEL.finer:
-        for aspect in WHEEL.narrow:
+        for aspect in WHEEL.rim_shapes:
             height = scale * first.radius
             x = first.x + shift_x[..., None] + aspect * height * np.cos(turn)
             y = first.y + shift_y[..., None] + height * np.sin(turn)
@@ -312,28 +312,28 @@ class _Rings:
         usual_level = np.median(level[:, is_below], axis=1)
         differences = np.abs(level - usual_level[:, None]).max(axis=2)
         spread = np.median(differences[:, is_below], axis=1)
-        limit = np.maximum(WHEEL.alike, WHEEL.spread * spread)
+        limit = np.maximum(WHEEL.tyre_difference, WHEEL.spread * spread)
         is_unlike = (differences > limit[:, None]) & ~is_below & (sine < 0)
         depth = _depths(is_unlike, round(WHEEL.deepest * count))
-        window = 2 * max(round(WHEEL.smooth * steps / 2), 1) + 1
+        window = 2 * max(round(WHEEL.median_width * steps / 2), 1) + 1
         depth = _median_around(depth, window)
         depths_of_rows = count - np.arange(count)
         is_body = (depths_of_rows[:, None] <= depth) | ~self.known
         paint = self._fill_hidden_paint(is_body)
         return _Rings(paint, self.known, is_body & self.known, self.shading)
 
-    def _fill_hidden_paint(self, hidden: Mask) -> F32:
+    def _fill_hidden_paint(self, hidden_mask: Mask) -> F32:
         """Return the paint, with hidden parts copied from elsewhere on the same
         ring.
         """
-        paint, is_open = self.paint.copy(), hidden.copy()
-        steps = hidden.shape[1]
+        paint, is_open = self.paint.copy(), hidden_mask.copy()
+        steps = hidden_mask.shape[1]
         # Rotations by simple fractions of a turn come first, as most rims have such a
         # symmetry.
         for divisor in (2, 3, 6, 5, 4, 8, 10, 12):
             for times in range(1, divisor):
                 shift = round(steps * times / divisor)
-                source = np.roll(hidden, shift, axis=1)
+                source = np.roll(hidden_mask, shift, axis=1)
                 fits = is_open & ~source
                 paint[fits] = np.roll(self.paint, shift, axis=1)[fits]
                 is_open &= source
@@ -347,7 +347,7 @@ class _Rings:
         """
         steps = self.known.shape[1]
         turn = 2 * pi * np.arange(steps) / steps
-        brightness = self.paint.mean(axis=2) + WHEEL.dark
+        brightness = self.paint.mean(axis=2) + WHEEL.least_light
         mean = brightness.mean(axis=1, keepdims=True)
         # Light from one side changes once around the axle: take the first harmonic of
         # each ring.
@@ -370,15 +370,15 @@ def _smoothed_rows(values: NDArray[np.floating], sigma: float) -> Array:
     return np.convolve(padded_values, kernel / kernel.sum(), mode="valid")[:, None]
 
 
-def _depths(unlike: Mask, deepest: int) -> NDArray[np.int64]:
+def _depths(is_different: Mask, deepest: int) -> NDArray[np.int64]:
     """Return the depth `(A,)` px from the tread inwards of pixels unlike a wheel."""
-    depths = np.zeros(unlike.shape[1], np.int64)
-    for column in range(unlike.shape[1]):
-        is_body = unlike[::-1, column]
-        if not is_body[: WHEEL.joined].any():
+    depths = np.zeros(is_different.shape[1], np.int64)
+    for column in range(is_different.shape[1]):
+        is_body = is_different[::-1, column]
+        if not is_body[: WHEEL.tyre_length].any():
             continue
-        tyre_run = np.convolve(~is_body, np.ones(WHEEL.joined), mode="valid")
-        ends = np.flatnonzero(tyre_run >= WHEEL.joined)
+        tyre_run = np.convolve(~is_body, np.ones(WHEEL.tyre_length), mode="valid")
+        ends = np.flatnonzero(tyre_run >= WHEEL.tyre_length)
         depths[column] = min(int(ends[0]) if len(ends) else deepest, deepest)
     return depths
 

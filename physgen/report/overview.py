@@ -175,7 +175,7 @@ def _draw_supports(
         if name == "bottom" or not points:
             continue
         layer.line((np.array(points, np.float64) + 0.5) * scale - 0.5, 1.3 * pen)
-    layer.onto(picture, SUPPORT)
+    layer.blend(picture, SUPPORT)
 
 
 def _draw_doubtful(picture: U8, regions: Mapping[str, _Region], pen: float) -> None:
@@ -184,7 +184,7 @@ def _draw_doubtful(picture: U8, regions: Mapping[str, _Region], pen: float) -> N
         for ring in region.rings:
             for dash in dashes(ring, DASH * pen, GAP * pen):
                 layer.line(dash, pen)
-    layer.onto(picture, DOUBTFUL)
+    layer.blend(picture, DOUBTFUL)
 
 
 def _draw_objects(picture: U8, regions: Mapping[str, _Region], pen: float) -> None:
@@ -193,8 +193,8 @@ def _draw_objects(picture: U8, regions: Mapping[str, _Region], pen: float) -> No
         layer = Layer(_size(picture), 0.6 * pen)
         for region in list(regions.values())[number::COLOURS]:
             for ring in region.rings:
-                layer.line(ring, 1.3 * pen, closed=True)
-        layer.onto(picture, colour(number + 1))
+                layer.line(ring, 1.3 * pen, is_polygon=True)
+        layer.blend(picture, colour(number + 1))
 
 
 def _draw_pushes(
@@ -217,7 +217,7 @@ def _draw_pushes(
         way *= float(np.clip(length, min_length, max_length)) / length
         tail = region.center
         straight_arrow(layer, tail, tail + way, 2.2 * pen)
-    layer.onto(picture, PUSH)
+    layer.blend(picture, PUSH)
 
 
 Box = tuple[float, float, float, float]
@@ -237,8 +237,8 @@ def _write_names(picture: U8, regions: Sequence[_Region], letter: float) -> None
         corners = [[left, top], [right, top], [right, bottom], [left, bottom]]
         tags.area(np.array(corners))
         words.words(region.text, ((left + right) / 2, (top + bottom) / 2), letter)
-    tags.onto(picture, CASING)
-    words.onto(picture, (255, 255, 255))
+    tags.blend(picture, CASING)
+    words.blend(picture, (255, 255, 255))
 
 
 def _place(
@@ -313,5 +313,5 @@ def _with_row(picture: U8, text: str, letter: float, row: int) -> U8:
     room = 0.96 * width / text_width(text, letter)
     layer = Layer((width, row), 0.0)
     layer.words(text, (width / 2, row / 2), letter * min(1.0, room))
-    layer.onto(band, (235, 238, 242))
+    layer.blend(band, (235, 238, 242))
     return np.vstack([picture, band])

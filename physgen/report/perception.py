@@ -364,12 +364,12 @@ def _draw_outlines(
     pale_photo, lines = _u8(0.62 * picture.astype(np.float32)), Layer(size, 0.8)
     for chain in walls:
         lines.line((chain + 0.5) * scale - 0.5, 2.2)
-    lines.onto(pale_photo, SUPPORT)
+    lines.blend(pale_photo, SUPPORT)
     for number, rings in objects:
         layer = Layer(size, 0.6)
         for ring in rings:
-            layer.line((ring + 0.5) * scale - 0.5, 1.6, closed=True)
-        layer.onto(pale_photo, colour(number))
+            layer.line((ring + 0.5) * scale - 0.5, 1.6, is_polygon=True)
+        layer.blend(pale_photo, colour(number))
     return pale_photo
 
 
@@ -382,7 +382,7 @@ def _draw_doubtful(
         for ring in region.rings:
             for dash in dashes((ring + 0.5) * scale - 0.5, 6, 4):
                 layer.line(dash, 1.4)
-    layer.onto(picture, DOUBTFUL)
+    layer.blend(picture, DOUBTFUL)
 
 
 def _by_object(scene: Scene, shadows: U16) -> U16:

@@ -205,7 +205,7 @@ def _ball_data(
         "center": [round(x - left, 3), round(y - top, 3)],
         "radius": round(ball.radius, 3),
         "skin": _encode_roots(ball.skin[window]),
-        "lit": _encode_roots(ball.lit[window]),
+        "lit": _encode_roots(ball.shading[window]),
         "gloss": _encode_roots(ball.gloss[window], signed=True),
     }
 
@@ -613,7 +613,7 @@ def _pair_codes(pairs: NDArray[Any], count: int) -> NDArray[np.int64]:
 
 
 def _impact(impact: Impact) -> list[float | int]:
-    x, y = impact.at.tolist()
+    x, y = impact.place.tolist()
     return [
         round(impact.time, 6),
         round(x, 2),

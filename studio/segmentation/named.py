@@ -120,7 +120,7 @@ def objects(
         for label, class_name in classes.items():
             mask = stored == int(label)
             skipped = class_name == "person" and not validation and int(label) % PEOPLE
-            if np.count_nonzero(mask) >= naming.CROP.least and not skipped:
+            if np.count_nonzero(mask) >= naming.CROP.least_area and not skipped:
                 yield name, class_name, rgb, mask
 
 
@@ -178,7 +178,7 @@ def shares(
     hit = np.take_along_axis(right, np.argsort(-chances[:, :-1], axis=1)[:, :3], axis=1)
     large = found.share >= LARGE
     known = large & np.isin(found.classes, list(KNOWN))
-    sure = (sureness >= heads.sure) & (found.classes != "person")
+    sure = (sureness >= heads.least_chance) & (found.classes != "person")
     return {
         "objects": int(large.sum()), "known": int(known.sum()),
         "first": float(hit[known, 0].mean()), "three": float(hit[known].any(1).mean()),

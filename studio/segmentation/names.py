@@ -77,7 +77,10 @@ def learned(heads: naming.Heads, taught: Objects) -> naming.Heads:
     right = torch.from_numpy(taught.right(heads.labels))
     features = torch.from_numpy(taught.features)
     plain = replace(
-        heads, trust=1.0, own=np.zeros_like(heads.own), shift=np.zeros_like(heads.shift)
+        heads,
+        trust=1.0,
+        regression=np.zeros_like(heads.regression),
+        shift=np.zeros_like(heads.shift),
     )
     logs = torch.from_numpy(np.log(plain.chances(taught.features)[0]))
     rows = right.any(0).nonzero()[:, 0]
@@ -99,9 +102,11 @@ def learned(heads: naming.Heads, taught: Objects) -> naming.Heads:
         return cost
 
     search.step(loss)
-    weights = np.zeros_like(heads.own)
+    weights = np.zeros_like(heads.regression)
     weights[rows] = own.detach().numpy()
-    return replace(heads, trust=trust.item(), own=weights, shift=shift.detach().numpy())
+    return replace(
+        heads, trust=trust.item(), regression=weights, shift=shift.detach().numpy()
+    )
 
 
 def threshold(heads: naming.Heads, taught: Objects) -> float:
@@ -129,7 +134,8 @@ def threshold(heads: naming.Heads, taught: Objects) -> float:
         sureness[order][np.flatnonzero(right >= RIGHT * weight).max(initial=0)]
     )
     report(
-        "cross-validation", shares(chances, sureness, replace(heads, sure=sure), taught)
+        "cross-validation",
+        shares(chances, sureness, replace(heads, least_chance=sure), taught),
     )
     return sure
 
@@ -164,13 +170,13 @@ def start(network: EfficientNet) -> naming.Heads:
 
 def save(heads: naming.Heads, path: Path) -> None:
     """Writes the heads, weights in 8 bits with a scale for each row."""
-    rows = np.flatnonzero(heads.own.any(1))
+    rows = np.flatnonzero(heads.regression.any(1))
     weights, scale = _eight_bits(heads.weights)
-    own, own_scale = _eight_bits(heads.own[rows])
+    own, own_scale = _eight_bits(heads.regression[rows])
     np.savez_compressed(
         path, labels=np.array(heads.labels), group=heads.group.astype(np.int16), weights=weights, scale=scale,
         bias=heads.bias, trust=heads.trust, own=own, own_rows=rows.astype(np.int16), own_scale=own_scale,
-        shift=heads.shift, sure=heads.sure, coco=heads.coco.astype(np.int16),
+        shift=heads.shift, sure=heads.least_chance, coco=heads.coco.astype(np.int16),
     )  # fmt: skip
 
 

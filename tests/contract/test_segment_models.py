@@ -228,7 +228,7 @@ def test_sam_sees_what_its_own_processor_makes_of_a_photo(tiny):
     masks = theirs.post_process_masks(
         logits, ready["original_sizes"], ready["reshaped_input_sizes"]
     )[0][0]
-    assert np.array_equal(cutter._restored(logits[0, 0, 1]), masks[1].numpy())
+    assert np.array_equal(cutter._restore_size(logits[0, 0, 1]), masks[1].numpy())
 
 
 def found_objects(size) -> Segments:

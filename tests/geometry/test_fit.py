@@ -134,3 +134,19 @@ def test_mirrored_mask_gives_a_mirrored_outline():
     )
     assert other.center[0] == pytest.approx(63 - one.center[0], abs=0.1)
     assert other.area == pytest.approx(one.area, rel=0.01)
+
+
+def test_jags_of_a_large_photo_are_no_corners():
+    # A box of 800 px whose borders jump by up to 2 px at random.
+    rng = np.random.default_rng(0)
+    mask = np.zeros((1280, 1280), dtype=bool)
+    mask[200:1000, 200:1000] = True
+    for k, jag in enumerate(rng.integers(0, 3, (4, 800)).T, 200):
+        top, bottom, left, right = jag.tolist()
+        mask[200 : 200 + top, k] = False
+        mask[1000 - bottom : 1000, k] = False
+        mask[k, 200 : 200 + left] = False
+        mask[k, 1000 - right : 1000] = False
+    outline = fit_outline(mask)
+    assert len(outline.rings[0].outer) <= 12
+    assert iou(coverage(outline, mask.shape), mask) > 0.995

@@ -16,7 +16,7 @@ from physgen.perceive.perceive import perceive
 from physgen.perceive.photo_objects import fit_objects
 from physgen.perceive.scene_files import write_scene
 from physgen.perceive.segment.prompts import from_masks
-from physgen.perceive.support.ground_contact import fit_rectangle
+from physgen.perceive.support.box_outlines import fit_rectangle
 from physgen.perceive.support.supports import depth_inside, free_parts
 from physgen.scene.scene import View
 from physgen.simulate.engine import simulate

@@ -118,8 +118,8 @@ def test_nothing_is_seen_in_an_empty_picture() -> None:
         np.random.default_rng(0).integers(0, 256, (90, 120, 3)).astype(np.uint8),
     ):
         found = mask_in_box(rgb, (30, 20, 80, 70))
-        assert found.confidence < RULE.weak
-        assert mask_at_point(rgb, (50, 50), 60).confidence < RULE.weak
+        assert found.confidence < RULE.weak_confidence
+        assert mask_at_point(rgb, (50, 50), 60).confidence < RULE.weak_confidence
 
 
 @pytest.mark.slow

@@ -91,7 +91,7 @@ def test_a_large_pile_stands_and_only_what_lacks_support_is_held():
     short = np.array([[-10.0, 0.0], [100.0, 0.0]])
     held = unstable_objects(pile, contacts(pile, [short]), {})
     assert held
-    assert unstable_objects(pile, contacts(pile, [short]), {}, fixed=held) == []
+    assert unstable_objects(pile, contacts(pile, [short]), {}, held_ids=held) == []
 
 
 def test_scipy_leaves_the_same_unbalanced():

@@ -12,14 +12,13 @@ from physgen.perceive.backends.boundary_support import support
 from physgen.perceive.photo_objects import fit_objects
 from physgen.perceive.roles import PhotoObject
 from physgen.perceive.segment.prompts import from_masks
+from physgen.perceive.support.flat_bases import add_base, needs_base
 from physgen.perceive.support.ground_contact import (
     Line,
-    add_base,
     close_gaps_below,
     find_foot,
     is_carried,
     lower_hull,
-    needs_base,
 )
 from physgen.perceive.support.supports import SOURCE
 from physgen.photos import read_image

@@ -76,7 +76,7 @@ def test_the_head_agrees_with_torch() -> None:
     ).float()
     plain = classes @ table
     odds = functional.linear(
-        x, torch.from_numpy(head.own), torch.from_numpy(head.shift)
+        x, torch.from_numpy(head.regression), torch.from_numpy(head.shift)
     )
     learned = (head.trust * (plain + 1e-4).log() + odds).softmax(1).numpy()
     chances, sureness = head.chances(features)
@@ -99,7 +99,7 @@ def test_a_crop_shows_the_object_in_the_middle_and_dims_the_rest() -> None:
     np.testing.assert_allclose(shown[112, 112], (255, 255, 0), atol=1)
     dim = (
         naming.CROP.middle
-        + (np.array([0, 0, 255]) - naming.CROP.middle) * naming.CROP.dim
+        + (np.array([0, 0, 255]) - naming.CROP.middle) * naming.CROP.background_contrast
     )
     np.testing.assert_allclose(shown[112, 20], dim, atol=2)
     yellow = np.argwhere(shown[..., 0] > 200)
@@ -195,7 +195,7 @@ def scores_of(name: str, score: float) -> np.ndarray:
 @pytest.mark.parametrize("name", ["person", "dog", "car", "teddy bear"])
 def test_detector_names_what_network_does_not(name: str) -> None:
     head = naming.heads()
-    blank = np.zeros((1, head.own.shape[1]), np.float32)
+    blank = np.zeros((1, head.regression.shape[1]), np.float32)
     joint, is_sure = head.joint_chances(blank, scores_of(name, 0.8))
     assert head.labels[joint[0].argmax()] == name
     assert joint[0].max() == pytest.approx(0.8, abs=0.05)
@@ -207,7 +207,7 @@ def test_detector_names_what_network_does_not(name: str) -> None:
 def test_model_of_animal_is_a_dinosaur() -> None:
     """The detector takes a model for a bear, which is never pushed."""
     head = naming.heads()
-    blank = np.zeros((1, head.own.shape[1]), np.float32)
+    blank = np.zeros((1, head.regression.shape[1]), np.float32)
     bias = head.bias.copy()
     bias[naming.EXTINCT] += 15
     model = replace(head, bias=bias)
@@ -244,11 +244,11 @@ def test_network_names_no_person() -> None:
         [100.0 * (label == "person") for label in (*head.labels, "")], np.float32
     )
     chances, sureness = replace(head, shift=people).chances(
-        np.zeros((1, head.own.shape[1]), np.float32)
+        np.zeros((1, head.regression.shape[1]), np.float32)
     )
     assert head.labels[chances[0].argmax()] == "person"
     assert sureness[0] == 0
-    blank = np.zeros((1, head.own.shape[1]), np.float32)
+    blank = np.zeros((1, head.regression.shape[1]), np.float32)
     joint, is_sure = replace(head, shift=people).joint_chances(
         blank, np.zeros((1, len(head.coco)), np.float32)
     )

@@ -86,7 +86,7 @@ def test_a_tail_out_of_focus_belongs_to_its_toy_but_not_the_shadow():
     soft = cv2.GaussianBlur((toy | tail).astype(np.float32), (0, 0), 2.0)[..., None]
     photo = (soft * np.array([25, 25, 30]) + (1 - soft) * photo).astype(np.uint8)
     labels = toy.astype(np.uint16)
-    sure = [one for one in find_remains(photo, labels, [1]) if one.is_sure]
+    sure = [one for one in find_remains(photo, labels, [1]) if one.is_confident]
     part = np.any([one.mask for one in sure], axis=0)
     expected = (tail > 0) & (labels == 0)
     assert (part & expected).sum() / expected.sum() > 0.6

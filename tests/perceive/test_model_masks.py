@@ -10,7 +10,7 @@ from physgen.perceive.segment.masks import (
     distinct,
     distinct_boxes,
     parts,
-    resolved,
+    resolve_overlaps,
     segments,
     smoothed,
     split,
@@ -99,14 +99,14 @@ def test_small_things_lie_before_large_ones_that_are_not_much_surer():
         cut(block((10, 10, 80, 60)), "bowl"),
         cut(block((20, 20, 40, 40)), "apple", score=0.6),
     )
-    outer, inner = resolved([bowl, apple])
+    outer, inner = resolve_overlaps([bowl, apple])
     assert inner.area == 20 * 20
     assert outer.area == 70 * 50 - 20 * 20
     assert not outer.mask[15, 15]
     doubtful = cut(block((20, 20, 40, 40)), "sticker", score=0.3)
-    assert [one.noun for one in resolved([bowl, doubtful])] == ["bowl"]
+    assert [one.noun for one in resolve_overlaps([bowl, doubtful])] == ["bowl"]
     box = cut(block((10, 10, 50, 60)), "box"), cut(block((48, 10, 85, 60)), "book")
-    assert [one.noun for one in resolved([bowl, *box])] == [
+    assert [one.noun for one in resolve_overlaps([bowl, *box])] == [
         "box",
         "book",
     ]  # they leave nothing of the bowl

@@ -37,7 +37,7 @@ def painted(*masks: NDArray[np.bool_]) -> Labels:
 
 def told(labels: Labels) -> set[tuple[int, int]]:
     return {
-        (one.front, one.behind)
+        (one.front, one.back)
         for one in occlusion_orders(labels, np.unique(labels[labels > 0]).tolist())
     }
 
@@ -92,7 +92,7 @@ def test_a_ring_is_broken_where_it_is_least_sure() -> None:
         OcclusionOrder(3, 1, 0.8),
     ]
     level, kept = drawing_layers(found)
-    assert [(one.front, one.behind) for one in kept] == [(1, 2), (3, 1)]
+    assert [(one.front, one.back) for one in kept] == [(1, 2), (3, 1)]
     assert level == {1: 1, 3: 2}
 
 

@@ -16,7 +16,7 @@ def _perceived(photo: Path, masks: Path, scene: Path, threads: int) -> dict[str,
     """Return the files of a scene that is perceived on so many threads of OpenCV."""
     before = cv2.getNumThreads()
     cv2.setNumThreads(threads)
-    network._seen.cache_clear()
+    network._predict_maps.cache_clear()
     detector._run.cache_clear()
     try:
         text = pipeline.perceive(photo, scene, masks=masks)

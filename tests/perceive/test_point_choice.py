@@ -135,7 +135,7 @@ def test_click_means_what_it_lies_deep_in(
     box, lid = (10, 8, 40, 26), (12, 10, 16, 12)
     some = [Proposal(x, y, np.ones((h, w), bool), w * h) for x, y, w, h in (box, lid)]
     found = Candidates((40, 60), some, np.zeros((2, 1)), np.zeros(2))
-    alike = replace(judged(photo), found=found, fit=np.array([0.8, 0.8]))
+    alike = replace(judged(photo), candidates=found, fit=np.array([0.8, 0.8]))
     monkeypatch.setattr(point_choice, "judge_photo", lambda rgb: alike)
     meant = prompts.segment_point(photo, point, None)
     assert box_found(meant.mask) == (lid if is_lid else box)

@@ -213,7 +213,7 @@ def test_what_hardly_stands_out_is_not_pushed_and_not_good(
     photo, scene = tmp_path / "photo.png", tmp_path / "scene.yaml"
     cv2.imwrite(str(photo), rgb[..., ::-1])
     certain = prompts.mask_in_box
-    for sure in (0.9, RULE.weak - 0.03):
+    for sure in (0.9, RULE.weak_confidence - 0.03):
 
         def looked(
             rgb: NDArray[np.uint8], box: Sides, sure: float = sure
@@ -226,10 +226,10 @@ def test_what_hardly_stands_out_is_not_pushed_and_not_good(
             == 0
         )
         assert ("the marked object hardly stands out" in capsys.readouterr().err) == (
-            sure < RULE.weak
+            sure < RULE.weak_confidence
         )
         assert any(any(item.velocity) for item in pipeline.load(scene).objects) == (
-            sure >= RULE.weak
+            sure >= RULE.weak_confidence
         )
 
 

@@ -36,8 +36,10 @@ def test_the_gradient_of_a_step_lies_on_it_and_faces_across() -> None:
     assert set(gradient.strength[20].argsort()[-2:]) == {29, 30}
     assert np.cos(gradient.angle[20, 29]) ** 2 == pytest.approx(1)
     at = np.array([29.5]), np.array([20.0])
-    assert gradient.across(*at, np.array([0.0])) > 5
-    assert gradient.across(*at, np.array([np.pi / 2])) == pytest.approx(0, abs=1e-3)
+    assert gradient.measure_across(*at, np.array([0.0])) > 5
+    assert gradient.measure_across(*at, np.array([np.pi / 2])) == pytest.approx(
+        0, abs=1e-3
+    )
 
 
 def test_the_merge_tree_joins_the_most_alike_first() -> None:
@@ -115,4 +117,4 @@ def test_rough_photos_have_no_edge_search(roughness: float, is_searched: bool) -
     cv2.rectangle(photo, (190, 60), (260, 140), (200, 60, 60), -1)
     photo += rng.normal(0, roughness, photo.shape)
     found = search_edges(np.clip(photo, 0, 255).astype(np.uint8))
-    assert len(found.chosen) == len(found.scores) == (2 if is_searched else 0)
+    assert len(found.proposals) == len(found.scores) == (2 if is_searched else 0)

@@ -44,6 +44,18 @@ def test_shading_is_interpolated_across_the_hole() -> None:
     assert np.abs(shading - glare)[hole].max() < 12
 
 
+def test_a_soft_horizon_continues_behind_an_object() -> None:
+    rows = np.arange(SHAPE[0], dtype=np.float32)[:, None]
+    columns = np.arange(SHAPE[1], dtype=np.float32)
+    # A backdrop whose bend is 40 levels darker, and light that grows to the right.
+    grey = 180 - 40 / (1 + np.exp((70 - rows) / 6)) + 0.1 * columns
+    backdrop = np.repeat(grey[..., None], 3, axis=2).astype(np.float32)
+    hole = hole_of(slice(30, 150), slice(60, 180))
+    picture = np.where(hole[..., None], np.float32(20), backdrop)
+    shading = interpolate_shading(picture, hole)
+    assert np.abs(shading - backdrop)[hole].max() < 3
+
+
 def test_grain_on_a_ramp_of_colours_has_no_steps() -> None:
     rows, columns = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(np.float32)
     ramp = np.stack(

@@ -108,7 +108,7 @@ def test_people_animals_and_furniture(
 
 def test_nothing_beneath_and_an_unclear_view():
     one = Found()
-    assert "no support" in one.doubts(replace(GOOD, held=frozenset((1, 2, 3))))
+    assert "no support" in one.doubts(replace(GOOD, held_ids=frozenset((1, 2, 3))))
     assert "the view is uncertain" in one.doubts(replace(GOOD, confidence=0.52))
 
 

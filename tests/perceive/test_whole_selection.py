@@ -42,7 +42,7 @@ PARTS = np.flatnonzero([False, True, True])
 def test_part_without_box_joins_whole() -> None:
     fit = np.array([0.85, 0.9, 0.6])
     selection = unite_parts(CANDIDATES, PARTS, (fit, fit), boxes_of(("car", 0.8)))
-    assert selection.chosen.tolist() == [0]
+    assert selection.indices.tolist() == [0]
     assert selection.parts == {0: [1, 2]}
 
 
@@ -66,14 +66,14 @@ def test_part_without_box_joins_whole() -> None:
 def test_separate_objects_stay_separate(fit: list[float], boxes: DetectedBoxes) -> None:
     fits = np.array(fit), np.array(fit)
     selection = unite_parts(CANDIDATES, PARTS, fits, boxes)
-    assert selection.chosen.tolist() == [1, 2]
+    assert selection.indices.tolist() == [1, 2]
     assert selection.parts == {}
 
 
 def test_part_joins_body_if_whole_is_worse() -> None:
     fit = np.array([0.5, 0.9, 0.6])
     selection = unite_parts(CANDIDATES, PARTS, (fit, fit), boxes_of(("car", 0.8)))
-    assert selection.chosen.tolist() == [1]
+    assert selection.indices.tolist() == [1]
     assert selection.parts == {1: [2]}
 
 
@@ -81,7 +81,7 @@ def test_nothing_chosen_stays_so() -> None:
     none = np.zeros(0, np.intp)
     fits = np.zeros(3), np.zeros(3)
     selection = unite_parts(CANDIDATES, none, fits, boxes_of(("car", 0.8)))
-    assert not len(selection.chosen)
+    assert not len(selection.indices)
 
 
 def chosen_of(fit: float, gap: int = 0) -> list[int]:
@@ -91,9 +91,9 @@ def chosen_of(fit: float, gap: int = 0) -> list[int]:
     both = np.arange(2)
     boxes = boxes_of(("bag with strap", 0.8))
     selection = unite_parts(candidates, both, (fits, fits), boxes)
-    chosen: list[int] = selection.chosen.tolist()
+    chosen: list[int] = selection.indices.tolist()
     rest = [k for k in both.tolist() if k not in chosen]
-    assert selection.parts_of(selection.chosen) == rest
+    assert selection.parts_of(selection.indices) == rest
     return chosen
 
 

@@ -235,7 +235,7 @@ def test_a_wide_thing_moves_a_little_and_stays_inside(tmp_path: Path) -> None:
     chosen = choose_push(trials, {}, {})
     assert chosen is not None
     assert chosen.outcome.grade is Grade.SHORT
-    assert TRIAL.least <= chosen.outcome.travel < TRIAL.travel
+    assert TRIAL.least_travel <= chosen.outcome.travel < TRIAL.travel
 
 
 def count_trials(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, float]]:

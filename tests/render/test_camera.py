@@ -12,7 +12,7 @@ from pytest import approx
 
 from physgen import pipeline
 from physgen.photometry import decode, encode_u8
-from physgen.render.camera import exposure_times, filmed, shot_of
+from physgen.render.camera import exposure_times, film_frames, shot_of
 from physgen.render.stage import Frame
 from physgen.simulate.engine import simulate
 
@@ -63,7 +63,7 @@ def seen(
     """A picture through a camera, and the matrix from the one to the other."""
     through = taken(tmp_path, *overrides, size=(rgb.shape[1], rgb.shape[0]))
     frame = Frame(0, time, rgb, lambda: np.zeros(rgb.shape[:2], np.uint16))
-    (found,) = filmed(iter([frame]), through)
+    (found,) = film_frames(iter([frame]), through)
     return found, through.affine(time)
 
 
@@ -103,7 +103,7 @@ def test_all_of_the_photo_at_its_own_size_is_the_very_frame(
     through = taken(tmp_path, view)
     assert np.array_equal(through.affine(0.3), np.eye(2, 3))
     frame = Frame(0, 0.0, disc(60, 50, 20), lambda: np.zeros((H, W), np.uint16))
-    assert next(filmed(iter([frame]), through)) is frame
+    assert next(film_frames(iter([frame]), through)) is frame
 
 
 @pytest.mark.parametrize(

@@ -78,7 +78,7 @@ def test_both_parts_are_the_whole_halo(is_mirror: bool) -> None:
 
 def drawn(foot_halo: FootHalo, pose: Pose) -> np.ndarray:
     """Return the change of the ground at a pose, (H, W, 3)."""
-    moved = foot_halo.moved(START, pose, 0.0, SIZE)
+    moved = foot_halo.draw(START, pose, 0.0, SIZE)
     assert moved is not None
     place, factor, light = moved
     canvas = GROUND.copy()
@@ -120,8 +120,8 @@ def test_shade_continues_below_the_soft_border_of_the_object() -> None:
 
 def test_it_vanishes_if_the_object_leaves_the_floor() -> None:
     foot_halo = foot_halo_of(standing(-0.2)[1])
-    assert foot_halo.moved(START, START._replace(y=40.0), 0.0, SIZE) is None
-    assert foot_halo.moved(START, START, 1.0, SIZE) is None
+    assert foot_halo.draw(START, START._replace(y=40.0), 0.0, SIZE) is None
+    assert foot_halo.draw(START, START, 1.0, SIZE) is None
 
 
 def test_it_ends_at_the_end_of_the_floor() -> None:

@@ -14,7 +14,7 @@ from pytest import approx
 from physgen import pipeline
 from physgen.photometry import decode
 from physgen.render.camera import exposure_times
-from physgen.render.staging import matte_coverage, matte_stage
+from physgen.render.mattes import matte_coverage, matte_stage
 from physgen.simulate.engine import simulate
 
 ROOT = Path(__file__).resolve().parents[2]

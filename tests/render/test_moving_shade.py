@@ -10,15 +10,17 @@ import pytest
 
 from physgen.compile.world import Body
 from physgen.geometry.shadows import ShadowSetting, Silhouette
-from physgen.photometry import DistantLight
+from physgen.photometry import DistantLight, decode
+from physgen.render.ball_parts import is_lump
 from physgen.render.shadow_decomposition import (
     BEYOND,
     EDGE,
-    _owned,
+    _claimed_darkness,
+    _Difference,
     _share_beyond_floor,
+    decompose_shadows,
 )
 from physgen.render.sprites import Sprite
-from physgen.render.staging import _is_lump
 
 BOXES = [(0, 0, 60, 100), (0, 0, 100, 60), (40, 0, 100, 100), (0, 40, 100, 100)]
 """x0, y0, x1, y1 px of shade at the left, top, right and bottom of a photo."""
@@ -31,7 +33,10 @@ def _shade_around(box) -> np.ndarray:
     """Return shade of 0.2 in a box of a photo, with a photo's width on each side."""
     rest = np.full((SIDE, SIDE), 0.2, np.float32)
     claim = np.ones((box[3] - box[1], box[2] - box[0]), np.float32)
-    (left, top, right, bottom), own = _owned(rest, (box, claim), np.ones_like(rest))
+    difference = _Difference(rest, np.zeros_like(rest))
+    (left, top, right, bottom), own = _claimed_darkness(
+        difference, (box, claim), np.ones_like(rest), None
+    )
     canvas = np.zeros((3 * SIDE, 3 * SIDE), np.float32)
     canvas[top + SIDE : bottom + SIDE, left + SIDE : right + SIDE] = own
     return canvas
@@ -63,6 +68,26 @@ def test_shade_in_soft_light_shows_how_far_a_floor_reaches(direct, is_kept) -> N
         assert shares[21:].max() == 0
 
 
+def test_neighbours_leave_no_shade_that_the_photo_lacks() -> None:
+    """Between two objects no claim is the largest, and predictions end there, too."""
+    light = DistantLight((0.0, -0.6, 0.8), 0.06, 1.14)
+    setting = ShadowSetting(light, 40.0, False, 0.8, np.inf, (2 * SIDE, SIDE))
+    coverage = np.zeros((SIDE, 2 * SIDE), np.float32)
+    starts = []
+    for left in (40, 110):
+        figure = np.ones((40, 50), np.float32)
+        coverage[30:70, left : left + 50] = figure
+        middle = left + 24.5, 49.5
+        starts.append(Silhouette(figure, (left, 30), middle, None, 50.0, 69.5))
+    ground = np.full((SIDE, 2 * SIDE, 3), 120, np.uint8)
+    lit, _ = decompose_shadows(
+        ground, ground, coverage, starts, [False, False], setting
+    )
+    is_open = coverage[75:] == 0
+    difference = np.abs(lit.behind() - decode(ground))[75:]
+    assert difference[is_open].max() < 0.02
+
+
 def _sprite(mask) -> Sprite:
     coverage = mask.astype(np.float32)
     light = np.repeat(coverage[..., None], 3, axis=2)
@@ -76,8 +101,8 @@ def test_a_lump_leaves_its_circle_and_a_thread_does_not_make_one() -> None:
     thread = ball | ((np.abs(x) <= 4) & (y < 0))
     lump = np.hypot(x / 50, y / 42) <= 1
     body = cast(Body, SimpleNamespace(radius=40.0, center=np.array([80.0, 80.0])))
-    assert not _is_lump(_sprite(ball), body)
-    assert not _is_lump(_sprite(thread), body)
-    assert _is_lump(_sprite(lump), body)
+    assert not is_lump(_sprite(ball), body)
+    assert not is_lump(_sprite(thread), body)
+    assert is_lump(_sprite(lump), body)
     block = cast(Body, SimpleNamespace(radius=None, center=body.center))
-    assert not _is_lump(_sprite(lump), block)
+    assert not is_lump(_sprite(lump), block)

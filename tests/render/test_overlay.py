@@ -224,7 +224,7 @@ def test_a_blow_passes_through_what_touches(tmp_path) -> None:
     assert sorted(blow.pair for blow in blows) == [(0, 1), (1, 2), (2, 3)]
     for blow in blows:
         assert blow.time == pytest.approx(60 / 400, abs=0.003)
-        assert blow.at == pytest.approx([140 + 40 * blow.pair[0], 140], abs=0.6)
+        assert blow.place == pytest.approx([140 + 40 * blow.pair[0], 140], abs=0.6)
         assert blow.impulse == pytest.approx(300 * 400, rel=0.01)
 
 

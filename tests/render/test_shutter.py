@@ -10,7 +10,7 @@ from physgen.photometry import decode
 from physgen.pipeline.film import Film
 from physgen.pipeline.stages import Keep, Stages
 from physgen.render import camera as camera_module
-from physgen.render.camera import exposure_times, filmed, mean_exposures
+from physgen.render.camera import exposure_times, film_frames, mean_exposures
 from physgen.render.frames import render_frames
 from physgen.report.record import RunRecord
 from physgen.simulate.engine import simulate
@@ -130,7 +130,8 @@ def test_a_moving_camera_sees_the_mean_of_many(bundled, monkeypatch) -> None:
     exact = [
         f.rgb
         for f in mean_exposures(
-            filmed(render_frames(stage, fine, through.samples(parts)), through), parts
+            film_frames(render_frames(stage, fine, through.samples(parts)), through),
+            parts,
         )
     ]
     sharp = [frame.rgb for frame in pipeline.render(stage, trajectory, 1, through)]

@@ -85,7 +85,26 @@ def test_only_billiard_balls_have_patterns(is_painted: bool):
     pale = (rows < 55)[..., None]
     colour = np.where(pale, [0.7, 0.65, 0.5], [0.5, 0.04, 0.04]).astype(np.float32)
     ball = ball_from_photo(
-        colour, (0, 0), CENTER, RADIUS, SUN, View.TOP, is_painted=is_painted
+        colour, (0, 0), CENTER, RADIUS, SUN, View.TOP, has_paints=is_painted
     )
     assert (ball.pattern is not None) is is_painted
-    assert ball.is_continued is not is_painted
+    assert ball.has_continued_texture is not is_painted
+
+
+def test_a_stripe_to_the_rim_is_no_highlight():
+    skin = apple_skin()
+    rows, columns = np.mgrid[:SIDE, :SIDE]
+    distance = np.hypot(columns - CENTER[0], rows - CENTER[1])
+    inside = distance < RADIUS
+    striped = skin.copy()
+    striped[58:62] += 0.8
+    assert np.array_equal(part_highlights(striped, inside, RADIUS), striped)
+
+
+@pytest.mark.parametrize("view", list(View))
+def test_highlights_of_fruit_stay_in_both_views(view: View):
+    colour = apple_skin()
+    colour[40:44, 40:60] += 0.8
+    ball = ball_from_photo(colour, (0, 0), CENTER, RADIUS, SUN, view, has_paints=False)
+    assert ball.gloss[41:43, 44:56].mean() > 0.4
+    assert ball.skin[41:43, 44:56].mean() < 1.3 * ball.skin[46:48, 44:56].mean()

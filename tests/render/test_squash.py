@@ -135,7 +135,7 @@ def test_labelled_clips_do_not_show_squash(tmp_path: Path) -> None:
 
 def test_squash_has_a_limit(tmp_path: Path) -> None:
     film = _film(tmp_path, "foam ball", mass=4000)
-    assert max(_squashes(film).values()) == SQUASH.most
+    assert max(_squashes(film).values()) == SQUASH.largest_share
 
 
 def test_exposures_of_fast_objects_have_many_samples(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from physgen.render.staging import passed
+from physgen.render.floors import shadows_pass_below
 
 
 def test_a_line_in_the_air_lets_shadows_by_and_a_floor_does_not():
@@ -17,9 +17,9 @@ def test_a_line_in_the_air_lets_shadows_by_and_a_floor_does_not():
     behind, on_it = np.zeros_like(labels), np.zeros_like(labels)
     behind[60:75, 50:70], behind[60:75, 90:110] = 1, 2
     on_it[36:42, 50:70], on_it[36:42, 90:110] = 1, 2
-    assert passed(line, labels, behind)
-    assert not passed(line, labels, on_it)  # it caught them
-    assert not passed(ground, labels, behind)  # nothing stands on it
-    assert not passed(line, np.zeros_like(labels), behind)
+    assert shadows_pass_below(line, labels, behind)
+    assert not shadows_pass_below(line, labels, on_it)  # it caught them
+    assert not shadows_pass_below(ground, labels, behind)  # nothing stands on it
+    assert not shadows_pass_below(line, np.zeros_like(labels), behind)
     behind[60:75, 50:70] = 0  # one thing's shadow is not seen: the other's tells
-    assert passed(line, labels, behind)
+    assert shadows_pass_below(line, labels, behind)

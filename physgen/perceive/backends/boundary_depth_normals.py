@@ -31,15 +31,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.geometry.polygon import Array, bounds
+from physgen.geometry.polygon import Array, Outline, bounds
 from physgen.maps import F32
 from physgen.messages import Message
 from physgen.perceive.backends.boundary_support import (
     ELASTICITY,
     FRICTION,
-    Photo,
+    Groups,
     feet_groups,
-    find_cushions,
     lay_floors,
     view_evidence,
     with_supports,
@@ -55,6 +54,8 @@ from physgen.perceive.roles import (
     Wall,
 )
 from physgen.perceive.segment.network import run_network
+from physgen.perceive.support.cushions import find_cushions
+from physgen.perceive.support.floor_surface import Photo
 from physgen.perceive.support.ground_contact import Foot, Line
 from physgen.perceive.support.supports import depth_inside, free_parts
 from physgen.perceive.support.view_classifier import view_chances
@@ -71,10 +72,10 @@ class _Limits:
     """
 
     # Least -y of the normal of a surface that faces up.
-    up: float = 0.6
+    floor_normal: float = 0.6
     # px: largest depth of an edge inside an outline, by an error of the mask or of the
     # depth beside it.
-    through: float = 2.0
+    mask_error: float = 2.0
     # Least cosine between the surface's direction and the outward direction of an edge
     # that is the surface's section.
     section: float = 0.9
@@ -87,27 +88,27 @@ class _Limits:
     # plane.
     slack: float = 0.02
     # px: standard deviation of the blur along a border.
-    soft: float = 1.5
+    border_blur: float = 1.5
     # Distance in front of all objects within which a surface is among them, as a share
     # of the foreground's depth.
-    near: float = 1.0
+    front: float = 1.0
     # of depth: least depth range of the foreground for its supports ...
-    thin: float = 0.05
+    least_range: float = 0.05
     # ... and for its shelves.
-    deep: float = 0.2
+    shelf_range: float = 0.2
     # Least cosine of a surface that faces the viewer.
     facing: float = 0.85
     # of the photo: shorter edges are details.
     shortest: float = 0.04
     # of the photo: largest deviation of a straight contour from its chord.
-    bent: float = 0.005
+    curvature: float = 0.005
     # px: largest RMS deviation of a contour from its line.
-    rough: float = 1.5
+    roughness: float = 1.5
     # Least visible share of an edge.
-    seen: float = 0.4
+    visibility: float = 0.4
     # Least length of the mean unit normal of a plane: all normals within about 30
     # degrees.
-    flat: float = 0.85
+    flatness: float = 0.85
     # px between an edge and the samples of normals and depth on its solid side.
     strip: tuple[int, ...] = (
         2,
@@ -115,13 +116,19 @@ class _Limits:
         6,
     )
     # of the photo: largest distance of an edge's ends from a floor that contains it.
-    same: float = 0.02
+    floor_distance: float = 0.02
     # px below a floor at which solid matter is tested.
-    under: tuple[int, ...] = (5, 8)
+    floor_depths: tuple[int, ...] = (5, 8)
     # of the photo: a floor ends at a gap of this width without solid matter.
-    nothing: float = 0.03
+    gap: float = 0.03
     # Least share of solid matter under the objects for a floor with known ends.
-    backed: float = 0.5
+    solid_share: float = 0.5
+    # px: shorter pieces of an edge get no wall.
+    least_piece: float = 4.0
+    # Least -y of the outward direction of an edge on which objects lie.
+    upward: float = 0.7
+    # Largest |y| of the outward direction of an upright edge.
+    sideways: float = 0.35
 
 
 LIMITS = _Limits()
@@ -148,33 +155,14 @@ def _depth_normals(
     counts as a plane that faces the viewer. Raises InputError without depth.
     """
     unit_depth = normalised_depth(depth)
-    if normals is None:
-        facing = np.zeros((*labels.shape, 3), np.float32)
-        facing[..., 2] = 1
-    else:
-        facing = np.asarray(cv2.blur(normals, (3, 3)), np.float32)
+    facing = _smooth_normals(normals, labels.shape)
     groups = feet_groups(labels, objects)
-    chances = view_chances(run_network(rgb).features)
-    if view is None:
-        small = cv2.resize(facing, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
-        view_guess, confidence, reason = guess_view(
-            rgb,
-            labels,
-            np.asarray(small, np.float32),
-            *view_evidence(objects, groups),
-            chances,
-        )
-    else:
-        view_guess, confidence, reason = view, 1.0, "as given"
+    guess = _guess_photo_view(rgb, labels, objects, view, facing, groups)
     if not len(objects) or not (labels > 0).any():
-        return BoundaryGuess(view_guess, confidence, reason, ())
-    if view_guess is View.TOP:
-        return BoundaryGuess(
-            view_guess,
-            confidence,
-            reason,
-            tuple(find_cushions(Photo(rgb, labels), objects)),
-        )
+        return replace(guess, tilt=None)
+    if guess.view is View.TOP:
+        cushions = find_cushions(Photo(rgb, labels), objects)
+        return replace(guess, walls=tuple(cushions), tilt=None)
     section = side_section(unit_depth, facing, labels, objects, groups, scenery)
     supports = lay_floors(rgb, labels, objects, partial(solid_reach, section))
     edges = section_edges(section, facing)
@@ -183,58 +171,102 @@ def _depth_normals(
         for edge in edges
         if not any(is_floor_edge(section, edge, wall) for wall in supports.walls)
     ]
-    guess = BoundaryGuess(view_guess, confidence, reason, (), tilt=chances.tilt)
     guess = with_supports(guess, labels, supports)
     extra_walls = _walls(others, supports.objects, guess.walls)
     return replace(guess, walls=(*guess.walls, *extra_walls))
 
 
+def _smooth_normals(normals: F32 | None, shape: tuple[int, ...]) -> F32:
+    """Return smooth normals (H, W, 3), or normals that face the viewer."""
+    if normals is not None:
+        return np.asarray(cv2.blur(normals, (3, 3)), np.float32)
+    facing = np.zeros((*shape, 3), np.float32)
+    facing[..., 2] = 1
+    return facing
+
+
+def _guess_photo_view(
+    rgb: Rgb,
+    labels: Labels,
+    objects: Sequence[PhotoObject],
+    view: View | None,
+    normals: F32,
+    groups: Groups,
+) -> BoundaryGuess:
+    """Return the given or the guessed view of a photo, without walls."""
+    chances = view_chances(run_network(rgb).features)
+    if view is not None:
+        return BoundaryGuess(view, 1.0, "as given", (), tilt=chances.tilt)
+    small = cv2.resize(normals, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
+    view_guess, confidence, reason = guess_view(
+        rgb,
+        labels,
+        np.asarray(small, np.float32),
+        *view_evidence(objects, groups),
+        chances,
+    )
+    return BoundaryGuess(view_guess, confidence, reason, (), tilt=chances.tilt)
+
+
 def _walls(
-    found: Sequence[Edge], objects: Sequence[PhotoObject], taken: Sequence[Wall]
+    edges: Sequence[Edge], objects: Sequence[PhotoObject], walls: Sequence[Wall]
 ) -> list[Wall]:
-    """Return walls along edges, without the parts inside objects."""
+    """Return walls along edges, without the parts inside objects.
+
+    Their names differ from those of `walls`.
+    """
     outlines = [t.outline for t in objects]
-    count, names = Counter[str](), {wall.name for wall in taken}
-    walls: list[Wall] = []
-    for edge in found:
-        samples = edge.start + np.linspace(0, 1, max(2, int(edge.length)))[:, None] * (
-            edge.end - edge.start
-        )
-        largest_depth = max(
-            (float(depth_inside(o, samples).max()) for o in outlines), default=0.0
-        )
-        # A surface that faces up lies below the objects on it: an edge inside an object
-        # is behind it.
-        lies_behind = edge.out[1] < -0.7 and largest_depth > LIMITS.through
-        if lies_behind or _is_rim(edge):
+    count, names = Counter[str](), {wall.name for wall in walls}
+    edge_walls: list[Wall] = []
+    for edge in edges:
+        if _is_behind_objects(edge, outlines) or _is_rim(edge):
             continue
         chain = [
             (round(float(x), 2), round(float(y), 2)) for x, y in (edge.start, edge.end)
         ]
-        out, level = edge.out[1], abs(edge.angle) <= LIMITS.slope
-        kind = (
-            "ledge"
-            if level
-            else "slope"
-            if out < -0.35
-            else "underside"
-            if out > 0.35
-            else "side"
-        )
-        confidence = round(min(0.9, 0.3 + 0.6 * edge.seen * edge.plane**2), 2)
+        kind = _name_kind(edge)
+        confidence = round(min(0.9, 0.3 + 0.6 * edge.visibility * edge.plane**2), 2)
         for part in free_parts(chain, outlines):
-            if np.hypot(*np.subtract(part[-1], part[0])) < 4:
+            if np.hypot(*np.subtract(part[-1], part[0])) < LIMITS.least_piece:
                 continue
             count[kind] += 1
             while (name := f"{kind}-{count[kind]}") in names:
                 count[kind] += 1
-            source, reason = "depth and normals", "beyond it is far"
-            walls.append(
+            edge_walls.append(
                 Wall(
-                    name, tuple(part), FRICTION, ELASTICITY, confidence, source, reason
+                    name,
+                    tuple(part),
+                    FRICTION,
+                    ELASTICITY,
+                    confidence,
+                    "depth and normals",
+                    "beyond it is far",
                 )
             )
-    return walls
+    return edge_walls
+
+
+def _is_behind_objects(edge: Edge, outlines: Sequence[Outline]) -> bool:
+    """Return whether an edge is behind an object on it.
+
+    A surface that faces up lies below the objects on it: an edge inside an object is
+    behind it.
+    """
+    if edge.out[1] >= -LIMITS.upward:
+        return False
+    share = np.linspace(0, 1, max(2, int(edge.length)))[:, None]
+    samples = edge.start + share * (edge.end - edge.start)
+    depths = (float(depth_inside(o, samples).max()) for o in outlines)
+    return max(depths, default=0.0) > LIMITS.mask_error
+
+
+def _name_kind(edge: Edge) -> str:
+    """Return the first part of the name of a wall."""
+    if abs(edge.angle) <= LIMITS.slope:
+        return "ledge"
+    if edge.out[1] < -LIMITS.sideways:
+        return "slope"
+    return "underside" if edge.out[1] > LIMITS.sideways else "side"
 
 
 def _is_rim(edge: Edge) -> bool:
@@ -245,7 +277,7 @@ def _is_rim(edge: Edge) -> bool:
     assert edge.facing is not None
     direction = edge.facing[:2]
     return bool(
-        np.hypot(*direction) > LIMITS.up
+        np.hypot(*direction) > LIMITS.floor_normal
         and direction @ edge.out < LIMITS.section * np.hypot(*direction)
     )
 
@@ -263,7 +295,7 @@ class Section:
     depth: F32
     solid: Mask  # (H, W)
     # (H, W): False behind objects and their blurred depth.
-    known: Mask
+    visible_mask: Mask
     # Depth in front of all objects; nearer surfaces do not interact with them.
     nearest: float
 
@@ -281,7 +313,7 @@ class Edge:
     start: Array  # (2,) px
     end: Array  # (2,) px
     # 0..1: visible share of the edge.
-    seen: float = 0.0
+    visibility: float = 0.0
     # 0..1: agreement of the normals on its solid side.
     plane: float = 0.0
     # (3,): their unit mean.
@@ -293,21 +325,21 @@ class Edge:
         return float(hypot(*(self.end - self.start)))
 
     @property
-    def along(self) -> Array:
+    def direction(self) -> Array:
         """Return the unit direction (2,) from start to end."""
         return np.asarray((self.end - self.start) / max(self.length, 1e-9))
 
     @property
     def out(self) -> Array:
         """Return the unit normal (2,) that points away from the solid."""
-        return np.array([self.along[1], -self.along[0]])
+        return np.array([self.direction[1], -self.direction[0]])
 
     @property
     def angle(self) -> float:
         """Return the angle in degrees, -180..180: 0 for a floor, 90 for a solid's left
         side.
         """
-        return degrees(atan2(self.along[1], self.along[0]))
+        return degrees(atan2(self.direction[1], self.direction[0]))
 
 
 def normalised_depth(depth: F32 | None) -> F32:
@@ -348,7 +380,7 @@ def side_section(
     normals: F32,
     labels: Labels,
     objects: Sequence[PhotoObject],
-    groups: Sequence[tuple[Line, list[Foot]]],
+    groups: Groups,
     scenery: Scenery | None,
 ) -> Section:
     """Return the section of a photo from the side.
@@ -356,43 +388,49 @@ def side_section(
     The plane of motion is as far as the supports at the objects' feet.
     """
     occlusion = hidden_by_objects(labels)
-    full = _interpolate_background(depth, occlusion)
-    parts = [depth[labels == item.id] for item in objects]
-    ranges = [np.percentile(part, (10, 75)) for part in parts if part.size]
-    nearest, farthest = (
-        min(float(o[0]) for o in ranges),
-        max(float(o[1]) for o in ranges),
-    )
-    depth_range = max(farthest - nearest, LIMITS.thin)
-    stands = [
-        d
-        for line, group in groups
-        if (d := _depth_beside(full, occlusion, line, group)) is not None
+    background = _interpolate_background(depth, occlusion)
+    nearest, farthest = _measure_foreground(depth, labels, objects)
+    depth_range = max(farthest - nearest, LIMITS.least_range)
+    support_depths = [
+        _depth_beside(background, occlusion, line, group) for line, group in groups
     ]
     # The surface visible under an object in the air is not its support.
-    stands = [d for d in stands if nearest - depth_range <= d <= farthest + depth_range]
-    plane = max(stands) if stands else farthest
+    support_depths = [
+        d
+        for d in support_depths
+        if d is not None and nearest - depth_range <= d <= farthest + depth_range
+    ]
+    plane = max((d for d in support_depths if d is not None), default=farthest)
     # Flat objects also stand in the plane; a surface that crosses the plane ends there.
     limit = plane + LIMITS.slack * (normals[..., 2] > LIMITS.facing)
-    before = LIMITS.near * max(farthest - nearest, LIMITS.deep)
-    solid = (full < limit).astype(np.float32)
+    front = nearest - LIMITS.front * max(farthest - nearest, LIMITS.shelf_range)
+    solid = (background < limit).astype(np.float32)
     # The paper keeps only scenery within the foreground's range of depth.
     if scenery is not None:
         ids = np.where(occlusion, 0, scenery.labels)
         for i in np.unique(ids[ids > 0]).tolist():
-            low, high = np.percentile(full[ids == i], (5, 95))
-            if low > limit.max() or high < nearest - before:
+            low, high = np.percentile(background[ids == i], (5, 95))
+            if low > limit.max() or high < front:
                 solid[scenery.labels == i] = 0.0
-    smooth_solid = cv2.GaussianBlur(solid, (0, 0), LIMITS.soft) > 0.5
-    return Section(full, smooth_solid, ~occlusion, nearest - before)
+    smooth_solid = cv2.GaussianBlur(solid, (0, 0), LIMITS.border_blur) > 0.5
+    return Section(background, smooth_solid, ~occlusion, front)
 
 
-def _interpolate_background(depth: F32, away: Mask) -> F32:
-    """Return the depth with `away` (H, W) interpolated in each row."""
+def _measure_foreground(
+    depth: F32, labels: Labels, objects: Sequence[PhotoObject]
+) -> tuple[float, float]:
+    """Return the depth of the nearest and of the farthest object."""
+    parts = [depth[labels == item.id] for item in objects]
+    ranges = [np.percentile(part, (10, 75)) for part in parts if part.size]
+    return min(float(r[0]) for r in ranges), max(float(r[1]) for r in ranges)
+
+
+def _interpolate_background(depth: F32, occlusion: Mask) -> F32:
+    """Return the depth behind `occlusion` (H, W) interpolated in each row."""
     result = depth.copy()
     columns = np.arange(depth.shape[1])
-    for row in np.flatnonzero(away.any(1)):
-        is_visible = ~away[row]
+    for row in np.flatnonzero(occlusion.any(1)):
+        is_visible = ~occlusion[row]
         if is_visible.any():
             result[row, ~is_visible] = np.interp(
                 columns[~is_visible], columns[is_visible], depth[row, is_visible]
@@ -401,7 +439,7 @@ def _interpolate_background(depth: F32, away: Mask) -> F32:
 
 
 def _depth_beside(
-    depth: F32, away: Mask, line: Line, group: Sequence[Foot]
+    depth: F32, occlusion: Mask, line: Line, group: Sequence[Foot]
 ) -> float | None:
     """Return the median depth of the support beside objects, or None if it is
     hidden.
@@ -413,7 +451,7 @@ def _depth_beside(
     rows = np.round(line.slope * columns + line.height).astype(int)
     inside = (rows >= 0) & (rows < height)
     columns, rows = columns[inside], rows[inside]
-    is_visible = ~away[rows, columns]
+    is_visible = ~occlusion[rows, columns]
     return (
         float(np.median(depth[rows[is_visible], columns[is_visible]]))
         if is_visible.sum() >= 5
@@ -441,50 +479,60 @@ def section_edges(section: Section, normals: F32) -> list[Edge]:
 
 
 def _straight_edges(points: NDArray[Any], section: Section) -> Iterator[Edge]:
-    """Yield the straight edges of one contour `(N, 2)`.
-
-    Edges are shifted outwards by half a pixel, because the contour runs through the
-    centres of the outermost solid pixels.
-    """
-    height, width = section.solid.shape
+    """Yield the straight edges of one contour `(N, 2)`."""
     least_length = LIMITS.shortest * section.size
     if len(points) < least_length:
         return
-    corners = cv2.approxPolyDP(points, LIMITS.bent * section.size, True)[:, 0, :]
+    corners = cv2.approxPolyDP(points, LIMITS.curvature * section.size, True)[:, 0, :]
     order = np.sort(
         [int(np.flatnonzero((points == corner).all(-1))[0]) for corner in corners]
     )
-    columns, rows = points.T
-    border = (columns < 2) | (rows < 2) | (columns > width - 3) | (rows > height - 3)
-    is_visible = section.known[rows, columns] & ~border
+    is_visible = _find_visible_points(points, section)
     for first, last in zip(order, np.roll(order, -1), strict=True):
         # A run of the contour between two corners, without its rounded ends.
         run = np.arange(
             first, last + 1 if last > first else last + 1 + len(points)
         ) % len(points)
         trim = min(len(run) // 5, 6)
-        run_indices = run[trim : len(run) - trim]
-        run_indices = run_indices[is_visible[run_indices]]
-        if len(run_indices) < max(6, LIMITS.seen * (len(run) - 2 * trim)):
+        indices = run[trim : len(run) - trim]
+        count = len(indices)
+        indices = indices[is_visible[indices]]
+        if len(indices) < max(6, LIMITS.visibility * count):
             continue
-        x, y, u, v = cv2.fitLine(
-            points[run_indices].astype(np.float32), cv2.DIST_L2, 0, 0.01, 0.01
-        ).ravel()[[2, 3, 0, 1]]
-        middle, direction = np.array([x, y], np.float64), np.array([u, v], np.float64)
-        # Direct the line along the contour, with the solid on its right.
-        direction = (
-            direction if direction @ (points[last] - points[first]) >= 0 else -direction
-        )
-        out = np.array([direction[1], -direction[0]])
-        if np.sqrt((((points[run_indices] - middle) @ out) ** 2).mean()) > LIMITS.rough:
-            continue
-        start, end = (
-            middle + direction * ((points[k] - middle) @ direction) + 0.5 * out
-            for k in (first, last)
-        )
-        edge = Edge(start, end, len(run_indices) / (len(run) - 2 * trim))
-        if edge.length >= least_length:
-            yield edge
+        edge = _fit_edge(points[indices], points[first], points[last])
+        if edge is not None and edge.length >= least_length:
+            yield replace(edge, visibility=len(indices) / count)
+
+
+def _find_visible_points(points: NDArray[Any], section: Section) -> Mask:
+    """Return (N,) whether points of a contour are visible and inside the photo."""
+    height, width = section.solid.shape
+    columns, rows = points.T
+    border = (columns < 2) | (rows < 2) | (columns > width - 3) | (rows > height - 3)
+    return np.asarray(section.visible_mask[rows, columns] & ~border)
+
+
+def _fit_edge(
+    points: NDArray[Any], first: NDArray[Any], last: NDArray[Any]
+) -> Edge | None:
+    """Return the edge through points (n, 2) from `first` to `last` (2,), or None.
+
+    The edge is shifted outwards by half a pixel, because the contour runs through the
+    centres of the outermost solid pixels.
+    """
+    line = cv2.fitLine(points.astype(np.float32), cv2.DIST_L2, 0, 0.01, 0.01).ravel()
+    direction, middle = np.array(line, np.float64).reshape(2, 2)
+    # Direct the line along the contour, with the solid on its right.
+    if direction @ (last - first) < 0:
+        direction = -direction
+    out = np.array([direction[1], -direction[0]])
+    if np.sqrt((((points - middle) @ out) ** 2).mean()) > LIMITS.roughness:
+        return None
+    start, end = (
+        middle + direction * ((point - middle) @ direction) + 0.5 * out
+        for point in (first, last)
+    )
+    return Edge(start, end)
 
 
 def _plane(edge: Edge, section: Section, normals: F32) -> Edge | None:
@@ -492,13 +540,13 @@ def _plane(edge: Edge, section: Section, normals: F32) -> Edge | None:
     all objects.
     """
     height, width = section.solid.shape
-    best = replace(edge, plane=LIMITS.flat)
+    best = replace(edge, plane=LIMITS.flatness)
     share = np.linspace(0.1, 0.9, max(int(edge.length), 2))[:, None]
     for way in LIMITS.strip:
         points = edge.start + share * (edge.end - edge.start) - way * edge.out
         columns, rows = np.rint(points).astype(np.int64).T
         pixels = np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)
-        use = section.known[pixels] & section.solid[pixels]
+        use = section.visible_mask[pixels] & section.solid[pixels]
         if use.sum() < 5 or np.median(section.depth[pixels][use]) < section.nearest:
             continue
         mean = normals[pixels][use].mean(0).astype(np.float64)
@@ -514,7 +562,9 @@ def is_floor_edge(section: Section, edge: Edge, wall: Wall) -> bool:
     """Return whether an edge is a piece of a floor or its continuation."""
     (x0, y0), (x1, y1) = edge.start, edge.end
     distances = np.abs(np.interp([x0, x1], *np.array(wall.points).T) - [y0, y1])
-    return bool(edge.out[1] < -0.5 and distances.max() <= LIMITS.same * section.size)
+    return bool(
+        edge.out[1] < -0.5 and distances.max() <= LIMITS.floor_distance * section.size
+    )
 
 
 def solid_reach(
@@ -526,22 +576,32 @@ def solid_reach(
     An end is the first gap without solid matter; without a gap the floor ends outside
     the photo.
     """
+    width = section.solid.shape[1]
+    columns = np.arange(width)
+    empty, solid = _test_matter_below(section, line)
+    boxes = np.array([bounds(foot.item.outline) for foot in group])
+    first, last = boxes[:, 0].min(), boxes[:, 2].max()
+    margin = int(max(LIMITS.gap * section.size, 1))
+    near_feet = (columns >= first - margin) & (columns <= last + margin)
+    if not near_feet.any() or solid[near_feet].mean() < LIMITS.solid_share:
+        return None
+    holes = np.flatnonzero(np.convolve(empty, np.ones(margin), "valid") >= margin)
+    left, right = holes[holes + margin <= first], holes[holes >= last]
+    start = float(left.max() + margin) - 0.5 if len(left) else -float(width)
+    end = float(right.min()) - 0.5 if len(right) else 2.0 * width
+    return start, end
+
+
+def _test_matter_below(section: Section, line: Line) -> tuple[Mask, Mask]:
+    """Return whether each column (W,) below a line is empty, and whether it is solid."""
     height, width = section.solid.shape
     columns = np.arange(width)
     empty, solid = np.ones(width, bool), np.ones(width, bool)
-    for down in LIMITS.under:
+    for down in LIMITS.floor_depths:
         rows = np.rint(line.slope * columns + line.height).astype(int) + down
         inside = (rows >= 0) & (rows < height)
         pixels = np.clip(rows, 0, height - 1), columns
-        empty &= ~inside | (section.known[pixels] & ~section.solid[pixels])
-        solid &= section.solid[pixels] | ~section.known[pixels]
-    boxes = np.array([bounds(foot.item.outline) for foot in group])
-    inner = boxes[:, 0].min(), boxes[:, 2].max()
-    margin = int(max(LIMITS.nothing * section.size, 1))
-    near_feet = (columns >= inner[0] - margin) & (columns <= inner[1] + margin)
-    if not near_feet.any() or solid[near_feet].mean() < LIMITS.backed:
-        return None
-    holes = np.flatnonzero(np.convolve(empty, np.ones(margin), "valid") >= margin)
-    left, right = holes[holes + margin <= inner[0]], holes[holes >= inner[1]]
-    start = float(left.max() + margin) - 0.5 if len(left) else -float(width)
-    return start, float(right.min()) - 0.5 if len(right) else 2.0 * width
+        is_visible, is_solid = section.visible_mask[pixels], section.solid[pixels]
+        empty &= ~inside | (is_visible & ~is_solid)
+        solid &= is_solid | ~is_visible
+    return empty, solid

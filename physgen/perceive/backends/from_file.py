@@ -89,12 +89,12 @@ def intrinsic(setup: Setup) -> roles.Intrinsic:
     def run(rgb: Rgb, labels: Labels, normals: NDArray[np.float32]) -> Intrinsics:
         shading = _clamp_shading(_fit(values, rgb, path))
         scale = max(float(np.percentile(decode(rgb).max(axis=2) / shading, 99)), 1e-6)
-        return parted(rgb, shading * np.float32(scale))
+        return divide_shading(rgb, shading * np.float32(scale))
 
     return run
 
 
-def parted(rgb: Rgb, shading: NDArray[np.float32]) -> Intrinsics:
+def divide_shading(rgb: Rgb, shading: NDArray[np.float32]) -> Intrinsics:
     """Return the albedo in 0..1 and the shading of a photo with shading (H, W).
 
     If the albedo would exceed 1, the shading is increased instead.
@@ -137,7 +137,7 @@ def _array(path: Path) -> bool:
     return path.suffix.lower() == ".npy"
 
 
-def _raw(path: Path, what: str) -> Map:
+def _raw(path: Path, quantity: str) -> Map:
     """Return the stored numbers: of an array any shape, of a picture (H, W) or (H, W,
     3).
     """
@@ -156,42 +156,44 @@ def _raw(path: Path, what: str) -> Map:
             else ("picture", "as PNG or .npy")
         )
         raise Message.MAP_FILE_UNREADABLE.error(
-            str(path), kind=kind, content=what, form=form
+            str(path), kind=kind, content=quantity, form=form
         )
     return read[..., [2, 1, 0]] if read.ndim == 3 else read
 
 
-def _create_map_error(raw: Map, path: Path, what: str, shape: str) -> InputError:
+def _create_map_error(raw: Map, path: Path, quantity: str, shape: str) -> InputError:
     return Message.NOT_A_MAP.error(
-        str(path), f"{raw.shape} {raw.dtype}", shape=shape, content=what
+        str(path), f"{raw.shape} {raw.dtype}", shape=shape, content=quantity
     )
 
 
-def _validate_map(raw: Map, path: Path, what: str, shape: str) -> NDArray[np.float32]:
+def _validate_map(
+    raw: Map, path: Path, quantity: str, shape: str
+) -> NDArray[np.float32]:
     """Return finite real numbers as float32, or raise InputError."""
     if not raw.size or raw.dtype.kind not in "iuf":
-        raise _create_map_error(raw, path, what, shape)
+        raise _create_map_error(raw, path, quantity, shape)
     with np.errstate(over="ignore"):
         values = raw.astype(np.float32)
     if not np.isfinite(values).all():
-        raise _create_map_error(raw, path, what, shape)
+        raise _create_map_error(raw, path, quantity, shape)
     return values
 
 
-def _grey(path: Path, what: str) -> NDArray[np.float32]:
+def _grey(path: Path, quantity: str) -> NDArray[np.float32]:
     """Return one number per pixel (H, W).
 
     Integers of pictures are scaled to 0..1; numbers of arrays stay as they are.
     """
-    raw = _raw(path, what)
-    values = np.squeeze(_validate_map(raw, path, what, "(H, W)"))
+    raw = _raw(path, quantity)
+    values = np.squeeze(_validate_map(raw, path, quantity, "(H, W)"))
     values = (
         values.mean(axis=2, dtype=np.float64).astype(np.float32)
         if values.ndim == 3
         else values
     )
     if values.ndim != 2:
-        raise _create_map_error(raw, path, what, "(H, W)")
+        raise _create_map_error(raw, path, quantity, "(H, W)")
     is_integer_picture = not _array(path) and raw.dtype.kind in "iu"
     return values / np.float32(np.iinfo(raw.dtype).max if is_integer_picture else 1)
 

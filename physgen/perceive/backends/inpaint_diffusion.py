@@ -87,10 +87,10 @@ class Diffusion(ModelBackend):
             if value is not None and key in takes
         }
 
-    def _paint(self, pipe: Any, rgb: Rgb, wanted: Mask) -> Rgb:
+    def _paint(self, pipe: Any, rgb: Rgb, hole: Mask) -> Rgb:
         step = 2 * int(getattr(pipe, "vae_scale_factor", 8))
         height, width = model_size(rgb.shape, self._options["resolution"], step)
-        small, mask = resize_window(rgb, wanted, (height, width))
+        small, mask = resize_window(rgb, hole, (height, width))
         arguments = self._arguments(pipe)
         mask_image = Image.fromarray(mask.astype(np.uint8) * 255)
         # A CPU generator gives the same noise on every device.

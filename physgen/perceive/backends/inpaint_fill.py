@@ -10,8 +10,9 @@ patches are chosen at reduced size, and finer detail is copied at full size.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import cv2
 import numpy as np
@@ -49,15 +50,15 @@ class _Limits:
     """
 
     # px beside the hole whose colours are mixed with the object's edge.
-    mixed: int = 2
+    mixed_width: int = 2
     # px beyond them, filled as well to measure the difference from the photo.
     band: int = 3
     # Largest difference in levels; a larger one is not a difference of light.
     limit: float = 24.0
     # px around a piece of the hole for the test of smoothness.
-    around: int = 12
+    surroundings: int = 12
     # Levels: largest RMS distance of smooth surroundings from a quadratic surface.
-    smooth: float = 3.0
+    smoothness: float = 3.0
     # px: standard deviation of the blur between grain and colour.
     grain: float = 10.0
     # Compared px along and beside a level line (a shelf's edge) at both ends of the
@@ -70,11 +71,11 @@ class _Limits:
     # Largest difference between the two ends of a line, as a share of its contrast.
     differ: float = 0.3
     # Largest change along one end of a line, as a share of its contrast.
-    uneven: float = 0.5
+    unevenness: float = 0.5
     # px: length of a line's continuation outside the hole.
     farther: int = 12
     # px: half the width of a drawn line.
-    drawn: int = 2
+    line_width: int = 2
     # Levels: larger detail beside an arc is an edge of the fill rather than grain.
     arc_grain: float = 8.0
     # px: standard deviation of the blur for the separation of grain.
@@ -99,11 +100,11 @@ class _Guide:
 
     picture: F32
     """(H, W, 3)."""
-    near: Mask
+    inner_hole: Mask
     """(H, W): the hole without gaps, and the mixed pixels beside it."""
-    smooth: Mask
+    smooth_hole: Mask
     """(H, W): pieces with smooth surroundings."""
-    drawn: Mask
+    arc_mask: Mask
     """(H, W): continued circles and ellipses."""
     places: I64 | None
     """(H, W, 2): row and column of the source of each pixel."""
@@ -128,8 +129,8 @@ def _fill(rgb: Rgb, hole: Mask, *, copies: bool) -> Rgb:
             picture = np.where(soft_mask[..., None], picture, other_picture)
     left, top, width, height = cv2.boundingRect(hole.view(np.uint8))
     box = np.s_[
-        max(0, top - LIMITS.around) : top + height + LIMITS.around,
-        max(0, left - LIMITS.around) : left + width + LIMITS.around,
+        max(0, top - LIMITS.surroundings) : top + height + LIMITS.surroundings,
+        max(0, left - LIMITS.surroundings) : left + width + LIMITS.surroundings,
     ]
     result = rgb.copy()
     result[box] = blend_at_border(picture[box], rgb[box], hole[box])
@@ -148,7 +149,7 @@ def _soft_ground(photo: F32, hole: Mask) -> tuple[Mask, F32 | None]:
         )
         share = cv2.resize(hole.astype(np.float32), size, interpolation=cv2.INTER_AREA)
         small_hole = np.asarray(share > 0)
-    small_hole = dilate(close_gaps(small_hole), LIMITS.mixed + LIMITS.band)
+    small_hole = dilate(close_gaps(small_hole), LIMITS.mixed_width + LIMITS.band)
     soft_mask = find_soft_pieces(picture, small_hole)
     if not soft_mask.any():
         return np.zeros_like(hole), None
@@ -175,14 +176,17 @@ def _fill_picture(photo: F32, hole: Mask, *, copies: bool) -> F32:
         if size is None
         else _make_large_guide(photo, hole, size)
     )
-    picture, textured_hole = guide.picture, guide.near & ~guide.smooth & ~guide.drawn
+    picture, textured_hole = (
+        guide.picture,
+        guide.inner_hole & ~guide.smooth_hole & ~guide.arc_mask,
+    )
     if copies and textured_hole.any():
-        level = _pieces_without(guide.drawn, guide.near)
+        level = _pieces_without(guide.arc_mask, guide.inner_hole)
         copied_picture = shift_map_fill(picture, textured_hole, picture)
         picture = _carry_level_lines(copied_picture, photo, level)
     if guide.lines:
         scale = 1.0 if size is None else max(hole.shape) / max(size)
-        picture = paint_lines(picture, photo, guide.near, guide.lines, scale)
+        picture = paint_lines(picture, photo, guide.inner_hole, guide.lines, scale)
     return picture
 
 
@@ -190,8 +194,8 @@ def _make_guide(photo: F32, hole: Mask) -> _Guide:
     """Return the guide for the `hole` (H, W) of a photo (H, W, 3)."""
     closed_hole = close_gaps(hole)
     inner_hole, outer_hole = (
-        dilate(closed_hole, LIMITS.mixed),
-        dilate(closed_hole, LIMITS.mixed + LIMITS.band),
+        dilate(closed_hole, LIMITS.mixed_width),
+        dilate(closed_hole, LIMITS.mixed_width + LIMITS.band),
     )
     # Hardly any pixels remain as sources: use the hole itself.
     if outer_hole.all():
@@ -226,14 +230,14 @@ def _make_large_guide(photo: F32, hole: Mask, size: tuple[int, int]) -> _Guide:
     )
     share = cv2.resize(hole.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     guide = _make_guide(small, np.asarray(share > 0))
-    inner_hole = dilate(close_gaps(hole), LIMITS.mixed)
+    inner_hole = dilate(close_gaps(hole), LIMITS.mixed_width)
     if inner_hole.all():
         inner_hole = hole
     smooth_pieces, arcs = (
         cv2.resize(
             part.view(np.uint8), (width, height), interpolation=cv2.INTER_NEAREST
         )
-        for part in (guide.smooth, guide.drawn)
+        for part in (guide.smooth_hole, guide.arc_mask)
     )
     pixels = np.stack(np.nonzero(inner_hole))
     steps = np.array([[height / size[1]], [width / size[0]]])
@@ -273,7 +277,7 @@ def _sample(picture: F32, pixels: I64, steps: NDArray[np.float64]) -> F32:
 
 def _copy_detail(
     pictures: tuple[F32, F32],
-    near: Mask,
+    hole_mask: Mask,
     places: I64,
     pixels: I64,
     steps: NDArray[np.float64],
@@ -289,114 +293,146 @@ def _copy_detail(
     cells = np.minimum((pixels / steps).astype(np.int64), last)
     shift = (places[cells[0], cells[1]].T - cells) * steps
     place = np.rint(pixels + shift).astype(np.int64)
-    sources = np.clip(place, 0, np.array(near.shape)[:, None] - 1)
-    is_valid = (place == sources).all(axis=0) & ~near[sources[0], sources[1]]
+    sources = np.clip(place, 0, np.array(hole_mask.shape)[:, None] - 1)
+    is_valid = (place == sources).all(axis=0) & ~hole_mask[sources[0], sources[1]]
     detail = photo[sources[0], sources[1]] - _sample(small, sources, steps)
     detail[~is_valid] = 0
     return np.asarray(detail, np.float32)
 
 
-def _carry_arcs(filled: F32, photo: F32, hole: Mask) -> tuple[F32, Mask]:
-    """Return `filled` with circles and ellipses continued through the hole, and their
+def _carry_arcs(picture: F32, photo: F32, hole: Mask) -> tuple[F32, Mask]:
+    """Return `picture` with circles and ellipses continued through the hole, and their
     mask.
 
     Continued strips keep the fine detail of the fill.
     """
     arcs, arc_mask = continue_arcs(photo, hole)
     if not arc_mask.any():
-        return filled, arc_mask
-    detail = filled - cv2.GaussianBlur(filled, (0, 0), LIMITS.detail)
+        return picture, arc_mask
+    detail = picture - cv2.GaussianBlur(picture, (0, 0), LIMITS.detail)
     detail = np.clip(detail, -LIMITS.arc_grain, LIMITS.arc_grain)
-    return np.where(arc_mask[..., None], arcs + detail, filled), arc_mask
+    return np.where(arc_mask[..., None], arcs + detail, picture), arc_mask
 
 
-def _pieces_without(drawn: Mask, hole: Mask) -> Mask:
-    """Return the connected pieces of `hole` (H, W) without a `drawn` pixel."""
+def _pieces_without(arc_mask: Mask, hole: Mask) -> Mask:
+    """Return the connected pieces of `hole` (H, W) without a `arc_mask` pixel."""
     count, names = cv2.connectedComponents(hole.astype(np.uint8), connectivity=8)
-    is_free = np.bincount(names[drawn], minlength=count) == 0
+    is_free = np.bincount(names[arc_mask], minlength=count) == 0
     is_free[0] = False
     return np.asarray(is_free[names])
 
 
-def _carry_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
-    """Return `filled` with the level lines at both sides of the hole continued."""
+def _carry_level_lines(picture: F32, photo: F32, hole: Mask) -> F32:
+    """Return `picture` with the level lines at both sides of the hole continued."""
     if not hole.any():
-        return filled
+        return picture
     # The box contains the compared pixels and the reach of the blur.
-    margin = LIMITS.around + round(4 * LIMITS.detail) + 1
+    margin = LIMITS.surroundings + round(4 * LIMITS.detail) + 1
     left, top, width, height = cv2.boundingRect(hole.view(np.uint8))
     part = np.s_[
         max(0, top - margin) : top + height + margin,
         max(0, left - margin) : left + width + margin,
     ]
-    result = filled.copy()
-    result[part] = _draw_level_lines(filled[part], photo[part], hole[part])
+    result = picture.copy()
+    result[part] = _draw_level_lines(picture[part], photo[part], hole[part])
     return result
 
 
-def _draw_level_lines(filled: F32, photo: F32, hole: Mask) -> F32:
-    """Return `filled` with continued level lines, on the box of a hole."""
-    (end_length, half_height), half_width = LIMITS.line, LIMITS.drawn
-    result, best = filled.copy(), np.full(hole.shape, np.inf, np.float32)
+@dataclass(frozen=True, eq=False)
+class _RowGap:
+    """A gap of the hole in a row, and the visible ends of a level line beside it."""
+
+    # Columns of the first pixel inside and after the gap.
+    left: int
+    right: int
+    # (2, rows, n, 3): the pixels to the left and to the right.
+    ends: F32
+
+    @cached_property
+    def left_end(self) -> F32:
+        """Return the mean colour (rows, 3) to the left."""
+        return np.asarray(self.ends[0].mean(axis=1))
+
+    @cached_property
+    def right_end(self) -> F32:
+        """Return the mean colour (rows, 3) to the right."""
+        return np.asarray(self.ends[1].mean(axis=1))
+
+    @cached_property
+    def valid_rows(self) -> Mask:
+        """Return (rows,) whether both ends are visible."""
+        return np.asarray(~np.isnan(self.left_end + self.right_end).any(axis=1))
+
+    @cached_property
+    def difference(self) -> float:
+        """Return the difference of both ends, levels."""
+        differences = np.abs(self.left_end - self.right_end)
+        return float(differences[self.valid_rows].mean())
+
+
+def _draw_level_lines(picture: F32, photo: F32, hole: Mask) -> F32:
+    """Return `picture` with continued level lines, on the box of a hole."""
+    (end_length, half_height), half_width = LIMITS.line, LIMITS.line_width
+    result, best = picture.copy(), np.full(hole.shape, np.inf, np.float32)
     least_contrast = max(LIMITS.contrast, LIMITS.over_texture * _texture(photo, hole))
     known_photo = np.where(hole[..., None], np.float32(np.nan), photo)
+    middle = slice(half_height - half_width, half_height + half_width + 1)
+    row_distances = 3 * np.abs(np.arange(-half_width, half_width + 1))
     for y in range(half_height, len(hole) - half_height):
-        rows, middle = (
-            slice(y - half_height, y + half_height + 1),
-            slice(half_height - half_width, half_height + half_width + 1),
-        )
-        borders = np.flatnonzero(np.diff(hole[y], prepend=False, append=False))
-        for left, right in zip(borders[::2], borders[1::2], strict=True):
-            # The hole must have known pixels on both sides.
-            if left < end_length or right > hole.shape[1] - end_length:
+        rows = known_photo[y - half_height : y + half_height + 1]
+        for gap in _find_row_gaps(rows, hole[y], end_length):
+            if not _has_level_line(gap, known_photo[y], half_height, least_contrast):
                 continue
-            ends = np.stack(
-                [
-                    known_photo[rows, left - end_length : left],
-                    known_photo[rows, right : right + end_length],
-                ]
-            )
-            left_end, right_end = ends.mean(axis=2)
-            valid_rows = ~np.isnan(left_end + right_end).any(axis=1)
-            # Enough rows must be known at both ends.
-            if not valid_rows[half_height] or valid_rows.sum() <= half_height:
-                continue
-            contrast, difference = (
-                np.abs(left_end - left_end[half_height])[valid_rows].max(),
-                float(np.abs(left_end - right_end)[valid_rows].mean()),
-            )
-            unevenness = np.abs(ends - ends.mean(axis=2, keepdims=True))[
-                :, valid_rows
-            ].max()
-            # A line has contrast, matches at both ends, is even along itself and
-            # continues.
-            if (
-                contrast < least_contrast
-                or difference > LIMITS.differ * contrast
-                or unevenness > LIMITS.uneven * contrast
-                or not _goes_on(
-                    known_photo[y], (left, right), ends[:, half_height], contrast
-                )
-            ):
-                continue
-            part = np.s_[y - half_width : y + half_width + 1, left:right]
+            part = np.s_[y - half_width : y + half_width + 1, gap.left : gap.right]
             # If lines compete for a pixel, the one with the better match and the closer
             # middle wins.
             penalty = np.where(
-                valid_rows[middle],
-                difference + 3 * np.abs(np.arange(-half_width, half_width + 1)),
-                np.inf,
+                gap.valid_rows[middle], gap.difference + row_distances, np.inf
             )[:, None]
             closer = hole[part] & (penalty < best[part])
-            share = np.linspace(0, 1, right - left)[None, :, None]
-            line = (1 - share) * left_end[middle, None] + share * right_end[
-                middle, None
-            ]
-            result[part], best[part] = (
-                np.where(closer[..., None], line, result[part]),
-                np.where(closer, penalty, best[part]),
-            )
+            share = np.linspace(0, 1, gap.right - gap.left)[None, :, None]
+            left_end, right_end = gap.left_end[middle], gap.right_end[middle]
+            line = (1 - share) * left_end[:, None] + share * right_end[:, None]
+            result[part] = np.where(closer[..., None], line, result[part])
+            best[part] = np.where(closer, penalty, best[part])
     return result
+
+
+def _find_row_gaps(rows: F32, hole_row: Mask, end_length: int) -> Iterator[_RowGap]:
+    """Yield the gaps of the hole in a row with pixels on both sides.
+
+    `rows` (n, W, 3) is nan at unknown pixels.
+    """
+    width = len(hole_row)
+    borders = np.flatnonzero(np.diff(hole_row, prepend=False, append=False)).tolist()
+    for left, right in zip(borders[::2], borders[1::2], strict=True):
+        # The hole must have known pixels on both sides.
+        if left < end_length or right > width - end_length:
+            continue
+        left_pixels = rows[:, left - end_length : left]
+        right_pixels = rows[:, right : right + end_length]
+        yield _RowGap(left, right, np.stack([left_pixels, right_pixels]))
+
+
+def _has_level_line(gap: _RowGap, row: F32, middle: int, least_contrast: float) -> bool:
+    """Return whether a level line runs through a gap of a row (W, 3).
+
+    A line has contrast, matches at both ends, is even along itself and continues.
+    `middle` is the index of the row among those of the gap.
+    """
+    valid_rows = gap.valid_rows
+    # Enough rows must be known at both ends.
+    if not valid_rows[middle] or valid_rows.sum() <= middle:
+        return False
+    left_end = gap.left_end
+    contrast = np.abs(left_end - left_end[middle])[valid_rows].max()
+    if contrast < least_contrast or gap.difference > LIMITS.differ * contrast:
+        return False
+    ends = gap.ends
+    unevenness = np.abs(ends - ends.mean(axis=2, keepdims=True))[:, valid_rows].max()
+    if unevenness > LIMITS.unevenness * contrast:
+        return False
+    return _goes_on(row, (gap.left, gap.right), ends[:, middle], contrast)
 
 
 def _goes_on(row: F32, hole: tuple[int, int], ends: F32, contrast: float) -> bool:
@@ -411,14 +447,14 @@ def _goes_on(row: F32, hole: tuple[int, int], ends: F32, contrast: float) -> boo
     for side, end in zip(sides, ends, strict=True):
         known_colours = side[~np.isnan(side).any(axis=1)]
         step = np.abs(known_colours - end.mean(axis=0)).max(initial=0.0)
-        if step > LIMITS.uneven * contrast:
+        if step > LIMITS.unevenness * contrast:
             return False
     return True
 
 
 def _texture(photo: F32, hole: Mask) -> float:
     """Return the median fine detail of the pixels around `hole` (H, W), in levels."""
-    ring = dilate(hole, LIMITS.around) & ~hole
+    ring = dilate(hole, LIMITS.surroundings) & ~hole
     if not ring.any():
         return 0.0
     grey = photo.mean(axis=2)
@@ -426,20 +462,21 @@ def _texture(photo: F32, hole: Mask) -> float:
     return float(np.median(np.abs(detail[ring])))
 
 
-def _smooth_pieces(photo: F32, borrowed: F32, hole: Mask) -> tuple[F32, Mask]:
-    """Return `borrowed` with harmonic fills in pieces with smooth surroundings, and
+def _smooth_pieces(photo: F32, texture: F32, hole: Mask) -> tuple[F32, Mask]:
+    """Return `texture` with harmonic fills in pieces with smooth surroundings, and
     these pieces.
 
     A harmonic fill gets the grain of one place.
     """
     smooth_pieces, detail = (
         np.zeros_like(hole),
-        borrowed - cv2.GaussianBlur(borrowed, (0, 0), LIMITS.grain),
+        texture - cv2.GaussianBlur(texture, (0, 0), LIMITS.grain),
     )
     grain = detail.copy()
     for part, piece in hole_pieces(hole):
         window = tuple(
-            slice(max(0, s.start - LIMITS.around), s.stop + LIMITS.around) for s in part
+            slice(max(0, s.start - LIMITS.surroundings), s.stop + LIMITS.surroundings)
+            for s in part
         )
         inner = np.zeros_like(hole[window])
         inner_box = tuple(
@@ -448,29 +485,27 @@ def _smooth_pieces(photo: F32, borrowed: F32, hole: Mask) -> tuple[F32, Mask]:
         )
         inner[inner_box][piece] = True
         roughness = _roughness(
-            photo[window], dilate(inner, LIMITS.around) & ~dilate(hole[window], 1)
+            photo[window], dilate(inner, LIMITS.surroundings) & ~dilate(hole[window], 1)
         )
-        if roughness < LIMITS.smooth:
+        if roughness < LIMITS.smoothness:
             smooth_pieces[window] |= inner
             like = _like_place(detail, hole, part, piece, roughness)
             grain[part][piece] = np.clip(
                 detail[like][piece], -2 * roughness, 2 * roughness
             )
     if not smooth_pieces.any():
-        return borrowed, smooth_pieces
-    film = harmonic_fill(
-        np.where(hole[:, :, None], borrowed, photo), smooth_pieces, 0.1
-    )
-    return np.where(smooth_pieces[:, :, None], film + grain, borrowed), smooth_pieces
+        return texture, smooth_pieces
+    film = harmonic_fill(np.where(hole[:, :, None], texture, photo), smooth_pieces, 0.1)
+    return np.where(smooth_pieces[:, :, None], film + grain, texture), smooth_pieces
 
 
 def _like_place(
-    grain: F32, hole: Mask, part: tuple[slice, slice], piece: Mask, rough: float
+    grain: F32, hole: Mask, part: tuple[slice, slice], piece: Mask, roughness: float
 ) -> tuple[slice, slice]:
     """Return rows and columns of the nearest place with grain for a whole `piece` (h,
     w).
 
-    The grain must not be rougher than `rough` levels. Returns `part` itself if no place
+    The grain must not be rougher than `roughness` levels. Returns `part` itself if no place
     qualifies. A single source matters: means of many places keep only the finest grain.
     """
     top, left = (s.start for s in part)
@@ -486,17 +521,17 @@ def _like_place(
         place = slice(y, y + h), slice(x, x + w)
         if (
             not hole[place][piece].any()
-            and (grain[place][piece] ** 2).mean() < (1.2 * rough) ** 2
+            and (grain[place][piece] ** 2).mean() < (1.2 * roughness) ** 2
         ):
             return place
     return part
 
 
-def _roughness(photo: F32, around: Mask) -> float:
-    """Return the RMS distance of the pixels `around` from a quadratic surface, in
+def _roughness(photo: F32, surroundings: Mask) -> float:
+    """Return the RMS distance of the pixels `surroundings` from a quadratic surface, in
     levels.
     """
-    y, x = np.nonzero(around)
+    y, x = np.nonzero(surroundings)
     if len(y) < 24:
         return float(np.inf)
     u, v = (y - y.mean()) / 64, (x - x.mean()) / 64

@@ -58,12 +58,12 @@ class Lama(ModelBackend):
         """
         return inpaint_windows(rgb, hole, self._paint, self._options["resolution"])
 
-    def _paint(self, rgb: Rgb, wanted: Mask) -> Rgb:
+    def _paint(self, rgb: Rgb, mask: Mask) -> Rgb:
         size, resolution = (rgb.shape[0], rgb.shape[1]), self._options["resolution"]
         inner = size
         if size[0] * size[1] > resolution**2:
             inner = model_size(size, resolution, MULTIPLE)
-        inputs = _network_inputs(*resize_window(rgb, wanted, inner))
+        inputs = _network_inputs(*resize_window(rgb, mask, inner))
         with torch.inference_mode():
             answer = self._model(*(tensor.to(self._device) for tensor in inputs))
         if not isinstance(answer, torch.Tensor) or answer.shape != inputs[0].shape:
@@ -90,15 +90,15 @@ def _round_up_side(side: int) -> int:
     return max(SMALLEST, side + -side % MULTIPLE)
 
 
-def _network_inputs(rgb: Rgb, wanted: Mask) -> tuple[torch.Tensor, torch.Tensor]:
+def _network_inputs(rgb: Rgb, mask: Mask) -> tuple[torch.Tensor, torch.Tensor]:
     """Return the picture (1, 3, h, w) in 0..1 and the hole (1, 1, h, w).
 
     Both are extended by mirroring to sides that the network accepts.
     """
-    margins = [(0, _round_up_side(side) - side) for side in wanted.shape]
+    margins = [(0, _round_up_side(side) - side) for side in mask.shape]
     mirrored = (
         np.pad(rgb, [*margins, (0, 0)], mode="symmetric").astype(np.float32) / 255
     )
     image = torch.from_numpy(mirrored.transpose(2, 0, 1)[None].copy())
-    hole = np.pad(wanted, margins, mode="symmetric").astype(np.float32)
+    hole = np.pad(mask, margins, mode="symmetric").astype(np.float32)
     return image, torch.from_numpy(hole[None, None])

@@ -36,7 +36,7 @@ class _Priors:
     # ... and before ratios of colours.
     greyest: float = 1e-2
     # Blur of colours before comparison, against noise.
-    calm: float = 1.5
+    blur: float = 1.5
     # Change of colour per px at which a gradient belongs to albedo rather than shading.
     paint: float = 0.15
     # Shading's share of a gradient without a change of colour ...
@@ -44,9 +44,9 @@ class _Priors:
     # ... and of a gradient at an object's outline, where both change.
     outline: float = 0.2
     # Shading's share of the differences of light within one colour ...
-    within: float = 0.7
+    share_within: float = 0.7
     # ... and between colours.
-    between: float = 0.3
+    share_between: float = 0.3
     # Bins per side of the table of colours, over ratios of e^-3 to e^3.
     colours: int = 64
     # Blur of these differences.
@@ -62,15 +62,15 @@ class _Priors:
     # faces them.
     lift: float = 0.55
     # Shading's share of a table's extra brightness.
-    kept: float = 0.55
+    table_share: float = 0.55
     # Light on objects over the light on their table.
-    stood: float = -0.15
+    table_offset: float = -0.15
     # Light on objects over the light behind them, without a table.
-    flat: float = -0.15
+    background_offset: float = -0.15
     # Shading's share of an object's extra brightness: neighbours have similar light.
-    own: float = 0.15
+    object_share: float = 0.15
     # Least share of ambient light: rooms are bright in the shade.
-    even: float = 0.5
+    ambient_share: float = 0.5
     # Albedo of the photo's lightest surfaces.
     brightest: float = 0.9
 
@@ -137,8 +137,12 @@ def _lambert(linear: F32, labels: Labels, normals: F32, size: tuple[int, int]) -
         if ids
         else None
     )
-    light = LIKELY if estimate is None or estimate.explained < 0.05 else estimate.light
-    ambient = max(light.ambient, PRIORS.even)
+    light = (
+        LIKELY
+        if estimate is None or estimate.explained_share < 0.05
+        else estimate.light
+    )
+    ambient = max(light.ambient, PRIORS.ambient_share)
     light_model = DistantLight(light.direction, 1 - ambient, ambient)
     small_normals = cv2.resize(normals, size, interpolation=cv2.INTER_AREA)
     object_share = cv2.resize(
@@ -164,12 +168,14 @@ def _align_surface_shading(shading: F32, level: F32, normals: F32, ids: Labels) 
     background[rows[0] if len(rows) else 0 :] = False
     change = np.zeros_like(shading)
     stands = bool(background.any())
-    ground, offset = (table, PRIORS.stood) if stands else (free, PRIORS.flat)
+    ground, offset = (
+        (table, PRIORS.table_offset) if stands else (free, PRIORS.background_offset)
+    )
     if not ground.any():
         return shading
     light, ground_level = float(shading[ground].mean()), float(level[ground].mean())
     if stands:
-        darker = -PRIORS.lift + PRIORS.kept * (
+        darker = -PRIORS.lift + PRIORS.table_share * (
             float(level[background].mean()) - ground_level
         )
         change[background] = min(0.0, darker) - (
@@ -178,7 +184,7 @@ def _align_surface_shading(shading: F32, level: F32, normals: F32, ids: Labels) 
     for i in np.flatnonzero(np.bincount(ids.ravel())):
         if i:
             object_mask = ids == i
-            lighter = offset + PRIORS.own * (
+            lighter = offset + PRIORS.object_share * (
                 float(level[object_mask].mean()) - ground_level
             )
             change[object_mask] = lighter - (float(shading[object_mask].mean()) - light)
@@ -191,10 +197,10 @@ def _separate_shading(linear: F32, level: F32, lambert: F32, ids: Labels) -> F32
     """
     green = linear[..., 1] + np.float32(PRIORS.greyest)
     colour = np.log((linear[..., ::2] + np.float32(PRIORS.greyest)) / green[..., None])
-    colour = np.asarray(cv2.GaussianBlur(colour, (0, 0), PRIORS.calm), np.float32)
+    colour = np.asarray(cv2.GaussianBlur(colour, (0, 0), PRIORS.blur), np.float32)
     usual = _mean_level_of_colour(level, colour)
     target = np.asarray(
-        PRIORS.within * (level - usual) + PRIORS.between * usual, np.float32
+        PRIORS.share_within * (level - usual) + PRIORS.share_between * usual, np.float32
     )
     smooth_target = cv2.GaussianBlur(target, (0, 0), PRIORS.reach)
     parts = []
@@ -233,17 +239,17 @@ def _mean_level_of_colour(level: F32, colour: F32) -> F32:
     )
 
 
-def _screened_poisson(across: F32, down: F32, far: F32) -> F32:
-    """Return the map (h, w) nearest to `far` with differences nearest to `across` and
+def _screened_poisson(x_steps: F32, down: F32, weights: F32) -> F32:
+    """Return the map (h, w) nearest to `weights` with differences nearest to `x_steps` and
     `down`.
 
-    `across` is (h, w-1) and `down` is (h-1, w). The cosine transform turns the screened
+    `x_steps` is (h, w-1) and `down` is (h-1, w). The cosine transform turns the screened
     Poisson equation with a free border into a division (Bhat et al. 2008).
     """
-    h, w = far.shape
-    right = (PRIORS.hold * far).astype(np.float64)
-    right[:, :-1] -= across
-    right[:, 1:] += across
+    h, w = weights.shape
+    right = (PRIORS.hold * weights).astype(np.float64)
+    right[:, :-1] -= x_steps
+    right[:, 1:] += x_steps
     right[:-1] -= down
     right[1:] += down
     waves = (2 - 2 * np.cos(np.pi * np.arange(h) / h))[:, None] + (

@@ -51,19 +51,19 @@ class CropConstants:
     margin: float = 0.1
     # Contrast factor of the background: surroundings help the network, but neighbours
     # confuse it.
-    dim: float = 0.35
+    background_contrast: float = 0.35
     # 8-bit level of the dimmed background; the network's input is (level - middle) /
     # spread.
     middle: float = 127.0
     spread: float = 128.0
     # px: objects with fewer pixels are labelled by shape.
-    least: int = 200
+    least_area: int = 200
     # Least joint probability of network and detector for a confident label.
     joint: float = 0.7
     # Least IoU of an object's box and the detector's box of the same object.
-    same: float = 0.5
+    least_overlap: float = 0.5
     # Number of alternative labels beside the label.
-    likely: int = 3
+    alternatives: int = 3
     # Least probability of an alternative label.
     floor: float = 0.01
     pool_table: int = 736
@@ -75,9 +75,9 @@ class CropConstants:
     rack: int = 3
     pool: float = 0.25
     # Number of confident objects of one label and size that support another object.
-    alike: int = 2
+    supporters: int = 2
     # Least probability of the label for the supported object.
-    unsure: float = 0.2
+    least_chance: float = 0.2
     # Increase of its probability by the support.
     support: float = 0.2
     # Largest ratio of sizes of two objects of one kind.
@@ -89,7 +89,7 @@ class CropConstants:
     """
     # Confidence of a billiard ball on a pool table; in 182 photos without a table the
     # class never exceeds 0.2.
-    certain: float = 0.75
+    ball_confidence: float = 0.75
 
 
 CROP = CropConstants()
@@ -110,11 +110,11 @@ class Heads:
     # Exponent of ImageNet's probabilities.
     trust: float
     # (L + 1, 1280) log odds per feature, added by the regression.
-    own: F32
+    regression: F32
     # (L + 1,) log odds without features.
     shift: F32
     # Least mean probability of a written label.
-    sure: float
+    least_chance: float
     # (80,) label index of each COCO class, L if there is none.
     coco: Any
 
@@ -130,7 +130,7 @@ class Heads:
         imagenet_chances = self._sum_class_probabilities(features)
         chances = _softmax(
             self.trust * np.log(imagenet_chances + 1e-4)
-            + features @ self.own.T
+            + features @ self.regression.T
             + self.shift
         )
         best = np.arange(len(features)), chances[:, :-1].argmax(1)
@@ -140,14 +140,14 @@ class Heads:
         )
 
     def joint_chances(
-        self, features: F32, detected: F32
+        self, features: F32, class_scores: F32
     ) -> tuple[F32, NDArray[np.bool_]]:
         """Return the probabilities (N, L + 1) that network or detector is right about a
         label.
 
         The second array (N,) marks confident labels. Only the detector labels people,
         because the network takes plants, benches and ties for people. An animal of the
-        detector becomes a dinosaur if it looks like a model. `detected` is (N, 80).
+        detector becomes a dinosaur if it looks like a model. `class_scores` is (N, 80).
         """
         regression_chances, sureness = self.chances(features)
         network_chances = (
@@ -161,14 +161,14 @@ class Heads:
         # dinosaur.
         if is_model.any() and DINOSAUR in self.labels:
             places = np.ix_(np.flatnonzero(is_model), np.array(ANIMALS, np.intp))
-            detector_chances[is_model, self.labels.index(DINOSAUR)] = detected[
+            detector_chances[is_model, self.labels.index(DINOSAUR)] = class_scores[
                 places
             ].max(axis=1)
-            detected = detected.copy()
-            detected[places] = 0
+            class_scores = class_scores.copy()
+            class_scores[places] = 0
         for k, label in enumerate(self.coco.tolist()):
             detector_chances[:, label] = np.maximum(
-                detector_chances[:, label], detected[:, k]
+                detector_chances[:, label], class_scores[:, k]
             )
         # Network and detector are assumed to err independently: 1 - (1 - p)(1 - q).
         joint = np.asarray(
@@ -176,7 +176,7 @@ class Heads:
         )
         joint[:, -1] = 0
         best = joint.argmax(axis=1)
-        is_confident = (sureness >= self.sure) & (
+        is_confident = (sureness >= self.least_chance) & (
             best == regression_chances[:, :-1].argmax(axis=1)
         )
         return joint, is_confident | (joint.max(axis=1) >= CROP.joint)
@@ -205,7 +205,7 @@ def detected_classes(boxes: DetectedBoxes, mask: Mask) -> F32:
         return np.zeros(boxes.scores.shape[1] - 2, np.float32)
     fit = box_overlap(object_box, boxes.corners)[0]
     best = int((fit * (0.5 + boxes.scores.max(axis=1))).argmax())
-    share = fit[best] if fit[best] >= CROP.same else 0.0
+    share = fit[best] if fit[best] >= CROP.least_overlap else 0.0
     return np.asarray(share * boxes.scores[best, 2:], np.float32)
 
 
@@ -221,20 +221,35 @@ def _imagenet(
         i: replace(name, source="shape")
         for i, name in shape()(rgb, labels, objects).items()
     }
-    large = [
-        item.id for item in objects if np.count_nonzero(labels == item.id) >= CROP.least
+    large_ids = [
+        item.id
+        for item in objects
+        if np.count_nonzero(labels == item.id) >= CROP.least_area
     ]
-    pool = _pool(rgb, [item.id for item in objects if isinstance(item.outline, Disc)])
-    if not large:
-        return names | pool
+    discs = [item.id for item in objects if isinstance(item.outline, Disc)]
+    billiard_balls = _pool(rgb, discs)
+    if not large_ids:
+        return names | billiard_balls
+    _name_large_objects(names, rgb, labels, large_ids)
+    by_id = {item.id: item for item in objects}
+    return name_toys(name_like_others(names, by_id), by_id) | billiard_balls
+
+
+def _name_large_objects(
+    names: dict[int, Name], rgb: Rgb, labels: Labels, ids: Sequence[int]
+) -> None:
+    """Replace the labels of objects by those of the classifiers, in place.
+
+    Objects without a confident label get only alternatives.
+    """
     head = heads()
     boxes = detect_boxes(rgb)
     joint, confident = head.joint_chances(
-        np.stack([features(crop(rgb, labels == i)) for i in large]),
-        np.stack([detected_classes(boxes, labels == i) for i in large]),
+        np.stack([features(crop(rgb, labels == i)) for i in ids]),
+        np.stack([detected_classes(boxes, labels == i) for i in ids]),
     )
-    for i, chances, has_label in zip(large, joint, confident, strict=True):
-        best = np.argsort(-chances[:-1])[: CROP.likely + 1]
+    for i, chances, has_label in zip(ids, joint, confident, strict=True):
+        best = np.argsort(-chances[:-1])[: CROP.alternatives + 1]
         candidates = [
             (head.labels[k], round(float(chances[k]), 2))
             for k in best
@@ -244,9 +259,8 @@ def _imagenet(
             label, chance = candidates[0]
             names[i] = Name(label, chance, tuple(candidates[1:]), "imagenet")
         else:
-            names[i] = replace(names[i], likely=tuple(candidates[: CROP.likely]))
-    by_id = {item.id: item for item in objects}
-    return name_toys(name_like_others(names, by_id), by_id) | pool
+            alternatives = tuple(candidates[: CROP.alternatives])
+            names[i] = replace(names[i], alternatives=alternatives)
 
 
 def name_like_others(
@@ -264,17 +278,17 @@ def name_like_others(
             confident_ids.setdefault(name.label, []).append(i)
     result = dict(names)
     for i, name in names.items():
-        if name.source == "imagenet" or not name.likely:
+        if name.source == "imagenet" or not name.alternatives:
             continue
-        label, chance = name.likely[0]
+        label, chance = name.alternatives[0]
         supporters = [
             other
             for other in confident_ids.get(label, ())
             if _is_as_large(objects[i], objects[other])
         ]
-        if len(supporters) >= CROP.alike and chance >= CROP.unsure:
+        if len(supporters) >= CROP.supporters and chance >= CROP.least_chance:
             confidence = round(min(0.95, chance + CROP.support), 2)
-            result[i] = Name(label, confidence, name.likely[1:], "imagenet")
+            result[i] = Name(label, confidence, name.alternatives[1:], "imagenet")
     return result
 
 
@@ -293,27 +307,27 @@ def name_toys(
     return result
 
 
-def _is_as_large(one: PhotoObject, other: PhotoObject) -> bool:
+def _is_as_large(first: PhotoObject, second: PhotoObject) -> bool:
     """Return whether the longer sides of two objects differ little."""
-    small, large = sorted((box_sides(one.outline)[0], box_sides(other.outline)[0]))
+    small, large = sorted((box_sides(first.outline)[0], box_sides(second.outline)[0]))
     return large <= CROP.size * small
 
 
-def _pool(rgb: Rgb, round_ones: Sequence[int]) -> dict[int, Name]:
+def _pool(rgb: Rgb, disc_ids: Sequence[int]) -> dict[int, Name]:
     """Return the label billiard ball for all discs if the photo shows a pool table.
 
     The whole photo decides, because a single ball could be any ball.
     """
-    if len(round_ones) < CROP.rack:
+    if len(disc_ids) < CROP.rack:
         return {}
     head = heads()
     small_photo = cv2.resize(
         rgb, (CROP.side, CROP.side), interpolation=cv2.INTER_AREA
     ).astype(np.float32)
     chances = _softmax(features(small_photo)[None] @ head.weights.T + head.bias)[0]
-    name = Name("billiard ball", CROP.certain, (), "imagenet")
+    name = Name("billiard ball", CROP.ball_confidence, (), "imagenet")
     return (
-        dict.fromkeys(round_ones, name) if chances[CROP.pool_table] >= CROP.pool else {}
+        dict.fromkeys(disc_ids, name) if chances[CROP.pool_table] >= CROP.pool else {}
     )
 
 
@@ -322,41 +336,50 @@ def crop(rgb: Rgb, mask: Mask) -> F32:
 
     The object is centred, upright and undistorted.
     """
-    x, y, w, h = cv2.boundingRect(mask.astype(np.uint8))
-    span = max(w, h) * (1 + 2 * CROP.margin)
-    left, top = max(int(x + w / 2 - span / 2), 0), max(int(y + h / 2 - span / 2), 0)
+    x, y, width, height = cv2.boundingRect(mask.astype(np.uint8))
+    middle_x, middle_y = x + width / 2, y + height / 2
+    span = max(width, height) * (1 + 2 * CROP.margin)
+    left = max(int(middle_x - span / 2), 0)
+    top = max(int(middle_y - span / 2), 0)
     part = np.s_[
-        top : int(y + h / 2 + span / 2) + 2, left : int(x + w / 2 + span / 2) + 2
+        top : int(middle_y + span / 2) + 2, left : int(middle_x + span / 2) + 2
     ]
-    inside = mask[part].astype(np.float32)
     scale = CROP.side / span
-    # The mask is blurred by one pixel of the crop, so that its edge is no cue.
-    weight = np.maximum(cv2.GaussianBlur(inside, (0, 0), max(1.0, 1 / scale)), inside)[
-        ..., None
-    ]
-    middle = np.float32(CROP.middle)
-    picture = middle + (rgb[part] - middle) * (CROP.dim + (1 - CROP.dim) * weight)
+    picture = _dim_background(rgb[part], mask[part], max(1.0, 1 / scale))
     size = (
         max(round(picture.shape[1] * scale), 1),
         max(round(picture.shape[0] * scale), 1),
     )
-    small = cv2.resize(
-        picture, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
-    )
-    centre = (x + w / 2 - left) * scale, (y + h / 2 - top) * scale
+    interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+    small = cv2.resize(picture, size, interpolation=interpolation)
     # Shift the object's centre to the centre of the crop.
-    move = np.array(
-        [[1, 0, CROP.side / 2 - centre[0]], [0, 1, CROP.side / 2 - centre[1]]]
-    )
+    right = CROP.side / 2 - (middle_x - left) * scale
+    down = CROP.side / 2 - (middle_y - top) * scale
+    move = np.array([[1, 0, right], [0, 1, down]])
     square = cv2.warpAffine(
         small, move, (CROP.side, CROP.side), borderValue=(CROP.middle,) * 3
     )
     return np.asarray(square, np.float32)
 
 
-def features(shown: F32) -> F32:
+def _dim_background(rgb: Rgb, mask: Mask, blur: float) -> F32:
+    """Return a photo, 8-bit levels, with less contrast outside a mask.
+
+    The mask is blurred by `blur` px, one pixel of the crop, so that its edge is no cue.
+    """
+    inside = mask.astype(np.float32)
+    weight = np.maximum(cv2.GaussianBlur(inside, (0, 0), blur), inside)[..., None]
+    middle = np.float32(CROP.middle)
+    return np.asarray(
+        middle
+        + (rgb - middle)
+        * (CROP.background_contrast + (1 - CROP.background_contrast) * weight)
+    )
+
+
+def features(picture: F32) -> F32:
     """Return the features (1280,) of a crop (side, side, 3)."""
-    blob = ((shown - np.float32(CROP.middle)) / np.float32(CROP.spread)).transpose(
+    blob = ((picture - np.float32(CROP.middle)) / np.float32(CROP.spread)).transpose(
         2, 0, 1
     )[None]
     network = _network()

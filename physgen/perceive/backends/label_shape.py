@@ -26,7 +26,7 @@ class ShapeConstants:
     # Least ratio of length to width of a stick.
     long: float = 8.0
     # Least overlap of a bottle's outline and its mirror image.
-    alike: float = 0.9
+    symmetry: float = 0.9
 
 
 SHAPE = ShapeConstants()
@@ -76,7 +76,8 @@ def _detect_narrow_neck(outline: Region) -> bool:
         np.array([float(np.median(widths[k : k + 6])) for k in range(2, 40, 6)])
     )
     return bool(
-        common.sum() > SHAPE.alike * widths.sum() and (narrowing > -0.08 * body).all()
+        common.sum() > SHAPE.symmetry * widths.sum()
+        and (narrowing > -0.08 * body).all()
     )
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from physgen.geometry.polygon import Disc
 from physgen.maps import F32
@@ -44,12 +45,12 @@ class _Tuning:
     pairs: int = 2400
     # Largest distance of chromaticities (logarithms of red and blue over green) in a
     # pair.
-    alike: float = 0.12
+    colour_difference: float = 0.12
     # Least distance of the normals in a pair.
-    turned: float = 0.35
+    turn: float = 0.35
     # Limit of an error of log light: a larger error is a print, a highlight or another
     # object's shadow.
-    most: float = 0.5
+    largest_error: float = 0.5
     # Number of candidate directions.
     sky: int = 420
     # Mean z of the normals below which an object bulges; a flat face with a rounded rim
@@ -60,9 +61,9 @@ class _Tuning:
     # ... and those of all other objects.
     other_z: float = 0.4
     # degrees: least angle between a light and its rivals.
-    elsewhere: float = 35.0
+    rival_angle: float = 35.0
     # Cost of a light from straight below, because lamps and the sky are mostly above.
-    below: float = 0.1
+    cost_below: float = 0.1
     # Gain for highlights in full agreement.
     spot_gain: float = 0.25
     # degrees: angle of agreement between highlights.
@@ -70,16 +71,16 @@ class _Tuning:
     # Largest size of a highlight over a ball's radius.
     spot_size: float = 0.3
     # Least contrast of a highlight.
-    bright: float = 0.2
+    spot_contrast: float = 0.2
     # Largest coloured share of a highlight's light.
     white: float = 0.35
     # Shading of a surface facing the light with its true colour.
     full: float = 1.2
     # Least explained share of the differences for a valid light.
-    least: float = 0.1
+    least_share: float = 0.1
     # Explained share above which only rivals reduce the confidence, because prints and
     # reflections always stay unexplained.
-    enough: float = 0.2
+    full_share: float = 0.2
 
 
 TUNING = _Tuning()
@@ -108,7 +109,7 @@ class LightEstimate:
     # Its intensity and ambient sum to 1.
     light: DistantLight
     # 0..1: explained share of the differences of light.
-    explained: float
+    explained_share: float
     # Number of highlights in agreement.
     spots: int
     trust: float
@@ -133,11 +134,15 @@ def _shading(
     balls = {t.id: isinstance(t.outline, Disc) for t in objects}
     pairs = pixel_pairs(decode(small_photo), ids, balls, small_normals)
     estimate = fit_light(pairs, highlights(rgb, labels, objects))
-    if estimate is None or (estimate.explained < TUNING.least and estimate.spots < 2):
+    if estimate is None or (
+        estimate.explained_share < TUNING.least_share and estimate.spots < 2
+    ):
         return LightGuess(FROM_ABOVE, 0.1)
     # Prints and reflections always stay unexplained: the share `enough` counts as a
     # full explanation.
-    explanation = min(1.0, (estimate.explained + 0.05 * estimate.spots) / TUNING.enough)
+    explanation = min(
+        1.0, (estimate.explained_share + 0.05 * estimate.spots) / TUNING.full_share
+    )
     evidence = min(1.0, estimate.trust + 0.2 * estimate.spots)
     confidence = round(
         0.1 + 0.8 * explanation * (evidence * (1 - estimate.rival)) ** 0.5, 2
@@ -165,7 +170,7 @@ def fit_light(
     cost = _cost(pairs, sky, spots)
     best = sky[np.unravel_index(int(cost.argmin()), cost.shape)[0]]
     # Refine the best direction among 160 neighbours.
-    neighbours = best + 0.12 * _directions(160, whole=True)
+    neighbours = best + 0.12 * _directions(160, is_sphere=True)
     neighbours = np.concatenate(
         [best[None], neighbours / np.linalg.norm(neighbours, axis=1, keepdims=True)]
     )
@@ -178,7 +183,7 @@ def fit_light(
         0.0 if pairs is None else 1 - float(_misfit(pairs, direction[None])[0, low[1]])
     )
     # A distant direction with a similar cost makes the light ambiguous.
-    rival_costs = cost[sky @ direction < np.cos(np.radians(TUNING.elsewhere))]
+    rival_costs = cost[sky @ direction < np.cos(np.radians(TUNING.rival_angle))]
     worth = (
         max(1 - float(rival_costs.min()), 0) / max(1 - float(cost.min()), 1e-6)
         if rival_costs.size
@@ -211,7 +216,7 @@ def _cost(pairs: PixelPairs | None, sky: F32, spots: F32) -> F32:
         # Little shading is weak evidence.
         share = min(1.0, 2 * pairs.trust)
         cost += np.float32(share) * (_misfit(pairs, sky) - 1)
-    cost += np.float32(TUNING.below) * np.maximum(sky[:, 1], -0.3)[:, None]
+    cost += np.float32(TUNING.cost_below) * np.maximum(sky[:, 1], -0.3)[:, None]
     if len(spots):
         angles = np.degrees(np.arccos(np.clip(sky @ spots.T, -1, 1)))
         agree = np.exp(-0.5 * (angles / TUNING.spot_angle) ** 2).sum(axis=1) / (
@@ -229,29 +234,43 @@ def _misfit(pairs: PixelPairs, sky: F32) -> F32:
         np.maximum(part @ sky.T, 0) for part in (pairs.first, pairs.second)
     )
     even_cost = float(
-        (pairs.weight * np.minimum(np.abs(pairs.change), TUNING.most)).sum()
+        (pairs.weight * np.minimum(np.abs(pairs.change), TUNING.largest_error)).sum()
     )
     costs = np.empty((len(sky), len(AMBIENT)), np.float32)
     for k, ambient in enumerate(AMBIENT):
         prediction = np.log((first_shading + ambient) / (second_shading + ambient))
         costs[:, k] = pairs.weight @ np.minimum(
-            np.abs(prediction - pairs.change[:, None]), TUNING.most
+            np.abs(prediction - pairs.change[:, None]), TUNING.largest_error
         )
     return costs / np.float32(max(even_cost, 1e-9))
 
 
-def _directions(count: int, whole: bool = False) -> F32:
+def _directions(count: int, is_sphere: bool = False) -> F32:
     """Return `count` directions (count, 3), evenly distributed (Fibonacci's spiral).
 
-    Unless `whole`, directions behind the scene are left out.
+    Unless `is_sphere`, directions behind the scene are left out.
     """
     k = np.arange(count) + 0.5
-    z = 1 - k / count * (2.0 if whole else 1.05)
+    z = 1 - k / count * (2.0 if is_sphere else 1.05)
     angle = k * np.pi * (3 - 5**0.5)
     sine = np.sqrt(1 - z * z)
     return np.stack([sine * np.cos(angle), sine * np.sin(angle), z], -1).astype(
         np.float32
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _PhotoMaps:
+    """Maps of a photo from which pixel pairs are drawn."""
+
+    # (H, W): log luminance.
+    level: F32
+    # (H, W, 2): log ratios of the channels.
+    chroma: F32
+    # (H, W, 3): unit normals.
+    normals: F32
+    # (H, W): pixels that are not overexposed.
+    valid: Mask
 
 
 def pixel_pairs(
@@ -262,62 +281,81 @@ def pixel_pairs(
     The random draw is the same each time.
     """
     random = np.random.default_rng(0)
+    maps = _measure_maps(linear, normals)
+    quota = max(60, TUNING.pairs // max(len(balls), 1))
+    parts = []
+    for i, is_ball in balls.items():
+        part = _draw_pairs(maps, labels == i, is_ball, quota, random)
+        if part is not None:
+            parts.append(part)
+    if not parts:
+        return None
+    return PixelPairs(
+        np.concatenate([part.change for part in parts]),
+        np.concatenate([part.first for part in parts]),
+        np.concatenate([part.second for part in parts]),
+        np.concatenate([part.weight for part in parts]),
+        sum((part.trust for part in parts), 0.0),
+    )
+
+
+def _measure_maps(linear: F32, normals: F32) -> _PhotoMaps:
+    """Return the maps of a photo (H, W, 3) in linear light."""
     level = np.log(luminance(linear) + np.float32(2e-3))
     small = linear + np.float32(4e-3)
     chroma = np.log(
         np.stack([small[..., 0] / small[..., 1], small[..., 2] / small[..., 1]], -1)
     )
-    full = linear.max(axis=2) < 0.98
-    parts, trusts = [], 0.0
-    quota = max(60, TUNING.pairs // max(len(balls), 1))
-    for i, ball in balls.items():
-        # Border pixels are mixed with the background.
-        inner: Mask = (
-            cv2.erode((labels == i).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-        )
-        rows, columns = np.nonzero(inner)
-        least_z = TUNING.ball_z if ball else TUNING.other_z
-        keep = (normals[rows, columns, 2] > least_z) & full[rows, columns]
-        rows, columns = rows[keep], columns[keep]
-        if len(rows) < 40:
-            continue
-        z = float(normals[rows, columns, 2].mean())
-        kind = "ball" if ball else "bulging" if z < TUNING.bulging else "flat"
-        a, b = random.integers(0, len(rows), (2, 12 * quota))
-        n, m = normals[rows[a], columns[a]], normals[rows[b], columns[b]]
-        same_colour = (
-            np.abs(chroma[rows[a], columns[a]] - chroma[rows[b], columns[b]]).max(
-                axis=1
-            )
-            < TUNING.alike
-        )
-        chosen_pairs = np.flatnonzero(
-            same_colour & (np.linalg.norm(n - m, axis=1) > TUNING.turned)
-        )[:quota]
-        if len(chosen_pairs) < 20:
-            continue
-        a, b = a[chosen_pairs], b[chosen_pairs]
-        weight = (
-            TRUST[kind]
-            * min(1.0, len(chosen_pairs) / quota)
-            * min(1.0, (len(rows) / 600) ** 0.5)
-        )
-        trusts += weight
-        change = level[rows[a], columns[a]] - level[rows[b], columns[b]]
-        parts.append(
-            (
-                change,
-                n[chosen_pairs],
-                m[chosen_pairs],
-                np.full(len(chosen_pairs), weight / len(chosen_pairs), np.float32),
-            )
-        )
-    if not parts:
+    return _PhotoMaps(level, chroma, normals, linear.max(axis=2) < 0.98)
+
+
+def _draw_pairs(
+    maps: _PhotoMaps, mask: Mask, is_ball: bool, quota: int, random: np.random.Generator
+) -> PixelPairs | None:
+    """Return at most `quota` pairs of equal colour and different normals, or None.
+
+    None means that an object has too few.
+    """
+    rows, columns = _select_pixels(maps, mask, is_ball)
+    if len(rows) < 40:
         return None
-    change, first, second, weights = (
-        np.concatenate(part) for part in zip(*parts, strict=True)
-    )
-    return PixelPairs(change, first, second, weights, trusts)
+    normals, chroma = maps.normals[rows, columns], maps.chroma[rows, columns]
+    a, b = random.integers(0, len(rows), (2, 12 * quota))
+    differences = np.abs(chroma[a] - chroma[b]).max(axis=1)
+    turns = np.linalg.norm(normals[a] - normals[b], axis=1)
+    is_pair = (differences < TUNING.colour_difference) & (turns > TUNING.turn)
+    indices = np.flatnonzero(is_pair)[:quota]
+    count = len(indices)
+    if count < 20:
+        return None
+    a, b = a[indices], b[indices]
+    kind = _name_form(normals, is_ball)
+    weight = TRUST[kind] * min(1.0, count / quota) * min(1.0, (len(rows) / 600) ** 0.5)
+    level = maps.level[rows, columns]
+    weights = np.full(count, weight / count, np.float32)
+    return PixelPairs(level[a] - level[b], normals[a], normals[b], weights, weight)
+
+
+def _select_pixels(
+    maps: _PhotoMaps, mask: Mask, is_ball: bool
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return rows and columns of an object's pixels that face the viewer.
+
+    Border pixels are mixed with the background.
+    """
+    inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    rows, columns = np.nonzero(inner)
+    least_z = TUNING.ball_z if is_ball else TUNING.other_z
+    is_facing = maps.normals[rows, columns, 2] > least_z
+    selection = is_facing & maps.valid[rows, columns]
+    return rows[selection], columns[selection]
+
+
+def _name_form(normals: F32, is_ball: bool) -> str:
+    """Return the form of an object for `TRUST`, by its normals (n, 3)."""
+    if is_ball:
+        return "ball"
+    return "bulging" if float(normals[:, 2].mean()) < TUNING.bulging else "flat"
 
 
 def highlights(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]) -> F32:
@@ -349,15 +387,15 @@ def highlights(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]) -> F32:
     return np.array(directions, np.float32).reshape(-1, 3)
 
 
-def _white_spot(part: F32, own: Mask, radius: float) -> tuple[float, float] | None:
+def _white_spot(part: F32, mask: Mask, radius: float) -> tuple[float, float] | None:
     """Return (x, y) of the brightest small white spot of a ball, or None."""
-    white_level = np.where(own, part.min(axis=2), 0).astype(np.float32)
+    white_level = np.where(mask, part.min(axis=2), 0).astype(np.float32)
     size = 2 * max(1, round(TUNING.spot_size * radius)) + 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
     # A morphological opening removes spots smaller than the kernel.
     excess = white_level - cv2.morphologyEx(white_level, cv2.MORPH_OPEN, kernel)
     peak = float(excess.max())
-    if peak < TUNING.bright:
+    if peak < TUNING.spot_contrast:
         return None
     row, column = np.unravel_index(int(excess.argmax()), excess.shape)
     colour = part[row, column]
@@ -365,7 +403,7 @@ def _white_spot(part: F32, own: Mask, radius: float) -> tuple[float, float] | No
         return None
     count, ids = cv2.connectedComponents((excess > 0.5 * peak).astype(np.uint8))
     blob = ids == ids[row, column]
-    if blob.sum() > 0.06 * own.sum() or count > 6:
+    if blob.sum() > 0.06 * mask.sum() or count > 6:
         return None
     rows, columns = np.nonzero(blob)
     weight = excess[blob]

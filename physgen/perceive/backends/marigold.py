@@ -16,7 +16,7 @@ import torch
 
 from physgen.maps import F32
 from physgen.messages import Message
-from physgen.perceive.backends.from_file import facing, parted
+from physgen.perceive.backends.from_file import divide_shading, facing
 from physgen.perceive.backends.models import ModelBackend, load_pipeline, weight_ids
 from physgen.perceive.roles import BoundaryGuess, Intrinsics, Labels, PhotoObject, Rgb
 from physgen.photometry import decode, luminance
@@ -165,13 +165,13 @@ class Intrinsic(_Marigold):
                 outputs=", ".join(names) or "nothing with a name",
             )
         if "shading" in maps:
-            shading = lit(
+            shading = divide_albedo(
                 decode(small), maps["albedo"], maps["shading"], maps.get("residual")
             )
         else:
             paint = np.maximum(luminance(maps["albedo"]), np.float32(DARKEST))
             shading = np.asarray(luminance(decode(small)) / paint, np.float32)
-        return parted(rgb, _resize_to_photo(shading, rgb))
+        return divide_shading(rgb, _resize_to_photo(shading, rgb))
 
 
 depth, normals, intrinsic = Depth, Normals, Intrinsic
@@ -189,7 +189,7 @@ def linear(values: F32, properties: Mapping[str, Any]) -> F32:
     )
 
 
-def lit(light: F32, albedo: F32, shading: F32, residual: F32 | None) -> F32:
+def divide_albedo(light: F32, albedo: F32, shading: F32, residual: F32 | None) -> F32:
     """Return the shading (h, w) that turns `albedo` into the photo's `light`.
 
     `light` and `albedo` are (h, w, 3), linear. Shading and residual are known up to

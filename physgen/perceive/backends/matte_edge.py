@@ -30,14 +30,14 @@ class _Limits:
     # px by which the mean share of a stretch may move the border ...
     shift: float = 2.75
     # ... less this part, in px, which shadows and texture can simulate.
-    unsure: float = 0.5
+    uncertain_width: float = 0.5
     # px by which a single pixel may then move the border. Outwards the limit is `shift`
     # if its colour differs from dimmed background ...
     single: float = 0.25
     # ... by this difference of square roots of linear light.
-    dimmed: float = 0.3
+    light_difference: float = 0.3
     # px: standard deviation of the weights along a stretch.
-    along: float = 32.0
+    stretch: float = 32.0
     # Weight of the mask's own border beside the trust in colours, 0..1.
     doubt: float = 0.1
     # Contrast of shares about one half: a shadow beside an object rarely exceeds one
@@ -64,7 +64,7 @@ def _edge(rgb: Rgb, labels: Labels) -> F32:
         return inside.astype(np.float32)
     x, y, width, height = cv2.boundingRect(inside.astype(np.uint8))
     # Outside this margin the blurred shift of the border is zero.
-    margin = round(BLUR_REACH * LIMITS.along)
+    margin = round(BLUR_REACH * LIMITS.stretch)
     rows = slice(max(y - margin, 0), y + height + margin)
     columns = slice(max(x - margin, 0), x + width + margin)
     coverage = np.zeros(inside.shape, np.float32)
@@ -93,19 +93,20 @@ def _coverage(rgb: Rgb, inside: Mask) -> F32:
     return np.asarray(np.round(coverage * 255) / 255, np.float32)
 
 
-def _shift(distance: F32, mixed: F32, trust: F32) -> F32:
+def _shift(distance: F32, mixture: F32, trust: F32) -> F32:
     """Return by how many px (H, W) the border lies outside the mask's border."""
     band = LIMITS.reach + LIMITS.shift
     border_band = (np.abs(distance) < band).astype(np.float32)
-    excess = blurred((mixed - _ramp(distance)) * trust * border_band, LIMITS.along)
-    weight = blurred((trust + np.float32(LIMITS.doubt)) * border_band, LIMITS.along)
+    excess = blurred((mixture - _ramp(distance)) * trust * border_band, LIMITS.stretch)
+    weight = blurred((trust + np.float32(LIMITS.doubt)) * border_band, LIMITS.stretch)
     # In a symmetric band of half width `band`, moving the border by d changes the mean
     # coverage by d / (2 band).
     shift = np.clip(
         2 * band * excess / np.maximum(weight, 1e-6), -LIMITS.shift, LIMITS.shift
     )
     return np.asarray(
-        np.sign(shift) * np.maximum(np.abs(shift) - LIMITS.unsure, 0), np.float32
+        np.sign(shift) * np.maximum(np.abs(shift) - LIMITS.uncertain_width, 0),
+        np.float32,
     )
 
 
@@ -161,7 +162,8 @@ def _coverage_by_colour(rgb: Rgb, distance: F32) -> tuple[F32, F32, F32]:
         np.einsum("ijk,ijk->ij", back, back), 1e-6
     )
     colour_difference = (
-        np.square(colour - brightness_ratio[..., None] * back).sum(2) / LIMITS.dimmed**2
+        np.square(colour - brightness_ratio[..., None] * back).sum(2)
+        / LIMITS.light_difference**2
     )
     foreign_colour = np.where(
         brightness_ratio < 1, 1 - np.exp(-colour_difference), 1
@@ -173,11 +175,11 @@ def _coverage_by_colour(rgb: Rgb, distance: F32) -> tuple[F32, F32, F32]:
     )
 
 
-def _nearby_mean(colour: F32, known: Mask) -> F32:
+def _nearby_mean(colour: F32, mask: Mask) -> F32:
     """Return the mean colour of the known pixels within 6 px (H, W, 3), 0 if none is
     known.
     """
-    weight = known.astype(np.float32)
+    weight = mask.astype(np.float32)
     total = cv2.GaussianBlur(colour * weight[:, :, None], (13, 13), 2.5)
     count = cv2.GaussianBlur(weight, (13, 13), 2.5)[:, :, None]
     return np.where(count > 1e-4, total / np.maximum(count, 1e-4), 0).astype(np.float32)

@@ -131,11 +131,11 @@ def dtype_of(setup: Setup, device: str) -> torch.dtype:
 
 
 def load_weights(
-    load: Callable[[str], T], weights: str, what: str, flag: Flag = BACKEND
+    load: Callable[[str], T], weights: str, name: str, flag: Flag = BACKEND
 ) -> T:
     """Call `load` with a hub id, a folder or a file and return its result.
 
-    `weights` may begin with `~`. `what` names the model in messages, e.g. `SAM`. Raises
+    `weights` may begin with `~`. `name` names the model in messages, e.g. `SAM`. Raises
     InputError with the id or path and a fix if the weights are missing, broken or of
     another model, or if memory runs out.
     """
@@ -145,7 +145,7 @@ def load_weights(
     get = f"run hf download {weights}, or write {flag.form}"
 
     def error(message: Message, **values: object) -> InputError:
-        return message.error(flag.name, f'"{weights}"', model=what, **values)
+        return message.error(flag.name, f'"{weights}"', model=name, **values)
 
     if not local and not HUB_ID.fullmatch(weights):
         raise error(Message.WEIGHTS_NOT_A_FILE, form=flag.form)
@@ -212,17 +212,17 @@ class ModelBackend:
     """
 
     def __init__(
-        self, setup: Setup, weights: str, what: str, options: dict[str, Any]
+        self, setup: Setup, weights: str, name: str, options: dict[str, Any]
     ) -> None:
         """Raises InputError if the weights are missing or the device is unknown.
 
-        `what` names the model in messages.
+        `name` names the model in messages.
         """
-        self._weights, self._what, self._options = weights, what, options
+        self._weights, self._what, self._options = weights, name, options
         self._device = device_of(setup)
         self._dtype = self._number_type(setup)
         # Report missing weights now rather than after minutes of other work.
-        load_weights(lambda _: None, weights, what)
+        load_weights(lambda _: None, weights, name)
 
     @cached_property
     def _model(self) -> Any:

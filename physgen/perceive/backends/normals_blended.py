@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from physgen.geometry.circles import robust_circle
 from physgen.geometry.polygon import Array, Disc
@@ -52,21 +53,21 @@ class _Limits:
     slope_range: float = 0.1
     # Least change of light across a bulging object: its spread times its smooth share
     # squared ...
-    shaded: float = 0.05
+    light_change: float = 0.05
     # ... and the increase over which the bulge becomes certain.
     shaded_range: float = 0.05
     # Spread of the change of light ...
     clear_spread: float = 0.15
     # ... and its smooth share that no flat face reaches,
-    clear_smooth: float = 0.95
+    smooth_share: float = 0.95
     # and the reduction of the required slope in that case.
     clear_slope: float = 0.25
     # Half the width of a handle, as a share of the smaller side.
     handle: float = 0.12
     # Least share of the area without handles; above it an object has no handles.
-    whole: float = 0.95
+    body_share: float = 0.95
     # Largest relative difference between the sides of objects of one kind.
-    alike: float = 0.15
+    size_difference: float = 0.15
     # Bins of tilt.
     columns: int = 12
     # Width of the rounded edge of a flat face, as a share of the smaller side.
@@ -88,7 +89,7 @@ class _Limits:
     # Largest distance of the border from the circle, as a share of the radius.
     fit: float = 0.03
     # Least share of the mask inside the circle.
-    within: float = 0.97
+    inner_share: float = 0.97
 
 
 LIMITS = _Limits()
@@ -99,61 +100,91 @@ def blended() -> Normals:
     return _blend_normals
 
 
+@dataclass(frozen=True, eq=False)
+class _ObjectTilts:
+    """The tilts of an object on its box."""
+
+    box: tuple[slice, slice]
+    mask: Mask  # (h, w)
+    tilts: F32  # (h, w, 2)
+    # Share of the tilts over a flat face; None for a certain form.
+    bulge: float | None
+
+
 def _blend_normals(
     rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject], boundaries: BoundaryGuess
 ) -> F32:
     """Return unit normals (H, W, 3): +x right, +y down, +z to the viewer."""
     height, width = labels.shape
-    network = cv2.resize(
-        run_network(rgb).normals, (width, height), interpolation=cv2.INTER_LINEAR
+    network_normals = np.asarray(
+        cv2.resize(
+            run_network(rgb).normals, (width, height), interpolation=cv2.INTER_LINEAR
+        ),
+        np.float32,
     )
-    network_normals = np.asarray(network, np.float32)
     level = np.log(luminance(decode(rgb)) + np.float32(2e-3))
-    tilts = np.zeros((height, width, 2), np.float32)
     forms = []
     for item in objects:
-        mask = labels == item.id
-        rows, columns = (
-            np.flatnonzero(mask.any(axis=1)),
-            np.flatnonzero(mask.any(axis=0)),
-        )
-        if not len(rows):
-            continue
-        box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-        corner = float(columns[0]), float(rows[0])
-        part = mask[box]
-        forms.append(
-            (box, part, *_form(item, part, corner, network_normals[box], level[box]))
-        )
-    bulges = _shared_bulges([(part, bulge) for _, part, _, bulge in forms])
-    for (box, part, field, _), bulge in zip(forms, bulges, strict=True):
-        tilt = (
-            field if bulge is None else bulge * field + (1 - bulge) * _flat_face(part)
-        )
-        tilts[box][part] = tilt[part]
+        form = _find_object_tilts(item, labels, network_normals, level)
+        if form is not None:
+            forms.append(form)
+    tilts = np.zeros((height, width, 2), np.float32)
+    bulges = _shared_bulges([(form.mask, form.bulge) for form in forms])
+    for form, bulge in zip(forms, bulges, strict=True):
+        tilt = form.tilts
+        if bulge is not None:
+            tilt = bulge * form.tilts + (1 - bulge) * _flat_face(form.mask)
+        tilts[form.box][form.mask] = tilt[form.mask]
     if boundaries.view is View.SIDE:
         _tilt_table(tilts, labels, network_normals, level, boundaries)
-    # Tilts of blended forms may exceed 1; z completes the unit vector.
+    return _complete_tilts(tilts)
+
+
+def _find_object_tilts(
+    item: PhotoObject, labels: Labels, network_normals: F32, level: F32
+) -> _ObjectTilts | None:
+    """Return the tilts of an object, or None if it has no pixels."""
+    mask = labels == item.id
+    rows = np.flatnonzero(mask.any(axis=1))
+    columns = np.flatnonzero(mask.any(axis=0))
+    if not len(rows):
+        return None
+    box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    corner = float(columns[0]), float(rows[0])
+    part = mask[box]
+    tilts, bulge = _form(item, part, corner, network_normals[box], level[box])
+    return _ObjectTilts(box, part, tilts, bulge)
+
+
+def _complete_tilts(tilts: F32) -> F32:
+    """Return the unit normals (H, W, 3) of tilts (H, W, 2).
+
+    Tilts of blended forms may exceed 1; z completes the unit vector.
+    """
     length = np.linalg.norm(tilts, axis=2, keepdims=True)
-    tilts *= np.minimum(1, np.float32(0.999) / np.maximum(length, 1e-6))
+    tilts = tilts * np.minimum(1, np.float32(0.999) / np.maximum(length, 1e-6))
     z = np.sqrt(np.maximum(1 - (tilts**2).sum(axis=2, keepdims=True), 0))
     return np.concatenate([tilts, z], axis=2).astype(np.float32)
 
 
-def _shared_bulges(found: Sequence[tuple[Mask, float | None]]) -> list[float | None]:
+def _shared_bulges(
+    bulges_of_masks: Sequence[tuple[Mask, float | None]],
+) -> list[float | None]:
     """Return one bulge per mask: the median over objects of the same size.
 
     A row of dominoes or a pile of cans gets a common value.
     """
-    sizes = np.array([mask.shape for mask, _ in found], np.float64).reshape(-1, 2)
+    sizes = np.array([mask.shape for mask, _ in bulges_of_masks], np.float64).reshape(
+        -1, 2
+    )
     bulges: list[float | None] = []
-    for (_, bulge), size in zip(found, sizes, strict=True):
+    for (_, bulge), size in zip(bulges_of_masks, sizes, strict=True):
         is_similar = np.atleast_1d(
-            (np.abs(sizes / size - 1) < LIMITS.alike).all(axis=1)
+            (np.abs(sizes / size - 1) < LIMITS.size_difference).all(axis=1)
         ).tolist()
         similar_bulges = [
             b
-            for (_, b), k in zip(found, is_similar, strict=True)
+            for (_, b), k in zip(bulges_of_masks, is_similar, strict=True)
             if k and b is not None
         ]
         bulges.append(None if bulge is None else float(np.median(similar_bulges)))
@@ -161,12 +192,16 @@ def _shared_bulges(found: Sequence[tuple[Mask, float | None]]) -> list[float | N
 
 
 def _form(
-    item: PhotoObject, own: Mask, corner: tuple[float, float], seen: F32, level: F32
+    item: PhotoObject,
+    mask: Mask,
+    corner: tuple[float, float],
+    network_normals: F32,
+    level: F32,
 ) -> tuple[F32, float | None]:
     """Return the tilts (h, w, 2) of an object on its box, and its bulge.
 
     The bulge is the share of these tilts over a flat face; None means a certain form.
-    `own` (h, w) is the mask and `seen` (h, w, 3) are the network's normals.
+    `mask` (h, w) is the mask and `network_normals` (h, w, 3) are the network's normals.
     """
     nouns = _nouns(item.label)
     if isinstance(item.outline, Disc):
@@ -174,34 +209,36 @@ def _form(
             float(item.outline.center[0]) - corner[0],
             float(item.outline.center[1]) - corner[1],
         )
-        field = ball_tilts(own.shape, center, float(item.outline.radius))
+        field = ball_tilts(mask.shape, center, float(item.outline.radius))
         return field * np.float32(
             min((DOMED[noun] for noun in nouns & set(DOMED)), default=1.0)
         ), None
-    smaller = min(own.shape)
+    smaller = min(mask.shape)
     # Handles are treated apart from the body.
     body = (
-        without_thin_parts(own, round(LIMITS.handle * smaller)) if smaller > 12 else own
+        without_thin_parts(mask, round(LIMITS.handle * smaller))
+        if smaller > 12
+        else mask
     )
-    body = own if body.sum() > LIMITS.whole * own.sum() else body
+    body = mask if body.sum() > LIMITS.body_share * mask.sum() else body
     if (
         item.label.lower().startswith("ball")
         or not nouns & ROUND
         or nouns & {"apple", "egg", "lemon"}
     ):
-        core = without_thin_parts(own, 2)
+        core = without_thin_parts(mask, 2)
         ball = hidden_ball(core)
         if ball is not None:
             return np.where(
-                core[..., None], ball_tilts(own.shape, *ball), cushion_tilts(own)
+                core[..., None], ball_tilts(mask.shape, *ball), cushion_tilts(mask)
             ), None
     # An ellipse is an egg or a pebble rather than a solid of revolution.
-    if _ellipse_likeness(body) > 0.94 and not _is_rectangular(own):
-        field, axis = cushion_tilts(own), -1
+    if _ellipse_likeness(body) > 0.94 and not _is_rectangular(mask):
+        field, axis = cushion_tilts(mask), -1
     else:
-        field, axis = _compute_revolved_tilts(own, body)
+        field, axis = _compute_revolved_tilts(mask, body)
     return field, None if nouns & ROUND else _bulge(
-        seen, level, field, _inner(own), axis
+        network_normals, level, field, _inner(mask), axis
     )
 
 
@@ -216,44 +253,44 @@ def _nouns(label: str) -> set[str]:
     }
 
 
-def _compute_revolved_tilts(own: Mask, body: Mask) -> tuple[F32, int]:
+def _compute_revolved_tilts(mask: Mask, body: Mask) -> tuple[F32, int]:
     """Return the tilts of a solid of revolution with handles as cushions, and its axis.
 
     The axis is 0 if it is upright and 1 if it is level.
     """
-    has_level_shape = own.shape[1] > 2 * own.shape[0]
+    has_level_shape = mask.shape[1] > 2 * mask.shape[0]
     # A pencil has a level axis, a saucer an upright one.
     lying = has_level_shape and _iou(body, body[::-1]) >= _iou(body, body[:, ::-1])
     form = turned_tilts(body.T if lying else body)
     field = form.transpose(1, 0, 2)[..., ::-1] if lying else form
-    handles = own & ~body
+    handles = mask & ~body
     if handles.any():
         field = np.where(handles[..., None], cushion_tilts(handles), field)
     return np.asarray(field, np.float32), int(lying)
 
 
-def _iou(one: Mask, other: Mask) -> float:
-    return float((one & other).sum() / max((one | other).sum(), 1))
+def _iou(first: Mask, other: Mask) -> float:
+    return float((first & other).sum() / max((first | other).sum(), 1))
 
 
-def _inner(own: Mask) -> Mask:
+def _inner(mask: Mask) -> Mask:
     inner = (
-        cv2.erode(np.pad(own, 1).astype(np.uint8), np.ones((3, 3), np.uint8))[
+        cv2.erode(np.pad(mask, 1).astype(np.uint8), np.ones((3, 3), np.uint8))[
             1:-1, 1:-1
         ]
         > 0
     )
-    return np.asarray(inner if inner.sum() > 20 else own)
+    return np.asarray(inner if inner.sum() > 20 else mask)
 
 
-def _slope(seen: F32, field: F32, inner: Mask) -> float:
+def _slope(normals: F32, field: F32, inner: Mask) -> float:
     """Return the regression slope of the network's tilts over a form's: about 0..1."""
-    a, b = seen[..., :2][inner], field[inner]
+    a, b = normals[..., :2][inner], field[inner]
     a, b = a - a.mean(axis=0), b - b.mean(axis=0)
     return float((a * b).sum() / max(float((b * b).sum()), 1e-6))
 
 
-def _bulge(seen: F32, level: F32, field: F32, inner: Mask, axis: int) -> float:
+def _bulge(normals: F32, level: F32, field: F32, inner: Mask, axis: int) -> float:
     """Return the degree, 0..1, to which an object has the tilts `field` (h, w, 2).
 
     0 is a flat face. The network and the shading must agree. `axis` belongs to a solid
@@ -263,15 +300,15 @@ def _bulge(seen: F32, level: F32, field: F32, inner: Mask, axis: int) -> float:
     spread, smooth_share = max(
         (_light_profile(level, field[..., side], inner) for side in sides), key=np.prod
     )
-    clear_change = spread > LIMITS.clear_spread and smooth_share > LIMITS.clear_smooth
+    clear_change = spread > LIMITS.clear_spread and smooth_share > LIMITS.smooth_share
     least_slope = LIMITS.slope - (LIMITS.clear_slope if clear_change else 0)
     slope = np.clip(
-        (_slope(seen, field, inner) - least_slope) / LIMITS.slope_range, 0, 1
+        (_slope(normals, field, inner) - least_slope) / LIMITS.slope_range, 0, 1
     )
     return float(
         slope
         * np.clip(
-            (spread * smooth_share**2 - LIMITS.shaded) / LIMITS.shaded_range, 0, 1
+            (spread * smooth_share**2 - LIMITS.light_change) / LIMITS.shaded_range, 0, 1
         )
     )
 
@@ -300,33 +337,33 @@ def _light_profile(level: F32, place: F32, inner: Mask) -> tuple[float, float]:
     return float(fit.std()), max(share, 0.0)
 
 
-def _is_rectangular(own: Mask) -> bool:
+def _is_rectangular(mask: Mask) -> bool:
     border = max(
         cv2.findContours(
-            own.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
+            mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE
         )[0],
         key=len,
     )
     w, h = cv2.minAreaRect(border)[1]
-    return bool(own.sum() > 0.87 * (w + 1) * (h + 1))
+    return bool(mask.sum() > 0.87 * (w + 1) * (h + 1))
 
 
-def _ellipse_likeness(own: Mask) -> float:
+def _ellipse_likeness(mask: Mask) -> float:
     """Return the IoU of a mask and the ellipse with the same moments."""
-    rows, columns = np.nonzero(own)
+    rows, columns = np.nonzero(mask)
     if len(rows) < 12:
         return 0.0
     spread = np.cov(np.stack([columns, rows]))
-    grid = np.stack(np.meshgrid(np.arange(own.shape[1]), np.arange(own.shape[0])), -1)
+    grid = np.stack(np.meshgrid(np.arange(mask.shape[1]), np.arange(mask.shape[0])), -1)
     offsets = grid - [columns.mean(), rows.mean()]
     inside = np.einsum("hwi,ij,hwj->hw", offsets, np.linalg.pinv(spread), offsets) <= 4
-    return _iou(inside, own)
+    return _iou(inside, mask)
 
 
-def _flat_face(own: Mask) -> F32:
+def _flat_face(mask: Mask) -> F32:
     """Return the tilts of a flat face with slightly rounded edges."""
-    h, w = own.shape
-    depth = cv2.distanceTransform(np.pad(own, 1).astype(np.uint8), cv2.DIST_L2, 5)
+    h, w = mask.shape
+    depth = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5)
     reach = max(2.0, LIMITS.rim * min(h, w))
     depth = cv2.GaussianBlur(depth, (0, 0), 1.0)
     # The padding is cut off later: a thread is one pixel wide, and its gradient needs
@@ -339,47 +376,55 @@ def _flat_face(own: Mask) -> F32:
 
 
 def _tilt_table(
-    tilts: F32, labels: Labels, seen: F32, level: F32, boundaries: BoundaryGuess
+    tilts: F32, labels: Labels, normals: F32, level: F32, boundaries: BoundaryGuess
 ) -> None:
     """Tilt rows below a table's far edge upwards, in place."""
     free = labels == 0
-    height = labels.shape[0]
     rows_in_view = np.flatnonzero(free.sum(axis=1) > 20)
     if len(rows_in_view) < 16:
         return
-    rows = np.arange(height)
     upward = np.interp(
-        rows,
+        np.arange(len(labels)),
         rows_in_view,
-        [float(np.median(seen[y, free[y], 1])) for y in rows_in_view],
+        [float(np.median(normals[y, free[y], 1])) for y in rows_in_view],
     )
     step = np.abs(np.diff(cv2.GaussianBlur(level, (0, 0), 1.0), axis=0))
-    sharp = np.median(step, axis=1)
-    lines = [
-        int(y)
-        for wall in boundaries.walls
-        if wall.name.startswith("floor")
-        for _, y in wall.points
-    ]
-    # The far edge is the row at which the normals turn upwards and the light changes.
-    best, edge_row = 0.0, -1
-    for y in range(height // 4, min([height - 4, *lines])):
-        edge = float(sharp[y - 1 : y + 2].max())
-        mean_below = float(upward[y:].mean())
-        drop = float(upward[max(0, y - height // 5) : y].mean()) - mean_below
-        worth = drop * (1 + 20 * edge)
-        if (
-            mean_below < LIMITS.floor
-            and drop > LIMITS.floor_drop
-            and edge > LIMITS.sharp
-            and worth > best
-        ):
-            best, edge_row = worth, y
-    if edge_row < 0:
+    lowest_row = min(
+        [len(labels) - 4]
+        + [
+            int(y)
+            for wall in boundaries.walls
+            if wall.name.startswith("floor")
+            for _, y in wall.points
+        ]
+    )
+    edge_row = _find_table_edge(upward, np.median(step, axis=1), lowest_row)
+    if edge_row is None:
         return
     ground = free.copy()
     ground[:edge_row] = False
     tilts[ground] = (0, -np.cos(np.radians(LIMITS.tilt)))
+
+
+def _find_table_edge(
+    upward: NDArray[np.float64], sharpness: NDArray[np.floating], lowest_row: int
+) -> int | None:
+    """Return the row of a table's far edge above `lowest_row`, or None.
+
+    At that row the normals turn upwards and the light changes. `upward` (H,) are the
+    y components of the normals, `sharpness` (H - 1,) the changes of light.
+    """
+    height = len(upward)
+    best, edge_row = 0.0, None
+    for y in range(height // 4, lowest_row):
+        edge = float(sharpness[y - 1 : y + 2].max())
+        mean_below = float(upward[y:].mean())
+        drop = float(upward[max(0, y - height // 5) : y].mean()) - mean_below
+        worth = drop * (1 + 20 * edge)
+        is_edge = drop > LIMITS.floor_drop and edge > LIMITS.sharp
+        if mean_below < LIMITS.floor and is_edge and worth > best:
+            best, edge_row = worth, y
+    return edge_row
 
 
 # Normals of simple solids from masks: (h, w, 2), x and y of the unit normal. z, towards
@@ -398,22 +443,22 @@ def ball_tilts(
     )
 
 
-def turned_tilts(own: Mask) -> F32:
+def turned_tilts(mask: Mask) -> F32:
     """Return the tilts of a solid of revolution with an upright axis, seen from far.
 
-    Each row of `own` (h, w) is a cross-section; radii are smoothed against ripples.
+    Each row of `mask` (h, w) is a cross-section; radii are smoothed against ripples.
     """
-    rows = np.flatnonzero(own.any(axis=1))
-    left = own.argmax(axis=1)[rows].astype(np.float32)
-    right = own.shape[1] - 1 - own[:, ::-1].argmax(axis=1)[rows].astype(np.float32)
-    all_rows = np.arange(own.shape[0])
+    rows = np.flatnonzero(mask.any(axis=1))
+    left = mask.argmax(axis=1)[rows].astype(np.float32)
+    right = mask.shape[1] - 1 - mask[:, ::-1].argmax(axis=1)[rows].astype(np.float32)
+    all_rows = np.arange(mask.shape[0])
     middle, half_width = (
         np.interp(all_rows, rows, part).astype(np.float32)
         for part in ((left + right) / 2, (right - left + 1) / 2)
     )
     flare = np.zeros(1, np.float32)
     if len(half_width) > 1:
-        sigma = max(1.0, 0.02 * own.shape[0])
+        sigma = max(1.0, 0.02 * mask.shape[0])
         smooth_radius = cv2.GaussianBlur(
             half_width[:, None],
             (1, 0),
@@ -424,7 +469,7 @@ def turned_tilts(own: Mask) -> F32:
         flare = np.gradient(np.asarray(smooth_radius[:, 0], np.float32)).astype(
             np.float32
         )
-    offset = np.arange(own.shape[1], dtype=np.float32)[None, :] - middle[:, None]
+    offset = np.arange(mask.shape[1], dtype=np.float32)[None, :] - middle[:, None]
     ratio = offset / np.maximum(half_width[:, None], 1)
     slope = np.broadcast_to(flare[:, None], ratio.shape)
     return np.asarray(
@@ -434,40 +479,40 @@ def turned_tilts(own: Mask) -> F32:
     )
 
 
-def cushion_tilts(own: Mask) -> F32:
-    """Return the tilts of `own` (h, w) inflated like a cushion with an upright rim.
+def cushion_tilts(mask: Mask) -> F32:
+    """Return the tilts of `mask` (h, w) inflated like a cushion with an upright rim.
 
     Height is the square root of the solution of Poisson's equation with 0 at the border
     (Johnston 2002, Lumo; Sykora et al. 2014): a disc becomes a sphere, an ellipse an
     ellipsoid.
     """
-    h, w = own.shape
+    h, w = mask.shape
     # With the squared distance from the centre added, the solution of Poisson's
     # equation is harmonic.
     y, x = np.mgrid[-1 : h + 1, -1 : w + 1].astype(np.float32)
     bowl = ((x - w / 2) ** 2 + (y - h / 2) ** 2)[..., None]
-    height = (harmonic_fill(bowl, np.pad(own, 1), 0.1) - bowl)[..., 0]
+    height = (harmonic_fill(bowl, np.pad(mask, 1), 0.1) - bowl)[..., 0]
     gy, gx = np.gradient(height)
     maps = np.stack([-gx / 2, -gy / 2, np.sqrt(np.maximum(height, 0))], -1)[1:-1, 1:-1]
     length = np.maximum(np.linalg.norm(maps, axis=2, keepdims=True), 1e-6)
     return np.asarray((maps / length)[..., :2], np.float32)
 
 
-def without_thin_parts(own: Mask, radius: int) -> Mask:
-    """Return `own` without parts thinner than 2 `radius` px (threads, handles).
+def without_thin_parts(mask: Mask, radius: int) -> Mask:
+    """Return `mask` without parts thinner than 2 `radius` px (threads, handles).
 
     Returns all of it if nothing else remains.
     """
     if radius < 1:
-        return own
+        return mask
     disc = cv2.getStructuringElement(
         cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)
     )
-    body = cv2.morphologyEx(np.pad(own, radius).astype(np.uint8), cv2.MORPH_OPEN, disc)
+    body = cv2.morphologyEx(np.pad(mask, radius).astype(np.uint8), cv2.MORPH_OPEN, disc)
     body = body[radius:-radius, radius:-radius]
     count, ids, stats, _ = cv2.connectedComponentsWithStats(body, connectivity=8)
     if count < 2:
-        return own
+        return mask
     return np.asarray(ids == 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax()))
 
 
@@ -495,7 +540,7 @@ def hidden_ball(body: Mask) -> tuple[tuple[float, float], float] | None:
     is_inside = np.hypot(columns - x, rows - y) <= radius + 1.5
     if (
         _on_circle(border, circle).mean() < LIMITS.arc
-        or is_inside.mean() < LIMITS.within
+        or is_inside.mean() < LIMITS.inner_share
     ):
         return None
     # The border's pixels lie half a pixel inside the outline.

@@ -37,17 +37,21 @@ def _table(
 
 
 def _matter(
-    rgb: Rgb, item: PhotoObject, what: Kind, pixels_per_meter: float, most: float
+    rgb: Rgb,
+    item: PhotoObject,
+    noun_kind: Kind,
+    pixels_per_meter: float,
+    largest: float,
 ) -> Matter:
-    solid, material = _solid(rgb, item.outline, what), what.material
-    mass, confidence, reason = weigh(item.outline, what, pixels_per_meter)
+    solid, material = _solid(rgb, item.outline, noun_kind), noun_kind.material
+    mass, confidence, reason = weigh(item.outline, noun_kind, pixels_per_meter)
     return Matter(
         mass=mass,
         friction=material.friction,
         elasticity=material.elasticity,
         rolling=material.rolling,
         solid=solid,
-        confidence=min(confidence, most),
+        confidence=min(confidence, largest),
         reason=reason,
         surface=_surface(material),
     )
@@ -66,9 +70,9 @@ def _surface(material: Material) -> str:
     return f"friction of {material.name}: {material.surface.split('; ')[0].removeprefix('friction: ')}"
 
 
-def _solid(rgb: Rgb, outline: Outline, what: Kind) -> Solid:
+def _solid(rgb: Rgb, outline: Outline, noun_kind: Kind) -> Solid:
     if not isinstance(outline, Disc):
         return Solid.PLATE
-    if what.solid:
-        return Solid(what.solid)
+    if noun_kind.solid:
+        return Solid(noun_kind.solid)
     return Solid.SPHERE if is_shaded_as_sphere(rgb, outline) else Solid.DISC

@@ -56,7 +56,7 @@ GROUNDED = GroundedConstants()
 NAME = "grounding-dino+sam"
 
 
-class Grounded:
+class NounSegmenter:
     """A segmenter for given nouns; it loads its models at their first use."""
 
     def __init__(self, setup: Setup) -> None:
@@ -137,7 +137,7 @@ class Grounded:
         return Sam(self._weights[1], self._device, self._dtype)
 
 
-grounded = Grounded
+grounded = NounSegmenter
 """The factory named in the registry."""
 
 
@@ -257,13 +257,13 @@ class Sam:
         best = fits.argmax(-1)
         return [
             (
-                self._restored(output.pred_masks[0, k, int(i)].float()),
+                self._restore_size(output.pred_masks[0, k, int(i)].float()),
                 float(fits[k, i].clamp(0, 1)),
             )
             for k, i in enumerate(best)
         ]
 
-    def _restored(self, logits: torch.Tensor) -> Mask:
+    def _restore_size(self, logits: torch.Tensor) -> Mask:
         """Return a mask (h, w) of the model at the photo's size."""
         square = interpolate(
             logits[None, None],
@@ -365,38 +365,50 @@ class GroundingDino:
         )
         with torch.inference_mode():
             output = self.model(**ready, **text.to(self._device))
-        # Phrases lie between the dots, after the first token of the text.
-        dots = [
-            k for k, token in enumerate(text.input_ids[0].tolist()) if token == self.dot
-        ]
-        spans = [
-            (a, b)
-            for a, b in zip([1, *(k + 1 for k in dots)], dots, strict=False)
-            if b > a
-        ]
+        spans = self._find_phrases(text.input_ids[0].tolist(), nouns)
+        chances = output.logits[0].float().sigmoid().cpu().numpy()
+        scores = np.stack([chances[:, first:last].max(1) for first, last in spans], 1)
+        best = scores.argmax(1)
+        corners = _find_corners(output.pred_boxes[0].float().cpu().numpy(), size)
+        detections: list[NounBox] = []
+        for k in np.flatnonzero(scores.max(1) >= GROUNDED.least_score).tolist():
+            x0, y0, x1, y1 = corners[k].tolist()
+            if x1 - x0 >= 1 and y1 - y0 >= 1:
+                score = float(scores[k, best[k]])
+                detections.append(NounBox((x0, y0, x1, y1), indices[best[k]], score))
+        return detections
+
+    def _find_phrases(
+        self, tokens: Sequence[int], nouns: Sequence[str]
+    ) -> list[tuple[int, int]]:
+        """Return the first token of each noun, and the one after its last.
+
+        Phrases lie between the dots, after the first token of the text.
+        """
+        dots = [k for k, token in enumerate(tokens) if token == self.dot]
+        starts = [1, *(k + 1 for k in dots)]
+        spans = [(a, b) for a, b in zip(starts, dots, strict=False) if b > a]
         if len(spans) != len(nouns):
             names = ", ".join(nouns)
             raise ValueError(
                 f"the tokenizer made {len(spans)} phrases of {len(nouns)} nouns: {names}"
             )
-        chances = output.logits[0].float().sigmoid().cpu().numpy()
-        scores = np.stack([chances[:, first:last].max(1) for first, last in spans], 1)
-        best = scores.argmax(1)
-        x, y, width, height = output.pred_boxes[0].float().cpu().numpy().T
-        corners = np.stack(
-            [x - width / 2, y - height / 2, x + width / 2, y + height / 2], 1
-        )
-        corners = np.clip(corners, 0, 1) * [size[1], size[0], size[1], size[0]]
-        detections: list[NounBox] = []
-        for k in np.flatnonzero(scores.max(1) >= GROUNDED.least_score).tolist():
-            x0, y0, x1, y1 = corners[k].tolist()
-            if x1 - x0 >= 1 and y1 - y0 >= 1:
-                detections.append(
-                    NounBox(
-                        (x0, y0, x1, y1), indices[best[k]], float(scores[k, best[k]])
-                    )
-                )
-        return detections
+        return spans
+
+
+def _find_corners(
+    boxes: NDArray[np.float32], size: tuple[int, ...]
+) -> NDArray[np.float64]:
+    """Return left, top, right and bottom (n, 4) of boxes in the photo, px.
+
+    `boxes` (n, 4) are centre x, centre y, width and height, shares of the photo's
+    size.
+    """
+    x, y, width, height = boxes.T
+    corners = np.stack(
+        [x - width / 2, y - height / 2, x + width / 2, y + height / 2], 1
+    )
+    return np.asarray(np.clip(corners, 0, 1) * [size[1], size[0], size[1], size[0]])
 
 
 def plain_noun(noun: str) -> str:

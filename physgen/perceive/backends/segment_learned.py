@@ -60,7 +60,7 @@ class LearnedConstants:
     """Largest ratio of the frequencies of a colour inside and around for a continued
     colour.
     """
-    explained: tuple[float, float] = (0.5, 0.8)
+    colour_shares: tuple[float, float] = (0.5, 0.8)
     """Shares of continued colours for no penalty and for the full penalty."""
     own_box: tuple[float, float] = (0.55, 0.7)
     """Scores of a candidate's own box for the full penalty and for none."""
@@ -76,8 +76,8 @@ class LearnedConstants:
     """
     # Least IoU of a candidate and its repeated cut-out; below it the new mask is
     # another object.
-    same: float = 0.5
-    round: float = 0.9
+    least_iou: float = 0.5
+    roundness: float = 0.9
     """Least share of its smallest enclosing circle that a round object covers."""
 
 
@@ -117,28 +117,28 @@ def segment(rgb: NDArray[np.uint8]) -> Segments:
 
 
 def choose_objects(
-    rgb: NDArray[np.uint8], judged: JudgedCandidates, rules: Rules = ALL_RULES
+    rgb: NDArray[np.uint8], judgement: JudgedCandidates, rules: Rules = ALL_RULES
 ) -> Segments:
     """Return the objects and the doubtful objects among the candidates of a photo."""
-    candidates = judged.found
-    fit = with_agreement(judged.fit, candidates.edges, candidates.features)
+    candidates = judgement.candidates
+    fit = with_agreement(judgement.fit, candidates.edges, candidates.features)
     best = choose_candidates(
         candidates.proposals, candidates.shape, fit, LEARNED.threshold
     )
     # A gap between objects has the colours of the background, but edges like an object.
     if rules.gaps:
-        fit[best] -= _gap_penalties(rgb, judged, best, fit[best])
+        fit[best] -= _gap_penalties(rgb, judgement, best, fit[best])
         best = best[fit[best] > LEARNED.threshold]
     selection = Selection(best)
     if rules.wholes:
-        boxes = judged.boxes.scaled(*_scale_to(candidates.shape, rgb))
-        selection = unite_parts(candidates.proposals, best, (judged.fit, fit), boxes)
-        best = selection.chosen
+        boxes = judgement.boxes.scale_to(*_scale_to(candidates.shape, rgb))
+        selection = unite_parts(candidates.proposals, best, (judgement.fit, fit), boxes)
+        best = selection.indices
     proposals = [candidates.proposals[k] for k in best.tolist()]
     # A part of a person or animal is not movable by itself: its fit falls below the
     # threshold.
     if rules.living:
-        is_part = parts_of_living(rgb, judged.boxes, proposals, candidates.shape)
+        is_part = parts_of_living(rgb, judgement.boxes, proposals, candidates.shape)
         fit[best] -= LEARNED.threshold * is_part
     # Blurred regions lie behind the subject of the photo.
     if rules.focus:
@@ -147,10 +147,10 @@ def choose_objects(
             rim_sharpness(rgb, proposals, candidates.shape), areas
         )
     object_ids = best[fit[best] > LEARNED.threshold]
-    selection = replace(selection, chosen=object_ids)
+    selection = replace(selection, indices=object_ids)
     objects = as_segments(rgb, candidates, selection, fit[object_ids])
     if rules.pieces:
-        objects = left_to_right(unite_pieces(rgb, objects, judged.boxes))
+        objects = left_to_right(unite_pieces(rgb, objects, judgement.boxes))
     objects = cut_out_on_plain(rgb, objects)
     used_ids = [*object_ids.tolist(), *selection.parts_of(object_ids)]
     return replace(
@@ -160,7 +160,7 @@ def choose_objects(
 
 def _gap_penalties(
     rgb: NDArray[np.uint8],
-    judged: JudgedCandidates,
+    judgement: JudgedCandidates,
     best: NDArray[np.intp],
     fit: Array,
 ) -> Array:
@@ -168,29 +168,29 @@ def _gap_penalties(
 
     Edges bound a gap as they bound an object, so the bonus for edges is also removed.
     """
-    candidates = judged.found
+    candidates = judgement.candidates
     gap = continued_colours(
         rgb, [candidates.proposals[k] for k in best], candidates.shape
     )
     gap *= 1 - own_box(candidates.features[best])
-    return np.asarray(gap * (LEARNED.gap_penalty + fit - judged.fit[best]))
+    return np.asarray(gap * (LEARNED.gap_penalty + fit - judgement.fit[best]))
 
 
 def continued_colours(
-    rgb: NDArray[np.uint8], chosen: Sequence[Proposal], shape: tuple[int, int]
+    rgb: NDArray[np.uint8], candidates: Sequence[Proposal], shape: tuple[int, int]
 ) -> Array:
     """Return the probability (n,) that chosen candidates are gaps between others.
 
     The colours around a gap are visible through it. `shape` (h, w) is the size of the
     grid.
     """
-    if not chosen:
+    if not candidates:
         return np.zeros(0)
     colours = colour_steps(rgb, shape)
-    masks = [candidate.on(shape) for candidate in chosen]
+    masks = [candidate.on(shape) for candidate in candidates]
     free = ~np.any(masks, axis=0)
     shares = []
-    for candidate, mask in zip(chosen, masks, strict=True):
+    for candidate, mask in zip(candidates, masks, strict=True):
         reach = max(3, int(np.sqrt(candidate.area)))
         left, top, right, bottom = candidate.box
         ring = np.s_[
@@ -202,7 +202,7 @@ def continued_colours(
         )
         ring_shares = LEARNED.rarer * ring_counts / max(ring_counts.sum(), 1)
         shares.append(np.minimum(inner_counts / inner_counts.sum(), ring_shares).sum())
-    return np.asarray(np.interp(shares, LEARNED.explained, (0, 1)))
+    return np.asarray(np.interp(shares, LEARNED.colour_shares, (0, 1)))
 
 
 def own_box(features: Array) -> Array:
@@ -232,7 +232,7 @@ def with_agreement(fit: Array, edges: Array, features: Array) -> Array:
 
 
 def find_doubts(
-    found: Candidates,
+    candidates: Candidates,
     fit: Array,
     taken_places: Sequence[int],
     size: tuple[int, ...],
@@ -241,14 +241,14 @@ def find_doubts(
 
     `size` is the photo's (H, W).
     """
-    scale = size[1] / found.shape[1], size[0] / found.shape[0]
+    scale = size[1] / candidates.shape[1], size[0] / candidates.shape[0]
     right = confidence(fit)
-    used_proposals = [found.proposals[k] for k in taken_places]
+    used_proposals = [candidates.proposals[k] for k in taken_places]
     doubtful: list[Doubt] = []
     for k in np.argsort(-fit, kind="stable").tolist():
         if right[k] < LEARNED.doubtful or len(doubtful) == LEARNED.doubts:
             break
-        proposal = found.proposals[k]
+        proposal = candidates.proposals[k]
         if any(
             overlap(proposal, other) > SHARED * min(proposal.area, other.area)
             for other in used_proposals
@@ -261,7 +261,7 @@ def find_doubts(
 
 def as_segments(
     rgb: NDArray[np.uint8],
-    found: Candidates,
+    candidates: Candidates,
     selection: Selection,
     fit: Array,
 ) -> Segments:
@@ -274,9 +274,9 @@ def as_segments(
     rising = np.argsort(fit, kind="stable")
     size = rgb.shape[0], rgb.shape[1]
     labels = np.zeros(size, np.uint16)
-    for label, k in enumerate(selection.chosen[rising].tolist(), 1):
+    for label, k in enumerate(selection.indices[rising].tolist(), 1):
         for index in (k, *selection.parts.get(k, ())):
-            labels[_cut_out_again(rgb, found, index)] = label
+            labels[_cut_out_again(rgb, candidates, index)] = label
     for label in range(1, len(rising) + 1):
         mask = labels == label
         left, top, width, height = cv2.boundingRect(mask.view(np.uint8))
@@ -288,24 +288,29 @@ def as_segments(
     return left_to_right(Segments(labels, confidence(fit[rising])))
 
 
-def _cut_out_again(rgb: NDArray[np.uint8], found: Candidates, k: int) -> Mask:
+def _cut_out_again(rgb: NDArray[np.uint8], candidates: Candidates, k: int) -> Mask:
     """Return the mask (H, W) of a candidate on the photo."""
-    x_scale, y_scale = _scale_to(found.shape, rgb)
-    corners = found.proposals[k].box / np.array([x_scale, y_scale, x_scale, y_scale])
-    if k in found.corners:
-        fit = box_overlap(corners[None], found.corners[k][None])[0, 0]
+    x_scale, y_scale = _scale_to(candidates.shape, rgb)
+    corners = candidates.proposals[k].box / np.array(
+        [x_scale, y_scale, x_scale, y_scale]
+    )
+    if k in candidates.corners:
+        fit = box_overlap(corners[None], candidates.corners[k][None])[0, 0]
         # The cut-out in the first box is cached.
-        corners = found.corners[k] if fit >= LEARNED.same_box else corners
-    mask = found.on_photo(k, (rgb.shape[0], rgb.shape[1]))
+        corners = candidates.corners[k] if fit >= LEARNED.same_box else corners
+    mask = candidates.on_photo(k, (rgb.shape[0], rgb.shape[1]))
     return better_mask(mask, mask_in_box(rgb, corners.tolist()).mask)
 
 
-def better_mask(own: Mask, again: Mask) -> Mask:
+def better_mask(mask: Mask, second_mask: Mask) -> Mask:
     """Return the repeated mask, or the first mask if the repeated one is worse."""
-    common, union = np.count_nonzero(own & again), np.count_nonzero(own | again)
-    is_other = common < LEARNED.same * union
-    loses_roundness = bool(round_radius(own)) and not round_radius(again)
-    return own if is_other or loses_roundness else again
+    common, union = (
+        np.count_nonzero(mask & second_mask),
+        np.count_nonzero(mask | second_mask),
+    )
+    is_other = common < LEARNED.least_iou * union
+    loses_roundness = bool(round_radius(mask)) and not round_radius(second_mask)
+    return mask if is_other or loses_roundness else second_mask
 
 
 def round_radius(mask: Mask) -> float:
@@ -316,7 +321,7 @@ def round_radius(mask: Mask) -> float:
     rows, columns = np.nonzero(mask[y : y + height, x : x + width])
     points = np.stack([columns + x, rows + y], axis=1).astype(np.float32)
     _, enclosing_radius = cv2.minEnclosingCircle(points)
-    is_disc = len(points) > LEARNED.round * np.pi * enclosing_radius**2
+    is_disc = len(points) > LEARNED.roundness * np.pi * enclosing_radius**2
     return float(np.sqrt(len(points) / np.pi)) if is_disc else 0.0
 
 

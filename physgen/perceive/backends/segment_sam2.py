@@ -111,7 +111,7 @@ class StretchedSam(Sam):
     def _encode(self, ready: torch.Tensor) -> Any:
         return [part.float() for part in self.model.get_image_embeddings(ready)]
 
-    def _restored(self, logits: torch.Tensor) -> Mask:
+    def _restore_size(self, logits: torch.Tensor) -> Mask:
         photo_logits = interpolate(
             logits[None, None], self._photo, mode="bilinear", align_corners=False
         )

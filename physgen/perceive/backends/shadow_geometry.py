@@ -101,13 +101,13 @@ def _geometry(
 
 
 def _find_reduced_shadows(
-    reduced: ReducedPhoto, at: SilhouettesAt, light: LightGuess
+    reduced_photo: ReducedPhoto, silhouettes_at: SilhouettesAt, light: LightGuess
 ) -> Shadows:
-    """Return the shadows of a reduced photo; `at` gives silhouettes at other scales."""
-    background, coverage = reduced.background, reduced.coverage
+    """Return the shadows of a reduced photo; `silhouettes_at` gives silhouettes at other scales."""
+    background, coverage = reduced_photo.background, reduced_photo.coverage
     no_shadows = Shadows(None, None, light.light, 4.0, 4.0, None, 0.0)
     scale = max(max(background.shape[:2]) / COARSE, 1.0)
-    silhouettes = at(scale)
+    silhouettes = silhouettes_at(scale)
     if not silhouettes:
         return no_shadows
     # A coarse search over all directions comes first ...
@@ -116,20 +116,24 @@ def _find_reduced_shadows(
     )
     # Without a clear directional shadow, look for the soft shade of ambient light.
     if score < SURE or factor < 0.15:
-        shade = find_ambient_shade(background, coverage, at, from_above=True)
+        shade = find_ambient_shade(
+            background, coverage, silhouettes_at, from_above=True
+        )
         if shade is None:
             return no_shadows
-        return _remove_ambient(background, coverage, shade, at(1.0), light.light)
+        return _remove_ambient(
+            background, coverage, shade, silhouettes_at(1.0), light.light
+        )
     # ... then a finer picture determines direction and softness.
     scale = max(max(background.shape[:2]) / (FINER * COARSE), 1.0)
-    picture = _coarse_picture(background, coverage, at(scale), scale)
+    picture = _coarse_picture(background, coverage, silhouettes_at(scale), scale)
     setting, _, factor = _climb(
-        replace(setting, size=picture.dark.shape[::-1]), picture, light, 1 / FINER
+        replace(setting, size=picture.darkness.shape[::-1]), picture, light, 1 / FINER
     )
     # The matched share of direct light makes predicted and measured shadows equally
     # dark.
-    setting = replace(_match_darkness(setting, factor), size=reduced.size)
-    silhouettes = at(1.0)
+    setting = replace(_match_darkness(setting, factor), size=reduced_photo.size)
+    silhouettes = silhouettes_at(1.0)
     clean_background = lightened(
         background, *_seen_darkness(background, coverage, silhouettes, setting)
     )
@@ -198,7 +202,7 @@ class _Picture:
     """The photo at a coarse scale."""
 
     # (h, w): logarithm of the surrounding light minus that of the pixel.
-    dark: F32
+    darkness: F32
     weight: F32  # (h, w)
     silhouettes: Sequence[Silhouette]
     # px: size of a typical object.
@@ -217,7 +221,7 @@ class _Picture:
         count = max(float(w.sum()), 1.0)
         # Subtract weighted means, as in Pearson's correlation.
         model = model - float((w * model).sum()) / count
-        darkness = self.dark - float((w * self.dark).sum()) / count
+        darkness = self.darkness - float((w * self.darkness).sum()) / count
         product, square = (
             float((w * model * darkness).sum()),
             float((w * model * model).sum()),
@@ -268,7 +272,7 @@ def _search(picture: _Picture, light: LightGuess) -> tuple[ShadowSetting, float,
 
     Coordinate steps start from the two best of many directions.
     """
-    h, w = picture.dark.shape
+    h, w = picture.darkness.shape
     start = ShadowSetting(light.light, 4.0, True, 0.1, inf, (w, h))
     tries = [
         candidate
@@ -377,20 +381,20 @@ def _seen_darkness(
     return np.asarray(darkness, np.float32), full_light, free.astype(np.float32)
 
 
-def _reference(linear: F32, known: Mask, size: float) -> F32:
-    """Return the light (H, W, 3) of similar colours nearby, from `known` pixels."""
-    if np.count_nonzero(known) < HUES:
+def _reference(linear: F32, visible_mask: Mask, size: float) -> F32:
+    """Return the light (H, W, 3) of similar colours nearby, from `visible_mask` pixels."""
+    if np.count_nonzero(visible_mask) < HUES:
         return np.asarray(cv2.medianBlur(linear, 5), np.float32)
     reaches = [
         (part * size, part * size, gain)
         for part, gain in ((0.4, 1.0), (1.0, 0.05), (3, 0.002))
     ]
-    kinds = hue_weights(linear, known, 8000)
+    kinds = hue_weights(linear, visible_mask, 8000)
 
-    def blur(picture: F32, across: float, down: float) -> F32:
-        return blurred(picture, across)
+    def blur(picture: F32, sigma: float, down: float) -> F32:
+        return blurred(picture, sigma)
 
-    pixel_weights = known.astype(np.float32)
+    pixel_weights = visible_mask.astype(np.float32)
     logs = (cv2.medianBlur(np.log(part + DARKEST), 5) for part in cv2.split(linear))
     means = [
         mean_of_kind(

@@ -38,7 +38,7 @@ class CandidateConstants:
     """Constants of candidates; areas are in px of the network's grid."""
 
     # Least mean foreground of a basin as a possible part of an object.
-    on: float = 0.3
+    basin_foreground: float = 0.3
     border_share: float = 0.6
     """Share of the boundary map in the relief; the rest is the lack of affinity between
     neighbours.
@@ -46,7 +46,7 @@ class CandidateConstants:
     # px of the grid: largest distance of pixel pairs that join basins.
     joining: int = 9
     # Least mean affinity between parts of one object.
-    whole: float = 0.4
+    whole_affinity: float = 0.4
     # px of the network's grid: least area of a candidate.
     smallest: int = 14
     # Largest area of a candidate over the photo's.
@@ -60,7 +60,7 @@ class CandidateConstants:
     cut_outs: int = 9
     """Number of the best boxes for cut-outs in any photo: each costs 35 ms."""
     # Score of a movable whole above which more boxes are cut out.
-    likely: float = 0.3
+    likely_score: float = 0.3
     # Largest number of cut-outs.
     likely_cut_outs: int = 20
     same_group: float = 0.9
@@ -71,11 +71,11 @@ CANDIDATES = CandidateConstants()
 
 
 @dataclass(frozen=True, eq=False)
-class Outlined:
+class EdgeSelection:
     """A candidate selected by the photo's edges."""
 
     # On the network's grid.
-    rough: Proposal
+    grid_proposal: Proposal
     # On the grid of the edges.
     mask: Proposal
     # (h, w) of that grid.
@@ -103,7 +103,7 @@ class Candidates:
     features: Array  # (n, len(FEATURES))
     edges: Array
     """(n,) 0..1: confidence of the selection by edges, 0 for other candidates."""
-    outlined: Mapping[int, Outlined] = field(default_factory=dict)
+    edge_selections: Mapping[int, EdgeSelection] = field(default_factory=dict)
     """Selections by edges, by index."""
     corners: Mapping[int, Array] = field(default_factory=dict)
     """Boxes (4,) of cut-outs on the photo, by index."""
@@ -111,15 +111,15 @@ class Candidates:
     def on_photo(self, k: int, size: tuple[int, int]) -> Mask:
         """Return the mask of a candidate on a photo of `size` (H, W)."""
         mask = self.proposals[k].on(self.shape)
-        if k in self.outlined:
-            edge_selection = self.outlined[k]
+        if k in self.edge_selections:
+            edge_selection = self.edge_selections[k]
             mask = edge_selection.mask.on(edge_selection.shape)
         return cv2.resize(mask.astype(np.uint8), size[::-1]) > 0
 
 
 def find_candidates(
     rgb: NDArray[np.uint8],
-    seen: NetworkMaps,
+    maps: NetworkMaps,
     boxes: DetectedBoxes,
     edges: EdgeSearch | None = None,
 ) -> Candidates:
@@ -127,17 +127,17 @@ def find_candidates(
 
     Selections by `edges` come last; the judge is trained without them.
     """
-    shape = seen.foreground.shape
-    evidence = gather_evidence(rgb, seen, boxes)
-    groups = find_groups(seen)
+    shape = maps.foreground.shape
+    evidence = gather_evidence(rgb, maps, boxes)
+    groups = find_groups(maps)
     cut_outs = cut_out_boxes(rgb, evidence, groups)
     first = len(groups) + len(cut_outs)
-    edge_selections = edge_candidates(edges, seen) if edges else []
+    edge_selections = edge_candidates(edges, maps) if edges else []
     cut_masks = [selection.mask for selection in cut_outs]
     proposals = [
         *groups,
         *cut_masks,
-        *(selection.rough for selection in edge_selections),
+        *(selection.grid_proposal for selection in edge_selections),
     ]
     agreement = np.array(
         [0.0] * first + [selection.confidence for selection in edge_selections]
@@ -152,36 +152,36 @@ def find_candidates(
     )
 
 
-def edge_candidates(edges: EdgeSearch, seen: NetworkMaps) -> list[Outlined]:
+def edge_candidates(edges: EdgeSearch, maps: NetworkMaps) -> list[EdgeSelection]:
     """Return the selections by edges in the network's foreground."""
-    shape = seen.foreground.shape
+    shape = maps.foreground.shape
     confidences = 1 / (
         1 + np.exp((CANDIDATES.score_middle - edges.scores) / CANDIDATES.score_width)
     )
     selections = []
-    for proposal, confidence in zip(edges.chosen, confidences.tolist(), strict=True):
-        grid_proposal = rescaled(proposal, edges.shape, shape)
+    for proposal, confidence in zip(edges.proposals, confidences.tolist(), strict=True):
+        grid_proposal = rescale_proposal(proposal, edges.shape, shape)
         if (
             grid_proposal
-            and _mean(seen.foreground, grid_proposal) >= CANDIDATES.least_foreground
+            and _mean(maps.foreground, grid_proposal) >= CANDIDATES.least_foreground
         ):
             selections.append(
-                Outlined(grid_proposal, proposal, edges.shape, confidence)
+                EdgeSelection(grid_proposal, proposal, edges.shape, confidence)
             )
     return selections
 
 
-def find_groups(seen: NetworkMaps) -> list[Proposal]:
+def find_groups(maps: NetworkMaps) -> list[Proposal]:
     """Return groups of pixels from the network's affinities: parts, wholes and
     piles.
     """
-    cells = seen.foreground.size
+    cells = maps.foreground.size
     largest = round(CANDIDATES.largest * cells)
-    groups, wholes = network_proposals(seen, CANDIDATES.smallest, largest)
+    groups, wholes = network_proposals(maps, CANDIDATES.smallest, largest)
     return [
         proposal
         for proposal in distinct([*groups, *wholes])
-        if _mean(seen.foreground, proposal) >= CANDIDATES.least_foreground
+        if _mean(maps.foreground, proposal) >= CANDIDATES.least_foreground
     ]
 
 
@@ -194,7 +194,7 @@ def cut_out_boxes(
     fit = box_overlap(evidence.corners, group_boxes).max(axis=1, initial=0.0)
     free = np.flatnonzero(fit < CANDIDATES.same_group)
     promise = np.maximum(boxes.movable, 0.5 * boxes.immovable)[free]
-    likely_count = np.count_nonzero(boxes.movable[free] > CANDIDATES.likely)
+    likely_count = np.count_nonzero(boxes.movable[free] > CANDIDATES.likely_score)
     count = max(CANDIDATES.cut_outs, min(int(likely_count), CANDIDATES.likely_cut_outs))
     best = free[np.argsort(-promise, kind="stable")][:count]
     cut_outs = []
@@ -205,34 +205,34 @@ def cut_out_boxes(
     return cut_outs
 
 
-def _mean(values: F32, one: Proposal) -> float:
+def _mean(values: F32, proposal: Proposal) -> float:
     """Return the mean of a map (h, w) over a proposal on the same grid."""
-    left, top, right, bottom = one.box
-    return float(values[top:bottom, left:right][one.mask].mean())
+    left, top, right, bottom = proposal.box
+    return float(values[top:bottom, left:right][proposal.mask].mean())
 
 
-def border_relief(seen: NetworkMaps) -> F32:
+def border_relief(maps: NetworkMaps) -> F32:
     """Return the probability (h, w) of a border at each pixel."""
-    separation = np.zeros_like(seen.boundary)
+    separation = np.zeros_like(maps.boundary)
     for n, (down, right) in enumerate(OFFSETS):
         # The border lies in the middle of the pair.
         if max(abs(down), abs(right)) <= 3:
             middle = np.array([[1, 0, right / 2], [0, 1, down / 2]])
             size = separation.shape[::-1]
             centred_map = cv2.warpAffine(
-                1 - seen.pairs[n], middle, size, borderMode=cv2.BORDER_REPLICATE
+                1 - maps.pairs[n], middle, size, borderMode=cv2.BORDER_REPLICATE
             )
             separation = np.maximum(separation, centred_map)
-    separation = separation * seen.foreground
+    separation = separation * maps.foreground
     return np.asarray(
-        CANDIDATES.border_share * seen.boundary
+        CANDIDATES.border_share * maps.boundary
         + (1 - CANDIDATES.border_share) * separation,
         np.float32,
     )
 
 
 def network_proposals(
-    seen: NetworkMaps, smallest: int, largest: int
+    maps: NetworkMaps, smallest: int, largest: int
 ) -> tuple[list[Proposal], list[Proposal]]:
     """Return parts and piles, and wholes, of `smallest` to `largest` px of the
     network's grid.
@@ -240,12 +240,12 @@ def network_proposals(
     They are groups of basins, merged by affinity; wholes are the largest groups with
     high affinity between all parts.
     """
-    height, width = seen.foreground.shape
+    height, width = maps.foreground.shape
     labels = basins(
-        cv2.GaussianBlur(border_relief(seen), (0, 0), 1.0).astype(np.float32)
+        cv2.GaussianBlur(border_relief(maps), (0, 0), 1.0).astype(np.float32)
     )
     pairs = []
-    for (down, right), affinity in zip(OFFSETS, seen.pairs, strict=True):
+    for (down, right), affinity in zip(OFFSETS, maps.pairs, strict=True):
         if (
             max(down, abs(right)) <= CANDIDATES.joining
             and down < height
@@ -260,13 +260,13 @@ def network_proposals(
                 slice(max(right, 0), width + min(right, 0)),
             )
             pairs.append((first_side, second_side, 1 - affinity[first_side]))
-    object_basins = _on_objects(labels, seen.foreground)
-    tree = merge_tree(pair_borders(labels, pairs, object_basins), stale=0)
-    limit = 1 - CANDIDATES.whole
+    object_basins = _on_objects(labels, maps.foreground)
+    tree = merge_tree(pair_borders(labels, pairs, object_basins), tolerance=0)
+    limit = 1 - CANDIDATES.whole_affinity
     parent_height = np.where(tree.parent >= 0, tree.height[tree.parent], 1.0)
     whole_nodes = (tree.height < limit) & (parent_height >= limit)
     tree_proposals = tree_regions(
-        tree, labels, tree.without(object_basins), smallest, largest
+        tree, labels, tree.exclude_basins(object_basins), smallest, largest
     )
     return [proposal for k, proposal in tree_proposals if not whole_nodes[k]], [
         proposal for k, proposal in tree_proposals if whole_nodes[k]
@@ -276,22 +276,24 @@ def network_proposals(
 def _on_objects(labels: NDArray[np.int32], foreground: F32) -> NDArray[np.bool_]:
     """Return (basins,) whether basins (h, w) may be parts of objects."""
     foreground_sums = np.bincount(labels.ravel(), foreground.ravel())
-    return np.asarray(foreground_sums >= CANDIDATES.on * np.bincount(labels.ravel()))
+    return np.asarray(
+        foreground_sums >= CANDIDATES.basin_foreground * np.bincount(labels.ravel())
+    )
 
 
-def rescaled(
-    one: Proposal, shape: tuple[int, int], onto: tuple[int, int]
+def rescale_proposal(
+    proposal: Proposal, shape: tuple[int, int], target_shape: tuple[int, int]
 ) -> Proposal | None:
-    """Return a proposal on a grid of `shape` (h, w), moved to the grid `onto`, or None.
+    """Return a proposal on a grid of `shape` (h, w), moved to the grid `target_shape`, or None.
 
     None means that no pixel remains.
     """
-    down, right = onto[0] / shape[0], onto[1] / shape[1]
-    left, top, end, bottom = one.box
+    down, right = target_shape[0] / shape[0], target_shape[1] / shape[1]
+    left, top, end, bottom = proposal.box
     x0, y0 = int(left * right), int(top * down)
     x1, y1 = (
-        min(int(np.ceil(end * right)), onto[1]),
-        min(int(np.ceil(bottom * down)), onto[0]),
+        min(int(np.ceil(end * right)), target_shape[1]),
+        min(int(np.ceil(bottom * down)), target_shape[0]),
     )
     # Maps pixel centres of the target to those of the proposal.
     matrix = np.array(
@@ -300,7 +302,7 @@ def rescaled(
             [0, 1 / down, (y0 + 0.5) / down - 0.5 - top],
         ]
     )
-    soft_mask = one.mask.astype(np.float32)
+    soft_mask = proposal.mask.astype(np.float32)
     # Blur before many pixels become one, against aliasing.
     if right < 1:
         blur = cv2.GaussianBlur(

@@ -66,20 +66,20 @@ class DetectedBoxes:
         """Return the scores (n, 80) 0..1 of COCO's classes."""
         return self.scores[:, 2:]
 
-    def as_movable(self, selected: Flags, classes: Sequence[int]) -> DetectedBoxes:
-        """Return the boxes with `selected` ones (n,) movable and without some
+    def as_movable(self, selection: Flags, classes: Sequence[int]) -> DetectedBoxes:
+        """Return the boxes with `selection` ones (n,) movable and without some
         classes.
         """
         scores = self.scores.copy()
-        scores[selected, 0] = scores[selected, :2].max(axis=1)
-        scores[selected, 1] = 0
+        scores[selection, 0] = scores[selection, :2].max(axis=1)
+        scores[selection, 1] = 0
         for index in classes:
-            scores[selected, 2 + index] = 0
+            scores[selection, 2 + index] = 0
         return replace(self, scores=scores)
 
-    def scaled(self, across: float, down: float) -> DetectedBoxes:
+    def scale_to(self, right: float, down: float) -> DetectedBoxes:
         """Return the boxes on a photo of another size."""
-        return replace(self, corners=self.corners * (across, down, across, down))
+        return replace(self, corners=self.corners * (right, down, right, down))
 
     def __len__(self) -> int:
         """Return the number of boxes."""

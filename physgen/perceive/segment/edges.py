@@ -62,7 +62,7 @@ class EdgeSearch:
     """The best set of proposals from edges and circles, on a grid of `shape` (h, w)."""
 
     shape: tuple[int, int]
-    chosen: Sequence[Proposal]
+    proposals: Sequence[Proposal]
     scores: NDArray[np.float64]  # (n,) of the chosen ones
 
 
@@ -122,30 +122,33 @@ def select(
 
 
 def _sets(
-    score: Values, area: Values, compactness: Values, chosen: Flags, excludes: Flags
+    score: Values, area: Values, compactness: Values, selection: Flags, excludes: Flags
 ) -> Values:
     """Return the bonus (n,) of proposals similar to several selected ones in size and
     compactness.
     """
-    size = np.log(area[:, None] / area[chosen]) / 0.12
-    compactness_ratio = np.log(compactness[:, None] / compactness[chosen]) / 0.15
+    size = np.log(area[:, None] / area[selection]) / 0.12
+    compactness_ratio = np.log(compactness[:, None] / compactness[selection]) / 0.15
     similarity = np.exp(-(size**2) - compactness_ratio**2) * np.clip(
-        (score[chosen] - SELECTION.threshold) / 0.2, 0, 1
+        (score[selection] - SELECTION.threshold) / 0.2, 0, 1
     )
-    similarity[(excludes | np.eye(len(area), dtype=np.bool_))[:, chosen]] = 0
+    similarity[(excludes | np.eye(len(area), dtype=np.bool_))[:, selection]] = 0
     bonus: Values = SELECTION.set_bonus * np.minimum(similarity.sum(1), 3) / 3
     return bonus
 
 
 def _gaps(
-    proposals: Sequence[Proposal], area: Values, chosen: Flags, shape: tuple[int, int]
+    proposals: Sequence[Proposal],
+    area: Values,
+    selection: Flags,
+    shape: tuple[int, int],
 ) -> Values:
     """Return the penalty (n,) of selected proposals with larger selected ones along
     their outline.
     """
     reach = 3
     labels = np.zeros((shape[0] + 2 * reach, shape[1] + 2 * reach), np.int32)
-    members = np.flatnonzero(chosen).tolist()
+    members = np.flatnonzero(selection).tolist()
     for i in members:
         left, top, right, bottom = (edge + reach for edge in proposals[i].box)
         labels[top:bottom, left:right][proposals[i].mask] = i + 1

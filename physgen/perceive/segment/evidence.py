@@ -90,7 +90,7 @@ RARER = 3.0
 class Evidence:
     """The evidence about a photo for the judgement of its candidates."""
 
-    seen: NetworkMaps
+    maps: NetworkMaps
     # (h, w): the photo's colours on the grid, in steps.
     colours: NDArray[np.int64]
     # (h, w, 3): the same in CIELAB.
@@ -108,16 +108,18 @@ class Evidence:
 
 
 def gather_evidence(
-    rgb: NDArray[np.uint8], seen: NetworkMaps, boxes: DetectedBoxes
+    rgb: NDArray[np.uint8], network_maps: NetworkMaps, boxes: DetectedBoxes
 ) -> Evidence:
     """Return the evidence of a photo (H, W, 3) sRGB."""
-    height, width = seen.foreground.shape
+    height, width = network_maps.foreground.shape
     lab = _small_lab(rgb, (height, width))
     colours = colour_steps(rgb, (height, width))
     scale = np.tile([width / rgb.shape[1], height / rgb.shape[0]], 2)
     edges = find_edges(rgb, (height, width))
     corners = boxes.corners * scale
-    return Evidence(seen, colours, lab.astype(np.float32), edges, boxes, corners)
+    return Evidence(
+        network_maps, colours, lab.astype(np.float32), edges, boxes, corners
+    )
 
 
 def colour_steps(rgb: NDArray[np.uint8], shape: tuple[int, int]) -> NDArray[np.int64]:
@@ -155,80 +157,142 @@ def judge_features(candidates: Sequence[Proposal], evidence: Evidence) -> Array:
     """Return the features (n, len(FEATURES)) of candidates on the network's grid."""
     if not candidates:
         return np.zeros((0, len(FEATURES)))
-    maps = map_features(candidates, evidence.seen)
+    maps = map_features(candidates, evidence.maps)
     colours = [_colour_features(candidate, evidence) for candidate in candidates]
     boxes = box_features(candidates, evidence)
     return np.hstack([maps, np.array(colours), boxes])
 
 
-def map_features(candidates: Sequence[Proposal], seen: NetworkMaps) -> Array:
+def map_features(candidates: Sequence[Proposal], maps: NetworkMaps) -> Array:
     """Return the features (n, len(MAP_FEATURES)) of candidates."""
-    rim = np.asarray(cv2.dilate(seen.boundary, np.ones((3, 3), np.uint8)), np.float32)
+    rim = np.asarray(cv2.dilate(maps.boundary, np.ones((3, 3), np.uint8)), np.float32)
     reach = max(max(abs(down), abs(right)) for down, right in OFFSETS)
     return np.array(
-        [_map_features(candidate, seen, rim, reach) for candidate in candidates]
+        [_map_features(candidate, maps, rim, reach) for candidate in candidates]
     )
 
 
-def _map_features(
-    candidate: Proposal, seen: NetworkMaps, rim: F32, reach: int
-) -> list[float]:
-    """Return the features of one candidate, in the order of MAP_FEATURES."""
-    height, width = seen.foreground.shape
+@dataclass(frozen=True, eq=False)
+class _CandidateView:
+    """A candidate and the network's maps around it, in a window of the grid."""
+
+    candidate: Proposal
+    # (h, w): mask in the window.
+    mask: Mask
+    # Slices of the window in the grid.
+    window: tuple[slice, slice]
+    # Slices, in the window, of the candidate's box and its surroundings.
+    surroundings: tuple[slice, slice]
+
+
+def _crop_candidate(
+    candidate: Proposal, shape: tuple[int, ...], reach: int
+) -> _CandidateView:
+    """Return a candidate in a window `reach` px larger than its box."""
+    height, width = shape
     left, top, right, bottom = candidate.box
     x0, y0 = max(left - reach, 0), max(top - reach, 0)
-    box = np.s_[y0 : min(bottom + reach, height), x0 : min(right + reach, width)]
-    mask = np.zeros(seen.foreground[box].shape, bool)
+    x1, y1 = min(right + reach, width), min(bottom + reach, height)
+    mask = np.zeros((y1 - y0, x1 - x0), bool)
     mask[top - y0 : bottom - y0, left - x0 : right - x0] = candidate.mask
-    window = np.s_[
-        max(top - SURROUNDINGS - y0, 0) : bottom + SURROUNDINGS - y0,
-        max(left - SURROUNDINGS - x0, 0) : right + SURROUNDINGS - x0,
+    surroundings = (
+        slice(max(top - SURROUNDINGS - y0, 0), bottom + SURROUNDINGS - y0),
+        slice(max(left - SURROUNDINGS - x0, 0), right + SURROUNDINGS - x0),
+    )
+    window = slice(y0, y1), slice(x0, x1)
+    return _CandidateView(candidate, mask, window, surroundings)
+
+
+def _map_features(
+    candidate: Proposal, maps: NetworkMaps, rim: F32, reach: int
+) -> list[float]:
+    """Return the features of one candidate, in the order of MAP_FEATURES."""
+    view = _crop_candidate(candidate, maps.foreground.shape, reach)
+    window, mask = view.window, view.mask
+    foreground = maps.foreground[window]
+    contour = outline(candidate.mask)
+    inner_affinities, outer_affinities = _pairs(
+        mask, foreground, maps.pairs[(slice(None), *window)]
+    )
+    return [
+        *_measure_foreground(view, foreground),
+        *_measure_rim(contour + candidate.box[:2], rim),
+        *_measure_inner_border(view, maps.boundary[window]),
+        *inner_affinities,
+        *outer_affinities,
+        *_measure_form(candidate, contour, rim.shape),
+        float(maps.normals[window][..., 2][mask].mean()),
+        float(maps.movable[window][mask].mean()),
+        float(candidate.mask.mean()),
     ]
-    small = mask[window].astype(np.uint8)
-    foreground, boundary = seen.foreground[box], seen.boundary[box]
-    inner_foreground = foreground[mask]
+
+
+def _measure_foreground(view: _CandidateView, foreground: F32) -> list[float]:
+    """Return the foreground inside a candidate, in its weakest tenth, and around it."""
+    small = view.mask[view.surroundings].astype(np.uint8)
     kernel = np.ones((2 * SURROUNDINGS + 1, 2 * SURROUNDINGS + 1), np.uint8)
     ring = (cv2.dilate(small, kernel) > 0) & (small == 0)
+    outer_mean = 0.0
+    if ring.any():
+        outer_mean = float(foreground[view.surroundings][ring].mean())
+    inner_foreground = foreground[view.mask]
+    return [
+        float(inner_foreground.mean()),
+        _lowest(inner_foreground, 0.1),
+        outer_mean,
+    ]
+
+
+def _is_free(points: NDArray[np.integer], shape: tuple[int, ...]) -> Mask:
+    """Return (n,) whether points (n, 2) of an outline are off the photo's border.
+
+    The photo's border is not an edge of an object.
+    """
+    height, width = shape
+    x, y = points.T
+    return np.asarray((x > 0) & (y > 0) & (x < width - 1) & (y < height - 1))
+
+
+def _measure_rim(points: NDArray[np.integer], rim: F32) -> list[float]:
+    """Return the border along an outline (n, 2), and along its weakest quarter."""
+    values = np.zeros(1, np.float32)
+    free = _is_free(points, rim.shape)
+    if free.any():
+        x, y = points[free].T
+        values = np.sort(rim[y, x])
+    weakest_values = values[: max(1, len(values) // 4)]
+    return [float(values.mean()), float(weakest_values.mean())]
+
+
+def _measure_inner_border(view: _CandidateView, boundary: F32) -> list[float]:
+    """Return the border inside a candidate, and its strongest fiftieth."""
     inner = (
         cv2.erode(
-            small,
+            view.mask[view.surroundings].astype(np.uint8),
             np.ones((5, 5), np.uint8),
             borderType=cv2.BORDER_CONSTANT,
             borderValue=0,
         )
         > 0
     )
-    contour = outline(candidate.mask)
-    x, y = contour[:, 0] + left, contour[:, 1] + top
-    # The photo's border is not an edge of an object.
-    free = (x > 0) & (y > 0) & (x < width - 1) & (y < height - 1)
-    rim_values = (
-        np.sort(rim[y[free], x[free]]) if free.any() else np.zeros(1, np.float32)
-    )
-    inside = boundary[window][inner] if inner.any() else np.zeros(1, np.float32)
-    inner_affinities, others = _pairs(mask, foreground, seen.pairs[(slice(None), *box)])
-    hull = cv2.convexHull(contour)
-    area, length = (
-        max(float(candidate.area), 1.0),
-        max(float(cv2.arcLength(contour, True)), 1.0),
-    )
+    inside = np.zeros(1, np.float32)
+    if inner.any():
+        inside = boundary[view.surroundings][inner]
+    return [float(inside.mean()), -_lowest(-inside, 0.02)]
+
+
+def _measure_form(
+    candidate: Proposal, contour: NDArray[np.int32], shape: tuple[int, ...]
+) -> list[float]:
+    """Return log size, share cut by the photo, solidity and compactness."""
+    area = max(float(candidate.area), 1.0)
+    length = max(float(cv2.arcLength(contour, True)), 1.0)
+    hull_area = float(cv2.contourArea(cv2.convexHull(contour)))
     return [
-        float(inner_foreground.mean()),
-        _lowest(inner_foreground, 0.1),
-        float(foreground[window][ring].mean()) if ring.any() else 0.0,
-        float(rim_values.mean()),
-        float(rim_values[: max(1, len(rim_values) // 4)].mean()),
-        float(inside.mean()),
-        -_lowest(-inside, 0.02),
-        *inner_affinities,
-        *others,
-        float(np.log(area / (height * width))),
-        1 - float(free.mean()),
-        area / max(float(cv2.contourArea(hull)) + length / 2 + 1, area),
+        float(np.log(area / (shape[0] * shape[1]))),
+        1 - float(_is_free(contour + candidate.box[:2], shape).mean()),
+        area / max(hull_area + length / 2 + 1, area),
         float(np.sqrt(4 * np.pi * area) / length),
-        float(seen.normals[box][..., 2][mask].mean()),
-        float(seen.movable[box][mask].mean()),
-        float(candidate.mask.mean()),
     ]
 
 
@@ -243,57 +307,80 @@ def _pairs(mask: Mask, foreground: F32, pairs: F32) -> tuple[list[float], list[f
 
     There is one value each for near, farther and far pairs.
     """
-    h, w = mask.shape
+    height, width = mask.shape
     inner_means, outer_means = [], []
     for indices in RANGES:
-        inner_sum = outer_sum = inner_count = outer_count = 0.0
+        total = _AffinitySums()
         for n in indices:
             down, right = OFFSETS[n]
-            if down >= h or abs(right) >= w:
-                continue
-            first_side = np.s_[: h - down, max(-right, 0) : w - max(right, 0)]
-            second_side = np.s_[down:, max(right, 0) : w + min(right, 0)]
-            a, b, affinity = mask[first_side], mask[second_side], pairs[n][first_side]
-            is_inside = a & b
-            inner_sum += float(affinity[is_inside].sum())
-            inner_count += int(is_inside.sum())
-            is_split = a != b
-            if is_split.any():
-                weight = np.where(a, foreground[second_side], foreground[first_side])[
-                    is_split
-                ]
-                outer_sum += float((affinity[is_split] * weight).sum())
-                outer_count += float(weight.sum())
-        inner_means.append((inner_sum + 0.5) / (inner_count + 1.0))
-        outer_means.append(outer_sum / (outer_count + 1.0))
+            if down < height and abs(right) < width:
+                total.add(mask, foreground, pairs[n], (down, right))
+        inner_means.append((total.inner + 0.5) / (total.inner_count + 1.0))
+        outer_means.append(total.outer / (total.outer_count + 1.0))
     return inner_means, outer_means
+
+
+@dataclass
+class _AffinitySums:
+    """Sums of affinities inside a proposal, and with other foreground."""
+
+    inner: float = 0.0
+    inner_count: float = 0.0
+    outer: float = 0.0
+    outer_count: float = 0.0
+
+    def add(
+        self, mask: Mask, foreground: F32, affinities: F32, offset: tuple[int, int]
+    ) -> None:
+        """Add the affinities (h, w) of pixel pairs at an offset (rows, columns)."""
+        height, width = mask.shape
+        down, right = offset
+        first_side = np.s_[: height - down, max(-right, 0) : width - max(right, 0)]
+        second_side = np.s_[down:, max(right, 0) : width + min(right, 0)]
+        first, second = mask[first_side], mask[second_side]
+        affinity = affinities[first_side]
+        is_inside = first & second
+        self.inner += float(affinity[is_inside].sum())
+        self.inner_count += int(is_inside.sum())
+        is_split = first != second
+        if is_split.any():
+            weight = np.where(first, foreground[second_side], foreground[first_side])
+            weight = weight[is_split]
+            self.outer += float((affinity[is_split] * weight).sum())
+            self.outer_count += float(weight.sum())
 
 
 def _colour_features(candidate: Proposal, evidence: Evidence) -> list[float]:
     """Return the continued share of a candidate's colours, the colour step, and
     edges.
     """
-    height, width = evidence.colours.shape
     reach = max(SURROUNDINGS, round(0.5 * np.sqrt(candidate.area)))
-    left, top, right, bottom = candidate.box
-    x, y = max(left - reach, 0), max(top - reach, 0)
-    window = np.s_[y : min(bottom + reach, height), x : min(right + reach, width)]
-    inside = np.zeros(evidence.colours[window].shape, bool)
-    inside[top - y : bottom - y, left - x : right - x] = candidate.mask
+    view = _crop_candidate(candidate, evidence.colours.shape, reach)
+    inside = view.mask
     kernel = np.ones((3, 3), np.uint8)
     outside = cv2.dilate(inside.astype(np.uint8), kernel, iterations=2) == 0
     if not outside.any():
         return [0.0] * len(COLOUR_FEATURES)
-    colours, lab = evidence.colours[window], evidence.lab[window]
-    names, counts = np.unique(colours[inside], return_counts=True)
-    outer_colours = colours[outside]
-    rank = np.minimum(np.searchsorted(names, outer_colours), len(names) - 1)
-    common = names[rank] == outer_colours
-    outer_shares = np.bincount(rank[common], minlength=len(names)) / len(outer_colours)
-    inner_shares = counts / counts.sum()
+    colours, lab = evidence.colours[view.window], evidence.lab[view.window]
     step = lab[inside].mean(axis=0) - lab[outside].mean(axis=0)
-    goes_on = float(np.minimum(inner_shares, RARER * outer_shares).sum())
-    return [goes_on, float(np.linalg.norm(step)), *_edge_features(candidate, evidence)]
+    return [
+        _share_colours(colours[inside], colours[outside]),
+        float(np.linalg.norm(step)),
+        *_edge_features(candidate, evidence),
+    ]
+
+
+def _share_colours(
+    inner_colours: NDArray[np.int64], outer_colours: NDArray[np.int64]
+) -> float:
+    """Return the share of the inner colours (n,) that continue outside."""
+    names, counts = np.unique(inner_colours, return_counts=True)
+    rank = np.minimum(np.searchsorted(names, outer_colours), len(names) - 1)
+    is_common = names[rank] == outer_colours
+    outer_counts = np.bincount(rank[is_common], minlength=len(names))
+    outer_shares = outer_counts / len(outer_colours)
+    inner_shares = counts / counts.sum()
+    return float(np.minimum(inner_shares, RARER * outer_shares).sum())
 
 
 def _edge_features(candidate: Proposal, evidence: Evidence) -> list[float]:

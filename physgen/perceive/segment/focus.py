@@ -38,7 +38,7 @@ class FocusConstants:
     second.
     """
     # Ratio above which an object is sharp in any case.
-    clear: float = 2.1
+    clear_ratio: float = 2.1
 
 
 FOCUS = FocusConstants()
@@ -55,12 +55,12 @@ def blur_shares(ratios: Array, areas: Array) -> Array:
     large = areas >= FOCUS.small * np.median(areas)
     reference = max(float(np.quantile(ratios[large], FOCUS.sharpest)), 1e-6)
     shares = np.interp(ratios / reference, FOCUS.share, (1, 0))
-    is_relative = (ratios > 0) & (ratios < FOCUS.clear)
+    is_relative = (ratios > 0) & (ratios < FOCUS.clear_ratio)
     return np.asarray(np.where(is_relative, shares, 0))
 
 
 def rim_sharpness(
-    rgb: NDArray[np.uint8], chosen: Sequence[Proposal], shape: tuple[int, int]
+    rgb: NDArray[np.uint8], proposals: Sequence[Proposal], shape: tuple[int, int]
 ) -> Array:
     """Return the median ratio (n,) of fine to wide edges along each rim, 0 without
     edges.
@@ -69,8 +69,8 @@ def rim_sharpness(
     fine_edges, wide_edges = (
         cv2.dilate(proposal, kernel) for proposal in edge_steps(rgb, shape)
     )
-    ratios = np.zeros(len(chosen))
-    for k, proposal in enumerate(chosen):
+    ratios = np.zeros(len(proposals))
+    for k, proposal in enumerate(proposals):
         x, y = (outline(proposal.mask) + np.array([proposal.x, proposal.y])).T
         is_free = (x > 0) & (y > 0) & (x < shape[1] - 1) & (y < shape[0] - 1)
         x, y = x[is_free], y[is_free]

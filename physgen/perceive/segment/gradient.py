@@ -31,7 +31,9 @@ class Gradient:
     # Median strength: that of grain and smooth shading.
     noise: float
 
-    def across(self, x: Floats, y: Floats, normal: Floats) -> NDArray[np.float32]:
+    def measure_across(
+        self, x: Floats, y: Floats, normal: Floats
+    ) -> NDArray[np.float32]:
         """Return the strength of edges with the normal `normal` (rad) at points x, y, 0
         outside.
 

@@ -60,7 +60,7 @@ class Judge:
 class JudgedCandidates:
     """The candidates of a photo and their expected fits."""
 
-    found: Candidates
+    candidates: Candidates
     # (n,) 0..1: expected IoU with the best movable object.
     fit: Array
     # On the photo.
@@ -87,13 +87,13 @@ def _judge_photo(codes: bytes, height: int, width: int) -> JudgedCandidates:
 
 
 def judge_others(
-    rgb: NDArray[np.uint8], judged: JudgedCandidates, others: Sequence[Proposal]
+    rgb: NDArray[np.uint8], judgement: JudgedCandidates, others: Sequence[Proposal]
 ) -> Array:
     """Return the expected fits (n,) of other masks beside the candidates of a photo."""
     if not others:
         return np.zeros(0)
-    evidence = gather_evidence(rgb, run_network(rgb), judged.boxes)
-    candidates = judged.found
+    evidence = gather_evidence(rgb, run_network(rgb), judgement.boxes)
+    candidates = judgement.candidates
     # Context features compare each mask with all candidates of the photo.
     features = np.vstack([candidates.features, judge_features(others, evidence)])
     fit = shipped_judge().expected_fit([*candidates.proposals, *others], features)

@@ -55,7 +55,7 @@ class LivingConstants:
     # Least share of a candidate's box inside its animal's box.
     inside: float = 0.7
     # Least share of a candidate that the animal's cut-out covers.
-    covered: float = 0.8
+    covered_share: float = 0.8
 
 
 LIVING = LivingConstants()
@@ -74,15 +74,15 @@ def release_models(rgb: NDArray[np.uint8], boxes: DetectedBoxes) -> DetectedBoxe
 
 
 def find_likely_toys(
-    rgb: NDArray[np.uint8], boxes: DetectedBoxes, taken: NDArray[np.uint16]
+    rgb: NDArray[np.uint8], boxes: DetectedBoxes, labels: NDArray[np.uint16]
 ) -> list[Doubt]:
-    """Return animals that may be toys, outside objects (`taken` (H, W) > 0)."""
+    """Return animals that may be toys, outside objects (`labels` (H, W) > 0)."""
     animals = _animals(boxes)
     if not animals:
         return []
     if view_chances(run_network(rgb).features).unsuitable >= LIVING.loose:
         return []
-    free = taken == 0
+    free = labels == 0
     doubts: list[Doubt] = []
     for k in animals:
         piece = cut_out(mask_in_box(rgb, boxes.corners[k]).mask & free, 0, 0, 1)
@@ -96,7 +96,7 @@ def find_likely_toys(
 def parts_of_living(
     rgb: NDArray[np.uint8],
     boxes: DetectedBoxes,
-    chosen: Sequence[Proposal],
+    candidates: Sequence[Proposal],
     shape: tuple[int, int],
 ) -> Flags:
     """Return (n,) whether chosen candidates are parts of people or animals.
@@ -104,19 +104,21 @@ def parts_of_living(
     The cut-out of a person covers a hand, but also a held object; the held object has a
     box of its own. `boxes` are on the photo, candidates on its grid of `shape` (h, w).
     """
-    is_part = np.zeros(len(chosen), np.bool_)
+    is_part = np.zeros(len(candidates), np.bool_)
     living = _living(boxes)
-    if not len(chosen) or not living:
+    if not len(candidates) or not living:
         return is_part
-    grid = boxes.scaled(shape[1] / rgb.shape[1], shape[0] / rgb.shape[0]).corners
-    rectangles = np.array([proposal.box for proposal in chosen], np.float64)
+    grid = boxes.scale_to(shape[1] / rgb.shape[1], shape[0] / rgb.shape[0]).corners
+    rectangles = np.array([proposal.box for proposal in candidates], np.float64)
     own_scores = (box_overlap(rectangles, grid) ** 2 * boxes.movable).max(axis=1)
     inside = box_shares(rectangles, grid[living]) >= LIVING.inside
     inside &= own_scores[:, None] < LIVING.box
     for place in np.flatnonzero(inside.any(axis=0)).tolist():
         cut_out_mask = rough_mask_in_box(rgb, boxes.corners[living[place]], shape)
         for k in np.flatnonzero(inside[:, place]).tolist():
-            is_part[k] |= cut_out_mask is not None and _is_part(chosen[k], cut_out_mask)
+            is_part[k] |= cut_out_mask is not None and _is_part(
+                candidates[k], cut_out_mask
+            )
     return is_part
 
 
@@ -131,10 +133,10 @@ def _living(boxes: DetectedBoxes) -> list[int]:
     ]
 
 
-def _is_part(one: Proposal, whole: Proposal) -> bool:
+def _is_part(part: Proposal, whole: Proposal) -> bool:
     """Return whether a person's cut-out covers a candidate and more."""
-    covers_candidate = overlap(one, whole) >= LIVING.covered * one.area
-    return covers_candidate and one.area <= PART * whole.area
+    covers_candidate = overlap(part, whole) >= LIVING.covered_share * part.area
+    return covers_candidate and part.area <= PART * whole.area
 
 
 def _animals(boxes: DetectedBoxes) -> list[int]:

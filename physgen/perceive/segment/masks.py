@@ -107,7 +107,7 @@ class Cut(Proposal):
         rows, columns = np.nonzero(self.mask)
         return self.x + float(columns.mean()), self.y + float(rows.mean())
 
-    def seen_in(self, photo: NDArray[T]) -> NDArray[T]:
+    def view_in(self, photo: NDArray[T]) -> NDArray[T]:
         """Return a view of the cut's box in an array of the photo's size."""
         left, top, right, bottom = self.box
         return photo[top:bottom, left:right]
@@ -216,7 +216,7 @@ def distinct(cuts: Sequence[Cut]) -> list[Cut]:
     return [cut for k, cut in enumerate(distinct_cuts) if k not in dropped_indices]
 
 
-def resolved(cuts: Sequence[Cut]) -> list[Cut]:
+def resolve_overlaps(cuts: Sequence[Cut]) -> list[Cut]:
     """Return movable objects without common pixels.
 
     Small objects lie in front of larger ones unless those are much more confident:
@@ -262,19 +262,19 @@ def segments(
             if cut.area >= least_area and cut.confidence >= DOUBTFUL
         ]
     )
-    objects = resolved(
+    objects = resolve_overlaps(
         [cut for cut in cuts if cut.movable and cut.confidence >= confident]
     )
     objects = [cut for cut in objects if cut.area >= least_area]
     objects.sort(key=lambda cut: cut.centroid)
     labels = np.zeros(size, np.uint16)
     for k, cut in enumerate(objects, 1):
-        cut.seen_in(labels)[cut.mask] = k
+        cut.view_in(labels)[cut.mask] = k
     weak_cuts = [cut for cut in cuts if cut.movable and cut.confidence < confident]
     doubts = [
         doubt
         for cut in weak_cuts
-        if np.count_nonzero(cut.seen_in(labels)[cut.mask]) <= 0.5 * cut.area
+        if np.count_nonzero(cut.view_in(labels)[cut.mask]) <= 0.5 * cut.area
         for doubt in doubt_about(cut, cut.confidence)
     ]
     return Segments(
@@ -299,7 +299,7 @@ def _scenery(cuts: Sequence[Cut], labels: NDArray[np.uint16]) -> Scenery:
     cuts = sorted(cuts, key=lambda cut: -cut.area)
     scenery_labels = np.zeros(labels.shape, np.uint16)
     for k, cut in enumerate(cuts, 1):
-        cut.seen_in(scenery_labels)[cut.mask] = k
+        cut.view_in(scenery_labels)[cut.mask] = k
     scenery_labels[labels > 0] = 0
     return Scenery(
         scenery_labels,
@@ -317,20 +317,20 @@ def _remove_occluded_part(cut: Cut, others: Sequence[Cut]) -> Mask:
     return left
 
 
-def _before(one: Cut, other: Cut) -> bool:
-    """Return whether `one` gets the common pixels; exactly one of both does."""
-    if one.area == other.area:
-        return (one.confidence, *one.box) > (other.confidence, *other.box)
-    small, large = (one, other) if one.area < other.area else (other, one)
-    return (small.confidence >= CLEANUP.rival * large.confidence) == (small is one)
+def _before(cut: Cut, other: Cut) -> bool:
+    """Return whether `cut` gets the common pixels; exactly one of both does."""
+    if cut.area == other.area:
+        return (cut.confidence, *cut.box) > (other.confidence, *other.box)
+    small, large = (cut, other) if cut.area < other.area else (other, cut)
+    return (small.confidence >= CLEANUP.rival * large.confidence) == (small is cut)
 
 
-def _contains(one: Cut, other: Cut) -> bool:
+def _contains(cut: Cut, other: Cut) -> bool:
     """Return whether a movable object contains another of its kind."""
     kind = (
-        one.movable
+        cut.movable
         and other.movable
-        and one.noun == other.noun
-        and one.area > other.area
+        and cut.noun == other.noun
+        and cut.area > other.area
     )
-    return kind and overlap(one, other) >= CLEANUP.inside * other.area
+    return kind and overlap(cut, other) >= CLEANUP.inside * other.area

@@ -34,6 +34,8 @@ OFFSETS = ((3, 0), (0, 3), (9, 0), (0, 9), (9, 9), (9, -9), (27, 0), (0, 27))
 SIDE = 192
 # Width of the surroundings in the crop over a box's sides.
 MARGIN = 0.25
+LARGEST_LOGIT = 30
+"""Logits are clipped to this, against overflow."""
 LOOKS = 24
 """Number of crops with cached first results: those of a photo's candidates."""
 OUTPUTS = "seen", "level-32", "level-16", "level-8", "level-4", "level-2"
@@ -87,49 +89,71 @@ def run_network(rgb: NDArray[np.uint8]) -> NetworkMaps:
 
     The last maps are cached, since several roles use them; the arrays are read-only.
     """
-    return _seen(rgb.tobytes(), rgb.shape[0], rgb.shape[1])
+    return _predict_maps(rgb.tobytes(), rgb.shape[0], rgb.shape[1])
 
 
 @lru_cache(maxsize=1)
-def _seen(codes: bytes, height: int, width: int) -> NetworkMaps:
+def _predict_maps(codes: bytes, height: int, width: int) -> NetworkMaps:
     """Return the maps of a photo given as bytes."""
     rgb = np.frombuffer(codes, np.uint8).reshape(height, width, 3)
-    mirror = np.ascontiguousarray(rgb[:, ::-1])
-    # The errors of photo and mirror image differ, so that their mean is more accurate.
-    passes, features = [], np.zeros(0, np.float32)
-    for side in PASSES:
-        photo_pass, mirror_pass = _pass(rgb, side), _pass(mirror, side)
-        mean_maps = (photo_pass.maps + mirrored(mirror_pass.maps)) / 2
-        passes.append(np.asarray(mean_maps, np.float32))
-        if side == PASSES[0]:
-            pairs_of_levels = zip(photo_pass.levels, mirror_pass.levels, strict=True)
-            features = pool([*pairs_of_levels, (passes[0],)])
-    h, w = passes[-1].shape[1:]
-    resized_maps = [
-        cv2.resize(
-            photo_pass.transpose(1, 2, 0), (w, h), interpolation=cv2.INTER_LINEAR
-        )
-        for photo_pass in passes
-    ]
-    mean = np.asarray(np.mean(resized_maps, axis=0), np.float32)
-    chances = np.asarray(
-        1 / (1 + np.exp(-np.clip(mean, -30, 30))), np.float32
-    ).transpose(2, 0, 1)
+    passes, features = _run_passes(rgb)
+    mean = _average_passes(passes)
+    chances = np.asarray(_sigmoid(mean), np.float32).transpose(2, 0, 1)
     normals = mean[..., 10:13]
     normals = normals / np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-6)
     # Offsets mean longer distances in smaller passes: affinities come from the largest
     # pass only.
-    pairs = 1 / (1 + np.exp(-np.clip(passes[-1][2:10], -30, 30)))
-    maps = (
-        chances[0], chances[1], np.asarray(pairs, np.float32), np.asarray(normals, np.float32),
-        chances[13], chances[14], features,
-    )  # fmt: skip
-    for part in maps:
-        part.setflags(write=False)
-    return NetworkMaps(*maps)
+    pairs = _sigmoid(passes[-1][2:10])
+    maps = NetworkMaps(
+        foreground=chances[0],
+        boundary=chances[1],
+        pairs=np.asarray(pairs, np.float32),
+        normals=np.asarray(normals, np.float32),
+        shadow=chances[13],
+        movable=chances[14],
+        features=features,
+    )
+    for array in vars(maps).values():
+        array.setflags(write=False)
+    return maps
 
 
-def mirrored(maps: F32) -> F32:
+def _run_passes(rgb: NDArray[np.uint8]) -> tuple[list[F32], F32]:
+    """Return the raw maps (15, h, w) of each pass, and the photo's features.
+
+    The errors of photo and mirror image differ, so that their mean is more accurate.
+    """
+    mirror = np.ascontiguousarray(rgb[:, ::-1])
+    passes: list[F32] = []
+    features = np.zeros(0, np.float32)
+    for side in PASSES:
+        photo_pass, mirror_pass = _pass(rgb, side), _pass(mirror, side)
+        mean_maps = (photo_pass.maps + mirror_maps(mirror_pass.maps)) / 2
+        passes.append(np.asarray(mean_maps, np.float32))
+        if side == PASSES[0]:
+            pairs_of_levels = zip(photo_pass.levels, mirror_pass.levels, strict=True)
+            features = pool([*pairs_of_levels, (passes[0],)])
+    return passes, features
+
+
+def _average_passes(passes: Sequence[F32]) -> F32:
+    """Return the mean (h, w, 15) of the passes at the size of the last one."""
+    height, width = passes[-1].shape[1:]
+    resized_maps = [
+        cv2.resize(
+            maps.transpose(1, 2, 0), (width, height), interpolation=cv2.INTER_LINEAR
+        )
+        for maps in passes
+    ]
+    return np.asarray(np.mean(resized_maps, axis=0), np.float32)
+
+
+def _sigmoid(logits: F32) -> NDArray[Any]:
+    """Return the probabilities of logits."""
+    return 1 / (1 + np.exp(-np.clip(logits, -LARGEST_LOGIT, LARGEST_LOGIT)))
+
+
+def mirror_maps(maps: F32) -> F32:
     """Return the raw output (15, h, w) of a mirror image, mapped to the photo."""
     result = np.array(maps[:, :, ::-1])
     # The x component of the normals changes its sign.
@@ -217,16 +241,16 @@ def _network() -> cv2.dnn.Net:
 
 
 def crop(
-    image: NDArray[np.uint8], box: Sequence[float], side: int, beyond: int = round(MEAN)
+    image: NDArray[np.uint8], box: Sequence[float], side: int, fill: int = round(MEAN)
 ) -> NDArray[np.uint8]:
     """Return a box (left, top, right, bottom px) with its margin, resized to (side,
     side[, 3]).
 
-    Pixels outside the photo have the value `beyond`.
+    Pixels outside the photo have the value `fill`.
     """
     left, top, right, bottom = bounds(box)
     height, width = image.shape[:2]
-    result = np.full((side, side, *image.shape[2:]), beyond, np.uint8)
+    result = np.full((side, side, *image.shape[2:]), fill, np.uint8)
     part = image[max(top, 0) : max(bottom, 0), max(left, 0) : max(right, 0)]
     x0, x1 = (
         round((x - left) / (right - left) * side)
@@ -293,19 +317,19 @@ def rough_mask_in_box(
     This uses one crop, without its mirror image and the photo's edges, in half the time
     of `mask_in_box`.
     """
-    left, top, right, bottom = bounds(box)
+    edges = np.array(bounds(box))
     chances = _first_chances(crop(rgb, box, SIDE).tobytes(), at_point=False)
     scale = np.array([shape[1] / rgb.shape[1], shape[0] / rgb.shape[0]])
-    low = np.floor(np.array([left, top]) * scale).astype(int)
-    high = np.ceil(np.array([right, bottom]) * scale).astype(int)
+    low = np.floor(edges[:2] * scale).astype(int)
+    high = np.ceil(edges[2:] * scale).astype(int)
     x0, y0 = np.maximum(low, 0).tolist()
     x1, y1 = np.minimum(high, shape[::-1]).tolist()
     if x1 <= x0 or y1 <= y0:
         return None
     # Maps centres of the grid's cells to those of the head's output.
-    step = np.array([right - left, bottom - top]) / np.array(chances.shape[::-1])
+    step = (edges[2:] - edges[:2]) / np.array(chances.shape[::-1])
     factor = 1 / (scale * step)
-    first = (np.array([x0, y0]) + 0.5) * factor - np.array([left, top]) / step - 0.5
+    first = (np.array([x0, y0]) + 0.5) * factor - edges[:2] / step - 0.5
     matrix = np.array([[factor[0], 0, first[0]], [0, factor[1], first[1]]])
     grid_chances = cv2.warpAffine(
         chances,
@@ -346,24 +370,11 @@ def _segment(
     if end <= x or foot <= y:
         return PromptedMask(mask, 0.0)
     view = crop(rgb, box, SIDE)
-    affine: NDArray[Any] = follow_edges(view, _mean_chances(view, at_point))
-    x_scale, y_scale = SIDE / (right - left), SIDE / (bottom - top)
-    transform = np.array(
-        [
-            [x_scale, 0, (x - left + 0.5) * x_scale - 0.5],
-            [0, y_scale, (y - top + 0.5) * y_scale - 0.5],
-        ]
-    )
-    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    affine = cv2.warpAffine(
-        affine,
-        transform,
-        (end - x, foot - y),
-        flags=flags,
-        borderMode=cv2.BORDER_REPLICATE,
+    weights = _move_to_window(
+        follow_edges(view, _mean_chances(view, at_point)), box, (x, y, end, foot)
     )
     chances = np.clip(
-        (affine[..., :3] * rgb[y:foot, x:end]).sum(-1) + affine[..., 3], 0, 1
+        (weights[..., :3] * rgb[y:foot, x:end]).sum(-1) + weights[..., 3], 0, 1
     )
     piece = cut_out(chances >= 0.5, 0, 0, SMALLEST_OBJECT)
     if piece is None:
@@ -372,6 +383,31 @@ def _segment(
     inner_sum = float(chances[inside].sum())
     return PromptedMask(
         mask, inner_sum / (float(inside.sum()) + float(chances.sum()) - inner_sum)
+    )
+
+
+def _move_to_window(
+    weights: NDArray[Any], box: Sequence[float], window: tuple[int, int, int, int]
+) -> NDArray[Any]:
+    """Return the map (SIDE, SIDE, n) of a box's crop on the pixels of a window.
+
+    The window is left, top, right, bottom px of the photo.
+    """
+    left, top, right, bottom = bounds(box)
+    x, y, end, foot = window
+    x_scale, y_scale = SIDE / (right - left), SIDE / (bottom - top)
+    transform = np.array(
+        [
+            [x_scale, 0, (x - left + 0.5) * x_scale - 0.5],
+            [0, y_scale, (y - top + 0.5) * y_scale - 0.5],
+        ]
+    )
+    return cv2.warpAffine(
+        weights,
+        transform,
+        (end - x, foot - y),
+        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+        borderMode=cv2.BORDER_REPLICATE,
     )
 
 
@@ -407,14 +443,14 @@ def follow_edges(
     return mean(np.dstack([weights, level - (weights * middle).sum(-1)]))
 
 
-def _solve_symmetric(diagonal: F32, beside: F32, right: F32) -> F32:
+def _solve_symmetric(diagonal: F32, off_diagonal: F32, right: F32) -> F32:
     """Return the solutions (h, w, 3) of symmetric systems of three equations.
 
-    `beside` (h, w, 3) has the elements 01, 12 and 20 of the matrices; `right` is the
+    `off_diagonal` (h, w, 3) has the elements 01, 12 and 20 of the matrices; `right` is the
     right side. The solution uses cofactors: a general solver takes four times as long.
     """
-    first, second, third = _cofactors(diagonal, beside)
-    row = np.dstack([diagonal[..., 0], beside[..., 0], beside[..., 2]])
+    first, second, third = _cofactors(diagonal, off_diagonal)
+    row = np.dstack([diagonal[..., 0], off_diagonal[..., 0], off_diagonal[..., 2]])
     x, y, z = np.moveaxis(right.astype(np.float64), -1, 0)
     factor = 1 / (row.astype(np.float64) * np.stack(first, axis=-1)).sum(axis=-1)
     parts = [
@@ -424,10 +460,10 @@ def _solve_symmetric(diagonal: F32, beside: F32, right: F32) -> F32:
     return np.stack([part * factor for part in parts], axis=-1).astype(np.float32)
 
 
-def _cofactors(diagonal: F32, beside: F32) -> list[list[NDArray[np.float64]]]:
+def _cofactors(diagonal: F32, off_diagonal: F32) -> list[list[NDArray[np.float64]]]:
     """Return the rows of cofactors (h, w) of symmetric matrices."""
     a, b, c = np.moveaxis(diagonal.astype(np.float64), -1, 0)
-    d, e, f = np.moveaxis(beside.astype(np.float64), -1, 0)
+    d, e, f = np.moveaxis(off_diagonal.astype(np.float64), -1, 0)
     ab, bc, ac = e * f - c * d, d * f - a * e, d * e - b * f
     return [[b * c - e * e, ab, ac], [ab, a * c - f * f, bc], [ac, bc, a * b - d * d]]
 

@@ -29,13 +29,13 @@ class PieceConstants:
     # Least number of pieces: two pieces are often two objects.
     fewest: int = 3
     # Largest number of pieces: more are a heap.
-    most: int = 10
+    largest_count: int = 10
     # Largest gap between connected pieces over the size of all.
     gap: float = 0.06
     # Score of its box times squared IoU, below which an object may be a piece.
     own_box: float = 0.55
     # Least share of all pieces that the network draws as one.
-    covered: float = 0.7
+    covered_share: float = 0.7
     # Least confidence of that mask.
     confidence: float = 0.7
     # Largest share of that mask outside all pieces.
@@ -43,7 +43,7 @@ class PieceConstants:
     # Least share of its rectangle or circle that a block or ball fills.
     regular: float = 0.9
     # Least share of such pieces in a stack.
-    stacked: float = 0.5
+    stack_share: float = 0.5
     # Largest closed gap between parts over the size of all.
     close: float = 0.02
     # Largest area of a filled hole over the object's.
@@ -65,7 +65,7 @@ def unite_pieces(
         return objects
     labels, confidence = objects.labels.copy(), objects.confidence.copy()
     for group in _groups(labels, piece_ids):
-        union_mask = _whole(rgb, labels, group)
+        union_mask = _unite_pieces(rgb, labels, group)
         if union_mask is not None:
             labels[np.isin(labels, group)] = 0
             labels[union_mask & (labels == 0)] = group[0]
@@ -102,11 +102,11 @@ def _groups(labels: NDArray[np.uint16], ids: Sequence[int]) -> list[list[int]]:
     for i in ids:
         name = int(names[labels == i].max())
         groups.setdefault(name, []).append(i)
-    possible = range(PIECES.fewest, PIECES.most + 1)
+    possible = range(PIECES.fewest, PIECES.largest_count + 1)
     return [group for group in groups.values() if len(group) in possible]
 
 
-def _whole(
+def _unite_pieces(
     rgb: NDArray[np.uint8], labels: NDArray[np.uint16], group: Sequence[int]
 ) -> Mask | None:
     """Return the mask (H, W) of the object that a group of pieces forms, or None.
@@ -120,7 +120,7 @@ def _whole(
     prediction = mask_in_box(rgb, [left, top, left + width, top + height])
     covered_share = float(prediction.mask[pieces].mean())
     outside = float((prediction.mask & ~pieces).sum() / max(prediction.mask.sum(), 1))
-    is_single = covered_share >= PIECES.covered and outside <= PIECES.outside
+    is_single = covered_share >= PIECES.covered_share and outside <= PIECES.outside
     if not is_single or prediction.confidence < PIECES.confidence:
         return None
     radius = max(1, round(PIECES.close * float(np.sqrt(np.count_nonzero(pieces)))))
@@ -140,7 +140,7 @@ def _is_stack(labels: NDArray[np.uint16], group: Sequence[int]) -> bool:
     connected.
     """
     count = sum(_is_regular(labels == i) for i in group)
-    return count >= PIECES.stacked * len(group)
+    return count >= PIECES.stack_share * len(group)
 
 
 def _is_regular(mask: Mask) -> bool:

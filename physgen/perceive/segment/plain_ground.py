@@ -25,11 +25,11 @@ class PlainConstants:
     # Width of the border in which the ground is tested, over the shorter side.
     frame: float = 0.02
     # 8-bit levels: largest difference of ground from its colour.
-    even: float = 6.0
+    ground_difference: float = 6.0
     # Least share of ground in the frame.
     share: float = 0.85
     # Levels: least difference of an object from that colour; shadows have less.
-    unlike: float = 40.0
+    object_difference: float = 40.0
     # Half the width of a mark of that colour over an object's size.
     stroke: float = 0.012
     # Least share of a gap's border with a clear edge.
@@ -37,13 +37,13 @@ class PlainConstants:
     # px on both sides of such an edge.
     reach: int = 3
     # Least share of a region unlike the ground inside its object.
-    own: float = 0.5
+    object_share: float = 0.5
     # Width of the ground beside an object over the object's longer side.
     band: float = 0.05
     # Largest area of a gap over its object's: the face of a plate or a clock is larger.
     gap: float = 0.45
     # Largest ratio of an object's areas after and before.
-    most: float = 1.6
+    largest_ratio: float = 1.6
 
 
 PLAIN = PlainConstants()
@@ -56,7 +56,7 @@ def plain_colour(rgb: Rgb) -> NDArray[np.float32] | None:
     is_frame[width:-width, width:-width] = False
     frame = rgb[is_frame].astype(np.float32)
     colour = np.median(frame, axis=0)
-    ground_mask = np.abs(frame - colour).max(axis=1) <= PLAIN.even
+    ground_mask = np.abs(frame - colour).max(axis=1) <= PLAIN.ground_difference
     return np.asarray(colour) if ground_mask.mean() >= PLAIN.share else None
 
 
@@ -76,7 +76,7 @@ def cut_out_on_plain(rgb: Rgb, objects: Segments) -> Segments:
     for i in np.unique(labels[labels > 0]).tolist():
         mask = labels == i
         full_mask = mask | (_belonging(regions, mask) & (labels == 0))
-        if full_mask.sum() <= PLAIN.most * mask.sum():
+        if full_mask.sum() <= PLAIN.largest_ratio * mask.sum():
             labels[mask] = 0
             labels[_without_gaps(full_mask, distance) & (labels == 0)] = i
     return replace(objects, labels=labels)
@@ -84,7 +84,7 @@ def cut_out_on_plain(rgb: Rgb, objects: Segments) -> Segments:
 
 def _regions(distance: NDArray[np.float32]) -> NDArray[np.int32]:
     """Return numbers (H, W) of connected regions unlike the ground; 0 is ground."""
-    foreground = (distance > PLAIN.unlike).view(np.uint8)
+    foreground = (distance > PLAIN.object_difference).view(np.uint8)
     closed_mask = cv2.morphologyEx(
         foreground, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)
     )
@@ -92,20 +92,20 @@ def _regions(distance: NDArray[np.float32]) -> NDArray[np.int32]:
     return np.asarray(names, np.int32)
 
 
-def _belonging(regions: NDArray[np.int32], own: Mask) -> Mask:
+def _belonging(regions: NDArray[np.int32], mask: Mask) -> Mask:
     """Return the regions (H, W) that lie mostly in an object."""
     areas = np.bincount(regions.ravel())
-    inside = np.bincount(regions[own], minlength=len(areas))
-    belongs = inside >= PLAIN.own * areas
+    inside = np.bincount(regions[mask], minlength=len(areas))
+    belongs = inside >= PLAIN.object_share * areas
     belongs[0] = False
     return np.asarray(belongs[regions])
 
 
-def _without_gaps(whole: Mask, distance: NDArray[np.float32]) -> Mask:
+def _without_gaps(mask: Mask, distance: NDArray[np.float32]) -> Mask:
     """Return an object without its gaps; marks at its border are closed."""
-    gaps = _gaps(whole, distance)
+    gaps = _gaps(mask, distance)
     marks = cv2.morphologyEx(
-        (whole & ~gaps).view(np.uint8), cv2.MORPH_CLOSE, _disc(_stroke(whole))
+        (mask & ~gaps).view(np.uint8), cv2.MORPH_CLOSE, _disc(_stroke(mask))
     )
     return np.asarray((marks > 0) & ~gaps)
 
@@ -116,7 +116,7 @@ def _gaps(mask: Mask, distance: NDArray[np.float32]) -> Mask:
     Marks of the ground's colour on an object are narrow, and a pale object has no clear
     edge inside.
     """
-    is_ground = (mask & (distance <= PLAIN.even)).astype(np.uint8)
+    is_ground = (mask & (distance <= PLAIN.ground_difference)).astype(np.uint8)
     radius = _stroke(mask)
     opened_mask = cv2.morphologyEx(is_ground, cv2.MORPH_OPEN, _disc(radius))
     ground_region = (
@@ -134,7 +134,10 @@ def _gaps(mask: Mask, distance: NDArray[np.float32]) -> Mask:
             continue
         rim = gap & ~(cv2.erode(gap.view(np.uint8), np.ones((3, 3), np.uint8)) > 0)
         rim &= inner
-        if rim.any() and (farthest[rim] > PLAIN.unlike).mean() >= PLAIN.contour:
+        if (
+            rim.any()
+            and (farthest[rim] > PLAIN.object_difference).mean() >= PLAIN.contour
+        ):
             gaps |= gap
     return gaps
 
@@ -182,20 +185,20 @@ def shade_below(rgb: Rgb, labels: NDArray[np.uint16]) -> float:
     return max(0.0, shades[0] - max(shades[1:]))
 
 
-def shows_ground_beyond(rgb: Rgb, own: Mask, near: int) -> bool:
+def shows_ground_beyond(rgb: Rgb, mask: Mask, margin: int) -> bool:
     """Return whether plain ground lies between an object (H, W) and each near border.
 
-    An object within `near` px of a border may be cut off by it, unless ground is
+    An object within `margin` px of a border may be cut off by it, unless ground is
     visible in between.
     """
     colour = plain_colour(rgb)
     if colour is None:
         return False
-    is_ground = distance_from_ground(rgb, colour) <= PLAIN.even
+    is_ground = distance_from_ground(rgb, colour) <= PLAIN.ground_difference
     sides = (
-        (own[: near + 1].any(axis=0), is_ground[0]),
-        (own[-near - 1 :].any(axis=0), is_ground[-1]),
-        (own[:, : near + 1].any(axis=1), is_ground[:, 0]),
-        (own[:, -near - 1 :].any(axis=1), is_ground[:, -1]),
+        (mask[: margin + 1].any(axis=0), is_ground[0]),
+        (mask[-margin - 1 :].any(axis=0), is_ground[-1]),
+        (mask[:, : margin + 1].any(axis=1), is_ground[:, 0]),
+        (mask[:, -margin - 1 :].any(axis=1), is_ground[:, -1]),
     )
     return all(bool(ground[side_pixels].all()) for side_pixels, ground in sides)

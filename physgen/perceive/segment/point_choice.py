@@ -38,10 +38,10 @@ class PointConstants:
     """
 
     # Least expected fit of a possible candidate.
-    least: float = 0.05
+    least_fit: float = 0.05
     # Least expected fit of the smallest possible candidate.
-    likely: float = 0.1
-    sure: float = 0.3
+    smallest_fit: float = 0.1
+    known_fit: float = 0.3
     """Expected fit of the best candidate above which the judge knows an object
     there.
     """
@@ -49,7 +49,7 @@ class PointConstants:
     tries: int = 6
     same_box: float = 0.9
     """Least IoU of a box with the box of a candidate in its place."""
-    whole: float = 0.9
+    photo_share: float = 0.9
     """Share of the photo above which a mask is the photo rather than an object."""
     caution: float = 0.8
     """Factor of a candidate's confidence relative to a cut-out around the point
@@ -84,10 +84,10 @@ class Ranking:
     # Exponent of the IoU that the head expects.
     confidence_power: float
 
-    def worth(self, one: PointChoice, confidence: float = 1.0) -> float:
+    def worth(self, choice: PointChoice, confidence: float = 1.0) -> float:
         """Return the rank of a candidate with a confidence of its cut-out."""
-        depth = self.shallow + one.depth
-        fit = one.fit**self.fit_power
+        depth = self.shallow + choice.depth
+        fit = choice.fit**self.fit_power
         return float(depth * fit * confidence**self.confidence_power)
 
 
@@ -99,7 +99,7 @@ BY_FIT = Ranking(2.0, 1.0, 0.5)
 
 def object_at_point(
     rgb: Rgb,
-    own: Pixel,
+    pixel: Pixel,
     others: Sequence[Pixel],
     smallest: bool,
     look_around: Callable[[], Sequence[PromptedMask]],
@@ -109,20 +109,24 @@ def object_at_point(
     With `smallest`, it is the smallest likely one. `look_around` returns cut-outs
     around the pixel without candidates.
     """
-    candidates = judge_photo(rgb)
-    shape = candidates.found.shape
+    judgement = judge_photo(rgb)
+    shape = judgement.candidates.shape
     scale = np.array([rgb.shape[1] / shape[1], rgb.shape[0] / shape[0]])
-    choices = _choices(rgb, candidates, own, others, scale)
+    choices = _choices(rgb, judgement, pixel, others, scale)
     if smallest:
-        likely_choices = [choice for choice in choices if choice.fit >= POINT.likely]
+        likely_choices = [
+            choice for choice in choices if choice.fit >= POINT.smallest_fit
+        ]
         likely_choices.sort(key=lambda one: one.candidate.area)
-        masks = _cut_out_again(rgb, likely_choices[: POINT.tries], own, others, scale)
+        masks = _cut_out_again(rgb, likely_choices[: POINT.tries], pixel, others, scale)
         return next((mask for _, mask in masks), None)
-    has_good_fit = max((choice.fit for choice in choices), default=0.0) >= POINT.sure
+    has_good_fit = (
+        max((choice.fit for choice in choices), default=0.0) >= POINT.known_fit
+    )
     ranking = BY_DEPTH if has_good_fit else BY_FIT
-    choices += _judge_looks(rgb, candidates, look_around(), own, scale)
+    choices += _judge_looks(rgb, judgement, look_around(), pixel, scale)
     choices.sort(key=lambda one: -ranking.worth(one))
-    masks = list(_cut_out_again(rgb, choices[: POINT.tries], own, others, scale))
+    masks = list(_cut_out_again(rgb, choices[: POINT.tries], pixel, others, scale))
     if not masks:
         return None
     return max(masks, key=lambda pair: ranking.worth(pair[0], pair[1].confidence))[1]
@@ -130,68 +134,68 @@ def object_at_point(
 
 def _choices(
     rgb: Rgb,
-    judged: JudgedCandidates,
-    own: Pixel,
+    judgement: JudgedCandidates,
+    pixel: Pixel,
     others: Sequence[Pixel],
     scale: Scale,
 ) -> list[PointChoice]:
     """Return the candidates and the cut-outs of boxes at a pixel."""
-    candidates = judged.found
+    candidates = judgement.candidates
     cut_outs = [
         proposal
-        for proposal in _cut_out_boxes(rgb, judged, own, scale)
-        if _holds(proposal, own, others, scale)
+        for proposal in _cut_out_boxes(rgb, judgement, pixel, scale)
+        if _holds(proposal, pixel, others, scale)
     ]
-    fits = np.concatenate([judged.fit, judge_others(rgb, judged, cut_outs)])
+    fits = np.concatenate([judgement.fit, judge_others(rgb, judgement, cut_outs)])
     rated_proposals = zip(
         [*candidates.proposals, *cut_outs], fits.tolist(), strict=True
     )
     return [
-        PointChoice(proposal, fit, _depth(proposal, own, scale))
+        PointChoice(proposal, fit, _depth(proposal, pixel, scale))
         for proposal, fit in rated_proposals
-        if fit >= POINT.least and _holds(proposal, own, others, scale)
+        if fit >= POINT.least_fit and _holds(proposal, pixel, others, scale)
     ]
 
 
 def _judge_looks(
     rgb: Rgb,
-    judged: JudgedCandidates,
+    judgement: JudgedCandidates,
     looks: Sequence[PromptedMask],
-    own: Pixel,
+    pixel: Pixel,
     scale: Scale,
 ) -> list[PointChoice]:
     """Return cut-outs around a pixel as choices."""
-    size = judged.found.shape[::-1]
+    size = judgement.candidates.shape[::-1]
     pieces: list[tuple[Proposal, PromptedMask]] = []
     for look in looks:
         share = cv2.resize(
             look.mask.astype(np.float32), size, interpolation=cv2.INTER_AREA
         )
         piece = cut_out(share >= 0.5, 0, 0, 1)
-        if piece is not None and _holds(piece, own, (), scale):
+        if piece is not None and _holds(piece, pixel, (), scale):
             pieces.append((piece, look))
-    fits = judge_others(rgb, judged, [piece for piece, _ in pieces])
+    fits = judge_others(rgb, judgement, [piece for piece, _ in pieces])
     return [
-        PointChoice(piece, fit, _depth(piece, own, scale), look)
+        PointChoice(piece, fit, _depth(piece, pixel, scale), look)
         for (piece, look), fit in zip(pieces, fits.tolist(), strict=True)
-        if fit >= POINT.least
+        if fit >= POINT.least_fit
     ]
 
 
 def _cut_out_boxes(
-    rgb: Rgb, judged: JudgedCandidates, own: Pixel, scale: Scale
+    rgb: Rgb, judgement: JudgedCandidates, pixel: Pixel, scale: Scale
 ) -> Iterable[Proposal]:
     """Yield cut-outs of the boxes around a pixel that match no candidate."""
-    boxes = judged.boxes
+    boxes = judgement.boxes
     rectangles = np.array(
-        [proposal.box for proposal in judged.found.proposals], np.float64
+        [proposal.box for proposal in judgement.candidates.proposals], np.float64
     )
     corners = rectangles.reshape(-1, 4) * np.tile(scale, 2)
     best_overlap = box_overlap(boxes.corners, corners).max(axis=1, initial=0.0)
-    is_inside = (boxes.corners[:, :2] <= own) & (boxes.corners[:, 2:] > own)
+    is_inside = (boxes.corners[:, :2] <= pixel) & (boxes.corners[:, 2:] > pixel)
     is_free = is_inside.all(axis=1) & (best_overlap < POINT.same_box)
     for k in np.flatnonzero(is_free).tolist():
-        piece = rough_mask_in_box(rgb, boxes.corners[k], judged.found.shape)
+        piece = rough_mask_in_box(rgb, boxes.corners[k], judgement.candidates.shape)
         if piece is not None:
             yield piece
 
@@ -199,7 +203,7 @@ def _cut_out_boxes(
 def _cut_out_again(
     rgb: Rgb,
     choices: Iterable[PointChoice],
-    own: Pixel,
+    pixel: Pixel,
     others: Sequence[Pixel],
     scale: Scale,
 ) -> Iterable[tuple[PointChoice, PromptedMask]]:
@@ -211,40 +215,46 @@ def _cut_out_again(
             rgb, choice.candidate.box * np.tile(scale, 2)
         )
         if (
-            is_meant(cut_out_mask.mask, own, others)
-            and cut_out_mask.mask.mean() < POINT.whole
+            contains_prompt(cut_out_mask.mask, pixel, others)
+            and cut_out_mask.mask.mean() < POINT.photo_share
         ):
             confidence = POINT.caution * cut_out_mask.confidence
             yield choice, PromptedMask(cut_out_mask.mask, confidence)
 
 
-def is_meant(mask: Mask, own: Pixel, others: Sequence[Pixel]) -> bool:
+def contains_prompt(mask: Mask, pixel: Pixel, others: Sequence[Pixel]) -> bool:
     """Return whether a mask (H, W) contains the own pixel and none of the others."""
-    return bool(mask[own[::-1]]) and not any(mask[v, u] for u, v in others)
+    return bool(mask[pixel[::-1]]) and not any(mask[v, u] for u, v in others)
 
 
-def _place(one: Proposal, pixel: Pixel, scale: Scale) -> Pixel:
+def _place(proposal: Proposal, pixel: Pixel, scale: Scale) -> Pixel:
     """Return a pixel of the photo as column and row of a candidate's mask."""
-    x, y = ((np.array(pixel) + 0.5) / scale - (one.x, one.y)).astype(int).tolist()
+    x, y = (
+        ((np.array(pixel) + 0.5) / scale - (proposal.x, proposal.y))
+        .astype(int)
+        .tolist()
+    )
     return x, y
 
 
-def _holds(one: Proposal, own: Pixel, others: Sequence[Pixel], scale: Scale) -> bool:
+def _holds(
+    proposal: Proposal, position: Pixel, others: Sequence[Pixel], scale: Scale
+) -> bool:
     """Return whether a candidate contains the own pixel of the photo and none of the
     others.
     """
 
     def has(pixel: Pixel) -> bool:
-        x, y = _place(one, pixel, scale)
-        height, width = one.mask.shape
-        return 0 <= x < width and 0 <= y < height and bool(one.mask[y, x])
+        x, y = _place(proposal, pixel, scale)
+        height, width = proposal.mask.shape
+        return 0 <= x < width and 0 <= y < height and bool(proposal.mask[y, x])
 
-    return has(own) and not any(map(has, others))
+    return has(position) and not any(map(has, others))
 
 
-def _depth(one: Proposal, own: Pixel, scale: Scale) -> float:
+def _depth(proposal: Proposal, pixel: Pixel, scale: Scale) -> float:
     """Return the relative depth of a pixel of the photo in a candidate, 0..1."""
-    mask = np.pad(one.mask, 1).astype(np.uint8)
+    mask = np.pad(proposal.mask, 1).astype(np.uint8)
     distances = cv2.distanceTransform(mask, cv2.DIST_L2, 5)[1:-1, 1:-1]
-    x, y = _place(one, own, scale)
+    x, y = _place(proposal, pixel, scale)
     return float(distances[y, x] / distances.max())

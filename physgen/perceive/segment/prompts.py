@@ -22,7 +22,7 @@ from physgen.perceive.roles import (
     Segments,
 )
 from physgen.perceive.segment.network import box_of, mask_at_point, mask_in_box
-from physgen.perceive.segment.point_choice import is_meant, object_at_point
+from physgen.perceive.segment.point_choice import contains_prompt, object_at_point
 from physgen.problems import InputError, Place, Problem, RefusedError
 from physgen.registry import Backends
 
@@ -37,22 +37,22 @@ class PromptRule:
     """Constants of prompts, chosen on the validation homes and the tune half."""
 
     # Confidence of a selected object below which the photo is doubtful.
-    weak: float = 0.33
+    weak_confidence: float = 0.33
     # Confidence above which a point selects the segmenter's object.
-    likely: float = 0.6
+    point_confidence: float = 0.6
     # Share of the photo above which a mask is the photo rather than an object, since
     # nothing lies behind it.
-    whole: float = 0.9
+    photo_share: float = 0.9
     # Least share of a selected object that the others leave visible.
     visible: float = 0.3
     looks: tuple[float, ...] = (1.4, 0.7, 0.35, 0.175, 0.09)
     """Sides of the squares around a point for the search of its object, over the
     photo's longer side.
     """
-    beyond: float = 0.02
+    overhang: float = 0.02
     """Largest overhang of a loosely drawn box over the photo's longer side."""
     # px: least width and height of a box.
-    least: float = 4.0
+    least_size: float = 4.0
 
 
 RULE = PromptRule()
@@ -94,7 +94,9 @@ class PromptFrame:
     ) -> Problem:
         """Return a problem at the place of a prompt, in the prompt's own numbers."""
         place, path = self.places.get(order, (Place(_flag(kind, numbers)), ""))
-        quoted_value = "" if order not in self.places else f"[{_written(numbers)}]"
+        quoted_value = (
+            "" if order not in self.places else f"[{_write_numbers(numbers)}]"
+        )
         return refusal.problem(place, path, quoted_value)
 
 
@@ -136,17 +138,17 @@ def _share_fault(numbers: Sequence[float], frame: PromptFrame) -> RefusedError |
     sides = (frame.width, frame.height, frame.width, frame.height)
     pixels = [number * side for number, side in zip(numbers, sides, strict=False)]
     form = BOX_FORM if len(numbers) == len(sides) else POINT_FORM
-    fix = f"{form}; did you mean {_whole(pixels)}?"
+    fix = f"{form}; did you mean {_round_numbers(pixels)}?"
     return Message.PROMPT_IN_SHARES.refusal(fix=fix)
 
 
 def _box_fault(box: Box, frame: PromptFrame) -> RefusedError | None:
     """Return the fault of a box with its fix, or None."""
-    form, least_side = BOX_FORM, RULE.least / min(frame.scale, 1.0)
+    form, least_side = BOX_FORM, RULE.least_size / min(frame.scale, 1.0)
     x, y, width, height = box
     if width < 0 or height < 0:
         corrected_box = (min(x, x + width), min(y, y + height), abs(width), abs(height))
-        fix = f"{form}; did you mean {_whole(corrected_box)}?"
+        fix = f"{form}; did you mean {_round_numbers(corrected_box)}?"
         return Message.BOX_NEGATIVE.refusal(fix=fix)
     if min(width, height) < least_side:
         return Message.BOX_TOO_SMALL.refusal(least=least_side, fix=form)
@@ -154,7 +156,11 @@ def _box_fault(box: Box, frame: PromptFrame) -> RefusedError | None:
         return None
     size = {"width": frame.width, "height": frame.height}
     likely_box = next(_likely_boxes(box, frame), None)
-    fix = form if likely_box is None else f"{form}; did you mean {_whole(likely_box)}?"
+    fix = (
+        form
+        if likely_box is None
+        else f"{form}; did you mean {_round_numbers(likely_box)}?"
+    )
     if _is_off(box, frame):
         return Message.PROMPT_OFF_PHOTO.refusal(fix=fix, **size)
     excess = _excess(box, frame)
@@ -172,13 +178,13 @@ def _likely_boxes(box: Box, frame: PromptFrame) -> Iterator[Box]:
     clipped_bottom = min(y + bottom, frame.height)
     visible_box = (left, top, clipped_right - left, clipped_bottom - top)
     for candidate in (by_corners, visible_box):
-        if min(candidate[2:]) >= RULE.least and not _reaches_out(candidate, frame):
+        if min(candidate[2:]) >= RULE.least_size and not _reaches_out(candidate, frame):
             yield candidate
 
 
 def _reaches_out(box: Box, frame: PromptFrame) -> bool:
     """Return whether a box overhangs the photo more than a loosely drawn one."""
-    return _excess(box, frame) > RULE.beyond * max(frame.width, frame.height)
+    return _excess(box, frame) > RULE.overhang * max(frame.width, frame.height)
 
 
 def _excess(box: Box, frame: PromptFrame) -> float:
@@ -201,7 +207,7 @@ def _point_fault(point: Point, frame: PromptFrame) -> RefusedError | None:
         return None
     swapped_point = (point[1], point[0])
     if _is_inside(swapped_point, frame):
-        form += f"; did you mean {_whole(swapped_point)}?"
+        form += f"; did you mean {_round_numbers(swapped_point)}?"
     size = {"width": frame.width, "height": frame.height}
     return Message.PROMPT_OFF_PHOTO.refusal(fix=form, **size)
 
@@ -284,55 +290,19 @@ def from_prompts(
     its prompt. Raises InputError with every box or point that is off the photo or shows
     no object.
     """
-    masks: list[PromptedMask] = []
-    problems: list[Problem] = []
     frame = frame or PromptFrame.of(rgb)
-    given_prompts: list[tuple[str, Sequence[float]]] = [("box", box) for box in boxes]
-    given_prompts += [("point", point) for point in points]
+    problems = _PromptProblems(frame, _list_prompts(boxes, points))
     boxes, points = frame.boxes_in(rgb, boxes), frame.points_in(rgb, points)
-    segments_once = cache(lambda: segment(rgb))
-    answers = segment.answers(rgb, boxes, points)
-
-    def report(order: int, refusal: RefusedError) -> None:
-        kind, numbers = given_prompts[order]
-        problems.append(frame.problem(order, kind, numbers, refusal))
-
-    for k, box in enumerate(boxes):
-        try:
-            masks.append(answers.get(k) or segment_box(rgb, box))
-        except InputError as error:
-            report(k, error.problems[0].refusal())
-    for k, point in enumerate(points, len(boxes)):
-        try:
-            masks.append(
-                answers.get(k)
-                or segment_point(
-                    rgb,
-                    point,
-                    segments_once(),
-                    points,
-                    smallest=segment.is_smallest_meant,
-                )
-            )
-        except InputError as error:
-            report(k, error.problems[0].refusal())
-    if problems:
-        raise InputError(problems)
-    labels = np.zeros(rgb.shape[:2], np.uint16)
-    # Small objects are drawn last, in front.
-    for k in sorted(range(len(masks)), key=lambda k: -int(masks[k].mask.sum())):
-        labels[masks[k].mask] = k + 1
-    places: list[tuple[str, Sequence[float]]] = [("box", box) for box in boxes]
-    places += [("point", point) for point in points]
+    masks = _cut_prompts(rgb, boxes, points, segment, problems)
+    labels = _draw_in_front(masks, rgb.shape[:2])
     # A prompt whose object is hidden by the others repeats one of them.
-    for k in range(1, len(places) + 1):
-        least_area = max(
-            RULE.visible * np.count_nonzero(masks[k - 1].mask), SMALLEST_OBJECT
-        )
+    for k, prompt_mask in enumerate(masks, 1):
+        area = np.count_nonzero(prompt_mask.mask)
+        least_area = max(RULE.visible * area, SMALLEST_OBJECT)
         if np.count_nonzero(labels == k) < least_area:
-            report(k - 1, Message.PROMPT_REPEATED.refusal())
-    if problems:
-        raise InputError(problems)
+            problems.add(k - 1, Message.PROMPT_REPEATED.refusal())
+    problems.raise_all()
+    places = _list_prompts(boxes, points)
     # The scene stores the chosen region rather than the click.
     if segment.is_smallest_meant:
         for k, prompt_mask in enumerate(masks[len(boxes) :], len(boxes)):
@@ -346,13 +316,82 @@ def from_prompts(
     return Detections(labels, "pointed at", confidence, {}, prompts)
 
 
+def _list_prompts(
+    boxes: Sequence[Box], points: Sequence[Point]
+) -> list[tuple[str, Sequence[float]]]:
+    """Return the kind and the numbers of each prompt in order."""
+    prompts: list[tuple[str, Sequence[float]]] = [("box", box) for box in boxes]
+    return [*prompts, *(("point", point) for point in points)]
+
+
+@dataclass
+class _PromptProblems:
+    """The problems of prompts, in the user's pixels."""
+
+    frame: PromptFrame
+    prompts: Sequence[tuple[str, Sequence[float]]]
+    problems: list[Problem] = field(default_factory=list)
+
+    def add(self, order: int, refusal: RefusedError) -> None:
+        """Add the problem of the prompt at a place in the order."""
+        kind, numbers = self.prompts[order]
+        self.problems.append(self.frame.problem(order, kind, numbers, refusal))
+
+    def raise_all(self) -> None:
+        """Raise InputError with all problems, if there are any."""
+        if self.problems:
+            raise InputError(self.problems)
+
+
+def _cut_prompts(
+    rgb: Rgb,
+    boxes: Sequence[Box],
+    points: Sequence[Point],
+    segment: Segmenter,
+    problems: _PromptProblems,
+) -> list[PromptedMask]:
+    """Return the masks of boxes and points in the photo, or raise InputError."""
+    masks: list[PromptedMask] = []
+    segments_once = cache(lambda: segment(rgb))
+    answers = segment.answers(rgb, boxes, points)
+    for k, box in enumerate(boxes):
+        try:
+            masks.append(answers.get(k) or segment_box(rgb, box))
+        except InputError as error:
+            problems.add(k, error.problems[0].refusal())
+    is_smallest = segment.is_smallest_meant
+    for k, point in enumerate(points, len(boxes)):
+        try:
+            mask = answers.get(k) or segment_point(
+                rgb, point, segments_once(), points, smallest=is_smallest
+            )
+            masks.append(mask)
+        except InputError as error:
+            problems.add(k, error.problems[0].refusal())
+    problems.raise_all()
+    return masks
+
+
+def _draw_in_front(
+    masks: Sequence[PromptedMask], shape: tuple[int, ...]
+) -> NDArray[np.uint16]:
+    """Return the label map (H, W) of masks with ids 1, 2, ...
+
+    Small objects are drawn last, in front.
+    """
+    labels = np.zeros(shape, np.uint16)
+    for k in sorted(range(len(masks)), key=lambda k: -int(masks[k].mask.sum())):
+        labels[masks[k].mask] = k + 1
+    return labels
+
+
 def segment_box(rgb: Rgb, box: Box) -> PromptedMask:
     """Return the object in a box, in one piece.
 
     Raises InputError if the box has too little of the photo or no visible object.
     """
     result = mask_in_box(rgb, _corners(rgb, box))
-    if not 0 < result.mask.mean() < RULE.whole:
+    if not 0 < result.mask.mean() < RULE.photo_share:
         raise Message.BOX_EMPTY.error(_flag("box", box))
     return result
 
@@ -379,7 +418,7 @@ def segment_point(
         segmented_object = _known_object(segments, (x, y), others)
         if segmented_object is not None:
             alternatives.append(segmented_object)
-            if segmented_object.confidence >= RULE.likely:
+            if segmented_object.confidence >= RULE.point_confidence:
                 return segmented_object
     cached_looks = cache(partial(_looks_around, rgb, (x, y), others))
 
@@ -400,7 +439,7 @@ def segment_point(
 
 
 def _other_pixels(
-    rgb: Rgb, points: Sequence[Point], own: tuple[int, int]
+    rgb: Rgb, points: Sequence[Point], pixel: tuple[int, int]
 ) -> list[tuple[int, int]]:
     """Return columns and rows of the other points on the photo."""
     height, width = rgb.shape[:2]
@@ -408,23 +447,23 @@ def _other_pixels(
     return [
         (u, v)
         for u, v in pixels
-        if 0 <= u < width and 0 <= v < height and (u, v) != own
+        if 0 <= u < width and 0 <= v < height and (u, v) != pixel
     ]
 
 
 def _known_object(
-    segments: Segments, own: tuple[int, int], others: Sequence[tuple[int, int]]
+    segments: Segments, pixel: tuple[int, int], others: Sequence[tuple[int, int]]
 ) -> PromptedMask | None:
     """Return the segmenter's object at a pixel, or None."""
-    label = int(segments.labels[own[::-1]])
+    label = int(segments.labels[pixel[::-1]])
     mask = segments.labels == label
-    if label == 0 or not is_meant(mask, own, others):
+    if label == 0 or not contains_prompt(mask, pixel, others):
         return None
     return PromptedMask(mask, float(segments.confidence[label - 1]))
 
 
 def _looks_around(
-    rgb: Rgb, own: tuple[int, int], others: Sequence[tuple[int, int]]
+    rgb: Rgb, pixel: tuple[int, int], others: Sequence[tuple[int, int]]
 ) -> tuple[list[tuple[PromptedMask, float]], bool]:
     """Return cut-outs in squares of several sizes around a pixel, with their
     confidences.
@@ -435,16 +474,19 @@ def _looks_around(
     results = []
     has_other_point = False
     for look in RULE.looks:
-        first = mask_at_point(rgb, own, look * max(height, width))
-        if not first.mask[own[::-1]] or first.mask.mean() >= RULE.whole:
+        first = mask_at_point(rgb, pixel, look * max(height, width))
+        if not first.mask[pixel[::-1]] or first.mask.mean() >= RULE.photo_share:
             continue
-        part = split(rgb, first.mask, own, others)
+        part = split(rgb, first.mask, pixel, others)
         # A second cut-out in the box of the first one should agree with it.
         second = PromptedMask(part, 0.0)
         if part.any():
             second = mask_in_box(rgb, box_of(part))
-        has_other_point |= not is_meant(first.mask, own, others)
-        if is_meant(second.mask, own, others) and second.mask.mean() < RULE.whole:
+        has_other_point |= not contains_prompt(first.mask, pixel, others)
+        if (
+            contains_prompt(second.mask, pixel, others)
+            and second.mask.mean() < RULE.photo_share
+        ):
             intersection = np.count_nonzero(first.mask & second.mask)
             agreement = intersection / np.count_nonzero(first.mask | second.mask)
             confidence = float(first.confidence * second.confidence * agreement)
@@ -472,15 +514,15 @@ def split(
 
 
 def _flag(kind: str, place: Sequence[float]) -> str:
-    return f"--{kind} {_written(place)}"
+    return f"--{kind} {_write_numbers(place)}"
 
 
-def _written(numbers: Sequence[float]) -> str:
+def _write_numbers(numbers: Sequence[float]) -> str:
     """Return numbers as a user writes them, without rounding of pixels."""
     return ",".join(f"{number:.10g}" for number in numbers)
 
 
-def _whole(numbers: Sequence[float]) -> str:
+def _round_numbers(numbers: Sequence[float]) -> str:
     """Return numbers rounded to pixels."""
     return ",".join(str(round(number)) for number in numbers)
 

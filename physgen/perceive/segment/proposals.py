@@ -122,25 +122,25 @@ def overlap(a: Proposal, b: Proposal) -> int:
 
 
 def doubt_about(
-    one: Proposal, confidence: float, scale: tuple[float, float] = (1.0, 1.0)
+    proposal: Proposal, confidence: float, scale: tuple[float, float] = (1.0, 1.0)
 ) -> list[Doubt]:
     """Return a doubtful object with few corners, or none if its outline is too thin.
 
     The photo is `scale` (horizontal, vertical) times as large as the proposal's grid.
     """
-    contour = outline(one.mask)
+    contour = outline(proposal.mask)
     corners = cv2.approxPolyDP(contour, STRAIGHT * cv2.arcLength(contour, True), True)[
         :, 0
-    ] + [one.x, one.y]
+    ] + [proposal.x, proposal.y]
     if len(corners) < 3:
         return []
     points = np.round((corners + 0.5) * scale - 0.5, 1)
     return [Doubt([(float(x), float(y)) for x, y in points], round(confidence, 3))]
 
 
-def distinct(proposals: Sequence[Proposal], same: float = 0.96) -> list[Proposal]:
+def distinct(proposals: Sequence[Proposal], least_iou: float = 0.96) -> list[Proposal]:
     """Return proposals by area, without those whose IoU with a smaller one exceeds
-    `same`.
+    `least_iou`.
     """
     distinct_proposals: list[Proposal] = []
     # From this index, proposals are large enough to equal the current one.
@@ -148,7 +148,7 @@ def distinct(proposals: Sequence[Proposal], same: float = 0.96) -> list[Proposal
     for candidate in sorted(proposals, key=lambda proposal: proposal.area):
         while (
             first < len(distinct_proposals)
-            and distinct_proposals[first].area < same * candidate.area
+            and distinct_proposals[first].area < least_iou * candidate.area
         ):
             first += 1
         slack = 4 + 0.12 * sum(candidate.mask.shape)
@@ -158,7 +158,9 @@ def distinct(proposals: Sequence[Proposal], same: float = 0.96) -> list[Proposal
                 <= slack
             ):
                 intersection = overlap(candidate, other)
-                if intersection > same * (candidate.area + other.area - intersection):
+                if intersection > least_iou * (
+                    candidate.area + other.area - intersection
+                ):
                     break
         else:
             distinct_proposals.append(candidate)
@@ -234,12 +236,12 @@ def score_proposals(
     proposals: Sequence[Proposal],
     colour: NDArray[np.float32],
     gradient: Gradient,
-    least: float = 0.0,
+    least_score: float = 0.0,
 ) -> Scores:
     """Return the scores of proposals from their outlines and shapes.
 
     A score is a weighted geometric mean of the terms in EXPONENTS. Scores that cannot
-    exceed `least` are 0, and their costly terms are not computed.
+    exceed `least_score` are 0, and their costly terms are not computed.
     """
     if not proposals:
         return Scores(np.zeros(0), np.zeros(0))
@@ -247,12 +249,12 @@ def score_proposals(
     terms, compactness = _outline_terms(proposals, contours, gradient.strength.shape)
     is_crossing = _crosses(proposals, gradient.strength.shape)
     factor = np.where(is_crossing, CROSSING, 1)
-    places = _in_reach(terms, factor, least)
+    places = _in_reach(terms, factor, least_score)
     candidates = [proposals[k] for k in places.tolist()]
     loops = [contours[k] for k in places.tolist()]
     terms = {name: values[places] for name, values in terms.items()}
     terms |= _edge_terms(candidates, loops, colour, gradient)
-    remaining = _in_reach(terms, factor[places], least)
+    remaining = _in_reach(terms, factor[places], least_score)
     terms = {name: values[remaining] for name, values in terms.items()}
     likenesses = [_likeness(candidates[k].mask, loops[k]) for k in remaining.tolist()]
     terms["likeness"] = np.array(likenesses) + 1e-3
@@ -268,10 +270,10 @@ def _mean_score(terms: Mapping[str, Array | float]) -> Array:
     return np.asarray(np.exp(total / EXPONENT_SUM))
 
 
-def _in_reach(terms: Terms, factor: Array, least: float) -> NDArray[np.intp]:
-    """Return the indices of proposals with a possible score above `least`."""
+def _in_reach(terms: Terms, factor: Array, least_score: float) -> NDArray[np.intp]:
+    """Return the indices of proposals with a possible score above `least_score`."""
     highest = factor * _mean_score({**HIGHEST, **terms})
-    return np.flatnonzero(highest > least - ROUNDING)
+    return np.flatnonzero(highest > least_score - ROUNDING)
 
 
 def _crosses(
@@ -331,21 +333,12 @@ def _edge_terms(
     gradient: Gradient,
 ) -> Terms:
     """Return the terms from edges and colours along outlines."""
-    rim = np.zeros((len(proposals), POINTS, 4))
-    for k, (proposal, contour) in enumerate(zip(proposals, contours, strict=True)):
-        places = _sample_places(contour)
-        rim[k, :, :2] = contour[places] + (proposal.x, proposal.y)
-        rim[k, :, 2:] = contour_normals(contour)[places]
-    x, y, nx, ny = np.moveaxis(rim, 2, 0)
+    rim = _sample_rims(proposals, contours)
     free = _is_free(rim[..., :2], gradient.strength.shape)
     count = np.maximum(free.sum(1), 1)
     areas = np.array([proposal.area for proposal in proposals]).reshape(-1, 1)
     reach = np.clip(0.03 * np.sqrt(areas), 1.5, 4)
-    angle, edge = np.arctan2(ny, nx), np.zeros_like(x)
-    # The edge may lie a little inside or outside the mask's outline.
-    for step in np.linspace(-1, 1, 7):
-        strength = gradient.across(x + step * reach * nx, y + step * reach * ny, angle)
-        edge = np.maximum(edge, strength * (1 - 0.25 * step * step))
+    edge = _search_edges_along(rim, reach, gradient)
     support = np.where(free, gradient.support(edge), np.inf)
     cover = np.where(free, support, 0).sum(1) / count
     weakest = _weakest_quarters(support, count)
@@ -356,6 +349,33 @@ def _edge_terms(
         "weakest": weakest + 0.05,
         "contrast": contrast + 0.01,
     }
+
+
+def _sample_rims(
+    proposals: Sequence[Proposal], contours: Sequence[NDArray[np.int32]]
+) -> Array:
+    """Return x, y and normal (n, POINTS, 4) of samples along outlines."""
+    rim = np.zeros((len(proposals), POINTS, 4))
+    for k, (proposal, contour) in enumerate(zip(proposals, contours, strict=True)):
+        places = _sample_places(contour)
+        rim[k, :, :2] = contour[places] + (proposal.x, proposal.y)
+        rim[k, :, 2:] = contour_normals(contour)[places]
+    return rim
+
+
+def _search_edges_along(rim: Array, reach: Array, gradient: Gradient) -> Array:
+    """Return the strongest edge (n, POINTS) at most `reach` (n, 1) px from samples.
+
+    The edge may lie a little inside or outside the mask's outline.
+    """
+    x, y, nx, ny = np.moveaxis(rim, 2, 0)
+    angle, edge = np.arctan2(ny, nx), np.zeros_like(x)
+    for step in np.linspace(-1, 1, 7):
+        strength = gradient.measure_across(
+            x + step * reach * nx, y + step * reach * ny, angle
+        )
+        edge = np.maximum(edge, strength * (1 - 0.25 * step * step))
+    return np.asarray(edge)
 
 
 def _weakest_quarters(support: Array, count: NDArray[np.int64]) -> Array:

@@ -27,125 +27,165 @@ LEAST = 0.13
 """Least share of votes from the rim of a circle."""
 
 
+@dataclass(frozen=True)
+class _DiscLimits:
+    """Limits of discs; distances are shares of the radius."""
+
+    # Largest distance from another disc's centre, and largest difference of the radii,
+    # of a second circle of one disc.
+    repetition: float = 0.12
+    # Least mean significance of edges along the rim.
+    support: float = 0.3
+    # Range and number of radii at which the rim is searched.
+    rim_band: float = 0.03
+    rim_steps: int = 5
+
+
+DISC = _DiscLimits()
+
+
 def discs(
-    gradient: Gradient, smallest: int, largest: int, most: int = 250
+    gradient: Gradient, smallest: int, largest: int, count: int = 250
 ) -> list[Proposal]:
-    """Return at most `most` discs with the best support of their rims.
+    """Return at most `count` discs with the best support of their rims.
 
     Areas are between `smallest` and `largest` px.
     """
     height, width = gradient.strength.shape
-    circles = fit(
-        gradient,
-        vote(gradient, np.sqrt(smallest / np.pi), np.sqrt(largest / np.pi), 4 * most),
-    )
-    # The mean significance of edges along the rim rates a circle.
-    support = gradient.support(
-        _across_rim(gradient, circles, np.linspace(0.97, 1.03, 5)).max(1)
-    ).mean(1)
-    x, y = np.arange(width), np.arange(height)[:, None]
+    smallest_radius, largest_radius = np.sqrt(np.array([smallest, largest]) / np.pi)
+    circles = fit(gradient, vote(gradient, smallest_radius, largest_radius, 4 * count))
+    support = _measure_rim_support(gradient, circles)
     result: list[Proposal] = []
-    found_circles = np.zeros((0, 3))
+    unique_circles = np.zeros((0, 3))
     for i in np.argsort(-support, kind="stable"):
         circle = circles[i]
-        differences = np.abs(found_circles - circle)
-        double = (np.hypot(differences[:, 0], differences[:, 1]) < 0.12 * circle[2]) & (
-            differences[:, 2] < 0.12 * circle[2]
-        )
-        if support[i] < 0.3 or len(result) == most:
+        if support[i] < DISC.support or len(result) == count:
             break
-        if double.any() or not (0 <= circle[0] < width and 0 <= circle[1] < height):
+        x, y, _ = circle
+        if _is_repetition(circle, unique_circles):
             continue
-        found_circles = np.vstack([found_circles, circle])
-        left, top = (max(0, int(circle[k] - circle[2])) for k in (0, 1))
-        right, bottom = (int(circle[k] + circle[2]) + 2 for k in (0, 1))
-        mask = (
-            np.hypot(x[left:right] - circle[0], y[top:bottom] - circle[1]) <= circle[2]
-        )
-        proposal = cut_out(mask, left, top, smallest)
+        if not (0 <= x < width and 0 <= y < height):
+            continue
+        unique_circles = np.vstack([unique_circles, circle])
+        proposal = _draw_disc(circle, (height, width), smallest)
         if proposal is not None and proposal.area <= largest:
             result.append(proposal)
     return result
 
 
-def vote(gradient: Gradient, smallest: float, largest: float, most: int) -> Circles:
-    """Return maxima of the Hough transform over centre and radius, the best first.
+def _measure_rim_support(gradient: Gradient, circles: Circles) -> NDArray[np.float64]:
+    """Return the mean significance (n,) of edges along the rim of each circle."""
+    factor = np.linspace(1 - DISC.rim_band, 1 + DISC.rim_band, DISC.rim_steps)
+    edges = _across_rim(gradient, circles, factor).max(1)
+    return np.asarray(gradient.support(edges).mean(1))
+
+
+def _is_repetition(circle: NDArray[np.float64], circles: Circles) -> bool:
+    """Return whether a circle (3,) is almost equal to one of `circles`."""
+    x, y, radius = np.abs(circles - circle).T
+    limit = DISC.repetition * circle[2]
+    return bool(((np.hypot(x, y) < limit) & (radius < limit)).any())
+
+
+def _draw_disc(
+    circle: NDArray[np.float64], shape: tuple[int, int], smallest: int
+) -> Proposal | None:
+    """Return a circle (3,) as a proposal, or None if it is too small."""
+    height, width = shape
+    x, y = np.arange(width), np.arange(height)[:, None]
+    left, top = (max(0, int(circle[k] - circle[2])) for k in (0, 1))
+    right, bottom = (int(circle[k] + circle[2]) + 2 for k in (0, 1))
+    distances = np.hypot(x[left:right] - circle[0], y[top:bottom] - circle[1])
+    return cut_out(distances <= circle[2], left, top, smallest)
+
+
+@dataclass(frozen=True, eq=False)
+class _EdgePixels:
+    """The edge pixels of a photo, which vote for circles."""
+
+    # (height, width) of the photo, px.
+    shape: tuple[int, int]
+    rows: NDArray[np.intp]  # (n,)
+    columns: NDArray[np.intp]  # (n,)
+    # (n,): components of the unit normals of the edges.
+    x_normal: NDArray[np.float32]
+    y_normal: NDArray[np.float32]
+    weight: NDArray[np.float32]  # (n,)
+
+
+def vote(gradient: Gradient, smallest: float, largest: float, count: int) -> Circles:
+    """Return `count` maxima of the Hough transform over centre and radius, the best
+    first.
 
     Edges vote along their normals.
     """
-    height, width = gradient.strength.shape
-    rows, columns = np.nonzero(gradient.ridge)
-    strength, angle = gradient.strength[rows, columns], gradient.angle[rows, columns]
-    weight = np.minimum(1, strength / (6 * gradient.noise + 1))
+    pixels = _select_edge_pixels(gradient)
     radii = [smallest]
     while radii[-1] < largest:
         radii.append(1.07 * radii[-1] + 0.2)
-    x_normal, y_normal = np.cos(angle), np.sin(angle)
     maxima = []
-    current_layer: Layer | None = None
+    previous_layer: Layer | None = None
     # A maximum must exceed its neighbourhood in position and in the next larger radius.
-    for level in range(len(radii) + 1):
-        next_layer = None
-        if level < len(radii):
-            votes = _votes(
-                (height, width), rows, columns, x_normal, y_normal, weight, radii[level]
-            )
-            next_layer = (
-                votes,
-                np.asarray(cv2.dilate(votes, np.ones((5, 5), np.uint8)), np.float32),
-            )
-        if current_layer is not None:
-            y, x = np.nonzero(current_layer[0] > LEAST)
-            neighbourhood_maximum = np.max(
-                [
-                    layer[1][y, x]
-                    for layer in (current_layer, next_layer)
-                    if layer is not None
-                ],
-                axis=0,
-            )
-            top = current_layer[0][y, x] >= neighbourhood_maximum
-            y, x = y[top], x[top]
-            maxima.append(
-                np.stack(
-                    [x, y, np.full(len(x), radii[level - 1]), current_layer[0][y, x]], 1
-                )
-            )
-        current_layer = next_layer
+    for k, radius in enumerate(radii):
+        layer = _count_votes(pixels, radius)
+        if previous_layer is not None:
+            maxima.append(_find_maxima(radii[k - 1], previous_layer, layer))
+        previous_layer = layer
+    if previous_layer is not None:
+        maxima.append(_find_maxima(radii[-1], previous_layer, None))
     circles = np.concatenate(maxima).astype(np.float64)
-    return circles[np.argsort(-circles[:, 3], kind="stable")[:most], :3]
+    return circles[np.argsort(-circles[:, 3], kind="stable")[:count], :3]
+
+
+def _select_edge_pixels(gradient: Gradient) -> _EdgePixels:
+    """Return the pixels on ridges of a gradient."""
+    height, width = gradient.strength.shape
+    rows, columns = np.nonzero(gradient.ridge)
+    angle = gradient.angle[rows, columns]
+    weight = np.minimum(1, gradient.strength[rows, columns] / (6 * gradient.noise + 1))
+    return _EdgePixels(
+        (height, width), rows, columns, np.cos(angle), np.sin(angle), weight
+    )
+
+
+def _find_maxima(
+    radius: float, layer: Layer, next_layer: Layer | None
+) -> NDArray[np.float64]:
+    """Return (n, 4) x, y, radius and votes of maxima in position and radius."""
+    votes = layer[0]
+    y, x = np.nonzero(votes > LEAST)
+    neighbourhoods = [layer[1][y, x]]
+    if next_layer is not None:
+        neighbourhoods.append(next_layer[1][y, x])
+    is_top = votes[y, x] >= np.max(neighbourhoods, axis=0)
+    y, x = y[is_top], x[is_top]
+    return np.stack([x, y, np.full(len(x), radius), votes[y, x]], 1)
 
 
 Layer = tuple[NDArray[np.float32], NDArray[np.float32]]
 """(H, W): votes for a radius, and their maximum over 5 x 5 px."""
 
 
-def _votes(
-    shape: tuple[int, int],
-    rows: NDArray[np.intp],
-    columns: NDArray[np.intp],
-    across: NDArray[np.float32],
-    down: NDArray[np.float32],
-    weight: NDArray[np.float32],
-    radius: float,
-) -> NDArray[np.float32]:
-    """Return the votes (H, W) of edge pixels for a circle of a radius around each
-    pixel.
+def _count_votes(pixels: _EdgePixels, radius: float) -> Layer:
+    """Return the votes of edge pixels for a circle of a radius around each pixel.
 
     A complete rim of full weight gives 1.
     """
-    height, width = shape
+    height, width = pixels.shape
     votes = np.zeros(height * width)
     for side in (radius, -radius):
-        x = np.rint(columns + side * across).astype(np.int64)
-        y = np.rint(rows + side * down).astype(np.int64)
+        x = np.rint(pixels.columns + side * pixels.x_normal).astype(np.int64)
+        y = np.rint(pixels.rows + side * pixels.y_normal).astype(np.int64)
         inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
-        votes += np.bincount((y * width + x)[inside], weight[inside], height * width)
+        centers = (y * width + x)[inside]
+        votes += np.bincount(centers, pixels.weight[inside], height * width)
     sigma = max(0.8, 0.08 * radius)
     blurred_votes = cv2.GaussianBlur(
         votes.reshape(height, width).astype(np.float32), (0, 0), sigma
     )
-    return np.asarray(blurred_votes * (sigma * sigma / radius), np.float32)
+    layer = np.asarray(blurred_votes * (sigma * sigma / radius), np.float32)
+    maximum = cv2.dilate(layer, np.ones((5, 5), np.uint8))
+    return layer, np.asarray(maximum, np.float32)
 
 
 def fit(gradient: Gradient, circles: Circles) -> Circles:
@@ -188,7 +228,7 @@ def _across_rim(
     radius = (circles[:, 2:] * factor)[..., None]
     x = circles[:, 0, None, None] + radius * np.cos(ANGLES)
     y = circles[:, 1, None, None] + radius * np.sin(ANGLES)
-    return gradient.across(x, y, ANGLES)
+    return gradient.measure_across(x, y, ANGLES)
 
 
 COLOUR_WEIGHT = 0.25
@@ -246,9 +286,10 @@ class MergeTree:
     # (basins,): position of each basin in the tree's order.
     rank: NDArray[np.int64]
 
-    def without(self, kept: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Return (nodes,) True except for basins that are not `kept` (basins,)."""
-        return np.concatenate([kept, np.ones(len(self.parent) - len(kept), np.bool_)])
+    def exclude_basins(self, selection: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return (nodes,) True except for basins outside the `selection` (basins,)."""
+        inner_nodes = np.ones(len(self.parent) - len(selection), np.bool_)
+        return np.concatenate([selection, inner_nodes])
 
 
 Borders = list[dict[int, tuple[int, float]]]
@@ -261,65 +302,92 @@ def merge_tree(
     borders: Borders,
     areas: NDArray[np.int64] | None = None,
     means: NDArray[np.float64] | None = None,
-    stale: float = STALE,
+    tolerance: float = STALE,
 ) -> MergeTree:
     """Return the tree of basins by the mean difference along their borders.
 
     The method is greedy additive clustering, as in Keuper et al. 2015. If given, mean
     colours (basins, 3) also count, weighted by `areas` (basins,), px. `borders` is
-    consumed. `stale`: see `STALE`.
+    consumed. `tolerance`: see `STALE`.
     """
-    count, neighbours = len(borders), borders
-    area = [] if areas is None else areas.tolist()
-    mean = [] if means is None else list(means)
-    # A region keeps its number while others join it.
-    owner, node = (
-        list(range(count)),
-        list(range(count)),
-    )
-    height, parent = [0.0] * count, [-1] * count
-    children: dict[int, tuple[int, int]] = {}
-
-    def whole(region: int) -> int:
-        while owner[region] != region:
-            owner[region] = region = owner[owner[region]]
-        return region
-
-    def difference(a: int, b: int) -> float:
-        length, total = neighbours[a][b]
-        if not mean:
-            return total / length
-        step = mean[a] - mean[b]
-        return total / length + COLOUR_WEIGHT * min(
-            EDGE_CAP, float(np.sqrt(step @ step))
-        )
-
+    merging = _Merging(borders, areas, means)
     queue = [
-        (difference(a, b), a, b) for a in range(count) for b in neighbours[a] if a < b
+        (merging.difference(a, b), a, b)
+        for a in range(len(borders))
+        for b in borders[a]
+        if a < b
     ]
     heapq.heapify(queue)
     while queue:
         cost, a, b = heapq.heappop(queue)
-        a, b = whole(a), whole(b)
+        a, b = merging.find_owner(a), merging.find_owner(b)
         if a == b:
             continue
-        current_difference = difference(a, b)
+        difference = merging.difference(a, b)
         # The queue may contain outdated differences: queue the region again.
-        if current_difference > cost + stale:
-            heapq.heappush(queue, (current_difference, a, b))
+        if difference > cost + tolerance:
+            heapq.heappush(queue, (difference, a, b))
             continue
-        # Merge the region with fewer neighbours into the other one.
+        for entry in merging.merge(a, b, difference):
+            heapq.heappush(queue, entry)
+    return MergeTree(
+        np.array(merging.height),
+        np.array(merging.parent),
+        *_spans(merging.parent, merging.children, len(borders)),
+    )
+
+
+class _Merging:
+    """The regions of a merge tree while it grows.
+
+    A region keeps its number while others join it.
+    """
+
+    def __init__(
+        self,
+        borders: Borders,
+        areas: NDArray[np.int64] | None,
+        means: NDArray[np.float64] | None,
+    ) -> None:
+        count = len(borders)
+        self.neighbours = borders
+        self.area = [] if areas is None else areas.tolist()
+        self.mean = [] if means is None else list(means)
+        self.owner = list(range(count))
+        self.node = list(range(count))
+        self.height = [0.0] * count
+        self.parent = [-1] * count
+        self.children: dict[int, tuple[int, int]] = {}
+
+    def find_owner(self, region: int) -> int:
+        """Return the region that contains a region."""
+        owner = self.owner
+        while owner[region] != region:
+            owner[region] = region = owner[owner[region]]
+        return region
+
+    def difference(self, a: int, b: int) -> float:
+        """Return the difference of two neighbours."""
+        length, total = self.neighbours[a][b]
+        if not self.mean:
+            return total / length
+        step = self.mean[a] - self.mean[b]
+        return total / length + COLOUR_WEIGHT * min(
+            EDGE_CAP, float(np.sqrt(step @ step))
+        )
+
+    def merge(self, a: int, b: int, difference: float) -> list[tuple[float, int, int]]:
+        """Merge two regions; return the differences from the neighbours of the result.
+
+        The region with fewer neighbours is merged into the other one.
+        """
+        neighbours = self.neighbours
         if len(neighbours[a]) < len(neighbours[b]):
             a, b = b, a
-        new = len(parent)
-        children[new] = node[a], node[b]
-        height.append(max(current_difference, height[node[a]], height[node[b]]))
-        parent[node[a]] = parent[node[b]] = new
-        parent.append(-1)
-        owner[b], node[a] = a, new
-        if mean:
-            mean[a] = (mean[a] * area[a] + mean[b] * area[b]) / (area[a] + area[b])
-            area[a] += area[b]
+        self._add_node(a, b, difference)
+        if self.mean:
+            self._mix_colours(a, b)
+        entries = []
         for other, (length, total) in neighbours[b].items():
             del neighbours[other][b]
             if other != a:
@@ -328,10 +396,25 @@ def merge_tree(
                     before[0] + length,
                     before[1] + total,
                 )
-                heapq.heappush(queue, (difference(a, other), a, other))
-    return MergeTree(
-        np.array(height), np.array(parent), *_spans(parent, children, count)
-    )
+                entries.append((self.difference(a, other), a, other))
+        return entries
+
+    def _add_node(self, a: int, b: int, difference: float) -> None:
+        """Add the node that joins region b to region a."""
+        first, second = self.node[a], self.node[b]
+        new = len(self.parent)
+        self.children[new] = first, second
+        self.height.append(max(difference, self.height[first], self.height[second]))
+        self.parent[first] = self.parent[second] = new
+        self.parent.append(-1)
+        self.owner[b] = a
+        self.node[a] = new
+
+    def _mix_colours(self, a: int, b: int) -> None:
+        """Add the colours of region b to region a."""
+        area, mean = self.area, self.mean
+        mean[a] = (mean[a] * area[a] + mean[b] * area[b]) / (area[a] + area[b])
+        area[a] += area[b]
 
 
 def colour_tree(
@@ -351,11 +434,11 @@ def colour_tree(
 def edge_borders(
     labels: NDArray[np.int32],
     edge: NDArray[np.float32],
-    kept: NDArray[np.bool_] | None = None,
+    selection: NDArray[np.bool_] | None = None,
 ) -> Borders:
     """Return borders of basins `labels` (H, W) with the edge strength along them.
 
-    Strengths are limited to EDGE_CAP; `kept` is as in `pair_borders`.
+    Strengths are limited to EDGE_CAP; `selection` is as in `pair_borders`.
     """
     strength = np.minimum(edge, EDGE_CAP)
     sides = ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:]))
@@ -367,36 +450,44 @@ def edge_borders(
         )
         for first_side, second_side in sides
     ]
-    return pair_borders(labels, pairs, kept)
+    return pair_borders(labels, pairs, selection)
 
 
 def pair_borders(
     labels: NDArray[np.int32],
     pairs: Sequence[tuple[Any, Any, NDArray[np.float32]]],
-    kept: NDArray[np.bool_] | None = None,
+    selection: NDArray[np.bool_] | None = None,
 ) -> Borders:
     """Return borders of basins `labels` (H, W) from the differences of pixel pairs.
 
-    Each of `pairs` is two slices of the map and their differences; basins that are not
-    `kept` (basins,) have no borders.
+    Each of `pairs` is two slices of the map and their differences; basins outside the
+    `selection` (basins,) have no borders.
     """
     count = int(labels.max()) + 1
     keys, values = [np.zeros(0, np.int64)], [np.zeros(0, np.float32)]
     for first_side, second_side, difference in pairs:
-        first_labels, second_labels = (
-            labels[first_side].astype(np.int64),
-            labels[second_side].astype(np.int64),
-        )
+        first_labels = labels[first_side].astype(np.int64)
+        second_labels = labels[second_side].astype(np.int64)
         is_border = first_labels != second_labels
-        if kept is not None:
-            is_border &= kept[first_labels] & kept[second_labels]
-        keys.append(
-            np.minimum(first_labels, second_labels)[is_border] * count
-            + np.maximum(first_labels, second_labels)[is_border]
-        )
+        if selection is not None:
+            is_border &= selection[first_labels] & selection[second_labels]
+        low = np.minimum(first_labels, second_labels)[is_border]
+        high = np.maximum(first_labels, second_labels)[is_border]
+        keys.append(low * count + high)
         values.append(difference[is_border])
-    unique, inverse = np.unique(np.concatenate(keys), return_inverse=True)
-    lengths, totals = np.bincount(inverse), np.bincount(inverse, np.concatenate(values))
+    return _sum_borders(np.concatenate(keys), np.concatenate(values), count)
+
+
+def _sum_borders(
+    keys: NDArray[np.int64], values: NDArray[np.float32], count: int
+) -> Borders:
+    """Return the borders of `count` basins.
+
+    `keys` (n,) are a * count + b for pixel pairs of basins a and b, and `values` (n,)
+    their differences.
+    """
+    unique, inverse = np.unique(keys, return_inverse=True)
+    lengths, totals = np.bincount(inverse), np.bincount(inverse, values)
     neighbours: Borders = [{} for _ in range(count)]
     for key, length, total in zip(
         unique.tolist(), lengths.tolist(), totals.tolist(), strict=True
@@ -463,15 +554,11 @@ def tree_regions(
     """
     # In the tree's order each node is an interval of ranks.
     ranks = tree.rank[labels]
-    sizes = np.concatenate(
-        [[0], np.cumsum(np.bincount(ranks.ravel(), minlength=len(tree.rank)))]
-    )
-    rows, columns = np.indices(ranks.shape)
-    # Minima of these give the bounding box of each basin.
-    corners = np.stack([columns, rows, -columns, -rows], -1).reshape(-1, 4)
-    boxes = np.full((len(tree.rank), 4), np.iinfo(np.int64).max)
-    np.minimum.at(boxes, ranks.ravel(), corners)
-    areas = sizes[tree.span[:, 1]] - sizes[tree.span[:, 0]]
+    count = len(tree.rank)
+    sizes = np.bincount(ranks.ravel(), minlength=count)
+    ends = np.concatenate([[0], np.cumsum(sizes)])
+    areas = ends[tree.span[:, 1]] - ends[tree.span[:, 0]]
+    boxes = _find_boxes(ranks, count)
     result = []
     for k in np.flatnonzero(
         nodes & (areas >= smallest) & (areas <= 1.2 * largest)
@@ -483,3 +570,15 @@ def tree_regions(
         if proposal is not None and proposal.area <= largest:
             result.append((k, proposal))
     return result
+
+
+def _find_boxes(ranks: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """Return (count, 4) left, top, -right and -bottom of each rank of a map (H, W).
+
+    The minimum over several ranks gives their common box.
+    """
+    rows, columns = np.indices(ranks.shape)
+    corners = np.stack([columns, rows, -columns, -rows], -1).reshape(-1, 4)
+    boxes = np.full((count, 4), np.iinfo(np.int64).max)
+    np.minimum.at(boxes, ranks.ravel(), corners)
+    return boxes

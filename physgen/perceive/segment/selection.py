@@ -33,10 +33,10 @@ class WholeConstants:
     whole.
     """
     # Least share of a part's box inside that box.
-    within: float = 0.8
+    inner_share: float = 0.8
     own_box: float = 0.65
     """Score of a part's own box over the whole's, above which the part is an object."""
-    clear: float = 0.75
+    clear_fit: float = 0.75
     """Fit, with its bonus, above which a part beside the largest one is an object."""
     # Largest deficit of the whole's fit to that of the best part.
     worse: float = 0.1
@@ -51,7 +51,7 @@ WHOLE = WholeConstants()
 class Selection:
     """Chosen candidates, and the parts of the wholes among them, by index."""
 
-    chosen: NDArray[np.intp]
+    indices: NDArray[np.intp]
     parts: dict[int, list[int]] = field(default_factory=dict)
 
     def parts_of(self, wholes: NDArray[np.intp]) -> list[int]:
@@ -61,7 +61,7 @@ class Selection:
 
 def unite_parts(
     candidates: Sequence[Proposal],
-    chosen: NDArray[np.intp],
+    indices: NDArray[np.intp],
     fits: tuple[Values, Values],
     boxes: DetectedBoxes,
 ) -> Selection:
@@ -72,19 +72,19 @@ def unite_parts(
     own. `fits` belong to all candidates, (n,) each, without and with the bonus of
     edges.
     """
-    selection = Selection(chosen)
+    selection = Selection(indices)
     rectangles = np.array(
         [candidate.box for candidate in candidates], np.float64
     ).reshape(-1, 4)
     is_whole_box = (boxes.movable >= WHOLE.score) & (boxes.movable > boxes.immovable)
     for k in np.flatnonzero(is_whole_box).tolist():
-        parts = _weak_parts(rectangles[selection.chosen], boxes, k)
+        parts = _weak_parts(rectangles[selection.indices], boxes, k)
         if len(parts) > 1:
             matches = box_overlap(rectangles, boxes.corners[[k]])[:, 0] >= WHOLE.match
             wholes = np.flatnonzero(matches)
             selection = _unite(candidates, selection, parts, wholes, fits)
-            parts = _weak_parts(rectangles[selection.chosen], boxes, k)
-            places = parts[fits[1][selection.chosen[parts]] <= WHOLE.clear]
+            parts = _weak_parts(rectangles[selection.indices], boxes, k)
+            places = parts[fits[1][selection.indices[parts]] <= WHOLE.clear_fit]
             selection = _append(candidates, selection, places, boxes.corners[k])
     return selection
 
@@ -100,16 +100,16 @@ def _append(
     An appendage, at one of the `places` of `selection.chosen`, touches the whole, and
     both together fit the box with these `corners` better than the whole alone.
     """
-    rectangles = np.array([candidates[k].box for k in selection.chosen], np.float64)
+    rectangles = np.array([candidates[k].box for k in selection.indices], np.float64)
     fits = box_overlap(rectangles, corners[None])[:, 0]
     best = int(fits.argmax())
-    whole_index = int(selection.chosen[best])
+    whole_index = int(selection.indices[best])
     if fits[best] < WHOLE.match:
         return selection
     current_box, current_fit = rectangles[best], fits[best]
     parts: list[int] = []
     for place in places.tolist():
-        part = int(selection.chosen[place])
+        part = int(selection.indices[place])
         joint_box = np.concatenate(
             [
                 np.minimum(current_box[:2], rectangles[place, :2]),
@@ -123,24 +123,24 @@ def _append(
             parts.append(part)
     if not parts:
         return selection
-    rest = selection.chosen[~np.isin(selection.chosen, parts)]
+    rest = selection.indices[~np.isin(selection.indices, parts)]
     known_parts = selection.parts.get(whole_index, [])
     return Selection(rest, {**selection.parts, whole_index: [*known_parts, *parts]})
 
 
-def _touch(one: Proposal, other: Proposal) -> bool:
+def _touch(first: Proposal, other: Proposal) -> bool:
     """Return whether two candidates are at most SURROUNDINGS px apart."""
     reach = SURROUNDINGS
     kernel = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
-    mask = cv2.dilate(np.pad(one.mask, reach).astype(np.uint8), kernel) > 0
+    mask = cv2.dilate(np.pad(first.mask, reach).astype(np.uint8), kernel) > 0
     area = int(np.count_nonzero(mask))
-    dilated_proposal = Proposal(one.x - reach, one.y - reach, mask, area)
+    dilated_proposal = Proposal(first.x - reach, first.y - reach, mask, area)
     return overlap(dilated_proposal, other) > 0
 
 
 def _weak_parts(rectangles: Values, boxes: DetectedBoxes, k: int) -> NDArray[np.intp]:
     """Return the rectangles (n, 4) in box k without a similar box of their own."""
-    inside = box_shares(rectangles, boxes.corners[[k]])[:, 0] >= WHOLE.within
+    inside = box_shares(rectangles, boxes.corners[[k]])[:, 0] >= WHOLE.inner_share
     scores = box_overlap(rectangles, boxes.corners) ** 2 * boxes.movable
     scores[:, k] = 0
     lacks_box = scores.max(axis=1) <= WHOLE.own_box * boxes.movable[k]
@@ -159,7 +159,7 @@ def _unite(
     `places` of `selection.chosen` are the parts.
     """
     plain_fits, fit = fits
-    chosen = selection.chosen
+    chosen = selection.indices
     for whole in wholes[np.argsort(-plain_fits[wholes], kind="stable")].tolist():
         whole_candidate = candidates[whole]
         shares = np.array(
@@ -175,7 +175,7 @@ def _unite(
             continue
         largest = parts[areas[is_part].argmax()]
         # Several well fitting parts are a pile of objects rather than one whole.
-        has_good_part = fit[parts[parts != largest]].max() > WHOLE.clear
+        has_good_part = fit[parts[parts != largest]].max() > WHOLE.clear_fit
         if has_good_part or plain_fits[whole] < plain_fits[parts].max() - WHOLE.worse:
             continue
         new_choice = np.append(chosen[~is_part], whole)
@@ -184,20 +184,23 @@ def _unite(
 
 
 def choose_candidates(
-    candidates: Sequence[Proposal], shape: tuple[int, int], fit: Values, least: float
+    candidates: Sequence[Proposal],
+    shape: tuple[int, int],
+    fit: Values,
+    least_fit: float,
 ) -> NDArray[np.intp]:
     """Return the set with the largest gain without overlap, above the least fit.
 
     `fit` is (n,); `shape` (h, w) is the size of the grid.
     """
-    pool = np.flatnonzero(fit > least)
+    pool = np.flatnonzero(fit > least_fit)
     if not len(pool):
         return pool
     pool_candidates = [candidates[k] for k in pool.tolist()]
     area = np.array([candidate.area for candidate in pool_candidates], np.float64) / (
         shape[0] * shape[1]
     )
-    gain = (fit[pool] - least) * area**AREA_POWER
+    gain = (fit[pool] - least_fit) * area**AREA_POWER
     return pool[best_set(gain, exclusions(pool_candidates))]
 
 
@@ -254,12 +257,12 @@ def best_set(gain: Values, excludes: Flags) -> Flags:
     return best
 
 
-def _fill(chosen: Flags, order: NDArray[np.intp], excludes: Flags) -> Flags:
+def _fill(selection: Flags, order: NDArray[np.intp], excludes: Flags) -> Flags:
     """Return the set with all compatible proposals added in the given order."""
-    chosen = chosen.copy()
-    exclusion_mask = excludes[chosen].any(0) | chosen
+    selection = selection.copy()
+    exclusion_mask = excludes[selection].any(0) | selection
     for i in order:
         if not exclusion_mask[i]:
-            chosen[i] = True
+            selection[i] = True
             exclusion_mask |= excludes[i]
-    return chosen
+    return selection

@@ -59,7 +59,7 @@ class _Limits:
     # Accuracy of complementarity and gradient, far below UNHELD.
     accuracy: float = 1e-7
     # Ratio to the least error so far at which rounding dominates.
-    diverged: float = 1e3
+    divergence: float = 1e3
     # Share of the way to the border of the feasible region.
     step: float = 0.99
 
@@ -90,7 +90,7 @@ def contacts(outlines: Sequence[Outline], walls: Sequence[Array]) -> list[Contac
     result: list[Contact] = []
     wall_hits = [wall_contacts(outlines, boxes, wall) for wall in walls]
     for i, outline in enumerate(outlines):
-        for j in _near(boxes[i + 1 :], boxes[i]):
+        for j in _find_close_boxes(boxes[i + 1 :], boxes[i]):
             result += _face_ends(i, i + 1 + j, _touches(outline, outlines[i + 1 + j]))
         result += [
             contact for wall in wall_hits for contact in wall if contact.body == i
@@ -106,7 +106,9 @@ def wall_contacts(
     `boxes` (N, 4) are the outlines' `bounds`.
     """
     result: list[Contact] = []
-    for i in _near(boxes, np.concatenate([wall.min(axis=0), wall.max(axis=0)])):
+    for i in _find_close_boxes(
+        boxes, np.concatenate([wall.min(axis=0), wall.max(axis=0)])
+    ):
         result += _face_ends(
             i, -1, _on_chain(outlines[i], wall, mass_properties(outlines[i]).center)
         )
@@ -115,46 +117,56 @@ def wall_contacts(
 
 def unstable_objects(
     outlines: Sequence[Outline],
-    found: Sequence[Contact],
+    contacts: Sequence[Contact],
     friction: Friction,
-    fixed: Collection[int] = (),
+    held_ids: Collection[int] = (),
     default: float = 0.3,
-    known: dict[tuple[object, ...], list[int]] | None = None,
+    cache: dict[tuple[object, ...], list[int]] | None = None,
 ) -> list[int]:
     """Return the indices of objects to hold so that all others are at rest, lowest
     first.
 
     `friction` gives coefficients of pairs (body, other) if they differ from `default`;
-    `fixed` objects are held already. `known` caches the results of groups for calls
+    objects `held_ids` are held already. `cache` keeps the results of groups for calls
     with the same contacts and the same friction.
     """
-    free_ids = [i for i in range(len(outlines)) if i not in fixed]
-    found = [c for c in found if not _check_fixed_on_top(c, fixed)]
+    free_ids = [i for i in range(len(outlines)) if i not in held_ids]
+    contacts = [c for c in contacts if not _check_fixed_on_top(c, held_ids)]
     masses = {i: mass_properties(outlines[i]) for i in free_ids}
     discs = {i: o.radius for i in free_ids if isinstance(o := outlines[i], Disc)}
-    known = {} if known is None else known
-    unstable: list[int] = []
-    groups = _groups(free_ids, found)
+    cache = {} if cache is None else cache
+    unstable_ids: list[int] = []
+    for group, group_contacts in _split_contacts(free_ids, contacts):
+        key = (*group, *group_contacts)
+        if key not in cache:
+            forces = _Forces(masses, group_contacts, friction, default, discs)
+            cache[key] = _choose_held(group, forces)
+        unstable_ids += cache[key]
+    return sorted(unstable_ids, key=lambda i: -float(masses[i].center[1]))
+
+
+def _split_contacts(
+    ids: Sequence[int], contacts: Sequence[Contact]
+) -> list[tuple[list[int], list[Contact]]]:
+    """Return groups of objects that touch, each with its contacts."""
+    groups = _groups(ids, contacts)
     group_of = {i: k for k, group in enumerate(groups) for i in group}
     parts: list[list[Contact]] = [[] for _ in groups]
-    for contact in found:
+    for contact in contacts:
         k = group_of.get(contact.body, group_of.get(contact.other))
         if k is not None:
             parts[k].append(contact)
-    for group, part in zip(groups, parts, strict=True):
-        key = (*group, *part)
-        if key not in known:
-            forces = _Forces(masses, part, friction, default, discs)
-            known[key] = (
-                _held(group, forces)
-                if len(group) <= MANY
-                else _choose_held_of_many(group, forces)
-            )
-        unstable += known[key]
-    return sorted(unstable, key=lambda i: -float(masses[i].center[1]))
+    return list(zip(groups, parts, strict=True))
 
 
-def _held(group: Sequence[int], forces: _Forces) -> list[int]:
+def _choose_held(group: Sequence[int], forces: _Forces) -> list[int]:
+    """Return objects of a group to hold."""
+    if len(group) <= MANY:
+        return _choose_held_of_few(group, forces)
+    return _choose_held_of_many(group, forces)
+
+
+def _choose_held_of_few(group: Sequence[int], forces: _Forces) -> list[int]:
     """Return a minimal set of objects of a group to hold, found one by one."""
     held_ids: list[int] = []
     while unbalanced_ids := forces.worst_first(
@@ -176,7 +188,7 @@ def _choose_held_of_many(group: Sequence[int], forces: _Forces) -> list[int]:
     Each round holds all unbalanced objects that do not touch each other.
     """
     neighbours: dict[int, set[int]] = {i: set() for i in group}
-    for contact in forces.found:
+    for contact in forces.contacts:
         if contact.body in neighbours and contact.other in neighbours:
             neighbours[contact.body].add(contact.other)
             neighbours[contact.other].add(contact.body)
@@ -196,30 +208,30 @@ def _choose_held_of_many(group: Sequence[int], forces: _Forces) -> list[int]:
     return [i for i in group if i in held_ids or rest[i] > UNHELD]
 
 
-def _check_fixed_on_top(contact: Contact, fixed: Collection[int]) -> bool:
+def _check_fixed_on_top(contact: Contact, held_ids: Collection[int]) -> bool:
     """Return whether a fixed object lies on top.
 
     It might jam an object, but has no weight to press it down.
     """
-    if contact.other < 0 or contact.other in fixed:
+    if contact.other < 0 or contact.other in held_ids:
         return bool(contact.normal[1] > LIMITS.overhead)
-    return contact.body in fixed and bool(-contact.normal[1] > LIMITS.overhead)
+    return contact.body in held_ids and bool(-contact.normal[1] > LIMITS.overhead)
 
 
-def _groups(everyone: Sequence[int], found: Sequence[Contact]) -> list[list[int]]:
+def _groups(ids: Sequence[int], contacts: Sequence[Contact]) -> list[list[int]]:
     """Return groups of objects that touch, directly or through others."""
-    root = {i: i for i in everyone}
+    root = {i: i for i in ids}
 
     def top(i: int) -> int:
         while root[i] != i:
             root[i] = i = root[root[i]]
         return i
 
-    for contact in found:
+    for contact in contacts:
         if contact.body in root and contact.other in root:
             root[top(contact.body)] = top(contact.other)
     groups: dict[int, list[int]] = {}
-    for i in everyone:
+    for i in ids:
         groups.setdefault(top(i), []).append(i)
     return list(groups.values())
 
@@ -227,7 +239,7 @@ def _groups(everyone: Sequence[int], found: Sequence[Contact]) -> list[list[int]
 # Contacts of outlines.
 
 
-def _near(boxes: Array, box: Array) -> list[int]:
+def _find_close_boxes(boxes: Array, box: Array) -> list[int]:
     """Return the indices of the boxes `(N, 4)` that may touch one box."""
     separation = (boxes[:, :2] >= box[2:] + LIMITS.touch) | (
         box[:2] >= boxes[:, 2:] + LIMITS.touch
@@ -389,7 +401,7 @@ class _Forces:
     """The possible forces in a group of objects."""
 
     masses: Mapping[int, MassProperties]
-    found: Sequence[Contact]
+    contacts: Sequence[Contact]
     friction: Friction
     default: float
     # Radii by index, px.
@@ -428,95 +440,134 @@ class _Forces:
         Pairs are the positions of both objects in `free`, -1 for none; columns are the
         force and torque on each.
         """
-        place = {i: k for k, i in enumerate(free)}
-        pairs, parts = [], []
-        for contact in self.found:
-            pair = (contact.body, contact.other)
-            if contact.body not in place and contact.other not in place:
+        positions = {i: k for k, i in enumerate(free)}
+        pairs, columns = [], []
+        for contact in self.contacts:
+            if contact.body not in positions and contact.other not in positions:
                 continue
-            mu = self.friction.get(pair, self.default)
-            tangent = np.array([-contact.normal[1], contact.normal[0]])
-            # A round object rests on a spot rather than a point, except on another
-            # round object.
-            radii = [self.discs[i] for i in pair if i in self.discs]
-            spot = LIMITS.spot * radii[0] if len(radii) == 1 else 0.0
-            for shift in (-spot, spot) if spot else (0.0,):
-                for way in (-mu, mu):
-                    force = contact.normal + way * tangent
-                    column = np.zeros((2, 3))
-                    for k, (i, sign) in enumerate(zip(pair, (1.0, -1.0), strict=True)):
-                        if i in place:
-                            mass = self.masses[i]
-                            arm = (
-                                contact.point + shift * tangent - mass.center
-                            ) / np.sqrt(mass.area)
-                            part = np.array([force[0], force[1], cross(arm, force)])
-                            column[k] = sign * part / mass.area
-                    pairs.append([place.get(i, -1) for i in pair])
-                    parts.append(column / max(np.abs(column).max(), 1e-12))
-        return np.array(pairs, np.int64).reshape(-1, 2), np.array(parts).reshape(
+            pair = [positions.get(i, -1) for i in (contact.body, contact.other)]
+            for point, force in self._cone_edges(contact):
+                column = self._column(contact, point, force, positions)
+                pairs.append(pair)
+                columns.append(column / max(np.abs(column).max(), 1e-12))
+        return np.array(pairs, np.int64).reshape(-1, 2), np.array(columns).reshape(
             -1, 2, 3
         )
 
+    def _cone_edges(self, contact: Contact) -> list[tuple[Array, Array]]:
+        """Return points and forces on the body at the edges of a friction cone."""
+        pair = (contact.body, contact.other)
+        mu = self.friction.get(pair, self.default)
+        tangent = np.array([-contact.normal[1], contact.normal[0]])
+        # A round object rests on a spot rather than a point, except on another
+        # round object.
+        radii = [self.discs[i] for i in pair if i in self.discs]
+        spot = LIMITS.spot * radii[0] if len(radii) == 1 else 0.0
+        return [
+            (contact.point + shift * tangent, contact.normal + way * tangent)
+            for shift in ((-spot, spot) if spot else (0.0,))
+            for way in (-mu, mu)
+        ]
 
-def unbalanced_forces(pairs: Pairs, parts: Array, wanted: Array) -> Array:
-    """Return `wanted` (N, 3) minus matrix x, for the x >= 0 with the least residual.
+    def _column(
+        self,
+        contact: Contact,
+        point: Array,
+        force: Array,
+        positions: Mapping[int, int],
+    ) -> Array:
+        """Return force and torque (2, 3) on both objects of a contact."""
+        column = np.zeros((2, 3))
+        for k, (i, sign) in enumerate(((contact.body, 1.0), (contact.other, -1.0))):
+            if i in positions:
+                mass = self.masses[i]
+                arm = (point - mass.center) / np.sqrt(mass.area)
+                part = np.array([force[0], force[1], cross(arm, force)])
+                column[k] = sign * part / mass.area
+        return column
+
+
+def unbalanced_forces(pairs: Pairs, parts: Array, target: Array) -> Array:
+    """Return `target` (N, 3) minus matrix x, for the x >= 0 with the least residual.
 
     Each column of the matrix holds `parts` (M, 2, 3) at two of the N objects, given by
     `pairs` (M, 2); -1 is none. The method is Mehrotra's predictor-corrector method.
     Objects are ordered in layers that touch only the next layer, so that every system
     is block tridiagonal.
     """
-    count = len(wanted)
     if not len(pairs):
-        return wanted
-    spread = 3 * np.where(pairs < 0, count, pairs)[:, :, None] + np.arange(3)
-    system = _System(count, pairs, parts)
-
-    def times(x: Array) -> Array:
-        products = (parts * x[:, None, None]).ravel()
-        return np.asarray(
-            np.bincount(spread.ravel(), products, 3 * count + 3)[:-3], np.float64
-        )
-
-    def transposed(y: Array) -> Array:
-        return np.asarray((parts * np.append(y, np.zeros(3))[spread]).sum((1, 2)))
-
-    def towards(right: Array) -> Array:
-        way = scale * (right - transposed(system.solve(times(scale * right))))
-        # Large weights cause rounding errors: add one step of iterative refinement.
-        error = right - transposed(times(way)) - way / scale
-        return way + scale * (error - transposed(system.solve(times(scale * error))))
-
+        return target
+    columns = _ForceColumns(len(target), pairs, parts)
     x, s = np.ones(len(pairs)), np.ones(len(pairs))
-    best = left = wanted.ravel() - times(x)
+    best = residual = target.ravel() - columns.combine(x)
     least_error = np.inf
     for _ in range(LIMITS.passes):
         # The gradient of the dual problem and the complementarity gap measure the
         # error.
-        slope, gap = -transposed(left) - s, float((x * s).mean())
-        error = max(gap, float(np.abs(slope).max()))
+        slope = -columns.project(residual) - s
+        error = max(float((x * s).mean()), float(np.abs(slope).max()))
         if error < least_error:
-            best, least_error = left, error
-        if least_error < LIMITS.accuracy or error > LIMITS.diverged * least_error:
+            best, least_error = residual, error
+        if least_error < LIMITS.accuracy or error > LIMITS.divergence * least_error:
             break
+        dx, ds = columns.find_step(x, s, slope)
+        # Both variables take one common step, since the gradient depends on x as well.
+        step = min(1.0, LIMITS.step * min(_longest_step(x, dx), _longest_step(s, ds)))
+        x, s = x + step * dx, s + step * ds
+        residual = target.ravel() - columns.combine(x)
+    return best.reshape(-1, 3)
+
+
+class _ForceColumns:
+    """The matrix of `unbalanced_forces` and the steps towards its solution."""
+
+    def __init__(self, count: int, pairs: Pairs, parts: Array) -> None:
+        self.count = count
+        self.parts = parts
+        objects = np.where(pairs < 0, count, pairs)
+        self.rows = 3 * objects[:, :, None] + np.arange(3)
+        self.system = _System(count, pairs, parts)
+
+    def combine(self, x: Array) -> Array:
+        """Return the matrix times x (M,)."""
+        products = (self.parts * x[:, None, None]).ravel()
+        size = 3 * self.count + 3
+        return np.asarray(
+            np.bincount(self.rows.ravel(), products, size)[:-3], np.float64
+        )
+
+    def project(self, y: Array) -> Array:
+        """Return the transpose of the matrix times y (3 N,)."""
+        return np.asarray(
+            (self.parts * np.append(y, np.zeros(3))[self.rows]).sum((1, 2))
+        )
+
+    def find_step(self, x: Array, s: Array, slope: Array) -> tuple[Array, Array]:
+        """Return the predictor-corrector step of x and of its dual variable s."""
+        gap = float((x * s).mean())
         scale = x / s
-        system.factor(scale)
+        self.system.factor(scale)
         # Predictor: a step towards the solution without centring.
-        dx = towards(-slope - s)
+        dx = self._solve(scale, -slope - s)
         ds = -s - dx / scale
         a, b = _longest_step(x, dx), _longest_step(s, ds)
         # Corrector: centre as far as the predictor fell short, with a second-order
         # term.
         middle = gap * (float(((x + a * dx) * (s + b * ds)).mean()) / gap) ** 3
         right = middle - x * s - a * b * dx * ds
-        dx = towards(-slope + right / x)
-        ds = (right - s * dx) / x
-        # Both variables take one common step, since the gradient depends on x as well.
-        step = min(1.0, LIMITS.step * min(_longest_step(x, dx), _longest_step(s, ds)))
-        x, s = x + step * dx, s + step * ds
-        left = wanted.ravel() - times(x)
-    return best.reshape(-1, 3)
+        dx = self._solve(scale, -slope + right / x)
+        return dx, (right - s * dx) / x
+
+    def _solve(self, scale: Array, right: Array) -> Array:
+        """Return the step of x for a right-hand side."""
+        step = self._solve_once(scale, right)
+        # Large weights cause rounding errors: add one step of iterative refinement.
+        error = right - self.project(self.combine(step)) - step / scale
+        return step + self._solve_once(scale, error)
+
+    def _solve_once(self, scale: Array, right: Array) -> Array:
+        solution = self.system.solve(self.combine(scale * right))
+        return scale * (right - self.project(solution))
 
 
 def _longest_step(x: Array, way: Array) -> float:
@@ -596,7 +647,7 @@ def _layers(count: int, pairs: Pairs) -> list[Pairs]:
             neighbours[a].add(b)
             neighbours[b].add(a)
 
-    def outwards(start: int) -> list[list[int]]:
+    def find_shells(start: int) -> list[list[int]]:
         visited_ids, shells = {start}, [[start]]
         while after := sorted(
             {j for i in shells[-1] for j in neighbours[i]} - visited_ids
@@ -609,7 +660,7 @@ def _layers(count: int, pairs: Pairs) -> list[Pairs]:
     left = set(range(count))
     while left:
         # The last object of a first search lies at an end of the group.
-        object_layers = outwards(outwards(min(left))[-1][0])
+        object_layers = find_shells(find_shells(min(left))[-1][0])
         layers += [np.array(layer, np.int64) for layer in object_layers]
         left.difference_update(*object_layers)
     return layers

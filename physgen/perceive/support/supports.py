@@ -23,9 +23,9 @@ from physgen.perceive.support.equilibrium import (
     unstable_objects,
     wall_contacts,
 )
-from physgen.perceive.support.ground_contact import cradle, lower_hull, rounded_down
+from physgen.perceive.support.floor_chains import Chain, cradle, rounded_down
+from physgen.perceive.support.ground_contact import lower_hull
 
-Chain = Sequence[tuple[float, float]]
 SOURCE = "what is at rest"
 """Source of these walls, for `from`."""
 
@@ -46,13 +46,13 @@ class _Limits:
     # The same between objects.
     object_friction: float = 0.25
     # Least ratio of height to width of a leaning object.
-    slender: float = 0.75
+    slenderness: float = 0.75
     # Objects above which all unstable ones get their ledges at once.
-    many: int = 40
+    many_objects: int = 40
     # Rounds of that, after which the remaining ones are held.
     rounds: int = 5
     # Sine of the angle by which a surface under an object faces up.
-    from_below: float = 0.3
+    least_rise: float = 0.3
     # Part of its height, from the top, at which an object leans against a neighbour.
     lean: float = 0.35
     # Directions of wedges, degrees; upright wedges come first, because they carry no
@@ -117,7 +117,7 @@ class _SupportSearch:
         """Unstable objects of groups with the same contacts."""
         self._attempts: dict[int, int] = {}
         """Number of supports that were tried, by index of the object."""
-        self._is_crowd = len(objects) > LIMITS.many
+        self._is_crowd = len(objects) > LIMITS.many_objects
 
     def add_needed_supports(self) -> None:
         """Add one support per unstable object and round, until all objects are at
@@ -178,7 +178,7 @@ class _SupportSearch:
             touches,
             friction,
             self._fixed_indices,
-            known=self._known_groups,
+            cache=self._known_groups,
         )
         return touches, unstable
 
@@ -234,21 +234,21 @@ class _SupportSearch:
         return Wall(name, points, *self._surface, confidence, SOURCE, reason)
 
 
-def _lies_on(found: Sequence[Contact], k: int) -> bool:
+def _lies_on(touches: Sequence[Contact], k: int) -> bool:
     """Return whether a contact supports an object from below."""
     return any(
-        c.normal[1] * (1 if c.body == k else -1) < -LIMITS.from_below
-        for c in found
+        c.normal[1] * (1 if c.body == k else -1) < -LIMITS.least_rise
+        for c in touches
         if k in (c.body, c.other)
     )
 
 
 def _friction(
-    objects: Sequence[PhotoObject], found: Sequence[Contact], grip: dict[int, float]
+    objects: Sequence[PhotoObject], touches: Sequence[Contact], grip: dict[int, float]
 ) -> dict[tuple[int, int], float]:
     """Return the friction by pair of objects."""
     result = {}
-    for c in found:
+    for c in touches:
         assumption = LIMITS.wall_friction if c.other < 0 else LIMITS.object_friction
         grips = [grip.get(objects[k].id, 0.0) for k in (c.body, c.other) if k >= 0]
         result[c.body, c.other] = max(assumption, min(grips))
@@ -266,7 +266,7 @@ def _nest(item: PhotoObject, others: Sequence[Outline]) -> Chain | None:
 
 
 def _wall_to_lean_on(
-    item: PhotoObject, found: Sequence[Contact], k: int, others: Sequence[Outline]
+    item: PhotoObject, touches: Sequence[Contact], k: int, others: Sequence[Outline]
 ) -> Chain | None:
     """Return a short upright wall beside the top of an object, or None.
 
@@ -274,28 +274,39 @@ def _wall_to_lean_on(
     """
     if isinstance(item.outline, Disc):
         return None
-    feet = [
-        float(c.point[0])
-        for c in found
-        if c.body == k and c.other < 0 and c.normal[1] < -0.7
-    ]
-    center = mass_properties(item.outline).center
+    side = _find_tipping_side(item, touches, k)
     x0, y0, x1, y1 = bounds(item.outline)
-    if not feet or y1 - y0 < LIMITS.slender * (x1 - x0):
+    if side == 0 or y1 - y0 < LIMITS.slenderness * (x1 - x0):
         return None
-    side = 1 if center[0] > max(feet) else -1 if center[0] < min(feet) else 0
     points = np.concatenate([ring.outer for ring in item.outline.rings])
     x = x1 if side > 0 else x0
     rows = points[np.abs(points[:, 0] - x) < 0.5][:, 1]
-    if side == 0 or rows.min() > y0 + LIMITS.lean * (y1 - y0):
+    if rows.min() > y0 + LIMITS.lean * (y1 - y0):
         return None
-    column = round(float(np.ceil(x * 100) if side > 0 else np.floor(x * 100)) / 100, 2)
+    # The wall is rounded away from the object.
+    hundredths = np.ceil(x * 100) if side > 0 else np.floor(x * 100)
+    column = round(float(hundredths) / 100, 2)
     chain = [
         (column, round(y0 - 2.0, 2)),
         (column, round(y0 + LIMITS.lean * (y1 - y0), 2)),
     ]
     parts = [p for p in free_parts(chain, others) if p[0][1] <= rows.min() <= p[-1][1]]
     return parts[0] if parts else None
+
+
+def _find_tipping_side(item: PhotoObject, touches: Sequence[Contact], k: int) -> int:
+    """Return the side, -1 or 1, to which an object on a wall tips, or 0."""
+    feet = [
+        float(c.point[0])
+        for c in touches
+        if c.body == k and c.other < 0 and c.normal[1] < -0.7
+    ]
+    if not feet:
+        return 0
+    center = mass_properties(item.outline).center
+    if center[0] > max(feet):
+        return 1
+    return -1 if center[0] < min(feet) else 0
 
 
 def make_wedge(
@@ -337,12 +348,7 @@ def make_wedge(
 def free_parts(chain: Chain, others: Sequence[Outline]) -> list[Chain]:
     """Return the pieces of a chain of points outside outlines, in order."""
     points = np.array(chain, np.float64)
-    low, high = points.min(axis=0), points.max(axis=0)
-    neighbours = []
-    for other in others:
-        x0, y0, x1, y1 = bounds(other)
-        if x0 < high[0] and x1 > low[0] and y0 < high[1] + 0.01 and y1 > low[1] - 0.01:
-            neighbours.append(other)
+    neighbours = _find_neighbours(points, others)
     if not neighbours:
         return [list(chain)]
     runs = np.hypot(*np.diff(points, axis=0).T)
@@ -362,25 +368,40 @@ def free_parts(chain: Chain, others: Sequence[Outline]) -> list[Chain]:
     for start, stop in edges.reshape(-1, 2):
         first, last = samples[start], samples[stop - 1]
         if last - first >= LIMITS.shortest:
-            inner_points = [
-                p for p, a in zip(chain, lengths, strict=True) if first < a < last
-            ]
-            parts.append(
-                [
-                    _point_along(chain, lengths, first),
-                    *inner_points,
-                    _point_along(chain, lengths, last),
-                ]
-            )
+            parts.append(_cut_chain(chain, lengths, first, last))
     return parts
 
 
-def _point_along(chain: Chain, along: Array, way: float) -> tuple[float, float]:
+def _find_neighbours(points: Array, outlines: Sequence[Outline]) -> list[Outline]:
+    """Return the outlines whose boxes overlap that of points (N, 2)."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    neighbours = []
+    for outline in outlines:
+        x0, y0, x1, y1 = bounds(outline)
+        if x0 < high[0] and x1 > low[0] and y0 < high[1] + 0.01 and y1 > low[1] - 0.01:
+            neighbours.append(outline)
+    return neighbours
+
+
+def _cut_chain(chain: Chain, lengths: Array, first: float, last: float) -> Chain:
+    """Return the piece of a chain between two lengths along it.
+
+    `lengths` (K,) are those of its points.
+    """
+    inner_points = [p for p, a in zip(chain, lengths, strict=True) if first < a < last]
+    return [
+        _point_along(chain, lengths, first),
+        *inner_points,
+        _point_along(chain, lengths, last),
+    ]
+
+
+def _point_along(chain: Chain, lengths: Array, way: float) -> tuple[float, float]:
     """Return the point of a chain at a length along it."""
-    if way in (0, along[-1]):
+    if way in (0, lengths[-1]):
         return chain[0 if way == 0 else -1]
     return rounded_down(
-        *(float(np.interp(way, along, [p[axis] for p in chain])) for axis in (0, 1))
+        *(float(np.interp(way, lengths, [p[axis] for p in chain])) for axis in (0, 1))
     )
 
 

@@ -16,6 +16,7 @@ from math import exp, log
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from physgen.maps import F32
 from physgen.messages import Note
@@ -55,7 +56,7 @@ class _Cue:
     """
 
     weight: float
-    most: float
+    limit: float
     side: str = ""
     top: str = ""
 
@@ -112,7 +113,7 @@ def guess_view(
     odds = {}
     for name, value in cues.items():
         cue = CUES[name]
-        odds[name] = float(np.clip(cue.weight * value, -cue.most, cue.most))
+        odds[name] = float(np.clip(cue.weight * value, -cue.limit, cue.limit))
     total = CUES_WEIGHT * (PRIOR + sum(odds.values()))
     reasons = []
     if chances is not None and not _is_drawing(rgb):
@@ -157,61 +158,87 @@ def _looks_reason(chances: ViewChances) -> str:
     return LOOKS[View.SIDE] if chances.tilt is None else OBLIQUE_LOOKS
 
 
+@dataclass(frozen=True, eq=False)
+class _Background:
+    """The visible background of a photo at the size of the network's normals."""
+
+    # (h, w, 3) CIE Lab.
+    colour: F32
+    # (h, w): pixels away from objects.
+    free: Mask
+
+    def is_visible_in(self, *parts: tuple[slice, ...]) -> bool:
+        """Return whether enough background is visible in each part."""
+        return all(np.count_nonzero(self.free[part]) >= LEAST for part in parts)
+
+    def median_colour(self, part: tuple[slice, ...]) -> NDArray[np.floating]:
+        """Return the median colour (3,) of a part."""
+        return np.asarray(np.median(self.colour[part][self.free[part]], axis=0))
+
+
 def _background_cues(rgb: Rgb, labels: Labels, normals: F32) -> dict[str, float]:
     """Return the cues of the background for the side view, if enough of it is
     visible.
     """
-    h, w = normals.shape[:2]
-    lab = cv2.cvtColor(rgb.astype(np.float32) / np.float32(255), cv2.COLOR_RGB2LAB)
-    colour: F32 = np.asarray(
-        cv2.resize(lab, (w, h), interpolation=cv2.INTER_AREA), np.float32
-    )
-    objects = cv2.resize(
-        (labels > 0).astype(np.uint8), (w, h), interpolation=cv2.INTER_AREA
-    )
-    free = cv2.dilate(objects, np.ones((5, 5), np.uint8)) == 0
-    if np.count_nonzero(free) < LEAST:
+    height, width = normals.shape[:2]
+    background = _shrink_background(rgb, labels, (width, height))
+    if np.count_nonzero(background.free) < LEAST:
         return {}
-    low, high = slice(7 * h // 8, h), slice(0, h // 2)
-    # Shading alone makes weak layers on a single surface.
-    layer_weight = min(1.0, float(np.sqrt(colour[free].var(0).sum())) / SPREAD)
-    cues = {
-        "layered": layer_weight
-        * (
-            _measure_explained_variance(colour, free, 1)
-            - _measure_explained_variance(colour, free, 0)
-            - 0.1
-        )
-    }
-    if min(np.count_nonzero(free[low]), np.count_nonzero(free[high])) >= LEAST:
-        upward = -normals[..., 1]
-        cues["faces"] = (
-            float(upward[low][free[low]].mean() - upward[high][free[high]].mean()) - 0.1
-        )
-    thirds = (
-        np.s_[2 * h // 3 :],
-        np.s_[: h // 3],
-        np.s_[:, : w // 3],
-        np.s_[:, 2 * w // 3 :],
-    )
-    if all(np.count_nonzero(free[part]) >= LEAST for part in thirds):
-        bottom, top, left, right = (
-            np.median(colour[part][free[part]], axis=0) for part in thirds
-        )
-        differences = [
-            float(np.linalg.norm((a - b) * (0.5, 1, 1)))
-            for a, b in ((bottom, top), (left, right))
-        ]
-        cues["changed"] = log((differences[0] + 3) / (differences[1] + 3)) - 0.2
-        detail = np.abs(
-            cv2.Laplacian(cv2.GaussianBlur(colour[..., 0], (0, 0), 1), cv2.CV_32F)
-        )
-        details = [
-            float(np.percentile(detail[part][free[part]], 90)) + 1e-3
-            for part in thirds[:2]
-        ]
-        cues["sharp"] = log(details[0] / details[1])
+    cues = {"layered": _measure_layers(background)}
+    low, high = np.s_[7 * height // 8 : height,], np.s_[0 : height // 2,]
+    if background.is_visible_in(low, high):
+        upward, free = -normals[..., 1], background.free
+        difference = upward[low][free[low]].mean() - upward[high][free[high]].mean()
+        cues["faces"] = float(difference) - 0.1
+    bottom, top = np.s_[2 * height // 3 :,], np.s_[: height // 3,]
+    left, right = np.s_[:, : width // 3], np.s_[:, 2 * width // 3 :]
+    if background.is_visible_in(bottom, top, left, right):
+        vertical = _compare_colours(background, bottom, top)
+        horizontal = _compare_colours(background, left, right)
+        cues["changed"] = log((vertical + 3) / (horizontal + 3)) - 0.2
+        cues["sharp"] = _compare_detail(background, bottom, top)
     return cues
+
+
+def _shrink_background(rgb: Rgb, labels: Labels, size: tuple[int, int]) -> _Background:
+    """Return the background of a photo at a size (width, height)."""
+    lab = cv2.cvtColor(rgb.astype(np.float32) / np.float32(255), cv2.COLOR_RGB2LAB)
+    colour = np.asarray(cv2.resize(lab, size, interpolation=cv2.INTER_AREA), np.float32)
+    objects = cv2.resize(
+        (labels > 0).astype(np.uint8), size, interpolation=cv2.INTER_AREA
+    )
+    return _Background(colour, cv2.dilate(objects, np.ones((5, 5), np.uint8)) == 0)
+
+
+def _measure_layers(background: _Background) -> float:
+    """Return the cue of layers: rows explain more of the colours than columns."""
+    colour, free = background.colour, background.free
+    # Shading alone makes weak layers on a single surface.
+    weight = min(1.0, float(np.sqrt(colour[free].var(0).sum())) / SPREAD)
+    row_share = _measure_explained_variance(colour, free, 1)
+    column_share = _measure_explained_variance(colour, free, 0)
+    return weight * (row_share - column_share - 0.1)
+
+
+def _compare_colours(
+    background: _Background, first: tuple[slice, ...], second: tuple[slice, ...]
+) -> float:
+    """Return the difference of the colours of two parts; hue counts more."""
+    difference = background.median_colour(first) - background.median_colour(second)
+    return float(np.linalg.norm(difference * (0.5, 1, 1)))
+
+
+def _compare_detail(
+    background: _Background, first: tuple[slice, ...], second: tuple[slice, ...]
+) -> float:
+    """Return the log ratio of the detail of two parts."""
+    smooth = cv2.GaussianBlur(background.colour[..., 0], (0, 0), 1)
+    detail = np.abs(cv2.Laplacian(smooth, cv2.CV_32F))
+    first_detail, second_detail = (
+        float(np.percentile(detail[part][background.free[part]], 90)) + 1e-3
+        for part in (first, second)
+    )
+    return log(first_detail / second_detail)
 
 
 def _measure_explained_variance(colour: F32, free: Mask, axis: int) -> float:
@@ -243,16 +270,16 @@ class _Doubts:
 
     # F measure expected from the confidences of objects and doubtful regions; chosen on
     # 80 photos.
-    expected: float = 0.66
+    f_measure: float = 0.66
     # Confidence of an object; below it a third of the objects are wrong.
-    unsure: float = 0.65
+    object_confidence: float = 0.65
     # Share of doubtful regions larger than the objects.
     unclear: float = 0.1
     # Share of immovable wholes.
-    fixed: float = 0.1
+    immovable: float = 0.1
     # Share of immovable pixels in the user's selection: holds for 187 of 192 people of
     # COCO and for 3 of 31 cups and bowls.
-    pointed: float = 0.5
+    immovable_selection: float = 0.5
     # Share of sky in the upper half. This share and the next two are relative to the
     # surroundings of the objects.
     sky: float = 0.125
@@ -264,7 +291,7 @@ class _Doubts:
     # Probability, by its looks, that the photo shows no loose object at rest.
     unsuitable: float = 0.95
     # Share of objects without a visible support.
-    unheld: float = 0.5
+    no_support: float = 0.5
     # Share of one object: the largest object of the search.
     filling: float = 0.6
     # px: width of the photo for texture.
@@ -272,9 +299,9 @@ class _Doubts:
     # px: side of the patch over which detail is averaged.
     patch: int = 9
     # Mean of |Laplacian|, 8-bit levels, of a patch with fine detail.
-    fine: float = 12.0
+    fine_detail: float = 12.0
     # The same at a quarter of the size; the grain of a wall has less.
-    coarse: float = 16.0
+    coarse_detail: float = 16.0
     # Ratio of the photo's size and the reduced size.
     quarter: int = 4
 
@@ -284,7 +311,7 @@ DOUBTS = _Doubts()
 
 def judge_suitability(
     rgb: Rgb,
-    found: Detections,
+    detections: Detections,
     objects: Sequence[PhotoObject],
     boundaries: BoundaryGuess,
 ) -> Suitability:
@@ -292,45 +319,55 @@ def judge_suitability(
 
     Masks from the user, and masks kept from an earlier scene, are certain.
     """
-    size, view = (
-        np.bincount(found.labels.ravel(), minlength=1) / found.labels.size,
-        boundaries.confidence,
-    )
-    area = {t.id: float(size[t.id]) for t in objects}
-    by_hand = found.source in ("given", "pointed at")
-    reasons = [] if by_hand else _detection_doubts(found, objects, area)
+    labels = detections.labels
+    shares = np.bincount(labels.ravel(), minlength=1) / labels.size
+    area = {t.id: float(shares[t.id]) for t in objects}
+    by_hand = detections.source in ("given", "pointed at")
+    reasons = [] if by_hand else _detection_doubts(detections, objects, area)
     # A selection by the user does not change the rest of the photo.
-    if found.source != "given":
-        reasons += _photo_doubts(rgb, found)
-    immovable = _immovable(rgb)
-    coverage = cv2.resize((found.labels > 0).astype(np.float32), immovable.shape[::-1])
-    if by_hand and (coverage * immovable).sum() > DOUBTS.pointed * coverage.sum():
+    if detections.source != "given":
+        reasons += _photo_doubts(rgb, detections)
+    if by_hand and _shows_immovable(rgb, labels):
         reasons.append(Note.MARKED_IMMOVABLE.text())
-    if any(found.confidence[i] < RULE.weak for i in found.prompts):
+    if any(detections.confidence[i] < RULE.weak_confidence for i in detections.prompts):
         reasons.append(Note.MARKED_FAINT.text())
-    if (largest := max(area.values(), default=0.0)) > DOUBTS.filling:
+    largest = max(area.values(), default=0.0)
+    if largest > DOUBTS.filling:
         reasons.append(Note.FILLS_PHOTO.text(share=percent(largest)))
-    loose = [t for t in objects if not t.cut]
-    unseen = [
+    loose_objects = [t for t in objects if not t.cut]
+    count = _count_without_support(loose_objects, boundaries)
+    # In an oblique photo the ground around an object is visible.
+    is_ground_visible = boundaries.tilt is not None
+    if count > DOUBTS.no_support * len(loose_objects) and not is_ground_visible:
+        all_objects = counted(len(loose_objects), "object")
+        reasons.append(Note.NO_SUPPORT.text(count=count, objects=all_objects))
+    if boundaries.confidence < DOUBTS.view:
+        reasons.append(Note.VIEW_UNCERTAIN.text())
+    return Suitability(tuple(reasons))
+
+
+def _shows_immovable(rgb: Rgb, labels: Labels) -> bool:
+    """Return whether most pixels of the objects belong to immovable things."""
+    immovable = _immovable(rgb)
+    coverage = cv2.resize((labels > 0).astype(np.float32), immovable.shape[::-1])
+    immovable_sum = (coverage * immovable).sum()
+    return bool(immovable_sum > DOUBTS.immovable_selection * coverage.sum())
+
+
+def _count_without_support(
+    objects: Sequence[PhotoObject], boundaries: BoundaryGuess
+) -> int:
+    """Return the number of objects that are held or that invisible walls carry."""
+    invisible_walls = [
         w
         for w in boundaries.walls
         if w.source == SOURCE and w.name.startswith(("nest", "ledge"))
     ]
     support_contacts = contacts(
-        [t.outline for t in loose], [np.array(w.points) for w in unseen]
+        [t.outline for t in objects], [np.array(w.points) for w in invisible_walls]
     )
-    beneath = boundaries.held | {
-        loose[c.body].id for c in support_contacts if c.other < 0
-    }
-    unheld = sum(t.id in beneath for t in loose)
-    # In an oblique photo the ground around an object is visible.
-    is_ground_visible = boundaries.tilt is not None
-    if unheld > DOUBTS.unheld * len(loose) and not is_ground_visible:
-        all_objects = counted(len(loose), "object")
-        reasons.append(Note.NO_SUPPORT.text(count=unheld, objects=all_objects))
-    if view < DOUBTS.view:
-        reasons.append(Note.VIEW_UNCERTAIN.text())
-    return Suitability(tuple(reasons))
+    ids = {objects[c.body].id for c in support_contacts if c.other < 0}
+    return sum(t.id in boundaries.held_ids | ids for t in objects)
 
 
 def _small_photo(rgb: Rgb) -> Rgb:
@@ -344,7 +381,9 @@ def fine_detail(rgb: Rgb) -> Mask:
     """Return the pixels (h, DOUBTS.side) with fine detail: clutter, crowds, gravel."""
     grey = cv2.cvtColor(_small_photo(rgb), cv2.COLOR_RGB2GRAY).astype(np.float32)
     detail = np.abs(cv2.Laplacian(grey, cv2.CV_32F))
-    return np.asarray(cv2.blur(detail, (DOUBTS.patch, DOUBTS.patch)) > DOUBTS.fine)
+    return np.asarray(
+        cv2.blur(detail, (DOUBTS.patch, DOUBTS.patch)) > DOUBTS.fine_detail
+    )
 
 
 def coarse_detail(rgb: Rgb) -> Mask:
@@ -358,7 +397,7 @@ def coarse_detail(rgb: Rgb) -> Mask:
     small = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
     patch = DOUBTS.patch // DOUBTS.quarter | 1
     detail = cv2.blur(np.abs(cv2.Laplacian(small, cv2.CV_32F)), (patch, patch))
-    return np.asarray(cv2.resize(detail, (width, height)) > DOUBTS.coarse)
+    return np.asarray(cv2.resize(detail, (width, height)) > DOUBTS.coarse_detail)
 
 
 def _immovable(rgb: Rgb) -> Mask:
@@ -370,30 +409,30 @@ def _immovable(rgb: Rgb) -> Mask:
 
 
 def _detection_doubts(
-    found: Detections, objects: Sequence[PhotoObject], area: Mapping[int, float]
+    detections: Detections, objects: Sequence[PhotoObject], area: Mapping[int, float]
 ) -> list[str]:
     """Return the doubts about the detections."""
-    reasons, right = [], sum(found.confidence.get(t.id, 1.0) for t in objects)
+    reasons, right = [], sum(detections.confidence.get(t.id, 1.0) for t in objects)
     # Confidences are probabilities: their sum is the expected number of true objects.
-    true = right + sum(doubt.confidence for doubt in found.doubtful)
-    if 2 * right <= DOUBTS.expected * (len(objects) + true):
+    true = right + sum(doubt.confidence for doubt in detections.doubtful)
+    if 2 * right <= DOUBTS.f_measure * (len(objects) + true):
         reasons.append(Note.FEW_SURE_OBJECTS.text())
-    unclear = np.zeros(found.labels.shape, np.uint8)
-    for doubt in found.doubtful:
+    unclear = np.zeros(detections.labels.shape, np.uint8)
+    for doubt in detections.doubtful:
         cv2.fillPoly(unclear, [np.rint(doubt.polygon).astype(np.int32)], 1)
-    share = float(((unclear > 0) & (found.labels == 0)).mean())
+    share = float(((unclear > 0) & (detections.labels == 0)).mean())
     if share > max(DOUBTS.unclear, sum(area.values())):
         reasons.append(Note.MAY_BE_OBJECTS.text(share=percent(share)))
     return reasons
 
 
-def _photo_doubts(rgb: Rgb, found: Detections) -> list[str]:
+def _photo_doubts(rgb: Rgb, detections: Detections) -> list[str]:
     """Return the doubts about immovable content and the texture around objects."""
     reasons: list[str] = []
     if view_chances(run_network(rgb).features).unsuitable > DOUBTS.unsuitable:
         reasons.append(Note.NO_LOOSE_OBJECTS.text())
     immovable_share = float(_immovable(rgb).mean())
-    if immovable_share >= DOUBTS.fixed:
+    if immovable_share >= DOUBTS.immovable:
         reasons.append(Note.IMMOVABLE.text(share=percent(immovable_share)))
     small = _small_photo(rgb)
     detail_mask = fine_detail(rgb)
@@ -405,7 +444,9 @@ def _photo_doubts(rgb: Rgb, found: Detections) -> list[str]:
     green = (hue > 25) & (hue < 90) & (saturation > 40)
     blue[len(blue) // 2 :] = False
     surroundings = (
-        cv2.resize(found.labels, small.shape[1::-1], interpolation=cv2.INTER_NEAREST)
+        cv2.resize(
+            detections.labels, small.shape[1::-1], interpolation=cv2.INTER_NEAREST
+        )
         == 0
     )
     for note, part, limit in (

@@ -7,12 +7,11 @@ import json
 import pytest
 from vlm_stub import BALL
 
-from physgen.perceive.backends.vlm import (
+from physgen.perceive.backends.vlm import UnusableAnswerError, parse_answer
+from physgen.perceive.backends.vlm_questions import (
     PHYSICS_SCHEMA,
     Query,
-    UnusableAnswerError,
     mass_contradictions,
-    parse_answer,
 )
 
 QUERY = Query("ball", "?", (), PHYSICS_SCHEMA, mass_contradictions)
