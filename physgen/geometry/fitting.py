@@ -151,7 +151,8 @@ def _components(
     _, labels, stats, _ = cv2.connectedComponentsWithStats(
         mask.astype(np.uint8), connectivity=connectivity
     )
-    return labels, stats[:, cv2.CC_STAT_AREA].copy()
+    areas = np.array(stats[:, cv2.CC_STAT_AREA], np.int32)
+    return np.asarray(labels, np.int32), areas
 
 
 def _box(mask: Mask) -> tuple[int, int, int, int]:

@@ -643,7 +643,8 @@ def _shape_outline(shape: pymunk.Shape, owner: int) -> ShapeOutline:
     assert shape.body is not None
     is_static = shape.body.body_type == pymunk.Body.STATIC
     if isinstance(shape, pymunk.Circle):
-        return ShapeOutline(owner, is_static, (), tuple(shape.offset), shape.radius)
+        x, y = shape.offset
+        return ShapeOutline(owner, is_static, (), (x, y), shape.radius)
     corners = _shape_corners(shape)
     xs, ys = [x for x, _ in corners] or [0.0], [y for _, y in corners] or [0.0]
     x, y = (min(xs) + max(xs)) / 2, (min(ys) + max(ys)) / 2
