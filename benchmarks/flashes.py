@@ -172,7 +172,7 @@ class _Shade:
         """Return (H, W) the shadows, in frame `number` and the one before, of objects that moved between them."""
         clip = self._clip
         shade = np.zeros(clip.stage.background.shape[:2], np.bool_)
-        lit = clip.stage.lit
+        lit = clip.stage.lit_background
         if lit is None:
             return shade
         end = (number + 1) * clip.parts - 1
@@ -195,10 +195,10 @@ def _add_shade(
 ) -> None:
     """Add the shadow of a sprite at a pose."""
     figure = None
-    if stand.where is not None:
-        coverage = sprite_coverage(stage.sprites[stand.k], stand.where)
-        figure = sprite_silhouette(stage, stand, stand.where, coverage)
-    for box, shadow in lit.moved(stand.k, figure, stand.start, stand.pose):
+    if stand.placement is not None:
+        coverage = sprite_coverage(stage.sprites[stand.k], stand.placement)
+        figure = sprite_silhouette(stage, stand, stand.placement, coverage)
+    for box, shadow in lit.move_shadow(stand.k, figure, stand.start, stand.pose):
         x0, y0, x1, y1 = box
         shade[y0:y1, x0:x1] |= np.abs(shadow) > SHADE
 
@@ -206,8 +206,8 @@ def _add_shade(
 def _ceiling(clip: ClipFrames) -> NDArray[np.int16]:
     """Return (H, W, 3) the brightest of photo and background without shadows nearby."""
     bright = clip.stage.background
-    if clip.stage.lit is not None:
-        bright = np.maximum(bright, encode_u8(clip.stage.lit.plate))
+    if clip.stage.lit_background is not None:
+        bright = np.maximum(bright, encode_u8(clip.stage.lit_background.plate))
     if clip.maps is not None:
         bright = np.maximum(bright, clip.maps.rgb)
         if clip.maps.clean is not None:

@@ -257,7 +257,7 @@ def shadow_pass(layers: Layers) -> F32:
     """Return the share of the plate's light after shadows, (H, W, 3), at most 1."""
     # No division by zero in black parts of the plate.
     plate = np.maximum(layers.plate, np.float32(1 / LIGHTEST))
-    return np.asarray(np.clip(layers.shaded / plate, 0, 1), np.float32)
+    return np.asarray(np.clip(layers.shaded_plate / plate, 0, 1), np.float32)
 
 
 def visible_shares(

@@ -131,7 +131,7 @@ class Film:
 
         photo = None if self._maps is None else self._maps.percepts
         rgb = None if photo is None else photo.rgb
-        self._delivery = Delivery.of(self.scene.render, rgb)
+        self._delivery = Delivery.from_scene(self.scene.render, rgb)
         return self._delivery.as_dict()
 
     def count(self, trajectory: Trajectory) -> int:

@@ -69,7 +69,7 @@ def lay_side_by_side(pictures: Sequence[F32], border: int) -> tuple[F32, F64]:
 
 @dataclass(frozen=True)
 class Strip:
-    """The grid of a warp: `n` cells of (h, w) px side by side, `fine` samples per
+    """The grid of a warp: `n` cells of (h, w) px side by side, `samples` samples per
     pixel.
     """
 
@@ -156,7 +156,7 @@ class BallSprites:
         balls = [(k, s, s.ball) for k, s in enumerate(sprites) if s.ball is not None]
         sizes = []
         for _, sprite, _ in balls:
-            x0, y0, x1, y1 = sprite.within
+            x0, y0, x1, y1 = sprite.covered_box
             sizes.append((x1 - x0, y1 - y0))
         self._homes: dict[int, tuple[_Atlas, int]] = {}
         for members in atlas_groups(sizes):
@@ -170,12 +170,12 @@ class BallSprites:
         """Draw the balls among `placements`, pairs of a sprite's index and its
         placement.
 
-        Each pixel is the mean of `fine` x `fine` samples. Returns pictures as
+        Each pixel is the mean of `samples` x `samples` samples. Returns pictures as
         `draw_sprite`.
         """
         groups: dict[int, tuple[_Atlas, list[tuple[int, int, Placement]]]] = {}
         for k, placement in placements:
-            if k in self._homes and placement.own is None:
+            if k in self._homes and placement.photo_box is None:
                 atlas, place = self._homes[k]
                 group = groups.setdefault(id(atlas), (atlas, []))
                 group[1].append((k, place, placement))
@@ -196,7 +196,7 @@ class _Atlas:
     """
 
     def __init__(self, members: Sequence[tuple[Sprite, Ball]]) -> None:
-        within = np.array([sprite.within for sprite, _ in members], np.float64)
+        within = np.array([sprite.covered_box for sprite, _ in members], np.float64)
         corners = [sprite.corner for sprite, _ in members]
         self.corner = within[:, :2] + corners
         self.center = np.array([ball.center for _, ball in members], np.float64)
@@ -211,23 +211,13 @@ class _Atlas:
         """Lay gloss, shading and skin of the balls side by side, each with a fourth
         channel.
         """
-        gloss_pictures, shading_pictures, skin_pictures = [], [], []
-        for sprite, ball in members:
-            x0, y0, x1, y1 = sprite.within
-            box = np.s_[y0:y1, x0:x1]
-            coverage = sprite.coverage[box]
-            alpha, zeros = coverage[..., None], np.zeros_like(coverage)
-            gloss_pictures.append(np.dstack([ball.gloss[box] * alpha, coverage]))
-            shading_pictures.append(np.dstack([ball.shading[box] * alpha, zeros]))
-            skin_pictures.append(np.dstack([np.maximum(ball.skin[box], 0), zeros]))
+        gloss_pictures, shading_pictures, skin_pictures = _member_pictures(members)
         row, starts = lay_side_by_side(gloss_pictures, cv2.BORDER_CONSTANT)
         self.still, self.left = double_resolution(row), 2 * starts
-        self.lit = double_resolution(
-            lay_side_by_side(shading_pictures, cv2.BORDER_CONSTANT)[0]
-        )
-        near_skins = double_resolution(
-            lay_side_by_side(skin_pictures, cv2.BORDER_REPLICATE)[0]
-        )
+        shading_row, _ = lay_side_by_side(shading_pictures, cv2.BORDER_CONSTANT)
+        self.lit = double_resolution(shading_row)
+        skin_row, _ = lay_side_by_side(skin_pictures, cv2.BORDER_REPLICATE)
+        near_skins = double_resolution(skin_row)
         # The far side, below the near side, is projected for each ball below.
         self.skin = np.concatenate([near_skins, near_skins])
 
@@ -317,18 +307,7 @@ class _Atlas:
         This takes most of the time of a frame with balls.
         """
         repeated, radius = strip.to_columns, self.radius[places]
-        center, corner = self.center[places], self.corner[places]
-        # Points of the sphere in radii from its centre; beyond the rim, the skin of the
-        # rim is continued.
-        inverse = repeated(1 / radius)
-        u = (strip.columns + repeated(middle[:, 0])) * inverse
-        v = strip.rows * inverse
-        v += repeated(middle[:, 1] / radius)
-        z = v * v
-        z += u * u
-        np.subtract(1, z, out=z)
-        np.maximum(z, np.float32(1 - RIM * RIM), out=z)
-        np.sqrt(z, out=z)
+        u, v, z = _sphere_points(strip, middle, radius)
         # Coordinate towards the viewer at t = 0: its sign tells near and far side
         # apart.
         depth = (
@@ -344,13 +323,51 @@ class _Atlas:
             place += u * repeated(rotation_row[:, 0])
             place -= z * repeated(rotation_row[:, 2])
             place *= shrink
-            place += repeated(2 * (center - corner)[:, axis])
+            place += repeated(2 * (self.center - self.corner)[places, axis])
             np.maximum(place, 0, out=place)
             np.minimum(place, repeated(self.last[places, axis]), out=place)
         x += repeated(self.left[places])
         y += np.float32(2 * GAP)
         # Samples of the far side are in the lower half of the atlas.
         y += (depth > 0) * np.float32(len(self.skin) // 2)
+
+
+def _sphere_points(strip: Strip, middle: F64, radius: F64) -> tuple[F32, F32, F32]:
+    """Return the points u, v, z of spheres at the samples of a strip, in radii.
+
+    `middle` (n, 2) leads from the centres to the corners, px. Beyond the rim, the skin
+    of the rim is continued.
+    """
+    repeated = strip.to_columns
+    inverse = repeated(1 / radius)
+    u = (strip.columns + repeated(middle[:, 0])) * inverse
+    v = strip.rows * inverse
+    v += repeated(middle[:, 1] / radius)
+    # In place, as this takes a large part of the time of a frame.
+    z = v * v
+    z += u * u
+    np.subtract(1, z, out=z)
+    np.maximum(z, np.float32(1 - RIM * RIM), out=z)
+    np.sqrt(z, out=z)
+    return u, v, z
+
+
+def _member_pictures(
+    members: Sequence[tuple[Sprite, Ball]],
+) -> tuple[list[F32], list[F32], list[F32]]:
+    """Return pictures of the gloss, the shading and the skin of balls, each with a
+    fourth channel.
+    """
+    gloss_pictures, shading_pictures, skin_pictures = [], [], []
+    for sprite, ball in members:
+        x0, y0, x1, y1 = sprite.covered_box
+        box = np.s_[y0:y1, x0:x1]
+        coverage = sprite.coverage[box]
+        alpha, zeros = coverage[..., None], np.zeros_like(coverage)
+        gloss_pictures.append(np.dstack([ball.gloss[box] * alpha, coverage]))
+        shading_pictures.append(np.dstack([ball.shading[box] * alpha, zeros]))
+        skin_pictures.append(np.dstack([np.maximum(ball.skin[box], 0), zeros]))
+    return gloss_pictures, shading_pictures, skin_pictures
 
 
 class ShadowSprites:
@@ -404,43 +421,58 @@ class _Row:
     ) -> list[Slices]:
         """Add shadows, times weights, to `darkness` (H, W); return their boxes."""
         places = np.array([place for place, _, _ in members])
-        shifts = []
-        for _, stand, _ in members:
-            shifts.append((stand.pose.x - stand.start.x, stand.pose.y - stand.start.y))
-        corner = self.corner[places] + self.speed[places] * np.array(shifts)
-        first = np.floor(corner)
-        first_corner = np.maximum(first, 0)
-        last_corner = np.minimum(first + self.size[places] + 1, darkness.shape[::-1])
+        corner = self._shifted_corners(places, [stand for _, stand, _ in members])
+        boxes = self._clip_boxes(places, corner, darkness.shape[::-1])
         # Shadows outside the picture are left out; a diverged motion has no finite
         # corner.
-        is_visible = (last_corner > first_corner).all(axis=1) & np.isfinite(corner).all(
-            axis=1
-        )
-        visible_rows = np.flatnonzero(is_visible)
-        if not len(visible_rows):
+        is_inside = (boxes[:, 2:] > boxes[:, :2]).all(axis=1)
+        is_visible = is_inside & np.isfinite(corner).all(axis=1)
+        visible = np.flatnonzero(is_visible)
+        if not len(visible):
             return []
-        first_corner, last_corner = (
-            first_corner[visible_rows].astype(int),
-            last_corner[visible_rows].astype(int),
-        )
-        offset = first_corner - corner[visible_rows]
-        width, height = (last_corner - first_corner).max(axis=0).tolist()
-        strip = Strip(len(visible_rows), (height, width))
-        x, y = strip.empty(), strip.empty()
-        columns = offset[:, 0] + self.left[places[visible_rows]]
-        x[:] = strip.columns + strip.to_columns(columns)
-        np.add(strip.rows, strip.to_columns(offset[:, 1] + GAP), out=y)
-        picture = warp_picture(self.picture, x, y)
-        boxes: list[Slices] = []
-        for j, (left, top, right, bottom) in enumerate(
-            np.hstack([first_corner, last_corner]).tolist()
-        ):
+        pixel_boxes = boxes[visible].astype(int)
+        picture, width = self._warp(places[visible], corner[visible], pixel_boxes)
+        slices: list[Slices] = []
+        for j, (left, top, right, bottom) in enumerate(pixel_boxes.tolist()):
             box = np.s_[top:bottom, left:right]
             start = j * width
             shadow = picture[: bottom - top, start : start + right - left]
-            weight = members[visible_rows[j]][2]
+            weight = members[visible[j]][2]
             if weight != 1:
                 shadow = np.float32(weight) * shadow
             darkness[box] += shadow
-            boxes.append(box)
-        return boxes
+            slices.append(box)
+        return slices
+
+    def _shifted_corners(
+        self, places: NDArray[np.int64], stands: Sequence[SpritePose]
+    ) -> F64:
+        """Return the corners (n, 2) of shadows at the poses of their objects, px."""
+        shifts = []
+        for stand in stands:
+            shifts.append((stand.pose.x - stand.start.x, stand.pose.y - stand.start.y))
+        return np.asarray(
+            self.corner[places] + self.speed[places] * np.array(shifts), np.float64
+        )
+
+    def _clip_boxes(
+        self, places: NDArray[np.int64], corner: F64, size: tuple[int, ...]
+    ) -> F64:
+        """Return the boxes (n, 4) of shadows on a canvas of `size` (W, H)."""
+        first = np.floor(corner)
+        last = np.minimum(first + self.size[places] + 1, size)
+        return np.hstack([np.maximum(first, 0), last])
+
+    def _warp(
+        self, places: NDArray[np.int64], corner: F64, boxes: NDArray[np.int64]
+    ) -> tuple[F32, int]:
+        """Return the shadows side by side in cells of the largest box; and a cell's
+        width.
+        """
+        offset = boxes[:, :2] - corner
+        width, height = (boxes[:, 2:] - boxes[:, :2]).max(axis=0).tolist()
+        strip = Strip(len(places), (height, width))
+        x, y = strip.empty(), strip.empty()
+        x[:] = strip.columns + strip.to_columns(offset[:, 0] + self.left[places])
+        np.add(strip.rows, strip.to_columns(offset[:, 1] + GAP), out=y)
+        return warp_picture(self.picture, x, y), width

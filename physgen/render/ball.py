@@ -159,7 +159,7 @@ def ball_from_photo(
 
     `colour` (h, w, 3) is its linear light on a box at `corner`. In the top view a ball
     turns its far side up; in the side view it turns in the picture, and its near side
-    suffices. If `is_painted`, the far side has the pattern of billiard balls; otherwise
+    suffices. If `has_paints`, the far side has the pattern of billiard balls; otherwise
     it continues the texture. If `is_mirror`, the ball shows only its surroundings, and
     nothing on it turns.
     """
@@ -244,41 +244,58 @@ def _with_paints(
     """Return the ball with a skin of its paints, and the smooth light (h, w) beyond
     shading.
     """
-    radius, inner_light, shine = ball.radius, ball.photo_light, ball.gloss
+    inner_light, shine = ball.photo_light, ball.gloss
     ball = replace(ball, lamp_weights=paints.lamp_weights)
     shade = ball.shade(*normals.parts)
     skin = (inner_light - shine) / shade
-    cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
-    distances = [np.abs(skin - paint).max(axis=2) for paint in paints.colours]
-    paint = np.argmin(distances, axis=0).astype(np.uint8)
-    # The median removes details narrower than 2 px.
-    painted_skin = paints.colours[cv2.medianBlur(paint, 3)]
+    painted_skin = _paint_by_nearest_colour(skin, paints)
     pattern = None
     if has_pattern:
-        points = sphere_points(inner_light.shape, ball.corner, ball.center, radius)
+        points = sphere_points(inner_light.shape, ball.corner, ball.center, ball.radius)
         pattern = find_pattern(skin[use], paints.colours, points[use])
         if pattern is not None:
-            painted_skin = pattern.paint(points, 1 / radius)
+            painted_skin = pattern.paint(points, 1 / ball.radius)
             shine = np.minimum(shine, np.maximum(inner_light - painted_skin * shade, 0))
             skin = (inner_light - shine) / shade
-    excess = np.maximum(skin - BALL.excess * cv2.dilate(painted_skin, cross), 0)
-    # A thin line is paint, not a reflection.
-    excess = cv2.morphologyEx(excess, cv2.MORPH_OPEN, cross)
+    excess = _excess_light(skin, painted_skin)
     skin, shine = skin - excess, shine + excess * shade
     smooth_light = np.ones_like(normals.rho)
     if pattern is None:
-        is_within = (normals.rho < 1).astype(np.float32)
-        brightness, flat_brightness = skin.mean(axis=2), painted_skin.mean(axis=2)
-        sigma = BALL.light_width * radius
-        smooth_light = blurred_share(brightness, flat_brightness, is_within, sigma)
+        smooth_light = _smooth_skin_light(skin, painted_skin, normals, ball.radius)
         skin = skin / smooth_light[..., None]
     else:
         skin = paint_ball_skin(replace(ball, gloss=shine, pattern=pattern)).skin
     return replace(ball, skin=skin, gloss=shine, pattern=pattern), smooth_light
 
 
+def _paint_by_nearest_colour(skin: F32, paints: Paints) -> F32:
+    """Return a skin (h, w, 3) of paints alone."""
+    distances = [np.abs(skin - paint).max(axis=2) for paint in paints.colours]
+    paint = np.argmin(distances, axis=0).astype(np.uint8)
+    # The median removes details narrower than 2 px.
+    return np.asarray(paints.colours[cv2.medianBlur(paint, 3)], np.float32)
+
+
+def _excess_light(skin: F32, painted_skin: F32) -> F32:
+    """Return the light (h, w, 3) of a skin beyond its paint: reflections."""
+    cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+    excess = np.maximum(skin - BALL.excess * cv2.dilate(painted_skin, cross), 0)
+    # A thin line is paint, not a reflection.
+    return np.asarray(cv2.morphologyEx(excess, cv2.MORPH_OPEN, cross), np.float32)
+
+
+def _smooth_skin_light(
+    skin: F32, painted_skin: F32, normals: _Normals, radius: float
+) -> F32:
+    """Return the smooth light (h, w) by which a skin differs from its paints."""
+    is_within = (normals.rho < 1).astype(np.float32)
+    brightness, flat_brightness = skin.mean(axis=2), painted_skin.mean(axis=2)
+    sigma = BALL.light_width * radius
+    return blurred_share(brightness, flat_brightness, is_within, sigma)
+
+
 def _rim_light(ball: Ball, colour: F32, normals: _Normals, softness: F32) -> F32:
-    """Return the photo's light over the model's at the rim, (h, w), and `soft` inside.
+    """Return the photo's light over the model's at the rim, (h, w), and `softness` inside.
 
     The difference at the rim is light and stays: in brightness, not in colours.
     """
@@ -360,26 +377,41 @@ def _gloss(
     hx, hy, hz = (np.float32(part / length) for part in half_vector)
     is_near = hx * u + hy * v + hz * z > BALL.gloss_cosine
     beneath = _beneath_spots(colour, radius)
-    dimmest = colour.min(axis=2)
-    is_core = (dimmest > BALL.gloss_least) & is_near
-    is_core &= dimmest > 1.5 * beneath.min(axis=2) + 0.05
     # A white stripe is as white elsewhere on the ball; a highlight is brighter than all
     # of it.
     is_elsewhere = ~is_near & (u * u + v * v < 0.99 * RIM * RIM)
     if not is_elsewhere.any():
         return no_gloss
-    paint = dimmest / sphere_shading(light, u, v, z)
-    brightest = np.percentile(paint[is_elsewhere], 97)
-    is_core &= (paint > BALL.outshines * brightest) | (dimmest > BALL.brightest_paint)
+    paint = colour.min(axis=2) / sphere_shading(light, u, v, z)
+    is_core = is_near & _is_brighter_than_paint(colour, beneath, paint, is_elsewhere)
     if not is_core.any():
         return no_gloss
+    spot = _soft_spot(is_core, radius)
+    return np.asarray(np.maximum(colour - beneath, 0) * spot[..., None], np.float32)
+
+
+def _is_brighter_than_paint(
+    colour: F32, beneath: F32, paint: F32, is_elsewhere: Mask
+) -> Mask:
+    """Return the pixels (h, w) brighter than their surroundings and than any paint.
+
+    `beneath` (h, w, 3): light without spots; `paint` (h, w): light over shading.
+    """
+    dimmest = colour.min(axis=2)
+    is_spot = dimmest > BALL.gloss_least
+    is_spot &= dimmest > 1.5 * beneath.min(axis=2) + 0.05
+    brightest = np.percentile(paint[is_elsewhere], 97)
+    is_spot &= (paint > BALL.outshines * brightest) | (dimmest > BALL.brightest_paint)
+    return np.asarray(is_spot, np.bool_)
+
+
+def _soft_spot(core: Mask, radius: float) -> F32:
+    """Return the share (h, w) of a highlight around its core."""
     reach = max(2, round(0.12 * radius))
     square = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
-    spot = cv2.dilate(is_core.astype(np.uint8), square).astype(np.float32)
+    spot = cv2.dilate(core.astype(np.uint8), square).astype(np.float32)
     blurred_spot = cv2.GaussianBlur(spot, (0, 0), max(0.6, reach / 3))
-    return np.asarray(
-        np.maximum(colour - beneath, 0) * blurred_spot[..., None], np.float32
-    )
+    return np.asarray(blurred_spot, np.float32)
 
 
 def _beneath_spots(colour: F32, radius: float) -> F32:

@@ -44,7 +44,8 @@ def in_one_light(balls: Sequence[Ball]) -> list[Ball]:
     views = _BallViews.sample(painted_balls, balls, common_radius)
     trust = float(np.median([ball.trust for ball in painted_balls]))
     common_ball = replace(painted_balls[0], trust=trust, lamp_weights=None)
-    shade = common_ball.shade(*np.moveaxis(views.points, 2, 0))
+    normals = np.moveaxis(views.points, 2, 0)
+    shade = common_ball.shade(*normals)
     patterns = [ball.pattern for ball in painted_balls if ball.pattern is not None]
     # First the light common to all balls, then the mirror images in the remaining
     # light.
@@ -52,28 +53,36 @@ def in_one_light(balls: Sequence[Ball]) -> list[Ball]:
         views.pictures / shade, views.points, views.is_lit, patterns
     )
     common_ball = replace(common_ball, lamp_weights=light_weights)
-    shade = common_ball.shade(*np.moveaxis(views.points, 2, 0))
-    painted_pictures = [
-        pattern.paint(views.points, 1 / common_radius) for pattern in patterns
-    ]
-    model = np.stack(painted_pictures) * shade
+    painted_pictures = []
+    for pattern in patterns:
+        painted_pictures.append(pattern.paint(views.points, 1 / common_radius))
+    model = np.stack(painted_pictures) * common_ball.shade(*normals)
     gloss = _shared_gloss(views, model)
     fade = _shared_fade(views, model, gloss)
-    # Sample the common images back to the size and place of each ball.
+    common_ball = replace(common_ball, gloss=gloss, fade=fade)
     results = {}
     for ball, pattern in zip(painted_balls, patterns, strict=True):
-        size, scale = ball.skin.shape[1::-1], common_radius / ball.radius
-        shift = common_radius - scale * np.subtract(ball.center, ball.corner)
-        lit_ball = replace(
-            ball,
-            gloss=sample_picture(gloss, size, scale, shift),
-            fade=sample_picture(fade, size, scale, shift),
-            lamp_weights=light_weights,
-            trust=trust,
-            pattern=pattern,
-        )
+        lit_ball = _in_common_light(ball, pattern, common_ball, common_radius)
         results[id(ball)] = paint_ball_skin(lit_ball)
     return [results.get(id(ball), ball) for ball in balls]
+
+
+def _in_common_light(
+    ball: Ball, pattern: Pattern, common_ball: Ball, common_radius: int
+) -> Ball:
+    """Return a ball with the gloss and the light of a common ball of another radius."""
+    assert common_ball.fade is not None
+    # Sample the common images back to the size and place of the ball.
+    size, scale = ball.skin.shape[1::-1], common_radius / ball.radius
+    shift = common_radius - scale * np.subtract(ball.center, ball.corner)
+    return replace(
+        ball,
+        gloss=sample_picture(common_ball.gloss, size, scale, shift),
+        fade=sample_picture(common_ball.fade, size, scale, shift),
+        lamp_weights=common_ball.lamp_weights,
+        trust=common_ball.trust,
+        pattern=pattern,
+    )
 
 
 @dataclass(frozen=True)
@@ -95,7 +104,7 @@ class _BallViews:
     def sample(
         cls, painted_balls: Sequence[Ball], balls: Sequence[Ball], radius: int
     ) -> _BallViews:
-        """Sample painted balls at a radius of `half` px."""
+        """Sample painted balls at one radius, px."""
         size = (2 * radius + 1, 2 * radius + 1)
         points = sphere_points(size, (0, 0), (radius, radius), radius)
         pictures, masks = [], []
@@ -160,15 +169,23 @@ def _open(points: NDArray[Any], ball: Ball, balls: Sequence[Ball]) -> list[Mask]
         # The light of another sphere falls with the square of its distance, and with
         # the cosine of its direction to the normal.
         is_lit &= (points @ offset) * (size**2 / distance**3) < BALL.neighbour_light
-        ray = offset - points
-        # A mirror image appears where the reflected ray of the viewer hits the other
-        # ball.
-        distance_along = (ray * mirror_rays).sum(axis=2)
-        is_passing = (ray * ray).sum(axis=2) - distance_along**2 > (
-            BALL.ray_distance * size
-        ) ** 2
-        is_clear &= (distance_along < 0) | is_passing
+        is_clear &= _misses_ball(points, mirror_rays, offset, size)
     return [is_lit if is_lit.any() else is_plain, is_clear, is_plain]
+
+
+def _misses_ball(
+    points: NDArray[Any], mirror_rays: NDArray[Any], offset: F64, size: float
+) -> Mask:
+    """Return the points (h, w) of a unit sphere that do not mirror another ball.
+
+    A mirror image appears where the reflected ray of the viewer hits the other ball, at
+    an `offset` and of a radius `size`.
+    """
+    ray = offset - points
+    distance_along = (ray * mirror_rays).sum(axis=2)
+    squared_distance = (ray * ray).sum(axis=2) - distance_along**2
+    is_passing = squared_distance > (BALL.ray_distance * size) ** 2
+    return np.asarray((distance_along < 0) | is_passing, np.bool_)
 
 
 def _shared_light(
@@ -180,11 +197,11 @@ def _shared_light(
     """Find the weights (8, 3) of `basis` for the common light, and the patterns'
     colours in it.
 
-    `bare` (n, h, w, 3): light of the balls over Lambert's shading, used at `is_lit`.
+    `unlit_paint` (n, h, w, 3): light of the balls over Lambert's shading, used at
+    `is_lit`.
     """
     values = np.stack([pattern.values(points) for pattern in patterns])
-    distance = np.hypot(points[..., 0], points[..., 1])
-    is_used = is_lit & (distance < 0.99 * RIM)
+    is_used = is_lit & (np.hypot(points[..., 0], points[..., 1]) < 0.99 * RIM)
     # Number all colours, two per pattern.
     number = (2 * np.arange(len(patterns))[:, None, None] + (values > 0))[is_used]
     numbers, paint = np.unique(number, return_inverse=True)
@@ -193,9 +210,8 @@ def _shared_light(
     directions = np.broadcast_to(points, unlit_paint.shape)[is_used].T
     rows = np.column_stack(basis(*directions)).astype(np.float64)
     light_weights = _robust_light(rows, level, paint)
-    unlit = light * np.exp(-rows @ light_weights)
     colours = np.stack([pattern.colours for pattern in patterns]).reshape(-1, 3)
-    colours[numbers] = _paint_colours(unlit, paint)
+    colours[numbers] = _paint_colours(light * np.exp(-rows @ light_weights), paint)
     _unite_common_paint(colours, number, len(patterns))
     result = []
     for k, pattern in enumerate(patterns):

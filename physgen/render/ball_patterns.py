@@ -47,8 +47,8 @@ class Paints:
 def find_paints(unlit_colours: F32, u: F32, v: F32, z: F32, use: Mask) -> Paints | None:
     """Find a ball's paints and its light alternately; None for too few pixels.
 
-    `bare` (h, w, 3) is light over Lambert's shading of the normals (u, v, z), from the
-    pixels in `use`.
+    `unlit_colours` (h, w, 3) is light over Lambert's shading of the normals (u, v, z),
+    from the pixels in `use`.
     """
     pixels = np.flatnonzero(use)
     if len(pixels) < 80:
@@ -58,6 +58,24 @@ def find_paints(unlit_colours: F32, u: F32, v: F32, z: F32, use: Mask) -> Paints
     level: F64 = np.log(light + np.float32(BALL.least_light)).astype(np.float64)
     pictures = [np.broadcast_to(b, use.shape).ravel()[pixels] for b in basis(u, v, z)]
     rows: F64 = np.column_stack(pictures).astype(np.float64)
+    channels, paint_ids = _fit_light_and_paints(rows, level)
+    unlit = np.maximum(np.exp(level - rows @ channels) - BALL.least_light, 0)
+    order = np.argsort(-np.bincount(paint_ids), kind="stable")
+    colours = average_each_paint(np.median, unlit, paint_ids)[order]
+    distances = [np.abs(unlit - colour).max(axis=1) for colour in colours]
+    is_unlike = np.min(distances, axis=0) > BALL.mixture_distance * colours.max()
+    return Paints(
+        channels.astype(np.float32),
+        colours.astype(np.float32),
+        float(is_unlike.mean()),
+    )
+
+
+def _fit_light_and_paints(rows: F64, level: F64) -> tuple[F64, Ids]:
+    """Return the weights (8, 3) of each channel's light, and the paint of each pixel.
+
+    `rows` (n, 8) are the values of `basis`, `level` (n, 3) the log light.
+    """
     grey = level.mean(axis=1)
     # Begin with paints mainly by hue, which light changes little.
     paint_ids = _split(np.column_stack([2 * (level - grey[:, None]), 0.7 * grey]))
@@ -69,22 +87,10 @@ def find_paints(unlit_colours: F32, u: F32, v: F32, z: F32, use: Mask) -> Paints
         unlit = level - (rows @ light_weights)[:, None]
         paint_ids = _nearest(unlit, average_each_paint(np.median, unlit, paint_ids))
     # Then fit the light of each channel with these paints: coloured neighbours change
-    # the
-    # colour of the light.
-    channels = solve_weights(
-        rows, level - (rows @ light_weights)[:, None], paint_ids, pixel_weights
-    )
-    channels = light_weights[:, None] + channels
-    unlit = np.maximum(np.exp(level - rows @ channels) - BALL.least_light, 0)
-    order = np.argsort(-np.bincount(paint_ids), kind="stable")
-    colours = average_each_paint(np.median, unlit, paint_ids)[order]
-    distances = [np.abs(unlit - colour).max(axis=1) for colour in colours]
-    is_unlike = np.min(distances, axis=0) > BALL.mixture_distance * colours.max()
-    return Paints(
-        channels.astype(np.float32),
-        colours.astype(np.float32),
-        float(is_unlike.mean()),
-    )
+    # the colour of the light.
+    remaining_light = level - (rows @ light_weights)[:, None]
+    channels = solve_weights(rows, remaining_light, paint_ids, pixel_weights)
+    return light_weights[:, None] + channels, paint_ids
 
 
 def deviations_from_median(values: F64, paint: Ids) -> F64:
@@ -196,7 +202,7 @@ class Pattern:
         return np.asarray(sign * np.maximum(sign * values, self.disc.values(points)))
 
     def paint(self, points: F64, softness: float) -> F32:
-        """Return the colours (..., 3) of points (..., 3); a border is `soft` radii
+        """Return the colours (..., 3) of points (..., 3); a border is `softness` radii
         wide.
         """
         share = np.clip(0.5 + self.values(points) / softness, 0, 1)

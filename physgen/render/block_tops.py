@@ -134,14 +134,22 @@ def page_rows(brightness: F32, rows: tuple[int, int], edges: tuple[int, int]) ->
         return is_page
     spine = float(inner[front - first + upper :].min())
     inner = inner[: front - first + upper + 1]
-    is_bright = inner >= TOPS.peak * inner.max()
-    pages = float(np.median(inner[is_bright]))
-    strip = brightness[first : first + len(inner)][is_bright, left : right + 1]
-    if pages < TOPS.brighter * max(spine, _cover_light(strip)):
+    strip = brightness[first : first + len(inner), left : right + 1]
+    pages, covers = _page_and_cover_light(strip, inner)
+    if pages < TOPS.brighter * max(spine, covers):
         return is_page
     least_light = spine + TOPS.mixed_share * (pages - spine)
     is_page[first : first + len(inner)] = inner > least_light
     return is_page
+
+
+def _page_and_cover_light(strip: F32, inner: F32) -> tuple[float, float]:
+    """Return the light of pages and covers in the rows (h, w) above a book's front.
+
+    `inner` (h,) is the light of each row between the covers.
+    """
+    is_bright = inner >= TOPS.peak * inner.max()
+    return float(np.median(inner[is_bright])), _cover_light(strip[is_bright])
 
 
 def _cover_light(strip: F32) -> float:

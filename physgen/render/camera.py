@@ -58,6 +58,11 @@ def resample_picture(rgb: U8, matrix: Array, size: Size) -> U8:
     left, top = max(floor(x0) - reach, 0), max(floor(y0) - reach, 0)
     rgb = rgb[top : ceil(y1) + reach, left : ceil(x1) + reach]
     matrix = np.column_stack([matrix[:, :2], matrix @ [left, top, 1.0]])
+    return _resample_within_limits(rgb, matrix, size)
+
+
+def _resample_within_limits(rgb: U8, matrix: Array, size: Size) -> U8:
+    """Resample by Lanczos, between the darkest and the brightest pixel nearby."""
     box = _visible_borders(rgb, matrix, size)
     kernel, rows, columns = _lobes(rgb, matrix, size)
     light = decode(np.arange(256, dtype=np.uint8))
@@ -65,15 +70,13 @@ def resample_picture(rgb: U8, matrix: Array, size: Size) -> U8:
     for codes in cv2.split(rgb):
         plane = Image.fromarray(cv2.LUT(codes, light))
         plane_part = plane.resize(size, Image.Resampling.LANCZOS, box=box)
-        lower_limits = (
-            cv2.erode(codes, kernel, anchor=(0, 0)).take(columns, 1).take(rows, 0)
-        )
-        upper_limits = (
-            cv2.dilate(codes, kernel, anchor=(0, 0)).take(columns, 1).take(rows, 0)
-        )
+        lowest = cv2.erode(codes, kernel, anchor=(0, 0))
+        highest = cv2.dilate(codes, kernel, anchor=(0, 0))
         # The limits can be taken in sRGB, which has the same order as linear light.
         resampled_codes = encode_u8(np.asarray(plane_part))
-        planes.append(cv2.min(cv2.max(resampled_codes, lower_limits), upper_limits))
+        limited_codes = cv2.max(resampled_codes, lowest.take(columns, 1).take(rows, 0))
+        limited_codes = cv2.min(limited_codes, highest.take(columns, 1).take(rows, 0))
+        planes.append(limited_codes)
     return np.asarray(cv2.merge(planes), np.uint8)
 
 
@@ -101,7 +104,7 @@ def nearest_in(
 
 def sources(matrix: Array, view_size: Size, size: Size) -> tuple[Index, Index]:
     """Return the nearest rows (h,) and columns (w,) in a picture of the size
-    `shown`.
+    `view_size`.
     """
     width, height = view_size
     rows = np.floor(_sources(matrix, 1, size[1]) + 0.5).astype(np.int64)
@@ -319,7 +322,7 @@ def play_order(play: Play, count: int) -> tuple[int, ...]:
 def film_frames(
     frames: Iterator[Frame], shot: Shot, canvas_scale: float = 1.0
 ) -> Iterator[Frame]:
-    """Yield frames as the camera sees them; `drawn`: canvas pixels per photo pixel.
+    """Yield frames as the camera sees them; `canvas_scale`: canvas pixels per photo pixel.
 
     A frame that the camera shows as a whole at its own size is returned as it is. A
     view without a change since the last frame is not resampled again.
@@ -406,7 +409,7 @@ def _layers_seen(layering: Callable[[], Layers], matrix: Array, size: Size) -> L
             SpriteLayer(sprite.body, whole_picture, visible[..., :3], visible[..., 3])
         )
     plate = resample_light(layers.plate, matrix, size)
-    background = resample_light(layers.shaded, matrix, size)
+    background = resample_light(layers.shaded_plate, matrix, size)
     return Layers(plate, background, sprites, layers.order)
 
 
@@ -421,7 +424,7 @@ def canvas_scale(scene: Scene) -> float:
 
 
 def on_canvas(matrix: Array, canvas_scale: float) -> Array:
-    """Convert a matrix from photo px to one from px of a canvas, `drawn` times
+    """Convert a matrix from photo px to one from px of a canvas, `canvas_scale` times
     finer.
     """
     if canvas_scale == 1.0:
@@ -572,7 +575,7 @@ def _mean_layers(frames: Sequence[Frame]) -> Layers:
     share = np.float32(1 / len(parts))
     for layers in parts:
         plate += layers.plate * share
-        background += layers.shaded * share
+        background += layers.shaded_plate * share
         for body, picture in layers.pictures().items():
             means[body] += picture * share
     whole_picture = np.s_[0 : plate.shape[0], 0 : plate.shape[1]]

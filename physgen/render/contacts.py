@@ -62,7 +62,7 @@ def sample_times(trajectory: Trajectory, finer: int, limit: int) -> Array:
     """Return times (K,) s: those of the trajectory, finer ones, and the starts of
     touches.
 
-    They are `finer` times as dense, if that gives at most `most` samples.
+    They are `finer` times as dense, if that gives at most `limit` samples.
     """
     times = np.unique(trajectory.times)
     parts = max(1, min(finer, limit // len(times)))

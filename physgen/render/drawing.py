@@ -94,7 +94,7 @@ class Layer:
             cv2.polylines(self._dark, corners, True, level, thickness, kind, BITS)
 
     def words(self, text: str, place: tuple[float, float], size: float) -> None:
-        """Write text of `size` px with its middle `at` x, y px.
+        """Write text of `size` px with its middle `place` x, y px.
 
         The middle is that of small letters without descenders.
         """
@@ -110,18 +110,14 @@ class Layer:
 
         Pixels without ink stay as they are.
         """
-        # Only the box with ink is resampled; most layers are nearly empty.
-        x, y, width, height = cv2.boundingRect(self._dark)
-        if not width:
+        corner_and_size = self._ink_box()
+        if corner_and_size is None:
             return
-        x0, y0 = x // FINE, y // FINE
-        x1, y1 = -(-(x + width) // FINE), -(-(y + height) // FINE)
-        fine_box = np.s_[y0 * FINE : y1 * FINE, x0 * FINE : x1 * FINE]
-        size, area = (x1 - x0, y1 - y0), cv2.INTER_AREA
-        casing_coverage = cv2.resize(self._dark[fine_box], size, interpolation=area)
-        ink = cv2.resize(self._ink[fine_box], size, interpolation=area)
+        (x0, y0), size = corner_and_size
+        casing_coverage = _reduce(self._dark, (x0, y0), size)
+        ink = _reduce(self._ink, (x0, y0), size)
         is_marked = (casing_coverage > 0) | (ink > 0)
-        part = rgb[y0:y1, x0:x1]
+        part = rgb[y0 : y0 + size[1], x0 : x0 + size[0]]
         light = decode(part[is_marked])
         # A dark casing below the ink keeps lines visible on any background.
         casing_share = casing_coverage[is_marked][:, None] * np.float32(casing / 255)
@@ -129,6 +125,27 @@ class Layer:
         ink_share = ink[is_marked][:, None] * np.float32(1 / 255)
         light += ink_share * (_light(colour) - light)
         part[is_marked] = encode_u8(light)
+
+    def _ink_box(self) -> tuple[tuple[int, int], tuple[int, int]] | None:
+        """Return the corner and the size (w, h), px, of the box with ink, if any.
+
+        Only this box is resampled; most layers are nearly empty.
+        """
+        x, y, width, height = cv2.boundingRect(self._dark)
+        if not width:
+            return None
+        x0, y0 = x // FINE, y // FINE
+        x1, y1 = -(-(x + width) // FINE), -(-(y + height) // FINE)
+        return (x0, y0), (x1 - x0, y1 - y0)
+
+
+def _reduce(mask: U8, corner: tuple[int, int], size: tuple[int, int]) -> U8:
+    """Return a box of a fine mask in pixels, (h, w)."""
+    (x, y), (width, height) = corner, size
+    box = np.s_[y * FINE : (y + height) * FINE, x * FINE : (x + width) * FINE]
+    return np.asarray(
+        cv2.resize(mask[box], size, interpolation=cv2.INTER_AREA), np.uint8
+    )
 
 
 def _stamp(mask: U8, letters: U8, left: int, top: int) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 
 from physgen.arrays import F32
 from physgen.geometry.polygon import Pose
+from physgen.geometry.shadows import PixelBox
 from physgen.render.shadow_decomposition import SHADOW, shifted_picture
 
 Slices = tuple[slice, slice]
@@ -89,10 +90,14 @@ class FootHalo:
         _, shade = shifted_picture(self.shade, self.corner, shift, size)
         if box is None:
             return None
-        columns = np.arange(box[0], box[2])
-        is_floor = (columns >= self.ends[0]) & (columns <= self.ends[1])
-        weight = (np.float32(share) * is_floor.astype(np.float32))[:, None]
+        weight = np.float32(share) * self._floor_columns(box)
         shape = (box[3] - box[1], box[2] - box[0], 3)
         factor = np.exp(-shade.reshape(shape) * weight).astype(np.float32)
         place = np.s_[box[1] : box[3], box[0] : box[2]]
         return place, factor, np.asarray(light.reshape(shape) * weight, np.float32)
+
+    def _floor_columns(self, box: PixelBox) -> F32:
+        """Return 1 for the columns (w, 1) of a box on the floor, else 0."""
+        columns = np.arange(box[0], box[2])
+        is_floor = (columns >= self.ends[0]) & (columns <= self.ends[1])
+        return is_floor.astype(np.float32)[:, None]

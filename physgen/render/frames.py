@@ -140,15 +140,15 @@ class BackgroundCache:
     """
 
     def __init__(self, stage: Stage) -> None:
-        self._lit = stage.lit
+        self._lit = stage.lit_background
         self._moved: set[int] = set()
         self.dark: F32 | None = None
         """Darkness (H, W) of its shadows: -log of the remaining share of light."""
-        if stage.lit is None:
+        if stage.lit_background is None:
             light = decode(stage.background)
         else:
-            light = stage.lit.behind()
-            self.dark = stage.lit.total.copy()
+            light = stage.lit_background.photo_background()
+            self.dark = stage.lit_background.total.copy()
         self.light: F32 = light
         """(H, W, 3) linear."""
         self.codes = encode_picture(self.light)
@@ -163,7 +163,7 @@ class BackgroundCache:
             return []
         shadows = {}
         for stand in stands:
-            shadow = background.casts[stand.k].whole
+            shadow = background.casts[stand.k].picture
             if stand.start != stand.pose and shadow is not None:
                 shadows[stand.k] = shadow
         moved_objects = set(shadows)
@@ -189,7 +189,7 @@ class BackgroundCache:
         assert self._lit is not None
         boxes = []
         for k in objects:
-            shadow = self._lit.casts[k].whole
+            shadow = self._lit.casts[k].picture
             if shadow is not None:
                 x0, y0, x1, y1 = shadow[0]
                 boxes.append(np.s_[y0:y1, x0:x1])
@@ -227,7 +227,7 @@ class Picture:
     """The appearance of one sprite in a frame."""
 
     stand: SpritePose
-    where: Placement
+    placement: Placement
     light: F32
     """(h, w, 3) linear, times coverage."""
     coverage: F32
@@ -297,7 +297,7 @@ def render_frames(
                 partial(_draw_ids, covers, painter.size),
                 partial(_covering, covers),
                 stage.faces,
-                None if painter.layers is None else painter.layers.taken_apart,
+                None if painter.layers is None else painter.layers.to_layers,
             )
 
 
@@ -307,7 +307,9 @@ class _LayerList:
     """
 
     def __init__(self, stage: Stage, left: BackgroundCache, canvas: F32) -> None:
-        self._plate = left.light if stage.lit is None else stage.lit.plate
+        self._plate = (
+            left.light if stage.lit_background is None else stage.lit_background.plate
+        )
         self._shaded = canvas.copy()
         self._order = tuple(dict.fromkeys(sprite.body for sprite in stage.sprites))
         self._sprites: list[SpriteLayer] = []
@@ -316,7 +318,7 @@ class _LayerList:
         """Add a sprite in front of the others."""
         self._sprites.append(SpriteLayer(body, box, light, coverage))
 
-    def taken_apart(self) -> Layers:
+    def to_layers(self) -> Layers:
         """Return the layers, with the sprites in the order of drawing."""
         return Layers(self._plate, self._shaded, self._sprites, self._order)
 
@@ -326,7 +328,7 @@ def _covers(stage: Stage, pictures: Sequence[Picture]) -> list[tuple[int, Slices
     covers = []
     for picture in pictures:
         id_ = stage.sprites[picture.stand.k].body + 1
-        covers.append((id_, picture.where.box, picture.coverage))
+        covers.append((id_, picture.placement.box, picture.coverage))
     return covers
 
 
@@ -380,7 +382,7 @@ class _Painter:
         """Darken the pictures where objects have begun to touch each other."""
         parts = {}
         for picture in pictures:
-            parts[picture.stand.k] = picture.where.box, picture.coverage
+            parts[picture.stand.k] = picture.placement.box, picture.coverage
         factors = self._contacts.factors(parts)
         for picture in pictures:
             factor = factors.get(picture.stand.k)
@@ -475,15 +477,21 @@ class _Painter:
             return _blur_along_trail(self._stage, self.balls, stand, picture, trail)
         if picture is None:
             return None
-        return picture.where.box, picture.light, picture.coverage
+        return picture.placement.box, picture.light, picture.coverage
 
 
 class _Shadows:
     """The shadows on the background and on objects, from frame to frame."""
 
     def __init__(self, stage: Stage, background: BackgroundCache) -> None:
-        self._stage, self._lit, self._background = stage, stage.lit, background
-        self._slides = ShadowSprites([] if stage.lit is None else stage.lit.casts)
+        self._stage, self._lit, self._background = (
+            stage,
+            stage.lit_background,
+            background,
+        )
+        self._slides = ShadowSprites(
+            [] if stage.lit_background is None else stage.lit_background.casts
+        )
         self._dark = None if background.dark is None else background.dark.copy()
         self._shaded: list[Slices] = []
 
@@ -517,7 +525,7 @@ class _Shadows:
         shaded_tiles = touched_tiles(boxes, size)
         self._shaded = boxes_of_tiles(shaded_tiles, size)
         for box in self._shaded:
-            darkness[box] = background.limited(darkness[box], box)
+            darkness[box] = background.limit_darkness(darkness[box], box)
             canvas[box] = shaded_background(
                 background.plate[box], darkness[box], background.tint
             )
@@ -723,7 +731,7 @@ def _draw_unclipped(
     """
     height, width = stage.background.shape[:2]
     if picture is not None:
-        rows, columns = picture.where.box
+        rows, columns = picture.placement.box
         ends_inside = rows.stop < height and columns.stop < width
         if min(rows.start, columns.start) > 0 and ends_inside:
             corner = np.array([columns.start, rows.start])
@@ -774,7 +782,9 @@ def _pictures(
     stage: Stage, balls: BallSprites, stands: Sequence[SpritePose]
 ) -> Iterator[Picture]:
     """Yield the pictures of visible sprites at their poses, from back to front."""
-    visible = [(stand, stand.where) for stand in stands if stand.where is not None]
+    visible = [
+        (stand, stand.placement) for stand in stands if stand.placement is not None
+    ]
     placements = [(stand.k, placement) for stand, placement in visible]
     drawn_balls = balls.draw(placements, stage.supersample)
     borders = borders_left(stage.sprites, [stand for stand, _ in visible])
@@ -799,13 +809,13 @@ def _flatten(stage: Stage, pictures: Sequence[Picture], time: float) -> None:
     for picture in pictures:
         sprite, pose = stage.sprites[picture.stand.k], picture.stand.pose
         squash = squashes.get(sprite.body)
-        if squash is None or picture.where.own is not None:
+        if squash is None or picture.placement.photo_box is not None:
             continue
         center = (pose.x, pose.y + sprite.face)
         flat = squash_picture(
-            squash.scaled(stage.scale),
+            squash.scale_to(stage.scale),
             center,
-            picture.where.box,
+            picture.placement.box,
             picture.light,
             picture.coverage,
             size,
@@ -813,7 +823,7 @@ def _flatten(stage: Stage, pictures: Sequence[Picture], time: float) -> None:
         if flat is None:
             continue
         box, picture.light, picture.coverage = flat
-        picture.where = replace(picture.where, box=box)
+        picture.placement = replace(picture.placement, box=box)
         # The photo's border pixels fit the round outline alone.
         picture.rest = None
         picture.is_flat = True
@@ -824,12 +834,14 @@ def _add_sides(stage: Stage, pictures: Sequence[Picture]) -> None:
     turned_blocks = []
     for picture in pictures:
         sides = stage.sprites[picture.stand.k].sides
-        if sides is not None and sides.share(picture.where.turn) > 0:
+        if sides is not None and sides.share(picture.placement.turn) > 0:
             turned_blocks.append((picture, sides))
     if not turned_blocks:
         return
     # Keep the coverages from before any side is added: sides lie behind all fronts.
-    fronts = [(picture, picture.where.box, picture.coverage) for picture in pictures]
+    fronts = [
+        (picture, picture.placement.box, picture.coverage) for picture in pictures
+    ]
     for picture, sides in turned_blocks:
         others = [(box, front) for other, box, front in fronts if other is not picture]
         _add_block_sides(picture, sides, others)
@@ -843,10 +855,10 @@ def _add_block_sides(
     `others`: boxes and coverages of the other fronts.
     """
     coverage = picture.coverage
-    matrix = picture.where.matrix
+    matrix = picture.placement.matrix
     assert matrix is not None
-    side, shade = sides.drawn(coverage, picture.where.turn)
-    side, colours = sides.painted(side, shade, matrix, picture.where.turn)
+    side, shade = sides.draw(coverage, picture.placement.turn)
+    side, colours = sides.paint(side, shade, matrix, picture.placement.turn)
     # The light of border pixels mixes front and side and is uncertain: give them to the
     # side.
     border_share = np.minimum(2 * side, coverage)
@@ -856,7 +868,7 @@ def _add_block_sides(
     light_share = np.ones_like(side)
     blur = 2 * round(sides.depth) + 1
     for box, front in others:
-        overlap = _overlap(picture.where.box, box)
+        overlap = _overlap(picture.placement.box, box)
         if overlap is None:
             continue
         block_part, other_part = overlap
@@ -898,8 +910,8 @@ def _draw_floor_reflection(
     It is as strong as the photo's own reflection is gone: `shares` (N + 1,) are the
     parts of it that remain.
     """
-    mirror, k, (rows, columns) = stage.mirror, picture.stand.k, picture.where.box
-    if mirror is None or picture.where.own is not None:
+    mirror, k, (rows, columns) = stage.mirror, picture.stand.k, picture.placement.box
+    if mirror is None or picture.placement.photo_box is not None:
         return None
     floor = mirror.feet[k]
     if floor is None:
@@ -919,7 +931,7 @@ def _draw_floor_reflection(
     light *= ((places >= left) & (places <= right))[:, None]
     # A rough floor blurs its reflection.
     blurred_light = cv2.GaussianBlur(
-        light, (0, 0), mirror.rough, borderType=cv2.BORDER_REPLICATE
+        light, (0, 0), mirror.blur_width, borderType=cv2.BORDER_REPLICATE
     )
     box = np.s_[2 * foot + 2 - last : 2 * foot + 2 - first, columns]
     return box, np.asarray(blurred_light, np.float32)
@@ -933,6 +945,6 @@ def _figures(stage: Stage, pictures: Sequence[Picture]) -> Mapping[int, Silhouet
     for picture in pictures:
         stand, coverage = picture.stand, picture.coverage
         if stage.supersample != 1 and not picture.is_flat:
-            coverage = sprite_coverage(stage.sprites[stand.k], picture.where)
-        figures[stand.k] = sprite_silhouette(stage, stand, picture.where, coverage)
+            coverage = sprite_coverage(stage.sprites[stand.k], picture.placement)
+        figures[stand.k] = sprite_silhouette(stage, stand, picture.placement, coverage)
     return figures

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.arrays import F32, F64
+from physgen.arrays import F32, F64, Mask
 from physgen.maps import U8, Percepts
 from physgen.render.camera import Shot
 from physgen.render.stage import Frame
@@ -94,23 +94,31 @@ def measure_grain(rgb: U8) -> Grain | None:
     darkest, brightest = GRAIN.level_range
     # Clipped pixels hide the noise.
     is_open = (means.min(axis=1) > darkest) & (means.max(axis=1) < brightest)
-    blocks, details, means = blocks[is_open], details[is_open], means[is_open]
-    squares = (details**2).mean(axis=(1, 2))
-    texture = squares.sum(axis=1)
-    is_flat = np.zeros(len(blocks), np.bool_)
-    curve = []
-    # Noise depends on brightness: measure it separately in groups of like brightness.
-    for group in _brightness_groups(means.mean(axis=1)):
-        flattest = group[
-            texture[group] <= np.quantile(texture[group], GRAIN.block_share)
-        ]
-        is_flat[flattest] = True
-        deviation = GRAIN.low * np.sqrt(squares[flattest].mean(axis=0))
-        curve.append((means[group].mean(axis=0), deviation))
+    blocks, details = blocks[is_open], details[is_open]
+    curve, is_flat = _measure_curve(details, means[is_open])
     if not curve or np.median([row for _, row in curve]) < GRAIN.least_deviation:
         return None
     channels = _channel_correlation(details[is_flat].reshape(-1, 3))
     return Grain(_curve(curve), channels, _neighbour_correlation(blocks[is_flat]))
+
+
+def _measure_curve(details: F32, means: F32) -> tuple[list[tuple[F32, F32]], Mask]:
+    """Return pairs of the mean light and its deviation, (3,) each, and the flat blocks.
+
+    `details` (n, size, size, 3) and `means` (n, 3) are those of blocks.
+    """
+    squares = (details**2).mean(axis=(1, 2))
+    texture = squares.sum(axis=1)
+    is_flat = np.zeros(len(details), np.bool_)
+    curve = []
+    # Noise depends on brightness: measure it separately in groups of like brightness.
+    for group in _brightness_groups(means.mean(axis=1)):
+        limit = np.quantile(texture[group], GRAIN.block_share)
+        flattest = group[texture[group] <= limit]
+        is_flat[flattest] = True
+        deviation = GRAIN.low * np.sqrt(squares[flattest].mean(axis=0))
+        curve.append((means[group].mean(axis=0), deviation))
+    return curve, is_flat
 
 
 def _channel_correlation(details: F32) -> F64:
@@ -315,7 +323,7 @@ class Delivery:
         self._photos: tuple[U8, U8] | None = None
 
     @classmethod
-    def of(cls, settings: Render, photo: U8 | None) -> Delivery:
+    def from_scene(cls, settings: Render, photo: U8 | None) -> Delivery:
         """Return the delivery of a scene's settings; without a `photo` there is no
         noise.
         """

@@ -56,7 +56,7 @@ def split_halos(
 class _Ground:
     """Linear light of the background, (H, W, 3)."""
 
-    behind: F32
+    background: F32
     """With the shadows that are drawn with objects."""
     plate: F32
     """In full light."""
@@ -159,7 +159,7 @@ def _moving_part(
         light = _carried_light(halo[window], near[window], blur) * weight[..., None]
     else:
         box = _box_at(corner, weight)
-        box_ground = _Ground(ground.behind[box], ground.plate[box])
+        box_ground = _Ground(ground.background[box], ground.plate[box])
         shade = _carried_shade(halo[window], box_ground, blur) * weight[..., None]
     return _Moving(corner, window, light, weight, shade, side)
 
@@ -180,7 +180,7 @@ def _carried_light(halo: F32, near_light: F32, blur: _GroundBlur) -> F32:
     Close to the outline, where `near_light` (h, w) is 1, light corrects the fill.
     """
     share = near_light[..., None]
-    return np.asarray(share * halo + (1 - share) * blur.smooth(halo), np.float32)
+    return np.asarray(share * halo + (1 - share) * blur.blur_below(halo), np.float32)
 
 
 def _window_of(mask: Mask, margin: int) -> Slices | None:
@@ -206,7 +206,7 @@ class _GroundBlur:
         blurred_known = cv2.GaussianBlur(self.known, (0, 0), self.sigma)
         self.gain = 1 / np.maximum(blurred_known, np.float32(0.05))
 
-    def smooth(self, picture: F32) -> F32:
+    def blur_below(self, picture: F32) -> F32:
         """Return a blurred picture (h, w, 3), continued below the object."""
         known_picture = picture * self.known[..., None]
         blurred_picture = cv2.GaussianBlur(known_picture, (0, 0), self.sigma)
@@ -220,14 +220,14 @@ def _carried_shade(halo: F32, ground: _Ground, blur: _GroundBlur) -> F32:
     The shade of the photo is the quotient of two blurred pictures, photo and ground in
     full light. The part of it that is drawn as a shadow is left out.
     """
-    photo = ground.behind + halo
+    photo = ground.background + halo
     # Detail that is dark all over is a rim that the mask lacks; other detail is the
     # grain of the ground. Under the soft border of the object, the halo is empty and
     # would leave a bright line: the shade beside it continues there.
     share = (_rim_share(halo, blur) * blur.known)[..., None]
-    seen_light = share * photo + (1 - share) * blur.smooth(photo)
-    full_light = share * ground.plate + (1 - share) * blur.smooth(ground.plate)
-    drawn_shade = _relative_darkness(ground.behind, ground.plate)
+    seen_light = share * photo + (1 - share) * blur.blur_below(photo)
+    full_light = share * ground.plate + (1 - share) * blur.blur_below(ground.plate)
+    drawn_shade = _relative_darkness(ground.background, ground.plate)
     shade = _relative_darkness(seen_light, full_light) - drawn_shade
     # The drawn shadow is not brightened: it changes on its way, and would glow.
     shade = np.clip(shade, 0, FOOT_HALO.deepest)
@@ -247,7 +247,7 @@ def _rim_share(halo: F32, blur: _GroundBlur) -> F32:
     """Return the likelihood 0..1 that dark detail is a rim that the mask lacks,
     (h, w).
     """
-    mean = blur.smooth(halo).mean(axis=2)
+    mean = blur.blur_below(halo).mean(axis=2)
     power = cv2.GaussianBlur(np.square(halo.mean(axis=2)), (0, 0), blur.sigma)
     deviation = np.sqrt(power * blur.gain)
     low, high = FOOT_HALO.rim_ratio

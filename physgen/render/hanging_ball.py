@@ -62,12 +62,12 @@ def _foot(ball: Sprite, thread: Sprite, body: Body) -> Mask:
     distance = np.hypot(x, y)
     inner, outer = radius + CUT.clean_depth + 1, (1 + EYELET) * radius
     foot = thread.coverage * ((distance > inner) & (distance < outer))
-    direction_x, direction_y = float((x * foot).sum()), float((y * foot).sum())
-    length = float(np.hypot(direction_x, direction_y))
+    direction = np.array([(x * foot).sum(), (y * foot).sum()], np.float64)
+    length = float(np.hypot(*direction))
     if length < 1e-6:
         return np.zeros(ball.coverage.shape, np.bool_)
-    distance_along = (x * direction_x + y * direction_y) / length
-    distance_across = np.abs(x * direction_y - y * direction_x) / length
+    distance_along = (x * direction[0] + y * direction[1]) / length
+    distance_across = np.abs(x * direction[1] - y * direction[0]) / length
     width = distance_across[foot > 0.5].max(initial=0.0) + CUT.clean_depth
     is_foot = (distance_across <= width) & (distance_along > (1 - EYELET) * radius)
     return np.asarray(is_foot, np.bool_)

@@ -61,7 +61,7 @@ class DiscPicture:
 
     light: F32
     """Linear light, (h, w, 3)."""
-    known: Mask
+    mask: Mask
     """Pixels that show the disc alone, (h, w)."""
     center: tuple[float, float]
     """Centre, px of the picture."""
@@ -98,7 +98,7 @@ def _excess(disc: DiscPicture) -> F32:
     """
     width = max(round(SHINE.width * disc.radius), 2)
     spot = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * width + 1,) * 2)
-    white = np.where(disc.known, disc.light.min(axis=2), 0).astype(np.float32)
+    white = np.where(disc.mask, disc.light.min(axis=2), 0).astype(np.float32)
     # Grain is no highlight: the median takes it out of the light beneath.
     beneath = cv2.morphologyEx(cv2.medianBlur(white, 3), cv2.MORPH_OPEN, spot)
     return np.asarray(np.maximum(white - beneath, 0), np.float32)
@@ -107,11 +107,11 @@ def _excess(disc: DiscPicture) -> F32:
 def _is_highlight(disc: DiscPicture, excess: F32) -> Mask:
     """Return the bright spots (h, w) that outshine the paint of the whole disc."""
     white = disc.light.min(axis=2)
-    if not disc.known.any():
-        return disc.known
-    paint = np.percentile(white[disc.known], SHINE.paint)
+    if not disc.mask.any():
+        return disc.mask
+    paint = np.percentile(white[disc.mask], SHINE.paint)
     is_bright = (excess > SHINE.least_light) & (white > paint + SHINE.least_light / 2)
-    return np.asarray(is_bright & disc.known, np.bool_)
+    return np.asarray(is_bright & disc.mask, np.bool_)
 
 
 def _turned_differently(discs: Sequence[DiscPicture]) -> bool:
@@ -122,7 +122,7 @@ def _turned_differently(discs: Sequence[DiscPicture]) -> bool:
     """
     levels = []
     for disc in discs:
-        is_unknown = _unroll(disc.known, disc) < SHINE.ring_share
+        is_unknown = _unroll(disc.mask, disc) < SHINE.ring_share
         if is_unknown.mean() > SHINE.unknown:
             continue
         brightness = disc.light.mean(axis=2) + np.float32(SHINE.dark_light)
@@ -162,7 +162,7 @@ def _spread(mask: F32) -> Mask:
 
 def _roll(rings: F32, disc: DiscPicture) -> F32:
     """Return (rings, angles) as a picture (h, w) with soft borders."""
-    rows, columns = np.indices(disc.known.shape, np.float32)
+    rows, columns = np.indices(disc.mask.shape, np.float32)
     x, y = columns - disc.center[0], rows - disc.center[1]
     ring = np.hypot(x, y) * np.float32(RINGS / disc.radius) - np.float32(0.5)
     turn = np.arctan2(y, x) % np.float32(2 * pi)

@@ -181,7 +181,7 @@ class _Surface:
     x: NDArray[Any]
     y: NDArray[Any]
     """Coordinates, px of the photo."""
-    toward: NDArray[Any]
+    depth: NDArray[Any]
     """Coordinate towards the viewer, px."""
     direct: F32
     """Direct share of the light."""
@@ -232,12 +232,21 @@ def _surface(
     columns = receiver.corner[0] + step * (np.arange(-(-width // step)) + 0.5) - 0.5
     rows = receiver.corner[1] + step * (np.arange(-(-height // step)) + 0.5) - 0.5
     x, y = (np.asarray(part, kind) for part in np.meshgrid(columns, rows))
-    lx, ly, lz = (np.float32(part) for part in setting.light.direction)
     # A face is flat and parallel to the photo, a ball has its own normal at each point.
-    if receiver.radius is None:
-        viewer_distance = np.full(x.shape, face(receiver, setting.top), np.float32)
-        light_cosine = np.full(x.shape, max(lz, 0), np.float32)
-        return _Surface(x, y, viewer_distance, _direct_share(light_cosine, setting))
+    if receiver.radius is not None:
+        return _ball_surface(receiver, x, y, setting)
+    lz = np.float32(setting.light.direction[2])
+    viewer_distance = np.full(x.shape, face(receiver, setting.top), np.float32)
+    light_cosine = np.full(x.shape, max(lz, 0), np.float32)
+    return _Surface(x, y, viewer_distance, _direct_share(light_cosine, setting))
+
+
+def _ball_surface(
+    receiver: Silhouette, x: NDArray[Any], y: NDArray[Any], setting: ShadowSetting
+) -> _Surface:
+    """Return the points of a ball's near side at columns and rows (h, w), px."""
+    assert receiver.radius is not None
+    lx, ly, lz = (np.float32(part) for part in setting.light.direction)
     cx, cy, radius = (np.float32(part) for part in (*receiver.center, receiver.radius))
     u, v = (x - cx) / radius, (y - cy) / radius
     z = np.sqrt(np.maximum(1 - u * u - v * v, 0))
@@ -260,7 +269,7 @@ def _remaining_light(
     setting: ShadowSetting,
 ) -> F32:
     """Return the remaining share of light (h, w) behind all others together."""
-    coordinates = (surface.x, surface.y, surface.toward)
+    coordinates = (surface.x, surface.y, surface.depth)
     x, y, depths = (part.astype(np.float32) for part in coordinates)
     balls = [other for other in others if other.radius is not None]
     behind_balls = iter(_behind_balls(balls, (x, y, depths), setting) if balls else ())
@@ -287,7 +296,7 @@ def _visible_darkness(remaining: F32, facing_viewer: NDArray[Any] | None) -> F32
     return np.asarray(darkness, np.float32)
 
 
-def stacked(values: Iterable[float]) -> F32:
+def stack(values: Iterable[float]) -> F32:
     """Return values as an array (n, 1, 1)."""
     return np.array(list(values), np.float32)[:, None, None]
 
@@ -299,23 +308,35 @@ def _behind_balls(
 
     `points`: columns, rows and px towards the viewer.
     """
-    lx, ly, lz = (np.float32(part) for part in setting.light.direction)
-    x, y, z = points
-    px = x - stacked(ball.center[0] for ball in balls)
-    py = y - stacked(ball.center[1] for ball in balls)
-    pz = z - stacked(middle(ball, setting.top) for ball in balls)
-    radius = stacked(ball.radius or 0.0 for ball in balls)
-    distance_along = px * lx + py * ly + pz * lz
-    square_distance = np.maximum(
-        px * px + py * py + pz * pz - distance_along * distance_along, 0
-    )
-    gap = np.sqrt(square_distance) - radius
+    radius = stack(ball.radius or 0.0 for ball in balls)
+    distance_along, gap = _ray_distances(balls, points, radius, setting)
     spread = np.float32(0.6 * tan(radians(setting.softness)))
     width = np.maximum(0.6 + spread * np.abs(distance_along), 0.6)
     # 1 for points with the ball between them and the light.
     blocking_side = np.clip(-distance_along / (np.float32(0.5) * radius), 0, 1)
     fade = 1 + np.exp(np.clip(gap / (0.6 * width), -30, 30))
     return np.asarray(blocking_side / fade, np.float32)
+
+
+def _ray_distances(
+    balls: Sequence[Silhouette],
+    points: tuple[F32, ...],
+    radius: F32,
+    setting: ShadowSetting,
+) -> tuple[F32, F32]:
+    """Return the distances (n, h, w) from balls to points along the light, and of the
+    balls to the rays of light through the points, px.
+    """
+    lx, ly, lz = (np.float32(part) for part in setting.light.direction)
+    x, y, z = points
+    px = x - stack(ball.center[0] for ball in balls)
+    py = y - stack(ball.center[1] for ball in balls)
+    pz = z - stack(middle(ball, setting.top) for ball in balls)
+    distance_along = px * lx + py * ly + pz * lz
+    square_distance = np.maximum(
+        px * px + py * py + pz * pz - distance_along * distance_along, 0
+    )
+    return distance_along, np.sqrt(square_distance) - radius
 
 
 def _behind_slab(
@@ -328,10 +349,8 @@ def _behind_slab(
     lx, ly, lz = (float(part) for part in setting.light.direction)
     height = np.maximum(face(slab, setting.top) - depth, 0)
     path = height / max(lz, LEAST_LIGHT_HEIGHT)
-    blur = min(0.6 + 0.6 * setting.light_radius * float(path.max()), 4.0)
     margin = 8 + step
-    padded_cover = np.pad(slab.coverage, margin)
-    blurred_cover = cv2.GaussianBlur(padded_cover, (0, 0), max(blur, step / 2))
+    cover = _blur_slab(slab, margin, float(path.max()), step, setting)
     left = np.float32(margin - slab.corner[0])
     top = np.float32(margin - slab.corner[1])
     blocked_light = np.zeros(x.shape, np.float32)
@@ -339,11 +358,23 @@ def _behind_slab(
         distance = path * np.float32(stop / OCCLUSION.stops)
         columns = x + distance * np.float32(lx) + left
         rows = y + distance * np.float32(ly) + top
-        cover = cv2.remap(blurred_cover, columns, rows, cv2.INTER_LINEAR, borderValue=0)
-        np.maximum(blocked_light, cover, out=blocked_light)
+        light_share = cv2.remap(cover, columns, rows, cv2.INTER_LINEAR, borderValue=0)
+        np.maximum(blocked_light, light_share, out=blocked_light)
     # A face at the height of the slab's own face gets the full light.
     share = np.clip(path * np.float32(hypot(lx, ly)) / 2, 0, 1)
     return np.asarray(blocked_light * share, np.float32)
+
+
+def _blur_slab(
+    slab: Silhouette, margin: int, path: float, step: int, setting: ShadowSetting
+) -> F32:
+    """Return a slab's coverage with a margin, blurred by the light's width after a
+    path, px.
+    """
+    blur = min(0.6 + 0.6 * setting.light_radius * path, 4.0)
+    padded_cover = np.pad(slab.coverage, margin)
+    blurred_cover = cv2.GaussianBlur(padded_cover, (0, 0), max(blur, step / 2))
+    return np.asarray(blurred_cover, np.float32)
 
 
 SUNK = 3.0
@@ -382,7 +413,7 @@ def sprite_silhouette(
     box.
     """
     corner = (placement.box[1].start, placement.box[0].start)
-    tilt = 0.0 if stage.lit is None else stage.lit.setting.tilt
+    tilt = 0.0 if stage.lit_background is None else stage.lit_background.setting.tilt
     return silhouette(
         stage.grounds, coverage, corner, stand.pose[:2], stage.actors[stand.k], tilt
     )
@@ -401,7 +432,7 @@ def silhouette(
     A camera that looks down by `tilt` sees the body's near edge below the floor's line.
     """
     x, y = map(float, center)
-    shape = Silhouette(coverage, corner, (x, y), actor.radius, actor.thick, None)
+    shape = Silhouette(coverage, corner, (x, y), actor.radius, actor.thickness, None)
     if not grounds:
         return shape
     last_row = 0
@@ -411,8 +442,8 @@ def silhouette(
     # Search from its middle, since an impact presses it into the floor for a while; a
     # thin object may reach below the floor's line.
     bottom = float(corner[1] + last_row)
-    highest = min(y, bottom - SUNK - tilt * actor.thick / 2)
-    floor = ground_below(grounds, x, highest, NARROW * actor.thick)
+    highest = min(y, bottom - SUNK - tilt * actor.thickness / 2)
+    floor = ground_below(grounds, x, highest, NARROW * actor.thickness)
     if floor is None:
         return shape
     row, ground = floor
@@ -433,7 +464,7 @@ def add_shadow(
     Returns its boxes. A sliding shadow does not need the sprite's silhouette `silhouette`.
     """
     boxes = []
-    for (x0, y0, x1, y1), shadow in background.moved(
+    for (x0, y0, x1, y1), shadow in background.move_shadow(
         stand.k, silhouette, stand.start, stand.pose
     ):
         if weight != 1:
@@ -466,43 +497,65 @@ def occlusion_factors(
     Veils are shadows of other objects: those of the photo are removed, and the present
     ones are added. `stands` are in the picture.
     """
-    if stage.veils is None or stage.lit is None:
+    if stage.veils is None or stage.lit_background is None:
         return {}
-    setting = stage.lit.setting
-    has_moved = np.array([s.where is None or s.where.own is None for s in stands])
+    setting = stage.lit_background.setting
+    has_moved = np.array(
+        [s.placement is None or s.placement.photo_box is None for s in stands]
+    )
     if not has_moved.any():
         return {}
     visible_figures = [figures[stand.k] for stand in stands]
     blockers = occluders(visible_figures, setting)
-    # A veil changes only if the object, or one that may shade it, has moved.
-    changed_indices = []
-    for k, stand in enumerate(stands):
-        has_old_veil = stage.veils[stand.k] is not None
-        if has_moved[k] or has_old_veil or has_moved[blockers.get(k, [])].any():
-            changed_indices.append(k)
-    shares = {k: stage.actors[stands[k].k].veiled for k in changed_indices}
-    new_veils = occlusions(
-        visible_figures,
-        {k: blockers.get(k, []) for k in changed_indices if shares[k]},
-        setting,
-    )
+    changed_indices = _changed_veils(stage, stands, has_moved, blockers)
+    shares = {k: stage.actors[stands[k].k].veil_share for k in changed_indices}
+    active_blockers = {k: blockers.get(k, []) for k in changed_indices if shares[k]}
+    new_veils = occlusions(visible_figures, active_blockers, setting)
     factors: dict[int, F32] = {}
     for k in changed_indices:
         stand = stands[k]
-        if stand.where is None:
+        if stand.placement is None:
             continue
         shape = visible_figures[k].coverage.shape
-        old_veil = _old_veil(stage, stand.k, stand.where, shape)
-        new_veil = new_veils.get(k)
-        if new_veil is None and old_veil is None:
-            continue
-        # Veils are -log of the remaining light. Their difference is the exponent of the
-        # factor.
-        difference = np.zeros(shape, np.float32) if old_veil is None else old_veil
-        if new_veil is not None:
-            difference = difference - np.float32(shares[k]) * new_veil
-        factors[stand.k] = np.asarray(cv2.exp(difference), np.float32)
+        old_veil = _old_veil(stage, stand.k, stand.placement, shape)
+        factor = _veil_factor(old_veil, new_veils.get(k), shares[k])
+        if factor is not None:
+            factors[stand.k] = factor
     return factors
+
+
+def _changed_veils(
+    stage: Stage,
+    stands: Sequence[SpritePose],
+    has_moved: Mask,
+    blockers: Mapping[int, Sequence[int]],
+) -> list[int]:
+    """Return the indices of the poses with a veil that may have changed.
+
+    A veil changes only if the object, or one that may shade it, has moved.
+    """
+    assert stage.veils is not None
+    indices = []
+    for k, stand in enumerate(stands):
+        has_old_veil = stage.veils[stand.k] is not None
+        is_shaded_anew = has_moved[list(blockers.get(k, []))].any()
+        if has_moved[k] or has_old_veil or is_shaded_anew:
+            indices.append(k)
+    return indices
+
+
+def _veil_factor(
+    old_veil: F32 | None, new_veil: F32 | None, share: float
+) -> F32 | None:
+    """Return the factor (h, w) of light from an old to a share of a new veil.
+
+    Veils are -log of the remaining light. Their difference is the exponent.
+    """
+    if new_veil is None:
+        return None if old_veil is None else np.asarray(cv2.exp(old_veil), np.float32)
+    shade = np.float32(share) * new_veil
+    difference = -shade if old_veil is None else old_veil - shade
+    return np.asarray(cv2.exp(difference), np.float32)
 
 
 def _old_veil(
@@ -514,8 +567,8 @@ def _old_veil(
     veil = None if stage.veils is None else stage.veils[k]
     if veil is None:
         return None
-    if placement.own is not None:
-        return veil[placement.own]
+    if placement.photo_box is not None:
+        return veil[placement.photo_box]
     if stage.sprites[k].ball is not None or placement.matrix is None:
         return None
     size = (shape[1], shape[0])

@@ -72,7 +72,7 @@ class Sheet:
         """Return the present px of the frame per px of the photo."""
         return float(np.sqrt(abs(np.linalg.det(self.lens[:, :2]))))
 
-    def at(self, points: Array) -> Array:
+    def to_frame(self, points: Array) -> Array:
         """Convert points (..., 2) of the photo to px of the frame."""
         return np.asarray(points @ self.lens[:, :2].T + self.lens[:, 2])
 
@@ -205,7 +205,7 @@ class OverlayClip:
     """The common data of all frames of a clip."""
 
     world: World
-    seen: Trajectory
+    motion: Trajectory
     """The motion with enough samples for trails and impacts."""
     impacts: list[Impact]
     scales: Scales
@@ -229,10 +229,10 @@ def annotate_frames(
     if not kinds:
         yield from frames
         return
-    clip = filmed(world, trajectory, kinds)
+    clip = describe_clip(world, trajectory, kinds)
     for frame in frames:
         rgb = frame.rgb.copy()
-        times, size = clip.seen.times, (rgb.shape[1], rgb.shape[0])
+        times, size = clip.motion.times, (rgb.shape[1], rgb.shape[0])
         # Frames may come in any order: find each frame's sample by its time.
         sample = int(np.abs(times - frame.time).argmin()) if len(times) else 0
         pen, matrix = max(size) / max(world.size), np.asarray(lens(frame), np.float64)
@@ -246,7 +246,7 @@ def annotate_frames(
         yield replace(frame, rgb=rgb)
 
 
-def filmed(
+def describe_clip(
     world: World, trajectory: Trajectory, kinds: Collection[Overlay]
 ) -> OverlayClip:
     """Return a clip's impacts, scales and key."""
@@ -271,29 +271,29 @@ def filmed(
 
 def _poses(clip: OverlayClip, sheet: Sheet) -> Array:
     """Return the present poses, (N, 3) px, px, rad."""
-    return np.asarray(clip.seen.poses[sheet.sample])
+    return np.asarray(clip.motion.poses[sheet.sample])
 
 
 def _boundaries(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
     """Draw the boundaries."""
     for wall in clip.world.walls:
         for chain in wall.chains:
-            layer.line(sheet.at(chain), 1.2 * sheet.pen)
+            layer.line(sheet.to_frame(chain), 1.2 * sheet.pen)
 
 
 def _trails(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
     """Draw the path of each centre up to now."""
-    times = clip.seen.times[: sheet.sample + 1]
+    times = clip.motion.times[: sheet.sample + 1]
     if len(times) < 2:
         return
     age = (sheet.time - times[1:]) / max(STYLE.fade * clip.world.duration, 1e-9)
     strengths = np.clip(
         1 - (1 - STYLE.opacity_of_trails) * age, STYLE.opacity_of_trails, 1
     )
-    for path in np.moveaxis(clip.seen.poses[: sheet.sample + 1, :, :2], 1, 0):
+    for path in np.moveaxis(clip.motion.poses[: sheet.sample + 1, :, :2], 1, 0):
         if np.ptp(path, axis=0).max() > STYLE.least_length:
             drawn_rows = _distinct_indices(path)
-            points = sheet.at(path[drawn_rows])
+            points = sheet.to_frame(path[drawn_rows])
             layer.segments(
                 points[:-1], points[1:], sheet.pen, strengths[drawn_rows[1:] - 1]
             )
@@ -326,14 +326,16 @@ def _outlines(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
             rings = [circle((0.0, 0.0), body.radius * sheet.zoom) / sheet.zoom]
             if not (clip.world.view is View.TOP and body.solid is Solid.SPHERE):
                 tick = np.array([[0.72, 0.0], [1.0, 0.0]]) * body.radius
-                layer.line(sheet.at(tick @ turn.T + (x, y)), sheet.pen)
+                layer.line(sheet.to_frame(tick @ turn.T + (x, y)), sheet.pen)
         for points in rings:
-            layer.line(sheet.at(points @ turn.T + (x, y)), sheet.pen, is_polygon=True)
+            layer.line(
+                sheet.to_frame(points @ turn.T + (x, y)), sheet.pen, is_polygon=True
+            )
 
 
 def _velocities(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
     """Draw an arrow for each velocity."""
-    vectors = clip.scales.velocity * clip.seen.velocities[sheet.sample, :, :2]
+    vectors = clip.scales.velocity * clip.motion.velocities[sheet.sample, :, :2]
     for pose, vector in zip(_poses(clip, sheet), vectors, strict=True):
         _arrow(sheet, layer, pose[:2], vector)
 
@@ -367,7 +369,7 @@ def _push(clip: OverlayClip, sheet: Sheet, layer: Layer, push: Push) -> None:
         sweep = clip.scales.torque * push.torque
         # An arc shorter than its own line would be only a dot.
         if abs(sweep) * radius * sheet.zoom >= STYLE.least_length:
-            path = sheet.at(arc(center, radius, sweep))
+            path = sheet.to_frame(arc(center, radius, sweep))
             curved_arrow(layer, path, sheet.pen)
     elif push.load is Load.IMPULSE:
         strength = _left(clip, sheet, push.start)
@@ -389,7 +391,7 @@ def _arrow(
     """Draw an arrow from a point (2,) of the photo; `way` (2,) is its vector, px of the
     photo.
     """
-    tail, frame_vector = sheet.at(start), sheet.way(way)
+    tail, frame_vector = sheet.to_frame(start), sheet.way(way)
     if np.hypot(*frame_vector) >= STYLE.least_length:
         straight_arrow(
             layer, tail, tail + frame_vector, sheet.pen, strength, has_impact=has_impact
@@ -408,7 +410,7 @@ def _contacts(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
 
     The area of a ring is proportional to the impulse.
     """
-    contacts, present = clip.seen.contacts, sheet.time + 1e-9
+    contacts, present = clip.motion.contacts, sheet.time + 1e-9
     starts, ends = contacts.touch_times[:, 0], contacts.touch_times[:, 1]
     is_touching = (starts <= present) & (ends >= sheet.time)
     poses = _poses(clip, sheet)
@@ -416,7 +418,7 @@ def _contacts(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
         points, gap = contact_points_between(clip.world, poses, first, second)
         # The contact list covers whole steps; check that the surfaces touch right now.
         if gap < STYLE.least_length:
-            for point in sheet.at(points):
+            for point in sheet.to_frame(points):
                 layer.area(circle(point, 1.5 * sheet.pen))
     for impact in clip.impacts:
         if not impact.time <= present < impact.time + clip.flash:
@@ -424,13 +426,13 @@ def _contacts(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
         radius = float(np.sqrt(clip.scales.ring * impact.impulse)) * sheet.unit
         if radius > STYLE.least_length:
             strength = _left(clip, sheet, impact.time)
-            ring(layer, sheet.at(impact.place), radius, sheet.pen, strength)
+            ring(layer, sheet.to_frame(impact.place), radius, sheet.pen, strength)
 
 
 def _names(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
     """Write each name at its object's centre, in letters that fit the object."""
     for body, pose in zip(clip.world.bodies, _poses(clip, sheet), strict=True):
-        x, y = sheet.at(pose[:2]).tolist()
+        x, y = sheet.to_frame(pose[:2]).tolist()
         scale = 2 * body.reach * sheet.zoom / text_width(body.name, sheet.letter)
         layer.words(
             body.name, (x, y), sheet.letter * min(max(scale, STYLE.letter_count), 1.0)
@@ -440,13 +442,13 @@ def _names(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
 def _joints(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
     """Draw the joints."""
     for chain in joint_lines(clip.world, _poses(clip, sheet), sheet.time):
-        layer.line(sheet.at(chain), sheet.pen)
+        layer.line(sheet.to_frame(chain), sheet.pen)
 
 
 def _fields(clip: OverlayClip, sheet: Sheet, layer: Layer) -> None:
     """Draw the fields."""
     for chain in field_lines(clip.world, _poses(clip, sheet), sheet.time):
-        layer.line(sheet.at(chain), sheet.pen)
+        layer.line(sheet.to_frame(chain), sheet.pen)
 
 
 DRAW: Mapping[Overlay, Callable[[OverlayClip, Sheet, Layer], None]] = {

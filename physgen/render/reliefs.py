@@ -145,10 +145,10 @@ def _build_edge_relief(light_part: F32, cross_part: F32) -> Relief:
     model = np.maximum(1 + light_part, 1 / MOST_RELIGHTING)
     unit_gain, zeros = np.ones_like(light_part), np.zeros_like(light_part)
     return Relief(
-        along=np.asarray(light_part / model, np.float32),
-        across=np.asarray(cross_part / model, np.float32),
-        fixed=np.asarray(unit_gain / model, np.float32),
-        even=np.asarray(zeros / model, np.float32),
+        plane_light=np.asarray(light_part / model, np.float32),
+        cross_light=np.asarray(cross_part / model, np.float32),
+        view_light=np.asarray(unit_gain / model, np.float32),
+        ambient_light=np.asarray(zeros / model, np.float32),
     )
 
 

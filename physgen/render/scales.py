@@ -143,6 +143,30 @@ def key_entries(world: World, scale: Scales, kinds: Collection[Overlay]) -> list
 
     Each has the largest round number in SI units with a sample that is not too long.
     """
+    entries = []
+    for kind, load, name, unit_size, unit, limit in _key_rows(world, scale, kinds):
+        if unit_size > 0:
+            value = largest_round(limit / unit_size)
+            text = f"{name} {value_text(value, unit)}"
+            entries.append(Entry(kind, load, text, value * unit_size))
+    if scale.ring > 0:
+        newton = 1000 * world.pixels_per_meter  # g·px/s²
+        area = scale.ring * newton
+        value = largest_round((0.55 * RING * max(world.size)) ** 2 / area)
+        radius = float(np.sqrt(value * scale.ring * newton))
+        text = f"impact {value_text(value, 'N·s')}"
+        entries.append(Entry(Overlay.CONTACTS, Load.IMPULSE, text, radius))
+    return entries
+
+
+_KeyRow = tuple[Overlay, Load | None, str, float, str, float]
+
+
+"""Kind, load, name, size of a unit, unit, and the largest sample of a scale."""
+
+
+def _key_rows(world: World, scale: Scales, kinds: Collection[Overlay]) -> list[_KeyRow]:
+    """Return the scales of arrows and arcs in SI units."""
     length_limit = SCALE.sample * max(world.size)
     # Scales hold per px, g and s. Convert them to metres, newtons and seconds for the
     # key.
@@ -154,25 +178,12 @@ def key_entries(world: World, scale: Scales, kinds: Collection[Overlay]) -> list
         force_kind, force_name = Overlay.FORCES, "force"
     velocity, force = scale.velocity * meter, scale.force * newton
     impulse, torque = scale.impulse * newton, scale.torque * newton * meter
-    rows: list[tuple[Overlay, Load | None, str, float, str, float]] = [
+    return [
         (Overlay.VELOCITY, None, "velocity", velocity, "m/s", length_limit),
         (force_kind, Load.FORCE, force_name, force, "N", length_limit),
         (Overlay.FORCES, Load.IMPULSE, "impulse", impulse, "N·s", length_limit),
         (Overlay.FORCES, Load.TORQUE, "torque", torque, "N·m", SWEEP),
     ]
-    entries = []
-    for kind, load, name, unit_size, unit, limit_of_row in rows:
-        if unit_size > 0:
-            value = largest_round(limit_of_row / unit_size)
-            text = f"{name} {value_text(value, unit)}"
-            entries.append(Entry(kind, load, text, value * unit_size))
-    if scale.ring > 0:
-        area = scale.ring * newton
-        value = largest_round((0.55 * RING * max(world.size)) ** 2 / area)
-        radius = float(np.sqrt(value * scale.ring * newton))
-        text = f"impact {value_text(value, 'N·s')}"
-        entries.append(Entry(Overlay.CONTACTS, Load.IMPULSE, text, radius))
-    return entries
 
 
 def largest_round(value: float) -> float:

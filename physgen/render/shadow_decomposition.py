@@ -117,18 +117,18 @@ class CastShadow:
     start: Silhouette
     step: int
     """Side of the grid cells for its shadow, px."""
-    whole: tuple[PixelBox, F32] | None
+    picture: tuple[PixelBox, F32] | None
     """The whole shadow at t = 0."""
-    own: tuple[PixelBox, F32]
-    """Part of `whole` in the photo beyond geometry, of either sign."""
+    residual: tuple[PixelBox, F32]
+    """Part of `picture` in the photo beyond geometry, of either sign."""
     sliding: tuple[tuple[int, int], F32] | None
     """Corner and picture of a shadow of constant shape, also beyond the photo's
     border.
     """
-    round: bool
+    is_round: bool
     """Whether rotation does not change the shadow."""
-    beyond: F32 | None = None
-    """Share (h, w) of `own` beyond the ends of the object's floor at t = 0; None
+    share_beyond: F32 | None = None
+    """Share (h, w) of `residual` beyond the ends of the object's floor at t = 0; None
     without any."""
     lean: float = 0.0
     """Additional displacement of a sliding shadow per px of its object: by a
@@ -154,14 +154,14 @@ class LitBackground:
     """1 + the index of the cast whose object most likely changes the pixel, (H, W); 0
     without one.
     """
-    lifted: bool = True
+    has_clean_plate: bool = True
     """Whether a backend has separated the photo's shadows from the background."""
 
-    def behind(self) -> F32:
+    def photo_background(self) -> F32:
         """Return the background at t = 0, (H, W, 3) linear."""
         return shaded_background(self.plate, self.total, self.tint)
 
-    def limited(self, darkness: F32, box: tuple[slice, slice]) -> F32:
+    def limit_darkness(self, darkness: F32, box: tuple[slice, slice]) -> F32:
         """Limit the sum `darkness` (h, w) of shadows, in place, between the photo's and
         one shade.
 
@@ -191,7 +191,7 @@ class LitBackground:
         """Return the maximum darkness (H, W) by one object."""
         return np.maximum(self.total, self.setting.shade)
 
-    def moved(
+    def move_shadow(
         self, k: int, silhouette: Silhouette | None, start: Pose, pose: Pose
     ) -> list[tuple[PixelBox, F32]]:
         """Return the shadows of object k at `pose`, as boxes with their darkness.
@@ -203,18 +203,18 @@ class LitBackground:
             return self._shift_constant_shadow(cast, cast.sliding, start, pose)
         if silhouette is None:
             return []
-        if not self.lifted:
+        if not self.has_clean_plate:
             return self._late_shadow(cast, silhouette, start, pose)
         turn = pose.angle - start.angle
         # Near its start, an object keeps the photo's shadow; farther away, it gets the
         # predicted one, together with the unexplained part of the photo's.
         strength, shift = self._valid_residual(cast, silhouette, turn)
         share = np.float32(0)
-        if cast.whole is not None:
+        if cast.picture is not None:
             share = _photo_share(cast, start, pose)
         shadows = []
-        if share > 0 and cast.whole is not None:
-            (x0, y0, _, _), picture = cast.whole
+        if share > 0 and cast.picture is not None:
+            (x0, y0, _, _), picture = cast.picture
             box, moved_picture = shifted_picture(
                 picture, (x0, y0), shift, self.setting.size
             )
@@ -272,7 +272,7 @@ class LitBackground:
         """
         if strength <= LEAST_STRENGTH:
             return None
-        (x0, y0, _, _), own_picture = cast.own
+        (x0, y0, _, _), own_picture = cast.residual
         size = self.setting.size
         box, moved_picture = shifted_picture(own_picture, (x0, y0), shift, size)
         if box is None:
@@ -290,9 +290,11 @@ class LitBackground:
             near_share = _near_share(self.setting, box, silhouette.floor)
             if self.setting.light.is_soft:
                 floor_shares *= near_share
-            if cast.beyond is not None:
+            if cast.share_beyond is not None:
                 # A shadow of the photo beyond the floor is on another ground.
-                _, shares_beyond = shifted_picture(cast.beyond, (x0, y0), shift, size)
+                _, shares_beyond = shifted_picture(
+                    cast.share_beyond, (x0, y0), shift, size
+                )
                 np.maximum(floor_shares, shares_beyond, out=floor_shares)
             moved_picture *= floor_shares
             if not self.setting.light.is_soft:
@@ -319,7 +321,7 @@ class LitBackground:
             silhouette.center[1] - start.center[1],
         )
         size = max(min(start.coverage.shape), 1)
-        strength = 1.0 if cast.round else _bell(turn / SHADOW.turn)
+        strength = 1.0 if cast.is_round else _bell(turn / SHADOW.turn)
         if self.setting.top or self._on_wall(start):
             return strength, (dx, dy)
         if start.floor is None or silhouette.floor is None:
@@ -348,7 +350,7 @@ def _photo_share(cast: CastShadow, start: Pose, pose: Pose) -> np.float32:
     """
     shape = cast.start.coverage.shape
     distance = np.hypot(pose.x - start.x, pose.y - start.y)
-    if not cast.round:
+    if not cast.is_round:
         distance += abs(pose.angle - start.angle) * max(shape) / 2
     share = _bell(distance / (SHADOW.parts * max(min(shape), 1)))
     if share >= SHADOW.full_share:
@@ -536,7 +538,9 @@ def _keep_old_shadows(
     darkness = np.zeros(light.shape[:2], np.float32)
     no_owner = np.zeros(darkness.shape, np.int32)
     tint = np.ones(3, np.float32)
-    return LitBackground(setting, light, tint, darkness, casts, no_owner, lifted=False)
+    return LitBackground(
+        setting, light, tint, darkness, casts, no_owner, has_clean_plate=False
+    )
 
 
 def _square(reach: int) -> U8:
@@ -600,8 +604,8 @@ def _sum_of_shadows(casts: Sequence[CastShadow], shape: tuple[int, ...]) -> F32:
     """Return the sum (H, W) of whole shadows at t = 0."""
     total = np.zeros(shape, np.float32)
     for cast in casts:
-        if cast.whole is not None:
-            _add(total, *cast.whole)
+        if cast.picture is not None:
+            _add(total, *cast.picture)
     return total
 
 

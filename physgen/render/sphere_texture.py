@@ -113,7 +113,7 @@ def continue_skin(skin: F32, center: Sequence[float], radius: float) -> list[F32
     projection is that of `atlas.equal_area`.
     """
     level = np.log(np.maximum(skin, 0) + np.float32(TEXTURE.least_light))
-    source = _Source.of(level, np.asarray(center, np.float64), radius)
+    source = _Source.separate(level, np.asarray(center, np.float64), radius)
     rows, columns = np.indices(skin.shape[:2])
     u = (columns - center[0]) / radius
     v = (rows - center[1]) / radius
@@ -145,7 +145,7 @@ class _Source:
     radius: float
 
     @staticmethod
-    def of(level: F32, center: Array, radius: float) -> _Source:
+    def separate(level: F32, center: Array, radius: float) -> _Source:
         """Separate log light (h, w, 3) into base and detail."""
         rows, columns = np.indices(level.shape[:2])
         distance = np.hypot(columns - center[0], rows - center[1]) / radius

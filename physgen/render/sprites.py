@@ -130,25 +130,27 @@ class Relief:
     linear.
     """
 
-    along: F32
+    plane_light: F32
     """Intensity x (n . l) in the picture's plane over the photo's shading, (h, w)."""
-    across: F32
+    cross_light: F32
     """The same with the light turned by a quarter from +x to +y, (h, w)."""
-    fixed: F32
+    view_light: F32
     """The same along the view, which no rotation changes, (h, w)."""
-    even: F32
+    ambient_light: F32
     """Ambient light over the photo's shading, (h, w)."""
 
     def ratio(self, turn: float) -> F32:
         """Return the factor (h, w) of light after a rotation by `turn` rad."""
         facing: F32 = np.asarray(
-            cv2.addWeighted(self.along, cos(turn), self.across, -sin(turn), 0.0),
+            cv2.addWeighted(
+                self.plane_light, cos(turn), self.cross_light, -sin(turn), 0.0
+            ),
             np.float32,
         )
         # In place, as this takes a large part of the time of a frame.
-        facing += self.fixed
+        facing += self.view_light
         np.maximum(facing, 0, out=facing)
-        facing += self.even
+        facing += self.ambient_light
         np.clip(facing, 1 / MOST_RELIGHTING, MOST_RELIGHTING, out=facing)
         return facing
 
@@ -178,15 +180,15 @@ def relief_of(normals: F32, object_mask: Mask, light: DistantLight) -> Relief | 
     shade = np.maximum(lambert(light, continued_normals), np.float32(0.05))
     x, y, z = (np.float32(light.intensity * part) / shade for part in light.direction)
     relief = Relief(
-        along=np.asarray(
+        plane_light=np.asarray(
             continued_normals[..., 0] * x + continued_normals[..., 1] * y, np.float32
         ),
         # A quarter turn takes (x, y) to (-y, x).
-        across=np.asarray(
+        cross_light=np.asarray(
             continued_normals[..., 1] * x - continued_normals[..., 0] * y, np.float32
         ),
-        fixed=np.asarray(continued_normals[..., 2] * z, np.float32),
-        even=np.asarray(np.float32(light.ambient) / shade, np.float32),
+        view_light=np.asarray(continued_normals[..., 2] * z, np.float32),
+        ambient_light=np.asarray(np.float32(light.ambient) / shade, np.float32),
     )
     changes = []
     for turn in TURNS:
@@ -242,7 +244,7 @@ class Sides:
         share = min(abs(turn) / CUT.leans, 1.0)
         return share if share * self.depth >= 0.5 else 0.0
 
-    def kept(
+    def remaining_share(
         self, matrix: NDArray[np.float64], shape: tuple[int, int], turn: float
     ) -> F32:
         """Return the remaining share of the top, (h, w) of a picture of this `shape`.
@@ -257,7 +259,7 @@ class Sides:
         top_share = np.clip(matrix_x * -x + first[:, None], 0, 1)
         return np.asarray(1 - np.float32(self.share(turn)) * top_share, np.float32)
 
-    def drawn(self, coverage: F32, turn: float) -> tuple[F32, F32]:
+    def draw(self, coverage: F32, turn: float) -> tuple[F32, F32]:
         """Draw the sides of a front with `coverage` (h, w), after a rotation by `turn`
         rad.
 
@@ -279,12 +281,12 @@ class Sides:
         shade = np.where(is_left_side, left, right) / max(top, 1e-3)
         return sides, np.maximum(shade, CUT.side_light).astype(np.float32)
 
-    def painted(
+    def paint(
         self, side: F32, shade: F32, matrix: NDArray[np.float64], turn: float
     ) -> tuple[F32, F32]:
         """Return the coverage (h, w) and the colours (h, w, 3) of drawn sides.
 
-        `side` and `shade` are those of `drawn`; `matrix` (2, 3) leads from the picture
+        `side` and `shade` are those of `draw`; `matrix` (2, 3) leads from the picture
         to the sprite.
         """
         colours = np.empty((*side.shape, 3), np.float32)
@@ -330,7 +332,7 @@ class Gloss:
     center: tuple[float, float]
     """Centre of rotation, px of the sprite."""
 
-    def drawn(self, matrix: NDArray[np.float64], size: tuple[int, int]) -> F32:
+    def draw(self, matrix: NDArray[np.float64], size: tuple[int, int]) -> F32:
         """Return the light (h, w, 3) on a picture of `size` (w, h).
 
         `matrix` (2, 3) leads from the picture to the sprite.
@@ -445,12 +447,12 @@ class Sprite:
         return np.asarray(reach, np.float32)
 
     @cached_property
-    def beside(self) -> NDArray[np.int32]:
+    def neighbours(self) -> NDArray[np.int32]:
         """Return the numbers (n,) in `hider`; 0 without any."""
         return np.zeros(1, np.int32) if self.hider is None else np.unique(self.hider)
 
     @cached_property
-    def fine(self) -> F32:
+    def half_pixels(self) -> F32:
         """Return light and coverage at every half pixel, (2h - 1, 2w - 1, 4), for
         warps.
 
@@ -461,7 +463,7 @@ class Sprite:
         return double_resolution(np.dstack([self.turning_light, self.coverage]))
 
     @cached_property
-    def within(self) -> tuple[int, int, int, int]:
+    def covered_box(self) -> tuple[int, int, int, int]:
         """Return x0, y0, x1, y1 px of the covered part of its box."""
         is_covered = self.coverage > 0
         rows = np.flatnonzero(is_covered.any(axis=1))
@@ -472,7 +474,7 @@ class Sprite:
 
     @cached_property
     def fine_coverage(self) -> F32:
-        """Return the coverage of `fine` alone, (2h - 1, 2w - 1)."""
+        """Return the coverage of `half_pixels` alone, (2h - 1, 2w - 1)."""
         return double_resolution(self.coverage)
 
 
@@ -492,7 +494,7 @@ def cut_sprites(
     their layers in turn: an object of a larger layer is in front. `rgb`, `background`
     (H, W, 3) sRGB; `labels` (H, W): id k + 1 is body k; `absent` (H, W): objects of the
     photo that the scene leaves out, and that vanish; `coverage` (H, W) of all objects,
-    also of absent ones. The sprites are not `anchored` yet. Borders that are dark in
+    also of absent ones. The sprites are not `anchor_sprites` yet. Borders that are dark in
     narrow gaps get the light from the direction `light_direction` that they would have without
     the gap.
     """
@@ -509,15 +511,15 @@ def cut_sprites(
     is_object = (labels > 0) | absent
     cutter = _Cutter(
         photo=decode(rgb),
-        behind=decode(background),
+        background=decode(background),
         labels=labels,
         absent=absent,
         coverage=coverage,
         soft_total=_blur_mask(is_object, CUT.blur),
         crisp_total=_blur_mask(is_object, CUT.touch_width),
-        dim=_dim_gaps(is_object),
+        gaps=_dim_gaps(is_object),
         shapes=shapes,
-        toward=light_direction,
+        light_direction=light_direction,
     )
     sprites = []
     for k in _hiding_last(order, hidden_parts):
@@ -542,7 +544,7 @@ class _Cutter:
 
     photo: F32
     """Linear light, (H, W, 3)."""
-    behind: F32
+    background: F32
     """Background, (H, W, 3) linear."""
     labels: U16
     absent: Mask
@@ -551,10 +553,10 @@ class _Cutter:
     """Blur of all masks by `CUT.blur`."""
     crisp_total: F32
     """Blur of all masks by `CUT.touch_width`."""
-    dim: Mask
+    gaps: Mask
     """Gaps too narrow for light, and borders beside them."""
     shapes: Sequence[Outline]
-    toward: tuple[float, float, float]
+    light_direction: tuple[float, float, float]
 
     def cut(
         self, k: int, bounds_px: PixelBox, hidden_part: _HiddenPart | None
@@ -573,7 +575,9 @@ class _Cutter:
         # leaves.
         touching_numbers = _nearest(others, no_pixels, CUT.gap)
         gain = self._border_gain(mask, touching_numbers > 0, box, is_disc)
-        light = _foreground(photo, self.behind[box], mask, alpha, share, gain, is_disc)
+        light = _foreground(
+            photo, self.background[box], mask, alpha, share, gain, is_disc
+        )
         has_neighbour = bool((dilate(is_other, CUT.clean_depth) & mask).any())
         # A neighbour hides a part or spoils the border; reconstruct the light there.
         if hidden_part is not None or has_neighbour:
@@ -627,7 +631,7 @@ class _Cutter:
         """
         # Holes of the object itself do not count, and its other borders must be
         # brighter.
-        gaps = self.dim[box] & dilate(is_touched, CUT.clean_depth + 1)
+        gaps = self.gaps[box] & dilate(is_touched, CUT.clean_depth + 1)
         rim = mask & ~gaps & dilate(~mask, CUT.clean_depth)
         photo = self.photo[box]
         # For a ball, light and shade are separated later.
@@ -635,7 +639,7 @@ class _Cutter:
             not is_disc and rim.any() and photo[rim].mean() > photo[mask].mean() / 2
         )
         slope_y, slope_x = np.gradient(_blur_mask(mask, CUT.clean_depth))
-        slope = self.toward[0] * slope_x + self.toward[1] * slope_y
+        slope = self.light_direction[0] * slope_x + self.light_direction[1] * slope_y
         light_cosine = -slope / np.maximum(np.hypot(slope_x, slope_y), 1e-6)
         gain = np.where(gaps & is_lit, np.maximum(light_cosine, 0), 0)
         return gain.astype(np.float32)
@@ -653,7 +657,7 @@ class _HiddenPart:
     """Coverage, (h, w)."""
     hole: Mask
     """Hidden pixels, (h, w)."""
-    by: Mask
+    others: Mask
     """Pixels of other objects, (h, w)."""
 
 
@@ -818,7 +822,7 @@ def _complete_hidden_part(
     The coverage is at most that of all objects, `total_coverage` (h, w). Shading is continued
     smoothly, texture is mirrored.
     """
-    is_reliable = mask & ~dilate(part.by, CUT.clean_depth + 1) & (gain < CUT.faces)
+    is_reliable = mask & ~dilate(part.others, CUT.clean_depth + 1) & (gain < CUT.faces)
     if np.count_nonzero(is_reliable) < CUT.free_share * np.count_nonzero(mask):
         is_reliable = mask
     level = np.log(photo + np.float32(CUT.least_light))
@@ -834,13 +838,13 @@ def _complete_hidden_part(
     edge = np.clip(2 * _blur_mask(object_mask) - 0.5, 0, 1)
     full_cover = np.maximum(alpha, np.minimum(edge, total_coverage))
     cover = np.where(zone, full_cover, alpha).astype(np.float32)
-    is_new = zone | (mask & dilate(part.by, CUT.clean_depth))
+    is_new = zone | (mask & dilate(part.others, CUT.clean_depth))
     if not is_disc:
         # The gap between two objects darkens more of their borders in places. Stripes
         # of a ball may end at its border: they are no shade.
         darkness = (filled_level - level).mean(axis=2)
         is_new |= (
-            mask & dilate(part.by, CUT.clean_depth + 1) & (darkness > CUT.gap_shade)
+            mask & dilate(part.others, CUT.clean_depth + 1) & (darkness > CUT.gap_shade)
         )
     is_new &= ~is_reliable
     result = np.where(is_new[..., None], filling * cover[..., None], light)
@@ -898,7 +902,7 @@ def _rims(level: F32, filling: F32, reliable: Mask, object_mask: Mask) -> F32:
     return rims
 
 
-def anchored(
+def anchor_sprites(
     sprites: Sequence[Sprite],
     photo: F32,
     background: F32,
@@ -915,7 +919,7 @@ def anchored(
     """
     reach = CUT.halo if reach is None else reach
     height, width = background.shape[:2]
-    boxes = [_SpriteBox.of(sprite) for sprite in sprites]
+    boxes = [_SpriteBox.from_sprite(sprite) for sprite in sprites]
     # Draw all sprites over the background as in the first frame. The difference to the
     # photo is the rest, which the transmission of the sprites above divides.
     composite, top, last = _compose(sprites, boxes, background)
@@ -956,7 +960,7 @@ class _SpriteBox:
     """Rows and columns of the photo."""
 
     @classmethod
-    def of(cls, sprite: Sprite) -> _SpriteBox:
+    def from_sprite(cls, sprite: Sprite) -> _SpriteBox:
         """Return the box of a sprite."""
         height, width = sprite.coverage.shape
         x0, y0 = sprite.corner

@@ -57,7 +57,7 @@ class Squash:
     share: float
     """Of the size along the normal, that is missing."""
 
-    def scaled(self, scale: float) -> Squash:
+    def scale_to(self, scale: float) -> Squash:
         """Return the same on a canvas with `scale` pixels a photo pixel."""
         if scale == 1.0:
             return self
@@ -83,29 +83,40 @@ def find_squashes(
     """Return the flat bodies of a clip; `trajectory` has one sample a frame."""
     softness = [_softness(label) for label in labels]
     frames: dict[int, dict[int, Squash]] = {}
-    contacts, times = trajectory.contacts, trajectory.times
+    contacts = trajectory.contacts
     starts = _touch_starts(trajectory)
     rows = zip(contacts.impulse_rows.tolist(), contacts.impulses, strict=True)
     for (sample, *pair), impulse in rows:
         if (sample, *pair) not in starts:
             continue
-        for side, sign in ((0, 1.0), (1, -1.0)):
-            k = pair[side]
+        for k, sign in zip(pair, (1.0, -1.0), strict=True):
             if k >= len(world.bodies) or world.bodies[k].motion is not Motion.DYNAMIC:
                 continue
-            gravity = hypot(*world.gravity) * float(times[sample] - times[sample - 1])
-            change = hypot(*impulse) / world.bodies[k].mass - gravity
-            share = _share(world, world.bodies[k], change, softness[k])
+            share = _impact_share(world, trajectory, k, sample, impulse, softness[k])
             if share < SQUASH.least_share:
                 continue
             normal = sign * impulse / hypot(*impulse)
-            for frame, squash in _of_frames(
-                world, trajectory, k, sample, normal, share
-            ):
+            shapes = _of_frames(world, trajectory, k, sample, normal, share)
+            for frame, squash in shapes:
                 known = frames.setdefault(frame, {}).get(k)
                 if known is None or known.share < squash.share:
                     frames[frame][k] = squash
-    return Squashes(times, frames)
+    return Squashes(trajectory.times, frames)
+
+
+def _impact_share(
+    world: World,
+    trajectory: Trajectory,
+    k: int,
+    sample: int,
+    impulse: F64,
+    softness: float,
+) -> float:
+    """Return the missing share of body k's size after an impulse (2,) in a frame."""
+    times = trajectory.times
+    gravity = hypot(*world.gravity) * float(times[sample] - times[sample - 1])
+    change = hypot(*impulse) / world.bodies[k].mass - gravity
+    return _share(world, world.bodies[k], change, softness)
 
 
 def _touch_starts(trajectory: Trajectory) -> set[tuple[int, int, int]]:

@@ -43,7 +43,7 @@ class Placement:
 
     box: Slices
     """Rows and columns of the canvas."""
-    own: Slices | None = None
+    photo_box: Slices | None = None
     """At rest: rows and columns of the sprite, with the photo's pixels."""
     matrix: F64 | None = None
     """In motion: matrix (2, 3) from a pixel of the box to a pixel of the sprite."""
@@ -130,7 +130,7 @@ def _place_ball(
         space = np.eye(3)
         space[:2, :2] = rotation(pose.angle - start.angle)
     dx, dy = pose.x - start.x, pose.y - start.y
-    lx, ly, hx, hy = sprite.within
+    lx, ly, hx, hy = sprite.covered_box
     x, y = sprite.corner[0] + dx, sprite.corner[1] + dy
     box = _clip_box_to_canvas(x + lx - 1, y + ly - 1, x + hx, y + hy, size)
     if box is None:
@@ -162,14 +162,14 @@ def draw_sprite(
     In motion, each pixel is the mean of `samples` x `samples` samples. Moved balls are drawn
     by `BallSprites`.
     """
-    if placement.own is not None:
-        return sprite.light[placement.own], sprite.coverage[placement.own]
+    if placement.photo_box is not None:
+        return sprite.light[placement.photo_box], sprite.coverage[placement.photo_box]
     assert placement.matrix is not None
     size = _box_size(placement.box)
     fine_size = (size[0] * samples, size[1] * samples)
     matrix = _finer(placement.matrix, samples)
     # `Sprite.fine` has two samples a pixel.
-    warped_sprite = _warp_picture(sprite.fine, 2 * matrix, fine_size)
+    warped_sprite = _warp_picture(sprite.half_pixels, 2 * matrix, fine_size)
     # The conversion keeps the first three channels.
     light = np.asarray(cv2.cvtColor(warped_sprite, cv2.COLOR_BGRA2BGR), np.float32)
     coverage = np.asarray(cv2.extractChannel(warped_sprite, 3), np.float32)
@@ -178,11 +178,13 @@ def draw_sprite(
         ratio = _warp_picture(ratio, matrix, fine_size, cv2.BORDER_REPLICATE)
         light *= three_channels(ratio)
     if sprite.gloss is not None:
-        light += sprite.gloss.drawn(matrix, fine_size)
+        light += sprite.gloss.draw(matrix, fine_size)
     for wheel, turn in zip(sprite.wheels, placement.wheel_turns, strict=False):
         wheel.draw(light, coverage, matrix, turn)
     if sprite.sides is not None and sprite.sides.share(placement.turn) > 0:
-        visible_share = sprite.sides.kept(matrix, coverage.shape, placement.turn)
+        visible_share = sprite.sides.remaining_share(
+            matrix, coverage.shape, placement.turn
+        )
         light, coverage = (
             light * three_channels(visible_share),
             coverage * visible_share,
@@ -220,11 +222,11 @@ def draw_border(
     """
     if sprite.rest is None:
         return None
-    own_shares = shares[sprite.beside]
+    own_shares = shares[sprite.neighbours]
     if not own_shares.any():
         return None
     is_repainted = sprite.ball is not None and sprite.ball.pattern is not None
-    if placement.own is None and is_repainted:
+    if placement.photo_box is None and is_repainted:
         return None  # its rest contains mixtures of the photo's pixels
     rest = sprite.rest
     # Fade the border towards each neighbour by itself.
@@ -233,8 +235,8 @@ def draw_border(
             rest = rest * shares[0]
         else:
             rest = rest * three_channels(shares[sprite.hider])
-    if placement.own is not None:
-        return placement.box, rest[placement.own]
+    if placement.photo_box is not None:
+        return placement.box, rest[placement.photo_box]
     assert placement.matrix is not None
     return placement.box, _warp_picture(
         rest, placement.matrix, _box_size(placement.box)
@@ -302,7 +304,7 @@ def draw_halo(
     within as many px of motion as it is wide; soft shade farther out fades later.
     """
     own_share = shares[sprite.body + 1]
-    if sprite.halo is None or stand.where is None or own_share < FAINT:
+    if sprite.halo is None or stand.placement is None or own_share < FAINT:
         return None
     (x, y), picture, neighbours = sprite.halo
     height, width = picture.shape[:2]
@@ -324,7 +326,7 @@ def draw_foot_halo(
     """Draw the part of a halo that moves with its object on a canvas of `size` (W, H):
     a box, a factor and added light (h, w, 3); None without any.
     """
-    if sprite.foot_halo is None or stand.where is None:
+    if sprite.foot_halo is None or stand.placement is None:
         return None
     turn = stand.pose.angle - stand.start.angle
     if sprite.ball is not None:
@@ -334,8 +336,8 @@ def draw_foot_halo(
 
 def sprite_coverage(sprite: Sprite, placement: Placement) -> F32:
     """Return (h, w) the coverage of `draw_sprite` alone."""
-    if placement.own is not None:
-        return sprite.coverage[placement.own]
+    if placement.photo_box is not None:
+        return sprite.coverage[placement.photo_box]
     assert placement.matrix is not None
     return _warp_picture(
         sprite.fine_coverage, 2 * placement.matrix, _box_size(placement.box)
@@ -388,7 +390,7 @@ class Layers:
 
     plate: F32
     """Background in full light, (H, W, 3)."""
-    shaded: F32
+    shaded_plate: F32
     """Background with shadows, (H, W, 3)."""
     sprites: Sequence[SpriteLayer]
     """Sprites, the farthest first."""
@@ -418,7 +420,7 @@ class Frame:
     """Time, s."""
     rgb: U8
     """Picture, (H, W, 3) sRGB."""
-    named: Callable[[], U16] = field(repr=False, compare=False)
+    draw_ids: Callable[[], U16] = field(repr=False, compare=False)
     """Computes `ids`, which few callers need."""
     covering: Callable[[], Sequence[Cover]] = field(
         default=tuple, repr=False, compare=False
@@ -436,7 +438,7 @@ class Frame:
     @cached_property
     def ids(self) -> U16:
         """Return the ids (H, W): k + 1 for body k, 0 for the background."""
-        return self.named()
+        return self.draw_ids()
 
     @cached_property
     def covers(self) -> Sequence[Cover]:
@@ -453,9 +455,9 @@ class ShadowBody:
 
     radius: float | None
     """Radius of a sphere, px."""
-    thick: float
+    thickness: float
     """Thickness, px."""
-    veiled: float = 1.0
+    veil_share: float = 1.0
     """Visible share of the shadows of others on it, 0..1."""
 
 
@@ -469,7 +471,7 @@ class Mirror:
     """For each sprite the row of its foot in the photo, and its floor's end columns;
     None without a floor.
     """
-    rough: float = 2.0
+    blur_width: float = 2.0
     """Standard deviation of the blur of reflections, px."""
 
 
@@ -482,10 +484,10 @@ class Stage:
 
     background: U8
     sprites: Sequence[Sprite]
-    lit: LitBackground | None = None
+    lit_background: LitBackground | None = None
     """With moving shadows: the decomposed background, with a cast for each sprite."""
     actors: Sequence[ShadowBody] = ()
-    """One per sprite, with `lit`."""
+    """One per sprite, with `lit_background`."""
     grounds: Sequence[F64] = ()
     """Side view: floors under shadows, as returned by `staging.floors`."""
     veils: Sequence[F32 | None] | None = None
@@ -528,7 +530,7 @@ class SpritePose:
     """Index of the stage's sprite."""
     start: Pose
     pose: Pose
-    where: Placement | None
+    placement: Placement | None
     """Place on the canvas; None outside the picture."""
     space: F64 | None = None
     """Rotation of a ball so far, (3, 3); None if there is none, or if only the angle is

@@ -36,7 +36,7 @@ from physgen.render.shadow_decomposition import LitBackground, decompose_shadows
 from physgen.render.soft_rims import continue_soft_rims
 from physgen.render.sprites import (
     Sprite,
-    anchored,
+    anchor_sprites,
 )
 from physgen.render.stage import ShadowBody, Stage
 from physgen.render.vehicle_wheels import add_photo_wheels
@@ -117,7 +117,7 @@ class _Plates:
 
     @property
     def halo_reach(self) -> float | None:
-        """Return the reach of halos for `anchored`: mirror images stay in them."""
+        """Return the reach of halos for `anchor_sprites`: mirror images stay in them."""
         return 1.0 if self.has_mirror_images else None
 
 
@@ -175,7 +175,7 @@ def _stage_without_shadows(
 ) -> Stage:
     """Create a stage whose shadows stay in the background."""
     photo = decode(source.maps.rgb)
-    sprites = anchored(sprites, photo, decode(background), source.absent)
+    sprites = anchor_sprites(sprites, photo, decode(background), source.absent)
     return Stage(background, sprites)
 
 
@@ -260,13 +260,13 @@ def _stage_with_shadows(
         # Remove the shadows of left-out objects from the photo, too.
         shadows = np.where(source.coverage < 0.5, ghost_shadows, 0)
         photo = photo * np.exp(shadows)[..., None].astype(np.float32)
-    behind = lit_background.behind()
+    behind = lit_background.photo_background()
     mirror = None
     if not setting.top:
         mirror = floor_mirror(
             sprites, starts, photo - behind, source.coverage, setting.tilt
         )
-    sprites = anchored(
+    sprites = anchor_sprites(
         sprites,
         photo,
         behind,

@@ -44,7 +44,7 @@ class Form:
     """mm: radius of its tip, which is round."""
     grows: float
     """mm of radius for each mm of its length."""
-    most: float
+    largest_radius: float
     """mm: its largest radius."""
     lift: float
     """degrees by which it comes from above, in a view from the side."""
@@ -217,7 +217,9 @@ def _way(stage: Stage, world: World, k: int, form: Form, pose: F64) -> _Way:
     scale = radius / form.tip
     middle = pose[:2] + arm
     height, width = stage.background.shape[:2]
-    distance = _exit(middle, axis, (width, height)) + 2 * form.most * scale + MARGIN
+    distance = (
+        _exit(middle, axis, (width, height)) + 2 * form.largest_radius * scale + MARGIN
+    )
     arm = rotation(-float(pose[2])) @ arm
     return _Way(k, arm, axis, distance, scale)
 
@@ -325,7 +327,7 @@ def _with_sprites(
         starts = [Pose(*pose) for pose in fine_motion.poses[0].tolist()]
     actors, casts = (
         list(stage.actors),
-        [] if stage.lit is None else list(stage.lit.casts),
+        [] if stage.lit_background is None else list(stage.lit_background.casts),
     )
     for number, (way, track) in enumerate(zip(ways, tracks, strict=True)):
         start = track[0]
@@ -350,7 +352,9 @@ def _with_sprites(
         sprites=sprites,
         starts=starts,
         actors=actors if stage.actors else (),
-        lit=None if stage.lit is None else replace(stage.lit, casts=casts),
+        lit_background=None
+        if stage.lit_background is None
+        else replace(stage.lit_background, casts=casts),
         veils=None if stage.veils is None else [*stage.veils, *more],
         mirror=mirror,
     )
@@ -360,7 +364,7 @@ def _draw_striker(
     stage: Stage, form: Form, way: _Way, body: int, start: F64, reach: float
 ) -> Sprite:
     """Return the sprite of a striker whose tip is at `start`, long enough for a way of `reach` px."""
-    side = ceil(form.most * way.scale) + 2 * MARGIN
+    side = ceil(form.largest_radius * way.scale) + 2 * MARGIN
     end = way.axis * (reach + 2 * side)
     low = np.floor(np.minimum(start, start + end)).astype(int) - side
     high = np.ceil(np.maximum(start, start + end)).astype(int) + side
@@ -385,7 +389,7 @@ def _draw_striker(
 
 def _radius(form: Form, distance: F64) -> F64:
     """Return (h, w) mm of the radius, by the mm from the tip (h, w)."""
-    radius = np.clip(form.tip + form.grows * distance, form.tip, form.most)
+    radius = np.clip(form.tip + form.grows * distance, form.tip, form.largest_radius)
     for joint in form.joints:
         shape = np.exp(-(((distance - joint) / STRIKER.bulge_width) ** 2) / 2)
         radius = radius * (1 + STRIKER.bulge * shape)
@@ -419,8 +423,8 @@ def _shading(stage: Stage, axis: F64, offset: F64, tip: F64, gloss: float) -> F6
     toward = np.sqrt(np.clip(1 - offset**2 - tip**2, 0, 1))
     direction = np.array([0.0, -0.5, 0.86])
     ambient, intensity = 0.4, 0.6
-    if stage.lit is not None:
-        light = stage.lit.setting.light
+    if stage.lit_background is not None:
+        light = stage.lit_background.setting.light
         direction = np.array(light.direction)
         total = light.ambient + light.intensity
         ambient, intensity = light.ambient / total, light.intensity / total

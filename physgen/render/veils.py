@@ -47,7 +47,7 @@ def measure_veils(
     veiled_actors = []
     for k, actor in enumerate(actors):
         share = shares.get(k, typical)
-        veiled_actors.append(replace(actor, veiled=share))
+        veiled_actors.append(replace(actor, veil_share=share))
         veil: F32 | None = None
         if k in predictions and share != 0:
             veil = np.asarray(share * predictions[k], np.float32)

@@ -154,33 +154,40 @@ def wheel_from_photo(
 
     `light` (h, w, 3) is linear and multiplied by `coverage` (h, w).
     """
-    x0, y0 = floor(center[0] - radius) - 2, floor(center[1] - radius) - 2
-    x1, y1 = ceil(center[0] + radius) + 3, ceil(center[1] + radius) + 3
-    x0, y0 = max(x0, 0), max(y0, 0)
-    x1, y1 = min(x1, coverage.shape[1]), min(y1, coverage.shape[0])
+    x0, y0, x1, y1 = _wheel_box(center, radius, coverage.shape)
     if x1 - x0 < 3 or y1 - y0 < 3:
         return None
     alpha = coverage[y0:y1, x0:x1]
     # Divide by the coverage, but not by nearly nothing at the edge of the sprite.
     opaque_light = light[y0:y1, x0:x1] / np.maximum(alpha, 0.05)[..., None]
     colour = np.asarray(opaque_light, np.float32)
-    axle = (center[0] - x0, center[1] - y0)
-    part = _turning_part(colour, alpha, axle, radius)
-    center, radius = (part.x + x0, part.y + y0), part.radius
+    part = _turning_part(colour, alpha, (center[0] - x0, center[1] - y0), radius)
     # In polar coordinates, paint that turns with the wheel stays on its ring, which
     # separates it from the body and the shading.
-    rings = _Rings.of(colour, alpha, part)
+    rings = _Rings.sample(colour, alpha, part)
     rings = rings.without_body().without_shading()
     distances, place = _polar_places(alpha.shape, part, rings.paint.shape)
-    paint = _from_rings(rings.paint, place)
-    shading = _from_rings(rings.shading, place)
+    disc = np.clip(part.radius - distances, 0, 1)
     body = _from_rings(rings.body.astype(np.float32), place)
-    disc = np.clip(radius - distances, 0, 1)
-    cover = (disc * (1 - np.clip(body, 0, 1))).astype(np.float32)
-    corner = (x0, y0)
     return WheelSprite(
-        number, center, radius, corner, paint, shading, cover, part.aspect
+        number,
+        (part.x + x0, part.y + y0),
+        part.radius,
+        (x0, y0),
+        _from_rings(rings.paint, place),
+        _from_rings(rings.shading, place),
+        (disc * (1 - np.clip(body, 0, 1))).astype(np.float32),
+        part.aspect,
     )
+
+
+def _wheel_box(
+    center: tuple[float, float], radius: float, shape: tuple[int, ...]
+) -> tuple[int, int, int, int]:
+    """Return x0, y0, x1, y1 px of a wheel with a margin, within a picture's shape."""
+    x0, y0 = floor(center[0] - radius) - 2, floor(center[1] - radius) - 2
+    x1, y1 = ceil(center[0] + radius) + 3, ceil(center[1] + radius) + 3
+    return max(x0, 0), max(y0, 0), min(x1, shape[1]), min(y1, shape[0])
 
 
 @dataclass(frozen=True)
@@ -222,28 +229,22 @@ def _turning_part(
 
 
 def _best_rim(codes: F32, first: _Ellipse, reach: float) -> _Ellipse:
-    """Return the ellipse near a circle with the most contrast at its edge."""
+    """Return the ellipse near a circle with the most contrast at its edge.
+
+    The rim is an edge of brightness: search the ellipse whose normal gradient is
+    largest on average.
+    """
     blurred_codes = cv2.GaussianBlur(codes, (0, 0), 1.0)
-    # The rim is an edge of brightness: search the ellipse whose normal gradient is
-    # largest on average.
-    gx = cv2.Sobel(blurred_codes, cv2.CV_32F, 1, 0)
-    gy = cv2.Sobel(blurred_codes, cv2.CV_32F, 0, 1)
+    gx = np.asarray(cv2.Sobel(blurred_codes, cv2.CV_32F, 1, 0), np.float32)
+    gy = np.asarray(cv2.Sobel(blurred_codes, cv2.CV_32F, 0, 1), np.float32)
     steps = np.arange(-ceil(reach), ceil(reach) + 1)
     shift_y, shift_x = np.meshgrid(steps, steps, indexing="ij")
-    turn = 2 * pi * np.arange(64) / 64
     best, best_contrast = first, 0.0
     for scale in WHEEL.finer:
         for aspect in WHEEL.rim_shapes:
             height = scale * first.radius
-            x = first.x + shift_x[..., None] + aspect * height * np.cos(turn)
-            y = first.y + shift_y[..., None] + height * np.sin(turn)
-            columns = np.clip(np.rint(x).astype(int), 0, codes.shape[1] - 1)
-            rows = np.clip(np.rint(y).astype(int), 0, codes.shape[0] - 1)
-            # Sum with signs, so that random edges cancel each other along the rim.
-            radial_gradients = gx[rows, columns] * np.cos(turn) + gy[
-                rows, columns
-            ] * np.sin(turn)
-            contrast = np.abs(np.mean(radial_gradients, axis=2))
+            rim = _Ellipse(first.x, first.y, height, aspect)
+            contrast = _rim_contrast(gx, gy, rim, shift_x, shift_y)
             row, column = np.unravel_index(int(contrast.argmax()), contrast.shape)
             if contrast[row, column] > best_contrast:
                 best_contrast = float(contrast[row, column])
@@ -251,6 +252,28 @@ def _best_rim(codes: F32, first: _Ellipse, reach: float) -> _Ellipse:
                 middle_y = float(first.y + shift_y[row, column])
                 best = _Ellipse(middle_x, middle_y, height, aspect)
     return best
+
+
+def _rim_contrast(
+    gx: F32,
+    gy: F32,
+    rim: _Ellipse,
+    shift_x: NDArray[np.int64],
+    shift_y: NDArray[np.int64],
+) -> NDArray[np.floating]:
+    """Return the contrast (h, w) at the edge of an ellipse after shifts (h, w), px.
+
+    `gx` and `gy` (H, W) are the gradients of brightness.
+    """
+    turn = 2 * pi * np.arange(64) / 64
+    x = rim.x + shift_x[..., None] + rim.aspect * rim.radius * np.cos(turn)
+    y = rim.y + shift_y[..., None] + rim.radius * np.sin(turn)
+    columns = np.clip(np.rint(x).astype(int), 0, gx.shape[1] - 1)
+    rows = np.clip(np.rint(y).astype(int), 0, gx.shape[0] - 1)
+    radial_x = gx[rows, columns] * np.cos(turn)
+    radial_y = gy[rows, columns] * np.sin(turn)
+    # Sum with signs, so that random edges cancel each other along the rim.
+    return np.asarray(np.abs(np.mean(radial_x + radial_y, axis=2)))
 
 
 def drawn_wheel(
@@ -277,7 +300,7 @@ class _Rings:
 
     paint: F32
     """Linear light, (R, A, 3)."""
-    known: Mask
+    object_mask: Mask
     """Mask (R, A) of pixels of the object in the photo."""
     body: Mask
     """Mask (R, A) of pixels of the vehicle's body in front of the wheel."""
@@ -285,7 +308,7 @@ class _Rings:
     """Shading, (R, A)."""
 
     @staticmethod
-    def of(colour: F32, alpha: F32, part: _Ellipse) -> _Rings:
+    def sample(colour: F32, alpha: F32, part: _Ellipse) -> _Rings:
         """Sample a picture in polar coordinates around the axle."""
         count = max(ceil(part.radius), 2)
         steps = 4 * max(ceil(pi * part.radius / 2), 8)
@@ -303,7 +326,7 @@ class _Rings:
 
     def without_body(self) -> _Rings:
         """Return the wheel without the body over its upper part."""
-        count, steps = self.known.shape
+        count, steps = self.object_mask.shape
         level = np.sqrt(np.maximum(self.paint, 0))
         sine = np.sin(2 * pi * np.arange(steps) / steps)
         is_below = sine > WHEEL.lower
@@ -318,9 +341,9 @@ class _Rings:
         window = 2 * max(round(WHEEL.median_width * steps / 2), 1) + 1
         depth = _median_around(depth, window)
         depths_of_rows = count - np.arange(count)
-        is_body = (depths_of_rows[:, None] <= depth) | ~self.known
+        is_body = (depths_of_rows[:, None] <= depth) | ~self.object_mask
         paint = self._fill_hidden_paint(is_body)
-        return _Rings(paint, self.known, is_body & self.known, self.shading)
+        return _Rings(paint, self.object_mask, is_body & self.object_mask, self.shading)
 
     def _fill_hidden_paint(self, hidden_mask: Mask) -> F32:
         """Return the paint, with hidden parts copied from elsewhere on the same
@@ -345,7 +368,7 @@ class _Rings:
         """Separate paint in even light from the light that changes once around the
         axle.
         """
-        steps = self.known.shape[1]
+        steps = self.object_mask.shape[1]
         turn = 2 * pi * np.arange(steps) / steps
         brightness = self.paint.mean(axis=2) + WHEEL.least_light
         mean = brightness.mean(axis=1, keepdims=True)
@@ -359,7 +382,7 @@ class _Rings:
         shading = 1 + np.clip(change, -WHEEL.shading, WHEEL.shading)
         shading = shading.astype(np.float32)
         paint = self.paint / shading[..., None]
-        return _Rings(paint, self.known, self.body, shading)
+        return _Rings(paint, self.object_mask, self.body, shading)
 
 
 def _smoothed_rows(values: NDArray[np.floating], sigma: float) -> Array:

@@ -102,14 +102,16 @@ def plate(stage: Stage, moving: Sequence[int]) -> str:
     """Return the background without the shadows of the moving sprites."""
     background = stage.background
     # Shadows of moving sprites are separate pictures.
-    if stage.lit is not None and moving:
-        shadow_share = stage.lit.total.copy()
+    if stage.lit_background is not None and moving:
+        shadow_share = stage.lit_background.total.copy()
         for k in moving:
-            if (full_plate := stage.lit.casts[k].whole) is not None:
+            if (full_plate := stage.lit_background.casts[k].picture) is not None:
                 (x0, y0, x1, y1), before = full_plate
                 shadow_share[y0:y1, x0:x1] -= before
         background = encode_u8(
-            shaded_background(stage.lit.plate, shadow_share, stage.lit.tint)
+            shaded_background(
+                stage.lit_background.plate, shadow_share, stage.lit_background.tint
+            )
         )
     return webp(_smaller(background, _display_scale(stage)), LIMITS.quality)
 
@@ -156,7 +158,7 @@ def _cut(sprite: Sprite, display_scale: float, scale: float) -> dict[str, Any]:
     """Cut a sprite with unmultiplied colours from its covered pixels, with a margin of
     one pixel.
     """
-    rows, columns = _with_margin(sprite.within, sprite.coverage.shape)
+    rows, columns = _with_margin(sprite.covered_box, sprite.coverage.shape)
     alpha = sprite.coverage[rows, columns]
     height, width = alpha.shape
     left, top = sprite.corner[0] + columns.start, sprite.corner[1] + rows.start
@@ -274,7 +276,7 @@ def shadows(
 
     A key has `sample`, `box`, `at` (centre of darkness) and `src`.
     """
-    lit = stage.lit
+    lit = stage.lit_background
     if lit is None or not moving:
         return []
     # A sliding shadow keeps its shape and is computed once.
@@ -326,16 +328,16 @@ def _measure_darkening(
         (x, y), dark = cast.sliding
         return (x, y, x + dark.shape[1], y + dark.shape[0]), dark
     if stand.start == stand.pose:
-        return cast.whole
+        return cast.picture
     now = None
-    if stand.where is not None:
+    if stand.placement is not None:
         now = sprite_silhouette(
             stage,
             stand,
-            stand.where,
-            sprite_coverage(stage.sprites[stand.k], stand.where),
+            stand.placement,
+            sprite_coverage(stage.sprites[stand.k], stand.placement),
         )
-    parts = lit.moved(stand.k, now, stand.start, stand.pose)
+    parts = lit.move_shadow(stand.k, now, stand.start, stand.pose)
     if parts:
         return joined_pictures(parts)
     return None

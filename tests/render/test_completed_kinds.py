@@ -330,12 +330,12 @@ def test_highlights_of_a_set_are_told_from_marks() -> None:
 def test_a_disc_that_is_cut_off_tells_no_highlights(columns: int) -> None:
     """What the photo's border hides of one disc is no difference between the discs."""
     discs, _ = stones([0.2] * 5)
-    light, known = discs[0].light[:, :columns], discs[0].known[:, :columns]
-    discs[0] = replace(discs[0], light=light, known=known)
+    light, known = discs[0].light[:, :columns], discs[0].mask[:, :columns]
+    discs[0] = replace(discs[0], light=light, mask=known)
     assert shared_highlights(discs) == []
     discs, shine = stones([0.2, 0.9, 1.7, 2.4, 2.9])
-    light, known = discs[0].light[:, :columns], discs[0].known[:, :columns]
-    discs[0] = replace(discs[0], light=light, known=known)
+    light, known = discs[0].light[:, :columns], discs[0].mask[:, :columns]
+    discs[0] = replace(discs[0], light=light, mask=known)
     highlights = shared_highlights(discs)
     assert highlights[1][shine > 0.3].mean() > 0.7 * shine[shine > 0.3].mean()
 
@@ -343,7 +343,7 @@ def test_a_disc_that_is_cut_off_tells_no_highlights(columns: int) -> None:
 @pytest.mark.parametrize("turn", [0.7, np.pi])
 def test_gloss_moves_and_does_not_turn(turn: float) -> None:
     discs, shine = stones([0.2])
-    cover = discs[0].known.astype(np.float32)
+    cover = discs[0].mask.astype(np.float32)
     gloss = Gloss(np.repeat(shine[..., None], 3, axis=2), (30.0, 30.0))
     sprite = Sprite(0, (0, 0), discs[0].light, cover, gloss=gloss)
     start, pose = Pose(30.0, 30.0, 0.0), Pose(45.0, 38.0, float(turn))

@@ -11,7 +11,7 @@ from physgen.photometry import decode, encode_u8
 from physgen.render.foot_halos import FootHalo
 from physgen.render.frames import render_frames
 from physgen.render.halo_split import split_halos
-from physgen.render.sprites import MARGIN, Sprite, anchored, cut_sprites
+from physgen.render.sprites import MARGIN, Sprite, anchor_sprites, cut_sprites
 from physgen.render.stage import Stage
 from physgen.simulate.trajectory import Contacts, Effort, Energy, Trajectory
 
@@ -206,7 +206,7 @@ def two_blocks(
         photo, labels, absent, coverage, background, dict.fromkeys(order, 0)
     )
     behind = decode(background)
-    sprites = anchored(sprites, decode(photo), behind, absent, reach=1.0)
+    sprites = anchor_sprites(sprites, decode(photo), behind, absent, reach=1.0)
     starts = []
     for sprite in sprites:
         middle = (BLOCKS[sprite.body].start + BLOCKS[sprite.body].stop) / 2

@@ -9,7 +9,7 @@ from pytest import approx
 
 from physgen.photometry import decode, encode_u8
 from physgen.render.frames import render_frames
-from physgen.render.sprites import anchored, cut_sprites
+from physgen.render.sprites import anchor_sprites, cut_sprites
 from physgen.render.stage import Mirror, Stage
 from physgen.simulate.trajectory import Contacts, Effort, Energy, Trajectory
 
@@ -81,7 +81,7 @@ def cut_out(rgb, labels, absent, coverage, background, order):
     sprites = cut_sprites(
         rgb, labels, absent, coverage, background, dict.fromkeys(order, 0)
     )
-    return anchored(sprites, decode(rgb), decode(background), absent)
+    return anchor_sprites(sprites, decode(rgb), decode(background), absent)
 
 
 def staged(photo, order=(0, 1), absent=None):

@@ -21,7 +21,7 @@ from physgen.geometry.shadows import (
     shadows_on_sides,
 )
 from physgen.photometry import DistantLight, decode, encode_u8
-from physgen.render import staging
+from physgen.render import reliefs
 from physgen.render.atlas import BallSprites
 from physgen.render.ball import ball_from_photo
 from physgen.render.ball_light import in_one_light
@@ -587,7 +587,7 @@ def test_a_block_seen_from_above_shows_its_upper_sides_above_its_front(
     assert np.allclose(
         middle, [39.5 - where.box[1].start, 39.5 - where.box[0].start], atol=0.1
     )
-    side, shade = sides.drawn(front, turn)
+    side, shade = sides.draw(front, turn)
     wide = 12 * abs(np.cos(turn)) + 40 * abs(np.sin(turn))
     assert side.sum() == pytest.approx(4 * wide * sides.share(turn), rel=0.06, abs=1)
     assert 0.7 <= shade.min() <= shade.max() < 1.6
@@ -925,7 +925,7 @@ def test_a_disc_keeps_its_paint_and_not_its_light(kind: str, kept: bool) -> None
     cover[:, :25] *= kind != "cut"
     light = np.repeat((shade * cover)[..., None], 3, axis=2).astype(np.float32)
     body = SimpleNamespace(radius=20.0, solid=Solid.DISC, center=np.array([24.5, 24.5]))
-    relief = staging._turned_disc(
+    relief = reliefs.add_disc_relief(
         Sprite(0, (0, 0), light, cover), cast(Body, body)
     ).relief
     assert relief is not None
@@ -947,7 +947,9 @@ def test_an_outline_that_cuts_an_edge_off_lights_no_line_on_the_face(cut: int) -
     cover[8:152, 8:40] = 1
     cover[60:90, 40 - cut : 40] = 0
     sprite = Sprite(0, (0, 0), (light * cover)[..., None].repeat(3, 2), cover)
-    relief = staging._edged(sprite, DistantLight((-0.8, -0.4, 0.45), 0.8, 0.3)).relief
+    relief = reliefs.add_edge_relief(
+        sprite, DistantLight((-0.8, -0.4, 0.45), 0.8, 0.3)
+    ).relief
     assert relief is not None
     lit = (light * relief.ratio(np.pi / 2))[12:148]
     face, edge = lit[:, 12:36], lit[:, 37:40][cover[12:148, 37:40] > 0]
@@ -983,7 +985,9 @@ def test_an_edge_that_turns_up_is_lit_from_above(side: int) -> None:
     cover = np.zeros_like(light)
     cover[8:152, 8:40] = 1
     sprite = Sprite(0, (0, 0), (light * cover)[..., None].repeat(3, 2), cover)
-    relief = staging._edged(sprite, DistantLight((-0.5, -0.75, 0.45), 0.8, 0.3)).relief
+    relief = reliefs.add_edge_relief(
+        sprite, DistantLight((-0.5, -0.75, 0.45), 0.8, 0.3)
+    ).relief
     assert relief is not None
     lit = (light * relief.ratio(side * np.pi / 2))[40:120]
     up, down = (

@@ -9,7 +9,7 @@ import pytest
 
 from physgen import pipeline
 from physgen.render.contacts import contact_points_between
-from physgen.render.overlay import annotate_frames, filmed
+from physgen.render.overlay import annotate_frames, describe_clip
 from physgen.render.scales import COLOURS
 from physgen.scene.scene import Overlay
 
@@ -73,7 +73,7 @@ class Clip:
 
     def key(self, *kinds: str) -> dict[str, float]:
         """Words of the key and how large, px or rad, their samples are."""
-        found = filmed(self.world, self.trajectory, tuple(map(Overlay, kinds)))
+        found = describe_clip(self.world, self.trajectory, tuple(map(Overlay, kinds)))
         return {entry.text: entry.size for entry in found.key}
 
     def changed(self, *kinds: str) -> list[np.ndarray]:
@@ -220,7 +220,7 @@ def test_a_blow_passes_through_what_touches(tmp_path) -> None:
         "160]]", "160]], friction: 0"
     )
     clip = Clip(tmp_path, smooth)
-    blows = filmed(clip.world, clip.trajectory, [Overlay.CONTACTS]).impacts
+    blows = describe_clip(clip.world, clip.trajectory, [Overlay.CONTACTS]).impacts
     assert sorted(blow.pair for blow in blows) == [(0, 1), (1, 2), (2, 3)]
     for blow in blows:
         assert blow.time == pytest.approx(60 / 400, abs=0.003)
@@ -243,7 +243,7 @@ boundaries: {floor: {segment: [[0, 140], [200, 140]]}}
 render: {fps: 10}
 """,
     )
-    assert filmed(clip.world, clip.trajectory, [Overlay.CONTACTS]).impacts == []
+    assert describe_clip(clip.world, clip.trajectory, [Overlay.CONTACTS]).impacts == []
     for marks in clip.changed("contacts"):
         spots = [
             places(marks[line - 5 : line + 6]).mean(axis=0)[0] for line in (140, 100)

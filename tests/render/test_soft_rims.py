@@ -9,7 +9,7 @@ import numpy as np
 
 from physgen.photometry import decode, encode_u8
 from physgen.render.soft_rims import continue_soft_rims
-from physgen.render.sprites import Sprite, anchored, cut_sprites
+from physgen.render.sprites import Sprite, anchor_sprites, cut_sprites
 
 SIZE = 100
 
@@ -29,7 +29,7 @@ def dark_object(blur: float) -> tuple[list[Sprite], np.ndarray, np.ndarray]:
     background = encode_u8(ground)
     photo, behind = decode(rgb), decode(background)
     sprites = cut_sprites(rgb, labels, absent, coverage, background, {0: 0})
-    return anchored(sprites, photo, behind, absent), photo, behind
+    return anchor_sprites(sprites, photo, behind, absent), photo, behind
 
 
 def first_frame(sprite: Sprite, behind: np.ndarray) -> np.ndarray:
@@ -84,5 +84,5 @@ def test_contact_shade_below_alone_is_no_blurred_rim() -> None:
     photo[66:74, 35:65] *= 0.3
     absent = np.zeros((SIZE, SIZE), bool)
     bare = [replace(sprite, rest=None, halo=None) for sprite in sprites]
-    shaded = anchored(bare, photo, behind, absent)
+    shaded = anchor_sprites(bare, photo, behind, absent)
     assert continue_soft_rims(shaded, behind)[0] is shaded[0]

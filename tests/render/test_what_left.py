@@ -62,12 +62,13 @@ def test_marbles_leave_no_rims_beside_their_trough(bundled: Path) -> None:
 def test_shadows_go_on_behind_what_throws_them(bundled: Path) -> None:
     """What the photo shows of a shadow beside the plank, and what is worked out behind it, meet without a step."""
     maps, compiled, stage = opened(bundled, "seesaw")
-    lit = stage.lit
+    lit = stage.lit_background
     plank = compiled.labels == 1 + [body.name for body in compiled.world.bodies].index(
         "plank"
     )
     dark = cv2.blur(
-        np.log(decode(maps.clean).mean(axis=2) / lit.behind().mean(axis=2)), (5, 1)
+        np.log(decode(maps.clean).mean(axis=2) / lit.photo_background().mean(axis=2)),
+        (5, 1),
     )
     for x in range(130, 190):  # clear of the stone above and of the log below
         bottom = np.flatnonzero(plank[:, x]).max()
