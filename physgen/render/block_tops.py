@@ -138,8 +138,8 @@ def page_rows(brightness: F32, rows: tuple[int, int], edges: tuple[int, int]) ->
     pages, covers = _page_and_cover_light(strip, inner)
     if pages < TOPS.brighter * max(spine, covers):
         return is_page
-    least_light = spine + TOPS.mixed_share * (pages - spine)
-    is_page[first : first + len(inner)] = inner > least_light
+    is_bright = inner > spine + TOPS.mixed_share * (pages - spine)
+    is_page[first : first + len(inner)] = is_bright
     return is_page
 
 

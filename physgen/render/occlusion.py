@@ -347,8 +347,8 @@ def _behind_slab(
     The points are `step` px apart.
     """
     lx, ly, lz = (float(part) for part in setting.light.direction)
-    height = np.maximum(face(slab, setting.top) - depth, 0)
-    path = height / max(lz, LEAST_LIGHT_HEIGHT)
+    path = np.maximum(face(slab, setting.top) - depth, 0)
+    path = path / max(lz, LEAST_LIGHT_HEIGHT)
     margin = 8 + step
     cover = _blur_slab(slab, margin, float(path.max()), step, setting)
     left = np.float32(margin - slab.corner[0])

@@ -170,9 +170,11 @@ def add_disc_relief(sprite: Sprite, body: Body) -> Sprite:
     harmonic = _fit_ring_harmonic(sprite, rings, is_known, cosine, sine)
     mean, cosine_part, sine_part = [values[rings] for values in harmonic]
     mean_light = np.maximum(mean, CUT.least_light)
-    light_part = (cosine_part * cosine + sine_part * sine) / mean_light
-    cross_part = (cosine_part * sine - sine_part * cosine) / mean_light
-    return replace(sprite, relief=_build_edge_relief(light_part, cross_part))
+    relief = _build_edge_relief(
+        (cosine_part * cosine + sine_part * sine) / mean_light,
+        (cosine_part * sine - sine_part * cosine) / mean_light,
+    )
+    return replace(sprite, relief=relief)
 
 
 def _fit_ring_harmonic(

@@ -559,8 +559,9 @@ def sprite_poses(
             space = turns.find(sample, sprite.body, start)
             placement = place_sprite(sprite, start, pose, (width, height), space)
             if sprite.wheels and placement is not None:
-                turned_wheels = wheel_turns(sprite, trajectory, sample)
-                placement = replace(placement, wheel_turns=turned_wheels)
+                placement = replace(
+                    placement, wheel_turns=wheel_turns(sprite, trajectory, sample)
+                )
             stands.append(SpritePose(k, start, pose, placement, space))
         yield float(trajectory.times[sample]), stands
 
