@@ -56,8 +56,8 @@ def in_one_light(balls: Sequence[Ball]) -> list[Ball]:
         unlit_pictures, views.points, views.is_lit, patterns
     )
     common_ball = replace(common_ball, lamp_weights=light_weights)
-    painting = _paint_patterns(patterns, views.points, common_radius)
-    model = painting * common_ball.shade(*normals)
+    model = _paint_patterns(patterns, views.points, common_radius)
+    model = model * common_ball.shade(*normals)
     gloss = _shared_gloss(views, model)
     fade = _shared_fade(views, model, gloss)
     common_ball = replace(common_ball, gloss=gloss, fade=fade)

@@ -742,8 +742,8 @@ def _draw_unclipped(
         return None
     ball = balls.draw([(stand.k, placement)], stage.supersample).get(stand.k)
     light, coverage = ball or draw_sprite(sprite, placement, stage.supersample)
-    top, left = placement.box[0].start - margin, placement.box[1].start - margin
-    corner = np.array([left, top])
+    rows, columns = placement.box
+    corner = np.array([columns.start - margin, rows.start - margin])
     if picture is not None and picture.factor is not None:
         shade = _continue_shade(picture, picture.factor, corner, coverage.shape)
         light = light * three_channels(shade)

@@ -742,8 +742,9 @@ def _find_hidden_part(
 
     `box`: that of its mask.
     """
-    window = (0, 0, labels.shape[1], labels.shape[0])
-    shape_cover, (left, top) = coverage_box(shape, window)
+    shape_cover, (left, top) = coverage_box(
+        shape, (0, 0, labels.shape[1], labels.shape[0])
+    )
     if not shape_cover.size:
         return None
     right, bottom = left + shape_cover.shape[1], top + shape_cover.shape[0]
@@ -964,8 +965,7 @@ def anchor_sprites(
     near_weight = _blur_mask(near_numbers > 0, CUT.rest_width)
     bodies = np.array([0, *(sprite.body + 1 for sprite in sprites)], np.int32)
     anchored_sprites = []
-    pairs = zip(sprites, boxes, strict=True)
-    for number, (sprite, box) in enumerate(pairs, 1):
+    for number, (sprite, box) in enumerate(zip(sprites, boxes, strict=True), 1):
         own_rest = np.zeros_like(sprite.light)
         is_own = (top[box.photo] == number)[..., None]
         own_rest[box.sprite] = np.where(is_own, rest[box.photo], np.float32(0))
