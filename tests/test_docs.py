@@ -14,7 +14,7 @@ from physgen.scene.load import scene_name
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = sorted((ROOT / "docs").glob("*.md"))
-MOST_PAGES, MOST_WORDS = 18, 18_450
+MOST_PAGES, MOST_WORDS = 18, 13_000
 MEASURED = ("accuracy", "benchmarks", "gallery", "scene")
 """Pages of tables and of the scene's keys, which grow with what is measured."""
 
@@ -41,6 +41,7 @@ def test_docs_name_the_folder_of_a_clip() -> None:
 def test_docs_stay_short() -> None:
     assert len(PAGES) <= MOST_PAGES
     written = [page for page in PAGES if page.stem not in MEASURED]
+    written.append(ROOT / "README.md")
     assert sum(len(page.read_text().split()) for page in written) <= MOST_WORDS
 
 

@@ -92,7 +92,7 @@ def _motion_edits(
         return ()
     from physgen import pipeline
     from physgen.pipeline.pushes import motion_edits
-    from physgen.scene.write import edit_texts
+    from physgen.scene.write import edit_texts, scene_text
 
     scene = _open_scene(path, options.allow_outside).scene(options.set, variant)
     with variant_named(variant):
@@ -104,18 +104,15 @@ def _motion_edits(
             scene, compilation, options.push, options.drop, options.kick
         )
     if edits:
-        _print_edits(path, edits)
+        _print_edits(path, edits, scene_text(_nested_values(edits)))
     else:
         print_error(f"{path}: the scene has this motion already")
     return edit_texts(edits)
 
 
-def _print_edits(path: str, edits: Mapping[str, Any]) -> None:
-    """Print the YAML of edits, which can be copied into the file."""
-    from physgen.scene.write import scene_text
-
+def _nested_values(edits: Mapping[str, Any]) -> dict[str, Any]:
+    """Return edits as nested mappings instead of dotted keys, without removals."""
     values: dict[str, Any] = {}
-    # Nested mappings instead of dotted keys.
     for key, value in edits.items():
         if value is None:
             continue
@@ -124,8 +121,13 @@ def _print_edits(path: str, edits: Mapping[str, Any]) -> None:
         for name in parents:
             part = part.setdefault(name, {})
         part[last] = value
-    text = indent(scene_text(values), "  ").rstrip()
-    print_error(f"{path}: to keep this motion, write\n{text}")
+    return values
+
+
+def _print_edits(path: str, edits: Mapping[str, Any], text: str) -> None:
+    """Print the YAML text of edits, which can be copied into the file."""
+    lines = indent(text, "  ").rstrip()
+    print_error(f"{path}: to keep this motion, write\n{lines}")
     removed_keys = [key for key, value in edits.items() if value is None]
     if removed_keys:
         print_error(f"{path}: and remove {listed(removed_keys, 'and')}")

@@ -42,7 +42,7 @@ def verify(options: argparse.Namespace) -> int:
     work = batch.verify
     if not has_many and options.cluster is None:
         work = partial(batch.verify, progress=bar.show)
-    counts: Counter[batch.Outcome] = Counter()
+    counts = Counter(dict.fromkeys(batch.Outcome, 0))
     with closing(
         run_all(options, work, requests, len(requests), batch.report_failure)
     ) as verdicts:
@@ -56,24 +56,25 @@ def verify(options: argparse.Namespace) -> int:
             if has_many:
                 bar.show("clips", counts.total(), len(requests))
     bar.clear()
-    return _sum_up(counts, len(requests), options)
-
-
-def _sum_up(counts: Counter[Outcome], total: int, options: argparse.Namespace) -> int:
-    """Print the counts of outcomes. Return the exit code."""
-    from physgen.batch.verify import Outcome
-
     code = OK
-    if counts[Outcome.UNKNOWN]:
+    if counts[batch.Outcome.UNKNOWN]:
         code = WRONG_INPUT
-    elif counts[Outcome.DIFFERS]:
+    elif counts[batch.Outcome.DIFFERS]:
         code = FAILED
+    return _sum_up(counts, code, options)
+
+
+def _sum_up(counts: Counter[Outcome], code: int, options: argparse.Namespace) -> int:
+    """Print the counts of all outcomes. Return the exit code."""
+    total = counts.total()
     if options.json:
-        outcomes = {outcome.name.lower(): counts[outcome] for outcome in Outcome}
+        outcomes = {outcome.name.lower(): number for outcome, number in counts.items()}
         print(json.dumps({"clips": total, **outcomes, "passed": code == OK}))
     elif total > 1:
-        present_outcomes = [outcome for outcome in Outcome if counts[outcome]]
-        parts = [f"{counts[outcome]} {outcome.value}" for outcome in present_outcomes]
+        parts = []
+        for outcome, number in counts.items():
+            if number:
+                parts.append(f"{number} {outcome.value}")
         print_error(f"{total:,} clips: {', '.join(parts)}")
     return code
 

@@ -91,7 +91,9 @@ class BackendCheck:
         """Return `ready`, `missing` or `failed`."""
         if self.missing:
             return "missing"
-        return "failed" if self.fault else "ready"
+        if self.fault:
+            return "failed"
+        return "ready"
 
     @property
     def setting(self) -> str:
@@ -354,7 +356,10 @@ def _refuse_infinite(result: Any) -> None:
     """Raise ValueError if a result is an array, or a list of arrays, with infinite
     numbers.
     """
-    arrays = result if isinstance(result, list) else [result]
+    if isinstance(result, list):
+        arrays = result
+    else:
+        arrays = [result]
     for array in arrays:
         if isinstance(array, np.ndarray) and not np.isfinite(array).all():
             raise ValueError("it returns numbers that are not finite")
@@ -383,7 +388,9 @@ def _cuda() -> Any:
     torch.
     """
     torch = sys.modules.get("torch")
-    return torch.cuda if torch is not None and torch.cuda.is_available() else None
+    if torch is not None and torch.cuda.is_available():
+        return torch.cuda
+    return None
 
 
 def _reset_gpu_peak() -> None:
@@ -395,4 +402,6 @@ def _reset_gpu_peak() -> None:
 def _gpu_peak() -> int | None:
     """Return the peak in bytes."""
     cuda = _cuda()
-    return None if cuda is None else int(cuda.max_memory_allocated())
+    if cuda is None:
+        return None
+    return int(cuda.max_memory_allocated())

@@ -158,7 +158,10 @@ class Rule:
         size = round(width * scale), round(height * scale)
         if size == (width, height):
             return np.ascontiguousarray(frame)
-        interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+        if scale < 1:
+            interpolation = cv2.INTER_AREA
+        else:
+            interpolation = cv2.INTER_CUBIC
         resized = cv2.resize(frame, size, interpolation=interpolation)
         return np.asarray(resized, np.uint8)
 

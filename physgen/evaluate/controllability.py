@@ -181,14 +181,22 @@ def sweep(
     outcomes = []
     for k, push in enumerate(pushes, 1):
         progress(f"push {k}", k, len(pushes) + 1)
-        impulse = body.mass * np.array([push.x, push.y])
-        load = WorldPush(index, Load.IMPULSE, impulse, 0.0, np.zeros(2), 0.0, 0.0)
-        trajectory = pipeline.simulate(replace(world, pushes=(*world.pushes, load)))
-        outcomes.append(outcome(push, course_of(trajectory, body.name), rest_path))
-    photo = None if maps is None else maps.rgb
+        outcomes.append(outcome(push, _pushed_course(world, index, push), rest_path))
+    photo = None
+    if maps is not None:
+        photo = maps.rgb
     return PushSweep(
         scene.name, body.name, world.view, tuple(outcomes), rest_path, photo
     )
+
+
+def _pushed_course(world: World, index: int, push: Push) -> Course:
+    """Return the path of a body after a push."""
+    body = world.bodies[index]
+    impulse = body.mass * np.array([push.x, push.y])
+    load = WorldPush(index, Load.IMPULSE, impulse, 0.0, np.zeros(2), 0.0, 0.0)
+    trajectory = pipeline.simulate(replace(world, pushes=(*world.pushes, load)))
+    return course_of(trajectory, body.name)
 
 
 def choose_object(scene: Scene, world: World, name: str | None) -> int:

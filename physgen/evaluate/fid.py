@@ -218,7 +218,9 @@ def _draw_counts(random: np.random.Generator, count: int) -> F64:
 
 def _shift_draws(value: float, draws: Sequence[float]) -> Distance:
     """Return a distance with draws around its value."""
-    shift = value - float(np.mean(draws)) if draws else 0.0
+    shift = 0.0
+    if draws:
+        shift = value - float(np.mean(draws))
     return Distance(value, tuple(draw + shift for draw in draws))
 
 
@@ -566,7 +568,10 @@ def _table(comparison: Comparison, kind: str) -> Table:
 def _method_sentences(comparison: Comparison) -> tuple[str, str]:
     """Return sentences on the method of measuring."""
     rule = comparison.settings.rule
-    count = "all frames" if rule.count is None else f"{rule.count} frames, evenly,"
+    if rule.count is None:
+        count = "all frames"
+    else:
+        count = f"{rule.count} frames, evenly,"
     name = comparison.features.name
     return (
         f"Frames: {count} of each clip, the shorter side made {rule.side} px. Features: {name}.",

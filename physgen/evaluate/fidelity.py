@@ -307,7 +307,9 @@ def _regions(truth: Truth, frame: U8, objects: Mask) -> dict[str, Mask]:
 
 
 def _mean(values: Sequence[float]) -> float | None:
-    return float(np.mean(values)) if values else None
+    if values:
+        return float(np.mean(values))
+    return None
 
 
 def evaluate(
@@ -321,7 +323,10 @@ def evaluate(
     """
     films = truths(folder, names)
     path = folder / "../split.json"
-    split = json.loads(path.read_text()) if path.exists() else {}
+    if path.exists():
+        split = json.loads(path.read_text())
+    else:
+        split = {}
     rows: list[dict[str, Any]] = []
     for k, truth in enumerate(films):
         half = _find_half(truth.name, split)

@@ -63,7 +63,9 @@ class Bar:
     is_met: bool
 
     def __str__(self) -> str:
-        verdict = "met" if self.is_met else "MISSED"
+        verdict = "MISSED"
+        if self.is_met:
+            verdict = "met"
         return f"{self.label}: {self.value}, the bar is {self.limit}: {verdict}"
 
     def as_dict(self) -> dict[str, Any]:
@@ -172,12 +174,16 @@ def number(value: float | None, form: str = ".2f") -> str:
     >>> number(0.83333, ".3f"), number(None)
     ('0.833', '-')
     """
-    return "-" if value is None else f"{value:{form}}"
+    if value is None:
+        return "-"
+    return f"{value:{form}}"
 
 
 def interval(low: float | None, high: float | None) -> str:
     """Return `[low, high]`, or "-"."""
-    return "-" if low is None or high is None else f"[{low:.2f}, {high:.2f}]"
+    if low is None or high is None:
+        return "-"
+    return f"[{low:.2f}, {high:.2f}]"
 
 
 def _wrap(sentences: Sequence[str]) -> list[str]:

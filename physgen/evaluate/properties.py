@@ -170,8 +170,14 @@ def _item(
         raise Message.SIZE_OF_FORM.error_at(
             Place(file), f"objects.{name}.size", form=form, count=LENGTHS[shape]
         )
-    known_mass = None if mass is None else float(mass)
-    numbers = sides if known_mass is None else (*sides, known_mass)
+    if mass is None:
+        known_mass = None
+    else:
+        known_mass = float(mass)
+    if known_mass is None:
+        numbers = sides
+    else:
+        numbers = (*sides, known_mass)
     if min(numbers, default=1.0) <= 0:
         raise Message.OBJECT_NUMBER_NEGATIVE.error_at(Place(file), f"objects.{name}")
     label = str(label) or name.replace("-", " ").replace("_", " ")
@@ -273,7 +279,9 @@ def order(true: Mapping[str, float], answers: Mapping[str, float]) -> Order:
             larger, smaller = second, first
         is_right = answers[larger] > answers[smaller]
         is_tie = answers[larger] == answers[smaller]
-        wrong_pairs = () if is_right else ((larger, smaller),)
+        wrong_pairs: tuple[tuple[str, str], ...] = ()
+        if not is_right:
+            wrong_pairs = ((larger, smaller),)
         total += Order(1, int(is_right), int(is_tie), wrong_pairs)
     return total
 
@@ -349,7 +357,10 @@ def silhouette(item: Item) -> tuple[Rgb, Outline]:
     if item.form is Form.BALL:
         outline = Disc(center, size[0] / 2 * px_per_mm)
     else:
-        height, width = size if item.form is Form.TURNED else sorted(size)[-2:]
+        if item.form is Form.TURNED:
+            height, width = size
+        else:
+            height, width = sorted(size)[-2:]
         signs = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
         corners = signs * (width, height) / 2
         outline = Region((Ring(center + corners * px_per_mm),))
@@ -524,7 +535,9 @@ def _sentences(
     for coefficient, total in totals.items():
         if total.count:
             right, count = PAPER_ORDER[coefficient]
-            ties = f", {total.ties} answered as equal" if total.ties else ""
+            ties = ""
+            if total.ties:
+                ties = f", {total.ties} answered as equal"
             yield (
                 f"{coefficient.capitalize()}: {total.right} of {total.count} pairs in the right order{ties}. "
                 f"The paper: {right} of {count}."
@@ -570,7 +583,9 @@ def _format_grams(grams: float) -> str:
     >>> _format_grams(390.4), _format_grams(12.34)
     ('390 g', '12.3 g')
     """
-    return f"{grams:.3g} g" if grams < 1000 else f"{grams / 1000:.3g} kg"
+    if grams < 1000:
+        return f"{grams:.3g} g"
+    return f"{grams / 1000:.3g} kg"
 
 
 def _order_section(

@@ -73,7 +73,9 @@ def files_in(paths: Sequence[Path], key: Path) -> list[Path]:
     """Return each file once. For a folder, return its *.json files without the key."""
     files: set[Path] = set()
     for path in paths:
-        candidates = path.glob("*.json") if path.is_dir() else [path]
+        candidates = [path]
+        if path.is_dir():
+            candidates = list(path.glob("*.json"))
         files.update(file.resolve() for file in candidates)
     files.discard(key.resolve())
     return sorted(files, key=lambda file: natural(file.name))

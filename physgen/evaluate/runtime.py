@@ -254,7 +254,10 @@ def findings(runs: Sequence[Run], this_machine: str) -> Findings:
     for machine in machines:
         machine_runs = [run for run in runs if run.machine == machine]
         parts, stages = _by_part(machine_runs), _by_stage(machine_runs)
-        suffix = "" if len(machines) == 1 else f": {machine}"
+        if len(machines) == 1:
+            suffix = ""
+        else:
+            suffix = f": {machine}"
         part_table = _part_table(machine_runs, parts)
         stage_table = _stage_table(stages)
         sections += [
@@ -339,7 +342,9 @@ def _by_stage(runs: Sequence[Run]) -> list[dict[str, Any]]:
 
 
 def _place_of_stage(stage: str) -> int:
-    return ORDER.index(stage) if stage in ORDER else len(ORDER)
+    if stage in ORDER:
+        return ORDER.index(stage)
+    return len(ORDER)
 
 
 def _select_whole_runs(runs: Sequence[Run]) -> dict[str, Any]:
@@ -370,7 +375,9 @@ def _summary(runs: Sequence[Run]) -> str:
         paper = "3 minutes, on an A40 with GPT-4V"
     if any("refine" in run.stages for run in runs):
         steps.append("refining")
-    count = f"{whole['runs']} runs" if whole["runs"] > 1 else "One run"
+    count = "One run"
+    if whole["runs"] > 1:
+        count = f"{whole['runs']} runs"
     return (
         f"{count}, {' and '.join(steps)}: {whole['wall']:.3f} s of wall time ({whole['wall_least']:.3f} to "
         f"{whole['wall_most']:.3f}) in the median. The paper: {paper}."

@@ -431,9 +431,11 @@ def evaluate(
     segmentation.
     """
     require_pycocotools()
-    segment: Segment = (
-        backend if callable(backend) else registry.make("segment", backend)
-    )
+    segment: Segment
+    if callable(backend):
+        segment = backend
+    else:
+        segment = registry.make("segment", backend)
 
     def check(k: int, pair: Pair) -> None:
         progress("read", k, len(pairs))
@@ -449,22 +451,24 @@ def evaluate(
     rows = []
     for photo, photo_matches in zip(photos, matches.photos, strict=True):
         rows.append({"photo": photo.name, **counts([photo_matches])})
-    precisions = matches.average_precision
-    known_precisions = [value for value in precisions if value is not None]
-    mean_precision = None
-    if known_precisions:
-        mean_precision = float(np.mean(known_precisions))
-    by_iou = []
-    for iou, value in zip(THRESHOLDS, precisions, strict=True):
-        by_iou.append({"iou": round(iou, 2), "ap": value})
     total = {
         **counts(matches.photos),
-        "ap50": precisions[0],
-        "ap": mean_precision,
-        "ap_by_iou": by_iou,
+        **_precisions(matches.average_precision),
         "error": calibration_error(matches.photos),
     }
     return Scores(rows, total)
+
+
+def _precisions(values: Sequence[float | None]) -> dict[str, Any]:
+    """Return the average precisions at each IoU, their mean, and that at IoU 0.5."""
+    known_values = [value for value in values if value is not None]
+    mean = None
+    if known_values:
+        mean = float(np.mean(known_values))
+    by_iou = []
+    for iou, value in zip(THRESHOLDS, values, strict=True):
+        by_iou.append({"iou": round(iou, 2), "ap": value})
+    return {"ap50": values[0], "ap": mean, "ap_by_iou": by_iou}
 
 
 # ---- report

@@ -171,7 +171,9 @@ class Follower:
             return match
         # Spokes have the same picture after a part of a turn.
         limit = FOLLOWER.residual_share * (1 - match.gain)
-        return match if 1 - turned_match.gain > limit else turned_match
+        if 1 - turned_match.gain > limit:
+            return match
+        return turned_match
 
     def _match_position(
         self, k: int, poses: Mapping[int, F64], picture: F32
@@ -296,7 +298,10 @@ def _moves_out_of_sight(
 def _last_step(poses: F64, body: int) -> F64:
     """Return the motion (x, y, 0) of an observed object up to the last frame, px/frame."""
     last = len(poses) - 1
-    previous = _last_observation(poses[:last], body) if last else last
+    if last:
+        previous = _last_observation(poses[:last], body)
+    else:
+        previous = last
     step = (poses[last, body] - poses[previous, body]) / max(last - previous, 1)
     return np.array([step[0], step[1], 0.0])
 

@@ -98,10 +98,9 @@ def fit_with_intervals(model: Model, numbers: F64) -> Fit:
                 is_determined=bool(is_determined[k]),
             )
         )
-    determined_numbers = numbers[is_determined]
     return Fit(
         scene=with_values(
-            model.scene, determined_parameters, determined_numbers, model.starts
+            model.scene, determined_parameters, numbers[is_determined], model.starts
         ),
         estimates=tuple(estimates),
         flat_directions=name_flat_directions(
@@ -134,7 +133,10 @@ def _residual_deviation(residuals: F64, parameter_count: int) -> float:
     median = MAD * float(np.median(np.abs(residuals)))
     limit = RESIDUALS.outlier * max(median, 1e-9)
     inliers = residuals[np.abs(residuals) < limit]
-    root = float(np.sqrt((inliers**2).mean())) if len(inliers) else median
+    if len(inliers):
+        root = float(np.sqrt((inliers**2).mean()))
+    else:
+        root = median
     # Each fitted number removes one residual's worth of noise.
     freedom = max(len(residuals) - parameter_count, 1)
     return max(median, root) * float(np.sqrt(len(residuals) / freedom))

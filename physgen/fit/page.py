@@ -68,7 +68,10 @@ def film_pairs(
     end = float(tracks.times[-1])
     world = replace(compiled_scene.world, duration=end + 1e-6)
     # A simulation starts at 0, tracks may start later.
-    times = tracks.times if tracks.times[0] == 0 else np.append(0.0, tracks.times)
+    if tracks.times[0] == 0:
+        times = tracks.times
+    else:
+        times = np.append(0.0, tracks.times)
     motion = simulate(world, times)
     if frames is None:
         first = next(iter(stages.render(stage, motion)))

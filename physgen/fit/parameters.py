@@ -291,7 +291,10 @@ def _with_mass_factor(item: Object, value: float) -> Object:
     """Return an object with a multiple of its mass or its density."""
     if item.mass is not None:
         return replace(item, mass=item.mass * value)
-    density = 1.0 if item.density is None else item.density
+    if item.density is None:
+        density = 1.0
+    else:
+        density = item.density
     return replace(item, density=density * value)
 
 

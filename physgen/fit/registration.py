@@ -189,7 +189,9 @@ def _gauss_newton_step(
     matrix = ((slopes * weights) @ slopes.T).astype(np.float64)
     vector = ((slopes * weights) @ residual.ravel()).astype(np.float64)
     has_angle = _shows_angle(matrix)
-    size = 3 if has_angle else 2
+    size = 2
+    if has_angle:
+        size = 3
     matrix, vector = matrix[:size, :size], vector[:size]
     # Damping keeps the matrix of an even picture invertible.
     damping = REGISTRATION.damping * np.trace(matrix) / size + 1e-9
@@ -262,11 +264,11 @@ def disc_turn(
     Of several angles with nearly the same correlation, the nearest to the expected angle
     is chosen. Returns 0 for a disc without a mark.
     """
-    column, row = template.center
-    left, top = template.corner
-    own_rings = _rings(
-        brightness(template.paint[..., :3]), template, (column - left, row - top)
+    center = (
+        template.center[0] - template.corner[0],
+        template.center[1] - template.corner[1],
     )
+    own_rings = _rings(brightness(template.paint[..., :3]), template, center)
     x, y = pose[0] - patch.window.origin[0], pose[1] - patch.window.origin[1]
     frame = patch.frame * patch.open_mask[..., None]
     frame_rings = _rings(frame.astype(np.float32), template, (float(x), float(y)))

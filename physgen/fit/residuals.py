@@ -117,7 +117,10 @@ class Model:
         duration = float(times[-1]) + 1e-6
         world = replace(world, steps_per_second=self.rate, duration=duration)
         # A simulation starts at 0, tracks may start later.
-        sample_times = times if times[0] == 0.0 else np.concatenate([[0.0], times])
+        if times[0] == 0.0:
+            sample_times = times
+        else:
+            sample_times = np.concatenate([[0.0], times])
         poses = simulate(world, sample_times).poses
         return poses[len(sample_times) - len(times) :]
 

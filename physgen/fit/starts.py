@@ -9,6 +9,7 @@ import numpy as np
 
 from physgen.arrays import F64, Mask
 from physgen.compile.compile import CompiledScene
+from physgen.compile.world import Body
 from physgen.fit.parameters import Kind, Starts
 from physgen.fit.residuals import RESIDUALS, track_noise
 from physgen.fit.tracks import Tracks
@@ -34,28 +35,23 @@ def estimate_starts(
 ) -> Starts:
     """Return velocities at t = 0 from the first frames, and the moving objects."""
     bodies = compiled_scene.world.bodies
-    noise = RESIDUALS.default_noise
     index = min(FIRST_FRAMES, len(tracks.times) - 1)
     duration = max(START.duration, tracks.times[index])
     is_early = (tracks.times > 0) & (tracks.times <= duration)
     velocities = np.zeros((len(bodies), 3))
     moves, spins, supported_axes = [], [], []
     for k, body in enumerate(bodies):
-        start = np.array([*body.center.tolist(), 0.0])
-        gyration = (body.moment / body.mass) ** 0.5
-        errors = np.array([noise, noise, noise / max(gyration, 1.0)])
         is_supported = find_supported_axes(compiled_scene, tracks, is_early, k)
-        times, offsets = tracks.times[is_early], tracks.poses[is_early, k] - start
+        offsets = tracks.poses[is_early, k] - np.array([*body.center.tolist(), 0.0])
         velocity, is_moving = _estimate_velocity(
-            times, offsets, errors, (*is_supported, False)
+            tracks.times[is_early], offsets, _pose_errors(body), (*is_supported, False)
         )
         # Velocities of an object at rest are noise.
         if is_moving:
             velocities[k] = velocity
         moves.append(is_moving)
         supported_axes.append(is_supported)
-        has_angles = np.isfinite(tracks.poses[:, k, 2]).mean() > 0.5
-        spins.append(bool(has_angles))
+        spins.append(bool(np.isfinite(tracks.poses[:, k, 2]).mean() > 0.5))
     return Starts(
         velocities=velocities,
         moves=tuple(moves),
@@ -64,6 +60,13 @@ def estimate_starts(
         supported_axes=tuple(supported_axes),
         observations=_observed_starts(tracks.poses[is_early], spins, kinds),
     )
+
+
+def _pose_errors(body: Body) -> F64:
+    """Return the standard deviations of x, y (px) and angle (rad) of a tracked body."""
+    noise = RESIDUALS.default_noise
+    gyration = (body.moment / body.mass) ** 0.5
+    return np.array([noise, noise, noise / max(gyration, 1.0)])
 
 
 def _estimate_velocity(

@@ -171,6 +171,8 @@ def tracks_csv(tracks: Tracks) -> str:
     for time, poses in zip(tracks.times.tolist(), tracks.poses, strict=True):
         for name, (x, y, angle) in zip(tracks.names, poses.tolist(), strict=True):
             if isfinite(x):
-                turn = f"{np.degrees(angle):.3f}" if isfinite(angle) else ""
+                turn = ""
+                if isfinite(angle):
+                    turn = f"{np.degrees(angle):.3f}"
                 lines.append(f"{time:.6g},{name},{x:.3f},{y:.3f},{turn}")
     return "\n".join(lines) + "\n"

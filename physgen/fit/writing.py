@@ -52,8 +52,10 @@ def interval_confidence(estimate: Estimate) -> float | None:
     power = POWERS.get(kind.value)
     if power is None:
         return None
-    transform = odds if kind is Kind.ELASTICITY else log
-    width = transform(estimate.high) - transform(estimate.low)
+    if kind is Kind.ELASTICITY:
+        width = odds(estimate.high) - odds(estimate.low)
+    else:
+        width = log(estimate.high) - log(estimate.low)
     sigma = max(width, 0.0) / (2 * INTERVAL.quantile)
     return round(exp(-sigma / power), 3)
 

@@ -260,9 +260,17 @@ class _Problem:
         centers, radii = self.split(state)
         for i, rough in enumerate(self.rough):
             self._add_border(system, i, rough, centers[i], float(radii[i]))
-        contact_weight = np.array([stiffness])
-        # Contacts act in both directions for discs that touch, and only against overlap
-        # for others.
+        self._add_contacts(system, centers, radii, stiffness)
+        self._add_obstacles(system, centers, radii, stiffness)
+        return system.matrix, system.gradient
+
+    def _add_contacts(
+        self, system: _NormalEquations, centers: Array, radii: Array, stiffness: float
+    ) -> None:
+        """Add the gaps of pairs: both directions for discs that touch, and only overlap
+        for others.
+        """
+        size = len(system.gradient)
         for (i, j), touches in zip(self.pairs.tolist(), self.touching, strict=True):
             offset = centers[j] - centers[i]
             length = max(float(np.hypot(*offset)), 1e-9)
@@ -271,15 +279,19 @@ class _Problem:
                 row = self._contact_row(size, i, j, offset / length)
                 columns = np.flatnonzero(row).tolist()
                 residual = np.array([gap])
-                system.add(columns, row[None, columns], residual, contact_weight)
+                system.add(columns, row[None, columns], residual, np.array([stiffness]))
+
+    def _add_obstacles(
+        self, system: _NormalEquations, centers: Array, radii: Array, stiffness: float
+    ) -> None:
+        """Add the gaps between discs and fixed edges."""
         for i, edges, touches in self.obstacles:
             distance, direction = _clearance(edges, centers[i])
             gap = distance - radii[i]
             if touches or gap < 0:
                 jacobian = np.array([[direction[0], direction[1], -1.0]])
                 residual = np.array([gap])
-                system.add(self._columns(i), jacobian, residual, contact_weight)
-        return system.matrix, system.gradient
+                system.add(self._columns(i), jacobian, residual, np.array([stiffness]))
 
     def _columns(self, i: int) -> list[int]:
         """Return the columns of a disc's x, y and radius in the state."""
@@ -416,6 +428,8 @@ def _clearance(edges: tuple[Array, Array], point: Array) -> tuple[float, Array]:
     downwards = np.where(end[:, 1] > start[:, 1], 1.0, -1.0)
     side = cross(edge, point - start) * downwards
     is_inside = int((crosses_row & (side > 0)).sum()) % 2 == 1
-    sign = -1.0 if is_inside else 1.0
+    sign = 1.0
+    if is_inside:
+        sign = -1.0
     direction = offset[nearest] / max(float(length[nearest]), 1e-12)
     return sign * float(length[nearest]), sign * direction

@@ -123,7 +123,9 @@ def _as_one(a: Array, b: Array) -> Array | None:
     # The seam itself may add the area of a narrow strip, but no more.
     longest = float(np.hypot(*np.minimum(np.ptp(a, axis=0), np.ptp(b, axis=0))))
     added_area = _area(hull) - _area(a) - _area(b)
-    return hull if added_area <= (gap + PIECES.flush) * longest else None
+    if added_area <= (gap + PIECES.flush) * longest:
+        return hull
+    return None
 
 
 def _hull(points: Array) -> Array:
@@ -161,7 +163,9 @@ def _ring_pieces(ring: Ring) -> list[Array]:
 
 def _area(points: Array) -> float:
     """Return the area of a polygon, px²; 0 for less than three corners."""
-    return polygon_moments(points).area if len(points) >= 3 else 0.0
+    if len(points) >= 3:
+        return polygon_moments(points).area
+    return 0.0
 
 
 def _without_straight_corners(points: Array) -> Array:

@@ -71,7 +71,9 @@ def disc_of(mask: Mask, is_whole_mask: bool) -> Disc | None:
     lowest_iou = CIRCLE_IOU
     if is_whole_mask:
         lowest_iou = max(CIRCLE_IOU, FIT.round_iou - 1 / disc.radius)
-    return disc if iou >= lowest_iou and iou > box_iou(border) else None
+    if iou >= lowest_iou and iou > box_iou(border):
+        return disc
+    return None
 
 
 def stands_flat(part: NDArray[np.integer], i: int, disc: Disc) -> bool:
@@ -127,24 +129,30 @@ def without_specks(mask: Mask) -> Mask:
     top, bottom, left, right = _box(mask)
     part = mask[top:bottom, left:right]
     smallest_area = float(np.clip(part.sum() / 200, 4, 16))
-    _, pieces, stats, _ = cv2.connectedComponentsWithStats(
-        part.astype(np.uint8), connectivity=4
-    )
-    areas = stats[:, cv2.CC_STAT_AREA].copy()
+    pieces, areas = _components(part, 4)
     areas[0] = 0
     is_large = areas >= smallest_area
     is_large[int(np.argmax(areas))] = True
     object_part = np.asarray(is_large[pieces])
     outside = np.pad(~object_part, 1, constant_values=True)
-    _, gaps, stats, _ = cv2.connectedComponentsWithStats(
-        outside.astype(np.uint8), connectivity=8
-    )
-    is_speck = stats[:, cv2.CC_STAT_AREA] < smallest_area
+    gaps, areas = _components(outside, 8)
+    is_speck = areas < smallest_area
     # Neither the object itself nor its surroundings are a hole.
     is_speck[[0, gaps[0, 0]]] = False
     result = np.zeros_like(mask, dtype=bool)
     result[top:bottom, left:right] = object_part | is_speck[gaps[1:-1, 1:-1]]
     return result
+
+
+def _components(
+    mask: Mask, connectivity: int
+) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Return the number of the component of each pixel, and the area of each, px²."""
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(
+        mask.astype(np.uint8), connectivity=connectivity
+    )
+    areas = np.array(stats[:, cv2.CC_STAT_AREA], np.int32)
+    return np.asarray(labels, np.int32), areas
 
 
 def _box(mask: Mask) -> tuple[int, int, int, int]:
@@ -170,7 +178,10 @@ def fit_outlines(
     coarseness = max(1.0, max(labels.shape) / FIT.exact_side)
     rough_shapes = {}
     for i, view in views.items():
-        disc = None if i in never_discs else _disc_in_view(owners[view], i)
+        if i in never_discs:
+            disc = None
+        else:
+            disc = _disc_in_view(owners[view], i)
         if disc is not None:
             rough_shapes[i] = Disc(disc.center + _corner(view), disc.radius)
     # After the common fit, a disc may no longer match its mask. Make such discs

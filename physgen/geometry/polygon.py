@@ -139,7 +139,10 @@ def mass_properties(outline: Outline) -> MassProperties:
     parts = []
     for points, sign in outline.borders:
         moments = polygon_moments(points)
-        turn = sign if moments.area >= 0 else -sign
+        if moments.area >= 0:
+            turn = sign
+        else:
+            turn = -sign
         area, second = turn * moments.area, turn * moments.second
         parts.append(MassProperties(area, moments.center, second))
     area = sum(part.area for part in parts)

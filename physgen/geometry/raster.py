@@ -34,13 +34,7 @@ def coverage_box(
     Only pixels in `window` (x0, y0, x1, y1: first and last + 1) are computed, however
     large the outline is; without common pixels the box is empty.
     """
-    left, top, right, bottom = bounds(outline)
-    x0, y0 = floor(left + 0.5), floor(top + 0.5)
-    x1, y1 = ceil(right + 0.5), ceil(bottom + 0.5)
-    if window is not None:
-        first_x, first_y, last_x, last_y = window
-        x0, x1 = min(max(x0, first_x), last_x), min(max(x1, first_x), last_x)
-        y0, y1 = min(max(y0, first_y), last_y), min(max(y1, first_y), last_y)
+    x0, y0, x1, y1 = _pixel_box(outline, window)
     width, height = x1 - x0, y1 - y0
     if window is not None and (width <= 0 or height <= 0):
         return np.zeros((max(height, 0), max(width, 0)), np.float32), (x0, y0)
@@ -57,6 +51,19 @@ def coverage_box(
         _accumulate(sums, points - corner, sign)
     inside = np.cumsum(sums, axis=1)[:, :-1]
     return np.clip(inside, 0.0, 1.0).astype(np.float32), (x0, y0)
+
+
+def _pixel_box(
+    outline: Outline, window: tuple[int, int, int, int] | None
+) -> tuple[int, int, int, int]:
+    """Return the box of an outline's pixels: x0, y0, x1, y1, clipped to a window."""
+    left, top, right, bottom = bounds(outline)
+    box = floor(left + 0.5), floor(top + 0.5), ceil(right + 0.5), ceil(bottom + 0.5)
+    if window is None:
+        return box
+    x0, x1 = (min(max(x, window[0]), window[2]) for x in box[::2])
+    y0, y1 = (min(max(y, window[1]), window[3]) for y in box[1::2])
+    return x0, y0, x1, y1
 
 
 def _circle_points(disc: Disc) -> Array:
@@ -173,7 +180,10 @@ def _halve(values: F32, axis: int) -> F32:
 
     Each value is limited to the range of its four neighbours, against ringing.
     """
-    margin = (2, 2, 0, 0) if axis == 0 else (0, 0, 2, 2)
+    if axis == 0:
+        margin = (2, 2, 0, 0)
+    else:
+        margin = (0, 0, 2, 2)
     padded_values = cv2.copyMakeBorder(values, *margin, cv2.BORDER_REPLICATE)
     padded_values = np.moveaxis(padded_values, axis, 0)
     gaps = len(padded_values) - 5

@@ -99,12 +99,18 @@ def trace_borders(labels: NDArray[np.integer]) -> BorderMap:
             leaving[end] = Step(number, backwards=True)
         points = np.array(corners, dtype=np.float64)[:, ::-1] - 0.5
         borders.append(Border(points, left, right, closed))
+    return BorderMap(tuple(borders), _loops_by_label(borders, leaving))
+
+
+def _loops_by_label(
+    borders: Sequence[Border], leaving: dict[tuple[int, int, int], Step]
+) -> dict[int, tuple[Loop, ...]]:
+    """Return the loops of each label but the background."""
     loops = _closed_loops(borders)
     for label, loop in _open_loops(borders, leaving):
         loops.setdefault(label, []).append(loop)
     loops.pop(0, None)
-    by_label = {label: tuple(label_loops) for label, label_loops in loops.items()}
-    return BorderMap(tuple(borders), by_label)
+    return {label: tuple(label_loops) for label, label_loops in loops.items()}
 
 
 def _closed_loops(borders: Sequence[Border]) -> dict[int, list[Loop]]:
@@ -308,11 +314,8 @@ def fit_regions(
     closed = [border.is_loop for border in borders.borders]
     regions = {}
     for label, loops in sorted(borders.loops.items()):
-        rings = []
-        for loop in loops:
-            ring = distinct(walk(loop, lines, closed)) + offset
-            if len(ring) >= 3:
-                rings.append(ring)
+        rings = [distinct(walk(loop, lines, closed)) + offset for loop in loops]
+        rings = [ring for ring in rings if len(ring) >= 3]
         regions[label] = Region(tuple(_nest(rings)))
     return regions
 
@@ -347,7 +350,9 @@ def distinct(ring: Array) -> Array:
 
 def _tolerance(border: Border) -> float:
     """Return the tolerance of a border, px."""
-    return CONTACT_TOLERANCE if border.left and border.right else TOLERANCE
+    if border.left and border.right:
+        return CONTACT_TOLERANCE
+    return TOLERANCE
 
 
 def _settle_junctions(
@@ -396,7 +401,9 @@ def _moved_junction(
             continue
         # Borders between two objects have the most weight, so that contacts are
         # straight.
-        importance = 4.0 if border.left and border.right else 1.0
+        importance = 1.0
+        if border.left and border.right:
+            importance = 4.0
         weight = min(count, 20) * importance
         normal_weight = weight * (np.eye(2) - np.outer(direction, direction))
         normal = normal + normal_weight
@@ -440,7 +447,9 @@ def _untangle(
 
 def _there_and_back(line: Array, border: Border) -> Array:
     """Return an open line as a closed one, there and back."""
-    return line if border.is_loop else np.concatenate([line, line[-2:0:-1]])
+    if border.is_loop:
+        return line
+    return np.concatenate([line, line[-2:0:-1]])
 
 
 def _nest(loops: list[Array]) -> list[Ring]:

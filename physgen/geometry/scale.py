@@ -11,6 +11,7 @@ from math import exp, hypot, log, pi, sqrt
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from physgen.geometry.polygon import (
     Array,
@@ -132,8 +133,14 @@ def object_extent(outline: Outline, kind: Kind) -> Extent:
     area = mass_properties(outline).area
     long, short = box_sides(outline)
     if kind.form == "ball":
-        diameter = long if isinstance(outline, Disc) else 2 * sqrt(area / pi)
-        per_mm = long / kind.size[0] if kind.size else None
+        if isinstance(outline, Disc):
+            diameter = long
+        else:
+            diameter = 2 * sqrt(area / pi)
+        if kind.size:
+            per_mm = long / kind.size[0]
+        else:
+            per_mm = None
         return Extent(area * diameter * 2 / 3, per_mm, log(long / short))
     if kind.box is None:
         return Extent(area * _mean_depth(outline, kind.form), None, 0.0)
@@ -193,9 +200,8 @@ def _symmetric_radii(outline: Region, axis: Array) -> tuple[Array, float]:
     Also returns the number of slices per px.
     """
     unit_axis = np.asarray(axis, float) / np.hypot(*axis)
-    frame = np.stack(
-        [np.array([-unit_axis[1], unit_axis[0]]), unit_axis]
-    )  # across, along
+    across_axis = np.array([-unit_axis[1], unit_axis[0]])
+    frame = np.stack([across_axis, unit_axis])
     points = np.concatenate([ring.outer for ring in outline.rings]) @ frame.T
     lower_corner, size = points.min(axis=0), np.ptp(points, axis=0)
     scale = SHAPE.slices / max(size)
@@ -209,45 +215,59 @@ def _symmetric_radii(outline: Region, axis: Array) -> tuple[Array, float]:
     width, height = np.ceil(size * scale).astype(int).tolist()
     # Rasterize the outline with rows across the axis, so that each row is one slice.
     is_inside = coverage(Region(tuple(rings)), (width, height)) >= 0.5
+    return _reach_within_rows(is_inside) / scale, scale
+
+
+def _reach_within_rows(is_inside: NDArray[np.bool_]) -> Array:
+    """Return the distance of each pixel to the nearest end of its run in its row, px; 0
+    outside.
+    """
+    width = is_inside.shape[1]
     columns = np.arange(width)
     # For each place, find the nearest pixels outside on both sides of its row.
     outside_before = np.maximum.accumulate(np.where(is_inside, -1, columns), axis=1)
     reversed_ends = np.where(is_inside, width, columns)[:, ::-1]
     outside_after = np.minimum.accumulate(reversed_ends, axis=1)[:, ::-1]
     reach = np.minimum(columns - outside_before, outside_after - columns) - 0.5
-    return np.where(is_inside, reach, 0.0) / scale, scale
+    return np.where(is_inside, reach, 0.0)
 
 
 def _turned_extent(outline: Outline, kind: Kind) -> Extent:
     """Return size and depth of a solid of revolution: upright, lying, or seen from its
     end.
     """
-    long, short = box_sides(outline)
     area = mass_properties(outline).area
-    end_on = None
-    if kind.size:
-        height, width = kind.size
-        per_mm = long / width
-        end_on = Extent(area * height * per_mm * kind.share, per_mm, log(long / short))
+    end_on = _extent_from_end(outline, kind, area)
     if isinstance(outline, Disc):
         return end_on or Extent(area * 2 * outline.radius, None, 0.0)
     upright = revolve(outline, np.array([0.0, 1.0]))
     lying = [revolve(outline, axis) for axis in _box_axes(outline)]
-    if end_on is None:
+    if end_on is None or kind.size is None:
         slenderest = max([upright, *lying], key=_slenderness)
         return Extent(slenderest.volume, None, 0.0)
-    candidates = [(end_on.mismatch + SHAPE.end_on, end_on)]
+    height, width = kind.size
     costs = [0.0] + [SHAPE.lying] * len(lying)
-    extents = []
+    candidates = []
     for solid, cost in zip([upright, *lying], costs, strict=True):
         if solid.volume <= 0:
             continue
         tallness, breadth = solid.height / height, solid.diameter / width
         mismatch = abs(log(tallness / breadth))
         extent = Extent(solid.volume, sqrt(tallness * breadth), mismatch)
-        extents.append((mismatch + cost, extent))
+        candidates.append((mismatch + cost, extent))
     # For equal costs the first candidate wins: a view from the end is last.
-    return min([*extents, *candidates], key=lambda candidate: candidate[0])[1]
+    candidates.append((end_on.mismatch + SHAPE.end_on, end_on))
+    return min(candidates, key=lambda candidate: candidate[0])[1]
+
+
+def _extent_from_end(outline: Outline, kind: Kind, area: float) -> Extent | None:
+    """Return size and depth of a solid seen from its end; None for an unknown size."""
+    if not kind.size:
+        return None
+    long, short = box_sides(outline)
+    height, width = kind.size
+    per_mm = long / width
+    return Extent(area * height * per_mm * kind.share, per_mm, log(long / short))
 
 
 def _slenderness(solid: SolidOfRevolution) -> float:
@@ -275,7 +295,10 @@ def _facing(
     for hidden_index, pair in zip((2, 1, 0), combinations(range(3), 2), strict=True):
         short, long = sorted((box[pair[0]], box[pair[1]]))
         mismatch = abs(log(aspect * short / long))
-        cost = mismatch if long == max(box) else mismatch + SHAPE.end_on
+        if long == max(box):
+            cost = mismatch
+        else:
+            cost = mismatch + SHAPE.end_on
         candidates.append(
             (cost, hidden_index, (long, short), box[hidden_index], mismatch)
         )
@@ -287,7 +310,9 @@ def _mean_depth(outline: Outline, form: str) -> float:
     """Return the depth, px, of an object of unknown proportions."""
     long, short = box_sides(outline)
     if form in ("disc", "hoop"):
-        return SHAPE.flat_depth * long if long < 2 * short else long * pi / 4
+        if long < 2 * short:
+            return SHAPE.flat_depth * long
+        return long * pi / 4
     is_boxy = mass_properties(outline).area / (long * short) > SHAPE.boxy
     if form == "slab" or (form == "" and is_boxy):
         return short
@@ -347,7 +372,9 @@ def _confidence_of_kind(kind: Kind) -> float:
     """Return the confidence of a mass by volume and density alone."""
     if kind.noun:
         return 0.4
-    return 0.35 if kind.material.name != "unknown" else 0.15
+    if kind.material.name != "unknown":
+        return 0.35
+    return 0.15
 
 
 def _stuff(kind: Kind) -> str:
@@ -358,7 +385,8 @@ def _stuff(kind: Kind) -> str:
     ('steel, 7.85 g/cm³', 'glass and content, 1.19 g/cm³')
     """
     name, solid = kind.material.name, kind.material.density
-    name = "an unknown material" if name == "unknown" else name
+    if name == "unknown":
+        name = "an unknown material"
     if kind.holds:
         return f"{name} and content, {kind.density:.3g} g/cm³"
     if abs(kind.filled - 1) < 0.01:
@@ -409,7 +437,9 @@ def photo_scale(
     middle, spread = _combine(list(witnesses.values()))
     confidence = 0.95 * exp(-((spread / LIMITS.vague_spread) ** 2))
     # Do not pretend more precision than the spread allows.
-    digits = 3 if spread < 0.05 else 2
+    digits = 2
+    if spread < 0.05:
+        digits = 3
     value = float(f"{exp(middle) * 1000:.{digits}g}")
     return Scale(value, round(confidence, 2), _reason(witnesses, kinds, spread))
 
@@ -554,7 +584,9 @@ def _reason(
     for noun, objects in witnesses.items():
         size = " x ".join(f"{mm:g}" for mm in sizes[noun])
         parts.append(f"{len(objects)} x {noun} ({size} mm)")
-    further_kinds = f" and {len(parts) - 3} kinds more" if len(parts) > 3 else ""
+    further_kinds = ""
+    if len(parts) > 3:
+        further_kinds = f" and {len(parts) - 3} kinds more"
     accuracy = f"good to about {100 * max(spread, 0.01):.0f} %"
     return (
         f"from the ordinary size of {', '.join(parts[:3])}{further_kinds}, {accuracy}"

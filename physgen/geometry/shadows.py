@@ -113,7 +113,9 @@ class ShadowSetting:
     @cached_property
     def shade(self) -> np.float32:
         """Return -log of the light left in the darkest shadow."""
-        faces = ((0.0, 0.0, 1.0),) if self.top else ((0.0, 0.0, 1.0), (0.0, -1.0, 0.0))
+        faces = [(0.0, 0.0, 1.0)]
+        if not self.top:
+            faces.append((0.0, -1.0, 0.0))
         return np.float32(-np.log(1 - MOST_BLOCKED * max(map(self.direct, faces))))
 
 
@@ -187,7 +189,9 @@ def clipped_box(
     """
     x0, y0 = max(floor(box[0]), 0), max(floor(box[1]), 0)
     x1, y1 = min(ceil(box[2]) + 1, size[0]), min(ceil(box[3]) + 1, size[1])
-    return (x0, y0, x1, y1) if x1 > x0 and y1 > y0 else None
+    if x1 > x0 and y1 > y0:
+        return (x0, y0, x1, y1)
+    return None
 
 
 def attenuation(direct: float, blocked_share: F32, hidden_share: F32) -> F32:
@@ -328,7 +332,9 @@ def _row_share(silhouette: Silhouette) -> float:
     """
     last = int(silhouette.rows[-1])
     row_maxima = silhouette.coverage.max(axis=1)
-    next_maximum = float(row_maxima[last + 1]) if last + 1 < len(row_maxima) else 0.0
+    next_maximum = 0.0
+    if last + 1 < len(row_maxima):
+        next_maximum = float(row_maxima[last + 1])
     return (float(row_maxima[last]) - 0.5) / max(
         float(row_maxima[last]) - next_maximum, 0.5
     )
@@ -494,22 +500,33 @@ def _blocked_by_silhouette(
     sheared_coverage = cv2.warpAffine(
         silhouette.coverage, shear, size, flags=cv2.INTER_LINEAR
     )
-    last_row = silhouette.rows[-1]
-    profiles = np.maximum.reduceat(
-        sheared_coverage[: last_row + 1], bands.first, axis=0
-    )
-    height = bands.height
-    lines = _soften(profiles, _penumbra_widths(setting, rise, ax, height))
-    depth_widths = _penumbra_widths(setting, rise, az, height)
-    # Distances in depth from the bands' shadows, in widths of their soft edges.
-    gap = np.abs(depths.T - (az * height)[:, None].astype(np.float32))
-    reach = contact.half_thickness + abs(az) * (bands.upper - bands.lower) / 2
-    gap -= reach[:, None].astype(np.float32)
-    gap /= 0.55 * depth_widths[:, None].astype(np.float32)
-    fade = 1 / (1 + np.exp(np.clip(gap, -30, 30)))
-    fade_weights = np.where(gap < 5, fade, 0).astype(np.float32)
-    shares = fade_weights[:, :, None] * lines[:, None]
+    covered_rows = sheared_coverage[: silhouette.rows[-1] + 1]
+    profiles = np.maximum.reduceat(covered_rows, bands.first, axis=0)
+    lines = _soften(profiles, _penumbra_widths(setting, rise, ax, bands.height))
+    depth_widths = _penumbra_widths(setting, rise, az, bands.height)
+    weights = _depth_weights(bands, contact.half_thickness, az, depth_widths, depths)
+    shares = weights[:, :, None] * lines[:, None]
     return np.asarray(shares.max(axis=0, initial=0), np.float32)
+
+
+def _depth_weights(
+    bands: _Bands,
+    half_thickness: float,
+    az: float,
+    widths: NDArray[np.float64],
+    depths: F32,
+) -> F32:
+    """Return the share (bands, h) of each band's shadow at depths (h, 1) px.
+
+    `widths` (bands,) px are those of the soft edges in depth.
+    """
+    # Distances in depth from the bands' shadows, in widths of their soft edges.
+    gap = np.abs(depths.T - (az * bands.height)[:, None].astype(np.float32))
+    reach = half_thickness + abs(az) * (bands.upper - bands.lower) / 2
+    gap -= reach[:, None].astype(np.float32)
+    gap /= 0.55 * widths[:, None].astype(np.float32)
+    fade = 1 / (1 + np.exp(np.clip(gap, -30, 30)))
+    return np.where(gap < 5, fade, 0).astype(np.float32)
 
 
 def _penumbra_widths(
@@ -619,20 +636,24 @@ def _add_sky_below(
         return
     # The view factor of a rectangle is the sum over its sides of sines of their angles.
     x, height = columns[start:end], heights[start:end]
-    side_share = (x - x0) / np.hypot(x - x0, height) + (x1 - x) / np.hypot(
-        x1 - x, height
-    )
-    front, back = (
-        np.float32(half_thickness) - depths,
-        np.float32(half_thickness) + depths,
-    )
-    square = height * height
-    to_front = front / np.sqrt(front * front + square)
-    depth_share = to_front + back / np.sqrt(back * back + square)
+    side_share = _sine(x - x0, height) + _sine(x1 - x, height)
+    half = np.float32(half_thickness)
+    depth_share = _sine_of_depth(half - depths, height)
+    depth_share = depth_share + _sine_of_depth(half + depths, height)
     part = hidden_share[:, start:end]
     np.maximum(
         part, np.float32(MODEL.share_below / 4) * side_share * depth_share, out=part
     )
+
+
+def _sine(distance: F32, height: F32) -> F32:
+    """Return the sine of the angle to a side at a distance and a height, px."""
+    return np.asarray(distance / np.hypot(distance, height))
+
+
+def _sine_of_depth(distance: F32, height: F32) -> F32:
+    """Return `_sine` by squares, which are faster for many pixels."""
+    return np.asarray(distance / np.sqrt(distance * distance + height * height))
 
 
 def shadow_on_table(
@@ -710,16 +731,14 @@ def _silhouette_on_table(
     there.
     """
     ax, ay, rise = _slopes_before(setting)
-    height, width = silhouette.coverage.shape
     thickness = silhouette.thickness
-    widest = penumbra_width(setting, thickness, rise)
-    margin = ceil(2.5 * widest + 0.8 * thickness) + 1
-    x0, y0 = silhouette.corner
+    margin = _margin_on_table(setting, thickness, rise)
+    x0, y0, x1, y1 = _silhouette_box(silhouette)
     surroundings = (
         x0 - margin + min(0, ax * thickness),
         y0 - margin + min(0, ay * thickness),
-        x0 + width + margin + max(0, ax * thickness),
-        y0 + height + margin + max(0, ay * thickness),
+        x1 + margin + max(0, ax * thickness),
+        y1 + margin + max(0, ay * thickness),
     )
     box = clipped_box(surroundings, setting.size)
     if box is None:
@@ -733,9 +752,22 @@ def _silhouette_on_table(
         shadow = moved_silhouette(silhouette, box, dx, dy, blur_width)
         np.maximum(blocked_share, shadow, out=blocked_share)
     # Around its foot, an object also hides a part of the sky.
-    blur = max(0.4, 0.35 * thickness)
-    hidden_share = 0.9 * moved_silhouette(silhouette, box, 0, 0, blur)
+    foot_blur = max(0.4, 0.35 * thickness)
+    hidden_share = 0.9 * moved_silhouette(silhouette, box, 0, 0, foot_blur)
     return box, blocked_share, hidden_share
+
+
+def _margin_on_table(setting: ShadowSetting, thickness: float, rise: float) -> int:
+    """Return the reach of a shadow beyond its silhouette, px."""
+    widest = penumbra_width(setting, thickness, rise)
+    return ceil(2.5 * widest + 0.8 * thickness) + 1
+
+
+def _silhouette_box(silhouette: Silhouette) -> tuple[int, int, int, int]:
+    """Return the box of a silhouette: x0, y0, x1, y1 px."""
+    x, y = silhouette.corner
+    height, width = silhouette.coverage.shape
+    return x, y, x + width, y + height
 
 
 def shadow_on_wall(
@@ -793,15 +825,15 @@ def _silhouette_on_wall(
     ax, ay, rise = _slopes_before(setting)
     distance, slope = setting.backdrop, hypot(ax, ay)
     blur_width = penumbra_width(setting, distance, rise, slope)
-    (x0, y0), (height, width) = silhouette.corner, silhouette.coverage.shape
     half_depth = min(silhouette.thickness / 2, distance)
     margin = ceil(2.5 * blur_width + half_depth * slope) + 1
     dx, dy = ax * distance, ay * distance - lean
+    x0, y0, x1, y1 = _silhouette_box(silhouette)
     surroundings = (
         x0 + dx - margin,
         y0 + dy - margin,
-        x0 + width + dx + margin,
-        y0 + height + dy + margin,
+        x1 + dx + margin,
+        y1 + dy + margin,
     )
     box = clipped_box(surroundings, setting.size)
     if box is None:
@@ -850,18 +882,14 @@ def _side_wall_box(
 ) -> PixelBox | None:
     """Return the box of the shadow on a side wall at column `end`."""
     lx, ly, lz = setting.light.direction
-    (x0, y0), (height, width) = silhouette.corner, silhouette.coverage.shape
-    wall_distance, mx, my = (
-        setting.distance(floor),
-        setting.size[0] / 2,
-        setting.size[1] / 2,
-    )
-    columns, rows = np.array([x0, x0 + width]), np.array([y0, y0 + height])
+    x0, y0, x1, y1 = _silhouette_box(silhouette)
+    wall_distance = setting.distance(floor)
+    mx, my = setting.size[0] / 2, setting.size[1] / 2
     # Length of the light's path from the object to the wall, px.
-    path = np.maximum((columns - end) / lx, 0.0)[:, None]
+    path = np.maximum((np.array([x0, x1]) - end) / lx, 0.0)[:, None]
     shrink = wall_distance / (wall_distance + path * lz)
     x = mx + (end - mx) * shrink
-    y = my + (rows - path * ly - my) * shrink
+    y = my + (np.array([y0, y1]) - path * ly - my) * shrink
     surroundings = (x.min() - 2, y.min() - 2, x.max() + 2, y.max() + 2)
     return clipped_box(surroundings, setting.size)
 
@@ -935,7 +963,9 @@ def shadow_darkness(
         *shadows_on_sides(silhouette, setting),
     ]
     shadows = [part for part in parts if part is not None]
-    return joined_pictures(shadows) if shadows else None
+    if shadows:
+        return joined_pictures(shadows)
+    return None
 
 
 def joined_pictures(parts: Sequence[tuple[PixelBox, F32]]) -> tuple[PixelBox, F32]:

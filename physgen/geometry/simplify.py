@@ -109,7 +109,10 @@ def _run_line(run: Array) -> tuple[Array, Array]:
     """
     # The ends of a run belong to two runs, and corners are rounded there: leave them
     # out.
-    points = run[1:-1] if len(run) >= 5 else run
+    if len(run) >= 5:
+        points = run[1:-1]
+    else:
+        points = run
     center = points.mean(axis=0)
     x, y = (points - center).T
     angle = 0.5 * np.arctan2(2 * (x @ y), x @ x - y @ y)
@@ -237,7 +240,9 @@ def _meet(
             ends = np.array([corner - back * u, corner + back * v])
             probe = np.array([ends[0], ends.mean(axis=0), ends[1]])
             if distances_to_line(probe, line, is_loop=False).max() <= limit:
-                return [ends[0], ends[1]] if back else [corner]
+                if back:
+                    return [ends[0], ends[1]]
+                return [corner]
     return [p + u * ((break_point - p) @ u), q + v * ((break_point - q) @ v)]
 
 
@@ -286,8 +291,14 @@ def _edge_with_neighbours(corners: list[list[Array]], k: int, is_loop: bool) -> 
 
 def _points_around(points: Array, runs: list[int], k: int, is_loop: bool) -> Array:
     """Return the points of run k and of the runs beside it."""
-    first = runs[k - 1] if k > 0 else runs[k]
-    last = runs[k + 2] if k + 2 < len(runs) else runs[k + 1]
+    if k > 0:
+        first = runs[k - 1]
+    else:
+        first = runs[k]
+    if k + 2 < len(runs):
+        last = runs[k + 2]
+    else:
+        last = runs[k + 1]
     nearby_points = points[first : last + 1]
     if is_loop and k == 0:
         nearby_points = np.concatenate([points[runs[-2] : -1], nearby_points])

@@ -82,7 +82,7 @@ def _ground_pieces(photo: Rgb, labels: Labels, number: int) -> Mask:
     if ground.any():
         own_window = object_mask[window]
         result[window] = own_window & _sharpen(photo[window], surroundings, ground)
-    return result
+    return np.asarray(result)
 
 
 @dataclass(frozen=True)

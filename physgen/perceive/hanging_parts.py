@@ -61,20 +61,27 @@ def _owner(labels: Labels, mask: Mask, i: int) -> int:
     """Return the id of the larger object that a mask alone touches; 0 if there is none."""
     area = np.count_nonzero(mask)
     reach = max(2, round(HANGING.touch * float(np.sqrt(area / HANGING.small))))
+    touching_ids = _find_touching_ids(labels, mask, reach) - {0, i}
+    if len(touching_ids) != 1:
+        return 0
+    (other_id,) = touching_ids
+    other = labels == other_id
+    other_rows = np.flatnonzero(other.any(axis=1))
+    other_height = int(other_rows[-1] - other_rows[0]) + 1
+    bottom = int(np.flatnonzero(mask.any(axis=1))[-1]) + 1
+    is_small = area < HANGING.small * np.count_nonzero(other)
+    is_above = bottom < other_rows[-1] - HANGING.height * other_height
+    return other_id if is_small and is_above else 0
+
+
+def _find_touching_ids(labels: Labels, mask: Mask, reach: int) -> set[int]:
+    """Return the ids at most `reach` px from a mask."""
     x, y, width, height = cv2.boundingRect(mask.view(np.uint8))
     rows = slice(max(y - reach, 0), y + height + reach)
     columns = slice(max(x - reach, 0), x + width + reach)
     kernel = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
-    around = cv2.dilate(mask[rows, columns].view(np.uint8), kernel) > 0
-    touching = np.setdiff1d(np.unique(labels[rows, columns][around]), (0, i))
-    if len(touching) != 1:
-        return 0
-    other = labels == touching[0]
-    other_rows = np.flatnonzero(other.any(axis=1))
-    other_height = int(other_rows[-1] - other_rows[0]) + 1
-    is_small = area < HANGING.small * np.count_nonzero(other)
-    is_above = y + height < other_rows[-1] - HANGING.height * other_height
-    return int(touching[0]) if is_small and is_above else 0
+    surroundings = cv2.dilate(mask[rows, columns].view(np.uint8), kernel) > 0
+    return set(np.unique(labels[rows, columns][surroundings]).tolist())
 
 
 def _is_carried(labels: Labels, mask: Mask) -> bool:

@@ -167,14 +167,22 @@ def _whole_outline(
     area = np.count_nonzero(mask)
     if not HIDDEN.least_share * area <= hidden_area <= HIDDEN.largest_share * area:
         return None
-    # The completed mask may leave the photo; only the inner pixels are fitted.
-    full = np.zeros(labels.shape, np.uint16)
-    rows, columns = np.nonzero(full_mask)
-    inside_rows, inside_columns = rows + int(corner[1]), columns + int(corner[0])
-    is_inside = (inside_rows >= 0) & (inside_rows < labels.shape[0])
-    is_inside &= (inside_columns >= 0) & (inside_columns < labels.shape[1])
-    full[inside_rows[is_inside], inside_columns[is_inside]] = 1
-    return fit_outlines(full, [1], never_discs=[1])[1]
+    photo_mask = _paste(full_mask, corner, labels.shape)
+    return fit_outlines(photo_mask, [1], never_discs=[1])[1]
+
+
+def _paste(mask: Mask, corner: Array, shape: tuple[int, ...]) -> Labels:
+    """Return a mask whose first pixel is at a corner (x, y px) as a label map.
+
+    The mask may leave the photo; only the pixels inside remain.
+    """
+    labels = np.zeros(shape, np.uint16)
+    rows, columns = np.nonzero(mask)
+    rows, columns = rows + int(corner[1]), columns + int(corner[0])
+    is_inside = (rows >= 0) & (rows < shape[0])
+    is_inside &= (columns >= 0) & (columns < shape[1])
+    labels[rows[is_inside], columns[is_inside]] = 1
+    return labels
 
 
 def _window(labels: Labels, i: int) -> tuple[Labels, Array]:

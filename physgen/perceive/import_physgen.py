@@ -171,11 +171,7 @@ def import_physgen(
         document["light"] = light
     percepts = _add_shadows(document, percepts, objects, sim)
     _add_video(document, sim)
-    comments = _comments(sim, folder)
-    comments["physgen"] = (
-        f"imported from {folder.name}/sim.yaml of the paper's public code"
-    )
-    return PerceivedScene(percepts, document, comments, sim.warnings)
+    return PerceivedScene(percepts, document, _comments(sim, folder), sim.warnings)
 
 
 def _divide_shading(rgb: Rgb, shading: F32 | None) -> F32 | None:
@@ -346,6 +342,9 @@ def _comments(sim: Sim, folder: Path) -> dict[str, str]:
         )
     if not (folder / "inpaint.png").is_file():
         comments["assets"] = "inpaint.png was missing; the background was filled here"
+    comments["physgen"] = (
+        f"imported from {folder.name}/sim.yaml of the paper's public code"
+    )
     return comments
 
 

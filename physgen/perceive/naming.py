@@ -104,31 +104,38 @@ def renamed_labels(
 
     An exact name takes precedence over a pattern.
     """
-    labels: dict[int, str] = {}
-    exact: dict[int, str] = {}
+    pattern_labels: dict[int, str] = {}
+    exact_labels: dict[int, str] = {}
     problems = []
     for rename in renames:
         name, sign, text = (part.strip() for part in rename.partition("="))
         exact_ids = [i for i, n in names_by_id.items() if name in (n, str(i))]
-        hits = exact_ids or [
+        ids = exact_ids or [
             i for i, n in names_by_id.items() if fnmatch.fnmatchcase(n, name)
         ]
-        if not (sign and text and hits):
-            matches = difflib.get_close_matches(name, names_by_id.values(), 1)
-            known_names = ", ".join(list(names_by_id.values())[:8]) + (
-                ", ..." if len(names_by_id) > 8 else ""
-            )
-            fix = f"the objects are {known_names}"
-            if matches and matches[0] != name:
-                fix = did_you_mean(matches[0])
-            message = Message.LABEL_WITHOUT_NAME
-            if sign and text:
-                message = Message.LABEL_OF_NO_OBJECT
-            problems.append(
-                message.problem(Place("--label"), "", f'"{rename}"', fix=fix)
-            )
-        (exact if exact_ids else labels).update(dict.fromkeys(hits, text))
-    return labels | exact, problems
+        has_text = bool(sign and text)
+        if not (has_text and ids):
+            problems.append(_rename_problem(rename, name, has_text, names_by_id))
+        labels = exact_labels if exact_ids else pattern_labels
+        labels.update(dict.fromkeys(ids, text))
+    return pattern_labels | exact_labels, problems
+
+
+def _rename_problem(
+    rename: str, name: str, has_text: bool, names_by_id: Mapping[int, str]
+) -> Problem:
+    """Return the problem of NAME=TEXT without an object or without a text."""
+    matches = difflib.get_close_matches(name, names_by_id.values(), 1)
+    known_names = ", ".join(list(names_by_id.values())[:8])
+    if len(names_by_id) > 8:
+        known_names += ", ..."
+    fix = f"the objects are {known_names}"
+    if matches and matches[0] != name:
+        fix = did_you_mean(matches[0])
+    message = Message.LABEL_WITHOUT_NAME
+    if has_text:
+        message = Message.LABEL_OF_NO_OBJECT
+    return message.problem(Place("--label"), "", f'"{rename}"', fix=fix)
 
 
 def label_confidences(

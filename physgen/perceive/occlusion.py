@@ -84,31 +84,48 @@ def _find_orders(
 ) -> list[OcclusionOrder]:
     """Return the occlusion orders of a label map given as bytes."""
     labels: Labels = np.frombuffer(numbers, kind).reshape(shape)
-    orders = []
     touching = touching_masks(labels, ids)
     boxes = {i: _box_of(labels, i) for i in {i for pair in touching for i in pair}}
-    free = {i: _free_circle(labels, i, box) for i, box in boxes.items()}
+    circles = {i: _free_circle(labels, i, box) for i, box in boxes.items()}
+    orders = []
     for i, j in touching:
-        part, inner, corner = _window(labels, _box_around([boxes[i], boxes[j]]))
-        size = min(float(np.sqrt((part == k).sum())) for k in (i, j))
-        circles = {
-            k: None if (circle := free[k]) is None else circle - corner for k in (i, j)
-        }
-        depths = [_reach_under(part, inner, circles, a, b) for a, b in ((i, j), (j, i))]
-        depth = max(depths)
-        # The depth must be large for the objects' size, and clearly larger than the
-        # opposite depth.
-        if depth < max(
-            LIMITS.least_depth, LIMITS.part * size
-        ) or depth < LIMITS.depth_ratio * min(depths):
-            continue
-        front, back = (j, i) if depths[0] > depths[1] else (i, j)
-        orders.append(
-            OcclusionOrder(front, back, round(min(0.5 + 0.4 * depth / size, 0.9), 2))
-        )
+        order = _order_pair(labels, (i, j), boxes, circles)
+        if order is not None:
+            orders.append(order)
     return sorted(
         orders, key=lambda order: (-order.confidence, order.front, order.back)
     )
+
+
+def _order_pair(
+    labels: Labels,
+    pair: tuple[int, int],
+    boxes: Mapping[int, Box],
+    circles: Mapping[int, Array | None],
+) -> OcclusionOrder | None:
+    """Return the order of two objects that touch, or None if none hides the other.
+
+    `circles` are those of their free borders.
+    """
+    i, j = pair
+    part, inner, corner = _window(labels, _box_around([boxes[i], boxes[j]]))
+    size = min(float(np.sqrt((part == k).sum())) for k in pair)
+    window_circles = {
+        k: None if (circle := circles[k]) is None else circle - corner for k in pair
+    }
+    first_depth = _reach_under(part, inner, window_circles, i, j)
+    second_depth = _reach_under(part, inner, window_circles, j, i)
+    depth = max(first_depth, second_depth)
+    # The depth must be large for the objects' size, and clearly larger than the
+    # opposite depth.
+    if depth < max(LIMITS.least_depth, LIMITS.part * size):
+        return None
+    if depth < LIMITS.depth_ratio * min(first_depth, second_depth):
+        return None
+    confidence = round(min(0.5 + 0.4 * depth / size, 0.9), 2)
+    if first_depth > second_depth:
+        return OcclusionOrder(j, i, confidence)
+    return OcclusionOrder(i, j, confidence)
 
 
 def drawing_layers(

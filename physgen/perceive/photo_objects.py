@@ -61,11 +61,8 @@ def fit_objects(rgb: Rgb, detections: Detections) -> tuple[list[PhotoObject], in
     specks.
     """
     labels = detections.labels
+    _check_size(labels, rgb)
     height, width = rgb.shape[:2]
-    if labels.shape != (height, width):
-        size = f"{labels.shape[1]} x {labels.shape[0]} px"
-        differs = Message.NOT_PHOTO_SIZE
-        raise differs.error("--masks", size, width=width, height=height)
     ids, count = _list_object_ids(detections)
     if not ids:
         return [], count
@@ -84,6 +81,15 @@ def fit_objects(rgb: Rgb, detections: Detections) -> tuple[list[PhotoObject], in
             is_cut = not shows_ground_beyond(rgb, labels == i, margin)
         objects.append(PhotoObject(i, outline, cut=is_cut))
     return objects, count - len(ids)
+
+
+def _check_size(labels: Labels, rgb: Rgb) -> None:
+    """Raise InputError if a label map has another size than the photo."""
+    height, width = rgb.shape[:2]
+    if labels.shape != (height, width):
+        size = f"{labels.shape[1]} x {labels.shape[0]} px"
+        message = Message.NOT_PHOTO_SIZE
+        raise message.error("--masks", size, width=width, height=height)
 
 
 def _list_object_ids(detections: Detections) -> tuple[list[int], int]:

@@ -268,13 +268,13 @@ def _find_parts_on_plain(surroundings: _Surroundings) -> list[Mask]:
     The background may be shaded smoothly. Shadows and reflections have softer borders
     than the object and are excluded.
     """
-    rgb, free, distance = surroundings.rgb, surroundings.free, surroundings.distance
-    differences = _background_differences(rgb, free)
+    free, distance = surroundings.free, surroundings.distance
+    differences = _background_differences(surroundings.rgb, free)
     if float((differences[free] < REMAINS.variation).mean()) < REMAINS.plain_share:
         return []
     least_difference = _least_difference(differences, surroundings.mask)
     pieces, stats = _connect_pixels((differences > least_difference) & free, 5)
-    slope = _slope(rgb)
+    slope = _slope(surroundings.rgb)
     area = surroundings.area
     least_slope = _border_sharpness(slope, differences, distance)
     parts = []

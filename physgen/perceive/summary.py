@@ -21,50 +21,58 @@ def summary(scene: PerceivedScene) -> list[str]:
 
     The first line is short; one line per subject follows.
     """
-    document, comments = scene.document, scene.comments
-    objects, world = document["objects"], document["world"]
+    objects = scene.document["objects"]
     confidences = {name: mask_confidence(item) for name, item in objects.items()}
-    ends = sorted(
-        {min(confidences.values(), default=0.0), max(confidences.values(), default=0.0)}
-    )
-    confidence = (
-        f", confidence {' to '.join(f'{end:.2f}' for end in ends)}"
-        if confidences
-        else ""
-    )
     doubtful_names = [
         f"{name} ({value:.2f})"
         for name, value in confidences.items()
         if value < DOUBTS.object_confidence
     ]
-    check = (
-        f", but look at {listed([name.split()[0] for name in doubtful_names], 'and')}"
-    )
-    suits = f"{scene.suitability}{check if doubtful_names and str(scene.suitability) == 'good' else ''}"
-    first = f"{counted(len(objects), 'object')}{confidence}; suitability: {suits}"
-    if not objects:
-        lines = [first, f"  objects   {Note.NO_OBJECTS.text(fix=ADD_OBJECT)}"]
-        if doubts := _doubtful_row(scene, doubtful_names):
-            lines.append(f"  doubtful  {doubts}")
-        return lines
-    table = {
-        "objects": label_counts(
-            {k: item["label"] for k, item in enumerate(objects.values())}
-        ),
+    table = {"objects": Note.NO_OBJECTS.text(fix=ADD_OBJECT)}
+    if objects:
+        table = _object_rows(scene)
+    doubts = _doubtful_row(scene, doubtful_names)
+    if doubts:
+        table["doubtful"] = doubts
+    return [
+        _first_line(scene, confidences, doubtful_names),
+        *(f"  {name:<9} {' '.join(text.split())}" for name, text in table.items()),
+    ]
+
+
+def _first_line(
+    scene: PerceivedScene,
+    confidences: Mapping[str, float],
+    doubtful_names: Sequence[str],
+) -> str:
+    """Return the number of objects, their confidence and the suitability."""
+    line = counted(len(confidences), "object")
+    if confidences:
+        ends = sorted({min(confidences.values()), max(confidences.values())})
+        line += f", confidence {' to '.join(f'{end:.2f}' for end in ends)}"
+    line += f"; suitability: {scene.suitability}"
+    if doubtful_names and str(scene.suitability) == "good":
+        names = [name.split()[0] for name in doubtful_names]
+        line += f", but look at {listed(names, 'and')}"
+    return line
+
+
+def _object_rows(scene: PerceivedScene) -> dict[str, str]:
+    """Return the rows about the objects, scale, view, supports and motion."""
+    document, comments = scene.document, scene.comments
+    world = document["world"]
+    labels = {k: item["label"] for k, item in enumerate(document["objects"].values())}
+    view_reason = comments.get("world.view", "").partition(": ")[2]
+    return {
+        "objects": label_counts(labels),
         "scale": Note.SCALE.text(
             scale=world["pixels_per_meter"],
             reason=comments.get("world.pixels_per_meter", ""),
         ),
-        "view": f"{world['view']}: {comments.get('world.view', '').partition(': ')[2]}",
+        "view": f"{world['view']}: {view_reason}",
+        "support": _support_row(document),
+        "motion": _motion_row(scene),
     }
-    table["support"] = _support_row(document)
-    table["motion"] = _motion_row(scene)
-    if doubts := _doubtful_row(scene, doubtful_names):
-        table["doubtful"] = doubts
-    return [
-        first,
-        *(f"  {name:<9} {' '.join(text.split())}" for name, text in table.items()),
-    ]
 
 
 def _support_row(document: Mapping[str, Any]) -> str:

@@ -105,7 +105,9 @@ def end(
 
 def _angle(body: int | None, spots: Places) -> float:
     """Return the angle of a body, rad; 0 for the world."""
-    return 0.0 if body is None else spots.find(body, np.zeros(2))[0][2]
+    if body is None:
+        return 0.0
+    return spots.find(body, np.zeros(2))[0][2]
 
 
 def _add(
@@ -507,7 +509,9 @@ class BoundedGroup:
         """
         is_caught = np.zeros(len(holds), bool)
         for k in range(len(holds)):
-            steps = self._steps.get(k, 0) + 1 if holds[k] else 0
+            steps = 0
+            if holds[k]:
+                steps = self._steps.get(k, 0) + 1
             if steps > CATCH and is_jerk[k]:
                 steps = 1
             self._steps[k] = steps

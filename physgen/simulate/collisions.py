@@ -111,9 +111,14 @@ def single_point_impulse(
     if jn <= 0 or abs(jt) > mu * jn:
         # Friction cannot hold the point: it acts with its full coefficient against the
         # sliding.
-        side = 1.0 if jt > 0 else -1.0
+        if jt > 0:
+            side = 1.0
+        else:
+            side = -1.0
         if jt == 0:
-            side = -1.0 if vt > 0 else 1.0
+            side = 1.0
+            if vt > 0:
+                side = -1.0
         grip = nn + side * mu * nt
         # With this friction, the point would wedge: no finite impulse reverses it.
         if grip < 1e-9 * nn:
@@ -166,7 +171,9 @@ def _gain(matrix: Array, before: Array, impulse: Array) -> float:
     """
     change = impulse * (before + matrix @ impulse / 2)
     gain = float(change.sum())
-    return gain if gain > 1e-9 * float(np.abs(change).sum()) else 0.0
+    if gain > 1e-9 * float(np.abs(change).sum()):
+        return gain
+    return 0.0
 
 
 def _solve_impulses(
@@ -211,7 +218,10 @@ def _solve_impulses(
                 limit = mu * new_impulse
                 new_impulse = impulse[t] - speed[t] * inverse_tt
                 if not -limit < new_impulse < limit:
-                    new_impulse = limit if new_impulse > 0.0 else -limit
+                    if new_impulse > 0.0:
+                        new_impulse = limit
+                    else:
+                        new_impulse = -limit
                 change = new_impulse - impulse[t]
                 if change:
                     impulse[t] = new_impulse
@@ -259,31 +269,26 @@ def _point_equations(
     matrix: Array, speed: list[float], elasticity: list[float], friction: list[float]
 ) -> list[PointEquation]:
     """Return the equation of each point, with the columns of a sparse matrix."""
-    # Each point changes the speeds of few others: store the matrix by sparse columns.
-    columns: list[Column] = [[] for _ in speed]
-    rows, column_numbers = np.nonzero(matrix)
-    values = matrix[rows, column_numbers].tolist()
-    elements = zip(rows.tolist(), column_numbers.tolist(), values, strict=True)
-    for row, column_number, value in elements:
-        columns[column_number].append((row, value))
+    columns = _sparse_columns(matrix)
     inverse_diagonal = _inverse_diagonal(matrix)
     goals = _leaving_speeds(elasticity, speed)
     points: list[PointEquation] = []
     for number, (goal, mu) in enumerate(zip(goals, friction, strict=True)):
         n, t = 2 * number, 2 * number + 1
-        points.append(
-            (
-                n,
-                t,
-                goal,
-                mu,
-                inverse_diagonal[n],
-                inverse_diagonal[t],
-                columns[n],
-                columns[t],
-            )
-        )
+        diagonal = inverse_diagonal[n], inverse_diagonal[t]
+        points.append((n, t, goal, mu, *diagonal, columns[n], columns[t]))
     return points
+
+
+def _sparse_columns(matrix: Array) -> list[Column]:
+    """Return the columns of a matrix; each point changes the speeds of few others."""
+    columns: list[Column] = [[] for _ in matrix]
+    rows, column_numbers = np.nonzero(matrix)
+    values = matrix[rows, column_numbers].tolist()
+    elements = zip(rows.tolist(), column_numbers.tolist(), values, strict=True)
+    for row, column_number, value in elements:
+        columns[column_number].append((row, value))
+    return columns
 
 
 def _solve_dense_impulses(
@@ -320,9 +325,10 @@ def _solve_dense_impulses(
             friction_limit = mu * new_impulse
             tangent_impulse = impulse[t] - speed.item(t) * inverse_diagonal[t]
             if not -friction_limit < tangent_impulse < friction_limit:
-                tangent_impulse = (
-                    friction_limit if tangent_impulse > 0.0 else -friction_limit
-                )
+                if tangent_impulse > 0.0:
+                    tangent_impulse = friction_limit
+                else:
+                    tangent_impulse = -friction_limit
             impulse_step = tangent_impulse - impulse[t]
             if impulse_step:
                 impulse[t] = tangent_impulse
@@ -427,7 +433,9 @@ class ImpactSolver:
         """
         points = points.sort()
         self._step_velocities = step_velocities
-        half_step = h / 2 if step_velocities is None else 0.0
+        half_step = 0.0
+        if step_velocities is None:
+            half_step = h / 2
         self._middle = motion.pose - motion.velocity * half_step
         """Poses (N, 3) in the middle of the step, where joints permit its
         velocities.
@@ -443,11 +451,10 @@ class ImpactSolver:
         self._threshold = threshold
         self._is_closing = points.closing > threshold
         self._earlier = points.times_since_closing(self._is_closing, has_touched, h)
-        self._tolerance = (
-            TUNING.tolerance
-            if len(points.first) < TUNING.heap_points
-            else TUNING.heap_tolerance
-        )
+        if len(points.first) < TUNING.heap_points:
+            self._tolerance = TUNING.tolerance
+        else:
+            self._tolerance = TUNING.heap_tolerance
         # A sorted list of points by body finds the points beside a body by bisection.
         partners = np.concatenate([points.first, points.second])
         order = np.argsort(partners, kind="stable")
@@ -666,8 +673,7 @@ class ImpactSolver:
         point_times = [times[k] for k in group]
         speeds = [p.motion(self._speeds(p.a), self._speeds(p.b)) for p in points]
         script_speeds = [self._script_speeds(point) for point in points]
-        partners = {body for point in points for body in (point.a, point.b)}
-        bodies = {body for body in partners if self._is_free(body)}
+        bodies = self._free_bodies(points)
         joint_groups = {self._assemblies.group_of(body) for body in bodies} - {None}
         if len(points) == 1 and not joint_groups:
             impulses = [
@@ -681,14 +687,25 @@ class ImpactSolver:
                 points, speeds, sorted(bodies), point_times
             )
         for number, point in enumerate(points):
-            jn, jt = impulses[number]
-            # Rotate the impulse to the axes of the image, for the first body.
-            jx, jy = jt * point.ny - jn * point.nx, -jn * point.ny - jt * point.nx
-            self._impulse_rows.append((point.a, point.b, jx, jy, point_times[number]))
+            self._note_impulse(point, impulses[number], point_times[number])
             self._count_energy(
                 point, impulses[number], speeds[number], script_speeds[number]
             )
         return bodies
+
+    def _free_bodies(self, points: list[Point]) -> set[int]:
+        """Return the movable bodies with these points."""
+        partners = {body for point in points for body in (point.a, point.b)}
+        return {body for body in partners if self._is_free(body)}
+
+    def _note_impulse(
+        self, point: Point, impulse: tuple[float, float], time: float
+    ) -> None:
+        """Record the impulse on the first body, along the axes of the image."""
+        jn, jt = impulse
+        jx = jt * point.ny - jn * point.nx
+        jy = -jn * point.ny - jt * point.nx
+        self._impulse_rows.append((point.a, point.b, jx, jy, time))
 
     def _apply_single_impulse(
         self, point: Point, speeds: tuple[float, float], time: float
@@ -782,28 +799,34 @@ class ImpactSolver:
         solution = self._solve_with_joints(points, bodies, equations)
         impulses = solution.impulses
         removed = solution.removed_velocities
-        change = solution.response_to_points @ impulses + removed
+        impulse_change = solution.response_to_points @ impulses
         # An impulse earlier in the step also displaces the bodies at its end.
         last_time = max(times)
-        taut_count = (len(impulses) - 2 * len(points)) // 2
+        count = 2 * len(points)
+        taut_count = (len(impulses) - count) // 2
         impulse_times = np.repeat([*times, *[last_time] * taut_count], 2)
         displacement = solution.response_to_points @ (impulses * impulse_times)
-        displacement = displacement + removed * last_time
+        self._move_bodies(
+            bodies, impulse_change + removed, displacement + removed * last_time
+        )
+        jacobian = equations.jacobian
+        closing_before = equations.speeds + jacobian @ removed
+        if taut_count:
+            closing_after = closing_before + jacobian @ impulse_change
+            works = impulses * (closing_before + closing_after)
+            self._loss -= float(works[count:].sum()) / 2
+        return _as_pairs(impulses[:count]), _as_pairs(closing_before[:count])
+
+    def _move_bodies(
+        self, bodies: list[int], change: Array, displacement: Array
+    ) -> None:
+        """Add changes of velocity and displacements (3n,) to those of n bodies."""
         for number, body in enumerate(bodies):
             velocity = self._speeds(body)
             shift = self._shifts.setdefault(body, [0.0, 0.0, 0.0])
             for axis in range(3):
                 velocity[axis] += float(change[3 * number + axis])
                 shift[axis] += float(displacement[3 * number + axis])
-        jacobian = equations.jacobian
-        count = 2 * len(points)
-        closing_before = equations.speeds + jacobian @ removed
-        if taut_count:
-            impulse_change = solution.response_to_points @ impulses
-            closing_after = closing_before + jacobian @ impulse_change
-            works = impulses * (closing_before + closing_after)
-            self._loss -= float(works[count:].sum()) / 2
-        return _as_pairs(impulses[:count]), _as_pairs(closing_before[:count])
 
     def _impact_equations(
         self, points: list[Point], speeds: list[tuple[float, float]], bodies: list[int]
@@ -914,11 +937,9 @@ class ImpactSolver:
         speeds = velocity[rows].ravel().tolist()
         inverse_masses = inverse.reshape(-1, 3)[held_rows].ravel().tolist()
         smallest_speed = self._threshold * MIN_JOLT
-        return (
-            later_pose
-            if is_jolt(inverse_masses, speeds, removed_velocities, smallest_speed)
-            else None
-        )
+        if is_jolt(inverse_masses, speeds, removed_velocities, smallest_speed):
+            return later_pose
+        return None
 
     def _script_speeds(self, p: Point) -> tuple[float, float]:
         """Return the speeds of the first's point minus the second's, px/s, if they are

@@ -86,9 +86,10 @@ class Order:
         self._alike = np.flatnonzero(sorted_keys[1:] == sorted_keys[:-1]) + 1
         self._runs: list[tuple[int, int]] = []
         for k in self._alike.tolist():
-            start = (
-                self._runs.pop()[0] if self._runs and self._runs[-1][1] == k else k - 1
-            )
+            if self._runs and self._runs[-1][1] == k:
+                start = self._runs.pop()[0]
+            else:
+                start = k - 1
             self._runs.append((start, k + 1))
         self.places = np.tile(_POINTS, len(contacts))
         """1 for the numbers of points, else 0, (14 K,)."""
@@ -107,7 +108,10 @@ class Order:
             partners: dict[int, set[int]] = {}
             owners = self.contacts.tolist()
             for row, (first, second, _) in enumerate(owners):
-                pair = (first, second) if first < second else (second, first)
+                if first < second:
+                    pair = (first, second)
+                else:
+                    pair = (second, first)
                 rows.setdefault(pair, []).append(row)
                 partners.setdefault(first, set()).add(second)
                 partners.setdefault(second, set()).add(first)
@@ -132,24 +136,20 @@ class Order:
 
         `rows` are those of pymunk's list; `state` (M, 6) of the bodies `moving` (M,).
         """
-        rows_of = {body: row for row, body in enumerate(moving.tolist())}
-        states = state.tolist()
+        states = dict(zip(moving.tolist(), state.tolist(), strict=True))
         contacts = self.meetings.contacts
         fastest_speed = 0.0
         for row in rows:
             first, second, count = contacts[row]
             contact = CONTACT.unpack_from(numbers, CONTACT.size * row)
+            normal = contact[2:4]
             for k in range(count):
-                # The velocity of a body's point is v + spin * (-dy, dx); take its
-                # normal component.
-                px, py = contact[4 + 5 * k], contact[5 + 5 * k]
+                point = contact[4 + 5 * k : 6 + 5 * k]
                 closing = 0.0
-                for owner, sign in ((first, 1.0), (second, -1.0)):
-                    if owner in rows_of:
-                        x, y, _, vx, vy, spin = states[rows_of[owner]]
-                        along = (vx - spin * (py - y)) * contact[2]
-                        across = (vy + spin * (px - x)) * contact[3]
-                        closing += sign * (along + across)
+                if first in states:
+                    closing += _speed_along(states[first], point, normal)
+                if second in states:
+                    closing -= _speed_along(states[second], point, normal)
                 fastest_speed = max(fastest_speed, closing)
         return fastest_speed
 
@@ -230,11 +230,11 @@ def new_contacts(words: bytes, before: bytes) -> Sequence[int]:
     previous = np.sort(_pairs(before))
     positions = previous.searchsorted(present)
     positions[positions == len(previous)] = 0
-    new_rows: list[int] = (
-        np.flatnonzero(previous.take(positions) != present).tolist()
-        if len(previous)
-        else list(range(len(present)))
-    )
+    new_rows: list[int]
+    if len(previous):
+        new_rows = np.flatnonzero(previous.take(positions) != present).tolist()
+    else:
+        new_rows = list(range(len(present)))
     return new_rows
 
 
@@ -424,6 +424,17 @@ def contact_points(
         -flat_numbers.take(columns + 4),
         closing,
     )
+
+
+def _speed_along(
+    state: Sequence[float], point: Sequence[float], normal: Sequence[float]
+) -> float:
+    """Return the speed of a body's point along a normal, px/s."""
+    x, y, _, vx, vy, spin = state
+    # The velocity of a body's point is v + spin * (-dy, dx).
+    along_x = (vx - spin * (point[1] - y)) * normal[0]
+    along_y = (vy + spin * (point[0] - x)) * normal[1]
+    return along_x + along_y
 
 
 def _point_velocities(

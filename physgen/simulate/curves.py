@@ -58,6 +58,28 @@ def _gentle_closing(
     return closing_before + _closing_speed(state, normal, lever)
 
 
+def _closing_energy(
+    old_state: Array,
+    state: Array,
+    sign: float,
+    contact: list[float],
+    impulse: tuple[float, float],
+) -> float | None:
+    """Return the energy, g·px²/s², that the normal impulse of a contact removes.
+
+    None if the body has not followed the curve before. With `sign` 1, the contact's
+    normal points towards the wall.
+    """
+    nx, ny = sign * contact[2], sign * contact[3]
+    # The work of the normal impulse: impulse times the mean closing speed of the step.
+    normal_impulse = -(impulse[0] * nx + impulse[1] * ny)
+    lever = (contact[4] - state[0]) * ny - (contact[5] - state[1]) * nx
+    closing_sum = _gentle_closing(old_state, state, (nx, ny), lever)
+    if closing_sum is None:
+        return None
+    return normal_impulse * closing_sum / 2
+
+
 class CurvedWalls:
     """The walls of a world that are smooth curves, and the bodies that slide along
     them.
@@ -114,21 +136,12 @@ class CurvedWalls:
             if not impacts:
                 shift = state[row, :2] - old_state[row, :2] - h * old_state[row, 3:5]
                 lift_works[body] = -float(self._weight[body] @ shift)
-            # The normal points towards the wall.
-            nx, ny = sign * contact[2], sign * contact[3]
             ix, iy = impact_impulses.pop((body, wall), (0.0, 0.0))
-            ix, iy = ix + sign * contact[0], iy + sign * contact[1]
-            sum_x, sum_y = impulses.get(body, (0.0, 0.0))
-            impulses[body] = sum_x + ix, sum_y + iy
-            # The work of the normal impulse: impulse times the mean closing speed of
-            # the step.
-            normal_impulse = -(ix * nx + iy * ny)
-            arm_x = contact[4] - state[row, 0]
-            arm_y = contact[5] - state[row, 1]
-            lever = arm_x * ny - arm_y * nx
-            closing_sum = _gentle_closing(old_state[row], state[row], (nx, ny), lever)
-            if closing_sum is not None:
-                energy = normal_impulse * closing_sum / 2
+            impulse = ix + sign * contact[0], iy + sign * contact[1]
+            total = impulses.get(body, (0.0, 0.0))
+            impulses[body] = total[0] + impulse[0], total[1] + impulse[1]
+            energy = _closing_energy(old_state[row], state[row], sign, contact, impulse)
+            if energy is not None:
                 lost_energies[body] = lost_energies.get(body, 0.0) + energy
         return self._scale_speeds(lost_energies, lift_works, impulses, state)
 

@@ -129,7 +129,10 @@ class Running:
         self, world: World, times: Array | None = None, max_bytes: int = 64_000_000
     ) -> None:
         """Prepare the simulation; steps are stored up to `max_bytes` bytes."""
-        self.times = world.times if times is None else np.asarray(times, np.float64)
+        if times is None:
+            self.times = world.times
+        else:
+            self.times = np.asarray(times, np.float64)
         self._vehicles = world
         world = world_on_wheels(world)
         self._base_step = 1.0 / world.steps_per_second
@@ -167,7 +170,9 @@ class Running:
     @property
     def end(self) -> float:
         """Return the time of the last sample, s."""
-        return float(self.times[-1]) if len(self.times) else 0.0
+        if len(self.times):
+            return float(self.times[-1])
+        return 0.0
 
     @property
     def work(self) -> float:
@@ -381,10 +386,12 @@ class Running:
             self._step_length = h
         events: list[EnergyEvent] = []
         if self._impulses.has_due(end):
-            state = self._stepper.state().copy() if state is None else state
+            if state is None:
+                state = self._stepper.state().copy()
             events = self._give_due_impulses(begin, end, state)
         if self._scripted_motion.busy:
-            state = self._stepper.state().copy() if state is None else state
+            if state is None:
+                state = self._stepper.state().copy()
             self._scripted_motion.drive(end, h, state, self._row)
             has_jump = self._scripted_motion.has_jump(end - h / 2, end + h / 2)
             self._stepper.has_unchecked_contacts |= has_jump
@@ -676,7 +683,10 @@ class Stepper:
         is_probe = self._governor.is_crowded and not self._is_calm
         if is_probe and trial.state is None:
             trial.state = self.state().copy()
-        self._space.iterations = 1 if is_probe else self._governor.sweeps
+        if is_probe:
+            self._space.iterations = 1
+        else:
+            self._space.iterations = self._governor.sweeps
         for attempt in range(ATTEMPTS):
             self._try_step(trial)
             new_rows = self._leave_out_internal_edges(trial)
@@ -698,7 +708,10 @@ class Stepper:
     def _try_step(self, trial: StepTrial) -> None:
         """Take a trial of the step with its lasting forces and brakes."""
         if self._forces.is_acting:
-            start_state = self.state() if trial.state is None else trial.state
+            if trial.state is None:
+                start_state = self.state()
+            else:
+                start_state = trial.state
             is_free = (
                 trial.state is None and not self._numbers and not self._assemblies.busy
             )
@@ -811,7 +824,10 @@ class Stepper:
         points = contact_points(words, numbers, poses, velocities)
         if not (points.closing > threshold).any():
             return None
-        old_words = words if trial.is_half else self._order.words
+        if trial.is_half:
+            old_words = words
+        else:
+            old_words = self._order.words
         has_touched = np.ones(len(trial.order.contacts), bool)
         has_touched[[*new_contacts(words, old_words)]] = False
         if new_rows is not None:
@@ -881,7 +897,9 @@ class Stepper:
         if self._assemblies.has_bounds:
             start_velocities = np.zeros_like(self._center)
             start_velocities[moving] = step_velocities
-        motor_strength = 0.5 if trial.is_half else 1.0
+        motor_strength = 1.0
+        if trial.is_half:
+            motor_strength = 0.5
         pose, velocity = self.expand_state(exact)
         motion = self._assemblies.constrain(
             pose, velocity, h, motor_strength, start_velocities
@@ -962,7 +980,10 @@ class Stepper:
 
     def _review_joints(self, trial: StepTrial) -> None:
         """Count the work of scripted partners of joints, and break joints."""
-        duration = trial.h / 2 if trial.is_half else trial.h
+        if trial.is_half:
+            duration = trial.h / 2
+        else:
+            duration = trial.h
         momentum = self._joint_momentum(trial, duration)
         if self._assemblies.has_scripts:
             self._count_script_work(trial, momentum)
@@ -973,7 +994,10 @@ class Stepper:
         """Return the momentum by joints in a step of `duration` s."""
         old_velocities = trial.velocities_before_impacts
         if old_velocities is None:
-            start_state = self.state() if trial.state is None else trial.state
+            if trial.state is None:
+                start_state = self.state()
+            else:
+                start_state = trial.state
             old_velocities = start_state[:, 3:]
         state = np.frombuffer(trial.states, np.float64).reshape(-1, 6)
         pose, velocity = self.expand_state(state)

@@ -346,7 +346,10 @@ class ForceFields:
             rate = field.linear * self._width[bodies] * self._lightness[bodies] * h
             linear_decay = np.exp(-rate)
             share = 1 - linear_decay / (1 + slowing * linear_decay)
-        loads = total.spend if field.kind is FieldKind.AIR else total.drive
+        if field.kind is FieldKind.AIR:
+            loads = total.spend
+        else:
+            loads = total.drive
         loads[bodies, :2] += (self._mass[bodies] * share / h)[
             :, None
         ] * relative_velocity
@@ -394,18 +397,16 @@ class ForceFields:
             return
         h = end - begin
         time = (begin + end) / 2
-        x, y = (float(np.interp(time, knots[:, 0], knots[:, k])) for k in (1, 2))
+        target = np.array([np.interp(time, knots[:, 0], knots[:, k]) for k in (1, 2)])
         time_share = (min(end, knots[-1, 0]) - max(begin, knots[0, 0])) / h
         body = finger.first
         arm = _rotate(finger.first_at, pose[body, 2])
-        vx, vy, spin = velocity[body]
-        speed = np.array([vx - spin * arm[1], vy + spin * arm[0]])
-        pull = finger.stiffness * (np.array([x, y]) - pose[body, :2] - arm)
+        pull = finger.stiffness * (target - pose[body, :2] - arm)
         compliance = self._lightness[body] + self._ease[body] * float(arm @ arm)
         rate = max(finger.damping * compliance * h, 1e-300)
         # The closed form of a damper alone: it never overshoots.
         brake = finger.damping * float(-np.expm1(-rate) / rate)
-        force = time_share * (pull - brake * speed)
+        force = time_share * (pull - brake * _velocity_at(velocity[body], arm))
         total.drive[body, :2] += force
         total.drive[body, 2] += arm[0] * force[1] - arm[1] * force[0]
 
@@ -422,7 +423,9 @@ class ForceFields:
 
     def potential(self, pose: Array, time: float) -> float:
         """Return the energy stored in springs and attractors at a time, s: g·px²/s²."""
-        stored = -float((self._lift * pose[:, :2]).sum()) if self._lifts else 0.0
+        stored = 0.0
+        if self._lifts:
+            stored = -float((self._lift * pose[:, :2]).sum())
         # Samples before the breaking still see the spring.
         for spring, end in self._broken:
             if time < end:
@@ -473,36 +476,51 @@ class ForceFields:
             return
         direction = offset / length
         spring_force = -spring.stiffness * (length - spring.length)
-        sides = [(spring.first, arm1, 1.0)]
+        # Body, lever and sign of each end.
+        sides = [(spring.first, _lever(arm1, direction), 1.0)]
         if spring.second is not None:
-            sides.append((spring.second, arm2, -1.0))
-        compliance = speed = 0.0
-        for body, arm, sign in sides:
-            lever = arm[0] * direction[1] - arm[1] * direction[0]
-            compliance += self._lightness[body] + self._ease[body] * lever**2
-            speed += sign * float(
-                velocity[body, :2] @ direction + velocity[body, 2] * lever
-            )
+            sides.append((spring.second, _lever(arm2, direction), -1.0))
         damping_force = 0.0
-        if spring.damping and compliance:
-            # Dampers that share a body reduce the same velocity: each acts as if the
-            # step were longer by their number, so that together they never overshoot.
-            share = max(self._dampers.get(body, 1) for body, _, _ in sides)
-            rate = spring.damping * compliance * h * share
-            damping_force = (
-                -spring.damping
-                * (speed + h / 2 * compliance * spring_force)
-                * -np.expm1(-rate)
-                / rate
+        if spring.damping:
+            damping_force = self._damping_force(
+                spring, sides, direction, velocity, h, spring_force
             )
-        for body, arm, sign in sides:
-            lever = arm[0] * direction[1] - arm[1] * direction[0]
+        for body, lever, sign in sides:
             for part, force in (
                 (total.hold, spring_force),
                 (total.spend, damping_force),
             ):
                 part[body, :2] += sign * force * direction
                 part[body, 2] += sign * force * lever
+
+    def _damping_force(
+        self,
+        spring: Joint,
+        sides: list[tuple[int, float, float]],
+        direction: Array,
+        velocity: Array,
+        h: float,
+        spring_force: float,
+    ) -> float:
+        """Return the force of the damper of a spring, g·px/s²."""
+        compliance = speed = 0.0
+        for body, lever, sign in sides:
+            compliance += self._lightness[body] + self._ease[body] * lever**2
+            speed += sign * float(
+                velocity[body, :2] @ direction + velocity[body, 2] * lever
+            )
+        if not compliance:
+            return 0.0
+        # Dampers that share a body reduce the same velocity: each acts as if the step
+        # were longer by their number, so that together they never overshoot.
+        share = max(self._dampers.get(body, 1) for body, _, _ in sides)
+        rate = spring.damping * compliance * h * share
+        return float(
+            -spring.damping
+            * (speed + h / 2 * compliance * spring_force)
+            * -np.expm1(-rate)
+            / rate
+        )
 
 
 class Pool:
@@ -520,7 +538,7 @@ class Pool:
     def immersions(self, pose: Array) -> Iterator[tuple[int, float, Array]]:
         """Yield each body in the water, with its immersed area, px², and centre, px."""
         left, top, right, bottom = self._box
-        for body, pieces in self._shapes.items():
+        for body in self._shapes:
             x, y, angle = pose[body].tolist()
             reach = self._reach[body]
             # Most bodies are not in the water: the circle around a body tells so at
@@ -532,28 +550,30 @@ class Pool:
                 or y - reach > bottom
             ):
                 continue
-            rotation_matrix = rotation(angle)
-            total_area = 0.0
-            moment_sum = np.zeros(2)
-            for piece in pieces:
-                corners = piece @ rotation_matrix.T + (x, y)
-                # Clip the convex piece at the four sides of the water, one after the
-                # other.
-                for axis, bound, sign in (
-                    (0, left, 1.0),
-                    (0, right, -1.0),
-                    (1, top, 1.0),
-                    (1, bottom, -1.0),
-                ):
-                    corners = _clip_outline(corners, axis, bound, sign)
-                if len(corners) < 3:
-                    continue
+            area_sum, moment_sum = self._immersed_moments(body, (x, y), angle)
+            if area_sum > 0:
+                yield body, area_sum, moment_sum / area_sum
+
+    def _immersed_moments(
+        self, body: int, center: tuple[float, float], angle: float
+    ) -> tuple[float, Array]:
+        """Return the immersed area of a body, px², and its first moment, (2,) px³."""
+        left, top, right, bottom = self._box
+        sides = ((0, left, 1.0), (0, right, -1.0), (1, top, 1.0), (1, bottom, -1.0))
+        rotation_matrix = rotation(angle)
+        area_sum = 0.0
+        moment_sum = np.zeros(2)
+        for piece in self._shapes[body]:
+            corners = piece @ rotation_matrix.T + center
+            # Clip the convex piece at the four sides of the water, one after the other.
+            for axis, bound, sign in sides:
+                corners = _clip_outline(corners, axis, bound, sign)
+            if len(corners) >= 3:
                 moments = polygon_moments(corners)
                 piece_area = abs(moments.area)
-                total_area += piece_area
+                area_sum += piece_area
                 moment_sum = moment_sum + piece_area * moments.center
-            if total_area > 0:
-                yield body, total_area, moment_sum / total_area
+        return area_sum, moment_sum
 
 
 def _clip_outline(corners: Array, axis: int, limit: float, sign: float) -> Array:
@@ -561,7 +581,10 @@ def _clip_outline(corners: Array, axis: int, limit: float, sign: float) -> Array
 
     The part below the bound (sign 1) or above it (-1) is removed.
     """
-    depth = sign * (corners[:, axis] - limit) if len(corners) else np.zeros(0)
+    if len(corners):
+        depth = sign * (corners[:, axis] - limit)
+    else:
+        depth = np.zeros(0)
     if (depth >= 0).all():
         return corners
     kept_corners: list[Array] = []
@@ -635,6 +658,17 @@ def _rotate(vector: Array, angle: float) -> Array:
     """Rotate a vector by an angle, rad."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])
+
+
+def _lever(arm: Array, direction: Array) -> float:
+    """Return the lever of a force at the end of an arm, px."""
+    return float(arm[0] * direction[1] - arm[1] * direction[0])
+
+
+def _velocity_at(velocity: Array, arm: Array) -> Array:
+    """Return the velocity (2,) px/s of a body's point at an arm from its centre."""
+    vx, vy, spin = velocity
+    return np.array([vx - spin * arm[1], vy + spin * arm[0]])
 
 
 class Forces(NamedTuple):
@@ -718,14 +752,20 @@ class StepForces:
         load = Forces(self._nothing, None, None, None)
         if self._loads.busy:
             pose = self._spread(state[:, :3] + state[:, 3:] * h, self._center)
-            begin, duration = (end, 0.5) if is_half else (end - h / 2, 1.0)
+            if is_half:
+                begin, duration = (end, 0.5)
+            else:
+                begin, duration = (end - h / 2, 1.0)
             loads = self._loads.mean_loads(pose, velocity, begin, end + h / 2)
             drive = loads.drive * duration
             spend = loads.spend * duration
             load = Forces(loads.hold * duration + drive + spend, drive, spend, None)
         if not self._table.busy:
             return load
-        duration = h / 2 if is_half else h
+        if is_half:
+            duration = h / 2
+        else:
+            duration = h
         predicted_velocity = velocity
         if self._loads.busy:
             predicted_velocity = velocity + load.total / self._weight * h
@@ -735,7 +775,10 @@ class StepForces:
         if table_velocity is not None:
             predicted_velocity = predicted_velocity - table_velocity
         is_free &= not (self._loads.busy or self._falls or self._belts.busy)
-        begin = end if is_half else end - h / 2
+        if is_half:
+            begin = end
+        else:
+            begin = end - h / 2
         friction, roll_change, work = self._rub(
             predicted_velocity,
             table_velocity,
@@ -744,8 +787,14 @@ class StepForces:
             steps=STEPS_AHEAD if is_free else 1,
         )
         friction /= h
-        spend = friction if load.spend is None else load.spend + friction
-        total = load.total + friction if self._loads.busy else friction
+        if load.spend is None:
+            spend = friction
+        else:
+            spend = load.spend + friction
+        if self._loads.busy:
+            total = load.total + friction
+        else:
+            total = friction
         return Forces(total, load.drive, spend, roll_change, work)
 
     def _table_velocity(self, state: Array, h: float) -> Array | None:

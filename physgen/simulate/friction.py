@@ -10,12 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 from math import atan2, pi
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from physgen.compile.world import World
+from physgen.compile.world import Body, World
 from physgen.scene.scene import Motion, Solid
 from physgen.simulate.contacts import Array, Brakes, Order, Pair, impulses_and_normals
 
@@ -43,7 +43,7 @@ class Resistance:
     def follow(self, order: Order, numbers: bytes, h: float) -> None:
         """Set the next brakes and torques by a step's contacts."""
         if order.brakes is None:
-            order.brakes = self._found(order.contacts)
+            order.brakes = self._find_brakes(order.contacts)
         self.brakes, self.torques = order.brakes, []
         if not self.brakes.levers:
             return
@@ -61,7 +61,7 @@ class Resistance:
                 torque += lever * normal / h
             self.torques.append(torque)
 
-    def _found(self, contacts: NDArray[np.int64]) -> Brakes:
+    def _find_brakes(self, contacts: NDArray[np.int64]) -> Brakes:
         """Return the brakes of contacts (K, 3): one for each pair of bodies."""
         levers, rows = dict[Pair, float](), dict[Pair, list[int]]()
         partners = contacts.tolist()
@@ -108,6 +108,19 @@ def _ball_properties(
     ]
 
 
+class TableMotion(NamedTuple):
+    """The functions of one kind of motion on the table."""
+
+    array_changes: Callable[..., Any]
+    """Changes of several bodies in one step, as arrays."""
+    body_changes: Callable[..., Any]
+    """Changes of one body in all steps, in plain numbers."""
+
+
+def _is_ball(body: Body) -> bool:
+    return body.solid is Solid.SPHERE and body.radius is not None
+
+
 class Table:
     """Friction of a table seen from above on the N bodies of a world.
 
@@ -116,18 +129,13 @@ class Table:
 
     def __init__(self, world: World) -> None:
         bodies = world.bodies
-        grip = np.array(
-            [b.surface.friction * world.table.friction for b in bodies]
-        ).reshape(-1)
+        friction = world.table.friction
+        grip = np.array([b.surface.friction * friction for b in bodies]).reshape(-1)
         rolling = np.array([b.rolling for b in bodies]).reshape(-1)
         is_dynamic = np.array([b.motion is Motion.DYNAMIC for b in bodies], bool)
-        is_ball = np.array(
-            [b.solid is Solid.SPHERE and b.radius is not None for b in bodies], bool
-        )
-        self.busy = bool(
-            world.press > 0
-            and (is_dynamic & ((grip > 0) | (is_ball & (rolling > 0)))).any()
-        )
+        is_ball = np.array(list(map(_is_ball, bodies)), bool)
+        has_friction = is_dynamic & ((grip > 0) | (is_ball & (rolling > 0)))
+        self.busy = bool(world.press > 0 and has_friction.any())
         self._balls = np.flatnonzero(is_dynamic & is_ball)
         self._discs = np.flatnonzero(is_dynamic & ~is_ball & (grip > 0))
         mass, moment, patch = (
@@ -156,41 +164,22 @@ class Table:
         linear_velocity = velocity[:, 0] + 1j * velocity[:, 1]
         rolls = roll[:, 0] + 1j * roll[:, 1]
         motion = np.array([linear_velocity, velocity[:, 2], rolls])
-        changes_by_step = np.zeros((steps, 3, len(linear_velocity)), complex)
+        changes = np.zeros((steps, 3, len(linear_velocity)), complex)
         is_moving = np.asarray(motion.any(axis=0))
-        is_moving[
-            self._roll_on(linear_velocity, velocity[:, 2], rolls, h, changes_by_step)
-        ] = False
-        kinds = (
-            (_slide, _slide_one, self._discs, self._of_discs),
-            (_roll, _roll_one, self._balls, self._of_balls),
-        )
-        for several, one, listed, of in kinds:
-            moving_rows = np.flatnonzero(is_moving[listed])
-            # For few bodies, plain numbers are faster than arrays.
-            if len(moving_rows) > 8:
-                bodies = listed[moving_rows]
-                values = [column[moving_rows] for column in of]
-                changes_by_step[:, :, bodies] = _path(
-                    several, values, motion[:, bodies], h, steps
-                )
-                continue
-            for k in moving_rows.tolist():
-                plain_values: list[float] = [column[k].item() for column in of]
-                changes_by_step[:, :, listed[k]] = one(
-                    plain_values, motion[:, listed[k]].tolist(), h, steps
-                )
-        velocity_change, spin_change, roll_change = changes_by_step[::-1].swapaxes(0, 1)
+        rolling = self._roll_on(linear_velocity, velocity[:, 2], rolls, h, changes)
+        is_moving[rolling] = False
+        for kind, bodies, properties in (
+            (TableMotion(_slide, _slide_one), self._discs, self._of_discs),
+            (TableMotion(_roll, _roll_one), self._balls, self._of_balls),
+        ):
+            moving_rows = np.flatnonzero(is_moving[bodies])
+            _add_changes(kind, bodies, properties, moving_rows, motion, h, changes)
+        velocity_change, spin_change, roll_change = changes[::-1].swapaxes(0, 1)
         velocity_changes = np.stack(
             [velocity_change.real, velocity_change.imag, spin_change.real], axis=2
         )
-        return list(
-            zip(
-                velocity_changes,
-                np.stack([roll_change.real, roll_change.imag], axis=2),
-                strict=True,
-            )
-        )
+        roll_changes = np.stack([roll_change.real, roll_change.imag], axis=2)
+        return list(zip(velocity_changes, roll_changes, strict=True))
 
     def _roll_on(
         self, v: Array, spin: Array, roll: Array, h: float, out: Array
@@ -217,6 +206,33 @@ class Table:
             remaining_spin, 0, spin_loss
         )
         return self._balls[k]
+
+
+def _add_changes(
+    kind: TableMotion,
+    bodies: NDArray[np.int64],
+    properties: list[Array],
+    moving_rows: NDArray[np.int64],
+    motion: Array,
+    h: float,
+    changes: Array,
+) -> None:
+    """Write the changes (S, 3, N) of the moving ones of some bodies, in S steps."""
+    steps = len(changes)
+    # For few bodies, plain numbers are faster than arrays.
+    if len(moving_rows) > 8:
+        moving = bodies[moving_rows]
+        values = [column[moving_rows] for column in properties]
+        changes[:, :, moving] = _path(
+            kind.array_changes, values, motion[:, moving], h, steps
+        )
+        return
+    for k in moving_rows.tolist():
+        body = bodies[k]
+        plain_values: list[float] = [column[k].item() for column in properties]
+        changes[:, :, body] = kind.body_changes(
+            plain_values, motion[:, body].tolist(), h, steps
+        )
 
 
 def _path(
@@ -295,7 +311,10 @@ def _slide_one(
             )
             # Interpolate the shares of force and torque linearly between tabulated
             # angles.
-            node = int(position) if position < last_node else last_node
+            if position < last_node:
+                node = int(position)
+            else:
+                node = last_node
             fraction = position - node
             force_share = forces[node] + fraction * (forces[node + 1] - forces[node])
             torque_share = torques[node] + fraction * (
@@ -344,22 +363,17 @@ def _roll(
     roll_change = 1j * lever * change
     # Rolling resistance is a torque of c x normal force x radius; it slows the velocity
     # of a rolling ball in proportion to its roll.
-    is_rolling, roll_now = brake >= sticking_change * (1 - 1e-12), roll + roll_change
-    rolling_loss = np.minimum(
-        np.where(is_rolling, lost_rolling, lost_sliding)
-        * h
-        / np.maximum(abs(roll_now), 1e-300),
-        1.0,
-    )
+    is_rolling = brake >= sticking_change * (1 - 1e-12)
+    new_roll = roll + roll_change
+    loss = np.where(is_rolling, lost_rolling, lost_sliding) * h
+    loss = np.minimum(loss / np.maximum(abs(new_roll), 1e-300), 1.0)
     # The same torque brakes a spin about the vertical axis: that of a billiard ball by
     # 8.6 rad/s² (Alciatore measured 10).
-    spin_change = np.where(spin > 0, -1.0, 1.0) * np.minimum(
-        np.where(grip > 0, lost_sliding, 0.0) * h, abs(spin)
-    )
+    spin_loss = np.minimum(np.where(grip > 0, lost_sliding, 0.0) * h, abs(spin))
     return (
-        change - np.where(is_rolling, rolling_loss, 0.0) * (v + change),
-        spin_change,
-        roll_change - rolling_loss * roll_now,
+        change - np.where(is_rolling, loss, 0.0) * (v + change),
+        np.where(spin > 0, -1.0, 1.0) * spin_loss,
+        roll_change - loss * new_roll,
     )
 
 
@@ -416,28 +430,40 @@ def _listed_shares(ring: bool) -> list[list[float]]:
 
 
 @cache
+@cache
 def _shares(ring: bool) -> tuple[Array, Array, Array]:
     """Return angles atan2(speed, rim speed), with the shares of force and torque.
 
     They are averages over the area of a uniform disc, or over the rim of a hoop, of
-    friction against each point's own velocity. The disc's are the formulas of Farkas et
-    al. in complete elliptic integrals.
+    friction against each point's own velocity.
     """
     nodes = np.linspace(0, np.pi / 2, NODES)
     if ring:
-        angles_on_rim = (np.arange(720) + 0.5) * (2 * np.pi / 720)
-        v, u = np.sin(nodes)[:, None], np.cos(nodes)[:, None]
-        vx, vy = v - u * np.sin(angles_on_rim), u * np.cos(angles_on_rim)
-        point_speed = np.maximum(np.hypot(vx, vy), 1e-300)
-        return (
-            nodes,
-            (vx / point_speed).mean(axis=1),
-            (
-                (np.cos(angles_on_rim) * vy - np.sin(angles_on_rim) * vx) / point_speed
-            ).mean(axis=1),
-        )
-    # The formulas differ for a centre of rotation inside the disc (slow) and outside.
-    ratio = np.tan(nodes[1:-1])
+        return nodes, *_shares_of_rim(nodes)
+    force, torque = _shares_of_disc(np.tan(nodes[1:-1]))
+    return (
+        nodes,
+        np.concatenate([[0], force, [1]]),
+        np.concatenate([[2 / 3], torque, [0]]),
+    )
+
+
+def _shares_of_rim(nodes: Array) -> tuple[Array, Array]:
+    """Return the shares of force and torque of a hoop at angles (K,)."""
+    angles_on_rim = (np.arange(720) + 0.5) * (2 * np.pi / 720)
+    v, u = np.sin(nodes)[:, None], np.cos(nodes)[:, None]
+    vx, vy = v - u * np.sin(angles_on_rim), u * np.cos(angles_on_rim)
+    point_speed = np.maximum(np.hypot(vx, vy), 1e-300)
+    torque = np.cos(angles_on_rim) * vy - np.sin(angles_on_rim) * vx
+    return (vx / point_speed).mean(axis=1), (torque / point_speed).mean(axis=1)
+
+
+def _shares_of_disc(ratio: Array) -> tuple[Array, Array]:
+    """Return the shares of force and torque of a disc; `ratio` (K,): speed / rim speed.
+
+    The formulas of Farkas et al. in complete elliptic integrals. They differ for a
+    centre of rotation inside the disc (slow) and outside.
+    """
     is_slow = ratio <= 1
     m = np.where(is_slow, ratio, 1 / ratio) ** 2
     K, E = _elliptic(m)
@@ -457,11 +483,7 @@ def _shares(ring: bool) -> tuple[Array, Array, Array]:
         (4 - 2 * square_ratio) * E + (2 * square_ratio - 5 + 3 / square_ratio) * K
     )
     torque = 4 / 9 * np.where(is_slow, inner, outer) / np.pi
-    return (
-        nodes,
-        np.concatenate([[0], force, [1]]),
-        np.concatenate([[2 / 3], torque, [0]]),
-    )
+    return force, torque
 
 
 def _elliptic(m: Array) -> tuple[Array, Array]:

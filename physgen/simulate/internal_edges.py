@@ -157,7 +157,10 @@ class Frames:
 def edges_of(outline: ShapeOutline, frame: Frame = WORLD) -> list[Edge]:
     """Return the edges of a shape with the corners in this frame."""
     corners = [frame.place(corner) for corner in outline.corners]
-    following = corners[1:] if len(corners) == 2 else (*corners[1:], *corners[:1])
+    if len(corners) == 2:
+        following = corners[1:]
+    else:
+        following = [*corners[1:], *corners[:1]]
     edges = []
     for (x0, y0), (x1, y1) in zip(corners, following, strict=False):
         length = hypot(x1 - x0, y1 - y0)
@@ -313,7 +316,10 @@ def _may_one_cover(
         if into > 0:
             ahead = length - ahead
         if NEAREST < ahead < length + FARTHEST:
-            highest = LOWEST if is_segment else HIGHEST
+            if is_segment:
+                highest = LOWEST
+            else:
+                highest = HIGHEST
             height = (px - x) * dy - (py - y) * dx
             if -LOWEST < height < highest:
                 return True
@@ -388,7 +394,10 @@ class InternalEdges:
         count = (pair[0] in of_owner) + (pair[1] in of_owner)
         if not count:
             return False  # two circles
-        slope = TOLERANCE.slope if count == 2 else TOLERANCE.slope_of_circles
+        if count == 2:
+            slope = TOLERANCE.slope
+        else:
+            slope = TOLERANCE.slope_of_circles
         # the normal goes from the first to the second
         sides = (pair[0], pair[1], contact), (pair[1], pair[0], contact.reversed())
         for surface, own, touch in sides:
@@ -397,7 +406,10 @@ class InternalEdges:
             is_static = surface in self._static
             if is_static or count == 2:
                 seams = self._seams_of(surface, frames)
-                frame = WORLD if is_static else frames.of(surface)
+                if is_static:
+                    frame = WORLD
+                else:
+                    frame = frames.of(surface)
                 if seams.edges and seams.may_continue(frame, touch, slope):
                     return True
             thirds = partners.get(own, ())
@@ -449,16 +461,16 @@ class InternalEdges:
         first, second = shapes
         # Most contacts stay covered by the edges that covered them before: test these
         # first.
-        if self._is_still_covered(frames, (second, first), contact):
+        if self._is_covered_contact(frames, (second, first), contact):
             return STILL
         reversed_contact = contact.reversed()
-        if self._is_still_covered(frames, shapes, reversed_contact):
+        if self._is_covered_contact(frames, shapes, reversed_contact):
             return STILL
         return self._room(frames, second, first, partners, contact) or self._room(
             frames, first, second, partners, reversed_contact
         )
 
-    def _is_still_covered(
+    def _is_covered_contact(
         self, frames: Frames, pair: tuple[int, int], contact: Contact
     ) -> bool:
         """Check whether the edges that covered a contact before still cover it.
@@ -471,7 +483,10 @@ class InternalEdges:
             return False
         shape, surface = self._outlines[pair[0]], self._outlines[pair[1]]
         frame = frames.of(surface.owner)
-        place = WORLD if surface.is_static else frame
+        if surface.is_static:
+            place = WORLD
+        else:
+            place = frame
         center = frames.of(shape.owner).place(shape.center)
         local_contact = Contact(contact.normal, contact.points, center)
         if place is not WORLD:
@@ -479,9 +494,10 @@ class InternalEdges:
         (nx, ny), points, _ = local_contact
         # An edge covers only contacts whose normal points along it, into the next
         # surface.
-        smallest_cosine = (
-            TOLERANCE.slope if shape.corners else TOLERANCE.slope_of_circles
-        )
+        if shape.corners:
+            smallest_cosine = TOLERANCE.slope
+        else:
+            smallest_cosine = TOLERANCE.slope_of_circles
         sides, corners = self._edges[pair[1]], surface.corners
         # For each point there must be an edge over which the next surface does not
         # rise.
@@ -584,7 +600,7 @@ class InternalEdges:
             spots = [(x, y), *map(frame.locate, points[1:])]
             edges: list[Edge] = []
             for k in shapes:
-                if not _is_in(self._boxes[k], spots):
+                if not _is_in_box(self._boxes[k], spots):
                     continue
                 outline = self._outlines[k]
                 reach = outline.reach + NEIGHBOURS
@@ -612,7 +628,7 @@ class InternalEdges:
                 for k, (_, other, edges) in self._placed.items()
                 if k != shape and _do_meet(box, other)
                 for edge in edges
-                if _is_beside(edge, corners)
+                if _is_beside_shape(edge, corners)
             ]
         return self._static_edges[shape]
 
@@ -627,13 +643,13 @@ class InternalEdges:
                 for k in self._of_owner[outline.owner]
                 if k != shape
                 and _do_meet(self._boxes[k], self._boxes[shape])
-                and self._are_near(k, shape)
+                and self._have_near_circles(k, shape)
                 for edge in self._edges[k]
-                if _is_beside(edge, outline.corners)
+                if _is_beside_shape(edge, outline.corners)
             ]
         return self._own_edges[shape]
 
-    def _are_near(self, shape: int, other: int) -> bool:
+    def _have_near_circles(self, shape: int, other: int) -> bool:
         """Check whether circles around two shapes of one owner are near each other."""
         a, b = self._outlines[shape], self._outlines[other]
         distance = hypot(a.center[0] - b.center[0], a.center[1] - b.center[1])
@@ -654,7 +670,7 @@ def internal_edges(
     return InternalEdges(outlines, exceptions)
 
 
-def _is_in(box: Box, spots: Sequence[Spot]) -> bool:
+def _is_in_box(box: Box, spots: Sequence[Spot]) -> bool:
     """Return whether one of these places is within a box."""
     left, top, right, bottom = box
     return any(left < x < right and top < y < bottom for x, y in spots)
@@ -679,7 +695,7 @@ def _box_around(corners: Sequence[Spot]) -> Box:
     return left - margin, top - margin, right + margin, bottom + margin
 
 
-def _is_beside(edge: Edge, corners: Sequence[Spot]) -> bool:
+def _is_beside_shape(edge: Edge, corners: Sequence[Spot]) -> bool:
     """Check whether an end of an edge is near a shape, or a corner of the shape near
     the edge.
     """
@@ -764,7 +780,9 @@ def _distance(corners: Sequence[Spot], point: Spot) -> float:
         if wx * ey - wy * ex > 0:
             is_inside = False
         square = ex * ex + ey * ey
-        parameter = (wx * ex + wy * ey) / square if square > 1e-300 else 0.0
+        parameter = 0.0
+        if square > 1e-300:
+            parameter = (wx * ex + wy * ey) / square
         if parameter < 0.0:
             parameter = 0.0
         elif parameter > 1.0:
@@ -773,4 +791,6 @@ def _distance(corners: Sequence[Spot], point: Spot) -> float:
         if distance < nearest:
             nearest = distance
         x0, y0 = x1, y1
-    return 0.0 if is_inside else nearest
+    if is_inside:
+        return 0.0
+    return nearest

@@ -255,12 +255,7 @@ class Assemblies:
                 )
                 if motion is not None:
                     return motion
-        work = 0.0
-        motor_rows = [k for k, limit in enumerate(equations.limits) if limit < inf]
-        if motor_rows:
-            is_movable = np.array(masses) > 0
-            mean_speeds = (jacobian * is_movable) @ (velocities + after) / 2
-            work = float((impulse * mean_speeds)[motor_rows].sum())
+        work = _motor_work(equations, masses, impulse, (velocities + after) / 2)
         return GroupMotion(after.reshape(-1, 3).tolist(), work)
 
     def _constrain_bounded(
@@ -556,7 +551,10 @@ def _reaction_rows(
         joint_rows, _ = _rows(joint, columns, spots, size)
         bounds = bounds_of(joint, columns, spots, size, inf, None)
         is_guide = joint.kind in GUIDES
-        pulls = [bounded_row.row for bounded_row in bounds] if is_guide else []
+        if is_guide:
+            pulls = [bounded_row.row for bounded_row in bounds]
+        else:
+            pulls = []
         rows += [*joint_rows, *pulls]
         # Only the first rows of a joint count, its forces; later ones are torques.
         count = min(len(joint_rows), 1 if is_guide else 2)
@@ -638,6 +636,18 @@ def _few_changes(
     # The impulses y change the velocities by M⁻¹ Jᵀ y.
     columns = zip(inverse_masses, zip(*rows, strict=True), strict=True)
     return [m * sum(map(mul, y, column)) if m else 0.0 for m, column in columns]
+
+
+def _motor_work(
+    equations: GroupEquations, inverse_masses: list[float], impulse: Array, mean: Array
+) -> float:
+    """Return the work of motors at the mean velocities (3n,), g·px²/s²."""
+    motor_rows = [k for k, limit in enumerate(equations.limits) if limit < inf]
+    if not motor_rows:
+        return 0.0
+    is_movable = np.array(inverse_masses) > 0
+    mean_speeds = (np.array(equations.rows) * is_movable) @ mean
+    return float((impulse * mean_speeds)[motor_rows].sum())
 
 
 def _substitute_backward(triangle: list[list[float]], y: list[float]) -> None:

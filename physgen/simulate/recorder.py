@@ -21,6 +21,7 @@ from physgen.simulate.collisions import Impacts
 from physgen.simulate.contacts import (
     CONTACT_BYTES,
     Array,
+    Flags,
     Order,
     Touching,
     touching,
@@ -313,10 +314,6 @@ class Recorder:
         """Collect the properties of bodies that their energies depend on."""
         world = self.world
         bodies = world.bodies
-        jointed_bodies = set[int | None]()
-        for joint in world.joints:
-            if joint.kind not in SPRINGS:
-                jointed_bodies |= {joint.first, joint.second}
         motions = [body.motion for body in bodies]
         is_dynamic = np.array([motion is Motion.DYNAMIC for motion in motions], bool)
         is_scripted = [motion is Motion.SCRIPTED for motion in motions]
@@ -327,8 +324,7 @@ class Recorder:
         self._is_scripted = np.array(is_scripted + [False] * len(world.walls), bool)
         self._conveyors = np.array([part.conveyor for _, part in world.surfaces])
         self._centers = np.array([[*b.center, 0.0] for b in bodies]).reshape(-1, 3)
-        is_free = np.array([k not in jointed_bodies for k in range(len(bodies))], bool)
-        self._is_unjointed = is_dynamic & is_free
+        self._is_unjointed = is_dynamic & ~_has_joint(world)
         """Whether a body is dynamic without joints, (N,)."""
 
     def _prepare_balance(self) -> None:
@@ -399,12 +395,10 @@ class Recorder:
             self._expand(velocities_before),
             self._expand(velocities_after),
         )
-        losses, works = self._compute_load_work(steps, mean_velocities, rolls)
-        spins = mean_velocities[:, :, 2]
-        energy_flow[:, 0] += losses + self._compute_rolling_loss(steps, spins)
-        motor_works = [step.motor_work for step in steps]
+        losses, works = self._lasting_flow(steps, mean_velocities, rolls)
         lift_works = self._compute_lift_work(steps, states, velocities_before)
-        energy_flow[:, 1] += works + motor_works + lift_works
+        energy_flow[:, 0] += losses
+        energy_flow[:, 1] += works + lift_works
         # The velocities of a step are those of the middle between two steps: at its
         # end, half of its loss and work has occurred.
         balance = np.cumsum(energy_flow, axis=0) + self._flow_to_middle
@@ -423,6 +417,18 @@ class Recorder:
         )
         self._take_samples(steps, motion)
         self._end_block(motion, remainder)
+
+    def _lasting_flow(
+        self, steps: list[Step], velocities: Array, rolls: Array
+    ) -> tuple[Array, Array]:
+        """Return loss and work, (S,) each, of lasting forces, rolling and motors.
+
+        `velocities` (S, N, 3): the mean ones of each step.
+        """
+        losses, works = self._compute_load_work(steps, velocities, rolls)
+        motor_works = [step.motor_work for step in steps]
+        rolling_losses = self._compute_rolling_loss(steps, velocities[:, :, 2])
+        return losses + rolling_losses, works + motor_works
 
     def _read_states(self, steps: list[Step]) -> tuple[Array, Array]:
         """Return the states (S, M, 6) at the ends of steps, and the velocities (S, M, 3)
@@ -498,23 +504,17 @@ class Recorder:
         """
         balance = np.zeros((2, len(steps)))
         durations = np.array([step.h for step in steps])
-
-        def work(forces: list[Array | None]) -> Array | float:
-            loads_of_steps = [force for force in forces if force is not None]
-            return (
-                (np.array(loads_of_steps) * mean).sum(axis=(1, 2)) * durations
-                if loads_of_steps
-                else 0.0
-            )
-
         loads = [step.load for step in steps if step.load is not None]
-        balance[0] -= work([load.spend for load in loads])
-        balance[1] += work([load.drive for load in loads])
-        balance += [load.table_work for load in loads] if loads else 0.0
+        if not loads:
+            return balance
+        balance[0] -= _work([load.spend for load in loads], mean, durations)
+        balance[1] += _work([load.drive for load in loads], mean, durations)
+        balance += [load.table_work for load in loads]
         is_scripted = self._is_scripted[: mean.shape[1], None]
         # The loads on a scripted body are balanced by the work of its script.
         if is_scripted.any():
-            balance[1] -= work([load.total * is_scripted for load in loads])
+            loads_of_scripts = [load.total * is_scripted for load in loads]
+            balance[1] -= _work(loads_of_scripts, mean, durations)
         # A part of the energy that the table takes from a sphere's motion goes into its
         # roll and is not lost.
         if len(rolls) > 1:
@@ -683,7 +683,9 @@ class Recorder:
         """Collect the times and energies of impacts and other events in these steps."""
         # A sample at the time of an impulse shows the energy before it, except at
         # t = 0, where the impulse belongs to the scene's start.
-        delay = 0.0 if self._is_first_block else 1e-9
+        delay = 1e-9
+        if self._is_first_block:
+            delay = 0.0
         for step in steps:
             for event in step.events:
                 flow = event.time + delay, event.loss, event.work
@@ -961,7 +963,10 @@ class Recorder:
         """Return the motion after the last step; `sample_at` returns it at other
         times.
         """
-        columns = slice(None) if self._has_rolls else slice(0)
+        if self._has_rolls:
+            columns = slice(None)
+        else:
+            columns = slice(0)
         return Trajectory(
             times=self.times,
             names=tuple(body.name for body in self.world.bodies),
@@ -994,6 +999,24 @@ class PartnerMotion:
         vx, vy, spin = velocity
         cx, cy, _ = self.center
         return vx - spin * (y - cy), vy + spin * (x - cx)
+
+
+def _has_joint(world: World) -> Flags:
+    """Return whether each body has a joint other than a spring, (N,)."""
+    jointed_bodies = set[int | None]()
+    for joint in world.joints:
+        if joint.kind not in SPRINGS:
+            jointed_bodies |= {joint.first, joint.second}
+    return np.array([k in jointed_bodies for k in range(len(world.bodies))], bool)
+
+
+def _work(forces: list[Array | None], mean: Array, durations: Array) -> Array | float:
+    """Return the work (S,) of forces (N, 3) at the mean velocities (S, N, 3)."""
+    present_forces = [force for force in forces if force is not None]
+    if not present_forces:
+        return 0.0
+    powers = (np.array(present_forces) * mean).sum(axis=(1, 2))
+    return np.asarray(powers * durations)
 
 
 def _columns(values: Array, flat_rows: Index) -> Array:

@@ -198,34 +198,26 @@ class Space:
 
     def _index_shapes(self, world: World, owners: Sequence[pymunk.Body]) -> None:
         """Number the shapes of all owners, and find their internal edges."""
-        self._smooth = frozenset(
-            len(world.bodies) + k
-            for k, wall in enumerate(world.walls)
-            if wall.is_smooth
-        )
+        smooth_walls = [k for k, wall in enumerate(world.walls) if wall.is_smooth]
+        self._smooth = frozenset(len(world.bodies) + k for k in smooth_walls)
         """Smooth curves, without internal edges."""
         self._still_poses = [(*body.position, body.angle) for body in owners]
-        self._shapes = [shape._shape for body in owners for shape in body.shapes]
+        self._shapes: list[Any] = []
+        outlines: list[ShapeOutline] = []
+        for owner, body in enumerate(owners):
+            for shape in body.shapes:
+                self._shapes.append(shape._shape)
+                outlines.append(_shape_outline(shape, owner))
         self._numbers = {shape: k for k, shape in enumerate(self._shapes)}
-        outlines = tuple(
-            _shape_outline(shape, owner)
-            for owner, body in enumerate(owners)
-            for shape in body.shapes
-        )
-        self._outlines = outlines
+        self._outlines = tuple(outlines)
         self._dynamic = {
             k for k, body in enumerate(world.bodies) if body.motion is Motion.DYNAMIC
         }
         self._circles = {o.owner: o for o in outlines if not o.corners}
         self._owners = [outline.owner for outline in outlines]
-        self._reach: list[float] = []
-        for outline in outlines:
-            reach = 0.0
-            if outline.corners:
-                reach = hypot(*outline.center) + outline.reach
-            self._reach.append(reach)
+        self._reach = list(map(_reach_of_corners, outlines))
         self._edges = internal_edges(
-            outlines, _pairs_apart(world), tuple(self._still_poses)
+            self._outlines, _pairs_apart(world), tuple(self._still_poses)
         )
 
     def _watch(self, world: World, parts: list[pymunk.Body]) -> SpecialSurfaces | None:
@@ -237,15 +229,9 @@ class Space:
         passages += [wall.passage for wall in world.walls]
         # Keep the default filter, which lets all collide, unless some object ignores
         # others.
-        has_groups = any(
-            passage.group != 1 or passage.collides_with != EVERY_GROUP
-            for passage in passages
-        )
-        for passage, part in zip(passages if has_groups else (), parts, strict=False):
-            for shape in part.shapes:
-                shape.filter = pymunk.ShapeFilter(
-                    categories=passage.group, mask=passage.collides_with
-                )
+        if not all(map(_lets_all_collide, passages)):
+            for passage, part in zip(passages, parts, strict=False):
+                _set_filter(part, passage)
         owners = SpecialSurfaces.owners_of(world)
         if not owners:
             return None
@@ -357,7 +343,10 @@ class Space:
             # find another one.
             doubtful_rows += [row for row in rows if not _has_depth(row, numbers)]
         is_changed = False
-        arbiters = self._arbiters() if doubtful_rows else []
+        if doubtful_rows:
+            arbiters = self._arbiters()
+        else:
+            arbiters = []
         # The engine lists contacts in one order, here with those without points.
         if len(arbiters) > len(meetings.contacts):
             arbiters = [arbiter for arbiter in arbiters if arbiter.count]
@@ -410,17 +399,26 @@ class Space:
         first = self._outlines[key[0]]
         second = self._outlines[key[1]]
         is_second = not second.corners
-        circle, other = (second, first) if is_second else (first, second)
+        if is_second:
+            circle, other = (second, first)
+        else:
+            circle, other = (first, second)
         if circle.corners or len(other.corners) < 3:
             return False
         center = frames.of(circle.owner).place(circle.center)
         pose = frames.poses[other.owner]
-        arm = arbiter.contacts[0].r1 if is_second else arbiter.contacts[0].r2
+        if is_second:
+            arm = arbiter.contacts[0].r1
+        else:
+            arm = arbiter.contacts[0].r2
         nx, ny = arbiter.n.x, arbiter.n.y
         aside = nx * (pose[1] + arm.y - center[1]) - ny * (pose[0] + arm.x - center[0])
         if abs(aside) < LEAST_ASIDE * circle.reach:
             return False
-        step = NUDGE if is_second else -NUDGE
+        if is_second:
+            step = NUDGE
+        else:
+            step = -NUDGE
         owner = circle.owner
         if owner not in self._dynamic:
             owner = other.owner
@@ -585,7 +583,10 @@ class Space:
             old_motors = self._motors
             for key in pairs:
                 if key not in self._brakes:
-                    other = self._anchor if key[1] < 0 else self._bodies[key[1]]
+                    if key[1] < 0:
+                        other = self._anchor
+                    else:
+                        other = self._bodies[key[1]]
                     # A motor of speed 0 with a limited torque is a brake.
                     motor = pymunk.SimpleMotor(self._bodies[key[0]], other, 0.0)
                     self._space.add(motor)
@@ -620,28 +621,51 @@ def _has_depth(row: int, numbers: bytes) -> bool:
     return bool(CONTACT.unpack_from(numbers, CONTACT.size * row)[DEPTH])
 
 
+def _set_filter(part: pymunk.Body, passage: Passage) -> None:
+    """Set the groups of the shapes of a body or wall."""
+    for shape in part.shapes:
+        shape.filter = pymunk.ShapeFilter(
+            categories=passage.group, mask=passage.collides_with
+        )
+
+
+def _reach_of_corners(outline: ShapeOutline) -> float:
+    """Return the distance from an owner's centre to a shape's corners, px; 0 for a
+    circle.
+    """
+    if not outline.corners:
+        return 0.0
+    return hypot(*outline.center) + outline.reach
+
+
 def _shape_outline(shape: pymunk.Shape, owner: int) -> ShapeOutline:
     """Convert a shape to plain numbers; corners are clockwise in the image."""
-    match shape:
-        # Chipmunk may store corners in either direction.
-        case pymunk.Poly():
-            corners = [(float(x), float(y)) for x, y in shape.get_vertices()]
-            sides = zip(corners, (*corners[1:], corners[0]), strict=True)
-            if sum(x0 * y1 - x1 * y0 for (x0, y0), (x1, y1) in sides) < 0:
-                corners.reverse()
-        case pymunk.Segment():
-            corners = [(float(x), float(y)) for x, y in (shape.a, shape.b)]
-        case _:
-            corners = []
     assert shape.body is not None
     is_static = shape.body.body_type == pymunk.Body.STATIC
+    if isinstance(shape, pymunk.Circle):
+        x, y = shape.offset
+        return ShapeOutline(owner, is_static, (), (x, y), shape.radius)
+    corners = _shape_corners(shape)
     xs, ys = [x for x, _ in corners] or [0.0], [y for _, y in corners] or [0.0]
     x, y = (min(xs) + max(xs)) / 2, (min(ys) + max(ys)) / 2
     reach = max(map(hypot, [u - x for u in xs], [v - y for v in ys]))
-    if isinstance(shape, pymunk.Circle):
-        x, y = shape.offset
-        reach = shape.radius
     return ShapeOutline(owner, is_static, tuple(corners), (x, y), reach)
+
+
+def _shape_corners(shape: pymunk.Shape) -> list[tuple[float, float]]:
+    """Return the corners of a polygon, clockwise, or the ends of a segment."""
+    match shape:
+        case pymunk.Poly():
+            corners = [(float(x), float(y)) for x, y in shape.get_vertices()]
+            sides = zip(corners, (*corners[1:], corners[0]), strict=True)
+            # Chipmunk may store corners in either direction.
+            if sum(x0 * y1 - x1 * y0 for (x0, y0), (x1, y1) in sides) < 0:
+                corners.reverse()
+            return corners
+        case pymunk.Segment():
+            return [(float(x), float(y)) for x, y in (shape.a, shape.b)]
+        case _:
+            return []
 
 
 def _pairs_apart(world: World) -> frozenset[tuple[int, int]]:
@@ -657,7 +681,7 @@ def _pairs_apart(world: World) -> frozenset[tuple[int, int]]:
     passages = [body.passage for body in world.bodies]
     passages += [wall.passage for wall in world.walls]
     for first, first_passage in enumerate(passages):
-        if first_passage.group == 1 and first_passage.collides_with == EVERY_GROUP:
+        if _lets_all_collide(first_passage):
             continue
         for second, second_passage in enumerate(passages):
             # Both objects must permit the collision.
@@ -667,7 +691,13 @@ def _pairs_apart(world: World) -> frozenset[tuple[int, int]]:
             )
             if not is_collision:
                 pairs.append((first, second))
-    return frozenset([*pairs, *((second, first) for first, second in pairs)])
+    reversed_pairs = [(second, first) for first, second in pairs]
+    return frozenset([*pairs, *reversed_pairs])
+
+
+def _lets_all_collide(passage: Passage) -> bool:
+    """Return whether a passage is the default one."""
+    return passage.group == 1 and passage.collides_with == EVERY_GROUP
 
 
 def _add_body(space: pymunk.Space, model: Body) -> pymunk.Body:
@@ -742,32 +772,36 @@ def _neighbours(walls: Sequence[Wall]) -> dict[tuple[float, ...], list[float]]:
     A neighbour continues the segment in a straight line. With known neighbours, the end
     of a segment no longer stops an object that slides over the seam.
     """
-    ends = [
-        (np.array(near), np.array(far))
-        for wall in walls
-        for line in wall.chains
-        for a, b in pairwise(line.tolist())
-        for near, far in ((a, b), (b, a))
-    ]
+    ends = _segment_ends(walls)
     neighbours: dict[tuple[float, ...], list[float]] = {}
-    if not ends:
+    if not len(ends):
         return neighbours
-    nears = np.array([near for near, _ in ends])
-    directions = np.array([far - near for near, far in ends])
+    nears = ends[:, 0]
+    directions = ends[:, 1] - nears
     directions /= np.maximum(np.hypot(*directions.T), 1e-12)[:, None]
     # Ends sorted by x: only those within a narrow band can be near.
     order = np.argsort(nears[:, 0], kind="stable")
     sorted_x = nears[order, 0]
-    for k in range(len(ends)):
-        low, high = np.searchsorted(sorted_x, [nears[k, 0] - SEAM, nears[k, 0] + SEAM])
+    for k, near in enumerate(nears):
+        low, high = np.searchsorted(sorted_x, [near[0] - SEAM, near[0] + SEAM])
         others = order[low:high]
-        is_near = np.hypot(*(nears[others] - nears[k]).T) <= SEAM
+        is_near = np.hypot(*(nears[others] - near).T) <= SEAM
         is_straight = directions[others] @ directions[k] <= -STRAIGHT
         for other in others[is_near & is_straight].tolist():
             if other // 2 != k // 2:
-                key = (*ends[k][0].tolist(), *ends[k][1].tolist())
-                neighbours.setdefault(key, ends[other][1].tolist())
+                key = tuple(ends[k].ravel().tolist())
+                neighbours.setdefault(key, ends[other, 1].tolist())
     return neighbours
+
+
+def _segment_ends(walls: Sequence[Wall]) -> Array:
+    """Return both ends of each segment as near and far end, (2K, 2, 2) px."""
+    ends = []
+    for wall in walls:
+        for line in wall.chains:
+            for start, end in pairwise(line.tolist()):
+                ends += [(start, end), (end, start)]
+    return np.array(ends)
 
 
 GUIDES = (JointKind.SLIDER, JointKind.ROPE, JointKind.PULLEY, JointKind.GEAR)
@@ -783,7 +817,10 @@ def _add_guide(
     For a rope or a pulley, add only a constraint that keeps two bodies from colliding.
     """
     first = bodies[joint.first]
-    second = world if joint.second is None else bodies[joint.second]
+    if joint.second is None:
+        second = world
+    else:
+        second = bodies[joint.second]
     parts: list[pymunk.Constraint] = []
     if joint.kind is JointKind.SLIDER:
         direction = joint.guide[0] / float(np.hypot(*joint.guide[0])) * ENDLESS
@@ -828,20 +865,24 @@ def _add_joints(
             added[joint.name] = _add_guide(space, joint, bodies, world)
             continue
         a = bodies[joint.first]
-        b = world if joint.second is None else bodies[joint.second]
+        if joint.second is None:
+            b = world
+        else:
+            b = bodies[joint.second]
         first = joint.first_at
         second = joint.second_at
         if joint.kind is JointKind.WELD:
             first_centre = np.array(a.position)
             second_centre = np.array(b.position)
-            middle = (
-                first_centre
-                if joint.second is None
-                else (a.mass * first_centre + b.mass * second_centre)
-                / (a.mass + b.mass)
-                if a.mass + b.mass < np.inf
-                else second_centre
-            )
+            if joint.second is None:
+                middle = first_centre
+            else:
+                if a.mass + b.mass < np.inf:
+                    middle = (a.mass * first_centre + b.mass * second_centre) / (
+                        a.mass + b.mass
+                    )
+                else:
+                    middle = second_centre
             first = middle - first_centre
             second = middle - second_centre
         # A weld is a pin together with a gear for the relative angle.

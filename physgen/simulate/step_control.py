@@ -58,6 +58,35 @@ class StepTuning:
 TUNING = StepTuning()
 
 
+def _static_boxes(world: World) -> Array:
+    """Return the boxes of all shapes that never move, (K, 4) px: x, y, x, y.
+
+    A fast body needs parts only near other shapes.
+    """
+    boxes = []
+    for wall in world.walls:
+        for chain in wall.chains:
+            for start, end in pairwise(chain):
+                boxes.append((*np.minimum(start, end), *np.maximum(start, end)))
+    for body in world.bodies:
+        if body.motion is Motion.STATIC:
+            box = (*(body.center - body.reach), *(body.center + body.reach))
+            boxes.append(box)
+    return np.array(boxes, np.float64).reshape(-1, 4)
+
+
+def _push_speeds(world: World, moving: list[int]) -> Array:
+    """Return the largest changes of speed by pushes in a step, (M,) px/s."""
+    speeds = np.zeros(len(moving))
+    rows = {body: row for row, body in enumerate(moving)}
+    for push in world.pushes:
+        if push.load is Load.FORCE and push.body in rows:
+            body = world.bodies[push.body]
+            force = float(np.hypot(*push.vector)) / world.steps_per_second
+            speeds[rows[push.body]] += force / body.mass * 2
+    return speeds
+
+
 class StepDivider:
     """Finds the bodies that move far in a step, and divides the step for them."""
 
@@ -67,31 +96,11 @@ class StepDivider:
             -1
         )
         self._reach = np.array([body.reach for body in bodies]).reshape(-1)
-        self._rim_radius = np.array(
-            [0.0 if body.radius is not None else body.reach for body in bodies], float
-        )
-        # A fast body needs parts only near other shapes. Store the boxes of all shapes
-        # that never move.
-        boxes = [
-            (*np.minimum(a, b), *np.maximum(a, b))
-            for wall in world.walls
-            for chain in wall.chains
-            for a, b in pairwise(chain)
-        ]
-        boxes += [
-            (*(body.center - body.reach), *(body.center + body.reach))
-            for body in world.bodies
-            if body.motion is Motion.STATIC
-        ]
-        self._static_boxes = np.array(boxes, np.float64).reshape(-1, 4)
-        self._push_speeds = np.zeros(len(bodies))
+        is_circle = np.array([body.radius is not None for body in bodies], bool)
+        self._rim_radius = np.where(is_circle, 0.0, self._reach)
+        self._static_boxes = _static_boxes(world)
+        self._push_speeds = _push_speeds(world, moving.tolist())
         """Largest changes of speed by pushes in a step, (M,) px/s."""
-        row = {int(body): k for k, body in enumerate(moving.tolist())}
-        for push in world.pushes:
-            if push.load is Load.FORCE and push.body in row:
-                body = world.bodies[push.body]
-                force = float(np.hypot(*push.vector)) / world.steps_per_second
-                self._push_speeds[row[push.body]] += force / body.mass * 2
         self.has_fast_bodies = False
         """Whether a body is so fast that each step must be checked."""
         self._parts_left = TUNING.parts_at_once

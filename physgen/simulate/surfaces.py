@@ -141,7 +141,9 @@ class SpecialSurfaces:
                 side_impulse >= SATURATED * maximum_friction
                 and slip > self._slips[arbiter.shapes]
             )
-            count = self._loose.get(arbiter.shapes, 0) + 1 if is_loose else 0
+            count = 0
+            if is_loose:
+                count = self._loose.get(arbiter.shapes, 0) + 1
             self._loose[arbiter.shapes] = count
             is_sliding = self._slides[arbiter.shapes] and is_loose
             is_sliding |= count >= LOOSE or slip >= self._slow
@@ -166,9 +168,9 @@ class SpecialSurfaces:
 
 def _static(surface: Surface) -> float:
     """Return the static friction of a surface; by default its sliding friction."""
-    return (
-        surface.friction if surface.static_friction is None else surface.static_friction
-    )
+    if surface.static_friction is None:
+        return surface.friction
+    return surface.static_friction
 
 
 def belt_velocities(

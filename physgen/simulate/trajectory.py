@@ -156,7 +156,9 @@ class Trajectory:
             )
         ]
         flow = max(least_flow, float(energy.kinetic.max()), *flows)
-        return float(np.ptp(total)) / flow if flow > 0 else 0.0
+        if flow > 0:
+            return float(np.ptp(total)) / flow
+        return 0.0
 
     def time_of_departure(
         self, reaches: Array, size: tuple[int, int], least_distance: float
@@ -177,7 +179,9 @@ class Trajectory:
         if not is_moving.any() or is_visible[-1]:
             return None
         visible_samples = np.flatnonzero(is_visible)
-        last_sample = int(visible_samples[-1]) if len(visible_samples) else 0
+        last_sample = 0
+        if len(visible_samples):
+            last_sample = int(visible_samples[-1])
         return float(self.times[last_sample])
 
     def sample_hashes(self) -> list[str]:
@@ -326,7 +330,9 @@ def rest_times(trajectory: Trajectory) -> list[float | None]:
     times = []
     for is_resting in resting_mask(trajectory).T:
         moving_samples = np.flatnonzero(~is_resting)
-        first_sample = int(moving_samples[-1]) + 1 if len(moving_samples) else 0
+        first_sample = 0
+        if len(moving_samples):
+            first_sample = int(moving_samples[-1]) + 1
         is_too_short = (
             first_sample == len(is_resting)
             or trajectory.times[-1] - trajectory.times[first_sample]

@@ -72,12 +72,13 @@ class Spread:
         if self.is_upper_half or self.maximum < inf:
             # A truncated distribution: map the quantile to the permitted range of
             # probabilities.
-            low_share = 0.5 if self.is_upper_half else 0.0
-            high_share = (
-                1.0
-                if self.maximum == inf
-                else NORMAL.cdf(log(self.maximum / self.median) / self.sigma)
-            )
+            low_share = 0.0
+            if self.is_upper_half:
+                low_share = 0.5
+            if self.maximum == inf:
+                high_share = 1.0
+            else:
+                high_share = NORMAL.cdf(log(self.maximum / self.median) / self.sigma)
             share = low_share + NORMAL.cdf(z) * (high_share - low_share)
             z = NORMAL.inv_cdf(min(max(share, 1e-300), 1 - 2**-53))
         value = self.median * exp(self.sigma * z)
@@ -101,9 +102,13 @@ def spread(
         return None
     if parameter == "elasticity":
         is_certain = not CERTAIN_ELASTICITY < value < 1 - CERTAIN_ELASTICITY
-        return None if is_certain else Spread(value, sigma, logit=True)
+        if is_certain:
+            return None
+        return Spread(value, sigma, logit=True)
     maximum = MAX_VALUES[parameter]
-    return Spread(value, sigma, maximum, is_upper_half) if 0 < value < maximum else None
+    if 0 < value < maximum:
+        return Spread(value, sigma, maximum, is_upper_half)
+    return None
 
 
 @dataclass(frozen=True)
@@ -155,15 +160,7 @@ def _of_object(
     shared_part = 0.0
     # Objects of one label are of one material, as surely as the label is right.
     if label not in VAGUE_LABELS:
-        origin = item.provenance.get("label")
-        label_source = provenance.of(
-            f"{path}.label", origin, text_path=f"{path}.from.label"
-        )
-        shared_part = (
-            1.0
-            if origin is None or label_source.kind != "guess"
-            else source(origin).confidence or 0.0
-        )
+        shared_part = _label_confidence(item, provenance)
     for parameter in OBJECT_PARAMETERS:
         value = getattr(item, parameter)
         if value is None or parameter not in item.provenance:
@@ -175,12 +172,10 @@ def _of_object(
             item.provenance[parameter],
             text_path=f"{path}.from.{parameter}",
         )
+        if value_source.confidence is None:
+            continue
         is_lower_limit = parameter == "friction" and value_source.text == AT_LEAST
-        distribution = (
-            None
-            if value_source.confidence is None
-            else spread(parameter, value, value_source.confidence, is_lower_limit)
-        )
+        distribution = spread(parameter, value, value_source.confidence, is_lower_limit)
         if distribution is not None:
             yield UncertainValue(
                 "objects",
@@ -194,6 +189,18 @@ def _of_object(
             )
 
 
+def _label_confidence(item: Object, provenance: Provenance) -> float:
+    """Return the confidence of an object's label, 1 for a user's."""
+    path = f"objects.{item.name}"
+    origin = item.provenance.get("label")
+    label_source = provenance.of(
+        f"{path}.label", origin, text_path=f"{path}.from.label"
+    )
+    if origin is None or label_source.kind != "guess":
+        return 1.0
+    return source(origin).confidence or 0.0
+
+
 def _of_boundary(
     scene: Scene, item: Boundary, provenance: Provenance
 ) -> Iterator[UncertainValue]:
@@ -205,11 +212,10 @@ def _of_boundary(
             f"{path}.{parameter}", origin, text_path=f"{path}.from"
         )
         value = getattr(item, parameter)
-        distribution = (
-            None
-            if value_source.confidence is None
-            else spread(parameter, value, value_source.confidence)
-        )
+        if value_source.confidence is None:
+            distribution = None
+        else:
+            distribution = spread(parameter, value, value_source.confidence)
         if distribution is not None:
             yield UncertainValue(
                 "boundaries", item.name, parameter, value, value_source, distribution
@@ -263,7 +269,9 @@ def with_draw(scene: Scene, values: Sequence[UncertainValue], draw: Array) -> Sc
 
     def edited(section: str, item: Any) -> Any:
         changes = edits.get((section, item.name))
-        return replace(item, **changes) if changes else item
+        if changes:
+            return replace(item, **changes)
+        return item
 
     return replace(
         scene,

@@ -130,30 +130,23 @@ def simulate_ensemble(
     world = compiled_scene.world
     doubts = uncertain_values(scene, variant)
     values = draw_values(doubts, seed, count)
-    samples = max(ceil(world.duration * RATE), 2) + 1
-    times = np.linspace(0, world.duration, samples)
-    stored_samples = (
-        np.linspace(0, samples - 1, min(KEPT_SAMPLES, samples)).round().astype(np.intp)
-    )
+    times = np.linspace(0, world.duration, max(ceil(world.duration * RATE), 2) + 1)
+    stored_samples = _stored_samples(len(times))
     # A scene with invalid values of its own raises an error here.
     own_run = simulate(world, times)
-    own_outcome, own_poses = outcome(world, own_run), own_run.poses[stored_samples]
+    own_poses = own_run.poses[stored_samples]
     poses = np.full((count, *own_poses.shape), np.nan)
     outcomes: list[Outcome | None] = []
     failures: dict[str, Problem] = {}
     for number in range(count):
         progress("fan", number, count)
         try:
-            drawn_world = compile_shapes(
-                with_draw(scene, doubts, values[number]), compiled_scene.shapes
-            ).world
+            draw = with_draw(scene, doubts, values[number])
+            drawn_world = compile_shapes(draw, compiled_scene.shapes).world
             run = simulate(drawn_world, times)
         except InputError as error:
-            failures |= {
-                f"{p.path} {p.expected}": p
-                for p in error.problems
-                if p.path not in failures
-            }
+            new_problems = [p for p in error.problems if p.path not in failures]
+            failures |= {f"{p.path} {p.expected}": p for p in new_problems}
             outcomes.append(None)
             continue
         poses[number] = run.poses[stored_samples]
@@ -167,10 +160,16 @@ def simulate_ensemble(
         times=times[stored_samples],
         poses=poses,
         outcomes=tuple(outcomes),
-        clip_outcome=own_outcome,
+        clip_outcome=outcome(world, own_run),
         own_poses=own_poses,
         failures=tuple(failures.values()),
     )
+
+
+def _stored_samples(count: int) -> NDArray[np.intp]:
+    """Return the evenly spaced samples of `count` that an ensemble keeps."""
+    positions = np.linspace(0, count - 1, min(KEPT_SAMPLES, count))
+    return positions.round().astype(np.intp)
 
 
 def size(body: Body) -> float:
@@ -287,11 +286,9 @@ def radius(places: Array) -> float:
     `(N, 2)`.
     """
     offsets = places - np.median(places, axis=0)
-    return (
-        float(np.quantile(np.hypot(*offsets.T), MOST, method="higher"))
-        if len(places)
-        else 0.0
-    )
+    if len(places):
+        return float(np.quantile(np.hypot(*offsets.T), MOST, method="higher"))
+    return 0.0
 
 
 def percent(share: float) -> str:
@@ -301,9 +298,9 @@ def percent(share: float) -> str:
     ('41 %', '100 %', '99.7 %')
     """
     number = 100 * share
-    return (
-        f"{number:.1f} %" if 0 < number < 1 or 99 < number < 100 else f"{number:.0f} %"
-    )
+    if 0 < number < 1 or 99 < number < 100:
+        return f"{number:.1f} %"
+    return f"{number:.0f} %"
 
 
 @dataclass(frozen=True)
@@ -359,7 +356,9 @@ class Verdict:
                 f"Not decided: {verb} in {count} of {total} draws ({percent(self.share)}, {interval}), {others}."
             ]
         if self.event is not Fate.STAYS:
-            phrase = "is" if self.placed else "is not"
+            phrase = "is not"
+            if self.placed:
+                phrase = "is"
             lines.append(
                 f"Where it ends {phrase} decided: 9 of 10 draws lie within {rounded(self.radius)} px."
             )
@@ -394,11 +393,9 @@ def verdicts(fan: Ensemble) -> list[Verdict]:
 def headline(fan: Ensemble, verdicts: Sequence[Verdict]) -> str:
     """Return one sentence about all bodies."""
     if not verdicts:
-        return (
-            f"None of the {len(fan.outcomes)} draws could be simulated."
-            if fan.names
-            else "Nothing can move."
-        )
+        if fan.names:
+            return f"None of the {len(fan.outcomes)} draws could be simulated."
+        return "Nothing can move."
     count, fates = len(verdicts), sum(v.decided for v in verdicts)
     places = sum(v.decided and v.placed for v in verdicts)
     objects = f"{count} object{'s' * (count != 1)}"

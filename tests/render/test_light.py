@@ -947,7 +947,9 @@ def test_an_outline_that_cuts_an_edge_off_lights_no_line_on_the_face(cut: int) -
     cover[8:152, 8:40] = 1
     cover[60:90, 40 - cut : 40] = 0
     sprite = Sprite(0, (0, 0), (light * cover)[..., None].repeat(3, 2), cover)
-    relief = reliefs.add_edge_relief(sprite, DistantLight((-0.8, -0.4, 0.45), 0.8, 0.3)).relief
+    relief = reliefs.add_edge_relief(
+        sprite, DistantLight((-0.8, -0.4, 0.45), 0.8, 0.3)
+    ).relief
     assert relief is not None
     lit = (light * relief.ratio(np.pi / 2))[12:148]
     face, edge = lit[:, 12:36], lit[:, 37:40][cover[12:148, 37:40] > 0]
@@ -983,7 +985,9 @@ def test_an_edge_that_turns_up_is_lit_from_above(side: int) -> None:
     cover = np.zeros_like(light)
     cover[8:152, 8:40] = 1
     sprite = Sprite(0, (0, 0), (light * cover)[..., None].repeat(3, 2), cover)
-    relief = reliefs.add_edge_relief(sprite, DistantLight((-0.5, -0.75, 0.45), 0.8, 0.3)).relief
+    relief = reliefs.add_edge_relief(
+        sprite, DistantLight((-0.5, -0.75, 0.45), 0.8, 0.3)
+    ).relief
     assert relief is not None
     lit = (light * relief.ratio(side * np.pi / 2))[40:120]
     up, down = (

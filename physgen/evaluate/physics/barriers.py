@@ -150,7 +150,11 @@ def _hollow_outline(draw: Draw) -> list[Case]:
     is_loose = draw.index % 2 == 0
     surface = {"friction": draw.number(0.3, 0.8), "elasticity": draw.number(0, 0.5)}
     offset = draw.number(-0.8, 0.8) * (hollow.width / 2 - radius)
-    motion: Document = {"mass": 2000.0} if is_loose else {"motion": "static"}
+    motion: Document
+    if is_loose:
+        motion = {"mass": 2000.0}
+    else:
+        motion = {"motion": "static"}
     objects: dict[str, Document] = {
         "hollow": {"shape": {"polygon": hollow.outline()}, **motion, **surface},
         "ball": circle(

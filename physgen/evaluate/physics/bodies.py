@@ -51,7 +51,6 @@ def _roly_poly(draw: Draw) -> list[Case]:
     spin = sqrt(2 * mass * GRAVITY * low * (1 - cos(radians(swing))) / least)
     spin *= draw.sign()
     middle = np.array([320.0, 300 - radius])
-    velocity = [spin * (radius - low), 0.0]
     objects = {
         "toy": circle(
             middle,
@@ -60,7 +59,7 @@ def _roly_poly(draw: Draw) -> list[Case]:
             moment=moment,
             center_of_mass=[middle[0], middle[1] + low],
             spin=float(np.degrees(spin)),
-            velocity=velocity,
+            velocity=[spin * (radius - low), 0.0],
             friction=1.0,
             elasticity=0.0,
         )

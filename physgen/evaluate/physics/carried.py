@@ -161,8 +161,9 @@ def _turntable(draw: Draw) -> Case:
     }
     fields = {"disc": {"turntable": [320, 320, 310], "spin": degrees(spin)}}
     world = {"view": "top", "table": {"friction": mu}}
-    duration = 2 * pi / abs(spin)
-    document = scene((640, 640), duration, objects, world=world, fields=fields)
+    document = scene(
+        (640, 640), 2 * pi / abs(spin), objects, world=world, fields=fields
+    )
     return Case(document, partial(_turntable_errors, ball, puck), "turntable")
 
 

@@ -278,7 +278,6 @@ def _air(draw: Draw) -> list[Case]:
     box_mass = draw.mass()
     # The box is as wide as the disc of the same area.
     bodies = {"ball": (ball_mass, 2 * radius), "box": (box_mass, 2 * side / sqrt(pi))}
-    ball = circle((60, 60), radius, mass=ball_mass)
     if has_wind:
         air = _Air(drag, wind)
         size = (420, 220)
@@ -291,7 +290,10 @@ def _air(draw: Draw) -> list[Case]:
         box_center = (140, 60)
         field = {"wind": [0, 0], "drag": drag}
         world = {}
-    objects = {"ball": ball, "box": box(box_center, (side, side), mass=box_mass)}
+    objects = {
+        "ball": circle((60, 60), radius, mass=ball_mass),
+        "box": box(box_center, (side, side), mass=box_mass),
+    }
     document = scene(size, 1.0, objects, world=world, fields={"air": field})
     return [Case(document, partial(_air_error, air, bodies))]
 
@@ -302,7 +304,9 @@ def _air_error(
     """Return the largest deviation of speed and distance at any time, over their last
     values.
     """
-    axis = 1 if air.wind is None else 0
+    axis = 0
+    if air.wind is None:
+        axis = 1
     errors = []
     for name, (mass, width) in bodies.items():
         track = run.track(name)

@@ -178,7 +178,10 @@ def _push_error(gains: Mapping[str, _Gain], ride: _Ride, run: Run) -> Errors:
     errors = []
     for name, gain in gains.items():
         track = run.track(name)
-        spin = ride.spin(track) if name == "ridden" else gain.spin
+        if name == "ridden":
+            spin = ride.spin(track)
+        else:
+            spin = gain.spin
         if gain.velocity.any():
             deviation = np.hypot(*(track.velocity[-1] - gain.velocity))
             errors.append(deviation / np.hypot(*gain.velocity))
@@ -242,10 +245,11 @@ def _orbits(draw: Draw) -> list[Case]:
     objects, orbits = {}, {}
     for name, (axis, eccentricity) in ellipses.items():
         angle = draw.angle()
-        side = draw.sign()
         outward = np.array([cos(angle), sin(angle)])
-        sideways = side * np.array([-sin(angle), cos(angle)])
-        orbit = _Orbit(axis, eccentricity, np.array([outward, sideways]), strength)
+        sideways = draw.sign() * np.array([-sin(angle), cos(angle)])
+        orbits[name] = _Orbit(
+            axis, eccentricity, np.array([outward, sideways]), strength
+        )
         farthest = axis * (1 + eccentricity)
         speed = sqrt(strength * (2 / farthest - 1 / axis))
         objects[name] = circle(
@@ -254,7 +258,6 @@ def _orbits(draw: Draw) -> list[Case]:
             mass=draw.mass(),
             velocity=(speed * sideways).tolist(),
         )
-        orbits[name] = orbit
     period = 2 * pi * sqrt(orbits["circling"].axis ** 3 / strength)
     fields = {"sun": {"attractor": CENTER.tolist(), "strength": strength}}
     document = scene((520, 520), 1.1 * period, objects, world=FLOATING, fields=fields)

@@ -153,22 +153,26 @@ def _row_of_balls(draw: Draw) -> list[Case]:
         "friction": 0.0,
         "elasticity": 1.0,
     }
-    velocity = [speed * c, speed * s]
     objects: dict[str, Document] = {}
     for j, (lane, gap) in enumerate(GAPS.items()):
-        place = partial(_lane_point, offset=(j - 1.5) * 70, direction=(c, s))
-        distances = {
-            f"{lane}-{k}": -100 + (k - 1) * (2 * radius + gap) for k in range(1, 6)
-        }
-        if has_cue:
-            cue_distance = -100 - (2 * radius + gap) - CUE_DISTANCE
-            distances = {f"{lane}-cue": cue_distance, **distances}
+        distances = _lane_distances(lane, 2 * radius + gap, has_cue)
         for name, distance in distances.items():
-            objects[name] = circle(place(distance), radius, **ball)
-        objects[next(iter(distances))]["velocity"] = velocity
+            place = _lane_point(distance, offset=(j - 1.5) * 70, direction=(c, s))
+            objects[name] = circle(place, radius, **ball)
+        objects[next(iter(distances))]["velocity"] = [speed * c, speed * s]
     document = scene((520, 520), 0.5, objects, world=FLOATING)
     measure = partial(_row_error, tuple(objects), np.array([c, s]), speed)
     return [Case(document, measure)]
+
+
+def _lane_distances(lane: str, step: float, has_cue: bool) -> dict[str, float]:
+    """Return the places of the balls of a lane along it, px; the moving one first."""
+    distances = {}
+    if has_cue:
+        distances[f"{lane}-cue"] = -100 - step - CUE_DISTANCE
+    for k in range(1, 6):
+        distances[f"{lane}-{k}"] = -100 + (k - 1) * step
+    return distances
 
 
 def _row_error(
@@ -309,8 +313,10 @@ def _spin_transfer(draw: Draw) -> list[Case]:
     walls: dict[str, Document] = {}
     changes: dict[str, list[_Change]] = {}
     for kind, y in (("sliding", 100.0), ("sticking", 300.0)):
-        limits = (1.5, 3) if kind == "sliding" else (0.2, 0.8)
-        part = draw.number(*limits)
+        if kind == "sliding":
+            part = draw.number(1.5, 3)
+        else:
+            part = draw.number(0.2, 0.8)
         changes[kind] = []
         for has_partner in (False, True):
             hit = _draw_hit(draw, has_partner)
@@ -327,7 +333,10 @@ def _draw_hit(draw: Draw, has_partner: bool) -> _Hit:
     elasticity = draw.number(0.3, 1.0)
     speed = draw.number(150, 300, 0)
     body = _RoundBody.random(draw)
-    partner = _RoundBody.random(draw) if has_partner else None
+    if has_partner:
+        partner = _RoundBody.random(draw)
+    else:
+        partner = None
     return _Hit(body, partner, friction, elasticity, speed)
 
 
@@ -345,8 +354,13 @@ def _stage_hit(
     body, partner = hit.body, hit.partner
     surface = {"friction": hit.friction, "elasticity": hit.elasticity}
     impulse = hit.friction_impulse(spin)
-    x = 110 if partner is None else 410
-    name = f"{kind}-ball" if partner is None else f"{kind}-first"
+    x = 410
+    if partner is None:
+        x = 110
+    if partner is None:
+        name = f"{kind}-ball"
+    else:
+        name = f"{kind}-first"
     objects[name] = circle(
         (x - 70, y),
         body.radius,

@@ -505,35 +505,39 @@ def _weld(draw: Draw) -> list[Case]:
     speed = draw.number(150, 300, 0)
     ball_mass = draw.mass()
     radius = draw.number(10, 18)
-    surface = {"friction": 0.0, "elasticity": elasticity}
     upper_size = (draw.number(24, 60, 0), draw.number(50, 80, 0))
     lower_size = (draw.number(24, 60, 0), draw.number(50, 80, 0))
     masses = (draw.mass(), draw.mass())
     side = draw.sign()
-    welded = _WeldedPair((upper_size, lower_size), masses, side)
+    pair = _WeldedPair((upper_size, lower_size), masses, side)
     y = _draw_impact_height(draw, upper_size[1], lower_size[1])
     ball = circle(
         (WELD_X - side * BALL_DISTANCE, y),
         radius,
         mass=ball_mass,
         velocity=[side * speed, 0],
-        **surface,
+        friction=0.0,
+        elasticity=elasticity,
     )
-    upper, lower = welded.centers()
-    objects: dict[str, Document] = {
-        "ball": ball,
-        "upper": box(upper, upper_size, mass=masses[0], **surface),
-        "lower": box(lower, lower_size, mass=masses[1], **surface),
-    }
-    weld = {"objects": ["upper", "lower"], "weld": welded.seam_center()}
-    joints = {"weld": weld}
-    velocity, spin = welded.motion_after_impact(
-        y, side * (1 + elasticity) * speed, ball_mass
+    motion = pair.motion_after_impact(y, side * (1 + elasticity) * speed, ball_mass)
+    hit = _WeldHit((BALL_DISTANCE - radius) / speed + 0.1, *motion)
+    document = scene(
+        (520, 360),
+        1.1,
+        {"ball": ball, **_welded_boxes(pair, elasticity)},
+        world=FLOATING,
+        joints={"weld": {"objects": ["upper", "lower"], "weld": pair.seam_center()}},
     )
-    time = (BALL_DISTANCE - radius) / speed + 0.1
-    hit = _WeldHit(time, velocity, spin)
-    document = scene((520, 360), 1.1, objects, world=FLOATING, joints=joints)
-    return [Case(document, partial(_weld_errors, welded, hit))]
+    return [Case(document, partial(_weld_errors, pair, hit))]
+
+
+def _welded_boxes(pair: _WeldedPair, elasticity: float) -> dict[str, Document]:
+    """Return the boxes of a welded pair, without friction."""
+    boxes = {}
+    parts = zip(pair.centers(), pair.sizes, pair.masses, strict=True)
+    for name, (center, size, mass) in zip(("upper", "lower"), parts, strict=True):
+        boxes[name] = box(center, size, mass=mass, friction=0.0, elasticity=elasticity)
+    return boxes
 
 
 def _weld_errors(pair: _WeldedPair, hit: _WeldHit, run: Run) -> Errors:

@@ -198,7 +198,10 @@ def _atwood(draw: Draw) -> list[Case]:
     """
     light, heavy = draw.number(50, 150, 0), draw.number(160, 400, 0)
     side, apart = draw.sign(), draw.number(60, 120, 0)
-    left, right = (light, heavy) if side > 0 else (heavy, light)
+    if side > 0:
+        left, right = (light, heavy)
+    else:
+        left, right = (heavy, light)
     x, other = 320 - apart, 320 + apart
     objects = {
         "left": circle((x, 260), 18, mass=left),

@@ -164,8 +164,7 @@ def _buoyancy(draw: Draw) -> list[Case]:
     density, wide, high = draw.number(0.5, 2), draw.number(120, 180, 0), 60.0
     mass = density * wide * high * draw.number(0.35, 0.6)
     swing, surface = draw.sign() * draw.number(4, 15, 1), 160.0
-    depth = mass / (density * wide)
-    rest = surface + depth - high / 2
+    rest = surface + mass / (density * wide) - high / 2
     radius = draw.number(12, 20)
     volume = density * pi * radius**2
     ball = volume * draw.number(0.6, 0.85)
@@ -177,11 +176,9 @@ def _buoyancy(draw: Draw) -> list[Case]:
     rate = sqrt(density * wide * GRAVITY / mass)
     lift = (volume - ball) * GRAVITY / ball
     rises = sqrt(2 * (420 - surface - 2 * radius) / lift)
-
     measure = partial(
         _buoyancy_errors, rest=rest, swing=swing, rate=rate, rises=rises, lift=lift
     )
-
     return [Case(scene((640, 480), 2.0, objects, fields=fields), measure)]
 
 

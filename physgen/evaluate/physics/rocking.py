@@ -116,6 +116,7 @@ def _rocking(draw: Draw) -> list[Case]:
         tilt = round(degrees(draw.number(0.35, 0.7) * atan2(width, height)), 3)
         rocking = k * draw.number(0.02, 0.1, 3)
         block = _Block(width, height, float(np.radians(tilt)), rocking)
+        blocks[name] = block
         rise = block.half * cos(block.slenderness - block.tilt)
         objects[name] = box(
             (140 + 220 * k, FLOOR - rise),
@@ -126,15 +127,13 @@ def _rocking(draw: Draw) -> list[Case]:
             elasticity=0.0,
             rocking=rocking,
         )
-        blocks[name] = block
     times = {name: block.impact_times() for name, block in blocks.items()}
 
     measure = partial(_impact_time_error, times=times, blocks=blocks)
-
-    longest = max(ends[-1] for ends in times.values()) + 0.2
-    floor = segment((10, FLOOR), (490, FLOOR), friction=1.0, elasticity=0.0)
-    world = scene((500, 280), longest, objects, {"floor": floor})
-    return [Case(world, measure)]
+    duration = max(impacts[-1] for impacts in times.values()) + 0.2
+    walls = {"floor": segment((10, FLOOR), (490, FLOOR), friction=1.0, elasticity=0.0)}
+    document = scene((500, 280), duration, objects, walls)
+    return [Case(document, measure)]
 
 
 def _crossings(values: Array, times: Array) -> list[float]:

@@ -206,7 +206,9 @@ def _platform(draw: Draw) -> list[Case]:
     """
     acceleration = draw.number(200, 500, 0)
     side = draw.sign()
-    left = 330 if side > 0 else 570
+    left = 570
+    if side > 0:
+        left = 330
     path = []
     for n in range(KNOTS + 1):
         x = left + side * acceleration * (n * KNOT) ** 2 / 2

@@ -238,7 +238,9 @@ class Draw:
 
     def sign(self) -> int:
         """Return 1 or -1."""
-        return 1 if self._rng.random() < 0.5 else -1
+        if self._rng.random() < 0.5:
+            return 1
+        return -1
 
     def angle(self) -> float:
         """Return an angle of an integer number of degrees, rad."""
@@ -275,7 +277,10 @@ def scene_of(row: Row, case: Case) -> str:
     bar above it.
     """
     bars = ", ".join(f"{measure.name} {bar_text(measure)}" for measure in row.measures)
-    title = f"{row.title} ({case.label})" if case.label else row.title
+    if case.label:
+        title = f"{row.title} ({case.label})"
+    else:
+        title = row.title
     header = f"Row {row.number} of the physics scorecard: {title}\n{row.closed_form}\nbar: {bars}"
     return scene_text(case.scene, header=header)
 
@@ -299,7 +304,9 @@ class LargestError:
     @property
     def size(self) -> float:
         """Return the error for comparison. NaN counts as the largest."""
-        return self.error if isfinite(self.error) else inf
+        if isfinite(self.error):
+            return self.error
+        return inf
 
 
 @dataclass(frozen=True)
@@ -322,7 +329,10 @@ def run_draw(
     """Return the result of one draw, from its files in `folder`; `steps` a
     second override the scene's.
     """
-    overrides = [] if steps is None else [f"world.steps_per_second={steps}"]
+    if steps is None:
+        overrides = []
+    else:
+        overrides = [f"world.steps_per_second={steps}"]
     largest: dict[str, LargestError] = {}
     problems: list[str] = []
     for case in row.draw(index):
@@ -455,7 +465,10 @@ def record(
     draw_results = [results[index, None] for index in range(draws)]
     first_results = {}
     for rate in steps:
-        key = None if rate == DEFAULT_STEPS else rate
+        if rate == DEFAULT_STEPS:
+            key = None
+        else:
+            key = rate
         first_results[rate] = results[0, key]
     measures = [
         _record_measure(measure, draw_results, first_results)
@@ -510,7 +523,9 @@ def _record_measure(
 
 
 def _round_error(error: float) -> float | None:
-    return float(f"{error:.3g}") if isfinite(error) else None
+    if isfinite(error):
+        return float(f"{error:.3g}")
+    return None
 
 
 def bar_text(measure: Measure) -> str:
@@ -529,7 +544,9 @@ def quantity(value: float | None, unit: str) -> str:
     if value is None:
         return "none"
     if unit == "switch":
-        return "no" if value else "yes"
+        if value:
+            return "no"
+        return "yes"
     number, sign = value, unit
     if unit == "part":
         number, sign = value * 100, "%"
@@ -583,11 +600,16 @@ def _lines_of_row(
     number_and_title = (str(row["row"]), row["title"])
     for measure in row["measures"]:
         unit = measure["unit"]
-        bar = "as stated" if unit == "switch" else quantity(measure["bar"], unit)
+        if unit == "switch":
+            bar = "as stated"
+        else:
+            bar = quantity(measure["bar"], unit)
         if len(row["measures"]) > 1:
             bar = f"{measure['name']}: {bar}"
         error = quantity(measure["error"], unit)
-        verdict = "pass" if measure["passed"] else "FAIL"
+        verdict = "FAIL"
+        if measure["passed"]:
+            verdict = "pass"
         steps = (quantity(measure["convergence"].get(rate), unit) for rate in rates)
         lines.append((*number_and_title, bar, error, verdict, *steps))
         number_and_title = ("", "")

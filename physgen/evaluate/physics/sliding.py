@@ -52,10 +52,12 @@ def _to_rest(draw: Draw) -> list[Case]:
         speed = draw.number(150, 350, 0)
         size = (draw.number(30, 60, 0), draw.number(15, 30, 0))
         surface = {"friction": mu, "elasticity": draw.number(0, 0.5)}
-        center = (320 - 260 * side, y - size[1] / 2)
-        velocity = [speed * side, 0]
         objects[name] = box(
-            center, size, mass=draw.mass(), velocity=velocity, **surface
+            (320 - 260 * side, y - size[1] / 2),
+            size,
+            mass=draw.mass(),
+            velocity=[speed * side, 0],
+            **surface,
         )
         floors[f"{name}-floor"] = segment((20, y), (620, y), **surface)
         displacement = side * speed**2 / (2 * mu * GRAVITY)
@@ -200,7 +202,10 @@ def _seams(draw: Draw) -> list[Case]:
     """Return the case of floors from segments, from separate pieces, and from one
     outline that is cut into pieces.
     """
-    gap = SEAMS[draw.index] if draw.index < len(SEAMS) else draw.number(0, 0.5, 3)
+    if draw.index < len(SEAMS):
+        gap = SEAMS[draw.index]
+    else:
+        gap = draw.number(0, 0.5, 3)
     mu = draw.number(0.25, 0.4, 3)
     speed = draw.number(280, 330, 0)
     size = (draw.number(28, 40, 0), 20.0)
@@ -209,22 +214,28 @@ def _seams(draw: Draw) -> list[Case]:
     parts = (draw.number(0.2, 0.4), draw.number(0.5, 0.8))
     cuts = sorted(round(70 + part * distance, 2) for part in parts)
     spans = _floor_spans(cuts, gap)
-    objects = {
-        "shelf": _shelf(spans, surface),
-        "comb": _comb(cuts, surface),
-    }
+    objects = {"shelf": _shelf(spans, surface), "comb": _comb(cuts, surface)}
     for name, y in RIDERS.items():
-        center = (60, y - size[1] / 2)
-        velocity = [speed, 0]
         objects[name] = box(
-            center, size, mass=draw.mass(), velocity=velocity, **surface
+            (60, y - size[1] / 2),
+            size,
+            mass=draw.mass(),
+            velocity=[speed, 0],
+            **surface,
         )
+    duration = speed / (mu * GRAVITY) + 0.1
+    document = scene((440, 320), duration, objects, _segments(spans, surface))
+    return [Case(document, partial(_seam_error, distance))]
+
+
+def _segments(
+    spans: Sequence[tuple[float, float]], surface: Document
+) -> dict[str, Document]:
+    """Return a floor of one boundary for each span."""
     walls = {}
     for k, (left, right) in enumerate(spans, 1):
         walls[f"floor-{k}"] = segment((left, 80), (right, 80), **surface)
-    duration = speed / (mu * GRAVITY) + 0.1
-    document = scene((440, 320), duration, objects, walls)
-    return [Case(document, partial(_seam_error, distance))]
+    return walls
 
 
 def _floor_spans(cuts: Sequence[float], gap: float) -> list[tuple[float, float]]:
@@ -288,19 +299,25 @@ def _pulled_slab(draw: Draw) -> list[Case]:
     side = draw.sign()
     objects = {}
     for k, mass in enumerate(masses):
-        center = (320 - 90 * side, 240 - height * (k + 0.5))
-        size = (width if k else SLAB_WIDTH, height)
-        objects[f"block-{k}"] = box(center, size, mass=mass, **surface)
+        objects[f"block-{k}"] = box(
+            (320 - 90 * side, 240 - height * (k + 0.5)),
+            (width if k else SLAB_WIDTH, height),
+            mass=mass,
+            **surface,
+        )
     sections: Document = {}
     if draw.index % 2:
         _script_slab(objects["block-0"], side, mu, draw)
     else:
-        force = side * _slab_force(masses, mu, draw)
-        sections["forces"] = [{"object": "block-0", "force": [force, 0]}]
+        force = [side * _slab_force(masses, mu, draw), 0]
+        sections["forces"] = [{"object": "block-0", "force": force}]
     floor = {"floor": segment((-400, 240), (1000, 240), **surface)}
-    document = scene((640, 280), PULL_TIME, objects, floor, **sections)
     measure = partial(_pull_error, upper_blocks, side * mu * GRAVITY)
-    return [Case(document, measure, rate=480)]
+    return [
+        Case(
+            scene((640, 280), PULL_TIME, objects, floor, **sections), measure, rate=480
+        )
+    ]
 
 
 def _script_slab(slab: dict[str, Any], side: int, mu: float, draw: Draw) -> None:

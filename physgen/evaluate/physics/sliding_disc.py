@@ -96,12 +96,14 @@ def stop(speed: float, spin: float, radius: float, mu: float, gravity: float) ->
         motion = float(np.hypot(state[0], state[1]))
         times.append(times[-1] + step)
         states.append(state)
-    speeds, surface_speeds, distances, turns = np.transpose(states)
-    sign = 1 if spin >= 0 else -1
+    speeds, surface_speeds, _, _ = np.transpose(states)
+    sign = 1
+    if spin < 0:
+        sign = -1
     return Stop(
         times=np.array(times),
         speeds=speeds,
         spins=sign * surface_speeds / radius,
-        distance=float(distances[-1]),
-        rotation=sign * float(turns[-1]) / radius,
+        distance=float(state[2]),
+        rotation=sign * float(state[3]) / radius,
     )

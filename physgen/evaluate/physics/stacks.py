@@ -121,8 +121,7 @@ def _dominoes(draw: Draw) -> list[Case]:
     The first domino leans beyond its balance and falls from rest, so that only gravity
     sets the time.
     """
-    size = _draw_domino(draw)
-    thickness, height = size
+    thickness, height = _draw_domino(draw)
     distance = round(height * draw.number(0.45, 0.6))
     surface = {"friction": draw.number(0.3, 0.5), "elasticity": draw.number(0, 0.2)}
     mass = draw.number(10, 60, 0)
@@ -131,13 +130,15 @@ def _dominoes(draw: Draw) -> list[Case]:
     lean = (atan2(thickness, height) + asin((distance - thickness) / height)) / 2
     objects = {}
     for k in range(1, DOMINOES + 1):
-        corner_x = 40.0 + k * distance + thickness / 2
         center = (40.0 + k * distance, floor_y - height / 2)
         tilt = 0.0
         if k == 1:
-            center = _leaning_center((corner_x, floor_y), size, lean)
+            corner = 40.0 + distance + thickness / 2, floor_y
+            center = _leaning_center(corner, (thickness, height), lean)
             tilt = degrees(lean)
-        objects[f"domino-{k}"] = box(center, size, tilt, mass=mass, **surface)
+        objects[f"domino-{k}"] = box(
+            center, (thickness, height), tilt, mass=mass, **surface
+        )
     # The wave is faster than 0.8 sqrt(g L).
     duration = 0.5 + 13 * distance / sqrt(GRAVITY * height)
     width = 100 + 11 * int(distance)
@@ -185,7 +186,9 @@ def _start_of_fall(run: Run, k: int) -> float:
     track = run.track(f"domino-{k}")
     angle = track.angle - np.radians(FALL_ANGLE)
     passes = find_crossings(track.times, angle, track.spin)
-    return float(passes[0]) if len(passes) else inf
+    if len(passes):
+        return float(passes[0])
+    return inf
 
 
 def _weights(draw: Draw) -> list[Case]:
@@ -208,7 +211,10 @@ def _weight_error(masses: Sequence[float], run: Run) -> Errors:
     """
     errors = []
     for k in range(1, len(masses) + 1):
-        support = "floor" if k == 1 else f"box-{k - 1}"
+        if k == 1:
+            support = "floor"
+        else:
+            support = f"box-{k - 1}"
         force = -run.impulse(f"box-{k}", support, 0.5, 1.0)[1] / 0.5
         weight = sum(masses[k - 1 :]) * GRAVITY
         errors.append(abs(force / weight - 1))

@@ -109,20 +109,20 @@ def _stick_slip(draw: Draw) -> list[Case]:
         "spring": [[80, 200], [80 + length, 200]],
         "stiffness": stiffness,
     }
-    # At the engine's resting depth, the block need not settle.
-    floor = segment((0, 214.995), (640, 214.995), **surface)
     swing = np.hypot((static - kinetic) * weight, pull / (2 * np.pi * frequency))
     high = kinetic * weight + swing
     low = kinetic * weight - swing
     sticks = static * weight / pull
-
-    measure = partial(_stretch_errors, length=length, sticks=sticks, high=high, low=low)
-
     slips = 2 * sqrt(mass / stiffness) * np.pi + (high - low) / pull
-    duration = min(sticks + slips + 0.2, 5.9)
     document = scene(
-        (640, 280), duration, objects, {"floor": floor}, joints={"band": band}
+        (640, 280),
+        min(sticks + slips + 0.2, 5.9),
+        objects,
+        # At the engine's resting depth, the block need not settle.
+        {"floor": segment((0, 214.995), (640, 214.995), **surface)},
+        joints={"band": band},
     )
+    measure = partial(_stretch_errors, length=length, sticks=sticks, high=high, low=low)
     return [Case(document, measure)]
 
 

@@ -57,7 +57,9 @@ def _rack(distance: float) -> Iterator[tuple[int, int, tuple[float, float]]]:
 
 def _break(draw: Draw) -> list[Case]:
     """Return the case of a cue ball against a rack of 15 on its axis."""
-    overlap = 0.0 if draw.index in (0, 3) else 0.5
+    overlap = 0.5
+    if draw.index in (0, 3):
+        overlap = 0.0
     has_friction = draw.index % 2 == 0
     radius = draw.number(12, 16, 0)
     mass = draw.number(100, 200, 0)
@@ -243,10 +245,16 @@ class _CoupledStop:
 def _coupled_discs(draw: Draw) -> list[Case]:
     """Return the case of two sliding and spinning discs."""
     is_first = draw.index == 0
-    mu = FARKAS_FRICTION if is_first else draw.number(0.15, 0.4, 3)
+    if is_first:
+        mu = FARKAS_FRICTION
+    else:
+        mu = draw.number(0.15, 0.4, 3)
     objects, stops = {}, {}
     for k, name in enumerate(("first", "second")):
-        puck = FARKAS if is_first and k == 0 else _Puck.random(draw)
+        if is_first and k == 0:
+            puck = FARKAS
+        else:
+            puck = _Puck.random(draw)
         spin = draw.sign() * round(degrees(puck.spin), 6)
         velocity = [puck.speed * cos(puck.angle), puck.speed * sin(puck.angle)]
         objects[name] = circle(

@@ -95,10 +95,9 @@ def ask_gravity(motion: Motion) -> list[Evidence]:
         deviation = 0.0
         if excess > 0 and not _has_hidden_impact(motion, k, flight, gravity):
             deviation = excess / size
-        way = "is pulled upwards" if is_upward else "falls"
+        verb = "is pulled upwards" if is_upward else "falls"
         frames = f"frames {flight.first} to {flight.last}"
-        name = motion.tracks.names[k]
-        text = f"{name}: {way} at {acceleration:.0f} px/s² over {frames}, all flights at {size:.0f}"
+        text = f"{motion.tracks.names[k]}: {verb} at {acceleration:.0f} px/s² over {frames}, all flights at {size:.0f}"
         frame = (flight.first + flight.last) // 2
         evidence.append(Evidence(deviation, frame, (k,), text))
     return evidence
@@ -303,23 +302,13 @@ def ask_overlap(motion: Motion) -> list[Evidence]:
     evidence = []
     paths = [_dense_path(motion, k) for k in range(len(tracks.names))]
     for pair in combinations(range(len(tracks.names)), 2):
-        first, second = pair
-        outline = tracks.forms[first]
-        other_outline = tracks.forms[second]
-        gap = motion.gap(first, second)
-        width = min(outline.width, other_outline.width)
+        gap = motion.gap(*pair)
+        width = min(tracks.forms[k].width for k in pair)
         is_guided = set(pair) <= tracks.guided_bodies or motion.passes(*pair)
         if is_guided or width <= 0 or not np.isfinite(gap).any():
             continue
-        depth = float(-np.nanmin(gap))
-        frame = int(np.nanargmin(gap))
-        if outline.is_round and other_outline.is_round:
-            distances = np.hypot(*(paths[first] - paths[second]).T)
-            depths = outline.reach + other_outline.reach - distances
-            if np.nanmax(depths, initial=-np.inf) > depth:
-                depth = float(np.nanmax(depths))
-                frame = int(np.nanargmax(depths)) // MOMENTS
-        is_distant = np.nanmin(gap) > motion.margin(first, second, 0, len(gap) - 1)
+        depth, frame = _greatest_depth(motion, pair, gap, paths)
+        is_distant = np.nanmin(gap) > motion.margin(*pair, 0, len(gap) - 1)
         if depth <= 0 and is_distant:
             continue
         excess = _excess_depth(motion, pair, gap, depth)
@@ -327,6 +316,24 @@ def ask_overlap(motion: Motion) -> list[Evidence]:
         text = f"{names}: {depth:.1f} px deep in each other at frame {frame}"
         evidence.append(Evidence(excess / width, frame, pair, text))
     return evidence
+
+
+def _greatest_depth(
+    motion: Motion, pair: tuple[int, int], gap: Array, paths: Sequence[Array]
+) -> tuple[float, int]:
+    """Return the greatest depth of a pair, px, and its frame; between frames too for
+    two discs.
+    """
+    depth = float(-np.nanmin(gap))
+    frame = int(np.nanargmin(gap))
+    first, second = (motion.tracks.forms[k] for k in pair)
+    if first.is_round and second.is_round:
+        distances = np.hypot(*(paths[pair[0]] - paths[pair[1]]).T)
+        depths = first.reach + second.reach - distances
+        if np.nanmax(depths, initial=-np.inf) > depth:
+            depth = float(np.nanmax(depths))
+            frame = int(np.nanargmax(depths)) // MOMENTS
+    return depth, frame
 
 
 def _excess_depth(
@@ -544,7 +551,9 @@ class Verdict:
     def is_wrong(self) -> bool | None:
         """Return whether the clip is called wrong, or None without any instance."""
         overall = self.overall
-        return None if overall is None else overall < EVEN
+        if overall is None:
+            return None
+        return overall < EVEN
 
     @property
     def word(self) -> str:
@@ -672,7 +681,9 @@ def findings(verdicts: Sequence[Verdict]) -> Findings:
 def _section(verdict: Verdict) -> Section:
     """Return the part of the page about one clip."""
     tracks, sigma = verdict.tracks, verdict.motion.sigma
-    view = "above" if tracks.view is View.TOP else "the side"
+    view = "the side"
+    if tracks.view is View.TOP:
+        view = "above"
     facts = (
         f"{tracks.source}; seen from {view}",
         f"{len(tracks.times)} frames, {1 / tracks.step:.4g} a second",

@@ -142,7 +142,10 @@ def read(
     from physgen.batch.clips import clip_folders
 
     ending = path.suffix.lower()
-    scene = path / "scene.yaml" if path.is_dir() else path
+    if path.is_dir():
+        scene = path / "scene.yaml"
+    else:
+        scene = path
     if path.is_dir() and not scene.is_file():
         yield from map(from_clip, clip_folders([path]))
     elif ending == ".csv" and path.is_file():
@@ -165,7 +168,10 @@ def from_scene(path: Path, variant: str | None = None) -> Tracks:
     scene = pipeline.load(path, (), variant)
     world = pipeline.compile(scene, pipeline.percepts(scene)).world
     trajectory = pipeline.simulate(world)
-    name = path.parent.name if path.name == "scene.yaml" else path.stem
+    if path.name == "scene.yaml":
+        name = path.parent.name
+    else:
+        name = path.stem
     if variant:
         name = f"{name}-{variant}"
     return from_world(name, world, trajectory.times, trajectory.poses)
@@ -415,7 +421,9 @@ def _parse_row(path: Path, number: int, line: dict[str, str]) -> dict[str, float
         value = _parse_number(cell)
         is_whole = column != "frame" or value % 1 == 0
         if not low <= value <= high or not is_whole:
-            kind = "whole number" if column == "frame" else "number"
+            kind = "number"
+            if column == "frame":
+                kind = "whole number"
             raise Message.NOT_TRACK_NUMBER.error_at(
                 Place(str(path), number, 1),
                 column,

@@ -391,29 +391,43 @@ def side_section(
     background = _interpolate_background(depth, occlusion)
     nearest, farthest = _measure_foreground(depth, labels, objects)
     depth_range = max(farthest - nearest, LIMITS.least_range)
-    support_depths = [
-        _depth_beside(background, occlusion, line, group) for line, group in groups
-    ]
-    # The surface visible under an object in the air is not its support.
-    support_depths = [
-        d
-        for d in support_depths
-        if d is not None and nearest - depth_range <= d <= farthest + depth_range
-    ]
-    plane = max((d for d in support_depths if d is not None), default=farthest)
+    plane = -np.inf
+    for line, group in groups:
+        depth_beside = _depth_beside(background, occlusion, line, group)
+        if depth_beside is None:
+            continue
+        # The surface visible under an object in the air is not its support.
+        if nearest - depth_range <= depth_beside <= farthest + depth_range:
+            plane = max(plane, depth_beside)
+    if plane == -np.inf:
+        plane = farthest
     # Flat objects also stand in the plane; a surface that crosses the plane ends there.
     limit = plane + LIMITS.slack * (normals[..., 2] > LIMITS.facing)
     front = nearest - LIMITS.front * max(farthest - nearest, LIMITS.shelf_range)
     solid = (background < limit).astype(np.float32)
-    # The paper keeps only scenery within the foreground's range of depth.
     if scenery is not None:
-        ids = np.where(occlusion, 0, scenery.labels)
-        for i in np.unique(ids[ids > 0]).tolist():
-            low, high = np.percentile(background[ids == i], (5, 95))
-            if low > limit.max() or high < front:
-                solid[scenery.labels == i] = 0.0
+        visible_ids = np.where(occlusion, 0, scenery.labels)
+        farthest = float(limit.max())
+        for i in _find_other_scenery(background, visible_ids, (front, farthest)):
+            solid[scenery.labels == i] = 0.0
     smooth_solid = cv2.GaussianBlur(solid, (0, 0), LIMITS.border_blur) > 0.5
     return Section(background, smooth_solid, ~occlusion, front)
+
+
+def _find_other_scenery(
+    depth: F32, labels: Labels, depth_range: tuple[float, float]
+) -> list[int]:
+    """Return the ids of scenery outside the foreground's range of depth.
+
+    The paper keeps only scenery within that range.
+    """
+    nearest, farthest = depth_range
+    ids = []
+    for i in np.unique(labels[labels > 0]).tolist():
+        low, high = np.percentile(depth[labels == i], (5, 95))
+        if low > farthest or high < nearest:
+            ids.append(i)
+    return ids
 
 
 def _measure_foreground(

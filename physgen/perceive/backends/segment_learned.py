@@ -191,18 +191,21 @@ def continued_colours(
     free = ~np.any(masks, axis=0)
     shares = []
     for candidate, mask in zip(candidates, masks, strict=True):
-        reach = max(3, int(np.sqrt(candidate.area)))
-        left, top, right, bottom = candidate.box
-        ring = np.s_[
-            max(0, top - reach) : bottom + reach, max(0, left - reach) : right + reach
-        ]
-        inner_counts, ring_counts = (
-            np.bincount(part, minlength=COLOUR_STEPS)
-            for part in (colours[mask], colours[ring][free[ring]])
-        )
+        ring = _box_around(candidate)
+        inner_counts = np.bincount(colours[mask], minlength=COLOUR_STEPS)
+        ring_colours = colours[ring][free[ring]]
+        ring_counts = np.bincount(ring_colours, minlength=COLOUR_STEPS)
         ring_shares = LEARNED.rarer * ring_counts / max(ring_counts.sum(), 1)
         shares.append(np.minimum(inner_counts / inner_counts.sum(), ring_shares).sum())
     return np.asarray(np.interp(shares, LEARNED.colour_shares, (0, 1)))
+
+
+def _box_around(candidate: Proposal) -> tuple[slice, slice]:
+    """Return the rows and columns of a candidate and its surroundings."""
+    reach = max(3, int(np.sqrt(candidate.area)))
+    left, top, right, bottom = candidate.box
+    rows = slice(max(0, top - reach), bottom + reach)
+    return rows, slice(max(0, left - reach), right + reach)
 
 
 def own_box(features: Array) -> Array:

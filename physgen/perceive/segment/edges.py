@@ -68,20 +68,12 @@ class EdgeSearch:
 
 def search_edges(rgb: NDArray[np.uint8]) -> EdgeSearch:
     """Return the best set of proposals of a photo (H, W, 3) uint8 sRGB."""
-    height, width = rgb.shape[:2]
-    scale = min(
-        1.0,
-        (SELECTION.working_area / (height * width)) ** 0.5,
-        SELECTION.working_side / max(height, width),
-    )
-    size = max(1, round(width * scale)), max(1, round(height * scale))
-    small_photo = (
-        cv2.resize(rgb, size, interpolation=cv2.INTER_AREA) if scale < 1 else rgb
-    )
-    shape = size[1], size[0]
-    smallest, largest = (round(part * size[0] * size[1]) for part in SELECTION.areas)
+    small_photo = _shrink_photo(rgb)
+    height, width = small_photo.shape[:2]
+    shape = height, width
+    smallest, largest = (round(part * width * height) for part in SELECTION.areas)
     smallest = max(12, smallest)
-    colour = smoothed_lab(np.asarray(small_photo, np.uint8))
+    colour = smoothed_lab(small_photo)
     gradient = colour_gradient(colour)
     # In a rough photo, edges rarely bound objects.
     if gradient.noise > SELECTION.noise:
@@ -91,8 +83,22 @@ def search_edges(rgb: NDArray[np.uint8]) -> EdgeSearch:
     proposals = distinct(regions + circles)
     least_score = SELECTION.threshold - SELECTION.set_bonus
     scores = score_proposals(proposals, colour, gradient, least_score)
-    selection, final = select(proposals, scores, shape)
-    return EdgeSearch(shape, selection, final)
+    return EdgeSearch(shape, *select(proposals, scores, shape))
+
+
+def _shrink_photo(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return a photo at the size of the search."""
+    height, width = rgb.shape[:2]
+    scale = min(
+        1.0,
+        (SELECTION.working_area / (height * width)) ** 0.5,
+        SELECTION.working_side / max(height, width),
+    )
+    if scale == 1:
+        return rgb
+    size = max(1, round(width * scale)), max(1, round(height * scale))
+    small_photo = cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
+    return np.asarray(small_photo, np.uint8)
 
 
 def select(

@@ -94,15 +94,8 @@ def colour_gradient(colour: NDArray[np.float32]) -> Gradient:
     strength = np.full(colour.shape[:2], -1, np.float32)
     angle = np.zeros(colour.shape[:2], np.float32)
     for sigma in SCALES:
-        blurred_colour = cv2.GaussianBlur(colour, (0, 0), sigma)
-        dx = cv2.Sobel(blurred_colour, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8)
-        dy = cv2.Sobel(blurred_colour, cv2.CV_32F, 0, 1, ksize=3, scale=1 / 8)
-        xx, xy, yy = (dx * dx).sum(2), (dx * dy).sum(2), (dy * dy).sum(2)
-        largest = (xx + yy + np.sqrt((xx - yy) ** 2 + 4 * xy * xy)) / 2
-        scale_strength = np.sqrt(largest * sigma)
-        angle = np.where(
-            scale_strength > strength, 0.5 * np.arctan2(2 * xy, xx - yy), angle
-        )
+        scale_strength, scale_angle = _measure_gradient(colour, sigma)
+        angle = np.where(scale_strength > strength, scale_angle, angle)
         strength = np.maximum(scale_strength, strength)
     noise = max(0.25, float(np.median(strength)))
     y, x = np.indices(strength.shape, np.float32)
@@ -114,3 +107,15 @@ def colour_gradient(colour: NDArray[np.float32]) -> Gradient:
         [strength, strength * np.cos(2 * angle), strength * np.sin(2 * angle)], -1
     )
     return Gradient(strength, angle, tensor, ridge, noise)
+
+
+def _measure_gradient(
+    colour: NDArray[np.float32], sigma: float
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return strength and angle (H, W) of the gradient at one scale, px."""
+    blurred_colour = cv2.GaussianBlur(colour, (0, 0), sigma)
+    dx = cv2.Sobel(blurred_colour, cv2.CV_32F, 1, 0, ksize=3, scale=1 / 8)
+    dy = cv2.Sobel(blurred_colour, cv2.CV_32F, 0, 1, ksize=3, scale=1 / 8)
+    xx, xy, yy = (dx * dx).sum(2), (dx * dy).sum(2), (dy * dy).sum(2)
+    largest = (xx + yy + np.sqrt((xx - yy) ** 2 + 4 * xy * xy)) / 2
+    return np.sqrt(largest * sigma), 0.5 * np.arctan2(2 * xy, xx - yy)

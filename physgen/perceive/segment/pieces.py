@@ -124,15 +124,22 @@ def _unite_pieces(
     if not is_single or prediction.confidence < PIECES.confidence:
         return None
     radius = max(1, round(PIECES.close * float(np.sqrt(np.count_nonzero(pieces)))))
-    kernel = cv2.getStructuringElement(
-        cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)
-    )
-    union = np.pad((pieces | prediction.mask).astype(np.uint8), 2 * radius)
-    closed_mask = cv2.morphologyEx(union, cv2.MORPH_CLOSE, kernel)
-    closed_mask = closed_mask[2 * radius : -2 * radius, 2 * radius : -2 * radius]
+    closed_mask = _close_gaps(pieces | prediction.mask, radius)
     _, names = cv2.connectedComponents(closed_mask, connectivity=8)
     counts = np.bincount(names[closed_mask > 0])
     return _without_holes(np.asarray(names == int(counts.argmax())))
+
+
+def _close_gaps(mask: Mask, radius: int) -> NDArray[np.uint8]:
+    """Return a mask (H, W) with its gaps up to twice a radius, px, closed."""
+    kernel = cv2.getStructuringElement(
+        cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1)
+    )
+    padded_mask = np.pad(mask.astype(np.uint8), 2 * radius)
+    closed_mask = cv2.morphologyEx(padded_mask, cv2.MORPH_CLOSE, kernel)
+    return np.asarray(
+        closed_mask[2 * radius : -2 * radius, 2 * radius : -2 * radius], np.uint8
+    )
 
 
 def _is_stack(labels: NDArray[np.uint16], group: Sequence[int]) -> bool:

@@ -295,13 +295,7 @@ def from_prompts(
     boxes, points = frame.boxes_in(rgb, boxes), frame.points_in(rgb, points)
     masks = _cut_prompts(rgb, boxes, points, segment, problems)
     labels = _draw_in_front(masks, rgb.shape[:2])
-    # A prompt whose object is hidden by the others repeats one of them.
-    for k, prompt_mask in enumerate(masks, 1):
-        area = np.count_nonzero(prompt_mask.mask)
-        least_area = max(RULE.visible * area, SMALLEST_OBJECT)
-        if np.count_nonzero(labels == k) < least_area:
-            problems.add(k - 1, Message.PROMPT_REPEATED.refusal())
-    problems.raise_all()
+    _check_visible(masks, labels, problems)
     places = _list_prompts(boxes, points)
     # The scene stores the chosen region rather than the click.
     if segment.is_smallest_meant:
@@ -314,6 +308,23 @@ def from_prompts(
     }
     confidence = {k: prompt_mask.confidence for k, prompt_mask in enumerate(masks, 1)}
     return Detections(labels, "pointed at", confidence, {}, prompts)
+
+
+def _check_visible(
+    masks: Sequence[PromptedMask],
+    labels: NDArray[np.uint16],
+    problems: _PromptProblems,
+) -> None:
+    """Raise InputError if the others hide the object of a prompt.
+
+    Such a prompt repeats one of the others.
+    """
+    for k, prompt_mask in enumerate(masks, 1):
+        area = np.count_nonzero(prompt_mask.mask)
+        least_area = max(RULE.visible * area, SMALLEST_OBJECT)
+        if np.count_nonzero(labels == k) < least_area:
+            problems.add(k - 1, Message.PROMPT_REPEATED.refusal())
+    problems.raise_all()
 
 
 def _list_prompts(

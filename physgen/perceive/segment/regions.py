@@ -564,9 +564,10 @@ def tree_regions(
         nodes & (areas >= smallest) & (areas <= 1.2 * largest)
     ).tolist():
         first, last = tree.span[k].tolist()
-        x, y, right, bottom = np.abs(boxes[first:last].min(0)).tolist()
-        part = ranks[y : bottom + 1, x : right + 1]
-        proposal = cut_out((part >= first) & (part < last), x, y, smallest, opening)
+        box = np.abs(boxes[first:last].min(0)).tolist()
+        part = ranks[box[1] : box[3] + 1, box[0] : box[2] + 1]
+        mask = (part >= first) & (part < last)
+        proposal = cut_out(mask, box[0], box[1], smallest, opening)
         if proposal is not None and proposal.area <= largest:
             result.append((k, proposal))
     return result

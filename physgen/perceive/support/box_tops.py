@@ -311,10 +311,9 @@ def _build_top(box: _BoxView, edge: int, front: float) -> _Top:
     """Return the top between the upper rim and the edge at row `front`."""
     height = front - box.rim + 0.5
     # The sides of the top must converge towards the vanishing point.
-    top_rows = slice(box.rim, edge)
     front_rows = slice(edge, 2 * edge - box.rim + 4 * box.edge_margin)
     shifts, widths = (
-        ends[top_rows] - np.median(ends[front_rows])
+        ends[box.rim : edge] - np.median(ends[front_rows])
         for ends in (
             box.left_ends + box.right_ends,
             box.left_ends - box.right_ends,
