@@ -84,7 +84,7 @@ def test_neighbours_leave_no_shade_that_the_photo_lacks() -> None:
         ground, ground, coverage, starts, [False, False], setting
     )
     is_open = coverage[75:] == 0
-    difference = np.abs(lit.behind() - decode(ground))[75:]
+    difference = np.abs(lit.photo_background() - decode(ground))[75:]
     assert difference[is_open].max() < 0.02
 
 
