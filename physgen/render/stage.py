@@ -168,7 +168,7 @@ def draw_sprite(
     size = _box_size(placement.box)
     fine_size = (size[0] * samples, size[1] * samples)
     matrix = _finer(placement.matrix, samples)
-    # `Sprite.fine` has two samples a pixel.
+    # `Sprite.half_pixels` has two samples a pixel.
     warped_sprite = _warp_picture(sprite.half_pixels, 2 * matrix, fine_size)
     # The conversion keeps the first three channels.
     light = np.asarray(cv2.cvtColor(warped_sprite, cv2.COLOR_BGRA2BGR), np.float32)
