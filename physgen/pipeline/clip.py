@@ -29,7 +29,7 @@ from physgen.pipeline.clip_warnings import (
     reduced_rates,
 )
 from physgen.pipeline.fan_draws import Draws
-from physgen.pipeline.film import SideThreads, Film
+from physgen.pipeline.film import Film, SideThreads
 from physgen.pipeline.push_motion import measure_sweep
 from physgen.pipeline.refining import (
     Footage,
