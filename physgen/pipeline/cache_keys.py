@@ -43,7 +43,7 @@ def key(stage: str, *parts: Any) -> str:
     NaN.
     """
     text = json.dumps(
-        [_plain(part) for part in parts],
+        [_to_plain_data(part) for part in parts],
         sort_keys=True,
         ensure_ascii=False,
         allow_nan=False,
@@ -84,7 +84,7 @@ def code_version(rooms: Sequence[str]) -> dict[str, str]:
     return {**libraries, "machine": platform.machine(), "sources": digest.hexdigest()}
 
 
-def _plain(value: Any) -> Any:
+def _to_plain_data(value: Any) -> Any:
     """Convert a value to JSON data; equal numbers give equal data, whatever
     their type.
     """
@@ -108,10 +108,11 @@ def _plain(value: Any) -> Any:
     if is_dataclass(value) and not isinstance(value, type):
         kind = type(value).__name__
         return {"": kind} | {
-            field.name: _plain(getattr(value, field.name)) for field in fields(value)
+            field.name: _to_plain_data(getattr(value, field.name))
+            for field in fields(value)
         }
     if isinstance(value, Mapping):
-        return {str(name): _plain(part) for name, part in value.items()}
+        return {str(name): _to_plain_data(part) for name, part in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(part) for part in value]
+        return [_to_plain_data(part) for part in value]
     raise TypeError(f"{type(value).__name__} is not plain data")

@@ -29,7 +29,7 @@ from physgen.pipeline.clip_warnings import (
     reduced_rates,
 )
 from physgen.pipeline.fan_draws import Draws
-from physgen.pipeline.film import Aside, Film
+from physgen.pipeline.film import Film, SideThreads
 from physgen.pipeline.push_motion import measure_sweep
 from physgen.pipeline.refining import (
     Footage,
@@ -249,7 +249,7 @@ class _Run:
         # replace the video of an earlier run.
         if options.export and not options.formats:
             self.labels.check_kept(self.final)
-        self.aside = Aside(record, scene.size)
+        self.aside = SideThreads(record, scene.size)
         self._percepts = maps.percepts if self.paged else None
         self._mask_ids = None if maps.percepts is None else maps.percepts.labels
         self._perceived: Callable[[], Perception | None]

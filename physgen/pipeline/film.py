@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 from physgen.pipeline.stages import Maps, Stages, T, render, shot
 
 
-class Aside:
+class SideThreads:
     """Threads beside the main thread; the thread that waits for a result counts the
     wall time.
 
@@ -189,14 +189,14 @@ class Film:
             photo_poses = [Pose(*pose) for pose in trajectory.poses[0].tolist()]
             stage = replace(stage, starts=stage.starts or photo_poses)
         if order is None and not matte:
-            struck = self._struck(stage, (exposure_samples, parts), camera_shot)
+            struck = self._add_strikers(stage, (exposure_samples, parts), camera_shot)
             if struck is not None:
                 return render(struck.stage, struck.trajectory, parts, struck.shot)
         return render(
             matte_stage(stage) if matte else stage, exposure_samples, parts, camera_shot
         )
 
-    def _struck(
+    def _add_strikers(
         self, stage: Stage, exposure: tuple[Trajectory, int], shot: Shot
     ) -> StruckScene | None:
         """Return the scene with what comes in and pushes; None if nothing does."""

@@ -99,11 +99,13 @@ def _moved_by_story(
     scene = opened.scene()
     compiled, _ = ended(scene, compile(scene, None))
 
-    def edited(edits: Mapping[str, Any]) -> Scene:
+    def apply_edits(edits: Mapping[str, Any]) -> Scene:
         return opened.scene(edit_texts(edits))
 
     picture = photo_overview(perceived_scene.percepts, perceived_scene.document)
-    subject = StoryScene(scene, compiled, edited, picture, may_change_objects=False)
+    subject = StoryScene(
+        scene, compiled, apply_edits, picture, may_change_objects=False
+    )
     telling = tell(subject, story.text, story.plan, story.warn)
     per_meter = scene.world.pixels_per_meter
     return _with_story_edits(perceived_scene, telling, per_meter)

@@ -84,7 +84,7 @@ class PictureBorder:
         """Return the mask of bodies that are outside in one of the poses (S, N, 3)."""
         result = np.zeros(len(self.points), bool)
         for k in np.flatnonzero(self.is_watched).tolist():
-            places = _placed(self.points[k], poses[:, k])
+            places = _transform_points(self.points[k], poses[:, k])
             is_low = (places < self.low[k] - 1e-6).any()
             result[k] = is_low or (places > self.high[k] + 1e-6).any()
         return result
@@ -97,7 +97,7 @@ def _corners(body: Body) -> Array:
     return np.asarray(hull, np.float64)
 
 
-def _placed(points: Array, poses: Array) -> Array:
+def _transform_points(points: Array, poses: Array) -> Array:
     """Return points (P, 2) of a body at its poses (S, 3): (S, P, 2) px."""
     cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
     x = points[:, 0] * cosine[:, None] - points[:, 1] * sine[:, None]
@@ -112,7 +112,7 @@ def _shift(body: Body, poses: Array) -> Array:
     """
     if body.radius is not None:
         return np.asarray(np.hypot(*(poses[:, :2] - poses[0, :2]).T))
-    places = _placed(_corners(body), poses)
+    places = _transform_points(_corners(body), poses)
     return np.asarray(np.hypot(*np.moveaxis(places - places[0], -1, 0)).max(axis=1))
 
 
@@ -221,7 +221,9 @@ def climbs(trials: TrialScene, world: World, motion: Trajectory) -> bool:
     if trials.scene.world.view is not View.SIDE:
         return False
     for k, body in enumerate(world.bodies):
-        lowest_rows = _placed(_corners(body), motion.poses[:, k])[..., 1].max(axis=1)
+        lowest_rows = _transform_points(_corners(body), motion.poses[:, k])[..., 1].max(
+            axis=1
+        )
         _, height = measure_extent(body)
         if lowest_rows[0] - lowest_rows.min() > TRIAL.rise * height:
             return True
@@ -235,7 +237,7 @@ def overhangs(trials: TrialScene, world: World, motion: Trajectory) -> bool:
     for k, body in enumerate(world.bodies):
         if np.hypot(*(motion.poses[-1, k, :2] - motion.poses[0, k, :2])) < tolerance:
             continue
-        places = _placed(_corners(body), motion.poses[-1:, k])[0]
+        places = _transform_points(_corners(body), motion.poses[-1:, k])[0]
         foot, left, right = places[:, 1].max(), places[:, 0].min(), places[:, 0].max()
         # An end of a wall below the body, away from both of its sides, is an edge under
         # it.
@@ -252,7 +254,7 @@ def crowds_border(trials: TrialScene, world: World, motion: Trajectory) -> bool:
     for k, body in enumerate(world.bodies):
         if body.motion is not Motion.DYNAMIC:
             continue
-        places = _placed(_corners(body), motion.poses[[0, -1], k])
+        places = _transform_points(_corners(body), motion.poses[[0, -1], k])
         gaps = np.minimum(places, size - places).min(axis=(1, 2))
         # A body that begins at the border may stay there.
         if gaps[1] < min(smallest_gap, gaps[0] - 1):

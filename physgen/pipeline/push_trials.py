@@ -302,7 +302,7 @@ def _search(
 
     known: dict[float, Candidate] = {}
 
-    def tried(speed: float) -> Candidate:
+    def try_speed(speed: float) -> Candidate:
         rounded_speed = float(f"{speed:.2g}")
         if rounded_speed not in known:
             start = Candidate(item, direction, rounded_speed, NO_MOTION)
@@ -315,14 +315,14 @@ def _search(
     best_score, halvings = 0.0, 0
     previous = NO_MOTION
     while speed <= hardest and halvings <= TRIAL.halvings:
-        candidate = tried(speed)
+        candidate = try_speed(speed)
         outcome = candidate.outcome
         if calm_speed and _is_too_hard(outcome, previous):
-            yield tried(sqrt(calm_speed * speed))
+            yield try_speed(sqrt(calm_speed * speed))
         yield candidate
         if outcome.grade is Grade.STORY and outcome.score <= TRIAL.worth * best_score:
             if calm_speed and outcome.travel > TRIAL.slide:
-                yield tried(sqrt(calm_speed * speed))
+                yield try_speed(sqrt(calm_speed * speed))
             return
         if outcome.grade is Grade.LEAVES:
             leaving_speed = speed

@@ -230,7 +230,7 @@ def _object_and_velocity(
         )
     if not rest:
         _refuse_other_signs(scene, text)
-    item = named(scene, "--push", name.strip())
+    item = find_object(scene, "--push", name.strip())
     way, speed = _direction_and_speed(scene, "--push", rest)
     if not way:
         raise Message.NO_DIRECTION.error("--push", f'"{text}"', name=item.name)
@@ -275,13 +275,13 @@ def _drop(
     scene: Scene, compiled_scene: CompiledScene, name: str
 ) -> tuple[Object, dict[str, Any]]:
     """Return the object of that name, and its place above its support by dotted key."""
-    item = named(scene, "--drop", name.strip())
+    item = find_object(scene, "--drop", name.strip())
     if scene.world.view is View.TOP:
         raise Message.CANNOT_FALL.error("--drop", f'"{name}"', name=item.name)
-    return item, {f"objects.{item.name}.place": _lifted(scene, compiled_scene, item)}
+    return item, {f"objects.{item.name}.place": _lift(scene, compiled_scene, item)}
 
 
-def named(scene: Scene, flag: str, name: str) -> Object:
+def find_object(scene: Scene, flag: str, name: str) -> Object:
     """Return the object of that name. Raises InputError."""
     for item in scene.objects:
         if item.name == name:
@@ -368,7 +368,7 @@ def _way_names() -> list[str]:
     return [*WORDS, *diagonals]
 
 
-def _lifted(scene: Scene, compiled_scene: CompiledScene, item: Object) -> list[float]:
+def _lift(scene: Scene, compiled_scene: CompiledScene, item: Object) -> list[float]:
     """Return `place` of an object, lifted by its own height, or up to the object above
     it.
     """

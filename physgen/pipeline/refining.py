@@ -43,7 +43,7 @@ class Footage:
     """Ids, (H, W) each: k + 1 for body k, 0 for the background."""
 
 
-class MostChanged:
+class LargestChange:
     """The frame with the largest change by refinement, updated frame by frame."""
 
     def __init__(self) -> None:
@@ -188,12 +188,12 @@ def refine_footage(
         refinement = Refinement(
             model, refine_settings(scene), scene.video_size, count, files.progress
         )
-        most_changed = MostChanged()
+        largest_change = LargestChange()
         refined_frames = _record_frame_changes(
             name,
             refinement.frames(footage.rgb, footage.coverage),
             footage,
-            most_changed,
+            largest_change,
         )
         # The model yields each frame once: a clip that plays samples in another order
         # needs all of them in memory.
@@ -210,10 +210,10 @@ def refine_footage(
         record.refine = {"backend": name, "failed": "; ".join(map(str, error.problems))}
         return Outcome(error.problems, None)
     record.refine = {"backend": name, **refinement.note()}
-    return Outcome((), _compare(footage, most_changed))
+    return Outcome((), _compare(footage, largest_change))
 
 
-def _compare(footage: Footage, largest_change: MostChanged) -> Comparison:
+def _compare(footage: Footage, largest_change: LargestChange) -> Comparison:
     """Return the comparison of the most changed frame, before and after."""
     from physgen.report.perception import compare_frames
 
@@ -251,7 +251,7 @@ def _write_unrefined(
 
 
 def _record_frame_changes(
-    name: str, frames: Iterator[U8], footage: Footage, largest_change: MostChanged
+    name: str, frames: Iterator[U8], footage: Footage, largest_change: LargestChange
 ) -> Iterator[U8]:
     """Yield the same frames, and add each to `largest_change`."""
     from physgen.refine.fusion import backend_errors

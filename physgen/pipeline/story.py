@@ -20,7 +20,7 @@ from physgen.geometry.scale import push_speed
 from physgen.messages import Message
 from physgen.pipeline.story_words import (
     STORY,
-    Named,
+    NamedItem,
     Story,
     Wish,
     name_words,
@@ -149,7 +149,7 @@ def _try_start(scene: Scene, quiet: World, story: Story, start: Start) -> _Story
     return _StoryTrial(start, motion, share, merit)
 
 
-def scene_names(scene: Scene, world: World) -> list[Named]:
+def scene_names(scene: Scene, world: World) -> list[NamedItem]:
     """Return the names of all objects and boundaries, in the order of
     `World.surfaces`.
     """

@@ -230,7 +230,7 @@ def _warn_of_failure(error: InputError, has_best: bool, warn: Warn) -> None:
 def _open_talk(subject: StoryScene, text: str) -> _Talk:
     """Return a conversation with its first question."""
     world = subject.compiled_scene.world
-    is_judge = _understood(text, subject.scene, world) is None
+    is_judge = _try_to_read(text, subject.scene, world) is None
     rules = proposal_rules(subject.scene, subject.may_change_objects, is_judge)
     talk = _Talk(subject, text, rules, is_judge)
     table = object_table(subject.scene, world)
@@ -240,7 +240,7 @@ def _open_talk(subject: StoryScene, text: str) -> _Talk:
     return talk
 
 
-def _understood(text: str, scene: Scene, world: World) -> Story | None:
+def _try_to_read(text: str, scene: Scene, world: World) -> Story | None:
     """Return what a sentence wants, None if it is not understood."""
     try:
         return read_story(text, scene_names(scene, world))
@@ -327,7 +327,7 @@ def _take_proposal(talk: _Talk, edits: list[Any]) -> bool:
 def _share(text: str, trial: _Trial) -> float:
     """Return how far a motion is what a story wants, by the best of its actors."""
     world = trial.compiled_scene.world
-    story = _understood(text, trial.scene, world)
+    story = _try_to_read(text, trial.scene, world)
     if story is None:
         return 0.0
     best = 0.0

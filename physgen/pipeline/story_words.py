@@ -34,7 +34,7 @@ class Wish(Enum):
 
 
 @dataclass(frozen=True)
-class Named:
+class NamedItem:
     """An object or a boundary with all words by which a sentence may name it."""
 
     index: int
@@ -171,7 +171,9 @@ def split_words(text: str) -> list[str]:
     return re.findall(r"[a-z0-9]+(?:-[a-z0-9]+)*", text.lower())
 
 
-def name_words(index: int, name: str, label: str, place: tuple[float, float]) -> Named:
+def name_words(
+    index: int, name: str, label: str, place: tuple[float, float]
+) -> NamedItem:
     """Return an object with the words of its name and label."""
     name_parts = [singular(word) for word in re.findall(r"[a-z]+|\d+", name.lower())]
     label_parts = [singular(word) for word in re.findall(r"[a-z]+|\d+", label.lower())]
@@ -180,10 +182,10 @@ def name_words(index: int, name: str, label: str, place: tuple[float, float]) ->
         letters = [part for part in parts if not part.isdigit()]
         nouns.update(letters[-1:])
     words = frozenset([*name_parts, *label_parts])
-    return Named(index, name.lower(), words, frozenset(nouns), *place)
+    return NamedItem(index, name.lower(), words, frozenset(nouns), *place)
 
 
-def read_story(text: str, candidates: Sequence[Named]) -> Story:
+def read_story(text: str, candidates: Sequence[NamedItem]) -> Story:
     """Read the meaning of a sentence. Raises InputError for an unknown object
     or verb.
     """
@@ -243,7 +245,9 @@ def verb_of(word: str) -> str:
     return ""
 
 
-def find_mentions(words: Sequence[str], candidates: Sequence[Named]) -> list[Mention]:
+def find_mentions(
+    words: Sequence[str], candidates: Sequence[NamedItem]
+) -> list[Mention]:
     """Find the noun phrases of a sentence that name candidates, from left to right."""
     mentions: list[Mention] = []
     position = 0
@@ -258,7 +262,7 @@ def find_mentions(words: Sequence[str], candidates: Sequence[Named]) -> list[Men
 
 
 def _mention_at(
-    words: Sequence[str], start: int, candidates: Sequence[Named]
+    words: Sequence[str], start: int, candidates: Sequence[NamedItem]
 ) -> Mention | None:
     """Find the longest noun phrase from a word on."""
     for end in range(min(start + 6, len(words)), start, -1):
@@ -272,7 +276,7 @@ def _mention_at(
 
 
 def _members(
-    phrase: Sequence[str], candidates: Sequence[Named]
+    phrase: Sequence[str], candidates: Sequence[NamedItem]
 ) -> tuple[tuple[int, ...], bool]:
     """Return the candidates of a phrase, and whether all of them are meant."""
     for candidate in candidates:
@@ -299,11 +303,11 @@ def _members(
     if exact_matches:
         matches = exact_matches
     if places and len(matches) > 1:
-        matches = [_placed(matches, places[0])]
+        matches = [_select_by_place(matches, places[0])]
     return tuple(candidate.index for candidate in matches), is_all
 
 
-def _placed(candidates: Sequence[Named], place: str) -> Named:
+def _select_by_place(candidates: Sequence[NamedItem], place: str) -> NamedItem:
     """Select the first, last, top ... of several candidates."""
     if place in ("top", "bottom"):
         sorted_candidates = sorted(candidates, key=lambda candidate: candidate.y)

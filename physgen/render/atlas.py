@@ -242,7 +242,7 @@ class _Atlas:
     def draw(
         self, places: Sequence[int], wheres: Sequence[Placement], samples: int
     ) -> list[tuple[F32, F32]]:
-        """Draw the atlas' balls at `places`; see `BallSprites.drawn`."""
+        """Draw the atlas' balls at `places`; see `BallSprites.draw`."""
         height = max(
             placement.box[0].stop - placement.box[0].start for placement in wheres
         )

@@ -42,21 +42,22 @@ def in_one_light(balls: Sequence[Ball]) -> list[Ball]:
     common_radius = max(round(ball.radius) for ball in painted_balls)
     # Resample all balls to one radius, so that their pixels have common normals.
     views = _BallViews.sample(painted_balls, balls, common_radius)
-    trust = float(np.median([ball.trust for ball in painted_balls]))
-    common_ball = replace(painted_balls[0], trust=trust, lamp_weights=None)
+    common_ball = replace(
+        painted_balls[0],
+        trust=float(np.median([ball.trust for ball in painted_balls])),
+        lamp_weights=None,
+    )
     normals = np.moveaxis(views.points, 2, 0)
-    shade = common_ball.shade(*normals)
+    unlit_pictures = views.pictures / common_ball.shade(*normals)
     patterns = [ball.pattern for ball in painted_balls if ball.pattern is not None]
     # First the light common to all balls, then the mirror images in the remaining
     # light.
     light_weights, patterns = _shared_light(
-        views.pictures / shade, views.points, views.is_lit, patterns
+        unlit_pictures, views.points, views.is_lit, patterns
     )
     common_ball = replace(common_ball, lamp_weights=light_weights)
-    painted_pictures = []
-    for pattern in patterns:
-        painted_pictures.append(pattern.paint(views.points, 1 / common_radius))
-    model = np.stack(painted_pictures) * common_ball.shade(*normals)
+    model = _paint_patterns(patterns, views.points, common_radius)
+    model = model * common_ball.shade(*normals)
     gloss = _shared_gloss(views, model)
     fade = _shared_fade(views, model, gloss)
     common_ball = replace(common_ball, gloss=gloss, fade=fade)
@@ -65,6 +66,13 @@ def in_one_light(balls: Sequence[Ball]) -> list[Ball]:
         lit_ball = _in_common_light(ball, pattern, common_ball, common_radius)
         results[id(ball)] = paint_ball_skin(lit_ball)
     return [results.get(id(ball), ball) for ball in balls]
+
+
+def _paint_patterns(
+    patterns: Sequence[Pattern], points: NDArray[Any], radius: int
+) -> NDArray[Any]:
+    """Return the colours (n, h, w, 3) of patterns at points (h, w, 3)."""
+    return np.stack([pattern.paint(points, 1 / radius) for pattern in patterns])
 
 
 def _in_common_light(

@@ -134,12 +134,13 @@ def page_rows(brightness: F32, rows: tuple[int, int], edges: tuple[int, int]) ->
         return is_page
     spine = float(inner[front - first + upper :].min())
     inner = inner[: front - first + upper + 1]
-    strip = brightness[first : first + len(inner), left : right + 1]
-    pages, covers = _page_and_cover_light(strip, inner)
+    pages, covers = _page_and_cover_light(
+        brightness[first : first + len(inner), left : right + 1], inner
+    )
     if pages < TOPS.brighter * max(spine, covers):
         return is_page
-    least_light = spine + TOPS.mixed_share * (pages - spine)
-    is_page[first : first + len(inner)] = inner > least_light
+    is_bright = inner > spine + TOPS.mixed_share * (pages - spine)
+    is_page[first : first + len(inner)] = is_bright
     return is_page
 
 

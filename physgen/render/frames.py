@@ -663,8 +663,7 @@ def _blur_along_trail(
     corner, light, coverage = whole_picture
     face = stage.sprites[stand.k].face
     center = np.array([stand.pose.x, stand.pose.y + face], np.float64)
-    middle = np.asarray(center - corner, np.float64)
-    moves = _trail_moves(trail, middle)
+    moves = _trail_moves(trail, np.asarray(center - corner, np.float64))
     box = _swept_box(moves, coverage.shape, corner, stage.background.shape[1::-1])
     if box is None:
         return None
@@ -730,12 +729,10 @@ def _draw_unclipped(
     It is left and top, px, light (h, w, 3) and coverage (h, w); None if it is empty.
     """
     height, width = stage.background.shape[:2]
-    if picture is not None:
+    if picture is not None and _is_inside(picture.placement.box, (width, height)):
         rows, columns = picture.placement.box
-        ends_inside = rows.stop < height and columns.stop < width
-        if min(rows.start, columns.start) > 0 and ends_inside:
-            corner = np.array([columns.start, rows.start])
-            return corner, picture.light, picture.coverage
+        corner = np.array([columns.start, rows.start])
+        return corner, picture.light, picture.coverage
     sprite = stage.sprites[stand.k]
     margin = _trail_reach(trail, sprite.coverage.shape) + 1
     pose = stand.pose._replace(x=stand.pose.x + margin, y=stand.pose.y + margin)
@@ -745,17 +742,34 @@ def _draw_unclipped(
         return None
     ball = balls.draw([(stand.k, placement)], stage.supersample).get(stand.k)
     light, coverage = ball or draw_sprite(sprite, placement, stage.supersample)
-    top, left = placement.box[0].start - margin, placement.box[1].start - margin
+    rows, columns = placement.box
+    corner = np.array([columns.start - margin, rows.start - margin])
     if picture is not None and picture.factor is not None:
-        # Continue the shade at the border of the canvas beyond it.
-        shift_x, shift_y = columns.start - left, rows.start - top
-        move = np.array([[1.0, 0, shift_x], [0, 1, shift_y]])
-        size = (coverage.shape[1], coverage.shape[0])
-        shade = cv2.warpAffine(
-            picture.factor, move, size, borderMode=cv2.BORDER_REPLICATE
-        )
-        light = light * three_channels(np.asarray(shade, np.float32))
-    return np.array([left, top]), light, coverage
+        shade = _continue_shade(picture, picture.factor, corner, coverage.shape)
+        light = light * three_channels(shade)
+    return corner, light, coverage
+
+
+def _is_inside(box: Slices, size: tuple[int, int]) -> bool:
+    """Check whether a box touches no border of a canvas of `size` (W, H)."""
+    rows, columns = box
+    ends_inside = rows.stop < size[1] and columns.stop < size[0]
+    return bool(min(rows.start, columns.start) > 0 and ends_inside)
+
+
+def _continue_shade(
+    picture: Picture, factor: F32, corner: NDArray[np.int64], shape: tuple[int, ...]
+) -> F32:
+    """Return the shade (h, w) of a picture, continued beyond the canvas's border.
+
+    `corner` and `shape` are those of the larger picture.
+    """
+    rows, columns = picture.placement.box
+    shift_x, shift_y = columns.start - corner[0], rows.start - corner[1]
+    move = np.array([[1.0, 0, shift_x], [0, 1, shift_y]])
+    border = cv2.BORDER_REPLICATE
+    shade = cv2.warpAffine(factor, move, (shape[1], shape[0]), borderMode=border)
+    return np.asarray(shade, np.float32)
 
 
 def _trail_reach(trail: Trail, shape: tuple[int, ...]) -> int:

@@ -140,9 +140,8 @@ def _moving_part(
     weight = _floor_weight(sprite, (x, y), halo.shape[:2])
     if weight is None:
         return None
-    # Light beyond the floor stays: `FootHalo.moved` does not draw it there.
-    columns = x + np.arange(halo.shape[1])
-    weight = weight * ((columns >= ends[0]) & (columns <= ends[1]))
+    # Light beyond the floor stays: `FootHalo.draw` does not draw it there.
+    weight = weight * _floor_columns(x, halo.shape[1], ends)
     side = float(max(min(sprite.coverage.shape), 1))
     near = _nearness(sprite.halo_reach, side, is_mirror=is_mirror)
     if not is_mirror:
@@ -159,9 +158,15 @@ def _moving_part(
         light = _carried_light(halo[window], near[window], blur) * weight[..., None]
     else:
         box = _box_at(corner, weight)
-        box_ground = _Ground(ground.background[box], ground.plate[box])
-        shade = _carried_shade(halo[window], box_ground, blur) * weight[..., None]
+        ground = _Ground(ground.background[box], ground.plate[box])
+        shade = _carried_shade(halo[window], ground, blur) * weight[..., None]
     return _Moving(corner, window, light, weight, shade, side)
+
+
+def _floor_columns(left: int, width: int, ends: tuple[float, float]) -> Mask:
+    """Return the mask (w,) of columns between both ends of a floor, px."""
+    columns = left + np.arange(width)
+    return np.asarray((columns >= ends[0]) & (columns <= ends[1]), np.bool_)
 
 
 def _nearness(distance: F32, side: float, *, is_mirror: bool) -> F32:

@@ -347,8 +347,8 @@ def _behind_slab(
     The points are `step` px apart.
     """
     lx, ly, lz = (float(part) for part in setting.light.direction)
-    height = np.maximum(face(slab, setting.top) - depth, 0)
-    path = height / max(lz, LEAST_LIGHT_HEIGHT)
+    path = np.maximum(face(slab, setting.top) - depth, 0)
+    path = path / max(lz, LEAST_LIGHT_HEIGHT)
     margin = 8 + step
     cover = _blur_slab(slab, margin, float(path.max()), step, setting)
     left = np.float32(margin - slab.corner[0])
@@ -361,8 +361,8 @@ def _behind_slab(
         light_share = cv2.remap(cover, columns, rows, cv2.INTER_LINEAR, borderValue=0)
         np.maximum(blocked_light, light_share, out=blocked_light)
     # A face at the height of the slab's own face gets the full light.
-    share = np.clip(path * np.float32(hypot(lx, ly)) / 2, 0, 1)
-    return np.asarray(blocked_light * share, np.float32)
+    blocked_light *= np.clip(path * np.float32(hypot(lx, ly)) / 2, 0, 1)
+    return np.asarray(blocked_light, np.float32)
 
 
 def _blur_slab(

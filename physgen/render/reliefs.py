@@ -168,11 +168,13 @@ def add_disc_relief(sprite: Sprite, body: Body) -> Sprite:
     rings = np.minimum(distance, max(body.radius - 2, 0)).astype(int)
     is_known = (sprite.coverage >= 1) & (distance < body.radius)
     harmonic = _fit_ring_harmonic(sprite, rings, is_known, cosine, sine)
-    mean, cosine_part, sine_part = [values[rings] for values in harmonic]
-    mean_light = np.maximum(mean, CUT.least_light)
-    light_part = (cosine_part * cosine + sine_part * sine) / mean_light
-    cross_part = (cosine_part * sine - sine_part * cosine) / mean_light
-    return replace(sprite, relief=_build_edge_relief(light_part, cross_part))
+    mean_light, cosine_part, sine_part = [values[rings] for values in harmonic]
+    mean_light = np.maximum(mean_light, CUT.least_light)
+    relief = _build_edge_relief(
+        (cosine_part * cosine + sine_part * sine) / mean_light,
+        (cosine_part * sine - sine_part * cosine) / mean_light,
+    )
+    return replace(sprite, relief=relief)
 
 
 def _fit_ring_harmonic(

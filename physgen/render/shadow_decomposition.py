@@ -479,11 +479,11 @@ def decompose_shadows(
 ) -> tuple[LitBackground, F32 | None]:
     """Separate `background` (H, W, 3) sRGB into light and shadows.
 
-    `clean_background` is the background without shadows; None if they were not removed. `ghosts` are
-    objects of the photo that the scene leaves out, with their shadows. `is_changed` (H,
-    W): pixels that differ from the photo, and contain no information about shadows near
-    objects. Also returns the darkness (H, W), -log of light, by the shadows of `ghosts`;
-    None without such objects.
+    `clean_background` is the background without shadows; None if they were not removed.
+    `ghosts` are objects of the photo that the scene leaves out, with their shadows.
+    `is_changed` (H, W): pixels that differ from the photo, and contain no information
+    about shadows near objects. Also returns the darkness (H, W), -log of light, by the
+    shadows of `ghosts`; None without such objects.
     """
     light = decode(background)
     if clean_background is None:
@@ -505,11 +505,11 @@ def decompose_shadows(
     claims = _claims(all_figures, firsts, setting.size)
     claimed_area, owner = _sum_claims(claims, darkness.shape)
     all_casts = []
+    all_rounds = [*rounds, *(False for _ in ghosts)]
     for k, start in enumerate(all_figures):
         own_shadow = _claimed_darkness(difference, claims[k], claimed_area, firsts[k])
-        is_round = k < len(starts) and rounds[k]
         all_casts.append(
-            _cast(start, steps[k], firsts[k], own_shadow, is_round, setting)
+            _cast(start, steps[k], firsts[k], own_shadow, all_rounds[k], setting)
         )
     casts, ghost_casts = all_casts[: len(starts)], all_casts[len(starts) :]
     total = _sum_of_shadows(casts, darkness.shape)
@@ -743,8 +743,7 @@ def unbounded_shadow(
 ) -> tuple[PixelBox, F32]:
     """Return an object's whole shadow on a table, also beyond the photo's border."""
     # Move the object into a setting so large that its whole shadow lies inside.
-    reach = 10 * max(silhouette.coverage.shape) + 64
-    margin = step * ceil(reach / step)
+    margin = step * ceil((10 * max(silhouette.coverage.shape) + 64) / step)
     (x, y), (cx, cy) = silhouette.corner, silhouette.center
     width, height = setting.size
     moved_figure = replace(

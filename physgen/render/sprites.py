@@ -564,39 +564,24 @@ class _Cutter:
         """Cut out body k in a box of the photo."""
         x0, y0, x1, y1 = bounds_px
         box = np.s_[y0:y1, x0:x1]
-        labels, photo = self.labels[box], self.photo[box]
+        labels = self.labels[box]
         mask = labels == k + 1
-        share, alpha = self._coverage(mask, box)
-        is_disc = k < len(self.shapes) and isinstance(self.shapes[k], Disc)
-        no_pixels = np.zeros(alpha.shape, np.bool_)
         others = np.where(mask, 0, labels).astype(np.int32)
         is_other = (others > 0) | self.absent[box]
         # Store the neighbour of each border pixel: the border's light changes when it
         # leaves.
+        no_pixels = np.zeros(mask.shape, np.bool_)
         touching_numbers = _nearest(others, no_pixels, CUT.gap)
-        gain = self._border_gain(mask, touching_numbers > 0, box, is_disc)
-        light = _foreground(
-            photo, self.background[box], mask, alpha, share, gain, is_disc
-        )
+        gain = self._border_gain(mask, touching_numbers > 0, box, self._is_disc(k))
+        light, alpha = self._foreground(k, mask, box, gain)
         has_neighbour = bool((dilate(is_other, CUT.clean_depth) & mask).any())
         # A neighbour hides a part or spoils the border; reconstruct the light there.
         if hidden_part is not None or has_neighbour:
             part = hidden_part or _HiddenPart(
                 bounds_px, labels, np.zeros_like(alpha), no_pixels, is_other
             )
-            light, alpha = _complete_hidden_part(
-                photo, mask, light, alpha, self.coverage[box], part, gain, is_disc
-            )
-            # A neighbour on top of a block shades the block, which must not keep that
-            # shade when it moves away.
-            if k < len(self.shapes) and not is_disc:
-                shape_top = bounds(self.shapes[k])[1] - y0
-                unshaded_photo, is_shaded = _unshaded_top(
-                    photo, mask, is_other, shape_top
-                )
-                light = np.where(
-                    is_shaded[..., None], unshaded_photo * alpha[..., None], light
-                )
+            light, alpha, is_shaded = self._complete(k, mask, light, alpha, part, gain)
+            if is_shaded.any():
                 nearest = _nearest(others, no_pixels, sum(self.labels.shape))
                 touching_numbers = np.where(is_shaded, nearest, touching_numbers)
         margin = ((MARGIN, MARGIN), (MARGIN, MARGIN))
@@ -607,6 +592,53 @@ class _Cutter:
             coverage=np.pad(alpha, margin),
             hider=np.pad(touching_numbers, margin) if touching_numbers.any() else None,
         )
+
+    def _is_disc(self, k: int) -> bool:
+        """Check whether the shape of body k is a disc."""
+        return k < len(self.shapes) and isinstance(self.shapes[k], Disc)
+
+    def _foreground(
+        self, k: int, mask: Mask, box: tuple[slice, slice], gain: F32
+    ) -> tuple[F32, F32]:
+        """Return the light times coverage (h, w, 3) of body k, and its coverage."""
+        share, alpha = self._coverage(mask, box)
+        light = _foreground(
+            self.photo[box],
+            self.background[box],
+            mask,
+            alpha,
+            share,
+            gain,
+            self._is_disc(k),
+        )
+        return light, alpha
+
+    def _complete(
+        self,
+        k: int,
+        mask: Mask,
+        light: F32,
+        alpha: F32,
+        part: _HiddenPart,
+        gain: F32,
+    ) -> tuple[F32, F32, Mask]:
+        """Return light and coverage with the hidden part, and the mask of pixels that
+        a neighbour shades.
+        """
+        x0, y0, x1, y1 = part.box
+        box = np.s_[y0:y1, x0:x1]
+        photo, is_disc = self.photo[box], self._is_disc(k)
+        light, alpha = _complete_hidden_part(
+            photo, mask, light, alpha, self.coverage[box], part, gain, is_disc
+        )
+        if k >= len(self.shapes) or is_disc:
+            return light, alpha, np.zeros_like(mask)
+        # A neighbour on top of a block shades the block, which must not keep that shade
+        # when it moves away.
+        shape_top = bounds(self.shapes[k])[1] - y0
+        unshaded_photo, is_shaded = _unshaded_top(photo, mask, part.others, shape_top)
+        unshaded_light = unshaded_photo * alpha[..., None]
+        return np.where(is_shaded[..., None], unshaded_light, light), alpha, is_shaded
 
     def _coverage(self, mask: Mask, box: tuple[slice, slice]) -> tuple[F32, F32]:
         """Return an object's share of the covered pixels, and its coverage."""
@@ -688,8 +720,7 @@ def _unshaded_top(
             is_top[y] = True
     _, pieces = cv2.connectedComponents(is_dark.astype(np.uint8))
     # Only a dark piece beside another object can be its shadow.
-    is_near_other = dilate(is_other, CUT.clean_depth + 2)
-    is_shadow = np.isin(pieces, pieces[is_dark & is_near_other])
+    is_shadow = np.isin(pieces, pieces[is_dark & dilate(is_other, CUT.clean_depth + 2)])
     is_shaded = is_top & dilate(is_shadow | is_other, CUT.clean_depth + 1)
     return even_photo, is_shaded & is_shadow.any()
 
@@ -711,8 +742,9 @@ def _find_hidden_part(
 
     `box`: that of its mask.
     """
-    window = (0, 0, labels.shape[1], labels.shape[0])
-    shape_cover, (left, top) = coverage_box(shape, window)
+    shape_cover, (left, top) = coverage_box(
+        shape, (0, 0, labels.shape[1], labels.shape[0])
+    )
     if not shape_cover.size:
         return None
     right, bottom = left + shape_cover.shape[1], top + shape_cover.shape[0]
@@ -724,8 +756,8 @@ def _find_hidden_part(
     cover = np.pad(shape_cover, ((top - y0, y1 - bottom), (left - x0, x1 - right)))
     # A mask that reaches beyond the fitted shape may go on beyond it behind its
     # neighbour.
-    is_continued = _beyond_shape(mask, is_other, cover)
-    cover = np.maximum(cover, (is_other & is_continued).astype(np.float32))
+    continuation = is_other & _beyond_shape(mask, is_other, cover)
+    cover = np.maximum(cover, continuation.astype(np.float32))
     hole = (cover >= 0.5) & is_other
     if not hole.any():
         return None
@@ -913,24 +945,17 @@ def anchor_sprites(
     """Return sprites with `rest` and `halo`, such that the frame at t = 0 equals the
     photo.
 
-    `background` (H, W, 3) linear is the background. A pixel's rest belongs to the object
-    that shows most there; outside all objects, to its `owner` (H, W), 1 + an index, or
-    for 0 to the nearest object, up to `reach` shares of the photo's longer side.
+    `background` (H, W, 3) is linear. A pixel's rest belongs to the object that shows
+    most there; outside all objects, to its `owner` (H, W), 1 + an index, or for 0 to
+    the nearest object, up to `reach` shares of the photo's longer side.
     """
-    reach = CUT.halo if reach is None else reach
-    height, width = background.shape[:2]
+    reach_px = round((CUT.halo if reach is None else reach) * max(photo.shape[:2]))
     boxes = [_SpriteBox.from_sprite(sprite) for sprite in sprites]
-    # Draw all sprites over the background as in the first frame. The difference to the
-    # photo is the rest, which the transmission of the sprites above divides.
-    composite, top, last = _compose(sprites, boxes, background)
-    transmission = _compute_visible_share(sprites, boxes, top)
-    is_covered = transmission < CUT.hidden_share
-    top[is_covered], transmission[is_covered] = last[is_covered], 1
-    rest = (photo - composite) / cv2.merge((transmission, transmission, transmission))
+    rest, top = _explain_photo(sprites, boxes, photo, background)
     # Light at absent objects belongs to them, and vanishes with them.
     if absent.any():
         rest[_blur_mask(absent) > CUT.least_blur] = 0.0
-    near_numbers = _nearest(top, absent, round(reach * max(height, width)))
+    near_numbers = _nearest(top, absent, reach_px)
     if owner is not None:
         near_numbers = np.where(owner > 0, owner, near_numbers)
     largest = np.maximum.reduce(cv2.split(np.abs(rest)))
@@ -940,14 +965,32 @@ def anchor_sprites(
     near_weight = _blur_mask(near_numbers > 0, CUT.rest_width)
     bodies = np.array([0, *(sprite.body + 1 for sprite in sprites)], np.int32)
     anchored_sprites = []
-    pairs = zip(sprites, boxes, strict=True)
-    for number, (sprite, box) in enumerate(pairs, 1):
+    for number, (sprite, box) in enumerate(zip(sprites, boxes, strict=True), 1):
         own_rest = np.zeros_like(sprite.light)
         is_own = (top[box.photo] == number)[..., None]
         own_rest[box.sprite] = np.where(is_own, rest[box.photo], np.float32(0))
         halo = _halo(number, near_numbers, near_weight, rest, top, bodies)
         anchored_sprites.append(replace(sprite, rest=own_rest, halo=halo))
     return anchored_sprites
+
+
+def _explain_photo(
+    sprites: Sequence[Sprite],
+    boxes: Sequence[_SpriteBox],
+    photo: F32,
+    background: F32,
+) -> tuple[F32, NDArray[np.int32]]:
+    """Return the rest (H, W, 3) of the photo, and the number (H, W) of its sprite.
+
+    All sprites are drawn over the background as in the first frame. The difference to
+    the photo is the rest, which the transmission of the sprites above divides.
+    """
+    composite, top, last = _compose(sprites, boxes, background)
+    transmission = _compute_visible_share(sprites, boxes, top)
+    is_covered = transmission < CUT.hidden_share
+    top[is_covered], transmission[is_covered] = last[is_covered], 1
+    rest = (photo - composite) / cv2.merge((transmission, transmission, transmission))
+    return rest, top
 
 
 @dataclass(frozen=True)

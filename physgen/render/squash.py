@@ -96,12 +96,19 @@ def find_squashes(
             if share < SQUASH.least_share:
                 continue
             normal = sign * impulse / hypot(*impulse)
-            shapes = _of_frames(world, trajectory, k, sample, normal, share)
-            for frame, squash in shapes:
-                known = frames.setdefault(frame, {}).get(k)
-                if known is None or known.share < squash.share:
-                    frames[frame][k] = squash
+            squashes = dict(_of_frames(world, trajectory, k, sample, normal, share))
+            _keep_largest(frames, k, squashes)
     return Squashes(trajectory.times, frames)
+
+
+def _keep_largest(
+    frames: dict[int, dict[int, Squash]], k: int, squashes: Mapping[int, Squash]
+) -> None:
+    """Add the shapes of body k by frame, unless another one there is flatter."""
+    for frame, squash in squashes.items():
+        known = frames.setdefault(frame, {}).get(k)
+        if known is None or known.share < squash.share:
+            frames[frame][k] = squash
 
 
 def _impact_share(

@@ -168,7 +168,7 @@ def draw_sprite(
     size = _box_size(placement.box)
     fine_size = (size[0] * samples, size[1] * samples)
     matrix = _finer(placement.matrix, samples)
-    # `Sprite.fine` has two samples a pixel.
+    # `Sprite.half_pixels` has two samples a pixel.
     warped_sprite = _warp_picture(sprite.half_pixels, 2 * matrix, fine_size)
     # The conversion keeps the first three channels.
     light = np.asarray(cv2.cvtColor(warped_sprite, cv2.COLOR_BGRA2BGR), np.float32)
@@ -559,8 +559,9 @@ def sprite_poses(
             space = turns.find(sample, sprite.body, start)
             placement = place_sprite(sprite, start, pose, (width, height), space)
             if sprite.wheels and placement is not None:
-                turned_wheels = wheel_turns(sprite, trajectory, sample)
-                placement = replace(placement, wheel_turns=turned_wheels)
+                placement = replace(
+                    placement, wheel_turns=wheel_turns(sprite, trajectory, sample)
+                )
             stands.append(SpritePose(k, start, pose, placement, space))
         yield float(trajectory.times[sample]), stands
 

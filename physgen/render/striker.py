@@ -325,10 +325,7 @@ def _with_sprites(
     sprites, starts = list(stage.sprites), list(stage.starts)
     if not starts:
         starts = [Pose(*pose) for pose in fine_motion.poses[0].tolist()]
-    actors, casts = (
-        list(stage.actors),
-        [] if stage.lit_background is None else list(stage.lit_background.casts),
-    )
+    actors, casts = list(stage.actors), []
     for number, (way, track) in enumerate(zip(ways, tracks, strict=True)):
         start = track[0]
         body = fine_motion.poses.shape[1] + number
@@ -336,28 +333,35 @@ def _with_sprites(
         sprite = _draw_striker(stage, form, way, body, start, reach)
         sprites.append(sprite)
         starts.append(Pose(float(start[0]), float(start[1]), 0.0))
-        thick = 2 * form.tip * way.scale
-        actors.append(ShadowBody(None, thick))
-        figure = Silhouette(
-            sprite.coverage, sprite.corner, (start[0], start[1]), None, thick, None
-        )
-        nothing = ((0, 0, 1, 1), np.zeros((1, 1), np.float32))
-        casts.append(CastShadow(figure, 2, None, nothing, None, False))
-    more = [None] * len(ways)
-    mirror = stage.mirror
-    if mirror is not None:
-        mirror = replace(mirror, feet=[*mirror.feet, *more])
-    return replace(
-        stage,
-        sprites=sprites,
-        starts=starts,
-        actors=actors if stage.actors else (),
-        lit_background=None
-        if stage.lit_background is None
-        else replace(stage.lit_background, casts=casts),
-        veils=None if stage.veils is None else [*stage.veils, *more],
-        mirror=mirror,
+        thickness = 2 * form.tip * way.scale
+        actors.append(ShadowBody(None, thickness))
+        casts.append(_striker_cast(sprite, start, thickness))
+    stage = replace(stage, sprites=sprites, starts=starts)
+    if stage.actors:
+        stage = replace(stage, actors=actors)
+    return _with_casts(stage, casts)
+
+
+def _striker_cast(sprite: Sprite, start: F64, thickness: float) -> CastShadow:
+    """Return the shadow of a striker, which the photo does not have."""
+    figure = Silhouette(
+        sprite.coverage, sprite.corner, (start[0], start[1]), None, thickness, None
     )
+    empty_shadow = ((0, 0, 1, 1), np.zeros((1, 1), np.float32))
+    return CastShadow(figure, 2, None, empty_shadow, None, False)
+
+
+def _with_casts(stage: Stage, casts: Sequence[CastShadow]) -> Stage:
+    """Return the stage with the shadows of more sprites, without veils and mirrors."""
+    empty = [None] * len(casts)
+    background, mirror, veils = stage.lit_background, stage.mirror, stage.veils
+    if background is not None:
+        background = replace(background, casts=[*background.casts, *casts])
+    if mirror is not None:
+        mirror = replace(mirror, feet=[*mirror.feet, *empty])
+    if veils is not None:
+        veils = [*veils, *empty]
+    return replace(stage, lit_background=background, mirror=mirror, veils=veils)
 
 
 def _draw_striker(
@@ -419,7 +423,9 @@ def _colours(form: Form, distance: F64, upper: F64) -> F32:
 
 
 def _shading(stage: Stage, axis: F64, offset: F64, tip: F64, gloss: float) -> F64:
-    """Return (h, w, 1) light of a round bar by its light from the scene; 1 if it faces the viewer in full light."""
+    """Return (h, w, 1) light of a round bar by its light from the scene; 1 if it faces
+    the viewer in full light.
+    """
     toward = np.sqrt(np.clip(1 - offset**2 - tip**2, 0, 1))
     direction = np.array([0.0, -0.5, 0.86])
     ambient, intensity = 0.4, 0.6
@@ -436,14 +442,17 @@ def _shading(stage: Stage, axis: F64, offset: F64, tip: F64, gloss: float) -> F6
     shading = shading / max(ambient + intensity * max(direction[2], 0.3), 0.5)
     if gloss:
         shading = shading + gloss * np.maximum(facing, 0) ** 24
-    behind = luminance(decode(stage.background)).astype(np.float64)
-    bright = float(np.percentile(behind, STRIKER.light_percentile))
+    return np.asarray(shading * _photo_level(stage))[..., None]
+
+
+def _photo_level(stage: Stage) -> float:
+    """Return the light of a striker relative to its colours, by the photo's light."""
+    background = luminance(decode(stage.background)).astype(np.float64)
+    brightest = float(np.percentile(background, STRIKER.light_percentile))
     for sprite in stage.sprites:
         solid = sprite.coverage >= 1
         if solid.any():
-            own = float(np.median(luminance(sprite.light[solid])))
-            bright = max(bright, own)
-    level = min(
-        max(bright / STRIKER.white, STRIKER.light_limits[0]), STRIKER.light_limits[1]
-    )
-    return np.asarray(shading * level)[..., None]
+            own_light = float(np.median(luminance(sprite.light[solid])))
+            brightest = max(brightest, own_light)
+    lowest, highest = STRIKER.light_limits
+    return min(max(brightest / STRIKER.white, lowest), highest)

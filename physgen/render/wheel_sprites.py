@@ -248,9 +248,12 @@ def _best_rim(codes: F32, first: _Ellipse, reach: float) -> _Ellipse:
             row, column = np.unravel_index(int(contrast.argmax()), contrast.shape)
             if contrast[row, column] > best_contrast:
                 best_contrast = float(contrast[row, column])
-                middle_x = float(first.x + shift_x[row, column])
-                middle_y = float(first.y + shift_y[row, column])
-                best = _Ellipse(middle_x, middle_y, height, aspect)
+                best = _Ellipse(
+                    float(first.x + shift_x[row, column]),
+                    float(first.y + shift_y[row, column]),
+                    height,
+                    aspect,
+                )
     return best
 
 

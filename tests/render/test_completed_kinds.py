@@ -425,5 +425,5 @@ def test_a_metal_ball_keeps_its_mirror_images_and_not_its_eyelet() -> None:
         bare.light, (0, 0), (40.0, 40.0), 20.0, lamp, View.SIDE, is_mirror=True
     )
     assert np.ptp(mirror.skin, axis=(0, 1)).max() == 0  # nothing that could turn
-    shown = mirror.skin * mirror.shade + mirror.gloss
+    shown = mirror.skin * mirror.shading + mirror.gloss
     assert np.abs(shown - truth)[distance < 19].max() < 0.02

@@ -551,13 +551,13 @@ def test_what_a_neighbour_lends_a_painted_ball_does_not_turn_with_it() -> None:
     photo = np.where((u * u + v * v < 1)[..., None], photo + lent, 0).astype(np.float32)
     ball = ball_from_photo(photo, (0, 0), (25.0, 25.0), r, SUN, View.TOP)
     inside = np.hypot(x - 33, y - 25) < 2.5
-    assert (ball.skin * ball.shade)[inside].max() < 0.07
+    assert (ball.skin * ball.shading)[inside].max() < 0.07
     assert np.abs(ball.gloss - lent)[inside].mean() < 0.06
     edge = np.abs(np.hypot(x - 33, y - 25) - 4)
     away = (
         (u * u + v * v < 0.5) & (np.abs(v - 0.55) > 0.11) & (edge > 1.5)
     )  # from borders
-    assert np.abs(ball.skin * ball.shade + ball.gloss - photo)[away].max() < 0.04
+    assert np.abs(ball.skin * ball.shading + ball.gloss - photo)[away].max() < 0.04
 
 
 @pytest.mark.parametrize("degrees", [0.001, 30, 90, 150, -60])

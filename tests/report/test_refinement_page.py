@@ -8,7 +8,7 @@ import numpy as np
 from written import loaded
 
 from physgen import pipeline
-from physgen.pipeline.refining import MostChanged
+from physgen.pipeline.refining import LargestChange
 from physgen.report.films import Film
 from physgen.report.page import PageParts, report_page
 from physgen.report.perception import Comparison, compare_frames
@@ -54,7 +54,7 @@ def page_of(
 
 
 def test_the_page_shows_what_refinement_did(tmp_path: Path) -> None:
-    changed = MostChanged()
+    changed = LargestChange()
     for k, by in enumerate((2, -9, 5)):
         before, after = (
             np.full((20, 40, 3), code, np.uint8) for code in (100 + k, 100 + k + by)
