@@ -17,14 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.maps import F32
-from physgen.perceive.inpaint.copy_offsets import I64
-from physgen.perceive.inpaint.edge_continuation import (
+from physgen.perceive.inpaint.border_ends import (
     BorderEnd,
     KnownSurroundings,
     border_ends,
-    colour_differences,
-    line_points,
 )
+from physgen.perceive.inpaint.copy_offsets import I64
+from physgen.perceive.inpaint.edge_continuation import colour_differences, line_points
 from physgen.perceive.inpaint.ellipse_arcs import follow_edge
 from physgen.perceive.inpaint.poisson import dilate
 from physgen.perceive.roles import Mask
@@ -126,7 +125,7 @@ class CertainLine:
 
 def certain_lines(picture: F32, hole: Mask) -> list[CertainLine]:
     """Return straight lines that are visible on both sides of `hole` (H, W)."""
-    surroundings = KnownSurroundings.of(picture, dilate(hole, 1))
+    surroundings = KnownSurroundings.measure(picture, dilate(hole, 1))
     count, ids = cv2.connectedComponents(hole.astype(np.uint8), connectivity=8)
     lines = []
     for number in range(1, count):
@@ -161,12 +160,17 @@ def _certain_pairs(
             b, direction, other_direction = ends[j], directions[i], directions[j]
             if direction is None or other_direction is None or not _similar(a, b):
                 continue
-            chord = b.at - a.at
+            chord = b.place - a.place
             length = float(np.hypot(*chord))
             turn = max(_angle(chord, direction), _angle(chord, -other_direction))
             if length >= TUNING.shortest and turn <= TUNING.turn:
                 pairs.append(
-                    (turn, i, j, CertainLine(a.at, b.at, direction, -other_direction))
+                    (
+                        turn,
+                        i,
+                        j,
+                        CertainLine(a.place, b.place, direction, -other_direction),
+                    )
                 )
     chords: list[tuple[int, int]] = []
     for _, i, j, line in sorted(pairs, key=lambda pair: pair[:3]):
@@ -188,7 +192,7 @@ def _similar(a: BorderEnd, b: BorderEnd) -> bool:
 
 def _visible_direction(end: BorderEnd, known: KnownSurroundings) -> F64 | None:
     """Return the direction into the hole of a straight visible line, else None."""
-    points = follow_edge(known.picture, known.blocked, end.at, -end.towards)
+    points = follow_edge(known.picture, known.blocked, end.place, -end.direction)
     lengths = np.hypot(*(points - points[0]).T)
     points = points[lengths <= TUNING.measured]
     if lengths.max() < TUNING.visible:
@@ -199,7 +203,7 @@ def _visible_direction(end: BorderEnd, known: KnownSurroundings) -> F64 | None:
     distances = np.abs((points - center) @ axes[1])
     if distances.max() > TUNING.bent:
         return None
-    return direction if direction @ end.towards > 0 else -direction
+    return direction if direction @ end.direction > 0 else -direction
 
 
 def _angle(a: F64, b: F64) -> float:
