@@ -16,12 +16,9 @@ from physgen.geometry.shadows import (
 )
 from physgen.perceive.roles import BoundaryGuess, LightGuess, PhotoObject, Shadows, Wall
 from physgen.perceive.shadow import side_view
-from physgen.perceive.shadow.shadow_removal import (
-    lightened,
-    refill_background,
-    remove_reflections,
-    remove_shadows,
-)
+from physgen.perceive.shadow.refills import refill_background
+from physgen.perceive.shadow.reflections import remove_reflections
+from physgen.perceive.shadow.shadow_removal import lightened, remove_shadows
 from physgen.photometry import DistantLight, decode, encode_u8
 from physgen.scene.scene import View
 from tests.perceive.lambertian import overlap

@@ -20,7 +20,6 @@ from physgen.geometry.shadows import ShadowSetting, Silhouette
 from physgen.maps import F32
 from physgen.perceive.roles import Mask, Rgb
 from physgen.perceive.shadow.shadow_fit import FULL
-from physgen.perceive.shadow.shadow_removal import blur_wide, hue_weights, mean_of_kind
 from physgen.perceive.shadow.silhouettes import (
     DARKEST,
     MARGIN,
@@ -28,6 +27,7 @@ from physgen.perceive.shadow.silhouettes import (
     predicted_darkness,
     typical_size,
 )
+from physgen.perceive.shadow.surface_kinds import blur_wide, hue_weights, mean_of_kind
 from physgen.photometry import DistantLight, decode, luminance
 
 

@@ -22,7 +22,7 @@ from physgen.perceive.inpaint.poisson import (
 )
 from physgen.perceive.roles import Inpaint, Labels, Mask, Rgb, Shadows
 from physgen.perceive.shadow.reduced import reduce_photo
-from physgen.perceive.shadow.shadow_removal import plan_refill
+from physgen.perceive.shadow.refills import plan_refill
 from physgen.perceive.working_size import enlarge, reduce_known
 from physgen.photometry import decode, encode_u8, luminance
 

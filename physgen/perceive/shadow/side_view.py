@@ -43,14 +43,12 @@ from physgen.perceive.shadow.shadow_fit import (
     wall_coverage,
     with_direction,
 )
-from physgen.perceive.shadow.shadow_removal import (
-    FAINT,
+from physgen.perceive.shadow.shadow_owners import (
     PREDICTED,
-    edge_ratio,
-    remove_shadows,
     shadow_owners,
     shadow_owners_by_model,
 )
+from physgen.perceive.shadow.shadow_removal import FAINT, edge_ratio, remove_shadows
 from physgen.perceive.shadow.silhouettes import (
     Casts,
     join_silhouettes,
