@@ -153,32 +153,33 @@ def _certain_pairs(
     ends: Sequence[BorderEnd], known: KnownSurroundings
 ) -> Iterator[CertainLine]:
     """Yield the lines between pairs of ends, straightest first; no two lines cross."""
-    directions = [_visible_direction(end, known) for end in ends]
-    pairs = []
-    for i, a in enumerate(ends):
-        for j in range(i):
-            b, direction, other_direction = ends[j], directions[i], directions[j]
-            if direction is None or other_direction is None or not _similar(a, b):
-                continue
-            chord = b.place - a.place
-            length = float(np.hypot(*chord))
-            turn = max(_angle(chord, direction), _angle(chord, -other_direction))
-            if length >= TUNING.shortest and turn <= TUNING.turn:
-                pairs.append(
-                    (
-                        turn,
-                        i,
-                        j,
-                        CertainLine(a.place, b.place, direction, -other_direction),
-                    )
-                )
     chords: list[tuple[int, int]] = []
-    for _, i, j, line in sorted(pairs, key=lambda pair: pair[:3]):
+    pairs = sorted(_straight_pairs(ends, known), key=lambda pair: pair[:3])
+    for _, i, j, line in pairs:
         has_line = any({i, j} & {p, q} for p, q in chords)
         if has_line or any((p < i < q) != (p < j < q) for p, q in chords):
             continue
         chords.append((min(i, j), max(i, j)))
         yield line
+
+
+def _straight_pairs(
+    ends: Sequence[BorderEnd], known: KnownSurroundings
+) -> Iterator[tuple[float, int, int, CertainLine]]:
+    """Yield the turn of each nearly straight line, rad, its ends' numbers and the
+    line.
+    """
+    directions = [_visible_direction(end, known) for end in ends]
+    for i, (a, direction) in enumerate(zip(ends, directions, strict=True)):
+        for j, b in enumerate(ends[:i]):
+            other_direction = directions[j]
+            if direction is None or other_direction is None or not _similar(a, b):
+                continue
+            chord = b.place - a.place
+            turn = max(_angle(chord, direction), _angle(chord, -other_direction))
+            if float(np.hypot(*chord)) >= TUNING.shortest and turn <= TUNING.turn:
+                line = CertainLine(a.place, b.place, direction, -other_direction)
+                yield turn, i, j, line
 
 
 def _similar(a: BorderEnd, b: BorderEnd) -> bool:
@@ -290,12 +291,7 @@ class _Strip:
         The second value is the departure of the colours beside the run from the visible
         ends of the line, in levels.
         """
-        values, known_rows = self.colours[:, column], self.known[:, column]
-        copied_rows = round(TUNING.copied * self.scale)
-        before = _known_run(values[:first][::-1], known_rows[:first][::-1])[
-            :copied_rows
-        ]
-        after = _known_run(values[last:], known_rows[last:])[:copied_rows]
+        before, after = self._copied_colours(column, first, last)
         length = round(TUNING.mean * self.scale)
         if min(len(before), len(after)) < TUNING.fewest * self.scale:
             return None
@@ -313,6 +309,16 @@ class _Strip:
             for mean, profile in zip(means, self.profiles, strict=True)
         )
         return np.asarray(run, np.float32), departure
+
+    def _copied_colours(self, column: int, first: int, last: int) -> tuple[F32, F32]:
+        """Return the known colours (n, 3) before and after a run, from the run
+        outwards.
+        """
+        values, known_rows = self.colours[:, column], self.known[:, column]
+        count = round(TUNING.copied * self.scale)
+        before = _known_run(values[:first][::-1], known_rows[:first][::-1])
+        after = _known_run(values[last:], known_rows[last:])
+        return before[:count], after[:count]
 
     def _shares(self) -> tuple[F32, Mask]:
         """Return the weight (m,) of each column, and the columns of the structure.

@@ -8,12 +8,13 @@ et al. 2003). A mean of many patches is blurred; a copy is as sharp as the photo
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from physgen.maps import F32
 from physgen.perceive.inpaint.copy_offsets import I64, Offsets, copy_offsets
@@ -426,17 +427,28 @@ def _pieces_by_size(
         pieces += [
             (-boxes[k][4], int(number), k, names, boxes[k]) for k in range(1, count)
         ]
-    for _, number, k, names, (left, top, width, height, _) in sorted(
-        pieces, key=lambda one: one[:3]
-    ):
-        small = names[top : top + height, left : left + width] == k
-        large = small.repeat(scale, axis=0).repeat(scale, axis=1)
-        rows = slice(top * scale, min((top + height) * scale, hole.shape[0]))
-        columns = slice(left * scale, min((left + width) * scale, hole.shape[1]))
-        inside = hole[rows, columns]
-        mask = large[: inside.shape[0], : inside.shape[1]] & inside
-        if mask.any():
-            yield number, _Piece((rows, columns), mask)
+    for _, number, k, names, box in sorted(pieces, key=lambda one: one[:3]):
+        piece = _enlarge_piece(names, k, box[:4], scale, hole)
+        if piece.mask.any():
+            yield number, piece
+
+
+def _enlarge_piece(
+    names: NDArray[np.int32], name: int, box: Sequence[int], scale: int, hole: Mask
+) -> _Piece:
+    """Return the piece `name` of reduced `names` (h, w) at full size in the `hole`
+    (H, W).
+
+    `box` is its left, top, width and height in `names`.
+    """
+    left, top, width, height = box
+    small = names[top : top + height, left : left + width] == name
+    large = small.repeat(scale, axis=0).repeat(scale, axis=1)
+    rows = slice(top * scale, min((top + height) * scale, hole.shape[0]))
+    columns = slice(left * scale, min((left + width) * scale, hole.shape[1]))
+    inside = hole[rows, columns]
+    mask = large[: inside.shape[0], : inside.shape[1]] & inside
+    return _Piece((rows, columns), mask)
 
 
 def _band_means(picture: F32, band: Mask) -> F32:

@@ -142,14 +142,14 @@ class LightGradients:
         part = self._window(model)
         if part is None:
             return []
-        model, known_weights = np.minimum(model[part], 2.5), self.known[part]
+        shadows = np.minimum(model[part], 2.5) * self.known[part]
         inner_weights = self.within[part]
         result = []
         for width, known_share, right, down in self.slopes:
-            smooth_model = cv2.GaussianBlur(
-                model * known_weights, (0, 0), width
-            ) / np.maximum(known_share[part], 0.05)
-            dy, dx = np.gradient(smooth_model)
+            dy, dx = np.gradient(
+                cv2.GaussianBlur(shadows, (0, 0), width)
+                / np.maximum(known_share[part], 0.05)
+            )
             energy = np.asarray(dx * dx + dy * dy, np.float32)
             weight = inner_weights * _near_edges(energy, inner_weights)
             model_energy = float((weight * energy).sum())
@@ -585,12 +585,12 @@ class _ShiftSearch:
         likeness = np.where(
             visible, products / np.sqrt(model_energy * photo_energy), -1.0
         )
-        place = np.unravel_index(int(likeness.argmax()), likeness.shape)
-        down, right = (
-            _signed_shift(int(k), n) for k, n in zip(place, self.shape, strict=True)
+        row, column = (
+            int(k) for k in np.unravel_index(int(likeness.argmax()), likeness.shape)
         )
-        factor = float(products[place] / model_energy[place])
-        return (down, right), float(likeness[place]), factor
+        shift = _signed_shift(row, self.shape[0]), _signed_shift(column, self.shape[1])
+        factor = float(products[row, column] / model_energy[row, column])
+        return shift, float(likeness[row, column]), factor
 
 
 def find_wall_shadow(gradients: LightGradients) -> WallShadow | None:

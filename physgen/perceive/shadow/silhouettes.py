@@ -63,20 +63,20 @@ def object_silhouettes(
         x, y = (mass_properties(item.outline).center / scale).tolist()
         radius = item.outline.radius / scale if isinstance(item.outline, Disc) else None
         ball = radius is not None and matter[item.id].solid is Solid.SPHERE
-        if floor is None:
-            bottom = bounds(item.outline)[3] / scale - 0.5
-            floor_row = _row_below(grounds, x, bottom)
-        else:
-            floor_row = floor / scale
-        silhouette = Silhouette(
-            *coverage,
-            (x, y),
-            radius if ball else None,
-            _thickness(item, scale, from_above=boundaries.view is View.TOP, ball=ball),
-            floor_row,
-            id=item.id,
+        bottom = bounds(item.outline)[3] / scale - 0.5
+        floor_row = _row_below(grounds, x, bottom) if floor is None else floor / scale
+        result.append(
+            Silhouette(
+                *coverage,
+                (x, y),
+                radius if ball else None,
+                _thickness(
+                    item, scale, from_above=boundaries.view is View.TOP, ball=ball
+                ),
+                floor_row,
+                id=item.id,
+            )
         )
-        result.append(silhouette)
     return result
 
 
