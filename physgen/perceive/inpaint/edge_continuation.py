@@ -278,9 +278,9 @@ def _pairs(
     ends: list[BorderEnd], piece: Mask, drawn: Mask, joined: set[int]
 ) -> Iterator[BorderLine]:
     """Yield curves between ends of one edge; add to `drawn` and `joined`."""
-    depth = cv2.distanceTransform(np.pad(piece, 1).astype(np.uint8), cv2.DIST_L2, 5)[
-        1:-1, 1:-1
-    ]
+    padded_piece = np.pad(piece, 1).astype(np.uint8)
+    padded_depth = cv2.distanceTransform(padded_piece, cv2.DIST_L2, 5)
+    depth = np.asarray(padded_depth[1:-1, 1:-1], np.float32)
     chords: list[tuple[int, int]] = []
     # Best pairs first; curves of one piece do not cross.
     for pair in sorted(_possible_pairs(ends)):

@@ -634,12 +634,15 @@ def _shift_search(gradients: LightGradients) -> _ShiftSearch | None:
         cv2.getOptimalDFTSize(2 * gradients.size[1]),
         cv2.getOptimalDFTSize(2 * gradients.size[0]),
     )
-    spectra = [
-        np.fft.rfft2(part, shape)
-        for part in (right, down, right * right + down * down, inner_weights)
-    ]
     reach = TUNING.farthest * typical_size(gradients.silhouettes)
-    return _ShiftSearch(shape, *spectra, _allowed_shifts(shape, reach))
+    return _ShiftSearch(
+        shape,
+        right=np.fft.rfft2(right, shape),
+        down=np.fft.rfft2(down, shape),
+        energy=np.fft.rfft2(right * right + down * down, shape),
+        weights=np.fft.rfft2(inner_weights, shape),
+        allowed_shifts=_allowed_shifts(shape, reach),
+    )
 
 
 def _allowed_shifts(shape: tuple[int, int], reach: float) -> Mask:
