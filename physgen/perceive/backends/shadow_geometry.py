@@ -48,7 +48,7 @@ from physgen.perceive.shadow.shadow_fit import (
     with_direction,
 )
 from physgen.perceive.shadow.shadow_owners import shadow_owners, shadow_owners_by_model
-from physgen.perceive.shadow.shadow_removal import lightened
+from physgen.perceive.shadow.shadow_removal import lighten
 from physgen.perceive.shadow.side_view import side_view_shadows
 from physgen.perceive.shadow.silhouettes import (
     DARKEST,
@@ -129,7 +129,7 @@ def _find_reduced_shadows(
     # dark.
     setting = replace(_match_darkness(setting, factor), size=reduced_photo.size)
     silhouettes = silhouettes_at(1.0)
-    clean_background = lightened(
+    clean_background = lighten(
         background, *_seen_darkness(background, coverage, silhouettes, setting)
     )
     casts = [

@@ -123,7 +123,7 @@ def ellipse_arc(
     if min(bends) < TUNING.bend:
         return None
     points = np.concatenate(edges)
-    ellipse = _Ellipse.fitted(points)
+    ellipse = _Ellipse.fit(points)
     start, end = edges[0][0], edges[1][0]
     chord = float(np.hypot(*(end - start)))
     if ellipse is None or max(ellipse.axes) > TUNING.largest * chord:
@@ -178,7 +178,7 @@ class _Ellipse:
     angle: float
 
     @classmethod
-    def fitted(cls, points: F64) -> _Ellipse | None:
+    def fit(cls, points: F64) -> _Ellipse | None:
         """Return the least-squares ellipse through (n, 2), or None if it is
         degenerate.
         """

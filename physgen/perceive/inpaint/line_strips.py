@@ -112,7 +112,7 @@ class CertainLine:
     first: F64
     last: F64
 
-    def scaled(self, steps: F64) -> CertainLine:
+    def scale_steps(self, steps: F64) -> CertainLine:
         """Return the line in a photo with `steps` (x, y) px per px."""
         first, last = self.first * steps, self.last * steps
         return CertainLine(
@@ -223,7 +223,7 @@ def paint_lines(
     free_share = hole.astype(np.float32)
     for line in lines:
         strip = _straighten(photo, hole, line, scale)
-        continuation = strip.continued()
+        continuation = strip.continue_colours()
         if continuation is not None:
             _blend_strip(result, free_share, strip, *continuation)
     return result
@@ -245,7 +245,7 @@ class _Strip:
     """Rows before the start and after the end of the line."""
     scale: float
 
-    def continued(self) -> tuple[F32, F32] | None:
+    def continue_colours(self) -> tuple[F32, F32] | None:
         """Return continued colours (n, m, 3) and their weights (n, m).
 
         None means that the line has no structure, or that the structure beside the

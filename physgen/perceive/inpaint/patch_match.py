@@ -47,19 +47,19 @@ class _Tuning:
     chunk: int = 1_000_000
     # Scale at which the better of two fills is chosen; finer scales keep no continued
     # edges.
-    chosen: int = 2
+    choice_scale: int = 2
     # Levels: largest difference between equal guesses.
-    same: float = 16.0
+    equality: float = 16.0
     # Weight of departures from continued edges in the choice of a fill, per level;
     # chosen on the tuning half ...
-    astray: float = 0.18
+    departure_weight: float = 0.18
     # ... and the weight of seams.
-    seam: float = 3.0
+    seam_weight: float = 3.0
     # Weight of departures from rows with the same colour on both sides of the hole, per
     # level, ...
-    across: float = 0.2
+    row_weight: float = 0.2
     # ... above this many levels.
-    same_row: float = 12.0
+    row_tolerance: float = 12.0
     # Rounds of search and vote: at the finest searched scale, and at coarser ones.
     rounds: tuple[int, ...] = (1, 3)
     # Factor by which trust decreases per px of depth in the hole.
@@ -68,12 +68,12 @@ class _Tuning:
     distance_cost: float = 60.0
     # Squared levels per pixel (of 128) between a patch and its match: if no known patch
     # is similar, the guess stays.
-    unlike: float = 2000.0
+    dissimilarity: float = 2000.0
     # px: largest depth of the hole at the coarsest scale.
     max_depth: float = 4.5
     # px: a coarsest scale with more pixels is halved again (photos over three times as
     # wide as high).
-    wide: int = 30_000
+    max_pixels: int = 30_000
 
 
 TUNING = _Tuning()
@@ -127,31 +127,31 @@ def patch_match_fill(picture: F32, hole: Mask) -> PatchFill:
         # No complete patch is known, so there is no source.
         return PatchFill(harmonic_fill(picture, hole), None)
     top = len(levels) - 1
-    last, choice_scale = levels[-1], min(TUNING.chosen, top)
+    last, choice_scale = levels[-1], min(TUNING.choice_scale, top)
     # Both fills share the searches of the coarse scales.
     searches = {k: _search(levels, k) for k in range(choice_scale, top + 1)}
 
-    def refined(fill: _Fill, first: int, end: int, keep: bool) -> _Fill:
+    def refine(fill: _Fill, first: int, end: int, keep: bool) -> _Fill:
         for k in range(first, end - 1, -1):
             search = searches.get(k) or _search(levels, k)
-            fill = _refined(fill, search, keep)
+            fill = _refine(fill, search, keep)
         return fill
 
-    def started(start: F32, keep: bool) -> _Fill:
+    def start_fill(start: F32, keep: bool) -> _Fill:
         empty_fill = _Fill(
             start, None, np.ones(last.hole.shape, np.float32), np.zeros(0, np.float32)
         )
-        return refined(empty_fill, top, choice_scale, keep)
+        return refine(empty_fill, top, choice_scale, keep)
 
     edges, rows = (
         harmonic_fill(last.picture, last.hole & ~last.drawn),
         level_fill(last.picture, last.hole),
     )
     # The first guess keeps continued edges, the second one continues rows.
-    fills = [started(edges, keep=True)]
-    if np.abs(edges - rows).max() > TUNING.same:
-        fills.append(started(rows, keep=False))
-    best = refined(
+    fills = [start_fill(edges, keep=True)]
+    if np.abs(edges - rows).max() > TUNING.equality:
+        fills.append(start_fill(rows, keep=False))
+    best = refine(
         _best_pieces(fills, searches[choice_scale]), choice_scale - 1, 0, keep=False
     )
     assert best.field is not None
@@ -168,7 +168,7 @@ def _search(levels: Sequence[Level], k: int) -> _Search:
     return _Search(levels[k], RADIUS, TUNING.rounds[min(k - 1, 1)])
 
 
-def _refined(fill: _Fill, search: _Search, keep: bool) -> _Fill:
+def _refine(fill: _Fill, search: _Search, keep: bool) -> _Fill:
     """Return `fill` at one scale after search and vote; `keep` preserves continued
     edges.
 
@@ -191,10 +191,10 @@ def _refined(fill: _Fill, search: _Search, keep: bool) -> _Fill:
         if must_search or field is None:
             field, cost = search.nearest(guess, field)
             similarity[search.at[:, 0], search.at[:, 1]] = np.exp(
-                -((cost / TUNING.unlike) ** 2)
+                -((cost / TUNING.dissimilarity) ** 2)
             )
         else:
-            field, cost = search.snapped(field)
+            field, cost = search.snap_sources(field)
         guess = search.vote(
             level.picture,
             guess,
@@ -247,7 +247,10 @@ def _piece_costs(
             np.maximum(np.abs(fill.guess - rows).mean(axis=2) - row_error, 0)
         )
         costs.append(
-            cost + TUNING.astray * astray + TUNING.seam * seam + TUNING.across * row_gap
+            cost
+            + TUNING.departure_weight * astray
+            + TUNING.seam_weight * seam
+            + TUNING.row_weight * row_gap
         )
     return costs
 
@@ -283,7 +286,7 @@ def _row_colours(picture: F32, hole: Mask) -> tuple[F32, F32]:
     known = (~hole)[..., None].astype(np.float32)
     smooth_picture = blur_known_pixels(picture, known, GRAIN_BLUR)
     ends = [smooth_picture[rows, np.clip(end, 0, last - 1)] for end in (left, right)]
-    error = TUNING.same_row + np.abs(ends[0] - ends[1]).mean(axis=2)
+    error = TUNING.row_tolerance + np.abs(ends[0] - ends[1]).mean(axis=2)
     error[(left < 0) | (right == last)] = np.inf
     share = ((columns - left) / np.maximum(right - left, 1))[..., None]
     colours = (1 - share) * ends[0] + share * ends[1]
@@ -341,7 +344,7 @@ def image_pyramid(
         )
         depth = cv2.distanceTransform(level_hole.astype(np.uint8), cv2.DIST_L2, 3).max()
         if depth < TUNING.max_depth or min(level_hole.shape) < (
-            96 if level_hole.size < TUNING.wide else 48
+            96 if level_hole.size < TUNING.max_pixels else 48
         ):
             return
         size = (level_hole.shape[1] + 1) // 2, (level_hole.shape[0] + 1) // 2
@@ -402,7 +405,7 @@ class _Search:
         return self._patches(padded_trust)[self.at[:, 0], self.at[:, 1]]
 
     @cached_property
-    def halved(self) -> F32:
+    def half_levels(self) -> F32:
         """Return the picture (H + 2 r, W + 2 r, 3) as whole numbers for comparisons."""
         return _quantize_and_pad(self.level.picture, self.radius)
 
@@ -439,7 +442,7 @@ class _Search:
             )
         return self._field(best), cost
 
-    def snapped(self, field: NDArray[np.int64]) -> tuple[NDArray[np.int64], F32]:
+    def snap_sources(self, field: NDArray[np.int64]) -> tuple[NDArray[np.int64], F32]:
         """Return the centres in `field`, or the nearest complete patches; all costs are
         0.
 
@@ -459,7 +462,7 @@ class _Search:
         places = thin_out(
             self.source_at, max(TUNING.max_first_pairs // max(len(self.at), 1), 64)
         )
-        patches = self._patches(self.halved)[places[:, 0], places[:, 1]]
+        patches = self._patches(self.half_levels)[places[:, 0], places[:, 1]]
         squares = (patches**2).sum(-1)
         down, right = (
             np.subtract.outer(
@@ -605,7 +608,9 @@ class _Matches:
         """Return the costs (n,) of `places` (n, 2) for the patches `indices`."""
         search = self.search
         first = places[:, 0] * self.row_length + places[:, 1]
-        gap = search.halved.reshape(-1, 3).take(first[:, None] + self.offsets, axis=0)
+        gap = search.half_levels.reshape(-1, 3).take(
+            first[:, None] + self.offsets, axis=0
+        )
         gap -= self.target.take(indices, axis=0)
         gap *= gap
         mask = self.mask.take(indices, axis=0)

@@ -317,7 +317,7 @@ def contrast_over_chance(
     contrast = _contrast(dark, free, within, around)
     other = free & ~within
     shifted_contrasts = [
-        _contrast(dark, other, _moved(within, dx, dy), _moved(around, dx, dy))
+        _contrast(dark, other, _move(within, dx, dy), _move(around, dx, dy))
         for dx, dy in shifts
     ]
     others = np.array([value for value in shifted_contrasts if value is not None])
@@ -343,7 +343,7 @@ def _contrast(dark: F32, free: Mask, within: Mask, around: Mask) -> float | None
     return float(np.median(dark[inner_pixels]) - np.median(dark[outer_pixels]))
 
 
-def _moved(mask: Mask, dx: int, dy: int) -> Mask:
+def _move(mask: Mask, dx: int, dy: int) -> Mask:
     """Return a shifted mask; pixels outside the picture are lost."""
     h, w = mask.shape
     result = np.zeros_like(mask)

@@ -157,7 +157,7 @@ def _fill_clean(around: Surroundings, lifted: Rgb, inpaint: Inpaint) -> Backgrou
     small_fill = reduce_photo(clean_fill, around.coverage).background
     old = luminance(decode(before.background))
     # A fill without shadows must not be brighter than the removed shadow explains.
-    rejected_pieces = plan.unlike(_smooth(luminance(decode(small_fill))), old)
+    rejected_pieces = plan.find_misfits(_blur(luminance(decode(small_fill))), old)
     rejected_mask = _enlarge_mask(rejected_pieces, shape) & full_hole
     if rejected_mask.any():
         masked_photo = np.where(
@@ -208,5 +208,5 @@ def _smooth_fill(picture: F32, hole: Mask, tolerance: float) -> F32:
     return np.where(hole[..., None], smooth, picture)
 
 
-def _smooth(values: F32) -> F32:
+def _blur(values: F32) -> F32:
     return np.asarray(cv2.GaussianBlur(values, (0, 0), GRAIN), np.float32)

@@ -22,16 +22,16 @@ class _Refill:
     # px: half the width of gaps between objects too dark for a measurement.
     gap: int = 6
     # px around an object with a first fill spoilt by shadows.
-    near: int = 8
+    reach: int = 8
     # Share of its light below which a shadow near an object shows no detail.
-    deep: float = 0.45
+    deep_share: float = 0.45
     # Largest ratio of the fill's brightening and the shadow's darkness beside it; above
     # it the fill is another surface.
-    brighter: float = 1.5
+    largest_gain: float = 1.5
     # Ignored share of either in the comparison.
-    outliers: float = 0.1
+    outlier_share: float = 0.1
     # Grey levels: a smaller change is not a shadow.
-    visible: int = 3
+    least_change: int = 3
 
 
 REFILL = _Refill()
@@ -54,7 +54,7 @@ class RefillPlan:
     left: F32
     """(H, W): share of the light in the shadows."""
 
-    def unlike(self, filled: F32, old: F32) -> Mask:
+    def find_misfits(self, filled: F32, old: F32) -> Mask:
         """Return the pieces (H, W) that are another surface than their surroundings.
 
         `filled` and `old` are the luminances (H, W) of the new and the first fill.
@@ -67,10 +67,10 @@ class RefillPlan:
             largest_gain = 0.0
             if shadow_beside.any():
                 largest_gain = float(
-                    np.quantile(1 / self.left[shadow_beside], 1 - REFILL.outliers)
+                    np.quantile(1 / self.left[shadow_beside], 1 - REFILL.outlier_share)
                 )
-            share = np.quantile(brighter[self.hole & region], 1 - REFILL.outliers)
-            if share > REFILL.brighter * largest_gain:
+            share = np.quantile(brighter[self.hole & region], 1 - REFILL.outlier_share)
+            if share > REFILL.largest_gain * largest_gain:
                 result |= region
         return result
 
@@ -104,7 +104,7 @@ def _refill_shadow(
     if not plan.hole.any():
         return old
     fill_result = inpaint(old, plan.hole)
-    new = plan.hole & ~plan.unlike(
+    new = plan.hole & ~plan.find_misfits(
         luminance(decode(fill_result)), luminance(decode(old))
     )
     return np.where(new[..., None], fill_result, old)
@@ -116,18 +116,18 @@ def plan_refill(removed: Rgb, background: Rgb, coverage: F32) -> RefillPlan:
     """
     object_mask = (coverage > 0).astype(np.uint8)
     difference = cv2.absdiff(removed, background).max(axis=2)
-    change_mask = difference > REFILL.visible
+    change_mask = difference > REFILL.least_change
     shadows = change_mask & (object_mask == 0)
-    near_shadow = _widened(shadows.astype(np.uint8), REFILL.near)
+    near_shadow = _dilate(shadows.astype(np.uint8), REFILL.reach)
     gap = np.ones((2 * REFILL.gap + 1, 2 * REFILL.gap + 1), np.uint8)
-    ring = _widened(object_mask, RING)
+    ring = _dilate(object_mask, RING)
     closed_ring = np.asarray(cv2.morphologyEx(ring, cv2.MORPH_CLOSE, gap), np.uint8)
     left = (luminance(decode(background)) + 1e-3) / (luminance(decode(removed)) + 1e-3)
-    deep_shadow = (left < REFILL.deep) & (_widened(object_mask, REFILL.near) > 0)
+    deep_shadow = (left < REFILL.deep_share) & (_dilate(object_mask, REFILL.reach) > 0)
     unknown_mask = (
         object_mask
         | (closed_ring & near_shadow)
-        | _widened(deep_shadow.astype(np.uint8), 1)
+        | _dilate(deep_shadow.astype(np.uint8), 1)
     ) > 0
     pieces = (
         nearest_piece(unknown_mask)
@@ -139,7 +139,7 @@ def plan_refill(removed: Rgb, background: Rgb, coverage: F32) -> RefillPlan:
     return RefillPlan(hole, unknown_mask, pieces, shadows, np.asarray(left, np.float32))
 
 
-def _widened(mask: NDArray[np.uint8], reach: int) -> NDArray[np.uint8]:
+def _dilate(mask: NDArray[np.uint8], reach: int) -> NDArray[np.uint8]:
     """Return a mask (H, W) of 0 and 1, dilated by `reach` px in all directions."""
     kernel = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
     return np.asarray(cv2.dilate(mask, kernel), np.uint8)

@@ -30,24 +30,24 @@ class _Reflection:
     """
 
     # Least share of an object's width on another object instead of a floor.
-    another: float = 0.3
+    support_share: float = 0.3
     # Light added before logarithms, so that noise in the dark does not count.
-    dark: float = 0.01
+    least_light: float = 0.01
     # px: finer differences are grain.
-    smooth: float = 1.5
+    blur: float = 1.5
     # Least ratio of a reflection and the texture of its rows.
-    loud: float = 2.5
+    noise_ratio: float = 2.5
     # -log of light: a fainter reflection is invisible.
-    least: float = 0.1
+    least_depth: float = 0.1
     # Largest mean -log of light: a floor reflects no more, and a larger difference is
     # another surface.
-    most: float = 0.5
+    largest_depth: float = 0.5
     # Least share of it inside the object's mirror image.
-    inside: float = 0.9
+    image_share: float = 0.9
     # Height of an object's foot as a share of its height.
     foot: float = 0.1
     # Least width over the foot's: a narrower difference is the floor's pattern.
-    wide: float = 0.7
+    least_width: float = 0.7
 
 
 # px around objects in which removal is unreliable.
@@ -105,7 +105,7 @@ def _mirror_objects(labels: Labels) -> _MirrorImages:
         foot = top + height
         depth = min(height, len(labels) - foot)
         ground = labels[min(foot + 2, len(labels) - 1), left : left + width]
-        if depth <= RING or np.mean(ground > 0) > REFLECTION.another:
+        if depth <= RING or np.mean(ground > 0) > REFLECTION.support_share:
             continue
         image = images[foot : foot + depth]
         np.maximum(image, object_mask[foot - depth : foot][::-1], out=image)
@@ -130,20 +130,20 @@ def _floor_differences(
     reference = free * open_ground
     reaches = [(a * size, max(d * size, 0.7), gain) for a, d, gain in TUNING.reaches]
     single_kind = [np.ones_like(free)]
-    logs = cv2.split(np.log(decode(clean) + REFLECTION.dark))
+    logs = cv2.split(np.log(decode(clean) + REFLECTION.least_light))
     rests = [
         part - mean_of_kind(part, reference, single_kind, reaches, tiny=1e-12)
         for part in logs
     ]
     rests = [
-        local_mean(rest * free, free, REFLECTION.smooth, REFLECTION.smooth)
+        local_mean(rest * free, free, REFLECTION.blur, REFLECTION.blur)
         for rest in rests
     ]
     largest_rest = np.asarray(np.max(np.abs(rests), axis=0), np.float32)
     texture = np.sqrt(
         mean_of_kind(largest_rest**2, reference, single_kind, reaches[1:], tiny=1e-12)
     )
-    least_rest = np.maximum(REFLECTION.loud * texture, REFLECTION.least)
+    least_rest = np.maximum(REFLECTION.noise_ratio * texture, REFLECTION.least_depth)
     is_visible = (largest_rest > least_rest) & (free > 0)
     return _FloorDifferences(np.mean(rests, axis=0), is_visible)
 
@@ -164,10 +164,10 @@ def _find_reflections(
     level = np.abs(np.bincount(names.ravel(), differences.mean.ravel(), count)) / area
     is_reflection = (
         (area > SPECK)
-        & (inside > REFLECTION.inside * area)
+        & (inside > REFLECTION.image_share * area)
         & (owner > 0)
-        & (widths > REFLECTION.wide * images.foot_widths[owner])
-        & (level < REFLECTION.most)
+        & (widths > REFLECTION.least_width * images.foot_widths[owner])
+        & (level < REFLECTION.largest_depth)
     )
     is_reflection[0] = False
     return np.asarray(is_reflection[names])

@@ -256,27 +256,27 @@ def search_light(
     first = ShadowSetting(guess.light, 4.0, False, TILT, inf, gradients[0].size)
     telling = [candidate.telling for candidate in gradients]
 
-    def rated(k: int, setting: ShadowSetting) -> LightFit:
+    def rate(k: int, setting: ShadowSetting) -> LightFit:
         return _rate_setting(gradients[k], telling[k], setting, guess)
 
     starts = [
-        (k, rated(k, setting))
+        (k, rate(k, setting))
         for k in range(len(gradients))
         for setting in _starts(first, guess)
     ]
     starts.sort(key=lambda start: -start[1].likeness)
 
-    def climbed(k: int, fit: LightFit) -> LightFit:
+    def climb(k: int, fit: LightFit) -> LightFit:
         return _choose_better_fit(
-            fit, _coarse_steps(fit.setting), lambda setting: rated(k, setting)
+            fit, _coarse_steps(fit.setting), lambda setting: rate(k, setting)
         )
 
     k, best = max(
-        ((k, climbed(k, fit)) for k, fit in starts[:3]), key=lambda end: end[1].likeness
+        ((k, climb(k, fit)) for k, fit in starts[:3]), key=lambda end: end[1].likeness
     )
     # Repeat the steps while they still improve the fit.
     for _ in range(2):
-        before, best = best, climbed(k, best)
+        before, best = best, climb(k, best)
         if best.likeness < before.likeness + 0.005:
             break
     return k, best
@@ -297,10 +297,10 @@ def _rate_setting(
 def _choose_better_fit(
     fit: LightFit,
     settings: Iterator[ShadowSetting],
-    rated: Callable[[ShadowSetting], LightFit],
+    rate: Callable[[ShadowSetting], LightFit],
 ) -> LightFit:
     for setting in settings:
-        if (other := rated(setting)).likeness > fit.likeness and other.factor > 0:
+        if (other := rate(setting)).likeness > fit.likeness and other.factor > 0:
             fit = other
     return fit
 
@@ -335,15 +335,15 @@ def refine_light(
     """
     telling = fine.telling
 
-    def rated(where: ShadowSetting) -> LightFit:
+    def rate(where: ShadowSetting) -> LightFit:
         return _rate_setting(fine, telling, where, guess)
 
-    fit = rated(setting)
+    fit = rate(setting)
     for step, times in ((0.12, 1), (0.06, 2), (0.03, 1)):
         for _ in range(times):
             before = fit
             fit = _choose_better_fit(
-                fit, iter(list(_fine_steps(fit.setting, step))), rated
+                fit, iter(list(_fine_steps(fit.setting, step))), rate
             )
             # The same steps would fail again.
             if fit is before:
@@ -382,7 +382,7 @@ def _starts(first: ShadowSetting, guess: LightGuess) -> Iterator[ShadowSetting]:
             )
 
 
-def _turned(setting: ShadowSetting, step: float) -> Iterator[ShadowSetting]:
+def _turn_light(setting: ShadowSetting, step: float) -> Iterator[ShadowSetting]:
     """Yield the light turned about the vertical, and raised and lowered, by `step`
     radians.
     """
@@ -403,8 +403,8 @@ def _turned(setting: ShadowSetting, step: float) -> Iterator[ShadowSetting]:
 
 def _coarse_steps(setting: ShadowSetting) -> Iterator[ShadowSetting]:
     """Yield neighbours of a setting with one changed number."""
-    yield from _turned(setting, 0.15)
-    yield from _turned(setting, 0.06)
+    yield from _turn_light(setting, 0.15)
+    yield from _turn_light(setting, 0.06)
     for softness in (1.0, 3.0, 6.0, 12.0, 25.0):
         yield replace(setting, softness=softness)
     for share in (0.2, 0.5, 0.85):
@@ -414,7 +414,7 @@ def _coarse_steps(setting: ShadowSetting) -> Iterator[ShadowSetting]:
 
 
 def _fine_steps(setting: ShadowSetting, step: float) -> Iterator[ShadowSetting]:
-    yield from _turned(setting, step)
+    yield from _turn_light(setting, step)
     for ratio in (1 + 4 * step, 1 / (1 + 4 * step)):
         yield replace(setting, softness=min(max(setting.softness * ratio, 0.5), 45.0))
     for ratio in (1 + 2 * step, 1 / (1 + 2 * step)):

@@ -41,31 +41,31 @@ class _Tuning:
     """Sizes are shares of an object's, depths are -log of light."""
 
     # Least predicted depth of a shaded place.
-    shaded: float = 0.03
+    shade_depth: float = 0.03
     reaches: tuple[tuple[float, float, float], ...] = (
         (0.6, 0.03, 1.0), (2.0, 0.06, 0.05), (5.0, 0.12, 2e-3), (1.5, 0.5, 1e-4), (6.0, 1.0, 1e-6),
     )  # fmt: skip
     # Standard deviations of the grain up to which a difference is grain.
-    loud: float = 2.0
+    noise_ratio: float = 2.0
     # Width of the blur: a wider difference is a shadow missed by geometry, a finer one
     # an edge or grain.
-    wide: float = 0.3
+    blur_width: float = 0.3
     # Least depth of a dark patch ...
-    faint: float = 0.1
+    least_depth: float = 0.1
     # ... also as a share of the depth predicted nearby.
-    part: float = 0.45
+    least_share: float = 0.45
     # Largest depth over the depth predicted nearby: darker patches are not shadows.
-    most: float = 1.7
+    largest_ratio: float = 1.7
     # Depth above which a dark patch is another surface, because no shadow is as deep.
-    other: float = 2.5
+    largest_depth: float = 2.5
     # Least predicted share of a completely removed dark patch.
-    own: float = 0.3
+    own_share: float = 0.3
     # Largest distance of a shadow from its prediction; half as much vertically.
-    astray: float = 0.15
+    shift: float = 0.15
     # px from its border in which the measured depth of a dark patch is used.
     rim: float = 3.0
     # px: width of the smoothing of gradients against grain.
-    smooth: float = 2.0
+    slope_blur: float = 2.0
     # Least and largest darkening of one channel over the average.
     tint: tuple[float, float] = (
         0.6,
@@ -108,7 +108,7 @@ def remove_shadows(
         linear, free[part], predicted[part], size
     ).darkness()
     result = background.copy()
-    light_part = lightened(background[part], darkness, clean_light, free[part])
+    light_part = lighten(background[part], darkness, clean_light, free[part])
     if is_soft:
         light_part = _not_brighter(light_part, background[part], clean_light)
     result[part] = light_part
@@ -128,7 +128,7 @@ def _not_brighter(lifted: Rgb, background: Rgb, clean: F32) -> Rgb:
     return np.where(is_lifted, encode_u8(limited_light), background)
 
 
-def lightened(background: Rgb, dark: F32, clean: F32, free: F32) -> Rgb:
+def lighten(background: Rgb, dark: F32, clean: F32, free: F32) -> Rgb:
     """Return the background (h, w, 3) without the shadow `dark` (h, w), -log of light.
 
     The surfaces are `clean` (h, w, 3) in full light. The blocked light has one colour,
@@ -180,12 +180,13 @@ def edge_ratio(background: Rgb, clean: Rgb, coverage: F32) -> float:
     )
     known_weights = free.astype(np.float32)
     known_share = np.maximum(
-        cv2.GaussianBlur(known_weights, (0, 0), TUNING.smooth), 0.05
+        cv2.GaussianBlur(known_weights, (0, 0), TUNING.slope_blur), 0.05
     )
     sums = []
     for part in logs:
         slopes = np.gradient(
-            cv2.GaussianBlur(part * known_weights, (0, 0), TUNING.smooth) / known_share
+            cv2.GaussianBlur(part * known_weights, (0, 0), TUNING.slope_blur)
+            / known_share
         )
         sums.append(float(np.hypot(*slopes)[changed_region & free].sum()))
     before, after = sums
@@ -233,23 +234,23 @@ class _Removal:
         depth_map = belongs * patch_depth + (1 - belongs) * depth_map
         # Regions darker than any shadow are other surfaces and stay.
         other = cv2.dilate(
-            ((measurement.missing_light > TUNING.other) & (self.free > 0)).astype(
-                np.uint8
-            ),
+            (
+                (measurement.missing_light > TUNING.largest_depth) & (self.free > 0)
+            ).astype(np.uint8),
             np.ones((5, 5), np.uint8),
         )
         window = np.maximum(self._reach(), belongs) * (
             1 - blur_wide(other.astype(np.float32), 1.0, 1.0)
         )
-        largest_depth = TUNING.most * local_prediction + TUNING.faint
+        largest_depth = TUNING.largest_ratio * local_prediction + TUNING.least_depth
         depth_map = np.clip(depth_map, 0, largest_depth) * window
         return np.asarray(depth_map, np.float32), measurement.clean_light
 
     def _local_prediction(self) -> F32:
         """Return the largest predicted depth (h, w) nearby."""
         search_size = (
-            2 * round(TUNING.astray * self.size) + 1,
-            2 * round(0.5 * TUNING.astray * self.size) + 1,
+            2 * round(TUNING.shift * self.size) + 1,
+            2 * round(0.5 * TUNING.shift * self.size) + 1,
         )
         kernel = np.ones(search_size[::-1], np.uint8)
         return np.asarray(cv2.dilate(self.prediction, kernel), np.float32)
@@ -257,11 +258,11 @@ class _Removal:
     def _measure(self, local_prediction: F32) -> _Measurement:
         """Return the missing light; `local_prediction` (h, w) is predicted nearby."""
         light_level = np.log(luminance(self.linear) + DARKEST).astype(np.float32)
-        reference = self.free * (self.prediction < TUNING.shaded)
+        reference = self.free * (self.prediction < TUNING.shade_depth)
         kinds = hue_weights(self.linear, reference, 8000)
         level = self._level(light_level, reference, kinds)
         noise = self._variance((level - light_level) * reference, reference) ** 0.5
-        least_depth = np.maximum(2.5 * noise, TUNING.part * local_prediction)
+        least_depth = np.maximum(2.5 * noise, TUNING.least_share * local_prediction)
         searched_ground = self.free * (local_prediction > 0.05)
         # A dark patch is not a reference for lit surfaces: exclude it and repeat.
         for _ in range(2):
@@ -305,7 +306,7 @@ class _Removal:
             wide_residual, self._variance(noise_wide, reference), 1.0
         )
         quiet = self._variance(noise_fine, reference)
-        depth_map = depth_map + _above_noise(fine_residual, quiet, TUNING.loud)
+        depth_map = depth_map + _above_noise(fine_residual, quiet, TUNING.noise_ratio)
         return depth_map, quiet
 
     def _patch_depth(self, measurement: _Measurement, quiet: F32) -> F32:
@@ -322,7 +323,7 @@ class _Removal:
         )
         return missing_light + inside * (
             smooth_depth
-            + _above_noise(missing_light - smooth_depth, quiet, TUNING.loud)
+            + _above_noise(missing_light - smooth_depth, quiet, TUNING.noise_ratio)
             - missing_light
         )
 
@@ -332,7 +333,9 @@ class _Removal:
 
     def _wide_mean(self, values: F32, weight: F32) -> F32:
         """Return the local mean (h, w) in which a difference is wide."""
-        return local_mean(values, weight, TUNING.wide * self.size, 0.15 * self.size)
+        return local_mean(
+            values, weight, TUNING.blur_width * self.size, 0.15 * self.size
+        )
 
     def _level(self, values: F32, plain: F32, kinds: Sequence[F32]) -> F32:
         """Return the mean (h, w) of similar surfaces nearby, mainly along the rows."""
@@ -370,7 +373,7 @@ def _dark_patches(
     `least` is the least depth of a dark pixel.
     """
     prediction_mask = (predicted > 0.02) & (free > 0)
-    dark_mask = ((missing > np.maximum(least, TUNING.faint)) & (free > 0)).astype(
+    dark_mask = ((missing > np.maximum(least, TUNING.least_depth)) & (free > 0)).astype(
         np.uint8
     )
     _, names, stats, _ = cv2.connectedComponentsWithStats(dark_mask, connectivity=4)
@@ -378,7 +381,7 @@ def _dark_patches(
     counts = np.bincount(
         names.ravel(), weights=prediction_mask.ravel(), minlength=len(stats)
     )
-    chosen_patches = (counts > TUNING.own * area) & (area > 12)
+    chosen_patches = (counts > TUNING.own_share * area) & (area > 12)
     chosen_patches[0] = False
     return np.asarray(chosen_patches[names].astype(np.uint8))
 

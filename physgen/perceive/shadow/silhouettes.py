@@ -135,7 +135,7 @@ def join_silhouettes(silhouettes: Sequence[Silhouette]) -> list[Silhouette]:
         (w for w in silhouettes if w.radius is None), key=lambda w: w.thickness
     ):
         for group in groups:
-            if _alike(group[0], silhouette):
+            if _are_alike(group[0], silhouette):
                 group.append(silhouette)
                 break
         else:
@@ -160,7 +160,7 @@ def _union(group: Sequence[Silhouette]) -> Silhouette:
     )
 
 
-def _alike(one: Silhouette, other: Silhouette) -> bool:
+def _are_alike(one: Silhouette, other: Silhouette) -> bool:
     if one.floor is None or other.floor is None:
         return False
     return abs(one.floor - other.floor) < 1 and other.thickness < 1.5 * one.thickness
