@@ -158,7 +158,7 @@ def _story_edits(
     plan = story_server.load_plan(config=options.config)
     telling = story_server.tell(subject, options.story, plan, print_problem)
     verdict = "the nearest outcome"
-    if telling.is_fulfilled:
+    if telling.comes_true:
         verdict = "the story happens"
     print_error(f"{path}: {verdict}: {telling.outcome} ({telling.trials} tried)")
     return telling.edits

@@ -46,7 +46,7 @@ def attach_contents(detections: Detections) -> Detections:
     ids = [int(i) for i in np.unique(detections.labels) if i > 0]
     sizes = {i: int(np.count_nonzero(detections.labels == i)) for i in ids}
     for i in sorted(ids, key=lambda one: sizes[one], reverse=True):
-        container = _Container.of(detections.labels, i)
+        container = _Container.from_labels(detections.labels, i)
         if container is not None:
             detections = _with_contents(detections, container)
     return detections
@@ -67,7 +67,7 @@ class _Container:
     """px of its outline."""
 
     @staticmethod
-    def of(labels: Labels, i: int) -> _Container | None:
+    def from_labels(labels: Labels, i: int) -> _Container | None:
         """Return an object as a container; None if it has no room for contents."""
         own = labels == i
         if not own.any():

@@ -178,7 +178,7 @@ def start_refresh(
     Raises InputError as `from_prompts`.
     """
     if frames is None:
-        frames = PromptFrames(PromptFrame.of(rgb), PromptFrame.of(rgb))
+        frames = PromptFrames(PromptFrame.from_photo(rgb), PromptFrame.from_photo(rgb))
     new = from_prompts(rgb, boxes, points, segment, frames.new)
     # Stored prompts select whole objects, whatever the choice for the new prompts.
     whole_segmenter = replace(segment, is_smallest_meant=False)

@@ -162,7 +162,7 @@ def render_scene(
     options = replace(options or RenderOptions(), **changes)
     run = _Run(path, Path(out), options, stages or Stages(Keep.NOTHING), progress, warn)
     try:
-        return run.made(refiners or Refiners())
+        return run.make_clip(refiners or Refiners())
     finally:
         run.aside.join()
 
@@ -243,7 +243,7 @@ class _Run:
         self._failures: list[Problem] = []  # formats that cannot be written
         self.paged = bool(options.formats) and options.page is not Page.NONE
         self.film = Film(scene, compiled_scene, maps, record, stages)
-        self.labels = Labels.of(options.export, scene, maps.percepts)
+        self.labels = Labels.for_clip(options.export, scene, maps.percepts)
         self.film.keeps_layers = any(kind.has_layers for kind in self.labels.kinds)
         # Without a video, the labels are written to the clip's folder itself, and would
         # replace the video of an earlier run.
@@ -256,7 +256,7 @@ class _Run:
         self._player: Callable[[], Data | None]
         self._sound_section: dict[str, Any] | None = None
 
-    def made(self, refiners: Refiners) -> Path:
+    def make_clip(self, refiners: Refiners) -> Path:
         """Write the complete folder and return it. Raises InputError."""
         record = self.record
         film = self.film
@@ -268,7 +268,7 @@ class _Run:
             trajectory = footage.trajectory
         else:
             self.progress("simulate", 0, 1)
-            trajectory = film.simulated(self.progress)
+            trajectory = film.simulate_motion(self.progress)
             # Only after the simulation: the engine switches between threads at every
             # step, and a thread beside it costs more time than it gains.
             self._draw_perception()
@@ -468,7 +468,7 @@ class _Run:
         """Write the video and the labels, and return the first frame."""
         film = self.film
         record = self.record
-        film.exposed(trajectory)
+        film.sample_exposures(trajectory)
         if not self.options.export:
             record.video |= film.deliver()
         if self.paged:
@@ -483,7 +483,9 @@ class _Run:
             self._write_sound(trajectory, folder),
         )
         count = film.count(trajectory)
-        with self.labels.exported(film, trajectory, self._truth(folder), record) as tap:
+        with self.labels.export_labels(
+            film, trajectory, self._truth(folder), record
+        ) as tap:
             frames = film.deliver_frames(tap(film.frames(trajectory)), trajectory)
             record.frames, first_frame = files.write(frames, count)
         return first_frame

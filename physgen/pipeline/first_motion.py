@@ -239,7 +239,7 @@ def _add_story_push(
     from physgen.pipeline.releases import (
         is_better,
         is_oblique,
-        is_weak,
+        is_weak_push,
         stands_behind,
     )
     from physgen.pipeline.verdicts import stillness_doubts, with_doubts
@@ -251,10 +251,10 @@ def _add_story_push(
     movable_names = candidates & set(candidate_names) if candidate_names else candidates
     # Try the objects that nothing speaks against; someone beside an object bars one
     # side.
-    push = _chosen_push(perceived_scene, movable_names, refusals.barred)
+    push = _chosen_push(perceived_scene, movable_names, refusals.barred_sides)
     # At an angle, the upper border of a nearer thing is no ledge to slide along.
     is_behind = push is not None and stands_behind(perceived_scene, push.name)
-    if not candidate_names and (is_behind or is_weak(perceived_scene, push)):
+    if not candidate_names and (is_behind or is_weak_push(perceived_scene, push)):
         # A push of an object on a guessed floor is still better than no motion, or than
         # a motion out of the picture.
         release = _release(perceived_scene, refusals)
@@ -345,12 +345,14 @@ def _release(
     for name, released_scene in releases(perceived_scene, refusals.objects):
         # The guessed floor may not support the object.
         resting_scene = _at_rest(released_scene)
-        push = _chosen_push(resting_scene, [name], refusals.barred, RELEASE.certainty)
+        push = _chosen_push(
+            resting_scene, [name], refusals.barred_sides, RELEASE.certainty
+        )
         if push is None:
             continue
         if best is None or is_better(push, best[1]):
             best = resting_scene, push
-        if push.outcome.is_calm:
+        if push.outcome.has_calm_end:
             break
     return best
 

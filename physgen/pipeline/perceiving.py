@@ -215,7 +215,7 @@ def perceive_photo(
         progress=progress,
         meanwhile=set_in_motion,
     )
-    return PerceivedPhoto(moving_scene, photo.is_unchanged)
+    return PerceivedPhoto(moving_scene, photo.equals_file)
 
 
 @dataclass(frozen=True)
@@ -225,7 +225,7 @@ class _SizedPhoto:
     rgb: Rgb
     full_size: tuple[int, int]
     """Width and height in the file, px."""
-    is_unchanged: bool
+    equals_file: bool
     """Whether the file has exactly these pixels."""
     masks: Labels | None
     """The label map that the caller gave."""
@@ -264,8 +264,8 @@ def _read_photo(image: Path, options: PerceiveOptions, warn: Warn) -> _SizedPhot
         )
     # The result does not refer to the large photo, which takes more memory than all
     # maps together.
-    is_unchanged = photo.plain and rgb is photo.rgb
-    return _SizedPhoto(rgb, (width, height), is_unchanged, masks)
+    equals_file = photo.plain and rgb is photo.rgb
+    return _SizedPhoto(rgb, (width, height), equals_file, masks)
 
 
 def _given_detections(

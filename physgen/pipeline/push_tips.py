@@ -102,8 +102,8 @@ class Hand:
         if self.trials.scene.world.view is not View.SIDE:
             return False
         is_driving = self.item.wheels or self.item.facing or self.is_vehicle
-        is_loaded = self.item.name in loaded_names(self.trials)
-        return self.body.radius is None and not (is_driving or is_loaded)
+        has_load = self.item.name in loaded_names(self.trials)
+        return self.body.radius is None and not (is_driving or has_load)
 
     @property
     def has_round_foot(self) -> bool:

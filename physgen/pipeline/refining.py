@@ -143,7 +143,7 @@ def guidance_footage(film: Film, record: RunRecord, progress: Progress) -> Foota
     from physgen.render.mattes import matte_coverage
 
     progress("simulate", 0, 1)
-    footage = Footage(film.simulated(progress))
+    footage = Footage(film.simulate_motion(progress))
     count = len(footage.trajectory.times)
     frames = film.frames(footage.trajectory, range(count))
     mattes = film.frames(footage.trajectory, range(count), matte=True)
@@ -172,7 +172,7 @@ def refine_footage(
     count = len(footage.rgb)
 
     def clip(pictures: Iterator[U8]) -> Iterator[Frame]:
-        return film.annotated(
+        return film.draw_overlays(
             _frames(footage, pictures, sample_order, film.stage.faces), trajectory
         )
 

@@ -126,7 +126,7 @@ class _Refresh:
     warn: Warn
     keep: Keep
     inform: Callable[[str], None]
-    is_resized: bool
+    has_new_size: bool
     """Whether the photo's size has changed since it was perceived."""
 
 
@@ -367,7 +367,7 @@ def _perceive_again(
     # With the same objects, small differences of masks are noise: keep the former
     # values.
     if old_and_new.same_objects(scene, maps.labels, new_labels):
-        perceived = old_and_new.as_before(perceived, scene, run.is_resized)
+        perceived = old_and_new.as_before(perceived, scene, run.has_new_size)
     return _NewPerception(perceived, new_labels, doubtful)
 
 

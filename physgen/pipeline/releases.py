@@ -120,7 +120,7 @@ def is_oblique(photo_scene: PerceivedScene) -> bool:
     return tilt >= RELEASE.oblique
 
 
-def is_weak(photo_scene: PerceivedScene, push: Push | None) -> bool:
+def is_weak_push(photo_scene: PerceivedScene, push: Push | None) -> bool:
     """Return whether a released object may tell more than a push."""
     if push is None or not push.outcome.is_inside:
         return True
@@ -305,7 +305,9 @@ def _passing(
     Only objects at about the same distance from the camera are in its way.
     """
     tilt = radians(float(photo_scene.document["world"]["tilt"]))
-    places = {key: _GroundPlace.of(outline) for key, outline in outlines.items()}
+    places = {
+        key: _GroundPlace.from_outline(outline) for key, outline in outlines.items()
+    }
     own_place = places.pop(name)
     near = [key for key, place in places.items() if own_place.meets(place, tilt)]
     objects = _in_depth_order(photo_scene.document["objects"], name, own_place, places)
@@ -349,7 +351,7 @@ class _GroundPlace:
     """The smaller side of its box."""
 
     @staticmethod
-    def of(outline: Outline) -> _GroundPlace:
+    def from_outline(outline: Outline) -> _GroundPlace:
         x0, y0, x1, y1 = bounds(outline)
         return _GroundPlace(y1, min(x1 - x0, y1 - y0))
 

@@ -591,7 +591,7 @@ class Stages:
         # The run that found the duration has simulated the motion already.
         if run is not None:
             world = compiled_scene.world
-            self._motions.of(motion_key(world), lambda: run.sampled(world.times))
+            self._motions.of(motion_key(world), lambda: run.resample(world.times))
         return compiled_scene
 
     def stage(self, scene: Scene, compiled_scene: CompiledScene, maps: Maps) -> Stage:

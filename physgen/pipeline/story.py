@@ -80,7 +80,7 @@ class Start:
     """Height by which the actor is raised before, px."""
     top_impulse: float = 0.0
     """Impulse to the right at its top, as of a finger, g·px/s."""
-    is_moved: bool = True
+    has_motion: bool = True
     """False if nothing is pushed or lifted."""
 
 
@@ -90,7 +90,7 @@ class Telling:
 
     edits: dict[str, Any]
     """Values by dotted key."""
-    is_fulfilled: bool
+    comes_true: bool
     outcome: str
     """Description of the motion in words."""
     trials: int
@@ -132,10 +132,10 @@ def tell_story(scene: Scene, compiled_scene: CompiledScene, text: str) -> Tellin
         if trial.merit >= LIMITS.partial or trial_count >= LIMITS.max_simulations:
             break
     assert best is not None
-    is_fulfilled = best.share >= LIMITS.partial
+    comes_true = best.share >= LIMITS.partial
     words = outcome_words(scene, quiet, story, best.start, best.motion)
     edits = story_edits(scene, compiled_scene, best.start)
-    return Telling(edits, is_fulfilled, words, trial_count)
+    return Telling(edits, comes_true, words, trial_count)
 
 
 def _try_start(scene: Scene, quiet: World, story: Story, start: Start) -> _StoryTrial:
@@ -144,7 +144,7 @@ def _try_start(scene: Scene, quiet: World, story: Story, start: Start) -> _Story
     share = fulfilment(quiet, story, start, motion)
     # Prefer a motion inside the picture: an actor that leaves it looks like an error.
     merit = share
-    if start.is_moved and _leaves(quiet, start.actor, motion):
+    if start.has_motion and _leaves(quiet, start.actor, motion):
         merit -= LIMITS.leaving
     return _StoryTrial(start, motion, share, merit)
 
@@ -183,8 +183,8 @@ def _starts(
     world = compiled_scene.world
     tried_actors = actors[: LIMITS.actors]
     # Without a push first: the outcome may happen by gravity alone.
-    if story.is_declared or story.wish in (Wish.HALT, Wish.DROP):
-        yield Start(tried_actors[0], is_moved=False)
+    if story.precedes_verb or story.wish in (Wish.HALT, Wish.DROP):
+        yield Start(tried_actors[0], has_motion=False)
     if story.wish is Wish.HALT:
         return
     if story.wish is Wish.DROP and not story.targets and scene.world.view is View.SIDE:
@@ -312,7 +312,7 @@ def sampled_motion(world: World) -> Trajectory:
 
 def started_world(scene: Scene, world: World, start: Start) -> World:
     """Return a world at rest with one object set in motion."""
-    if not start.is_moved:
+    if not start.has_motion:
         return world
     item = scene.objects[start.actor]
     started_item = replace(item, velocity=start.velocity, motion=Motion.DYNAMIC)
@@ -378,7 +378,7 @@ def fulfilment(world: World, story: Story, start: Start, motion: Trajectory) -> 
             ]
     if not shares:
         return 0.0
-    total_share = min(shares) if story.is_all else max(shares)
+    total_share = min(shares) if story.needs_all else max(shares)
     return _reduce_unless_rested(story, start, motion, total_share)
 
 
@@ -526,7 +526,7 @@ def story_edits(
     forces = [force for force in own_forces if not {"impulse", "duration"} & set(force)]
     if len(forces) < len(own_forces):
         edits["forces"] = forces
-    if not start.is_moved:
+    if not start.has_motion:
         return edits
     item = scene.objects[start.actor]
     body = compiled_scene.world.bodies[start.actor]

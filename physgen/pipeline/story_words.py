@@ -60,7 +60,7 @@ class Mention:
     """Index of the first word."""
     end: int
     """Index after the last word."""
-    is_all: bool = False
+    needs_all: bool = False
     """Whether the phrase means all members, not one of them."""
 
 
@@ -73,7 +73,7 @@ class Story:
     """Candidates for the moved object, the best first."""
     targets: tuple[int, ...]
     """Surfaces that the event happens to; empty for the actor itself."""
-    is_all: bool
+    needs_all: bool
     """Whether the event must happen to all targets."""
     direction: tuple[int, int] | None
     """Steps to the right and down; None without a direction."""
@@ -81,7 +81,7 @@ class Story:
     """Factor of the speed: below 1 for gentle, above 1 for hard."""
     must_rest: bool = False
     """Whether the actor must rest at the end."""
-    is_declared: bool = False
+    precedes_verb: bool = False
     """Whether the actor precedes the verb, so that it may move by itself."""
 
 
@@ -225,7 +225,7 @@ def _unknown_noun(words: Sequence[str], mentions: Sequence[Mention]) -> str:
     """Find the first unknown noun after an article; empty without one."""
     known_words = {*WAYS, *OTHERS, *ALL, *PLACES, *SURROUNDINGS}
     for k in range(1, len(words)):
-        is_named = _is_within(k, mentions) or singular(words[k]) in known_words
+        is_named = _is_within_phrase(k, mentions) or singular(words[k]) in known_words
         if words[k - 1] in ("the", "a", "an") and not is_named:
             return words[k]
     return ""
@@ -269,9 +269,9 @@ def _mention_at(
         phrase = [word for word in words[start:end] if word not in ARTICLES]
         if not phrase or words[start] in ARTICLES or words[end - 1] in ARTICLES:
             continue
-        members, is_all = _members(phrase, candidates)
+        members, needs_all = _members(phrase, candidates)
         if members:
-            return Mention(members, start, end, is_all)
+            return Mention(members, start, end, needs_all)
     return None
 
 
@@ -284,7 +284,7 @@ def _members(
         has_noun = len(phrase) == 2 and singular(phrase[0]) in candidate.words
         if is_name or (has_noun and candidate.name == phrase[1]):
             return (candidate.index,), False
-    is_all = any(word in ALL for word in phrase)
+    needs_all = any(word in ALL for word in phrase)
     places = [word for word in phrase[:-1] if word in PLACES]
     name_parts = [singular(word) for word in phrase if word not in (*ALL, *places)]
     name_parts = [word for word in name_parts if word not in ("and", "other", "one")]
@@ -304,7 +304,7 @@ def _members(
         matches = exact_matches
     if places and len(matches) > 1:
         matches = [_select_by_place(matches, places[0])]
-    return tuple(candidate.index for candidate in matches), is_all
+    return tuple(candidate.index for candidate in matches), needs_all
 
 
 def _select_by_place(candidates: Sequence[NamedItem], place: str) -> NamedItem:
@@ -339,16 +339,18 @@ def _assemble(
     later_wishes = {VERBS[verb] for _, verb in verbs[1:]}
     has_target = bool(targets) and _has_target(words, targets[-1], later_wishes)
     wish = _event(VERBS[verb], words, has_target, direction)
-    target_indices, is_all = _targets(wish, targets, actor, objects, later_words, words)
+    target_indices, needs_all = _targets(
+        wish, targets, actor, objects, later_words, words
+    )
     return Story(
         wish,
         tuple(k for k in actor.members if k in objects),
         tuple(target_indices),
-        is_all,
+        needs_all,
         _push_direction(wish, direction),
         _strength(free_words),
         must_rest=wish is not Wish.HALT and Wish.HALT in later_wishes,
-        is_declared=bool(subjects),
+        precedes_verb=bool(subjects),
     )
 
 
@@ -358,7 +360,7 @@ def _split_free_words(
     """Return the words outside of mentions up to a verb at `place`, and after it."""
     earlier_words, later_words = [], []
     for k, word in enumerate(words):
-        if _is_within(k, mentions):
+        if _is_within_phrase(k, mentions):
             continue
         if k > place:
             later_words.append(word)
@@ -422,18 +424,18 @@ def _targets(
     if wish not in (Wish.TURN, Wish.TOUCH, Wish.RISE, Wish.DROP):
         return [], False
     targets: list[int] = []
-    is_all = False
+    needs_all = False
     if mentions:
         targets = [k for k in mentions[-1].members if k not in actor.members]
-        is_all = mentions[-1].is_all
+        needs_all = mentions[-1].needs_all
     # "Knocks the others over" names its targets only by a pronoun.
     if not targets and any(word in OTHERS for word in later_words):
         targets = sorted(objects - set(actor.members))
-        is_all = any(word in ALL for word in words)
-    return targets, is_all
+        needs_all = any(word in ALL for word in words)
+    return targets, needs_all
 
 
-def _is_within(k: int, mentions: Sequence[Mention]) -> bool:
+def _is_within_phrase(k: int, mentions: Sequence[Mention]) -> bool:
     """Check whether a word belongs to a mention."""
     return any(mention.start <= k < mention.end for mention in mentions)
 

@@ -79,7 +79,7 @@ def outcome_doubts(
         doubts.append(Note.MOTION_BRIEF.text(seconds=seconds))
     doubts += _fill_doubts(perceived_scene, outcome)
     parts = list(dict.fromkeys(map(_part_owner, perceived_scene.warnings)))
-    owners = [name for name in parts if name in outcome.moved]
+    owners = [name for name in parts if name in outcome.mover_names]
     if owners:
         doubts.append(Note.PART_MAY_STAY.text(names=listed(owners, "and")))
     return doubts
@@ -92,7 +92,7 @@ def without_parts_at_rest(
     kept = []
     for problem in photo_scene.warnings:
         owner = _part_owner(problem)
-        if not owner or owner in outcome.moved:
+        if not owner or owner in outcome.mover_names:
             kept.append(problem)
     return replace(photo_scene, warnings=tuple(kept))
 
@@ -114,7 +114,7 @@ def _fill_doubts(perceived_scene: PerceivedScene, outcome: Outcome) -> list[str]
     """Return the doubt about the filled background behind moving objects."""
     mask = np.zeros(perceived_scene.percepts.labels.shape, bool)
     area = 0.0
-    for name in outcome.moved:
+    for name in outcome.mover_names:
         object_mask = _object_mask(perceived_scene, name)
         columns = max(np.count_nonzero(object_mask.any(axis=0)), 1)
         # An object that moves by less than its own width uncovers only a part of its

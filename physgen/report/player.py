@@ -421,7 +421,7 @@ def player_data(
     # Contacts between frames need finer samples than the video's.
     if N and T > 1 and trajectory.effort.steps * N <= LIMITS.effort:
         times = sample_times(trajectory, LIMITS.finer, max(T, LIMITS.fine_samples // N))
-        samples = trajectory.sampled(times)
+        samples = trajectory.resample(times)
         impacts = _largest_impacts(world, samples)
     kinds = set(Overlay)
     moving = _moving(stage, trajectory)

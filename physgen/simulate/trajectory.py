@@ -129,7 +129,7 @@ class Trajectory:
     """Angle of each wheel on its vehicle since t = 0, (T, W) rad, in the order of
     bodies and their wheels; (0, 0) without wheels.
     """
-    sampled: Callable[[Array], Trajectory] = field(
+    resample: Callable[[Array], Trajectory] = field(
         default=_unknown, repr=False, compare=False
     )
     """Function that returns the same motion at other rising times (K,) s; only for a

@@ -38,7 +38,7 @@ from physgen.perceive.support.ground_contact import (
     close_gaps_below,
     find_foot,
     group_feet,
-    is_carried,
+    has_carriers,
 )
 from physgen.perceive.support.level_feet import (
     free_discs,
@@ -120,7 +120,7 @@ def feet_groups(labels: Labels, objects: Sequence[PhotoObject]) -> Groups:
     feet = [
         find_foot(t)
         for t in objects
-        if not t.cut and not is_carried(t, labels, objects)
+        if not t.cut and not has_carriers(t, labels, objects)
     ]
     return group_feet(feet, line_tolerance(labels))
 

@@ -78,7 +78,7 @@ class NounSegmenter:
         masks = sam.boxes([detection.box for detection in detections])
         # A generator: masks of a large photo take much memory.
         cuts = (
-            Cut.of(
+            Cut.from_mask(
                 mask,
                 kinds[detection.noun].noun,
                 kinds[detection.noun].movable,
@@ -93,7 +93,7 @@ class NounSegmenter:
         self._counts = {"asked": len(kinds), "boxes": len(detections)}
         return result
 
-    def meant(
+    def segment_meant_objects(
         self,
         rgb: Rgb,
         boxes: Sequence[tuple[float, float, float, float]],

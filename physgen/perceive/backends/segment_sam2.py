@@ -25,7 +25,7 @@ from physgen.perceive.backends.segment_learned import (
     left_to_right,
 )
 from physgen.perceive.roles import Mask, PromptedMask, Rgb, Segments
-from physgen.perceive.segment.masks import Box, smoothed
+from physgen.perceive.segment.masks import Box, smooth_outline
 from physgen.registry import Setup
 
 NAME = "sam2"
@@ -62,13 +62,13 @@ class Sam2(ModelBackend):
             mask, fit = sam_masks[k]
             is_reliable = fit >= self._threshold
             final_mask = (
-                better_mask(masks[k], smoothed(mask)) if is_reliable else masks[k]
+                better_mask(masks[k], smooth_outline(mask)) if is_reliable else masks[k]
             )
             labels[final_mask] = k + 1
         self._options = {"boxes": len(masks)}
         return left_to_right(replace(detections, labels=labels))
 
-    def meant(
+    def segment_meant_objects(
         self,
         rgb: Rgb,
         boxes: Sequence[Box],

@@ -76,7 +76,9 @@ class Cut(Proposal):
     fit: float
 
     @classmethod
-    def of(cls, mask: Mask, noun: str, movable: bool, score: float, fit: float) -> Cut:
+    def from_mask(
+        cls, mask: Mask, noun: str, movable: bool, score: float, fit: float
+    ) -> Cut:
         """Return a cut from a mask of the photo (H, W)."""
         return cls(0, 0, mask, 0, noun, movable, score, fit).with_mask(mask)
 
@@ -127,7 +129,7 @@ def distinct_boxes(
     return [int(valid[k]) for k in indices]
 
 
-def smoothed(mask: Mask) -> Mask:
+def smooth_outline(mask: Mask) -> Mask:
     """Return the mask without specks and pinholes.
 
     Rings and contact with the photo's border are preserved.
@@ -236,7 +238,7 @@ def resolve_overlaps(cuts: Sequence[Cut]) -> list[Cut]:
         ]
         if not shares or min(shares) >= CLEANUP.visible:
             return [
-                cut.with_mask(smoothed(piece))
+                cut.with_mask(smooth_outline(piece))
                 for cut, piece in zip(rest, left, strict=True)
             ]
         del rest[int(np.argmin(shares))]
@@ -253,7 +255,9 @@ def segments(
     """
     least_area = max(CLEANUP.least_share * size[0] * size[1], CLEANUP.least_area)
     smooth_cuts = [
-        cut.with_mask(smoothed(cut.mask)) for cut in cuts if cut.confidence >= DOUBTFUL
+        cut.with_mask(smooth_outline(cut.mask))
+        for cut in cuts
+        if cut.confidence >= DOUBTFUL
     ]
     cuts = distinct(
         [

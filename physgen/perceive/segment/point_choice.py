@@ -244,12 +244,12 @@ def _holds(
     others.
     """
 
-    def has(pixel: Pixel) -> bool:
+    def contains(pixel: Pixel) -> bool:
         x, y = _place(proposal, pixel, scale)
         height, width = proposal.mask.shape
         return 0 <= x < width and 0 <= y < height and bool(proposal.mask[y, x])
 
-    return has(position) and not any(map(has, others))
+    return contains(position) and not any(map(contains, others))
 
 
 def _depth(proposal: Proposal, pixel: Pixel, scale: Scale) -> float:

@@ -72,7 +72,7 @@ class PromptFrame:
     """Place and dotted path of a prompt, by its order; a missing entry means a flag."""
 
     @classmethod
-    def of(cls, rgb: Rgb) -> PromptFrame:
+    def from_photo(cls, rgb: Rgb) -> PromptFrame:
         """Return the frame of prompts in pixels of the photo itself."""
         return cls(rgb.shape[1], rgb.shape[0])
 
@@ -152,7 +152,7 @@ def _box_fault(box: Box, frame: PromptFrame) -> RefusedError | None:
         return Message.BOX_NEGATIVE.refusal(fix=fix)
     if min(width, height) < least_side:
         return Message.BOX_TOO_SMALL.refusal(least=least_side, fix=form)
-    if not (_reaches_out(box, frame) or _is_off(box, frame)):
+    if not (_reaches_out(box, frame) or _is_outside_frame(box, frame)):
         return None
     size = {"width": frame.width, "height": frame.height}
     likely_box = next(_likely_boxes(box, frame), None)
@@ -161,7 +161,7 @@ def _box_fault(box: Box, frame: PromptFrame) -> RefusedError | None:
         if likely_box is None
         else f"{form}; did you mean {_round_numbers(likely_box)}?"
     )
-    if _is_off(box, frame):
+    if _is_outside_frame(box, frame):
         return Message.PROMPT_OFF_PHOTO.refusal(fix=fix, **size)
     excess = _excess(box, frame)
     return Message.BOX_BEYOND_PHOTO.refusal(excess=excess, fix=fix, **size)
@@ -193,7 +193,7 @@ def _excess(box: Box, frame: PromptFrame) -> float:
     return max(-x, -y, x + width - frame.width, y + height - frame.height, 0.0)
 
 
-def _is_off(box: Box, frame: PromptFrame) -> bool:
+def _is_outside_frame(box: Box, frame: PromptFrame) -> bool:
     """Return whether no part of a box is on the photo."""
     x, y, width, height = box
     lies_beside = x >= frame.width or x + width <= 0
@@ -258,7 +258,7 @@ class Segmenter:
             return {}
         sides = [(x0, y0, x1 - x0, y1 - y0) for x0, y0, x1, y1 in corners]
         masks = self.backends.run(
-            "segment", lambda backend: backend.meant(rgb, sides, points)
+            "segment", lambda backend: backend.segment_meant_objects(rgb, sides, points)
         )
         return {
             k: answer
@@ -290,7 +290,7 @@ def from_prompts(
     its prompt. Raises InputError with every box or point that is off the photo or shows
     no object.
     """
-    frame = frame or PromptFrame.of(rgb)
+    frame = frame or PromptFrame.from_photo(rgb)
     problems = _PromptProblems(frame, _list_prompts(boxes, points))
     boxes, points = frame.boxes_in(rgb, boxes), frame.points_in(rgb, points)
     masks = _cut_prompts(rgb, boxes, points, segment, problems)

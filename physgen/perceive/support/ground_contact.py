@@ -229,7 +229,7 @@ class _Surroundings:
     ids: Labels
 
 
-def is_carried(
+def has_carriers(
     item: PhotoObject, labels: Labels, objects: Sequence[PhotoObject]
 ) -> bool:
     """Return whether other objects carry an object.
@@ -283,7 +283,7 @@ def close_gaps_below(
     for item in objects:
         if item.cut or isinstance(item.outline, Disc):
             continue
-        if is_carried(item, labels, objects) and _close_gap(
+        if has_carriers(item, labels, objects) and _close_gap(
             closed_labels, labels, item.id
         ):
             closed_ids.add(item.id)
