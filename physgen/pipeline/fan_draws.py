@@ -28,16 +28,17 @@ class Draws:
         from physgen.simulate.uncertainty import headline
 
         ensemble = self.ensemble
-        drawn_values = [
-            {
-                "path": doubt.path,
-                "value": doubt.value,
-                "from": doubt.source.text,
-                "sure": doubt.source.confidence,
-                "alike": doubt.shared_variance,
-            }
-            for doubt in ensemble.doubts
-        ]
+        drawn_values = []
+        for doubt in ensemble.doubts:
+            drawn_values.append(
+                {
+                    "path": doubt.path,
+                    "value": doubt.value,
+                    "from": doubt.source.text,
+                    "sure": doubt.source.confidence,
+                    "alike": doubt.shared_variance,
+                }
+            )
         return {
             "draws": len(ensemble.outcomes),
             "seed": ensemble.seed,

@@ -129,8 +129,12 @@ class Film:
         """
         from physgen.render.grain import Delivery
 
-        photo = None if self._maps is None else self._maps.percepts
-        rgb = None if photo is None else photo.rgb
+        photo = None
+        if self._maps is not None:
+            photo = self._maps.percepts
+        rgb = None
+        if photo is not None:
+            rgb = photo.rgb
         self._delivery = Delivery.from_scene(self.scene.render, rgb)
         return self._delivery.as_dict()
 
@@ -141,7 +145,9 @@ class Film:
     @property
     def hold(self) -> int:
         """Return the number of frames of the photo before the motion."""
-        return 0 if self._delivery is None else self._delivery.hold
+        if self._delivery is None:
+            return 0
+        return self._delivery.hold
 
     def deliver_frames(
         self, frames: Iterator[Frame], trajectory: Trajectory

@@ -153,7 +153,10 @@ def describe(perceived_scene: PerceivedScene) -> Description:
 
 def overview_lines(text: str, target: Path | None) -> list[str]:
     """Return the line of the summary with the path of the overview."""
-    folder = Path() if target is None else target.parent
+    if target is None:
+        folder = Path()
+    else:
+        folder = target.parent
     assets = named_assets(text.encode("utf-8"), folder)
     if assets is None or not (assets / OVERVIEW).is_file():
         return []
@@ -193,7 +196,9 @@ def perceive_photo(
 
     def set_in_motion(perceived_scene: PerceivedScene) -> PerceivedScene:
         progress("push", 0, 1)
-        full_size = None if is_full_size else photo.full_size
+        full_size = None
+        if not is_full_size:
+            full_size = photo.full_size
         perceived_scene = replace(perceived_scene, full_size=full_size)
         story = None
         if options.story is not None:
@@ -398,7 +403,10 @@ def _with_gentle_pushes(shot: PerceivedScene) -> PerceivedScene:
     for name, entry in flung.items():
         right, down = entry["velocity"]
         pushes.append(f"{name}={degrees(atan2(down, right)):.4g}")
-        without_spin = {key: value for key, value in entry.items() if key != "spin"}
+        without_spin = {}
+        for key, value in entry.items():
+            if key != "spin":
+                without_spin[key] = value
         objects[name] = without_spin | {"velocity": [0.0, 0.0]}
     if not pushes:
         return shot

@@ -210,9 +210,9 @@ def tipping_motion(
 
 def full_travel(world: World, fallen_names: Collection[str]) -> Array:
     """Return the displacement (N,) of the full score for each body, as a share."""
-    is_free = [
-        body.radius is not None or body.name in fallen_names for body in world.bodies
-    ]
+    is_free = []
+    for body in world.bodies:
+        is_free.append(body.radius is not None or body.name in fallen_names)
     return np.where(np.array(is_free, bool), TRIAL.full_travel, TRIAL.slide)
 
 

@@ -93,7 +93,11 @@ def loaded_names(trials: TrialScene) -> set[str]:
     """Return the names of objects on which others lie."""
     corners = [np.concatenate(body.rings) + body.center for body in trials.world.bodies]
     objects = enumerate(trials.scene.objects)
-    return {item.name for k, item in objects if has_load(trials.scene, corners, k)}
+    names = set()
+    for k, item in objects:
+        if has_load(trials.scene, corners, k):
+            names.add(item.name)
+    return names
 
 
 def _directions(scene: Scene, bodies: Sequence[Body], k: int) -> list[Direction]:
@@ -105,7 +109,10 @@ def _directions(scene: Scene, bodies: Sequence[Body], k: int) -> list[Direction]
     if scene.world.view is View.SIDE:
         return [(1.0, 0.0), (-1.0, 0.0)]
     center = bodies[k].center
-    others = [body.center for n, body in enumerate(bodies) if n != k]
+    others = []
+    for n, body in enumerate(bodies):
+        if n != k:
+            others.append(body.center)
     middle = (np.array(scene.size) - 1) / 2
     # From above, push towards the nearest object, the middle of all others and the
     # middle of the photo.

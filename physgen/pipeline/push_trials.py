@@ -106,9 +106,10 @@ def choose_push(
         verified_candidates.append(verified_candidate)
         if verified_candidate.outcome.grade >= candidate.outcome.grade:
             break
-    moving_candidates = [
-        trial for trial in verified_candidates if trial.outcome.grade > Grade.NOTHING
-    ]
+    moving_candidates = []
+    for trial in verified_candidates:
+        if trial.outcome.grade > Grade.NOTHING:
+            moving_candidates.append(trial)
     return max(moving_candidates, key=_preference, default=sorted_candidates[0])
 
 
@@ -129,7 +130,10 @@ def _verify(
         return ramped
     sudden = _try(trials, replace(candidate, ramp=0.0), facing, world)
     is_better = sudden.outcome.grade > ramped.outcome.grade
-    best = sudden if is_better else ramped
+    if is_better:
+        best = sudden
+    else:
+        best = ramped
     work = ramped.outcome.work + sudden.outcome.work
     return replace(best, outcome=replace(best.outcome, work=work))
 
@@ -139,9 +143,14 @@ def _free_of_load(
 ) -> Sequence[Candidate]:
     """Return the pushes of objects without a load; all if none of those is a story."""
     load_names = loaded_names(trials)
-    free = [trial for trial in candidates if trial.item.name not in load_names]
+    free = []
+    for trial in candidates:
+        if trial.item.name not in load_names:
+            free.append(trial)
     has_story = any(trial.outcome.grade is Grade.STORY for trial in free)
-    return free if has_story else candidates
+    if has_story:
+        return free
+    return candidates
 
 
 def _weight_candidate(
@@ -162,11 +171,14 @@ def choose_speed(
     """
     world = replace(trials.world, steps_per_second=TRIAL.rate)
     candidates = list(_search(trials, item, direction, facing, world))
-    moving_candidates = [
-        candidate for candidate in candidates if candidate.outcome.grade > Grade.NOTHING
-    ]
+    moving_candidates = []
+    for candidate in candidates:
+        if candidate.outcome.grade > Grade.NOTHING:
+            moving_candidates.append(candidate)
     best = max(moving_candidates, key=_preference, default=None)
-    return None if best is None else best.speed
+    if best is None:
+        return None
+    return best.speed
 
 
 def _preference(candidate: Candidate) -> tuple[float, ...]:
@@ -221,7 +233,10 @@ def _candidates(
 
 def _lone_body(world: World) -> Body | None:
     """Return the body that alone can move, if there is one."""
-    bodies = [body for body in world.bodies if body.motion is Motion.DYNAMIC]
+    bodies = []
+    for body in world.bodies:
+        if body.motion is Motion.DYNAMIC:
+            bodies.append(body)
     if len(bodies) != 1:
         return None
     return bodies[0]
@@ -273,8 +288,14 @@ class _SearchEffort:
             self.best, self.best_pair = score, self.pairs
         if is_story and score >= TRIAL.score_share * self.highest:
             return True
-        most_trials = TRIAL.trial_count if self.has_story else 2 * TRIAL.trial_count
-        most_work = TRIAL.work if self.is_visible else TRIAL.more_work
+        if self.has_story:
+            most_trials = TRIAL.trial_count
+        else:
+            most_trials = 2 * TRIAL.trial_count
+        if self.is_visible:
+            most_work = TRIAL.work
+        else:
+            most_work = TRIAL.more_work
         return self.work > most_work or self.trials >= most_trials
 
 
@@ -335,9 +356,10 @@ def _search(
         # speeds: take their geometric mean.
         if leaving_speed < inf:
             halvings += 1
-            speed = (
-                sqrt(calm_speed * leaving_speed) if calm_speed else leaving_speed / 2
-            )
+            if calm_speed:
+                speed = sqrt(calm_speed * leaving_speed)
+            else:
+                speed = leaving_speed / 2
         else:
             speed = calm_speed * _next_step(trials, outcome)
 
@@ -579,7 +601,9 @@ def _grade_run(run: _TrialRun, faults: _Faults, film_share: float) -> Grade:
     is_resting = run.seconds <= float(run.motion.times[-1]) - run.trials.unit
     if faults.is_climbing or not is_resting:
         return Grade.RESTLESS
-    return Grade.SHORT if film_share < 1 else Grade.STORY
+    if film_share < 1:
+        return Grade.SHORT
+    return Grade.STORY
 
 
 def _score_run(run: _TrialRun, faults: _Faults, is_spun: bool) -> float:

@@ -87,11 +87,10 @@ class Refiners:
         if name not in self._models:
             plan = self._plan()
             planned_choice = plan.choices.get("refine")
-            choice = (
-                planned_choice
-                if planned_choice is not None and planned_choice.name == name
-                else Choice(name)
-            )
+            if planned_choice is not None and planned_choice.name == name:
+                choice = planned_choice
+            else:
+                choice = Choice(name)
             setup = replace(plan, choices={"refine": choice}).setup("refine")
             self._models[name] = registry.make("refine", name, setup)
         return self._models[name]
@@ -121,11 +120,10 @@ def refine_settings(scene: Scene) -> RefineSettings:
     from physgen.refine.fusion import RefineSettings, hold_frames, prompt_of
 
     section = scene.refine
-    prompt = (
-        prompt_of(item.label for item in scene.objects)
-        if section.prompt is None
-        else section.prompt
-    )
+    if section.prompt is None:
+        prompt = prompt_of(item.label for item in scene.objects)
+    else:
+        prompt = section.prompt
     return RefineSettings(
         strength=section.strength,
         stop=section.stop,

@@ -163,7 +163,10 @@ class _Photo:
             gap = float(np.hypot(*np.clip(gaps, 0, None)))
             area = float(np.prod(person[2:] - person[:2]))
             is_large = area >= REFUSAL.large * self.width * self.height
-            limit = REFUSAL.reach if is_large else REFUSAL.touch
+            if is_large:
+                limit = REFUSAL.reach
+            else:
+                limit = REFUSAL.touch
             if gap <= limit * self.side:
                 return np.asarray(person)
         return None

@@ -179,7 +179,10 @@ def name_words(
     label_parts = [singular(word) for word in re.findall(r"[a-z]+|\d+", label.lower())]
     nouns = set()
     for parts in (name_parts, label_parts):
-        letters = [part for part in parts if not part.isdigit()]
+        letters = []
+        for part in parts:
+            if not part.isdigit():
+                letters.append(part)
         nouns.update(letters[-1:])
     words = frozenset([*name_parts, *label_parts])
     return NamedItem(index, name.lower(), words, frozenset(nouns), *place)
@@ -194,7 +197,10 @@ def read_story(text: str, candidates: Sequence[NamedItem]) -> Story:
     verbs = _find_verbs(words, mentions)
     if not verbs:
         raise Message.STORY_WITHOUT_VERB.error(STORY, quoted(text), verbs=listed(VERBS))
-    objects = [candidate for candidate in candidates if candidate.is_object]
+    objects = []
+    for candidate in candidates:
+        if candidate.is_object:
+            objects.append(candidate)
     names = listed([candidate.name for candidate in objects])
     unknown_noun = _unknown_noun(words, mentions)
     if unknown_noun:
@@ -238,7 +244,10 @@ def verb_of(word: str) -> str:
     ('knock', 'roll', '')
     """
     for ending in ("", "s", "es", "ing", "ed"):
-        base = word.removesuffix(ending) if ending else word
+        if ending:
+            base = word.removesuffix(ending)
+        else:
+            base = word
         for candidate in (base, base + "e", base[:-1]):
             if candidate in VERBS:
                 return candidate
@@ -266,7 +275,10 @@ def _mention_at(
 ) -> Mention | None:
     """Find the longest noun phrase from a word on."""
     for end in range(min(start + 6, len(words)), start, -1):
-        phrase = [word for word in words[start:end] if word not in ARTICLES]
+        phrase = []
+        for word in words[start:end]:
+            if word not in ARTICLES:
+                phrase.append(word)
         if not phrase or words[start] in ARTICLES or words[end - 1] in ARTICLES:
             continue
         members, needs_all = _members(phrase, candidates)
@@ -285,8 +297,14 @@ def _members(
         if is_name or (has_noun and candidate.name == phrase[1]):
             return (candidate.index,), False
     needs_all = any(word in ALL for word in phrase)
-    places = [word for word in phrase[:-1] if word in PLACES]
-    name_parts = [singular(word) for word in phrase if word not in (*ALL, *places)]
+    places = []
+    for word in phrase[:-1]:
+        if word in PLACES:
+            places.append(word)
+    name_parts = []
+    for word in phrase:
+        if word not in (*ALL, *places):
+            name_parts.append(singular(word))
     name_parts = [word for word in name_parts if word not in ("and", "other", "one")]
     if not name_parts:
         return (), False
@@ -311,13 +329,13 @@ def _select_by_place(candidates: Sequence[NamedItem], place: str) -> NamedItem:
     """Select the first, last, top ... of several candidates."""
     if place in ("top", "bottom"):
         sorted_candidates = sorted(candidates, key=lambda candidate: candidate.y)
-        return sorted_candidates[0] if place == "top" else sorted_candidates[-1]
+        if place == "top":
+            return sorted_candidates[0]
+        return sorted_candidates[-1]
     sorted_candidates = sorted(candidates, key=lambda candidate: candidate.x)
-    return (
-        sorted_candidates[0]
-        if place in ("first", "left", "leftmost")
-        else sorted_candidates[-1]
-    )
+    if place in ("first", "left", "leftmost"):
+        return sorted_candidates[0]
+    return sorted_candidates[-1]
 
 
 def _assemble(
@@ -328,11 +346,23 @@ def _assemble(
 ) -> Story:
     """Combine mentions, verbs and the remaining words into a story."""
     place, verb = verbs[0]
-    subjects = [mention for mention in mentions if mention.end <= place]
-    objects_of_verb = [mention for mention in mentions if mention.start > place]
+    subjects = []
+    for mention in mentions:
+        if mention.end <= place:
+            subjects.append(mention)
+    objects_of_verb = []
+    for mention in mentions:
+        if mention.start > place:
+            objects_of_verb.append(mention)
     # The actor precedes the verb; in an imperative sentence it follows the verb.
-    actor = subjects[0] if subjects else _first_object(objects_of_verb, objects)
-    targets = [mention for mention in objects_of_verb if mention is not actor]
+    if subjects:
+        actor = subjects[0]
+    else:
+        actor = _first_object(objects_of_verb, objects)
+    targets = []
+    for mention in objects_of_verb:
+        if mention is not actor:
+            targets.append(mention)
     earlier_words, later_words = _split_free_words(words, mentions, place)
     free_words = [*earlier_words, *later_words]
     direction = _direction(free_words)
@@ -426,7 +456,10 @@ def _targets(
     targets: list[int] = []
     needs_all = False
     if mentions:
-        targets = [k for k in mentions[-1].members if k not in actor.members]
+        targets = []
+        for k in mentions[-1].members:
+            if k not in actor.members:
+                targets.append(k)
         needs_all = mentions[-1].needs_all
     # "Knocks the others over" names its targets only by a pronoun.
     if not targets and any(word in OTHERS for word in later_words):
@@ -462,7 +495,15 @@ def _direction(words: Sequence[str]) -> tuple[int, int] | None:
     """Return the direction of the words, right and down; a sideways word has
     priority.
     """
-    directions = [WAYS[word] for word in words if word in WAYS]
-    sideways_directions = [direction for direction in directions if direction[0]]
+    directions = []
+    for word in words:
+        if word in WAYS:
+            directions.append(WAYS[word])
+    sideways_directions = []
+    for direction in directions:
+        if direction[0]:
+            sideways_directions.append(direction)
     choices = sideways_directions or directions
-    return choices[0] if choices else None
+    if choices:
+        return choices[0]
+    return None
