@@ -108,11 +108,10 @@ def _maps(home: Path, document: Mapping[str, Any]) -> Sequence[str]:
     if "image" not in document or "assets" not in document:
         return ()
     folder = os.path.realpath(home / document["assets"])
-    map_files = [
-        entry
-        for entry in os.scandir(folder)
-        if entry.name.endswith(".png") or entry.name in DATA
-    ]
+    map_files = []
+    for entry in os.scandir(folder):
+        if entry.name.endswith(".png") or entry.name in DATA:
+            map_files.append(entry)
     return [_relative(home, Path(entry.path)) for entry in map_files]
 
 

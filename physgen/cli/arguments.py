@@ -122,7 +122,10 @@ class Parser(argparse.ArgumentParser):
         if not unknown and not command.wrong:
             return options
         # A word after an unknown flag is its value, and needs no message of its own.
-        flags = [text for text in unknown if text.startswith("-")]
+        flags = []
+        for text in unknown:
+            if text.startswith("-"):
+                flags.append(text)
         command.wrong += [command.unknown(text) for text in flags or unknown]
         command.error(command.wrong.pop())
 
@@ -166,9 +169,9 @@ class Parser(argparse.ArgumentParser):
             if close:
                 message = f"argument {wrong[1]}: invalid choice: '{wrong[2]}', did you mean {close[0]}?"
         messages = dict.fromkeys([*self.wrong, message])
-        lines = [
-            quoted(self._with_example(text), "", LONGEST_MESSAGE) for text in messages
-        ]
+        lines = []
+        for text in messages:
+            lines.append(quoted(self._with_example(text), "", LONGEST_MESSAGE))
         self.exit(
             WRONG_INPUT,
             "".join(f"{self.prog}: {line}; see {self.prog} --help\n" for line in lines),

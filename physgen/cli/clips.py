@@ -128,7 +128,10 @@ def _print_edits(path: str, edits: Mapping[str, Any], text: str) -> None:
     """Print the YAML text of edits, which can be copied into the file."""
     lines = indent(text, "  ").rstrip()
     print_error(f"{path}: to keep this motion, write\n{lines}")
-    removed_keys = [key for key, value in edits.items() if value is None]
+    removed_keys = []
+    for key, value in edits.items():
+        if value is None:
+            removed_keys.append(key)
     if removed_keys:
         print_error(f"{path}: and remove {listed(removed_keys, 'and')}")
 

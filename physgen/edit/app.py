@@ -108,10 +108,11 @@ def static(name: str) -> Response:
     with suppress(FileNotFoundError):
         if name == "player.js":
             # The player of reports and the editor share these scripts.
-            scripts = [
-                resource("templates", "player", f"{script}.js").read_bytes()
-                for script in PLAYER
-            ]
+            scripts = []
+            for script in PLAYER:
+                scripts.append(
+                    resource("templates", "player", f"{script}.js").read_bytes()
+                )
             data = b'"use strict";\n' + b"\n".join(scripts)
         elif name == SCHEMA:
             data = resource("schemas", name).read_bytes()
@@ -137,9 +138,9 @@ async def _answer(request: Request, error: Exception) -> Response:
         # shows the first as the message.
         case InputError():
             first = error.problems[0]
-            problems = [
-                problem.as_dict() | {"object": None} for problem in error.problems
-            ]
+            problems = []
+            for problem in error.problems:
+                problems.append(problem.as_dict() | {"object": None})
             status = EditRefusal.IMPOSSIBLE.value
             fix = first.fix
             message = " ".join(part for part in (first.found, first.expected) if part)
@@ -233,10 +234,9 @@ class Guard:
                     headers = result_headers(f"{self.host}:{self.port}")
                 else:
                     headers = HEADERS
-                added_headers = [
-                    (key.lower().encode(), value.encode())
-                    for key, value in headers.items()
-                ]
+                added_headers = []
+                for key, value in headers.items():
+                    added_headers.append((key.lower().encode(), value.encode()))
                 # A header of the handler with the same name is replaced, so that it
                 # cannot weaken ours.
                 names = {key for key, _ in added_headers}

@@ -292,11 +292,11 @@ def _merge(work: Correction, op: MergeOp) -> str:
 def doubtful_ids(document: Mapping[str, Any]) -> dict[str, int]:
     """Return the ids in masks.png of the doubtful regions of a scene, by name."""
     regions = document.get("doubtful") or {}
-    return {
-        name: region["mask"]
-        for name, region in regions.items()
-        if isinstance(region, Mapping) and isinstance(region.get("mask"), int)
-    }
+    ids = {}
+    for name, region in regions.items():
+        if isinstance(region, Mapping) and isinstance(region.get("mask"), int):
+            ids[name] = region["mask"]
+    return ids
 
 
 def _region(work: Correction, name: str) -> Mask:

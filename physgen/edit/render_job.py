@@ -118,9 +118,9 @@ class RenderJob:
         }:
             raise Message.UNKNOWN_VIDEO_FORMAT.impossible()
         # Build all commands before the lock: an invalid setting must not disturb a run.
-        commands = [
-            self._arguments(variant, format, refine) for variant in variant_names
-        ]
+        commands = []
+        for variant in variant_names:
+            commands.append(self._arguments(variant, format, refine))
         with self._lock:
             if self._status["running"]:
                 raise EditError(

@@ -274,9 +274,9 @@ class Session:
             }
         # Simulation takes long and must not block edits: it runs outside the lock.
         look = self.live.look(text, variant)
-        look_data: Data = {
-            key: getattr(look, field) for key, field in LOOK_KEYS.items()
-        }
+        look_data: Data = {}
+        for key, field in LOOK_KEYS.items():
+            look_data[key] = getattr(look, field)
         if look_data["perceived"] is not None:
             look_data["perceived"] = look_data["perceived"] | {"new": self.is_new}
         return session_data | look_data

@@ -205,9 +205,10 @@ def choose_object(scene: Scene, world: World, name: str | None) -> int:
     Without a name, choose the pushed object of the scene, or the first moving one, or
     the first. Raise InputError if the object cannot be pushed.
     """
-    dynamic_names = [
-        body.name for body in world.bodies if body.motion is Motion.DYNAMIC
-    ]
+    dynamic_names = []
+    for body in world.bodies:
+        if body.motion is Motion.DYNAMIC:
+            dynamic_names.append(body.name)
     if not dynamic_names:
         raise Message.NOTHING_TO_PUSH.error(str(scene.place("objects").file))
     if name is None:

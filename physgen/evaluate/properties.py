@@ -466,7 +466,10 @@ def _mass_sets(table: Objects, answers: Mapping[str, Answer]) -> dict[str, Masse
     by name.
     """
     pairs = _mass_pairs(table, answers)
-    free_pairs = [pair for pair in pairs if not is_regulated(pair.item.label)]
+    free_pairs = []
+    for pair in pairs:
+        if not is_regulated(pair.item.label):
+            free_pairs.append(pair)
     pairs_by_set = {table.title: pairs}
     if 0 < len(free_pairs) < len(pairs):
         pairs_by_set["without regulated weights"] = free_pairs

@@ -101,7 +101,10 @@ def _with_contents(detections: Detections, container: _Container) -> Detections:
         np.ones((2 * CONTENT.touch + 1, 2 * CONTENT.touch + 1), np.uint8),
     )
     touching = np.setdiff1d(np.unique(labels[near > 0]), (0, container.id))
-    members = [int(i) for i in touching if container.holds(labels == i)]
+    members = []
+    for i in touching:
+        if container.holds(labels == i):
+            members.append(int(i))
     if not members:
         return detections
     whole = container.mask | np.isin(labels, members)

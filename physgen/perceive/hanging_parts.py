@@ -71,7 +71,9 @@ def _owner(labels: Labels, mask: Mask, i: int) -> int:
     bottom = int(np.flatnonzero(mask.any(axis=1))[-1]) + 1
     is_small = area < HANGING.small * np.count_nonzero(other)
     is_above = bottom < other_rows[-1] - HANGING.height * other_height
-    return other_id if is_small and is_above else 0
+    if is_small and is_above:
+        return other_id
+    return 0
 
 
 def _find_touching_ids(labels: Labels, mask: Mask, reach: int) -> set[int]:

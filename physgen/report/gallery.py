@@ -460,9 +460,18 @@ def _day(time: float) -> str:
 
 def _sorted_values(key: SweptKey) -> list[float | str]:
     """Return numbers by size, then words in natural order."""
-    values = {value for value in key.values if value is not None}
-    numbers = [value for value in values if isinstance(value, float)]
-    words = [value for value in values if isinstance(value, str)]
+    values = set()
+    for value in key.values:
+        if value is not None:
+            values.add(value)
+    numbers = []
+    for value in values:
+        if isinstance(value, float):
+            numbers.append(value)
+    words = []
+    for value in values:
+        if isinstance(value, str):
+            words.append(value)
     return [*sorted(numbers), *sorted(words, key=natural)]
 
 

@@ -43,7 +43,10 @@ class SweptKey:
     @property
     def numeric(self) -> bool:
         """Return whether all values are numbers."""
-        values = [value for value in self.values if value is not None]
+        values = []
+        for value in self.values:
+            if value is not None:
+                values.append(value)
         return all(isinstance(value, float) for value in values)
 
 

@@ -325,7 +325,10 @@ def _find_kind(
     """Return the only kind of a mapping. Report a mapping without a kind, or with
     several.
     """
-    given = [key for key in kinds if key in children(node)]
+    given = []
+    for key in kinds:
+        if key in children(node):
+            given.append(key)
     if len(given) == 1:
         return given[0]
     known = find_schema_part(f"{path[0]}.*" if path[0] in KINDS else "forces")

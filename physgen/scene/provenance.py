@@ -426,10 +426,9 @@ def _table_values(
     """
     object_kind = kind(label)
     mass, confidence, _ = weigh(outline, object_kind, per_meter)
-    material = {
-        key: getattr(object_kind.material, key)
-        for key in ("friction", "elasticity", "rolling")
-    }
+    material = {}
+    for key in ("friction", "elasticity", "rolling"):
+        material[key] = getattr(object_kind.material, key)
     if isinstance(outline, Disc):
         solid = {"solid": object_kind.solid or "sphere"}
     else:

@@ -188,9 +188,9 @@ def _refuse(value: Any) -> bool:
 
 
 def _quick_mapping(schema: Schema) -> Test:
-    tests = {
-        key: _quick_test(part) for key, part in schema.get("properties", {}).items()
-    }
+    tests = {}
+    for key, part in schema.get("properties", {}).items():
+        tests[key] = _quick_test(part)
     rest = schema.get("additionalProperties", {})
     other: Test = _refuse
     if isinstance(rest, dict):

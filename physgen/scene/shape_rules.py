@@ -204,7 +204,10 @@ def check_boundary(tree: CheckedTree, node: Node, path: KeyPath) -> None:
     """Report faults of the line of a boundary. It must have exactly one."""
     parts = children(node)
     kinds = ("segment", "polyline", "arc", "bezier", "shape", "mask")
-    given_kinds = [key for key in kinds if key in parts]
+    given_kinds = []
+    for key in kinds:
+        if key in parts:
+            given_kinds.append(key)
     if not given_kinds:
         tree.report(Message.NO_LINE.problem(node.place, path))
         return

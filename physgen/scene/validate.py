@@ -530,7 +530,10 @@ class _Fault:
     def _nearest_of(self, homes: Iterable[str]) -> list[str]:
         """Return names of mappings, preferably of those below this one."""
         prefix = f"{dotted(kind_of(self.path))}.".replace("*", "NAME")
-        homes_within = [home for home in homes if home.startswith(prefix)]
+        homes_within = []
+        for home in homes:
+            if home.startswith(prefix):
+                homes_within.append(home)
         return [home or "the top level of the file" for home in homes_within or homes]
 
     def _missing_kinds(self, siblings: dict[str, Node]) -> list[str]:

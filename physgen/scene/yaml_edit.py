@@ -131,10 +131,9 @@ def _mark_tree(node: Any, text: str) -> MarkedValue:
         return MarkedValue(str, False, begin, end, column, value, style)
     keys: list[tuple[str, int, int]] = []
     if isinstance(node, yaml.MappingNode):
-        keys = [
-            (key.value, key.start_mark.index, key.end_mark.index)
-            for key, _ in node.value
-        ]
+        keys = []
+        for key, _ in node.value:
+            keys.append((key.value, key.start_mark.index, key.end_mark.index))
         children = [_mark_tree(child, text) for _, child in node.value]
     else:
         children = [_mark_tree(child, text) for child in node.value]

@@ -219,7 +219,10 @@ def ask_energy(motion: Motion) -> list[Evidence]:
     """
     evidence = []
     for impact in motion.impacts:
-        visible_parts = [part for part in impact.parts if part.is_visible]
+        visible_parts = []
+        for part in impact.parts:
+            if part.is_visible:
+                visible_parts.append(part)
         forms = motion.tracks.forms
         if not all(forms[part.body].is_round for part in visible_parts):
             continue

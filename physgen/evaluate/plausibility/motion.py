@@ -160,7 +160,10 @@ class Motion:
 
     def _turns_of(self, body: int) -> list[Turn]:
         visible = self.tracks.visible[:, body]
-        segments = [segment for segment in self.segments[body] if segment.has_velocity]
+        segments = []
+        for segment in self.segments[body]:
+            if segment.has_velocity:
+                segments.append(segment)
         turns = []
         for before, after in pairwise(segments):
             is_near = after.first - before.last <= TUNING.max_gap
@@ -408,10 +411,9 @@ def _nearest_time(ticks: Array, parts: Sequence[tuple[Segment, Segment]]) -> flo
     """
     distances = []
     for time in ticks:
-        squares = [
-            float(np.sum((after.value(time) - before.value(time)) ** 2))
-            for before, after in parts
-        ]
+        squares = []
+        for before, after in parts:
+            squares.append(float(np.sum((after.value(time) - before.value(time)) ** 2)))
         distances.append(sum(squares))
     return float(ticks[int(np.argmin(distances))])
 

@@ -61,9 +61,10 @@ class Sam2(ModelBackend):
         for k in np.argsort(detections.confidence, kind="stable").tolist():
             mask, fit = sam_masks[k]
             is_reliable = fit >= self._threshold
-            final_mask = (
-                better_mask(masks[k], smooth_outline(mask)) if is_reliable else masks[k]
-            )
+            if is_reliable:
+                final_mask = better_mask(masks[k], smooth_outline(mask))
+            else:
+                final_mask = masks[k]
             labels[final_mask] = k + 1
         self._options = {"boxes": len(masks)}
         return left_to_right(replace(detections, labels=labels))
@@ -78,10 +79,9 @@ class Sam2(ModelBackend):
         model = self._model
         model.encode(rgb)
         corners = [(x, y, x + width, y + height) for x, y, width, height in boxes]
-        masks = [
-            PromptedMask(mask, fit)
-            for mask, fit in (*model.boxes(corners), *model.points(points))
-        ]
+        masks = []
+        for mask, fit in (*model.boxes(corners), *model.points(points)):
+            masks.append(PromptedMask(mask, fit))
         model.forget()
         return masks
 

@@ -216,7 +216,8 @@ class _Role:
         The key is masked in the text.
         """
         about = f"{self._where} (model {self._model}), asked for {self.role} of {query.subject},"
-        reason = reason.replace(self._key, "***") if self._key else reason
+        if self._key:
+            reason = reason.replace(self._key, "***")
         message = Message.SERVER_FAILED
         values = {"failure": reason, "url": URL, "model": MODEL, "key": KEY}
         raise message.error("--backend", about, **values) from None
@@ -267,10 +268,9 @@ class Label(_Role):
         masks = {item.id: np.asarray(labels == item.id) for item in objects}
         groups = similar_groups(rgb, objects, masks)
         queries = [label_query(rgb, masks[group[0].id]) for group in groups]
-        names = [
-            Name(clean_name(answer["name"]), VLM.label_confidence)
-            for answer in self.ask(queries)
-        ]
+        names = []
+        for answer in self.ask(queries):
+            names.append(Name(clean_name(answer["name"]), VLM.label_confidence))
         return {
             item.id: name
             for group, name in zip(groups, names, strict=True)
@@ -293,9 +293,9 @@ class Physics(_Role):
         Similar objects share one question.
         """
         size = rgb.shape[1], rgb.shape[0]
-        masks = {
-            item.id: raster.coverage(item.outline, size) >= 0.5 for item in objects
-        }
+        masks = {}
+        for item in objects:
+            masks[item.id] = raster.coverage(item.outline, size) >= 0.5
         groups = similar_groups(rgb, objects, masks)
         queries = [
             physics_query(rgb, masks[group[0].id], group[0], pixels_per_meter)
@@ -318,7 +318,10 @@ class Story(_Role):
         for turn in turns:
             content: list[dict[str, Any]] = [{"type": "text", "text": turn.text}]
             content += [picture_part(picture) for picture in turn.pictures]
-            role = "assistant" if turn.is_reply else "user"
+            if turn.is_reply:
+                role = "assistant"
+            else:
+                role = "user"
             messages.append(
                 {"role": role, "content": turn.text if turn.is_reply else content}
             )
@@ -403,7 +406,10 @@ def parse_answer(text: str, query: Query) -> Any:
     text = re.sub(
         r"<think>.*?(</think>|\Z)", " ", text[: VLM.answer], flags=re.DOTALL
     ).strip()
-    first = "" if text else "it was empty"
+    if text:
+        first = ""
+    else:
+        first = "it was empty"
     for value in _json_objects(text):
         faults = _faults(value, query)
         if not faults:

@@ -66,7 +66,10 @@ def release_models(rgb: NDArray[np.uint8], boxes: DetectedBoxes) -> DetectedBoxe
     wholes.
     """
     animals = _animals(boxes)
-    models = [k for k in animals if _is_model(rgb, boxes.corners[k])]
+    models = []
+    for k in animals:
+        if _is_model(rgb, boxes.corners[k]):
+            models.append(k)
     if not models:
         return boxes
     is_model = _inside(boxes.corners, boxes.corners[models])

@@ -142,19 +142,17 @@ def smooth_outline(mask: Mask) -> Mask:
         1 - inside, connectivity=4
     )
     # Small holes are closed, but not the region around the mask.
-    small = [
-        k
-        for k in range(1, count)
-        if k != pieces[0, 0] and stats[k, cv2.CC_STAT_AREA] < CLEANUP.hole * area + 5
-    ]
+    small = []
+    for k in range(1, count):
+        if k != pieces[0, 0] and stats[k, cv2.CC_STAT_AREA] < CLEANUP.hole * area + 5:
+            small.append(k)
     inside[np.isin(pieces, small)] = 1
     count, pieces, stats, _ = cv2.connectedComponentsWithStats(inside, connectivity=8)
     large = max(stats[1:, cv2.CC_STAT_AREA])
-    large_pieces = [
-        k
-        for k in range(1, count)
-        if stats[k, cv2.CC_STAT_AREA] >= CLEANUP.speck * large
-    ]
+    large_pieces = []
+    for k in range(1, count):
+        if stats[k, cv2.CC_STAT_AREA] >= CLEANUP.speck * large:
+            large_pieces.append(k)
     return np.isin(pieces, large_pieces)[1:-1, 1:-1]
 
 
@@ -168,11 +166,10 @@ def parts(mask: Mask) -> list[Mask]:
     dilated_mask = cv2.dilate(mask.view(np.uint8), np.ones((3, 3), np.uint8))
     count, pieces = cv2.connectedComponents(dilated_mask, connectivity=8)
     areas = np.bincount(pieces[mask], minlength=count)
-    order = [
-        int(k)
-        for k in np.argsort(-areas, kind="stable")
-        if k > 0 and areas[k] >= CLEANUP.part * areas.max()
-    ]
+    order = []
+    for k in np.argsort(-areas, kind="stable"):
+        if k > 0 and areas[k] >= CLEANUP.part * areas.max():
+            order.append(int(k))
     return [(pieces == k) & mask for k in order[: CLEANUP.parts]]
 
 
@@ -180,7 +177,10 @@ def split(cuts: Sequence[Cut]) -> list[Cut]:
     """Return movable objects as one cut per piece (paper section 3.1)."""
     result: list[Cut] = []
     for cut in cuts:
-        pieces = parts(cut.mask) if cut.movable else []
+        if cut.movable:
+            pieces = parts(cut.mask)
+        else:
+            pieces = []
         result += [cut.with_mask(part) for part in pieces] if len(pieces) > 1 else [cut]
     return result
 
@@ -228,19 +228,21 @@ def resolve_overlaps(cuts: Sequence[Cut]) -> list[Cut]:
     rest = list(cuts)
     # Drop the most hidden object and start again, since others then become visible.
     while True:
-        left = [
-            _remove_occluded_part(cut, [other for other in rest if other is not cut])
-            for cut in rest
-        ]
-        shares = [
-            int(np.count_nonzero(piece)) / cut.area
-            for piece, cut in zip(left, rest, strict=True)
-        ]
+        left = []
+        for cut in rest:
+            left.append(
+                _remove_occluded_part(
+                    cut, [other for other in rest if other is not cut]
+                )
+            )
+        shares = []
+        for piece, cut in zip(left, rest, strict=True):
+            shares.append(int(np.count_nonzero(piece)) / cut.area)
         if not shares or min(shares) >= CLEANUP.visible:
-            return [
-                cut.with_mask(smooth_outline(piece))
-                for cut, piece in zip(rest, left, strict=True)
-            ]
+            overlaps = []
+            for cut, piece in zip(rest, left, strict=True):
+                overlaps.append(cut.with_mask(smooth_outline(piece)))
+            return overlaps
         del rest[int(np.argmin(shares))]
 
 

@@ -94,9 +94,10 @@ class PromptFrame:
     ) -> Problem:
         """Return a problem at the place of a prompt, in the prompt's own numbers."""
         place, path = self.places.get(order, (Place(_flag(kind, numbers)), ""))
-        quoted_value = (
-            "" if order not in self.places else f"[{_write_numbers(numbers)}]"
-        )
+        if order not in self.places:
+            quoted_value = ""
+        else:
+            quoted_value = f"[{_write_numbers(numbers)}]"
         return refusal.problem(place, path, quoted_value)
 
 
@@ -137,7 +138,10 @@ def _share_fault(numbers: Sequence[float], frame: PromptFrame) -> RefusedError |
         return None
     sides = (frame.width, frame.height, frame.width, frame.height)
     pixels = [number * side for number, side in zip(numbers, sides, strict=False)]
-    form = BOX_FORM if len(numbers) == len(sides) else POINT_FORM
+    if len(numbers) == len(sides):
+        form = BOX_FORM
+    else:
+        form = POINT_FORM
     fix = f"{form}; did you mean {_round_numbers(pixels)}?"
     return Message.PROMPT_IN_SHARES.refusal(fix=fix)
 
@@ -156,11 +160,10 @@ def _box_fault(box: Box, frame: PromptFrame) -> RefusedError | None:
         return None
     size = {"width": frame.width, "height": frame.height}
     likely_box = next(_likely_boxes(box, frame), None)
-    fix = (
-        form
-        if likely_box is None
-        else f"{form}; did you mean {_round_numbers(likely_box)}?"
-    )
+    if likely_box is None:
+        fix = form
+    else:
+        fix = f"{form}; did you mean {_round_numbers(likely_box)}?"
     if _is_outside_frame(box, frame):
         return Message.PROMPT_OFF_PHOTO.refusal(fix=fix, **size)
     excess = _excess(box, frame)
@@ -442,9 +445,10 @@ def segment_point(
     looks, has_other_point = cached_looks()
     alternatives += [PromptedMask(look.mask, sureness) for look, sureness in looks]
     if not alternatives:
-        message = (
-            Message.PROMPT_REPEATED if has_other_point else Message.POINT_SHOWS_NOTHING
-        )
+        if has_other_point:
+            message = Message.PROMPT_REPEATED
+        else:
+            message = Message.POINT_SHOWS_NOTHING
         raise message.error(_flag("point", point))
     return max(alternatives, key=lambda one: one.confidence)
 
@@ -548,7 +552,10 @@ def _corners(rgb: Rgb, box: Box) -> tuple[int, int, int, int]:
     x1, y1 = min(width, round(box[0] + box[2])), min(height, round(box[1] + box[3]))
     if x1 - x0 < 4 or y1 - y0 < 4:
         is_outside = min(box[2:]) >= 4 and (x1 <= x0 or y1 <= y0)
-        wrong = Message.BOX_OFF_PHOTO if is_outside else Message.BOX_TOO_LITTLE
+        if is_outside:
+            wrong = Message.BOX_OFF_PHOTO
+        else:
+            wrong = Message.BOX_TOO_LITTLE
         raise wrong.error(_flag("box", box), width=width, height=height)
     return x0, y0, x1, y1
 

@@ -58,7 +58,10 @@ def fit_rectangles(objects: Sequence[PhotoObject]) -> dict[int, Outline]:
         rectangle = fit_rectangle(item.outline)
         if rectangle is None:
             continue
-        neighbours = [outlines[i] for i in _find_overlaps(boxes, rectangle) if i != k]
+        neighbours = []
+        for i in _find_overlaps(boxes, rectangle):
+            if i != k:
+                neighbours.append(outlines[i])
         if all(overlap_depth(rectangle, other) <= BOX.overlap for other in neighbours):
             result[item.id] = rectangle
     return result
@@ -88,7 +91,10 @@ def fit_rectangle(outline: Outline) -> Region | None:
     points = outline.rings[0].outer
     (_, size, degrees) = cv2.minAreaRect(points.astype(np.float32))
     deviation = (degrees + 45) % 90 - 45
-    angle = 0.0 if abs(deviation) <= BOX.upright else np.radians(deviation)
+    if abs(deviation) <= BOX.upright:
+        angle = 0.0
+    else:
+        angle = np.radians(deviation)
     turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
     # Work in the rectangle's own axes.
     aligned_points = points @ turn.T
