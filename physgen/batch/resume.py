@@ -38,9 +38,10 @@ def _data_version() -> str:
 
     digest = sha256()
     package = Path(physgen.__file__).parent
-    package_data = [
-        path for path in package.rglob("*") if path.suffix in (".yaml", ".json")
-    ]
+    package_data = []
+    for path in package.rglob("*"):
+        if path.suffix in (".yaml", ".json"):
+            package_data.append(path)
     shipped_data = [
         path
         for folder in ("schemas", "templates")

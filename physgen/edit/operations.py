@@ -570,11 +570,10 @@ def _refer_in_forces(part: Data, name: str, new_name: str | None) -> int:
     forces = part.get("forces")
     if not isinstance(forces, list):
         return 0
-    own_forces = [
-        force
-        for force in forces
-        if isinstance(force, dict) and force.get("object") == name
-    ]
+    own_forces = []
+    for force in forces:
+        if isinstance(force, dict) and force.get("object") == name:
+            own_forces.append(force)
     for force in own_forces:
         force["object"] = new_name
     # A force acts on one object alone: without its object it has no meaning and is

@@ -354,7 +354,10 @@ def group_by_direction(pushes: PushSweep) -> list[PushGroup]:
     groups = []
     for _, outcomes in sorted(by_angle.items()):
         sizes = np.array([outcome.push.size for outcome in outcomes])
-        free = [outcome for outcome in outcomes if not outcome.has_contact]
+        free = []
+        for outcome in outcomes:
+            if not outcome.has_contact:
+                free.append(outcome)
         spearman = correlation(sizes, np.array(_lengths(outcomes)))
         steps, free_steps = count_growth(outcomes), count_growth(free)
         groups.append(PushGroup(tuple(outcomes), steps, free_steps, spearman))

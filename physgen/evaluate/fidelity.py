@@ -474,9 +474,10 @@ def _scene_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     by_scene: dict[str, dict[str, Mapping[str, Any]]] = {}
     for row in rows:
         by_scene.setdefault(row["scene"], {})[row["way"]] = row
-    ways = [
-        way for way in SCENE_WAYS if any(way in by_way for by_way in by_scene.values())
-    ]
+    ways = []
+    for way in SCENE_WAYS:
+        if any(way in by_way for by_way in by_scene.values()):
+            ways.append(way)
     lines = []
     for name, by_way in by_scene.items():
         half = next(iter(by_way.values()))["half"]

@@ -341,7 +341,10 @@ def _by_stage(runs: Sequence[Run]) -> list[dict[str, Any]]:
         names.update(dict.fromkeys(run.stages))
     rows = []
     for name in sorted(names, key=_place_of_stage):
-        times = [run.stages[name] for run in runs if name in run.stages]
+        times = []
+        for run in runs:
+            if name in run.stages:
+                times.append(run.stages[name])
         row = {"kind": "stage", "name": name, **spread(times)}
         rows.append({**row, "paper": None})
     return rows

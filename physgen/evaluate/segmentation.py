@@ -461,7 +461,10 @@ def evaluate(
 
 def _precisions(values: Sequence[float | None]) -> dict[str, Any]:
     """Return the average precisions at each IoU, their mean, and that at IoU 0.5."""
-    known_values = [value for value in values if value is not None]
+    known_values = []
+    for value in values:
+        if value is not None:
+            known_values.append(value)
     mean = None
     if known_values:
         mean = float(np.mean(known_values))

@@ -231,9 +231,9 @@ class _Problem:
 
     def start(self) -> Array:
         radii = np.array([r.disc.radius for r in self.rough])
-        shared_circles = [
-            radii[self.group == g].mean() for g in range(int(self.group.max()) + 1)
-        ]
+        shared_circles = []
+        for g in range(int(self.group.max()) + 1):
+            shared_circles.append(radii[self.group == g].mean())
         return np.concatenate(
             [np.array([r.disc.center for r in self.rough]).ravel(), shared_circles]
         )

@@ -43,7 +43,10 @@ def attach_contents(detections: Detections) -> Detections:
     The largest container comes first. Holes and narrow gaps in the union are closed;
     doubtful regions within it are parts of it, too.
     """
-    ids = [int(i) for i in np.unique(detections.labels) if i > 0]
+    ids = []
+    for i in np.unique(detections.labels):
+        if i > 0:
+            ids.append(int(i))
     sizes = {i: int(np.count_nonzero(detections.labels == i)) for i in ids}
     for i in sorted(ids, key=lambda one: sizes[one], reverse=True):
         container = _Container.from_labels(detections.labels, i)

@@ -187,7 +187,10 @@ class PerceptionRun:
         # for all, so that a refresh can tell which names they made.
         new_objects = objects
         if self.crew.row("label").extra:
-            new_objects = [t for t in objects if t.id not in detections.names]
+            new_objects = []
+            for t in objects:
+                if t.id not in detections.names:
+                    new_objects.append(t)
         guesses: Mapping[int, Name] = (
             self.role("label", self.rgb, detections.labels, new_objects)
             if new_objects

@@ -301,12 +301,13 @@ def with_sources(data: Entry, scene: Scene) -> dict[str, Any]:
             sources[name].setdefault(
                 "mask", provenance("doubtful", entry["confidence"])
             )
-    objects = {
-        name: {**entry, "from": sources[name]}
-        if "from" in entry or sources[name]
-        else entry
-        for name, entry in data["objects"].items()
-    }
+    objects = {}
+    for name, entry in data["objects"].items():
+        objects[name] = (
+            {**entry, "from": sources[name]}
+            if "from" in entry or sources[name]
+            else entry
+        )
     return {**data, "objects": objects}
 
 
@@ -444,7 +445,10 @@ def _has_perceived_motion(name: str, entry: Entry, record: Record) -> bool:
 
 def _with_motion(entry: Entry, new_entry: Entry) -> dict[str, Any]:
     """Return the entry of an object with the motion of another entry."""
-    result = {key: value for key, value in entry.items() if key != "motion"}
+    result = {}
+    for key, value in entry.items():
+        if key != "motion":
+            result[key] = value
     for key in MOTION_KEYS:
         if key in new_entry:
             result[key] = new_entry[key]

@@ -76,7 +76,10 @@ def _object_rows(scene: PerceivedScene) -> dict[str, str]:
 
 def _support_row(document: Mapping[str, Any]) -> str:
     """Return the names of the boundaries and of the static objects."""
-    walls = [name for name in document["boundaries"] if name != "bottom"]
+    walls = []
+    for name in document["boundaries"]:
+        if name != "bottom":
+            walls.append(name)
     row = ", ".join(walls) or Note.NO_BOUNDARY.text()
     static = []
     for name, item in document["objects"].items():

@@ -393,11 +393,10 @@ def _with_gentle_pushes(shot: PerceivedScene) -> PerceivedScene:
     direction stays, and physgen chooses the speed. Without a velocity there is no
     direction, and the spin stays.
     """
-    flung = {
-        name: entry
-        for name, entry in shot.document["objects"].items()
-        if entry.get("spin") and hypot(*entry["velocity"]) > SLOWEST_PUSH
-    }
+    flung = {}
+    for name, entry in shot.document["objects"].items():
+        if entry.get("spin") and hypot(*entry["velocity"]) > SLOWEST_PUSH:
+            flung[name] = entry
     pushes = []
     objects = dict(shot.document["objects"])
     for name, entry in flung.items():

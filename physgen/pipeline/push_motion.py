@@ -233,7 +233,11 @@ def climbs(trials: TrialScene, world: World, motion: Trajectory) -> bool:
 def overhangs(trials: TrialScene, world: World, motion: Trajectory) -> bool:
     """Check whether a moved body ends beyond the end of its support."""
     tolerance = TRIAL.edge * trials.side
-    ends = [chain[k] for wall in world.walls for chain in wall.chains for k in (0, -1)]
+    ends = []
+    for wall in world.walls:
+        for chain in wall.chains:
+            for k in (0, -1):
+                ends.append(chain[k])
     for k, body in enumerate(world.bodies):
         if np.hypot(*(motion.poses[-1, k, :2] - motion.poses[0, k, :2])) < tolerance:
             continue

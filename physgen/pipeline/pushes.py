@@ -180,9 +180,9 @@ def perceived_pushes(scene: Scene) -> Iterator[str]:
             item.name, scene.document["objects"][item.name]
         ).get("velocity")
         if isinstance(recorded_velocity, list):
-            speed = [
-                quantity(str(part), "px/s", scale) or 0.0 for part in recorded_velocity
-            ]
+            speed = []
+            for part in recorded_velocity:
+                speed.append(quantity(str(part), "px/s", scale) or 0.0)
         else:
             speed = []
         # The file may hold the recorded velocity or the one for the new scale.

@@ -168,7 +168,10 @@ def _report_lost_objects(
     all are.
     """
     names = perceived_scene.document["objects"]
-    lost_names = [name for name in old.get("objects", {}) if name not in names]
+    lost_names = []
+    for name in old.get("objects", {}):
+        if name not in names:
+            lost_names.append(name)
     if lost_names and not names:
         raise Message.NO_OBJECT_FOUND_AGAIN.error(str(path))
     for name in lost_names:

@@ -315,9 +315,10 @@ def _members(
         is_named = noun in candidate.nouns and set(name_parts) <= candidate.words
         if is_named:
             matches.append(candidate)
-    exact_matches = [
-        candidate for candidate in matches if "-".join(name_parts) == candidate.name
-    ]
+    exact_matches = []
+    for candidate in matches:
+        if "-".join(name_parts) == candidate.name:
+            exact_matches.append(candidate)
     if exact_matches:
         matches = exact_matches
     if places and len(matches) > 1:

@@ -182,7 +182,10 @@ def living_doubts(perceived_scene: PerceivedScene) -> list[str]:
     """Return a reason with the names of people and animals; none is ever pushed."""
     objects = perceived_scene.document["objects"].items()
     labels = {name: item.get("label", "") for name, item in objects}
-    living_labels = {name: label for name, label in labels.items() if is_living(label)}
+    living_labels = {}
+    for name, label in labels.items():
+        if is_living(label):
+            living_labels[name] = label
     if not living_labels:
         return []
     kinds = {kind(label).noun for label in living_labels.values()}

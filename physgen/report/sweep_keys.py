@@ -89,7 +89,10 @@ def _differing_keys(clips: Sequence[Clip]) -> list[tuple[KeyPath, list[Value | N
     differ.
     """
     edits = [_edits(clip) for clip in clips]
-    subjects = {clip.subject for clip in clips if clip.document}
+    subjects = set()
+    for clip in clips:
+        if clip.document:
+            subjects.add(clip.subject)
     # A failed clip has no document; assume the only subject.
     only_subject: object = ""
     if len(subjects) == 1:

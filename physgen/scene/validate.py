@@ -144,11 +144,10 @@ def _without_consequences(
 ) -> Iterator[ValidationError]:
     """Yield the errors without those that repeat or follow from another one."""
     # A list of the wrong length needs no messages about its items.
-    list_paths = [
-        tuple(error.path)
-        for error in errors
-        if error.validator in ("minItems", "maxItems")
-    ]
+    list_paths = []
+    for error in errors:
+        if error.validator in ("minItems", "maxItems"):
+            list_paths.append(tuple(error.path))
     point_lists: set[tuple[str | int, ...]] = set()
     for error in errors:
         path = tuple(error.path)

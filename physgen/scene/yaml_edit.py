@@ -548,7 +548,10 @@ def _entries(text: str, path: KeyPath, node: MarkedValue, value: dict[str, Any])
     new key is renamed.
     """
     old: dict[str, Any] = node.data()
-    new = [key for key in value if key not in old]
+    new = []
+    for key in value:
+        if key not in old:
+            new.append(key)
     for key in old:
         if key in value:
             continue

@@ -659,7 +659,10 @@ def findings(verdicts: Sequence[Verdict]) -> Findings:
         rows.append((verdict.tracks.name, verdict.word, *map(number, scores)))
     table = Table(("clip", "verdict", "score", *QUESTIONS), tuple(rows))
     sentences = [f"{wrong_clips} of {counted(judged_clips, 'clip')} called wrong."]
-    names = [verdict.tracks.name for verdict in verdicts if verdict.is_wrong is None]
+    names = []
+    for verdict in verdicts:
+        if verdict.is_wrong is None:
+            names.append(verdict.tracks.name)
     if names:
         clips = ", ".join(names[:5])
         sentences.append(f"Nothing could be asked of {clips}: that is no verdict.")

@@ -389,9 +389,10 @@ def _grip(objects: Sequence[PhotoObject], groups: Groups) -> dict[int, float]:
         steepest = max([abs(line.slope), *(abs(f.slope) for f in group)])
         if steepest <= STEEP:
             continue
-        slope_objects = {
-            k for k, t in enumerate(objects) if any(t is f.item for f in group)
-        }
+        slope_objects = set()
+        for k, t in enumerate(objects):
+            if any(t is f.item for f in group):
+                slope_objects.add(k)
         for _ in objects:
             slope_objects |= {
                 k for pair in pairs if slope_objects & set(pair) for k in pair

@@ -512,11 +512,10 @@ def _like_place(
     """
     top, left = (s.start for s in part)
     (h, w), (height, width) = piece.shape, hole.shape
-    corners = [
-        (y, x)
-        for y in range(top % (h // 2), height - h + 1, h // 2)
-        for x in range(left % (w // 2), width - w + 1, w // 2)
-    ]
+    corners = []
+    for y in range(top % (h // 2), height - h + 1, h // 2):
+        for x in range(left % (w // 2), width - w + 1, w // 2):
+            corners.append((y, x))
     for y, x in sorted(
         corners, key=lambda at: (at[0] - top) ** 2 + (at[1] - left) ** 2
     ):

@@ -300,7 +300,10 @@ def name_toys(
     """Return the labels, with animals as large as a neighbouring dinosaur labelled as
     toys.
     """
-    models = [objects[i] for i, name in names.items() if name.label == DINOSAUR]
+    models = []
+    for i, name in names.items():
+        if name.label == DINOSAUR:
+            models.append(objects[i])
     result = dict(names)
     for i, name in names.items():
         has_model = any(_is_as_large(objects[i], model) for model in models)

@@ -48,9 +48,9 @@ class Sam2(ModelBackend):
     def __call__(self, rgb: Rgb) -> Segments:
         """Return the objects of the default segmenter, with masks by SAM 2."""
         detections = learned()(rgb)
-        masks = [
-            detections.labels == k for k in range(1, len(detections.confidence) + 1)
-        ]
+        masks = []
+        for k in range(1, len(detections.confidence) + 1):
+            masks.append(detections.labels == k)
         model = self._model
         model.encode(rgb)
         sam_masks = list(model.boxes([_box(mask) for mask in masks]))

@@ -297,10 +297,11 @@ class Physics(_Role):
         for item in objects:
             masks[item.id] = raster.coverage(item.outline, size) >= 0.5
         groups = similar_groups(rgb, objects, masks)
-        queries = [
-            physics_query(rgb, masks[group[0].id], group[0], pixels_per_meter)
-            for group in groups
-        ]
+        queries = []
+        for group in groups:
+            queries.append(
+                physics_query(rgb, masks[group[0].id], group[0], pixels_per_meter)
+            )
         result: dict[int, Matter] = {}
         for group, answer in zip(groups, self.ask(queries), strict=True):
             result |= group_matter(answer, group, self._model)

@@ -198,15 +198,17 @@ def distinct(cuts: Sequence[Cut]) -> list[Cut]:
             iou(cut, other) <= CLEANUP.same_mask for other in distinct_cuts
         ):
             distinct_cuts.append(cut)
-    inner_cuts = {
-        k: [
+    inner_cuts = {}
+    for k, outer_cut in enumerate(distinct_cuts):
+        inner_cuts[k] = [
             i
             for i, cut in enumerate(distinct_cuts)
             if i != k and _contains(outer_cut, cut)
         ]
-        for k, outer_cut in enumerate(distinct_cuts)
-    }
-    dropped_indices = {k for k, inner in inner_cuts.items() if len(inner) > 1}
+    dropped_indices = set()
+    for k, inner in inner_cuts.items():
+        if len(inner) > 1:
+            dropped_indices.add(k)
     for k, inner in inner_cuts.items():
         if (
             k not in dropped_indices
@@ -256,11 +258,10 @@ def segments(
     right by centroid. Cuts below `confident` are doubtful; immovable cuts are scenery.
     """
     least_area = max(CLEANUP.least_share * size[0] * size[1], CLEANUP.least_area)
-    smooth_cuts = [
-        cut.with_mask(smooth_outline(cut.mask))
-        for cut in cuts
-        if cut.confidence >= DOUBTFUL
-    ]
+    smooth_cuts = []
+    for cut in cuts:
+        if cut.confidence >= DOUBTFUL:
+            smooth_cuts.append(cut.with_mask(smooth_outline(cut.mask)))
     cuts = distinct(
         [
             cut
@@ -276,7 +277,10 @@ def segments(
     labels = np.zeros(size, np.uint16)
     for k, cut in enumerate(objects, 1):
         cut.view_in(labels)[cut.mask] = k
-    weak_cuts = [cut for cut in cuts if cut.movable and cut.confidence < confident]
+    weak_cuts = []
+    for cut in cuts:
+        if cut.movable and cut.confidence < confident:
+            weak_cuts.append(cut)
     doubts = [
         doubt
         for cut in weak_cuts

@@ -305,10 +305,9 @@ def from_prompts(
         for k, prompt_mask in enumerate(masks[len(boxes) :], len(boxes)):
             left, top, right, bottom = box_of(prompt_mask.mask)
             places[k] = "box", (left, top, right - left, bottom - top)
-    prompts = {
-        k: {kind: [round(float(v), 2) for v in place]}
-        for k, (kind, place) in enumerate(places, 1)
-    }
+    prompts = {}
+    for k, (kind, place) in enumerate(places, 1):
+        prompts[k] = {kind: [round(float(v), 2) for v in place]}
     confidence = {k: prompt_mask.confidence for k, prompt_mask in enumerate(masks, 1)}
     return Detections(labels, "pointed at", confidence, {}, prompts)
 
@@ -515,7 +514,10 @@ def split(
     """Return the part (H, W) of a mask around a point, up to the edges towards the
     `others`.
     """
-    inside = [(x, y) for x, y in others if mask[y, x]]
+    inside = []
+    for x, y in others:
+        if mask[y, x]:
+            inside.append((x, y))
     if not inside:
         return mask
     # The watershed grows one region from each point; outside the mask is region 1.

@@ -126,11 +126,10 @@ def guess_view(
     else:
         view = View.TOP
     is_side = view is View.SIDE
-    agreeing = [
-        name
-        for name, log_odds in odds.items()
-        if log_odds and (log_odds > 0) == is_side
-    ]
+    agreeing = []
+    for name, log_odds in odds.items():
+        if log_odds and (log_odds > 0) == is_side:
+            agreeing.append(name)
     for name in sorted(agreeing, key=lambda name: -abs(odds[name])):
         if is_side:
             text = CUES[name].side
