@@ -160,7 +160,7 @@ def clip_folders(roots: Sequence[Path]) -> list[Path]:
         raise InputError(problems)
     return sorted(
         folders_by_path.values(),
-        key=lambda folder: [natural(part) for part in folder.parts],
+        key=lambda folder: list(map(natural, folder.parts)),
     )
 
 

@@ -150,7 +150,7 @@ def run_batch(
         keep_freed_memory()
         work, items = pickle.loads(content)
         start = time.perf_counter()
-        results = [work(item) for item in items]
+        results = list(map(work, items))
         return pickle.dumps(results), time.perf_counter() - start
 
 

@@ -378,7 +378,7 @@ def stored_clips(store: Store, roots: Sequence[Path]) -> list[Path]:
         folders |= clips
     if problems:
         raise InputError(problems)
-    return sorted(folders, key=lambda folder: [natural(part) for part in folder.parts])
+    return sorted(folders, key=lambda folder: list(map(natural, folder.parts)))
 
 
 def gather_stored(

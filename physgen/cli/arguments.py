@@ -126,7 +126,7 @@ class Parser(argparse.ArgumentParser):
         for text in unknown:
             if text.startswith("-"):
                 flags.append(text)
-        command.wrong += [command.unknown(text) for text in flags or unknown]
+        command.wrong += list(map(command.unknown, flags or unknown))
         command.error(command.wrong.pop())
 
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
@@ -376,7 +376,7 @@ def coordinates(flag: str, text: str, count: int) -> tuple[float, ...]:
     if any(piece.endswith("%") for piece in pieces):
         raise Message.IN_PERCENT.error(flag, quoted(text), fix=fix)
     try:
-        values = tuple(float(piece) for piece in pieces)
+        values = tuple(map(float, pieces))
     except ValueError:
         values = ()
     # Two numbers for a box, or four for a point, belong to the other flag.

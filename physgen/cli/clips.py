@@ -246,7 +246,7 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
     models = {"refine": options.refine, "config": options.config}
     common = RenderOptions(
         allow_outside=options.allow_outside,
-        formats=tuple(Format(name) for name in options.format or DEFAULT_FORMATS),
+        formats=tuple(map(Format, options.format or DEFAULT_FORMATS)),
         command=tuple(options.command_line),
         models=tuple(
             f"--{flag}={value}" for flag, value in models.items() if value is not None

@@ -82,7 +82,7 @@ def pushes_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Push, ...]:
             force.profile,
         )
 
-    return tuple(push(force) for force in scene.forces)
+    return tuple(map(push, scene.forces))
 
 
 def joints_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Joint, ...]:

@@ -415,7 +415,7 @@ def _views(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
 
 
 def _overlaps(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
-    shapes = [outline_shape(outline) for outline in compilation.outlines]
+    shapes = list(map(outline_shape, compilation.outlines))
     tree = shapely.STRtree(shapes)
     # A wheel may lie in front of its car.
     joined_pairs = set()
@@ -501,7 +501,7 @@ def supports(scene: Scene, compilation: CompiledScene) -> list[list[str]]:
         return [[] for _ in scene.objects]
     gravity = compilation.world.gravity
     down = gravity / float(np.hypot(*gravity)) * LIMITS.support
-    shapes = [outline_shape(outline) for outline in compilation.outlines]
+    shapes = list(map(outline_shape, compilation.outlines))
     names = [item.name for item in scene.objects]
     lines: list[shapely.LineString] = []
     for wall in compilation.world.walls:

@@ -147,7 +147,7 @@ def materials() -> list[Data]:
     """Return the table of materials."""
     from physgen import materials as table
 
-    return [asdict(row) for row in table.materials()]
+    return list(map(asdict, table.materials()))
 
 
 @api.get("/api/state")

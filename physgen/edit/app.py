@@ -146,7 +146,7 @@ async def _answer(request: Request, error: Exception) -> Response:
             message = " ".join(part for part in (first.found, first.expected) if part)
         case RequestValidationError():
             first_error = error.errors()[0]
-            location = ".".join(str(part) for part in first_error["loc"][1:])
+            location = ".".join(map(str, first_error["loc"][1:]))
             status = EditRefusal.MALFORMED.value
             fix = "see /api/openapi.json"
             message = f"{location}: {first_error['msg']}"[:300]

@@ -122,7 +122,7 @@ def parse_op(op: Mapping[str, Any]) -> MaskOp:
         return _PARSER.validate_python(dict(op))
     except ValidationError as error:
         first_error = error.errors()[0]
-        location = ".".join(str(part) for part in first_error["loc"][1:])
+        location = ".".join(map(str, first_error["loc"][1:]))
         if location:
             message = f"{location}: {first_error['msg']}"
         else:

@@ -133,7 +133,7 @@ class Rule:
         Raise InputError for an unreadable or empty clip, or for a clip shorter than
         `count`.
         """
-        frames = [self.resize(frame) for frame in source.frames()]
+        frames = list(map(self.resize, source.frames()))
         if not frames:
             if not source.skip:
                 raise Message.VIDEO_EMPTY.error(str(source.path))

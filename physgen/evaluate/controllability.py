@@ -431,7 +431,7 @@ def findings(pushes: PushSweep) -> Findings:
         title=f"Controllability: {pushes.object} of {pushes.scene}",
         sentences=tuple(_sentences(whole, pushes, lowest, drift)),
         sections=(_direction_section(groups),),
-        rows=[_row(outcome) for outcome in whole.outcomes],
+        rows=list(map(_row, whole.outcomes)),
         extra=extra,
     )
 
@@ -478,7 +478,7 @@ def _format_angle(angle: float) -> str:
 
 def _direction_section(groups: Sequence[PushGroup]) -> Section:
     """Return the table of all directions."""
-    rows = tuple(_direction_row(group) for group in groups)
+    rows = tuple(map(_direction_row, groups))
     return Section("Each direction", (), (Table(HEADS, rows, note=NOTE),))
 
 

@@ -568,7 +568,7 @@ def _order_row(ranking: Ranking, score: Order) -> dict[str, Any]:
         "pairs": score.count,
         "right": score.right,
         "tied": score.ties,
-        "not_in_order": [list(pair) for pair in score.wrong_pairs],
+        "not_in_order": list(map(list, score.wrong_pairs)),
     }
 
 

@@ -285,7 +285,7 @@ def findings(runs: Sequence[Run], this_machine: str) -> Findings:
         extra={
             "machines": machines,
             "here": this_machine,
-            "runs": [_run_record(run) for run in runs],
+            "runs": list(map(_run_record, runs)),
             "paper": {**paper, "all": PAPER},
         },
     )

@@ -484,7 +484,7 @@ def findings(scores: Scores) -> Findings:
     """Return the scores photo by photo, and of all objects together."""
     total = scores.total
     total_row = {"photo": "all together", **total}
-    rows = tuple(_cells(row) for row in (*scores.rows, total_row))
+    rows = tuple(map(_cells, (*scores.rows, total_row)))
     heads = ("average precision at IoU", *(f"{iou:.2f}" for iou in THRESHOLDS))
     precisions = (_share(row["ap"]) for row in total["ap_by_iou"])
     iou_table = Table(heads, (("all objects", *precisions),))

@@ -28,7 +28,7 @@ def vehicle_entry(vehicle: Vehicle) -> dict[str, Any]:
     for wheel in vehicle.wheels:
         wheels.append(
             {
-                "center": [short(x) for x in wheel.center],
+                "center": list(map(short, wheel.center)),
                 "radius": short(wheel.radius),
             }
         )
@@ -77,7 +77,7 @@ def shape_entry(outline: Outline) -> dict[str, Any]:
     for ring in rings:
         piece: dict[str, Any] = {"outline": corners(ring.outer)}
         if ring.holes:
-            piece["holes"] = [corners(hole) for hole in ring.holes]
+            piece["holes"] = list(map(corners, ring.holes))
         pieces.append(piece)
     return {"polygons": pieces}
 

@@ -156,7 +156,7 @@ def find_wheels(rgb: Rgb, mask: Mask) -> tuple[tuple[Wheel, ...], float]:
     if confidence < SEARCH.confidence:
         return (), 0.0
     axles = sorted(pair, key=lambda candidate: candidate.x)
-    wheels = tuple(view.place_wheel(axle) for axle in axles)
+    wheels = tuple(map(view.place_wheel, axles))
     return wheels, round(confidence, 2)
 
 

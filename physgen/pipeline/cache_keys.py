@@ -43,7 +43,7 @@ def key(stage: str, *parts: Any) -> str:
     NaN.
     """
     text = json.dumps(
-        [_to_plain_data(part) for part in parts],
+        list(map(_to_plain_data, parts)),
         sort_keys=True,
         ensure_ascii=False,
         allow_nan=False,
@@ -119,5 +119,5 @@ def _to_plain_data(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {str(name): _to_plain_data(part) for name, part in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_to_plain_data(part) for part in value]
+        return list(map(_to_plain_data, value))
     raise TypeError(f"{type(value).__name__} is not plain data")

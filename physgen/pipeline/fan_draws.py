@@ -46,7 +46,7 @@ class Draws:
             "verdict": headline(ensemble, self.verdicts),
             "objects": {verdict.name: verdict.as_dict() for verdict in self.verdicts},
             "drawn": drawn_values,
-            "failures": [str(problem) for problem in ensemble.failures],
+            "failures": list(map(str, ensemble.failures)),
             "table": TABLE,
         }
 

@@ -53,7 +53,7 @@ class PictureBorder:
     @staticmethod
     def from_trials(trials: TrialScene, world: World) -> PictureBorder:
         """Return the border for a world at its start."""
-        points = [_corners(body) for body in world.bodies]
+        points = list(map(_corners, world.bodies))
         centers = [body.center for body in world.bodies]
         lower_corners = np.array(
             [

@@ -390,7 +390,7 @@ def _lift(scene: Scene, compiled_scene: CompiledScene, item: Object) -> list[flo
     """
     from physgen.geometry.polygon import bounds
 
-    boxes = [bounds(outline) for outline in compiled_scene.outlines]
+    boxes = list(map(bounds, compiled_scene.outlines))
     k = scene.objects.index(item)
     left, top, right, bottom = boxes[k]
     lower_edges = []

@@ -175,8 +175,8 @@ def name_words(
     index: int, name: str, label: str, place: tuple[float, float]
 ) -> NamedItem:
     """Return an object with the words of its name and label."""
-    name_parts = [singular(word) for word in re.findall(r"[a-z]+|\d+", name.lower())]
-    label_parts = [singular(word) for word in re.findall(r"[a-z]+|\d+", label.lower())]
+    name_parts = list(map(singular, re.findall(r"[a-z]+|\d+", name.lower())))
+    label_parts = list(map(singular, re.findall(r"[a-z]+|\d+", label.lower())))
     nouns = set()
     for parts in (name_parts, label_parts):
         letters = []

@@ -221,7 +221,7 @@ def clips_in(roots: Sequence[Path]) -> list[Clip]:
             kept.append(clip)
     return sorted(
         [*kept, *failures.values()],
-        key=lambda clip: [natural(part) for part in clip.home.parts],
+        key=lambda clip: list(map(natural, clip.home.parts)),
     )
 
 

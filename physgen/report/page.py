@@ -114,7 +114,7 @@ def _walls(scene: Scene, world: World) -> list[dict[str, Any]]:
     for wall, item in zip(world.walls, scene.boundaries, strict=True):
         row = {
             "name": wall.name,
-            "chains": [svg_points(chain) for chain in wall.chains],
+            "chains": list(map(svg_points, wall.chains)),
             "friction": item.friction,
             "elasticity": item.elasticity,
         }

@@ -296,7 +296,7 @@ def parameter_rows(scene: Scene, world: World, variant: str | None) -> list[Row]
     rows = [_object(scene, k, body, sources) for k, body in enumerate(world.bodies)]
     for wall, item in zip(world.walls, scene.boundaries, strict=True):
         path = f"boundaries.{item.name}"
-        corners = sum(len(chain) for chain in wall.chains)
+        corners = sum(map(len, wall.chains))
         shape = "wall"
         if item.mask is not None:
             shape = "mask"
@@ -465,7 +465,7 @@ def _metric_pair(vector: Array) -> str:
 def _shape(scene: Scene, body: Body) -> tuple[str, str]:
     """Return a body's shape in words, and its size in px if the words have cm."""
     if body.radius is None:
-        corners = sum(len(ring) for ring in body.rings)
+        corners = sum(map(len, body.rings))
         pieces = ""
         if len(body.pieces) > 1:
             pieces = f", {len(body.pieces)} pieces"

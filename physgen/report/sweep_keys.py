@@ -88,7 +88,7 @@ def _differing_keys(clips: Sequence[Clip]) -> list[tuple[KeyPath, list[Value | N
     """Return the paths of `--set` with the value of each clip, if clips of one photo
     differ.
     """
-    edits = [_edits(clip) for clip in clips]
+    edits = list(map(_edits, clips))
     subjects = set()
     for clip in clips:
         if clip.document:
@@ -166,7 +166,7 @@ def shortest_names(paths: Sequence[str]) -> list[list[str]]:
     >>> shortest_names(["objects.*.mass", "objects.cue.velocity.0", "objects.cue.friction", "world.table.friction"])
     [['mass'], ['velocity', 'x'], ['cue', 'friction'], ['table', 'friction']]
     """
-    every_path = [_path_parts(path) for path in paths]
+    every_path = list(map(_path_parts, paths))
     names = []
     for parts in every_path:
         count = _least_parts(parts)

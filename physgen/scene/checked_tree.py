@@ -114,4 +114,4 @@ def point_of(node: Node) -> tuple[float, float]:
 
 def points_of(node: Node) -> list[tuple[float, float]]:
     """Return the coordinates of a valid list of points, px."""
-    return [point_of(item) for item in items(node)]
+    return list(map(point_of, items(node)))

@@ -129,7 +129,7 @@ def _check_one_way(
 ) -> None:
     """Report a one-way direction of zero."""
     way = valid_keys.get("one_way")
-    if way is not None and not any(number_of(one) for one in items(way)):
+    if way is not None and not any(map(number_of, items(way))):
         key: KeyPath = (*path, "one_way")
         tree.report(Message.ONE_WAY_ZERO.problem(way.place, key, "[0, 0]"))
 
@@ -362,7 +362,7 @@ def _check_kind(tree: CheckedTree, node: Node, path: KeyPath, section: str) -> N
         tree.report(missing.problem(node.place, where, kind=_a(kind), fix=fix))
     for key, owner in OWNER.items():
         if key in parts and kind not in owner:
-            owners = listed([_a(one) for one in owner])
+            owners = listed(list(map(_a, owner)))
             reason = f"only {owners} has it, and this is {_a(kind)}"
             _report_no_effect(tree, parts[key], (*path, key), reason)
 

@@ -361,7 +361,7 @@ def _with_value(root: Node, path: KeyPath, value: Any) -> Node:
     node = _find_node(root, path)
     new_value = value
     if isinstance(value, list):
-        new_value = [node.with_value(part) for part in value]
+        new_value = list(map(node.with_value, value))
     return apply(root, Edit(dotted(path), node.with_value(new_value), ()))
 
 

@@ -156,7 +156,7 @@ def _texts(record: dict[str, Any]) -> list[str]:
     """Return the hashes of the scenes, or nothing for a damaged record."""
     texts = record.get("scenes")
     if isinstance(texts, list):
-        return [str(text) for text in texts]
+        return list(map(str, texts))
     return []
 
 

@@ -150,7 +150,7 @@ def _extent(tree: CheckedTree, kind: str, node: Node) -> float:
     if kind == "circle" and "radius" in parts:
         return 2.0 * number_of(parts["radius"])
     if kind == "box" and "size" in parts:
-        return max(number_of(side) for side in items(parts["size"]))
+        return max(map(number_of, items(parts["size"])))
     sides = []
     for _, outline, crossing in outlines_of(None, {kind: node}):
         points = points_of(outline)

@@ -290,7 +290,7 @@ class _Fault:
         if not isinstance(value, str):
             return None
         if noun == "names":
-            names = [plain_text(part) for part in value.split(",")]
+            names = list(map(plain_text, value.split(",")))
             is_names = all(re.fullmatch(r"[A-Za-z][\w-]*", name) for name in names)
             if is_names:
                 return f"[{', '.join(names)}]"
@@ -359,7 +359,7 @@ class _Fault:
                 fix = did_you_mean(close)
             refusal = Message.UNKNOWN_WORD.refusal(fix=fix)
         else:
-            names = [example(choice) for choice in schema["enum"]]
+            names = list(map(example, schema["enum"]))
             fix = f"write {listed(names)}"
             if isinstance(value, str) and value in names:
                 fix = f"write {value}, without quotes"

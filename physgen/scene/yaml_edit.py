@@ -694,7 +694,7 @@ def _json(value: Any) -> str:
         pairs = [f"{_json(key)}: {_json(child)}" for key, child in value.items()]
         return "{" + ", ".join(pairs) + "}"
     if isinstance(value, list):
-        return "[" + ", ".join(_json(child) for child in value) + "]"
+        return "[" + ", ".join(map(_json, value)) + "]"
     if isinstance(value, int | float) and not isinstance(value, bool):
         return number(value)
     json_text = json.dumps(value, ensure_ascii=False)

@@ -347,7 +347,7 @@ def rest_times(trajectory: Trajectory) -> list[float | None]:
 def new_touches(trajectory: Trajectory) -> NDArray[np.bool_]:
     """Return the mask (E,) of touches of pairs that did not touch from the start."""
     contacts = trajectory.contacts
-    pairs = [tuple(pair) for pair in contacts.touch_pairs.tolist()]
+    pairs = list(map(tuple, contacts.touch_pairs.tolist()))
     is_early = contacts.touch_times[:, 0] < START_TIME
     first_pairs = set()
     for pair, is_first in zip(pairs, is_early.tolist(), strict=True):

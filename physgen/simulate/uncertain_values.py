@@ -246,7 +246,7 @@ def draw_values(values: Sequence[UncertainValue], seed: int, count: int) -> Arra
             )
         return [value.spread.quantile(each) for each in z.tolist()]
 
-    return np.array([column(value) for value in values]).T.reshape(count, len(values))
+    return np.array(list(map(column, values))).T.reshape(count, len(values))
 
 
 def uniform(seed: int, count: int, *key: str) -> Array:

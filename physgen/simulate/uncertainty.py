@@ -166,7 +166,7 @@ def simulate_ensemble(
         doubts=doubts,
         values=values,
         names=tuple(body.name for body in world.bodies),
-        sizes=np.array([size(body) for body in world.bodies]),
+        sizes=np.array(list(map(size, world.bodies))),
         times=times[stored_samples],
         poses=poses,
         outcomes=tuple(outcomes),
@@ -195,7 +195,7 @@ def outcome(world: World, run: Trajectory) -> Outcome:
     not fall. Circles do not tip, and bodies with joints do not fall.
     """
     start, final = run.poses[0], run.poses[-1]
-    sizes = np.array([size(body) for body in world.bodies])
+    sizes = np.array(list(map(size, world.bodies)))
     distances = np.hypot(*np.moveaxis(run.poses[:, :, :2] - start[:, :2], 2, 0)).max(
         axis=0
     )

@@ -51,7 +51,7 @@ def _profile_error(run: Run, *, gain: float, exact: dict[str, float]) -> Errors:
     errors = []
     for name, value in exact.items():
         errors.append(abs(float(run.track(name).velocities[-1, 0]) / gain - value))
-    return {"velocity": worst(errors) / max(abs(v) for v in exact.values())}
+    return {"velocity": worst(errors) / max(map(abs, exact.values()))}
 
 
 def _profiles(draw: Draw) -> list[Case]:

@@ -547,7 +547,7 @@ class Verdict:
     @property
     def overall(self) -> float | None:
         """Return the lowest score, or None without any instance."""
-        scores = [self.score(name) for name in self.answers]
+        scores = list(map(self.score, self.answers))
         return min((s for s in scores if s is not None), default=None)
 
     @property

@@ -139,7 +139,7 @@ class Motion:
         """Return the segments of each body, by time. A gap in its track ends
         a segment.
         """
-        return [self._segments_of(k) for k in range(len(self.tracks.names))]
+        return list(map(self._segments_of, range(len(self.tracks.names))))
 
     def _segments_of(self, body: int) -> list[Segment]:
         tracks = self.tracks
@@ -156,7 +156,7 @@ class Motion:
     @cached_property
     def turns(self) -> list[list[Turn]]:
         """Return the turns of each body, between segments with velocities."""
-        return [self._turns_of(k) for k in range(len(self.tracks.names))]
+        return list(map(self._turns_of, range(len(self.tracks.names))))
 
     def _turns_of(self, body: int) -> list[Turn]:
         visible = self.tracks.visible[:, body]

@@ -53,7 +53,7 @@ class Sam2(ModelBackend):
             masks.append(detections.labels == k)
         model = self._model
         model.encode(rgb)
-        sam_masks = list(model.boxes([_box(mask) for mask in masks]))
+        sam_masks = list(model.boxes(list(map(_box, masks))))
         model.forget()
         labels = np.zeros_like(detections.labels)
         # The most confident object is drawn last, so that it gets the pixels of

@@ -157,7 +157,7 @@ class _Role:
         answer.
         """
         content: list[dict[str, Any]] = [{"type": "text", "text": query.text}]
-        content += [picture_part(picture) for picture in query.pictures]
+        content += list(map(picture_part, query.pictures))
         turns: list[dict[str, Any]] = [{"role": "user", "content": content}]
         fault = ""
         for _ in range(VLM.attempts):
@@ -318,7 +318,7 @@ class Story(_Role):
         messages = []
         for turn in turns:
             content: list[dict[str, Any]] = [{"type": "text", "text": turn.text}]
-            content += [picture_part(picture) for picture in turn.pictures]
+            content += list(map(picture_part, turn.pictures))
             if turn.is_reply:
                 role = "assistant"
             else:

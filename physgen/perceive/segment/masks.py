@@ -181,7 +181,7 @@ def split(cuts: Sequence[Cut]) -> list[Cut]:
             pieces = parts(cut.mask)
         else:
             pieces = []
-        result += [cut.with_mask(part) for part in pieces] if len(pieces) > 1 else [cut]
+        result += list(map(cut.with_mask, pieces)) if len(pieces) > 1 else [cut]
     return result
 
 

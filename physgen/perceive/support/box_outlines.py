@@ -51,7 +51,7 @@ def fit_rectangles(objects: Sequence[PhotoObject]) -> dict[int, Outline]:
     outlines = [item.outline for item in objects]
     touching = touching_objects(objects)
     result: dict[int, Outline] = {}
-    boxes = np.array([bounds(outline) for outline in outlines]).reshape(-1, 4)
+    boxes = np.array(list(map(bounds, outlines))).reshape(-1, 4)
     for k, item in enumerate(objects):
         if item.id in touching or item.cut:
             continue
@@ -72,7 +72,7 @@ def _find_overlaps(boxes: Array, rectangle: Region) -> list[int]:
     x0, y0, x1, y1 = bounds(rectangle)
     is_after = (boxes[:, :2] > (x1, y1)).any(axis=1)
     is_before = (boxes[:, 2:] < (x0, y0)).any(axis=1)
-    return [int(i) for i in np.flatnonzero(~(is_after | is_before))]
+    return list(map(int, np.flatnonzero(~(is_after | is_before))))
 
 
 def touching_objects(objects: Sequence[PhotoObject]) -> set[int]:

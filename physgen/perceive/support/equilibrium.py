@@ -86,7 +86,7 @@ def contacts(outlines: Sequence[Outline], walls: Sequence[Array]) -> list[Contac
     """Return contacts between outlines, and of outlines with walls, each `(K, 2)`
     px.
     """
-    boxes = np.array([bounds(outline) for outline in outlines]).reshape(-1, 4)
+    boxes = np.array(list(map(bounds, outlines))).reshape(-1, 4)
     result: list[Contact] = []
     wall_hits = [wall_contacts(outlines, boxes, wall) for wall in walls]
     for i, outline in enumerate(outlines):
@@ -248,7 +248,7 @@ def _find_close_boxes(boxes: Array, box: Array) -> list[int]:
     separation = (boxes[:, :2] >= box[2:] + LIMITS.touch) | (
         box[:2] >= boxes[:, 2:] + LIMITS.touch
     )
-    return [int(i) for i in np.flatnonzero(~separation.any(axis=1))]
+    return list(map(int, np.flatnonzero(~separation.any(axis=1))))
 
 
 def _touches(a: Outline, b: Outline) -> list[tuple[Array, Array]]:

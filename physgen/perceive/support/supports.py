@@ -103,7 +103,7 @@ class _SupportSearch:
         self._grip = grip
         self._surface = surface
         self._outlines = [item.outline for item in objects]
-        boxes = [bounds(outline) for outline in self._outlines]
+        boxes = list(map(bounds, self._outlines))
         self._boxes = np.array(boxes).reshape(-1, 4)
         self._fixed_indices = {k for k, item in enumerate(objects) if item.cut}
         self._object_contacts = contacts(self._outlines, [])
