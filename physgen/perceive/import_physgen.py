@@ -40,7 +40,7 @@ from physgen.perceive.roles import (
     Shadows,
     Wall,
 )
-from physgen.perceive.shadow.shadow_removal import refill_background
+from physgen.perceive.shadow.refills import refill_background
 from physgen.perceive.shape_entries import light_entry, shape_entry, view_entry
 from physgen.photometry import decode as linear_light
 from physgen.photometry import fit_light

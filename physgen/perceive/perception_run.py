@@ -43,7 +43,7 @@ from physgen.perceive.shadow.backgrounds import (
     find_surroundings,
 )
 from physgen.perceive.shadow.mirror_images import remove_mirror_images
-from physgen.perceive.shadow.shadow_removal import remove_reflections
+from physgen.perceive.shadow.reflections import remove_reflections
 from physgen.progress import Progress
 from physgen.registry import Backends
 from physgen.scene.scene import View

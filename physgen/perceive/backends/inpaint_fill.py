@@ -256,7 +256,7 @@ def _make_large_guide(photo: F32, hole: Mask, size: tuple[int, int]) -> _Guide:
         (smooth_pieces > 0) & inner_hole,
         (arcs > 0) & inner_hole,
         None,
-        tuple(line.scaled(steps[::-1, 0]) for line in guide.lines),
+        tuple(line.scale_steps(steps[::-1, 0]) for line in guide.lines),
     )
 
 

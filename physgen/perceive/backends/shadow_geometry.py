@@ -47,14 +47,8 @@ from physgen.perceive.shadow.shadow_fit import (
     with_direct_share,
     with_direction,
 )
-from physgen.perceive.shadow.shadow_removal import (
-    HUES,
-    hue_weights,
-    lightened,
-    mean_of_kind,
-    shadow_owners,
-    shadow_owners_by_model,
-)
+from physgen.perceive.shadow.shadow_owners import shadow_owners, shadow_owners_by_model
+from physgen.perceive.shadow.shadow_removal import lighten
 from physgen.perceive.shadow.side_view import side_view_shadows
 from physgen.perceive.shadow.silhouettes import (
     DARKEST,
@@ -63,6 +57,7 @@ from physgen.perceive.shadow.silhouettes import (
     predicted_darkness,
     typical_size,
 )
+from physgen.perceive.shadow.surface_kinds import HUES, hue_weights, mean_of_kind
 from physgen.photometry import DistantLight, decode, encode_u8, luminance
 from physgen.scene.scene import View
 
@@ -134,7 +129,7 @@ def _find_reduced_shadows(
     # dark.
     setting = replace(_match_darkness(setting, factor), size=reduced_photo.size)
     silhouettes = silhouettes_at(1.0)
-    clean_background = lightened(
+    clean_background = lighten(
         background, *_seen_darkness(background, coverage, silhouettes, setting)
     )
     casts = [
