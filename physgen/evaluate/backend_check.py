@@ -347,7 +347,7 @@ def _run(
         _refuse_infinite(list(refinement.frames(*arguments)))
         return
     _refuse_infinite(backend(*arguments, **extra))
-    if role == "segment" and hasattr(backend, "meant"):
+    if role == "segment" and hasattr(backend, "segment_meant_objects"):
         x, y, _ = BALL
         backend.segment_meant_objects(arguments[0], [BLOCK], [(x, y)])
 

@@ -212,7 +212,7 @@ class Segment(Protocol):
     """Find the movable objects of a photo.
 
     Segmenters for given nouns also take `categories: Sequence[Category]` (`uses` in the
-    table). Segmenters with prompts have `meant(rgb, boxes, points) ->
+    table). Segmenters with prompts have `segment_meant_objects(rgb, boxes, points) ->
     Sequence[PromptedMask]`: the object of each box (left, top, width, height), then of
     each point (x, y); all lie inside the photo.
     """

@@ -73,7 +73,7 @@ class Searcher:
     def __call__(self, rgb, categories):
         self.calls.append(("nouns", [one.noun for one in categories]))
 
-    def meant(self, rgb, boxes, points):
+    def segment_meant_objects(self, rgb, boxes, points):
         self.calls.append(("prompts", boxes, points))
 
     def load(self):

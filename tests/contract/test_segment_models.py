@@ -337,7 +337,7 @@ def test_sam3_answers_noun_by_noun(size, tiny):
     assert agree(found.labels == 1, rectangle(size, 0.1, 0.5, 0.4, 0.8)) > 0.93
     assert agree(found.labels == 2, rectangle(size, 0.6, 0.2, 0.8, 0.9)) > 0.93
     assert found.scenery.nouns == {1: "wall"}
-    assert not hasattr(run, "meant")  # prompts are another network
+    assert not hasattr(run, "segment_meant_objects")  # prompts are another network
     run.close()
 
 
@@ -386,3 +386,20 @@ def test_what_a_model_does_not_know_is_found_without_it():
 
     found = from_prompts(rgb, [(38, 28, 44, 34)], [], only(Blind()))
     assert np.count_nonzero(found.labels[30:60, 40:80]) > 0.8 * 1200
+
+
+def test_segmenter_with_prompts_masks_the_box():
+    # A plain photo: no other step could find this mask.
+    rgb = np.full((90, 120, 3), 200, np.uint8)
+    mask = np.zeros((90, 120), bool)
+    mask[32:58, 42:78] = True
+
+    class Prompted:
+        def __call__(self, rgb):
+            return Segments(np.zeros(rgb.shape[:2], np.uint16), np.zeros(0))
+
+        def segment_meant_objects(self, rgb, boxes, points):
+            return [PromptedMask(mask, 0.9) for _ in (*boxes, *points)]
+
+    detections = from_prompts(rgb, [(38, 28, 44, 34)], [], only(Prompted()))
+    assert np.array_equal(detections.labels > 0, mask)

@@ -251,7 +251,9 @@ class Segmenter:
 
         The result is empty if a prompt is off the photo, which is reported later.
         """
-        if not (boxes or points) or not hasattr(self.backends.get("segment"), "meant"):
+        segmenter = self.backends.get("segment")
+        takes_prompts = hasattr(segmenter, "segment_meant_objects")
+        if not (boxes or points) or not takes_prompts:
             return {}
         try:
             corners = [_corners(rgb, box) for box in boxes]
