@@ -113,7 +113,7 @@ def open_clip(path: Path, overrides: Sequence[str] = ()) -> ClipFrames:
     stage = stages.stage(scene, compiled, maps)
     blur = scene.render.motion_blur
     times, parts = exposure_times(trajectory, compiled.world, blur)
-    moments = trajectory.sampled(times) if parts > 1 else trajectory
+    moments = trajectory.resample(times) if parts > 1 else trajectory
     return ClipFrames(stage, maps.percepts, trajectory, moments, parts)
 
 

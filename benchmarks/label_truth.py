@@ -115,7 +115,7 @@ def export(truth: Truth, folder: Path) -> None:
     record, warm = RunRecord(scene=truth.name, command=[]), Stages(Keep.NOTHING)
     maps = warm.maps(truth.scene)
     compiled = warm.compile(truth.scene, maps)
-    labels = Labels.of(("davis", "flo"), truth.scene, maps.percepts)
+    labels = Labels.for_clip(("davis", "flo"), truth.scene, maps.percepts)
     filming = Film(truth.scene, compiled, maps, record, warm)
     labels.of_frames(filming, replay(truth, compiled), folder, record, silent)
 

@@ -53,7 +53,7 @@ class Primaries:
 
         Raises numpy.linalg.LinAlgError if the primaries span no area.
         """
-        columns = [_xyz(point) for point in (self.red, self.green, self.blue)]
+        columns = list(map(_xyz, (self.red, self.green, self.blue)))
         primaries = np.stack(columns, axis=1)
         scale = np.linalg.solve(primaries, _xyz(self.white))
         return np.asarray(primaries * scale, np.float64)

@@ -20,12 +20,12 @@ from string import Formatter
 
 from physgen.problems import (
     EditError,
+    EditRefusal,
     InputError,
     Place,
     Problem,
     RefusedError,
     Severity,
-    Why,
 )
 from physgen.text import KeyPath, dotted, listed, nearest, quoted
 
@@ -1672,5 +1672,5 @@ class Message(Enum):
         """Return the error of an edit that this scene does not allow."""
         refusal = self.refusal(**values)
         return EditError(
-            Why.IMPOSSIBLE, refusal.expected, refusal.fix, code=refusal.code
+            EditRefusal.IMPOSSIBLE, refusal.expected, refusal.fix, code=refusal.code
         )

@@ -279,7 +279,7 @@ class Limit(Enum):
 # Refusals of the editor, and of edits of a file
 
 
-class Why(Enum):
+class EditRefusal(Enum):
     """What kind of refusal it is; the value is HTTP's number for it."""
 
     MALFORMED = 400
@@ -303,7 +303,7 @@ class EditError(Exception):
 
     def __init__(
         self,
-        why: Why,
+        why: EditRefusal,
         message: str,
         fix: str,
         more: Mapping[str, Any] | None = None,
@@ -321,13 +321,13 @@ class EditError(Exception):
 
 def impossible(message: str, fix: str) -> EditError:
     """Return the error of an operation that cannot be made on this scene."""
-    return EditError(Why.IMPOSSIBLE, message, fix)
+    return EditError(EditRefusal.IMPOSSIBLE, message, fix)
 
 
 def overtaken() -> EditError:
     """Return the error of a request that a newer one replaced."""
     return EditError(
-        Why.STALE,
+        EditRefusal.STALE,
         "a newer request overtook this one",
         "wait for that one",
         {"overtaken": True},

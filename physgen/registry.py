@@ -621,7 +621,7 @@ def listing(plan: Plan | None = None) -> list[Mapping[str, Any]]:
                 "ready": not missing_packages,
                 "missing": missing_packages,
                 "about": row.about,
-                "weights": [asdict(weights) for weights in row.weights],
+                "weights": list(map(asdict, row.weights)),
             }
         )
     return rows

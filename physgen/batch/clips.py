@@ -91,7 +91,10 @@ def _find_below(folder: Path, name: str) -> Iterator[FoundClip]:
         # render.
         yield FoundClip(folder, name, None)
         return
-    subfolders = [entry for entry, is_folder in contents.items() if is_folder]
+    subfolders = []
+    for entry, is_folder in contents.items():
+        if is_folder:
+            subfolders.append(entry)
     for subfolder in sorted(subfolders, key=natural):
         path = folder / subfolder
         # A link to a folder above itself would make an endless loop.
@@ -147,9 +150,9 @@ def clip_folders(roots: Sequence[Path]) -> list[Path]:
             problems += Message.NOT_RENDERED_INTO.error(str(root)).problems
             continue
         # Links may lead to the same clip twice: the real path identifies a clip.
-        clips_below = {
-            os.path.realpath(clip.folder): clip.folder for clip in find_clips([root])
-        }
+        clips_below = {}
+        for clip in find_clips([root]):
+            clips_below[os.path.realpath(clip.folder)] = clip.folder
         if not clips_below:
             problems += Message.NO_CLIP_IN_FOLDER.error(str(root)).problems
         folders_by_path = {**clips_below, **folders_by_path}
@@ -157,7 +160,7 @@ def clip_folders(roots: Sequence[Path]) -> list[Path]:
         raise InputError(problems)
     return sorted(
         folders_by_path.values(),
-        key=lambda folder: [natural(part) for part in folder.parts],
+        key=lambda folder: list(map(natural, folder.parts)),
     )
 
 

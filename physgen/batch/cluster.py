@@ -150,7 +150,7 @@ def run_batch(
         keep_freed_memory()
         work, items = pickle.loads(content)
         start = time.perf_counter()
-        results = [work(item) for item in items]
+        results = list(map(work, items))
         return pickle.dumps(results), time.perf_counter() - start
 
 
@@ -168,11 +168,10 @@ def _enter(folder: str) -> None:
 
 def _version_error(user_versions: Versions, worker_versions: Versions) -> InputError:
     """Return the error for a worker with other versions than the user's machine."""
-    names = [
-        name
-        for name in user_versions
-        if worker_versions.get(name) != user_versions[name]
-    ]
+    names = []
+    for name in user_versions:
+        if worker_versions.get(name) != user_versions[name]:
+            names.append(name)
     # A hash of the sources explains less than the version of a library.
     if len(names) > 1 and "sources" in names:
         names.remove("sources")

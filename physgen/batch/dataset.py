@@ -137,7 +137,10 @@ def _members(folder: Path, files: Mapping[str, str]) -> dict[str, Path]:
     """
     if VIDEO not in files:
         raise Message.NO_VIDEO_IN_CLIP.error(str(folder), file=VIDEO)
-    members = {name: name for name in (VIDEO, "trajectory.npz") if name in files}
+    members = {}
+    for name in (VIDEO, "trajectory.npz"):
+        if name in files:
+            members[name] = name
     labels = sorted(name for name in files if name.startswith(f"{LABELS}/"))
     members |= {name.removeprefix(f"{LABELS}/"): name for name in labels}
     for name, file in members.items():

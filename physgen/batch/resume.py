@@ -38,9 +38,10 @@ def _data_version() -> str:
 
     digest = sha256()
     package = Path(physgen.__file__).parent
-    package_data = [
-        path for path in package.rglob("*") if path.suffix in (".yaml", ".json")
-    ]
+    package_data = []
+    for path in package.rglob("*"):
+        if path.suffix in (".yaml", ".json"):
+            package_data.append(path)
     shipped_data = [
         path
         for folder in ("schemas", "templates")
@@ -108,11 +109,10 @@ def _maps(home: Path, document: Mapping[str, Any]) -> Sequence[str]:
     if "image" not in document or "assets" not in document:
         return ()
     folder = os.path.realpath(home / document["assets"])
-    map_files = [
-        entry
-        for entry in os.scandir(folder)
-        if entry.name.endswith(".png") or entry.name in DATA
-    ]
+    map_files = []
+    for entry in os.scandir(folder):
+        if entry.name.endswith(".png") or entry.name in DATA:
+            map_files.append(entry)
     return [_relative(home, Path(entry.path)) for entry in map_files]
 
 

@@ -298,7 +298,10 @@ def _store_folder(store: Store, folder: Path) -> None:
     marks the clip as complete.
     """
     store.remove(folder.as_posix())
-    files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
+    files = []
+    for path in sorted(folder.rglob("*")):
+        if path.is_file():
+            files.append(path)
     files.sort(key=lambda path: path == folder / MANIFEST)
     for path in files:
         store.put(path, path.as_posix())
@@ -375,7 +378,7 @@ def stored_clips(store: Store, roots: Sequence[Path]) -> list[Path]:
         folders |= clips
     if problems:
         raise InputError(problems)
-    return sorted(folders, key=lambda folder: [natural(part) for part in folder.parts])
+    return sorted(folders, key=lambda folder: list(map(natural, folder.parts)))
 
 
 def gather_stored(
@@ -400,7 +403,10 @@ def gather_stored(
         try:
             summary = gathering.write(folder, iter(clips))
             check_clips(summary, roots)
-            files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
+            files = []
+            for path in sorted(folder.rglob("*")):
+                if path.is_file():
+                    files.append(path)
             # The settings file comes last, because it marks the data set as complete.
             files.sort(key=lambda path: path == folder / DATASET_FILE)
             for path in files:

@@ -290,10 +290,9 @@ def _scene(
     the places of problems, instead of `--set`.
     """
     settings = sweep.set_to(values)
-    places = {
-        quoted(f"--set {text}", "", 80): axis.place
-        for text, axis in zip(settings, sweep.axes, strict=True)
-    }
+    places = {}
+    for text, axis in zip(settings, sweep.axes, strict=True):
+        places[quoted(f"--set {text}", "", 80)] = axis.place
     try:
         return scene_file.scene((*overrides, *settings), variant)
     except InputError as error:

@@ -122,8 +122,11 @@ class Parser(argparse.ArgumentParser):
         if not unknown and not command.wrong:
             return options
         # A word after an unknown flag is its value, and needs no message of its own.
-        flags = [text for text in unknown if text.startswith("-")]
-        command.wrong += [command.unknown(text) for text in flags or unknown]
+        flags = []
+        for text in unknown:
+            if text.startswith("-"):
+                flags.append(text)
+        command.wrong += list(map(command.unknown, flags or unknown))
         command.error(command.wrong.pop())
 
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
@@ -166,9 +169,9 @@ class Parser(argparse.ArgumentParser):
             if close:
                 message = f"argument {wrong[1]}: invalid choice: '{wrong[2]}', did you mean {close[0]}?"
         messages = dict.fromkeys([*self.wrong, message])
-        lines = [
-            quoted(self._with_example(text), "", LONGEST_MESSAGE) for text in messages
-        ]
+        lines = []
+        for text in messages:
+            lines.append(quoted(self._with_example(text), "", LONGEST_MESSAGE))
         self.exit(
             WRONG_INPUT,
             "".join(f"{self.prog}: {line}; see {self.prog} --help\n" for line in lines),
@@ -373,7 +376,7 @@ def coordinates(flag: str, text: str, count: int) -> tuple[float, ...]:
     if any(piece.endswith("%") for piece in pieces):
         raise Message.IN_PERCENT.error(flag, quoted(text), fix=fix)
     try:
-        values = tuple(float(piece) for piece in pieces)
+        values = tuple(map(float, pieces))
     except ValueError:
         values = ()
     # Two numbers for a box, or four for a point, belong to the other flag.

@@ -90,11 +90,10 @@ def _find_unused_in_folder(
         unused_backups,
     )
 
-    backups = [
-        path
-        for path in unused_backups(folder)
-        if backup_names is None or backup_names.fullmatch(path.name)
-    ]
+    backups = []
+    for path in unused_backups(folder):
+        if backup_names is None or backup_names.fullmatch(path.name):
+            backups.append(path)
     assets = unused_assets(folder, backups)
     # Assets include their cache: count it once.
     caches = []

@@ -35,7 +35,7 @@ from physgen.problems import Problem
 
 
 def clip(options: argparse.Namespace) -> int:
-    refuse_split_values(options.command_line, [str(path) for path in options.image])
+    refuse_split_values(options.command_line, list(map(str, options.image)))
     refuse_scenes(options.image)
     output = options.output or ("out/preview" if options.preview else "out")
     options.output = output
@@ -58,7 +58,7 @@ def clip(options: argparse.Namespace) -> int:
     print_problems(problems)
     if not scenes:
         return WRONG_INPUT
-    options.scenes, options.output = [str(scene) for scene in scenes], output
+    options.scenes, options.output = list(map(str, scenes)), output
     # The scenes already contain these pushes.
     options.push, options.story = [], None
     code = render(options)

@@ -128,7 +128,10 @@ def _print_edits(path: str, edits: Mapping[str, Any], text: str) -> None:
     """Print the YAML text of edits, which can be copied into the file."""
     lines = indent(text, "  ").rstrip()
     print_error(f"{path}: to keep this motion, write\n{lines}")
-    removed_keys = [key for key, value in edits.items() if value is None]
+    removed_keys = []
+    for key, value in edits.items():
+        if value is None:
+            removed_keys.append(key)
     if removed_keys:
         print_error(f"{path}: and remove {listed(removed_keys, 'and')}")
 
@@ -158,7 +161,7 @@ def _story_edits(
     plan = story_server.load_plan(config=options.config)
     telling = story_server.tell(subject, options.story, plan, print_problem)
     verdict = "the nearest outcome"
-    if telling.is_fulfilled:
+    if telling.comes_true:
         verdict = "the story happens"
     print_error(f"{path}: {verdict}: {telling.outcome} ({telling.trials} tried)")
     return telling.edits
@@ -243,7 +246,7 @@ def job_maker(options: argparse.Namespace) -> Callable[..., Job]:
     models = {"refine": options.refine, "config": options.config}
     common = RenderOptions(
         allow_outside=options.allow_outside,
-        formats=tuple(Format(name) for name in options.format or DEFAULT_FORMATS),
+        formats=tuple(map(Format, options.format or DEFAULT_FORMATS)),
         command=tuple(options.command_line),
         models=tuple(
             f"--{flag}={value}" for flag, value in models.items() if value is not None

@@ -125,11 +125,10 @@ def _check_edited(before: OpenedScene, after: OpenedScene) -> None:
     """
     after.scene()
     failed_variants = {problem.variant for problem in before.variant_problems}
-    new_problems = [
-        problem
-        for problem in after.variant_problems
-        if problem.variant not in failed_variants
-    ]
+    new_problems = []
+    for problem in after.variant_problems:
+        if problem.variant not in failed_variants:
+            new_problems.append(problem)
     if new_problems:
         raise InputError(new_problems)
 
@@ -194,11 +193,10 @@ def _past_tense(edit: str) -> str:
 
 def _refuse_scene_behind(command: str, path: Path, words: Sequence[str]) -> None:
     """Raise InputError if the scene comes after the names."""
-    files = [
-        text
-        for text in words
-        if Path(text).suffix.lower() in SCENES and Path(text).is_file()
-    ]
+    files = []
+    for text in words:
+        if Path(text).suffix.lower() in SCENES and Path(text).is_file():
+            files.append(text)
     if path.exists() or len(files) != 1:
         return
     names = [str(path), *(text for text in words if text not in files)]
@@ -209,10 +207,16 @@ def _refuse_scene_behind(command: str, path: Path, words: Sequence[str]) -> None
 
 def _refuse_doubtful_first(scene: Scene, path: Path, names: Sequence[str]) -> None:
     """Raise InputError for a merge into a doubtful region."""
-    objects = [name for name in names if name in {item.name for item in scene.objects}]
+    objects = []
+    for name in names:
+        if name in {item.name for item in scene.objects}:
+            objects.append(name)
     fix = "name the object first that the region belongs to"
     if objects:
-        others = [name for name in names if name != objects[0]]
+        others = []
+        for name in names:
+            if name != objects[0]:
+                others.append(name)
         fix = f"write {' '.join([objects[0], *others])}"
     raise Message.DOUBTFUL_FIRST.error(str(path), quoted(names[0]), fix=fix)
 

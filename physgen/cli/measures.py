@@ -147,7 +147,7 @@ def add_physics(parser: Parser) -> None:
 def numbers(text: str) -> list[int]:
     """Return the numbers in `1,5,12`."""
     try:
-        return [int(part) for part in text.split(",")]
+        return list(map(int, text.split(",")))
     except ValueError:
         raise wrong_value(text, Message.NOT_NUMBERS.refusal()) from None
 

@@ -51,7 +51,7 @@ def perceive(options: argparse.Namespace) -> int:
 
 
 def _perceive(options: argparse.Namespace, bar: Bar) -> int:
-    refuse_split_values(options.command_line, [str(path) for path in options.image])
+    refuse_split_values(options.command_line, list(map(str, options.image)))
     refuse_scenes(options.image)
     if options.refresh is None and len(options.image) > 1:
         result = perceive_photos(options, bar)

@@ -33,10 +33,11 @@ def verify(options: argparse.Namespace) -> int:
         folders = clip_folders(options.folders)
     else:
         folders = stored_clips(options)
-    requests = [
-        batch.VerifyRequest(folder, options.scene, options.allow_outside)
-        for folder in folders
-    ]
+    requests = []
+    for folder in folders:
+        requests.append(
+            batch.VerifyRequest(folder, options.scene, options.allow_outside)
+        )
     has_many = len(requests) > 1
     bar = Bar()
     work = batch.verify

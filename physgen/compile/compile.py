@@ -82,7 +82,7 @@ def pushes_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Push, ...]:
             force.profile,
         )
 
-    return tuple(push(force) for force in scene.forces)
+    return tuple(map(push, scene.forces))
 
 
 def joints_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Joint, ...]:
@@ -248,7 +248,10 @@ def mass_problems(scene: Scene, bodies: Sequence[Body]) -> Iterator[Problem]:
     """Yield problems of moments that are 0 or infinite as floats, and of masses too far
     apart. Only dynamic bodies count.
     """
-    dynamic = [body for body in bodies if body.motion is Motion.DYNAMIC]
+    dynamic = []
+    for body in bodies:
+        if body.motion is Motion.DYNAMIC:
+            dynamic.append(body)
     sound = True
     for body in dynamic:
         if not (_usable(body.mass) and _usable(body.moment)):

@@ -133,11 +133,10 @@ def chassis_pieces(
         body = body.difference(middle.buffer(radius, quad_segs=VEHICLE.corners // 4))
     body = body.difference(_road(center, wheels, scene, body.bounds))
     smallest_area = VEHICLE.speck * body.area
-    parts = [
-        part
-        for part in getattr(body, "geoms", [body])
-        if isinstance(part, shapely.Polygon) and part.area > smallest_area
-    ]
+    parts = []
+    for part in getattr(body, "geoms", [body]):
+        if isinstance(part, shapely.Polygon) and part.area > smallest_area:
+            parts.append(part)
     if not parts:
         return ()
     rings = tuple(Ring(_corners(part.exterior), ()) for part in parts)

@@ -69,10 +69,9 @@ def lint(
         _outdated_values,
         _long,
     )
-    problems = []
+    problems: list[Problem] = []
     for rule in rules:
-        for problem in rule(scene, compilation):
-            problems.append(problem)
+        problems.extend(rule(scene, compilation))
     return by_place(
         [
             *problems,
@@ -87,7 +86,10 @@ def _idle_striker(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]
     enter = scene.render.enter
     if enter is Striker.NONE:
         return
-    moves = [item for item in scene.objects if any(item.velocity)]
+    moves = []
+    for item in scene.objects:
+        if any(item.velocity):
+            moves.append(item)
     why = ""
     if scene.image is None:
         why = "the scene has no photo"
@@ -413,12 +415,13 @@ def _views(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
 
 
 def _overlaps(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]:
-    shapes = [outline_shape(outline) for outline in compilation.outlines]
+    shapes = list(map(outline_shape, compilation.outlines))
     tree = shapely.STRtree(shapes)
     # A wheel may lie in front of its car.
-    joined_pairs = {
-        frozenset(joint.objects) for joint in scene.joints if not joint.collide
-    }
+    joined_pairs = set()
+    for joint in scene.joints:
+        if not joint.collide:
+            joined_pairs.add(frozenset(joint.objects))
     pair_count = extra_count = 0
     for i, item in enumerate(scene.objects):
         neighbours = tree.query(shapes[i])
@@ -498,7 +501,7 @@ def supports(scene: Scene, compilation: CompiledScene) -> list[list[str]]:
         return [[] for _ in scene.objects]
     gravity = compilation.world.gravity
     down = gravity / float(np.hypot(*gravity)) * LIMITS.support
-    shapes = [outline_shape(outline) for outline in compilation.outlines]
+    shapes = list(map(outline_shape, compilation.outlines))
     names = [item.name for item in scene.objects]
     lines: list[shapely.LineString] = []
     for wall in compilation.world.walls:

@@ -565,10 +565,11 @@ def appearance(scene: Scene, world: World) -> tuple[object, ...]:
     camera: tuple[object, ...] = ()
     if scene.image is None:
         camera = (render.scale, render.size, render.camera)
-    bodies = [
-        (body.center, body.radius, body.pieces, body.rings, body.solid, body.wheels)
-        for body in world_in_photo(world).bodies
-    ]
+    bodies = []
+    for body in world_in_photo(world).bodies:
+        bodies.append(
+            (body.center, body.radius, body.pieces, body.rings, body.solid, body.wheels)
+        )
     return (
         (scene.size, scene.image is not None, scene.assets is not None, scene.light),
         (settings.view, settings.tilt, settings.backdrop),

@@ -24,7 +24,7 @@ from physgen.edit.operations import Body, Op
 from physgen.edit.render_job import RenderJob
 from physgen.edit.session import EditRequest, Session, Words
 from physgen.messages import Message
-from physgen.problems import EditError, Why, overtaken
+from physgen.problems import EditError, EditRefusal, overtaken
 from physgen.text import quoted
 
 TOKEN = "x-physgen-token"
@@ -147,7 +147,7 @@ def materials() -> list[Data]:
     """Return the table of materials."""
     from physgen import materials as table
 
-    return [asdict(row) for row in table.materials()]
+    return list(map(asdict, table.materials()))
 
 
 @api.get("/api/state")
@@ -242,7 +242,7 @@ def preview(services: Served, body: Operations) -> Response:
     try:
         return JSONResponse(services.session.preview(body, body.ops))
     except EditError as error:
-        if error.why is not Why.STALE:
+        if error.why is not EditRefusal.STALE:
             raise
         # While the user drags an object, the page sends many previews, and the
         # browser's console lists every refused request: an outdated one is no error.
@@ -336,5 +336,5 @@ def result(services: Served, key: str, name: str) -> Response:
     else:
         path = None
     if path is None:
-        raise EditError(Why.ABSENT, "there is no such result", "render again")
+        raise EditError(EditRefusal.ABSENT, "there is no such result", "render again")
     return FileResponse(path)

@@ -36,7 +36,7 @@ from physgen.edit.session import Session
 from physgen.files import resource
 from physgen.messages import Message
 from physgen.operating_system import IS_POSIX
-from physgen.problems import EditError, InputError, Why
+from physgen.problems import EditError, EditRefusal, InputError
 
 PLAYER = ("motion", "clock", "scene", "balls", "touch", "units", "quantities", "layers")
 """Scripts of the report's player, without its charts and page, joined in this order."""
@@ -108,10 +108,11 @@ def static(name: str) -> Response:
     with suppress(FileNotFoundError):
         if name == "player.js":
             # The player of reports and the editor share these scripts.
-            scripts = [
-                resource("templates", "player", f"{script}.js").read_bytes()
-                for script in PLAYER
-            ]
+            scripts = []
+            for script in PLAYER:
+                scripts.append(
+                    resource("templates", "player", f"{script}.js").read_bytes()
+                )
             data = b'"use strict";\n' + b"\n".join(scripts)
         elif name == SCHEMA:
             data = resource("schemas", name).read_bytes()
@@ -119,7 +120,9 @@ def static(name: str) -> Response:
             data = resource("templates", *name.split("/")).read_bytes()
     if data is None:
         raise EditError(
-            Why.ABSENT, f"there is no {name[:80]}", "open the address as it was printed"
+            EditRefusal.ABSENT,
+            f"there is no {name[:80]}",
+            "open the address as it was printed",
         )
     return Response(data, media_type=guess_type(name)[0])
 
@@ -135,16 +138,16 @@ async def _answer(request: Request, error: Exception) -> Response:
         # shows the first as the message.
         case InputError():
             first = error.problems[0]
-            problems = [
-                problem.as_dict() | {"object": None} for problem in error.problems
-            ]
-            status = Why.IMPOSSIBLE.value
+            problems = []
+            for problem in error.problems:
+                problems.append(problem.as_dict() | {"object": None})
+            status = EditRefusal.IMPOSSIBLE.value
             fix = first.fix
             message = " ".join(part for part in (first.found, first.expected) if part)
         case RequestValidationError():
             first_error = error.errors()[0]
-            location = ".".join(str(part) for part in first_error["loc"][1:])
-            status = Why.MALFORMED.value
+            location = ".".join(map(str, first_error["loc"][1:]))
+            status = EditRefusal.MALFORMED.value
             fix = "see /api/openapi.json"
             message = f"{location}: {first_error['msg']}"[:300]
         case HTTPException():
@@ -231,10 +234,9 @@ class Guard:
                     headers = result_headers(f"{self.host}:{self.port}")
                 else:
                     headers = HEADERS
-                added_headers = [
-                    (key.lower().encode(), value.encode())
-                    for key, value in headers.items()
-                ]
+                added_headers = []
+                for key, value in headers.items():
+                    added_headers.append((key.lower().encode(), value.encode()))
                 # A header of the handler with the same name is replaced, so that it
                 # cannot weaken ours.
                 names = {key for key, _ in added_headers}
@@ -258,14 +260,16 @@ class Guard:
         fix = "open the address as it was printed"
         host_count = [key for key, _ in scope["headers"]].count(b"host")
         if host_count != 1 or not self.is_ours(headers["host"]):
-            raise EditError(Why.FOREIGN, "the Host header names another server", fix)
+            raise EditError(
+                EditRefusal.FOREIGN, "the Host header names another server", fix
+            )
         if _is_foreign(headers, path):
-            raise EditError(Why.FOREIGN, "another site's page asks", fix)
+            raise EditError(EditRefusal.FOREIGN, "another site's page asks", fix)
         if path == "/" or path.startswith(OPEN):
             return
         sent_token = headers.get(TOKEN, "")
         if not secrets.compare_digest(sent_token.encode(), self.token.encode()):
-            raise EditError(Why.UNTRUSTED, "the token is missing or wrong", fix)
+            raise EditError(EditRefusal.UNTRUSTED, "the token is missing or wrong", fix)
         length = headers.get("content-length", "0")
         if not (length.isascii() and length.isdecimal()):
             return
@@ -309,7 +313,9 @@ async def _body(scope: Scope, receive: Receive) -> Receive:
     while has_more:
         message = await receive()
         if message["type"] == "http.disconnect":
-            raise EditError(Why.MALFORMED, "the body ended early", "send it again")
+            raise EditError(
+                EditRefusal.MALFORMED, "the body ended early", "send it again"
+            )
         data += message.get("body", b"")
         has_more = message.get("more_body", False)
         # Clients can send more than the Content-Length header announces, or omit the
@@ -321,7 +327,7 @@ async def _body(scope: Scope, receive: Receive) -> Receive:
     )
     if data and kind != "application/json":
         raise EditError(
-            Why.KIND,
+            EditRefusal.KIND,
             "the body is not declared as JSON",
             "send Content-Type: application/json",
         )
@@ -333,7 +339,7 @@ async def _body(scope: Scope, receive: Receive) -> Receive:
                 json.dumps(json.loads(data), ensure_ascii=False).encode()
             except UnicodeEncodeError:
                 raise EditError(
-                    Why.MALFORMED,
+                    EditRefusal.MALFORMED,
                     "half a character is no text",
                     "send whole characters",
                 ) from None
@@ -363,7 +369,9 @@ def _is_foreign(headers: Headers, path: str) -> bool:
 def too_large() -> EditError:
     """Return the error for a body beyond the limit."""
     return EditError(
-        Why.TOO_LARGE, f"the body is larger than {BODY // 2**20} MiB", "send less"
+        EditRefusal.TOO_LARGE,
+        f"the body is larger than {BODY // 2**20} MiB",
+        "send less",
     )
 
 

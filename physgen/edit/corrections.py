@@ -152,7 +152,10 @@ def _corrected_text(correction: Correction) -> str:
     text = apply_operations(correction.text, correction.ops).text
     # Comments of perception about values that changed are no longer true: remove them.
     own_comments = correction.scene.record.comments
-    changed_paths = [op["set"] for op in correction.ops if "set" in op]
+    changed_paths = []
+    for op in correction.ops:
+        if "set" in op:
+            changed_paths.append(op["set"])
     changed_paths += [["objects", name, "mask"] for name in correction.masks]
     return without_comments(text, changed_paths, own_comments)
 
@@ -564,9 +567,11 @@ def _write_normals(
     rows, columns = part.window
     offset = -np.array([columns.start, rows.start], np.float64)
     labels = np.ascontiguousarray(labels)
-    shifted_objects = [
-        replace(one, outline=translated_outline(one.outline, offset)) for one in objects
-    ]
+    shifted_objects = []
+    for one in objects:
+        shifted_objects.append(
+            replace(one, outline=translated_outline(one.outline, offset))
+        )
     normals = registry.make("normals")(
         np.ascontiguousarray(part.percepts.rgb), labels, shifted_objects, guess
     )

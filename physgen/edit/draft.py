@@ -30,7 +30,7 @@ class DraftContent(BaseModel):
 
     format: Literal[4] = 4
     text: str
-    saved: str  # the text that the file held when it was read or written last
+    saved_text: str  # the text that the file held when it was read or written last
     folders: list[Annotated[str, Field(pattern=r"^[^/\\]+\.assets$")]] = []
     """Folders of maps beside the scene, written by corrections."""
 

@@ -134,7 +134,7 @@ class MotionStream:
                     name: pack(trajectory.velocities[start:end, k, c])
                     for c, name in enumerate(COLUMNS[3:])
                 },
-                "q": [pack(part) for part in trajectory.turns[start:end, k].T]
+                "q": list(map(pack, trajectory.turns[start:end, k].T))
                 if has_turns
                 else None,
             }
@@ -264,7 +264,7 @@ class Live:
                 opened = self._open(text)
                 compiled_scene = self._mean(opened, variant)
             except InputError as error:
-                rows = tuple(self._row(problem) for problem in error.problems)
+                rows = tuple(map(self._row, error.problems))
                 return Look(rows, todo=tuple(todo(None, rows)))
             stream, motion = self._motion(compiled_scene, start_time)
             if motion_only:
@@ -312,7 +312,7 @@ class Live:
             if stream is None:
                 return None
             part = stream.part(start, time.perf_counter() + MORE)
-            part["problems"] = [self._row(problem) for problem in stream.problems]
+            part["problems"] = list(map(self._row, stream.problems))
             return part
 
     def full_motion(self, key: str) -> tuple[Trajectory, World] | None:

@@ -122,7 +122,7 @@ def parse_op(op: Mapping[str, Any]) -> MaskOp:
         return _PARSER.validate_python(dict(op))
     except ValidationError as error:
         first_error = error.errors()[0]
-        location = ".".join(str(part) for part in first_error["loc"][1:])
+        location = ".".join(map(str, first_error["loc"][1:]))
         if location:
             message = f"{location}: {first_error['msg']}"
         else:
@@ -292,11 +292,11 @@ def _merge(work: Correction, op: MergeOp) -> str:
 def doubtful_ids(document: Mapping[str, Any]) -> dict[str, int]:
     """Return the ids in masks.png of the doubtful regions of a scene, by name."""
     regions = document.get("doubtful") or {}
-    return {
-        name: region["mask"]
-        for name, region in regions.items()
-        if isinstance(region, Mapping) and isinstance(region.get("mask"), int)
-    }
+    ids = {}
+    for name, region in regions.items():
+        if isinstance(region, Mapping) and isinstance(region.get("mask"), int):
+            ids[name] = region["mask"]
+    return ids
 
 
 def _region(work: Correction, name: str) -> Mask:

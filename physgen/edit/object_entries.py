@@ -233,15 +233,13 @@ def write_operations(work: Correction, name: str, entry: Data) -> list[Data]:
     old_entry = work.old_entry(name)
     path = ["objects", name]
     # `from` is always written, since the file may name values that the user changed.
-    ops = [
-        {"set": [*path, key], "value": value}
-        for key, value in entry.items()
-        if key not in old_entry or old_entry[key] != value or key == "from"
-    ]
+    ops = []
+    for key, value in entry.items():
+        if key not in old_entry or old_entry[key] != value or key == "from":
+            ops.append({"set": [*path, key], "value": value})
     # Setting a mass also removes the density.
-    removed_keys = [
-        key
-        for key in old_entry
-        if key not in entry and (key != "density" or "mass" not in entry)
-    ]
+    removed_keys = []
+    for key in old_entry:
+        if key not in entry and (key != "density" or "mass" not in entry):
+            removed_keys.append(key)
     return ops + [{"unset": [*path, key]} for key in removed_keys]

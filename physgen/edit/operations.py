@@ -201,7 +201,7 @@ def short(value: Any) -> Any:
     if isinstance(value, dict):
         return {str(key): short(child) for key, child in value.items()}
     if isinstance(value, list):
-        return [short(child) for child in value]
+        return list(map(short, value))
     if isinstance(value, float):
         return _short_float(value)
     if isinstance(value, int) and not isinstance(value, bool) and abs(value) >= 1e5:
@@ -438,7 +438,7 @@ def _node(data: Any) -> Node:
     if isinstance(data, dict):
         value = {key: _node(child) for key, child in data.items()}
     elif isinstance(data, list):
-        value = [_node(child) for child in data]
+        value = list(map(_node, data))
     return Node(value, _NOWHERE)
 
 
@@ -570,11 +570,10 @@ def _refer_in_forces(part: Data, name: str, new_name: str | None) -> int:
     forces = part.get("forces")
     if not isinstance(forces, list):
         return 0
-    own_forces = [
-        force
-        for force in forces
-        if isinstance(force, dict) and force.get("object") == name
-    ]
+    own_forces = []
+    for force in forces:
+        if isinstance(force, dict) and force.get("object") == name:
+            own_forces.append(force)
     for force in own_forces:
         force["object"] = new_name
     # A force acts on one object alone: without its object it has no meaning and is

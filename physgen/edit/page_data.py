@@ -111,7 +111,7 @@ def perceived_data(scene: Scene) -> Data | None:
     if not verdict:
         return None
     if isinstance(summary, list):
-        lines = [str(line) for line in summary]
+        lines = list(map(str, summary))
     else:
         lines = []
     return {"verdict": verdict, "summary": lines}

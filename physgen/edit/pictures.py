@@ -92,13 +92,13 @@ class Pictures:
         with self._lock:
             render_stage = replace(self._stage(key, sight), starts=photo_poses(world))
         blur = sight.scene.render.motion_blur
-        at_frames = trajectory.sampled(world.times)
+        at_frames = trajectory.resample(world.times)
         # Motion blur averages several samples within the exposure of a frame.
         exposure_moments, parts = exposure_times(at_frames, world, blur)
         if parts == 1:
             exposure_samples = at_frames
         else:
-            exposure_samples = trajectory.sampled(exposure_moments)
+            exposure_samples = trajectory.resample(exposure_moments)
         first_sample = min(number, len(world.times) - 1) * parts
         sample_indices = range(first_sample, first_sample + parts)
         frame = next(

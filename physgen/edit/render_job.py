@@ -19,7 +19,7 @@ from typing import Any
 from physgen.export.video import Format
 from physgen.messages import Message
 from physgen.operating_system import separate_session, stop_process
-from physgen.problems import EditError, Why
+from physgen.problems import EditError, EditRefusal
 
 Data = dict[str, Any]
 
@@ -118,13 +118,13 @@ class RenderJob:
         }:
             raise Message.UNKNOWN_VIDEO_FORMAT.impossible()
         # Build all commands before the lock: an invalid setting must not disturb a run.
-        commands = [
-            self._arguments(variant, format, refine) for variant in variant_names
-        ]
+        commands = []
+        for variant in variant_names:
+            commands.append(self._arguments(variant, format, refine))
         with self._lock:
             if self._status["running"]:
                 raise EditError(
-                    Why.STALE, "a run is under way", "wait for it, or stop it"
+                    EditRefusal.STALE, "a run is under way", "wait for it, or stop it"
                 )
             self._stopped = False
             job = token_hex(8)

@@ -26,7 +26,7 @@ from physgen.edit.pictures import Pictures, mask_png, photo_png
 from physgen.edit.view_change import hold_objects
 from physgen.files import back_up, file_stamp, write_atomic
 from physgen.messages import Message
-from physgen.problems import EditError, InputError, Limit, Why
+from physgen.problems import EditError, EditRefusal, InputError, Limit
 from physgen.scene.document import decode
 from physgen.scene.files import scene_bytes
 from physgen.scene.yaml_comments import without_comments
@@ -194,16 +194,16 @@ class Session:
         except InputError:
             self.draft.release()
             raise
-        self.saved = text
+        self.saved_text = text
         """Content of the file when it was read or written last."""
         states = [State(text)]
         self._folders: list[str] = []
         # The first state is the file, the second the draft: undo restores the file.
-        if draft is not None and draft.text != draft.saved:
-            self.saved = draft.saved
+        if draft is not None and draft.text != draft.saved_text:
+            self.saved_text = draft.saved_text
             self._folders = draft.folders
             states = [
-                State(draft.saved if is_removed else text),
+                State(draft.saved_text if is_removed else text),
                 State(draft.text, "the edits of last time"),
             ]
         self.history = History(states)
@@ -229,7 +229,7 @@ class Session:
     @property
     def _check_unchanged(self) -> bool:
         """Check whether the present text equals the saved one."""
-        return self.current_state.text == self.saved
+        return self.current_state.text == self.saved_text
 
     def close(self) -> Path | None:
         """Close the session; return the draft's folder if it has unsaved changes."""
@@ -237,7 +237,7 @@ class Session:
             # Remove the maps of corrections that neither the file nor the draft refers
             # to.
             for name in self._folders:
-                if name not in self.saved and (
+                if name not in self.saved_text and (
                     self.is_saved or name not in self.current_state.text
                 ):
                     shutil.rmtree(self.path.with_name(name), ignore_errors=True)
@@ -274,9 +274,9 @@ class Session:
             }
         # Simulation takes long and must not block edits: it runs outside the lock.
         look = self.live.look(text, variant)
-        look_data: Data = {
-            key: getattr(look, field) for key, field in LOOK_KEYS.items()
-        }
+        look_data: Data = {}
+        for key, field in LOOK_KEYS.items():
+            look_data[key] = getattr(look, field)
         if look_data["perceived"] is not None:
             look_data["perceived"] = look_data["perceived"] | {"new": self.is_new}
         return session_data | look_data
@@ -393,7 +393,7 @@ class Session:
         if request.version != version:
             message = f"version {request.version} is not the present one, {version}"
             fix = "ask for the state and edit again"
-            raise EditError(Why.STALE, message, fix, {"version": version})
+            raise EditError(EditRefusal.STALE, message, fix, {"version": version})
         return self.current_state
 
     def _push(self, request: EditRequest, text: str, title: str) -> None:
@@ -405,7 +405,7 @@ class Session:
         if len(text.encode()) > Limit.BYTES.most:
             limit = Limit.BYTES
             message = f"the file would be {limit.expected}"
-            raise EditError(Why.TOO_LARGE, message, limit.fix, code=limit.code)
+            raise EditError(EditRefusal.TOO_LARGE, message, limit.fix, code=limit.code)
         if request.tag is None:
             tag = None
         else:
@@ -423,7 +423,9 @@ class Session:
     def _store(self, state: State) -> None:
         """Store a state in the draft, before the request is answered."""
         self.draft.store(
-            DraftContent(text=state.text, saved=self.saved, folders=self._folders)
+            DraftContent(
+                text=state.text, saved_text=self.saved_text, folders=self._folders
+            )
         )
 
     def _send_new_version(self) -> None:
@@ -468,12 +470,12 @@ class Session:
         if resolve == "theirs":
             self._take(disk_text)
         else:
-            if disk_text is not None and disk_text != self.saved:
+            if disk_text is not None and disk_text != self.saved_text:
                 if resolve is None:
                     self.outside = "changed"
                     message = "another program changed the file"
                     raise EditError(
-                        Why.STALE,
+                        EditRefusal.STALE,
                         message,
                         "reload it, or overwrite it",
                         {"conflict": True},
@@ -503,7 +505,7 @@ class Session:
 
     def _set_saved(self, text: str) -> None:
         """Record the text of the file as saved, and remove the draft."""
-        self.saved = text
+        self.saved_text = text
         self.outside = None
         self.history.end_step()
         self.draft.remove()
@@ -553,7 +555,7 @@ class Session:
                 return "gone"
             return None
         # Another program may restore the saved text, which ends a clash.
-        if disk_text == self.saved:
+        if disk_text == self.saved_text:
             self.outside = None
             if before is not None:
                 return "taken"
@@ -577,5 +579,5 @@ class Session:
         except (InputError, OSError):
             message = "another program wrote something that is no scene into the file"
             raise EditError(
-                Why.STALE, message, "put the file right, then save"
+                EditRefusal.STALE, message, "put the file right, then save"
             ) from None

@@ -98,9 +98,9 @@ def _hold(
     held_objects: list[str] = []
     if state.scene.world.view is View.SIDE:
         held_objects = _falling(live.state(text, variant))
-    ops = [
-        {"set": ["objects", name, "motion"], "value": "static"} for name in held_objects
-    ]
+    ops = []
+    for name in held_objects:
+        ops.append({"set": ["objects", name, "motion"], "value": "static"})
     text = apply_operations(text, ops, variant).text
     ops = _push_ops(live.state(text, variant))
     title = f"{counted(len(guess.walls), 'support')} found"
@@ -112,12 +112,11 @@ def _hold(
 def _guess(state: LiveScene, percepts: Percepts) -> BoundaryGuess:
     """Return the walls that perception finds in the scene's view."""
     scene = state.scene
-    objects = [
-        photo_object(k + 1, outline, item.label, scene.size)
-        for k, (item, outline) in enumerate(
-            zip(scene.objects, state.compiled_scene.shapes.outlines, strict=True)
-        )
-    ]
+    objects = []
+    for k, (item, outline) in enumerate(
+        zip(scene.objects, state.compiled_scene.shapes.outlines, strict=True)
+    ):
+        objects.append(photo_object(k + 1, outline, item.label, scene.size))
     find_boundaries = registry.make("boundary")
     guess: BoundaryGuess = find_boundaries(
         percepts.rgb, state.compiled_scene.labels, objects, scene.world.view

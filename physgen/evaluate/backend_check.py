@@ -349,7 +349,7 @@ def _run(
     _refuse_infinite(backend(*arguments, **extra))
     if role == "segment" and hasattr(backend, "meant"):
         x, y, _ = BALL
-        backend.meant(arguments[0], [BLOCK], [(x, y)])
+        backend.segment_meant_objects(arguments[0], [BLOCK], [(x, y)])
 
 
 def _refuse_infinite(result: Any) -> None:

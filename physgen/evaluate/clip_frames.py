@@ -85,7 +85,10 @@ def clips_in(path: Path) -> list[Source]:
     for name in CLIP_NAMES:
         if (path / name).exists():
             return [Source(path / name)]
-    parts = [part for part in path.iterdir() if not part.name.startswith((".", "_"))]
+    parts = []
+    for part in path.iterdir():
+        if not part.name.startswith((".", "_")):
+            parts.append(part)
     parts.sort(key=lambda part: natural(part.name))
     clips: list[Source] = []
     for part in parts:
@@ -130,7 +133,7 @@ class Rule:
         Raise InputError for an unreadable or empty clip, or for a clip shorter than
         `count`.
         """
-        frames = [self.resize(frame) for frame in source.frames()]
+        frames = list(map(self.resize, source.frames()))
         if not frames:
             if not source.skip:
                 raise Message.VIDEO_EMPTY.error(str(source.path))

@@ -205,9 +205,10 @@ def choose_object(scene: Scene, world: World, name: str | None) -> int:
     Without a name, choose the pushed object of the scene, or the first moving one, or
     the first. Raise InputError if the object cannot be pushed.
     """
-    dynamic_names = [
-        body.name for body in world.bodies if body.motion is Motion.DYNAMIC
-    ]
+    dynamic_names = []
+    for body in world.bodies:
+        if body.motion is Motion.DYNAMIC:
+            dynamic_names.append(body.name)
     if not dynamic_names:
         raise Message.NOTHING_TO_PUSH.error(str(scene.place("objects").file))
     if name is None:
@@ -353,7 +354,10 @@ def group_by_direction(pushes: PushSweep) -> list[PushGroup]:
     groups = []
     for _, outcomes in sorted(by_angle.items()):
         sizes = np.array([outcome.push.size for outcome in outcomes])
-        free = [outcome for outcome in outcomes if not outcome.has_contact]
+        free = []
+        for outcome in outcomes:
+            if not outcome.has_contact:
+                free.append(outcome)
         spearman = correlation(sizes, np.array(_lengths(outcomes)))
         steps, free_steps = count_growth(outcomes), count_growth(free)
         groups.append(PushGroup(tuple(outcomes), steps, free_steps, spearman))
@@ -427,7 +431,7 @@ def findings(pushes: PushSweep) -> Findings:
         title=f"Controllability: {pushes.object} of {pushes.scene}",
         sentences=tuple(_sentences(whole, pushes, lowest, drift)),
         sections=(_direction_section(groups),),
-        rows=[_row(outcome) for outcome in whole.outcomes],
+        rows=list(map(_row, whole.outcomes)),
         extra=extra,
     )
 
@@ -474,7 +478,7 @@ def _format_angle(angle: float) -> str:
 
 def _direction_section(groups: Sequence[PushGroup]) -> Section:
     """Return the table of all directions."""
-    rows = tuple(_direction_row(group) for group in groups)
+    rows = tuple(map(_direction_row, groups))
     return Section("Each direction", (), (Table(HEADS, rows, note=NOTE),))
 
 

@@ -128,7 +128,7 @@ def cloud(clips: Sequence[F64]) -> Cloud:
     out.
     """
     clips = [features for features in clips if len(features)]
-    frames = [len(features) for features in clips]
+    frames = list(map(len, clips))
     numbers = np.repeat(np.arange(len(clips)), frames)
     return Cloud(np.concatenate(clips).astype(np.float64), numbers)
 
@@ -248,7 +248,7 @@ class Side:
 
     def count(self, kind: str) -> int:
         """Return the number of pictures."""
-        return sum(len(features) for features in self.features.get(kind, []))
+        return sum(map(len, self.features.get(kind, [])))
 
 
 @dataclass(frozen=True)

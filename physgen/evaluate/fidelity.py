@@ -92,7 +92,10 @@ def truths(folder: Path, names: Sequence[str] = ()) -> list[Truth]:
         paths[path.parent.parent.name] = path
     if not paths:
         raise Message.NO_TRUTH_VIDEOS.error("--truth", str(folder))
-    unknown_names = [name for name in names if name not in paths]
+    unknown_names = []
+    for name in names:
+        if name not in paths:
+            unknown_names.append(name)
     if unknown_names:
         raise Message.UNKNOWN_TRUTH.error(
             "--scenes", ", ".join(unknown_names), names=", ".join(paths)
@@ -368,7 +371,10 @@ class Ahead:
 
 def ahead(means: Sequence[Mapping[str, Any]]) -> Ahead | None:
     """Return the advantage of ours, or None without both ways on the test half."""
-    by_way = {row["way"]: row for row in means if row["half"] == "test"}
+    by_way = {}
+    for row in means:
+        if row["half"] == "test":
+            by_way[row["way"]] = row
     if "ours" not in by_way or "paper, relit" not in by_way:
         return None
     own, paper = by_way["ours"], by_way["paper, relit"]
@@ -384,7 +390,10 @@ def means(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     ways = dict.fromkeys(row["way"] for row in rows)
     for half in HALVES:
         for way in ways:
-            group = [row for row in rows if row["way"] == way and row["half"] == half]
+            group = []
+            for row in rows:
+                if row["way"] == way and row["half"] == half:
+                    group.append(row)
             if group:
                 average = {"half": half, "way": way, **_average(group)}
                 averages.append(average)
@@ -397,7 +406,10 @@ def _average(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     for key in rows[0]:
         if key in ("scene", "half", "way"):
             continue
-        values = [float(row[key]) for row in rows if row[key] is not None]
+        values = []
+        for row in rows:
+            if row[key] is not None:
+                values.append(float(row[key]))
         if values:
             averages[key] = float(np.mean(values))
     return averages
@@ -462,9 +474,10 @@ def _scene_table(rows: Sequence[Mapping[str, Any]]) -> Table:
     by_scene: dict[str, dict[str, Mapping[str, Any]]] = {}
     for row in rows:
         by_scene.setdefault(row["scene"], {})[row["way"]] = row
-    ways = [
-        way for way in SCENE_WAYS if any(way in by_way for by_way in by_scene.values())
-    ]
+    ways = []
+    for way in SCENE_WAYS:
+        if any(way in by_way for by_way in by_scene.values()):
+            ways.append(way)
     lines = []
     for name, by_way in by_scene.items():
         half = next(iter(by_way.values()))["half"]
@@ -493,6 +506,9 @@ def write_strips(truth: Truth, path: Path) -> None:
     films.append(rgb for rgb, _ in truth.frames())
     strips = []
     for film in films:
-        frames = [frame for k, frame in enumerate(film) if k in frame_numbers]
+        frames = []
+        for k, frame in enumerate(film):
+            if k in frame_numbers:
+                frames.append(frame)
         strips.append(np.hstack(frames))
     cv2.imwrite(str(path), cv2.cvtColor(np.vstack(strips), cv2.COLOR_RGB2BGR))

@@ -466,7 +466,10 @@ def _mass_sets(table: Objects, answers: Mapping[str, Answer]) -> dict[str, Masse
     by name.
     """
     pairs = _mass_pairs(table, answers)
-    free_pairs = [pair for pair in pairs if not is_regulated(pair.item.label)]
+    free_pairs = []
+    for pair in pairs:
+        if not is_regulated(pair.item.label):
+            free_pairs.append(pair)
     pairs_by_set = {table.title: pairs}
     if 0 < len(free_pairs) < len(pairs):
         pairs_by_set["without regulated weights"] = free_pairs
@@ -565,7 +568,7 @@ def _order_row(ranking: Ranking, score: Order) -> dict[str, Any]:
         "pairs": score.count,
         "right": score.right,
         "tied": score.ties,
-        "not_in_order": [list(pair) for pair in score.wrong_pairs],
+        "not_in_order": list(map(list, score.wrong_pairs)),
     }
 
 

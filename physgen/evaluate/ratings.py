@@ -332,10 +332,9 @@ def _method_rows(answers: Answers, seed: int) -> list[dict[str, Any]]:
     for question in QUESTIONS:
         question_scores = scores[question.key]
         for m, mean in enumerate(means(question_scores, draws)):
-            counts = [
-                int((question_scores[:, m] == point).sum())
-                for point in range(1, POINTS + 1)
-            ]
+            counts = []
+            for point in range(1, POINTS + 1):
+                counts.append(int((question_scores[:, m] == point).sum()))
             numbers = {"answers": sum(counts), "counts": counts}
             rows[m][question.key] = {**asdict(mean), **numbers}
     return sorted(rows, key=_preference)

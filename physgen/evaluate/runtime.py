@@ -252,7 +252,10 @@ def findings(runs: Sequence[Run], this_machine: str) -> Findings:
     sections: list[Section] = []
     rows: list[dict[str, Any]] = []
     for machine in machines:
-        machine_runs = [run for run in runs if run.machine == machine]
+        machine_runs = []
+        for run in runs:
+            if run.machine == machine:
+                machine_runs.append(run)
         parts, stages = _by_part(machine_runs), _by_stage(machine_runs)
         if len(machines) == 1:
             suffix = ""
@@ -282,7 +285,7 @@ def findings(runs: Sequence[Run], this_machine: str) -> Findings:
         extra={
             "machines": machines,
             "here": this_machine,
-            "runs": [_run_record(run) for run in runs],
+            "runs": list(map(_run_record, runs)),
             "paper": {**paper, "all": PAPER},
         },
     )
@@ -319,7 +322,10 @@ def _by_part(runs: Sequence[Run]) -> list[dict[str, Any]]:
         totals = []
         for run in runs:
             stages = part.stages or set(run.stages) - set(ORDER)
-            times = [time for stage, time in run.stages.items() if stage in stages]
+            times = []
+            for stage, time in run.stages.items():
+                if stage in stages:
+                    times.append(time)
             if times:
                 totals.append(total(times))
         if totals:
@@ -335,7 +341,10 @@ def _by_stage(runs: Sequence[Run]) -> list[dict[str, Any]]:
         names.update(dict.fromkeys(run.stages))
     rows = []
     for name in sorted(names, key=_place_of_stage):
-        times = [run.stages[name] for run in runs if name in run.stages]
+        times = []
+        for run in runs:
+            if name in run.stages:
+                times.append(run.stages[name])
         row = {"kind": "stage", "name": name, **spread(times)}
         rows.append({**row, "paper": None})
     return rows
@@ -357,7 +366,9 @@ def _select_whole_runs(runs: Sequence[Run]) -> dict[str, Any]:
 
 def _paper_time(runs: Sequence[Run]) -> float:
     """Return the time of the paper's table for the parts of these runs, s."""
-    stages = {stage for run in runs for stage in run.stages}
+    stages: set[str] = set()
+    for run in runs:
+        stages.update(run.stages)
     time = 0.0
     for part in PARTS:
         if part.paper is not None and stages & set(part.stages):

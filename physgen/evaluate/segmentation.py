@@ -461,7 +461,10 @@ def evaluate(
 
 def _precisions(values: Sequence[float | None]) -> dict[str, Any]:
     """Return the average precisions at each IoU, their mean, and that at IoU 0.5."""
-    known_values = [value for value in values if value is not None]
+    known_values = []
+    for value in values:
+        if value is not None:
+            known_values.append(value)
     mean = None
     if known_values:
         mean = float(np.mean(known_values))
@@ -481,7 +484,7 @@ def findings(scores: Scores) -> Findings:
     """Return the scores photo by photo, and of all objects together."""
     total = scores.total
     total_row = {"photo": "all together", **total}
-    rows = tuple(_cells(row) for row in (*scores.rows, total_row))
+    rows = tuple(map(_cells, (*scores.rows, total_row)))
     heads = ("average precision at IoU", *(f"{iou:.2f}" for iou in THRESHOLDS))
     precisions = (_share(row["ap"]) for row in total["ap_by_iou"])
     iou_table = Table(heads, (("all objects", *precisions),))

@@ -149,7 +149,10 @@ def methods_in(folder: Path) -> Methods:
 
 def _sorted_paths(folder: Path) -> list[Path]:
     """Return the visible files and folders in a folder, in natural order."""
-    paths = [path for path in folder.iterdir() if not path.name.startswith(".")]
+    paths = []
+    for path in folder.iterdir():
+        if not path.name.startswith("."):
+            paths.append(path)
     return sorted(paths, key=lambda path: natural(path.name))
 
 
@@ -175,8 +178,14 @@ def _find_clips(folder: Path) -> Iterator[tuple[str, Path]]:
     """
     for path in _sorted_paths(folder):
         if path.is_dir():
-            clips = [part for part in _sorted_paths(path) if _is_clip(part)]
-            videos = [clip for clip in clips if clip.stem == "video"]
+            clips = []
+            for part in _sorted_paths(path):
+                if _is_clip(part):
+                    clips.append(part)
+            videos = []
+            for clip in clips:
+                if clip.stem == "video":
+                    videos.append(clip)
             if videos or len(clips) == 1:
                 yield path.name, min(videos or clips, key=_suffix_order)
         elif _is_clip(path):

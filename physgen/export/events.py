@@ -156,7 +156,7 @@ def _resample(world: World, trajectory: Trajectory) -> Trajectory:
     steps = min(ceil(end * rate - 1e-6), limit)
     even_times = np.linspace(0.0, end, steps + 1)
     # The last frame is before the end of the motion.
-    whole = trajectory.sampled(np.array([0.0, end]))
+    whole = trajectory.resample(np.array([0.0, end]))
     touches = whole.contacts.touch_times[:limit, 0]
     step = LIMITS.impact_steps / world.steps_per_second
     pushes = np.array([push.start for push in world.pushes])
@@ -165,7 +165,7 @@ def _resample(world: World, trajectory: Trajectory) -> Trajectory:
     later = touches + step
     times = np.concatenate([even_times, touches, before, earlier, later, pushes])
     times = np.unique(times)
-    return whole.sampled(times[(times >= 0) & (times <= end)])
+    return whole.resample(times[(times >= 0) & (times <= end)])
 
 
 def _sample(trajectory: Trajectory, time: float) -> int:

@@ -102,11 +102,11 @@ def physics(clip: Clip) -> dict[str, Any]:
         "steps_per_second": world.steps_per_second,
         "combine": world.combine.value,
         "gravity": gravity,
-        "gravity_m_s2": [scale.meters(value) for value in gravity],
+        "gravity_m_s2": list(map(scale.meters, gravity)),
         "table": table,
         "objects": _objects(clip),
         "boundaries": _boundaries(scene, world),
-        "pairs": [_pairing(pairing) for pairing in pairings(world)],
+        "pairs": list(map(_pairing, pairings(world))),
         "forces": [_push(push, world) for push in world.pushes],
         "joints": [_joint(joint, world) for joint in world.joints],
         "fields": [_field(field, world) for field in world.fields],
@@ -148,7 +148,7 @@ def _object(
         "elasticity": item.elasticity,
         "rolling": item.rolling,
         "velocity": list(item.velocity),
-        "velocity_m_s": [scale.meters(value) for value in item.velocity],
+        "velocity_m_s": list(map(scale.meters, item.velocity)),
         "spin": item.spin,
         **({"ramp": body.ramp} if has_ramp(body) else {}),
         **_select_stated(item, CONTACT_KEYS, (None,)),
@@ -294,7 +294,7 @@ def _joint(joint: Joint, world: World) -> dict[str, Any]:
     if joint.knots is not None:
         row["knots"] = joint.knots.tolist()
     if joint.limits is not None:
-        row["limits"] = [degrees(limit) for limit in joint.limits]
+        row["limits"] = list(map(degrees, joint.limits))
     if joint.friction > 0:
         row["friction"] = joint.friction
     if isfinite(joint.breaks):

@@ -245,7 +245,7 @@ def with_values(
         if item.motion is Motion.DYNAMIC:
             objects[k] = _with_start(item, starts.velocities[k], starts.observations[k])
     world = scene.world
-    if any(any(pair) for pair in starts.observations):
+    if any(map(any, starts.observations)):
         world = replace(world, ramp=0.0)
     for parameter, number in zip(parameters, numbers.tolist(), strict=True):
         value = parameter.value(number)

@@ -85,7 +85,7 @@ def kinds_of(names: Sequence[str]) -> tuple[Kind, ...]:
             problems.append(message.problem(Place("free"), "", f'"{name}"', fix=fix))
     if problems:
         raise InputError(problems)
-    return tuple(Kind(name) for name in names) or DEFAULT_KINDS
+    return tuple(map(Kind, names)) or DEFAULT_KINDS
 
 
 def fit_files(

@@ -85,7 +85,7 @@ def fitted_text(
     for item, fitted in zip(scene.objects, fit.scene.objects, strict=True):
         if item.motion is Motion.DYNAMIC and fitted.velocity != item.velocity:
             entry = objects.setdefault(item.name, {})
-            entry["velocity"] = [_round_number(part) for part in fitted.velocity]
+            entry["velocity"] = list(map(_round_number, fitted.velocity))
         if item.motion is Motion.DYNAMIC and fitted.spin != item.spin:
             objects.setdefault(item.name, {})["spin"] = _round_number(fitted.spin)
     if fit.scene.world.ramp != scene.world.ramp:
@@ -175,7 +175,7 @@ def _write_world(world: dict[str, Any], estimate: Estimate, fit: Fit) -> None:
             **(world.get("table") or {}), "friction": _round_number(estimate.value)
         }  # fmt: skip
         return
-    world["gravity"] = [_round_number(part) for part in fit.scene.world.gravity]
+    world["gravity"] = list(map(_round_number, fit.scene.world.gravity))
 
 
 def gravity_size(fit: Fit) -> float:

@@ -64,7 +64,7 @@ def _pattern_search(score: _Score, circle: Array, stride: int) -> Array:
     step = max(0.04 * circle[2], 0.5)
     while step > 0.02 * stride:
         trials = [circle + step * move for move in _MOVES]
-        values = [score.iou(trial) for trial in trials]
+        values = list(map(score.iou, trials))
         best = int(np.argmax(values))
         if values[best] > value + 1e-9:
             circle, value = trials[best], values[best]
@@ -231,9 +231,9 @@ class _Problem:
 
     def start(self) -> Array:
         radii = np.array([r.disc.radius for r in self.rough])
-        shared_circles = [
-            radii[self.group == g].mean() for g in range(int(self.group.max()) + 1)
-        ]
+        shared_circles = []
+        for g in range(int(self.group.max()) + 1):
+            shared_circles.append(radii[self.group == g].mean())
         return np.concatenate(
             [np.array([r.disc.center for r in self.rough]).ravel(), shared_circles]
         )
@@ -385,7 +385,7 @@ def _groups(
     group = np.arange(len(radii))
     # Real balls of a set have one size; connected discs near their median share a
     # radius.
-    tops = [find(i) for i in range(len(radii))]
+    tops = list(map(find, range(len(radii))))
     for top in set(tops):
         members = [i for i, own_top in enumerate(tops) if own_top == top]
         median = float(np.median([radii[i] for i in members]))

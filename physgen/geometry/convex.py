@@ -148,7 +148,7 @@ def _ring_pieces(ring: Ring) -> list[Array]:
     if not borders:
         return []
     points = np.concatenate(borders)
-    ends = np.cumsum([len(border) for border in borders]).astype(np.uint32)
+    ends = np.cumsum(list(map(len, borders))).astype(np.uint32)
     # Relative to the middle, since ear cutting compares products of coordinates.
     local = np.ascontiguousarray(points - points.mean(axis=0))
     indices = mapbox_earcut.triangulate_float64(local, ends)

@@ -307,7 +307,10 @@ def fit_regions(
     offset = np.array([columns[0], rows[0]], dtype=np.float64)
     borders = trace_borders(part)
     areas = np.bincount(part.ravel())
-    tiny = {label for label in borders.loops if areas[label] < _TINY}
+    tiny = set()
+    for label in borders.loops:
+        if areas[label] < _TINY:
+            tiny.add(label)
     # Junctions first: their places decide the ends of lines, which are simplified next.
     settled_lines = _settle_junctions(borders.borders, tiny, coarseness)
     lines = _untangle(borders, settled_lines, tiny, coarseness)
@@ -457,7 +460,10 @@ def _nest(loops: list[Array]) -> list[Ring]:
     it.
     """
     areas = [polygon_moments(loop).area for loop in loops]
-    outers = [k for k, area in enumerate(areas) if area > 0]
+    outers = []
+    for k, area in enumerate(areas):
+        if area > 0:
+            outers.append(k)
     outers.sort(key=lambda k: areas[k])
     holes: dict[int, list[Array]] = {k: [] for k in outers}
     for k, area in enumerate(areas):

@@ -962,7 +962,10 @@ def shadow_darkness(
         shadow_on_wall(silhouette, setting),
         *shadows_on_sides(silhouette, setting),
     ]
-    shadows = [part for part in parts if part is not None]
+    shadows = []
+    for part in parts:
+        if part is not None:
+            shadows.append(part)
     if shadows:
         return joined_pictures(shadows)
     return None

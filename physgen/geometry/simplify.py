@@ -313,7 +313,7 @@ def crossings(rings: list[Array]) -> NDArray[np.intp]:
     """
     start = np.concatenate(rings)
     edge = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings]) - start
-    owner = np.repeat(np.arange(len(rings)), [len(ring) for ring in rings])
+    owner = np.repeat(np.arange(len(rings)), list(map(len, rings)))
     segments = shapely.linestrings(np.stack([start, start + edge], axis=1))
     # The tree finds candidate pairs by their boxes, each pair in both orders: keep one.
     i, j = shapely.STRtree(segments).query(segments)

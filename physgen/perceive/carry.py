@@ -87,19 +87,22 @@ def _carry_object(
     if not values:
         return
     current = objects[name]
-    sources = {
-        key: origin for key, origin in current["from"].items() if key not in values
-    }
+    sources = {}
+    for key, origin in current["from"].items():
+        if key not in values:
+            sources[key] = origin
     objects[name] = {**current, **values, "from": sources}
     # Density and mass exclude each other.
     if "density" in values:
         objects[name].pop("mass", None)
-    wrote_now = {key: current[key] for key in values if key in current}
-    comments = {
-        key: words
-        for key, words in scene.comments.items()
-        if key not in {f"objects.{name}.{origin}" for origin in values}
-    }
+    wrote_now = {}
+    for key in values:
+        if key in current:
+            wrote_now[key] = current[key]
+    comments = {}
+    for key, words in scene.comments.items():
+        if key not in {f"objects.{name}.{origin}" for origin in values}:
+            comments[key] = words
     transfer.scene = replace(
         scene,
         document={**scene.document, "objects": objects},

@@ -43,10 +43,13 @@ def attach_contents(detections: Detections) -> Detections:
     The largest container comes first. Holes and narrow gaps in the union are closed;
     doubtful regions within it are parts of it, too.
     """
-    ids = [int(i) for i in np.unique(detections.labels) if i > 0]
+    ids = []
+    for i in np.unique(detections.labels):
+        if i > 0:
+            ids.append(int(i))
     sizes = {i: int(np.count_nonzero(detections.labels == i)) for i in ids}
     for i in sorted(ids, key=lambda one: sizes[one], reverse=True):
-        container = _Container.of(detections.labels, i)
+        container = _Container.from_labels(detections.labels, i)
         if container is not None:
             detections = _with_contents(detections, container)
     return detections
@@ -67,7 +70,7 @@ class _Container:
     """px of its outline."""
 
     @staticmethod
-    def of(labels: Labels, i: int) -> _Container | None:
+    def from_labels(labels: Labels, i: int) -> _Container | None:
         """Return an object as a container; None if it has no room for contents."""
         own = labels == i
         if not own.any():
@@ -101,7 +104,10 @@ def _with_contents(detections: Detections, container: _Container) -> Detections:
         np.ones((2 * CONTENT.touch + 1, 2 * CONTENT.touch + 1), np.uint8),
     )
     touching = np.setdiff1d(np.unique(labels[near > 0]), (0, container.id))
-    members = [int(i) for i in touching if container.holds(labels == i)]
+    members = []
+    for i in touching:
+        if container.holds(labels == i):
+            members.append(int(i))
     if not members:
         return detections
     whole = container.mask | np.isin(labels, members)

@@ -106,7 +106,10 @@ def object_entries(
         _add_physics(draft, item, substance, vehicles.get(item.id), boundaries)
         # Layers are written only if the order of drawing differs from the default.
         if item.id in layers:
-            own_orders = [order for order in orders if order.front == item.id]
+            own_orders = []
+            for order in orders:
+                if order.front == item.id:
+                    own_orders.append(order)
             _add_layer(draft, layers[item.id], own_orders, names)
         shape = shape_words(item.outline, substance.solid)
         draft.comment("mask", f"{draft.sources['mask']}, {shape}")
@@ -152,12 +155,13 @@ def _add_label(draft: _EntryDraft, item: PhotoObject, labels: ObjectLabels) -> N
     guess = labels.names[item.id]
     source = provenance(guess.source or labels.sources[item.id], guess.confidence)
     draft.sources["label"] = source
-    alternatives = [
-        f"{label} {chance:g}"
-        for label, chance in guess.alternatives
-        if chance >= LIKELY and label != item.label
-    ]
-    conjunction = ", or " if alternatives else ""
+    alternatives = []
+    for label, chance in guess.alternatives:
+        if chance >= LIKELY and label != item.label:
+            alternatives.append(f"{label} {chance:g}")
+    conjunction = ""
+    if alternatives:
+        conjunction = ", or "
     draft.comment("label", source + conjunction + ", ".join(alternatives))
 
 
@@ -239,13 +243,18 @@ def _add_layer(
     confidence = max(order.confidence for order in orders)
     draft.sources["layer"] = provenance("outlines", confidence)
     *first_names, last_name = [names[order.back] for order in orders]
-    conjunction = " and " if first_names else ""
+    conjunction = ""
+    if first_names:
+        conjunction = " and "
     hidden_names = ", ".join(first_names) + conjunction + last_name
     draft.comment("layer", f"in front: it hides parts of {hidden_names}")
 
 
 def _mask_source(detections: Detections, i: int) -> str:
-    source = "pointed at" if i in detections.prompts else detections.source
+    if i in detections.prompts:
+        source = "pointed at"
+    else:
+        source = detections.source
     confidence = detections.confidence.get(i, 1.0)
     return detections.mask_sources.get(i) or provenance(source, confidence)
 
@@ -267,9 +276,9 @@ def scene_comments(
         + (", and where you pointed" if detections.prompts else ""),
     }
     origin = sources.get(detections.source, f"found by {detections.source}")
-    left_out = (
-        f"; {specks} specks of under {SMALLEST_OBJECT} px left out" if specks else ""
-    )
+    left_out = ""
+    if specks:
+        left_out = f"; {specks} specks of under {SMALLEST_OBJECT} px left out"
     counts = label_counts({t.id: t.label for t in objects})
     comments = {
         "physgen": "as perceived in a photo: change any number, then physgen render THIS-FILE",

@@ -47,7 +47,7 @@ def attach_hanging_parts(labels: Labels, confidence: Mapping[int, float]) -> Lab
         if confidence[i] >= HANGING.confidence or not own.any() or _is_cut(own):
             continue
         owner = _owner(attached, own, i)
-        if owner and not _is_carried(attached, own):
+        if owner and not _has_carrier(attached, own):
             attached[own] = owner
     return attached
 
@@ -71,7 +71,9 @@ def _owner(labels: Labels, mask: Mask, i: int) -> int:
     bottom = int(np.flatnonzero(mask.any(axis=1))[-1]) + 1
     is_small = area < HANGING.small * np.count_nonzero(other)
     is_above = bottom < other_rows[-1] - HANGING.height * other_height
-    return other_id if is_small and is_above else 0
+    if is_small and is_above:
+        return other_id
+    return 0
 
 
 def _find_touching_ids(labels: Labels, mask: Mask, reach: int) -> set[int]:
@@ -84,7 +86,7 @@ def _find_touching_ids(labels: Labels, mask: Mask, reach: int) -> set[int]:
     return set(np.unique(labels[rows, columns][surroundings]).tolist())
 
 
-def _is_carried(labels: Labels, mask: Mask) -> bool:
+def _has_carrier(labels: Labels, mask: Mask) -> bool:
     """Return whether something is under the middle of a mask, or on both sides of it."""
     rows, columns = np.nonzero(mask)
     left, right = int(columns.min()), int(columns.max())

@@ -88,7 +88,10 @@ def continue_outlines(
             circle = _border_circle(labels, item, fronts[item.id])
         # The engine gets a disc without overlap, the renderer the full outline.
         if isinstance(circle, Disc):
-            others = [other for other in result if other.id != item.id]
+            others = []
+            for other in result:
+                if other.id != item.id:
+                    others.append(other)
             disc = _free_disc(circle, others)
             if disc is not None:
                 result[place] = replace(item, outline=disc)
@@ -127,7 +130,10 @@ def with_neighbours_of_balls(
     uncertain.
     """
     result = {i: set(front) for i, front in fronts.items()}
-    balls = {item.id for item in objects if kind(item.label).form in ROLLING_FORMS}
+    balls = set()
+    for item in objects:
+        if kind(item.label).form in ROLLING_FORMS:
+            balls.add(item.id)
     for i, j in touching_masks(labels, [item.id for item in objects]):
         for ball, other in ((i, j), (j, i)):
             if ball in balls:
@@ -259,7 +265,9 @@ def _ellipse(border: Array, mask: Mask, front_mask: Mask) -> Mask | None:
     cv2.ellipse(ellipse_mask, ((x, y), axes, angle), 1, -1)
     inside = ellipse_mask > 0
     open_ = (inside & ~mask & ~front_mask).sum()
-    return None if open_ > HIDDEN.open * inside.sum() else inside
+    if open_ > HIDDEN.open * inside.sum():
+        return None
+    return inside
 
 
 def _bays(mask: Mask, front_mask: Mask) -> Mask:

@@ -40,7 +40,7 @@ from physgen.perceive.roles import (
     Shadows,
     Wall,
 )
-from physgen.perceive.shadow.shadow_removal import refill_background
+from physgen.perceive.shadow.refills import refill_background
 from physgen.perceive.shape_entries import light_entry, shape_entry, view_entry
 from physgen.photometry import decode as linear_light
 from physgen.photometry import fit_light
@@ -147,9 +147,9 @@ def import_physgen(
     outlines = outlines_by_kind(
         labels, {i: body.circle for i, body in sim.bodies.items()}
     )
-    objects = [
-        PhotoObject(i, outlines[i], body.label) for i, body in sim.bodies.items()
-    ]
+    objects = []
+    for i, body in sim.bodies.items():
+        objects.append(PhotoObject(i, outlines[i], body.label))
     progress("inpaint", 2, 4)
     coverage = registry.make("matte")(rgb, labels)
     background = _read_background(folder / "inpaint.png", rgb, coverage > 0)
@@ -238,7 +238,9 @@ def outlines_by_kind(
     for i, is_circle in circle.items():
         if isinstance(outlines[i], Disc) != is_circle:
             mask = without_specks(labels == i)
-            as_circle = fit_circle(mask, long_border(mask))[0] if is_circle else None
+            as_circle = None
+            if is_circle:
+                as_circle = fit_circle(mask, long_border(mask))[0]
             outlines[i] = as_circle or fit_regions(mask.astype(np.int64))[1]
     return outlines
 
@@ -259,10 +261,9 @@ def _document(
         if body.push is not None:
             forces.append(_force_entry(item, body, body.push, names[item.id]))
     surface = {"friction": sim.ground_friction, "elasticity": sim.ground_elasticity}
-    walls = {
-        f"wall-{k}": {"segment": [list(a), list(b)], **surface}
-        for k, (a, b) in enumerate(sim.edges, 1)
-    }
+    walls = {}
+    for k, (a, b) in enumerate(sim.edges, 1):
+        walls[f"wall-{k}"] = {"segment": [list(a), list(b)], **surface}
     return {
         "physgen": 1,
         "image": image,
@@ -382,11 +383,9 @@ def _fitted_light(
     inside = labels > 0
     step = max(1, int(inside.sum()) // 20000)
     fit = fit_light(shading[inside][::step], normals[inside][::step])
-    return (
-        None
-        if fit is None or fit.light.intensity < 1e-3 or fit.spread < LEAST_SPREAD
-        else light_entry(fit.light)
-    )
+    if fit is None or fit.light.intensity < 1e-3 or fit.spread < LEAST_SPREAD:
+        return None
+    return light_entry(fit.light)
 
 
 def _check_folder(folder: Path) -> None:
@@ -394,7 +393,10 @@ def _check_folder(folder: Path) -> None:
     file_names = ", ".join(NEEDED)
     if not folder.is_dir():
         raise Message.IMPORT_NOT_FOLDER.error(str(folder), needed=file_names)
-    absent_files = [folder / name for name in NEEDED if not (folder / name).is_file()]
+    absent_files = []
+    for name in NEEDED:
+        if not (folder / name).is_file():
+            absent_files.append(folder / name)
     if absent_files:
         raise InputError(
             [
@@ -417,11 +419,12 @@ def _read_labels(path: Path, rgb: Rgb, sim: Sim) -> NDArray[np.uint16]:
     """
     labels = read_labels(path)
     _check_size(path, labels.shape[:2], rgb)
-    problems = [
-        Message.NOT_IN_MASK.problem(body.place, f"obj_info.{i}", str(i))
-        for i, body in sim.bodies.items()
-        if not (labels == i).any()
-    ]
+    problems = []
+    for i, body in sim.bodies.items():
+        if not (labels == i).any():
+            problems.append(
+                Message.NOT_IN_MASK.problem(body.place, f"obj_info.{i}", str(i))
+            )
     if problems:
         raise InputError(problems)
     return np.where(np.isin(labels, list(sim.bodies)), labels, 0).astype(np.uint16)
@@ -459,7 +462,10 @@ def _read_array(path: Path, shape: tuple[int, ...]) -> F32 | None:
     try:
         array = np.load(path, allow_pickle=False, mmap_mode="r")
     except (OSError, ValueError, EOFError) as error:
-        reason = str(error).splitlines()[0][:80] if str(error) else "broken"
+        if str(error):
+            reason = str(error).splitlines()[0][:80]
+        else:
+            reason = "broken"
         raise Message.ARRAY_UNREADABLE.error(str(path), reason=reason) from None
     if (
         not isinstance(array, np.ndarray)
@@ -490,7 +496,10 @@ def read_sim(path: Path) -> Sim:
     data, properties = to_plain_data(root), _schema()["properties"]
     object_properties = properties["obj_info"]["additionalProperties"]["properties"]
     problems = _find_problems(root, data, properties, object_properties)
-    errors = [problem for problem in problems if problem.severity is Severity.ERROR]
+    errors = []
+    for problem in problems:
+        if problem.severity is Severity.ERROR:
+            errors.append(problem)
     if errors:
         raise InputError(errors)
     velocities = data.get("init_velocity") or {}
@@ -521,10 +530,9 @@ def _find_problems(
     object_properties: Mapping[str, Schema],
 ) -> list[Problem]:
     """Return the violations of the schema, unknown keys and unknown objects."""
-    problems = [
-        _fault(root, error)
-        for error in Draft202012Validator(_schema()).iter_errors(data)
-    ]
+    problems = []
+    for error in Draft202012Validator(_schema()).iter_errors(data):
+        problems.append(_fault(root, error))
     problems += _unknown_keys(root, properties, "")
     nodes = children(root, "obj_info")
     for key, node in nodes.items():
@@ -544,9 +552,10 @@ def _settings(
     entry: Mapping[str, Any], properties: Mapping[str, Schema]
 ) -> dict[str, Any]:
     """Return the value of each key with a default; null means the default."""
-    defaults = {
-        key: part["default"] for key, part in properties.items() if "default" in part
-    }
+    defaults = {}
+    for key, part in properties.items():
+        if "default" in part:
+            defaults[key] = part["default"]
     return {
         key: default if entry.get(key) is None else entry[key]
         for key, default in defaults.items()
@@ -574,7 +583,10 @@ def _unknown_keys(
     for key, child in children(node).items():
         if key not in properties:
             similar_key = nearest(key, properties)
-            key_path = f"{path}.{key}" if path else key
+            if path:
+                key_path = f"{path}.{key}"
+            else:
+                key_path = key
             place, quoted_key = child.key_place, f'"{key}"'
             unknown = Message.UNKNOWN_SIM_KEY
             if similar_key is None:

@@ -182,7 +182,7 @@ def _form(shape: Mapping[str, Any]) -> MassProperties:
         rings = [Ring(corners + shape["box"]["center"])]
     else:
         pieces = shape.get("polygons") or [{"outline": shape["polygon"]}]
-        rings = [_ring(piece) for piece in pieces]
+        rings = list(map(_ring, pieces))
     return mass_properties(Region(tuple(rings)))
 
 

@@ -48,7 +48,9 @@ def slug(label: str) -> str:
     text = re.sub(r"[^a-z0-9]+", "-", label.lower()).strip("-")[:48].strip("-")
     if not text:
         return "object"
-    return text if text[0].isalpha() else f"object-{text}"
+    if text[0].isalpha():
+        return text
+    return f"object-{text}"
 
 
 def object_names(
@@ -109,14 +111,20 @@ def renamed_labels(
     problems = []
     for rename in renames:
         name, sign, text = (part.strip() for part in rename.partition("="))
-        exact_ids = [i for i, n in names_by_id.items() if name in (n, str(i))]
+        exact_ids = []
+        for i, n in names_by_id.items():
+            if name in (n, str(i)):
+                exact_ids.append(i)
         ids = exact_ids or [
             i for i, n in names_by_id.items() if fnmatch.fnmatchcase(n, name)
         ]
         has_text = bool(sign and text)
         if not (has_text and ids):
             problems.append(_rename_problem(rename, name, has_text, names_by_id))
-        labels = exact_labels if exact_ids else pattern_labels
+        if exact_ids:
+            labels = exact_labels
+        else:
+            labels = pattern_labels
         labels.update(dict.fromkeys(ids, text))
     return pattern_labels | exact_labels, problems
 
@@ -145,11 +153,10 @@ def label_confidences(
     renamed_ids: set[int],
 ) -> dict[int, float]:
     """Return the confidence of each label: 1 if the user gave or changed it."""
-    user_names = (
-        detections.names
-        if detections.object_names or detections.name_source == "given"
-        else {}
-    )
+    if detections.object_names or detections.name_source == "given":
+        user_names = detections.names
+    else:
+        user_names = {}
     user_ids = {
         i
         for i in user_names

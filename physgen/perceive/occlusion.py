@@ -213,7 +213,9 @@ def _filled_bay(mask: Mask, other: Mask) -> float:
     )
     is_filled[0] = False
     depths = hull_depth[is_filled[bays] & other]
-    return float(depths.max()) if len(depths) else 0.0
+    if len(depths):
+        return float(depths.max())
+    return 0.0
 
 
 def _free_circle(labels: Labels, i: int, box: Box) -> Array | None:
@@ -237,11 +239,9 @@ def _free_circle(labels: Labels, i: int, box: Box) -> Array | None:
             <= max(LIMITS.least_deviation, LIMITS.circle_deviation * circle[2])
         ).mean()
     )
-    return (
-        circle + corner
-        if len(angles) >= LIMITS.free_arc * 72 and fits >= LIMITS.fits
-        else None
-    )
+    if len(angles) >= LIMITS.free_arc * 72 and fits >= LIMITS.fits:
+        return circle + corner
+    return None
 
 
 def _bulge(mask: Mask, other: Mask) -> float:

@@ -140,7 +140,10 @@ def perceive(
         if run.core("matte"):
             cutting = executor.submit(run.cut_out, filled_labels)
         estimate = _estimate_scene(run, detections, objects, renames, facts, scenery)
-        surroundings = cutting.result() if cutting else run.cut_out(filled_labels)
+        if cutting:
+            surroundings = cutting.result()
+        else:
+            surroundings = run.cut_out(filled_labels)
         shadows = _find_shadows(run, detections, estimate, surroundings)
         run.progress("inpaint", ROLES.index("inpaint"), len(ROLES))
         filling = executor.submit(
@@ -177,7 +180,10 @@ def _detect_objects(
 ) -> tuple[Detections, Scenery | None, Sequence[Remain]]:
     """Segment a photo; return detections, scenery and doubtful parts of objects."""
     detections, scenery = run.detect(nouns)
-    ids = [int(i) for i in np.unique(detections.labels) if i > 0]
+    ids = []
+    for i in np.unique(detections.labels):
+        if i > 0:
+            ids.append(int(i))
     # Thin parts and rims missed by the segmenter would stay behind when their
     # object moves.
     remains = find_remains(run.rgb, detections.labels, ids)
@@ -202,7 +208,10 @@ def _extend_to_discs(
     """
     if detections.source == "given":
         return detections
-    new_objects = [item for item in objects if item.id not in detections.mask_sources]
+    new_objects = []
+    for item in objects:
+        if item.id not in detections.mask_sources:
+            new_objects.append(item)
     labels = replace_by_discs(detections.labels, new_objects)
     return replace(detections, labels=labels)
 
@@ -288,9 +297,14 @@ def _fill_background(
     """Fill the background behind all objects and deleted regions."""
     # Only floors seen from the side mirror the objects on them.
     is_side = estimate.boundaries.view is View.SIDE
-    standing_labels = detections.labels if is_side else None
+    standing_labels = None
+    if is_side:
+        standing_labels = detections.labels
     # Objects cut off by the border do not move: they are scenery for the others.
-    cut_ids = [item.id for item in estimate.objects if item.cut]
+    cut_ids = []
+    for item in estimate.objects:
+        if item.cut:
+            cut_ids.append(item.id)
     fixed_ids = find_scenery(filled_labels, cut_ids)
     nearest_mask = nearest_labels(filled_labels, fixed_ids)
     scenery_mask = nearest_mask & (surroundings.coverage > 0)

@@ -43,7 +43,7 @@ from physgen.perceive.shadow.backgrounds import (
     find_surroundings,
 )
 from physgen.perceive.shadow.mirror_images import remove_mirror_images
-from physgen.perceive.shadow.shadow_removal import remove_reflections
+from physgen.perceive.shadow.reflections import remove_reflections
 from physgen.progress import Progress
 from physgen.registry import Backends
 from physgen.scene.scene import View
@@ -148,7 +148,10 @@ class PerceptionRun:
         Without mirror images in the photo, both stay as they are.
         """
         inpaint = partial(self.crew.call, "inpaint")
-        visible = backgrounds.shaded if backgrounds.clean is None else backgrounds.clean
+        if backgrounds.clean is None:
+            visible = backgrounds.shaded
+        else:
+            visible = backgrounds.clean
         mirrorless = remove_mirror_images(
             self.rgb, visible, labels, coverage, ids, inpaint
         )
@@ -182,32 +185,33 @@ class PerceptionRun:
         """Label the objects."""
         # A model labels only objects without labels. The default labels are computed
         # for all, so that a refresh can tell which names they made.
-        new_objects = (
-            [t for t in objects if t.id not in detections.names]
-            if self.crew.row("label").extra
-            else objects
-        )
+        new_objects = objects
+        if self.crew.row("label").extra:
+            new_objects = []
+            for t in objects:
+                if t.id not in detections.names:
+                    new_objects.append(t)
         guesses: Mapping[int, Name] = (
             self.role("label", self.rgb, detections.labels, new_objects)
             if new_objects
             else {}
         )
         labels = {**guesses, **detections.names}
-        source = {
-            t.id: detections.name_source
-            if t.id in detections.names
-            else self.crew.name("label")
-            for t in objects
-        }
+        source = {}
+        for t in objects:
+            source[t.id] = (
+                detections.name_source
+                if t.id in detections.names
+                else self.crew.name("label")
+            )
         # An existing scene already contains the sources of its labels.
         if detections.object_names:
             source |= dict.fromkeys(detections.names, "")
         objects = [replace(t, label=labels[t.id].label) for t in objects]
-        old_names = {
-            t.id: detections.object_names[t.id]
-            for t in objects
-            if t.id in detections.object_names
-        }
+        old_names = {}
+        for t in objects:
+            if t.id in detections.object_names:
+                old_names[t.id] = detections.object_names[t.id]
         before = naming.object_names(objects, old_names)
         objects, renamed_ids = naming.relabel_objects(objects, renames, before)
         source |= dict.fromkeys(renamed_ids, "")
@@ -233,7 +237,10 @@ class PerceptionRun:
         )
         self.crew.release("label")
         judged = judged_scale(objects, matter, self.crew.name("physics"))
-        scales = [one for one in (scale, judged) if one is not None]
+        scales = []
+        for one in (scale, judged):
+            if one is not None:
+                scales.append(one)
         return matter, max(scales, key=lambda one: one.confidence, default=None)
 
     def find_boundaries(
@@ -258,11 +265,8 @@ class PerceptionRun:
         guess: BoundaryGuess = self.role(
             "boundary", self.rgb, detections.labels, objects, known_view, **extra
         )
-        guess = (
-            replace(guess, confidence=view.confidence, reason=view.reason)
-            if view
-            else guess
-        )
+        if view:
+            guess = replace(guess, confidence=view.confidence, reason=view.reason)
         depth = None if self.crew.name("depth") == "none" else extra.get("depth")
         return guess, depth, extra.get("normals")
 
@@ -270,11 +274,9 @@ class PerceptionRun:
         """Return the scene with the record of the backends, if models took part."""
         # A role in the second thread may have finished out of order.
         self.crew.steps.sort(key=lambda step: ROLES.index(step.role))
-        return (
-            scene
-            if self.crew.all_default()
-            else replace(scene, record=self.crew.record())
-        )
+        if self.crew.all_default():
+            return scene
+        return replace(scene, record=self.crew.record())
 
 
 def nearest_labels(labels: Labels, ids: Sequence[int]) -> Mask:
@@ -316,7 +318,10 @@ def judged_scale(
             float(np.median(np.abs(logs - middle))) * 1.48, LIMITS.judged_spread
         )
     reliability = float(np.median([confidence for _, confidence in estimates])) ** 0.5
-    count = f"{len(estimates)} objects" if len(estimates) > 1 else "one object"
+    if len(estimates) > 1:
+        count = f"{len(estimates)} objects"
+    else:
+        count = "one object"
     reason = f"{source} judged the size of {count}, which agree to about {100 * spread:.0f} %"
     confidence = round(
         0.95 * reliability * exp(-((spread / LIMITS.vague_spread) ** 2)), 2

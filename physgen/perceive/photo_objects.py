@@ -99,11 +99,16 @@ def _list_object_ids(detections: Detections) -> tuple[list[int], int]:
     """
     counts = np.bincount(detections.labels.ravel(), minlength=2)
     all_ids = np.flatnonzero(counts[1:]) + 1
-    ids = [int(i) for i in all_ids if counts[i] >= SMALLEST_OBJECT]
+    ids = []
+    for i in all_ids:
+        if counts[i] >= SMALLEST_OBJECT:
+            ids.append(int(i))
     has_mostly_specks = 2 * len(ids) < len(all_ids)
     is_photo = len(all_ids) > MOST_IDS and has_mostly_specks
     if is_photo or len(ids) > MOST_OBJECTS:
-        specks = ", most of them of a few pixels" if has_mostly_specks else ""
+        specks = ""
+        if has_mostly_specks:
+            specks = ", most of them of a few pixels"
         count = f"{len(all_ids):,} ids{specks}"
         raise Message.NOT_A_LABEL_MAP.error("--masks", count=count)
     if not ids and detections.source == "given":
@@ -169,14 +174,15 @@ def outline_as_named(
     Evidence is the label of a round object or the shading of a sphere: a pouf, a van or
     the face of a box does not roll.
     """
-    rejected_ids = [
-        item.id
-        for item in objects
-        if isinstance(item.outline, Disc)
-        and not has_round_form(kind(item.label))
-        and not is_shaded_as_sphere(rgb, item.outline)
-        and disc_iou(item.outline, labels == item.id) < EXACTLY_ROUND
-    ]
+    rejected_ids = []
+    for item in objects:
+        if (
+            isinstance(item.outline, Disc)
+            and not has_round_form(kind(item.label))
+            and not is_shaded_as_sphere(rgb, item.outline)
+            and disc_iou(item.outline, labels == item.id) < EXACTLY_ROUND
+        ):
+            rejected_ids.append(item.id)
     if not rejected_ids:
         return list(objects)
     ids = [item.id for item in objects]
@@ -194,9 +200,10 @@ def replace_by_discs(labels: Labels, objects: Sequence[PhotoObject]) -> Labels:
     several balls of equal size may change more, and slivers beside its disc go.
     """
     size = labels.shape[1], labels.shape[0]
-    discs = {
-        item.id: item.outline for item in objects if isinstance(item.outline, Disc)
-    }
+    discs = {}
+    for item in objects:
+        if isinstance(item.outline, Disc):
+            discs[item.id] = item.outline
     areas = {i: raster.coverage(disc, size) >= 0.5 for i, disc in discs.items()}
     overlaps = {i: _overlap_with_disc(labels, i, area) for i, area in areas.items()}
     round_radii = np.array(

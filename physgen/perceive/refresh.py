@@ -94,14 +94,22 @@ def full_size(scene: Scene) -> tuple[int, int] | None:
         case [int(width), int(height)] if width > 0 and height > 0:
             scaled_height = height * scene.size[0] / width
             is_same_photo = abs(scaled_height - scene.size[1]) <= 1
-            return (width, height) if is_same_photo else None
+            if is_same_photo:
+                return (width, height)
+            return None
     return None
 
 
 def list_prompts(objects: Sequence[Object]) -> list[Object]:
     """Return the objects with a prompt: those with a box, then those with a point."""
-    boxes = [item for item in objects if isinstance(item.prompt, BoxPrompt)]
-    points = [item for item in objects if isinstance(item.prompt, PointPrompt)]
+    boxes = []
+    for item in objects:
+        if isinstance(item.prompt, BoxPrompt):
+            boxes.append(item)
+    points = []
+    for item in objects:
+        if isinstance(item.prompt, PointPrompt):
+            points.append(item)
     return boxes + points
 
 
@@ -178,7 +186,7 @@ def start_refresh(
     Raises InputError as `from_prompts`.
     """
     if frames is None:
-        frames = PromptFrames(PromptFrame.of(rgb), PromptFrame.of(rgb))
+        frames = PromptFrames(PromptFrame.from_photo(rgb), PromptFrame.from_photo(rgb))
     new = from_prompts(rgb, boxes, points, segment, frames.new)
     # Stored prompts select whole objects, whatever the choice for the new prompts.
     whole_segmenter = replace(segment, is_smallest_meant=False)
@@ -186,7 +194,10 @@ def start_refresh(
     drawing = _draw_present_objects(objects, labels, stored)
     _draw_new_objects(drawing, new, max(_mask_ids(objects), default=0))
     items = {i: objects[k] for i, k in drawing.owners.items()}
-    prompted_names = [items[i].name for i in drawing.prompts if i in items]
+    prompted_names = []
+    for i in drawing.prompts:
+        if i in items:
+            prompted_names.append(items[i].name)
     absorbed_names = [objects[k].name for k in drawing.absorbed_indices]
     return RefreshStart(
         _detections(drawing, items, old),
@@ -227,7 +238,10 @@ def _draw_new_objects(
         drawing.labels[np.isin(drawing.labels, selected_ids)] = 0
         for absorbed_id in selected_ids[1:]:
             drawing.absorb(absorbed_id)
-        id_ = selected_ids[0] if selected_ids else largest_old_id + n
+        if selected_ids:
+            id_ = selected_ids[0]
+        else:
+            id_ = largest_old_id + n
         drawing.cover(id_, mask, new.confidence[n], prompt)
         drawing.replaced_ids.add(id_)
 
@@ -267,9 +281,9 @@ def _detections(
 
 def _mask_ids(objects: Sequence[Object]) -> list[int]:
     """Return an id for each object: its id in `masks.png`, or the next free one."""
-    given_ids = [
-        item.mask.id if isinstance(item.mask, MaskId) else 0 for item in objects
-    ]
+    given_ids = []
+    for item in objects:
+        given_ids.append(item.mask.id if isinstance(item.mask, MaskId) else 0)
     free = iter(range(max(given_ids, default=0) + 1, 65536))
     return [
         i if i and i not in given_ids[:k] else next(free)
@@ -287,12 +301,13 @@ def with_sources(data: Entry, scene: Scene) -> dict[str, Any]:
             sources[name].setdefault(
                 "mask", provenance("doubtful", entry["confidence"])
             )
-    objects = {
-        name: {**entry, "from": sources[name]}
-        if "from" in entry or sources[name]
-        else entry
-        for name, entry in data["objects"].items()
-    }
+    objects = {}
+    for name, entry in data["objects"].items():
+        objects[name] = (
+            {**entry, "from": sources[name]}
+            if "from" in entry or sources[name]
+            else entry
+        )
     return {**data, "objects": objects}
 
 
@@ -301,7 +316,9 @@ def known_view(scene: Scene) -> BoundaryGuess:
     gave it.
     """
     record, view = scene.record.world, scene.world.view
-    wrote = record.get("view_from") if record.get("view") == view.value else None
+    wrote = None
+    if record.get("view") == view.value:
+        wrote = record.get("view_from")
     origin = source(str(wrote or "as given 1"))
     return BoundaryGuess(
         view, 1.0 if origin.confidence is None else origin.confidence, origin.text, ()
@@ -323,11 +340,9 @@ def as_before(
     if is_resized:
         anew = perceived_scene.document["boundaries"].values()
         walls = {name: _nearest_wall(wall, anew) for name, wall in walls.items()}
-    suits = (
-        Suitability(tuple(map(str, doubts.get("reasons", ()))))
-        if doubts
-        else perceived_scene.suitability
-    )
+    suits = perceived_scene.suitability
+    if doubts:
+        suits = Suitability(tuple(map(str, doubts.get("reasons", ()))))
     return replace(
         perceived_scene,
         document={**perceived_scene.document, "boundaries": walls},
@@ -354,9 +369,10 @@ def true_comments(
     `world`.
     """
     value, has_reason = scene_files.value_at, "view_from" in world
-    candidates = {
-        k: reason for k, reason in comments.items() if has_reason or k != "world.view"
-    }
+    candidates = {}
+    for k, reason in comments.items():
+        if has_reason or k != "world.view":
+            candidates[k] = reason
     return {
         k: reason
         for k, reason in candidates.items()
@@ -370,11 +386,11 @@ def user_layers(scene: Entry) -> dict[str, int]:
     These are layers without an entry in `from`; an object without `from` belongs to the
     user completely.
     """
-    return {
-        name: int(entry.get("layer", 0))
-        for name, entry in scene["objects"].items()
-        if "from" not in entry or ("layer" in entry and "layer" not in entry["from"])
-    }
+    layers = {}
+    for name, entry in scene["objects"].items():
+        if "from" not in entry or ("layer" in entry and "layer" not in entry["from"]):
+            layers[name] = int(entry.get("layer", 0))
+    return layers
 
 
 def merge_documents(
@@ -429,7 +445,10 @@ def _has_perceived_motion(name: str, entry: Entry, record: Record) -> bool:
 
 def _with_motion(entry: Entry, new_entry: Entry) -> dict[str, Any]:
     """Return the entry of an object with the motion of another entry."""
-    result = {key: value for key, value in entry.items() if key != "motion"}
+    result = {}
+    for key, value in entry.items():
+        if key != "motion":
+            result[key] = value
     for key in MOTION_KEYS:
         if key in new_entry:
             result[key] = new_entry[key]
@@ -472,25 +491,27 @@ def merge_boundaries(
 
     Boundaries that the user changed or deleted are not added again.
     """
-    estimates = {name: wall for name, wall in old_entry.items() if "from" in wall}
+    estimates = {}
+    for name, wall in old_entry.items():
+        if "from" in wall:
+            estimates[name] = wall
     wrote = record.world.get("boundaries", estimates)
-    walls = {
-        name: wall
-        for name, wall in old_entry.items()
-        if not equal(wall, wrote.get(name))
-    }
-    known_walls = [
-        wall for name, wall in wrote.items() if name in walls or name not in old_entry
-    ]
-    new_walls = {
-        free_name(name, walls): wall
-        for name, wall in user_entry.items()
+    walls = {}
+    for name, wall in old_entry.items():
+        if not equal(wall, wrote.get(name)):
+            walls[name] = wall
+    known_walls = []
+    for name, wall in wrote.items():
+        if name in walls or name not in old_entry:
+            known_walls.append(wall)
+    new_walls = {}
+    for name, wall in user_entry.items():
         if not any(
             equal(known_wall.get(kind), wall[kind], SAME)
             for known_wall in known_walls
             for kind in LINES & wall.keys()
-        )
-    }
+        ):
+            new_walls[free_name(name, walls)] = wall
     return new_walls | walls
 
 
@@ -520,7 +541,10 @@ def same_objects(scene: Scene, before: Labels, labels: Labels) -> bool:
     has_paint = crc32((assets / "masks.png").read_bytes()) != read_recorded(
         assets, "files"
     ).get("masks.png")
-    ids = {str(item.mask.id) for item in scene.objects if isinstance(item.mask, MaskId)}
+    ids = set()
+    for item in scene.objects:
+        if isinstance(item.mask, MaskId):
+            ids.add(str(item.mask.id))
     return (
         not has_paint
         and ids == scene.record.objects.keys()
@@ -619,11 +643,10 @@ def kept_doubtful(
         region = old_region & (result == 0)
         # Otherwise the region has become part of an object.
         if np.count_nonzero(region) > OVERLAP[0] * np.count_nonzero(old_region):
-            id_ = (
-                int(result.max()) + 1
-                if (result == entry["mask"]).any()
-                else entry["mask"]
-            )
+            if (result == entry["mask"]).any():
+                id_ = int(result.max()) + 1
+            else:
+                id_ = entry["mask"]
             result[region], entries[name] = id_, {**entry, "mask": id_}
     free = (result == 0) & (removed_pixels > 0)
     result[free] = np.where(

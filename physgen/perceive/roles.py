@@ -333,7 +333,9 @@ class Suitability:
     @property
     def verdict(self) -> str:
         """Return `good` or `doubtful`."""
-        return "doubtful" if self.reasons else "good"
+        if self.reasons:
+            return "doubtful"
+        return "good"
 
     def __str__(self) -> str:
         return self.verdict + (f": {'; '.join(self.reasons)}" if self.reasons else "")

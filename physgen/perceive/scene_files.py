@@ -138,7 +138,10 @@ class _SceneDraft:
             folder.resolve()
         )
         # A copy of the pixels does not contain the photo's metadata, such as the place.
-        photo_copy = "" if is_inside else _free_of_maps(f"{name}.png")
+        if is_inside:
+            photo_copy = ""
+        else:
+            photo_copy = _free_of_maps(f"{name}.png")
         body = {}
         for key, value in scene.document.items():
             if key not in HEAD_KEYS:
@@ -200,7 +203,9 @@ def _choose_assets(draft: _SceneDraft, target: Path, output: Path | None) -> Pat
         if not output.is_file():
             return free_assets
         is_same_scene = draft.text(existing_assets).encode() == output.read_bytes()
-        return existing_assets if is_same_scene else free_assets
+        if is_same_scene:
+            return existing_assets
+        return free_assets
     # The text goes to the standard output, so that no scene file tells whose they are.
     for scene_file in target.parent.glob("*.yaml"):
         if existing_assets.name.encode() in scene_file.read_bytes():
@@ -455,7 +460,10 @@ def short_entries(
         written_entry, mask = entries.get(name, {}), item.get("mask")
         has_new_shape = "shape" in item and "shape" not in written_entry
         if has_new_shape and isinstance(mask, int):
-            shape_keys = ["shape"] if "solid" in written_entry else ["shape", "solid"]
+            if "solid" in written_entry:
+                shape_keys = ["shape"]
+            else:
+                shape_keys = ["shape", "solid"]
             entry: dict[str, Any] = {"crc": mask_crc(labels, mask)}
             for key in shape_keys:
                 if key in item:
@@ -484,7 +492,9 @@ def _without_defaults(
 def _free_of_maps(name: str) -> str:
     """Return a name for the photo, different from all maps of the assets."""
     map_names = {*MAPS, Path(OVERVIEW).stem}
-    return f"photo-{name}" if Path(name).stem.lower() in map_names else name
+    if Path(name).stem.lower() in map_names:
+        return f"photo-{name}"
+    return name
 
 
 def _relative(path: Path, folder: Path) -> str:

@@ -24,13 +24,14 @@ FACING_CONFIDENCE = 0.6
 
 def vehicle_entry(vehicle: Vehicle) -> dict[str, Any]:
     """Return `wheels:` and `facing:` of an object."""
-    wheels = [
-        {
-            "center": [short(x) for x in wheel.center],
-            "radius": short(wheel.radius),
-        }
-        for wheel in vehicle.wheels
-    ]
+    wheels = []
+    for wheel in vehicle.wheels:
+        wheels.append(
+            {
+                "center": list(map(short, wheel.center)),
+                "radius": short(wheel.radius),
+            }
+        )
     return {"wheels": wheels, "facing": vehicle.facing.value}
 
 
@@ -76,7 +77,7 @@ def shape_entry(outline: Outline) -> dict[str, Any]:
     for ring in rings:
         piece: dict[str, Any] = {"outline": corners(ring.outer)}
         if ring.holes:
-            piece["holes"] = [corners(hole) for hole in ring.holes]
+            piece["holes"] = list(map(corners, ring.holes))
         pieces.append(piece)
     return {"polygons": pieces}
 
@@ -113,13 +114,18 @@ def corners(points: Array) -> list[list[float]]:
     """Return `(K, 2)` px as [[x, y], ...] to 0.01 px, without repeated points."""
     grid_points = np.round(points, 2) + 0.0
     is_new = np.any(grid_points != np.roll(grid_points, 1, axis=0), axis=1)
-    distinct = grid_points[is_new] if is_new.sum() >= 3 else grid_points
+    if is_new.sum() >= 3:
+        distinct = grid_points[is_new]
+    else:
+        distinct = grid_points
     return [[short(x), short(y)] for x, y in distinct]
 
 
 def short(value: float) -> float:
     """Return the number, as an integer if possible: 18 instead of 18.0."""
-    return int(value) if float(value).is_integer() else float(value)
+    if float(value).is_integer():
+        return int(value)
+    return float(value)
 
 
 def wall_entry(wall: Wall) -> dict[str, Any]:

@@ -68,7 +68,7 @@ class SphereFit:
     """Log ratio of the light at the rim and in the middle."""
 
     @property
-    def is_plain(self) -> bool:
+    def has_plain_disc(self) -> bool:
         """Return whether the disc has neither shading nor texture, as in drawings."""
         return max(self.residual, self.shading) < SPHERE.least_variation
 
@@ -90,7 +90,7 @@ def is_shaded_as_sphere(rgb: Rgb, disc: Disc) -> bool:
     evidence.
     """
     fit = fit_sphere_shading(rgb, disc)
-    return fit is not None and (fit.is_plain or fit.is_sphere)
+    return fit is not None and (fit.has_plain_disc or fit.is_sphere)
 
 
 def fit_sphere_shading(rgb: Rgb, disc: Disc) -> SphereFit | None:

@@ -23,11 +23,10 @@ def summary(scene: PerceivedScene) -> list[str]:
     """
     objects = scene.document["objects"]
     confidences = {name: mask_confidence(item) for name, item in objects.items()}
-    doubtful_names = [
-        f"{name} ({value:.2f})"
-        for name, value in confidences.items()
-        if value < DOUBTS.object_confidence
-    ]
+    doubtful_names = []
+    for name, value in confidences.items():
+        if value < DOUBTS.object_confidence:
+            doubtful_names.append(f"{name} ({value:.2f})")
     table = {"objects": Note.NO_OBJECTS.text(fix=ADD_OBJECT)}
     if objects:
         table = _object_rows(scene)
@@ -77,7 +76,10 @@ def _object_rows(scene: PerceivedScene) -> dict[str, str]:
 
 def _support_row(document: Mapping[str, Any]) -> str:
     """Return the names of the boundaries and of the static objects."""
-    walls = [name for name in document["boundaries"] if name != "bottom"]
+    walls = []
+    for name in document["boundaries"]:
+        if name != "bottom":
+            walls.append(name)
     row = ", ".join(walls) or Note.NO_BOUNDARY.text()
     static = []
     for name, item in document["objects"].items():

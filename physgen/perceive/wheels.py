@@ -114,9 +114,10 @@ def may_drive(label: str, name: Name | None) -> bool:
         return True
     if name is None or label != name.label or kind(label).noun:
         return False
-    chances = [
-        chance for other, chance in name.alternatives if kind(other).noun in VEHICLES
-    ]
+    chances = []
+    for other, chance in name.alternatives:
+        if kind(other).noun in VEHICLES:
+            chances.append(chance)
     return sum(chances) >= SEARCH.probability
 
 
@@ -155,7 +156,7 @@ def find_wheels(rgb: Rgb, mask: Mask) -> tuple[tuple[Wheel, ...], float]:
     if confidence < SEARCH.confidence:
         return (), 0.0
     axles = sorted(pair, key=lambda candidate: candidate.x)
-    wheels = tuple(view.place_wheel(axle) for axle in axles)
+    wheels = tuple(map(view.place_wheel, axles))
     return wheels, round(confidence, 2)
 
 
@@ -169,7 +170,10 @@ def _crop_object(rgb: Rgb, mask: Mask) -> _ObjectView:
     part = rgb[window]
     rows, columns = part.shape[:2]
     size = max(round(columns * scale), 8), max(round(rows * scale), 8)
-    interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+    if scale < 1:
+        interpolation = cv2.INTER_AREA
+    else:
+        interpolation = cv2.INTER_LINEAR
     small = cv2.resize(part, size, interpolation=interpolation)
     grey = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY).astype(np.float32)
     small_mask = cv2.resize(
@@ -285,4 +289,6 @@ def guess_facing(mask: Mask, wheels: Sequence[Wheel]) -> Facing:
     heights = bottom - tops
     cabin = columns[heights > 0.8 * heights.max()]
     middle = float(np.mean([wheel.center[0] for wheel in wheels]))
-    return Facing.LEFT if float(cabin.mean()) > middle else Facing.RIGHT
+    if float(cabin.mean()) > middle:
+        return Facing.LEFT
+    return Facing.RIGHT

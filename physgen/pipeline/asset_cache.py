@@ -112,7 +112,9 @@ class AssetCache:
     def load_stage(self, entry: str) -> Stage | None:
         """Load the stage of a key, if it is in the cache."""
         stage = self.load(entry)
-        return stage if isinstance(stage, Stage) else None
+        if isinstance(stage, Stage):
+            return stage
+        return None
 
     def load(self, key: str) -> Any:
         """Load the value of a key; None if it is missing or damaged."""
@@ -158,7 +160,10 @@ def make_cache(percepts: Percepts, text: str, target: Path | None) -> None:
     `text` is the text of the scene, and `target` its file or None. Large photos get no
     cache, which would be larger than all other files of the scene.
     """
-    folder = Path() if target is None else target.parent
+    if target is None:
+        folder = Path()
+    else:
+        folder = target.parent
     data = text.encode("utf-8")
     assets = named_assets(data, folder)
     photo = named_photo(data, folder)
@@ -196,10 +201,9 @@ def encode_value(value: Any, arrays: list[Array]) -> Any:
     # Only classes of the list are accepted, since their constructors run while an entry
     # of unknown origin is read.
     if is_dataclass(value) and CLASSES.get(name) is type(value):
-        parts = {
-            item.name: encode_value(getattr(value, item.name), arrays)
-            for item in fields(value)
-        }
+        parts = {}
+        for item in fields(value):
+            parts[item.name] = encode_value(getattr(value, item.name), arrays)
         return {"fields": parts, "class": name}
     raise TypeError(f"{name} is not a class of the cache")
 

@@ -43,7 +43,7 @@ def key(stage: str, *parts: Any) -> str:
     NaN.
     """
     text = json.dumps(
-        [_to_plain_data(part) for part in parts],
+        list(map(_to_plain_data, parts)),
         sort_keys=True,
         ensure_ascii=False,
         allow_nan=False,
@@ -80,7 +80,10 @@ def code_version(rooms: Sequence[str]) -> dict[str, str]:
             text = file.read()
         digest.update(f"{path[len(package_root) :]} {len(text)}\n".encode() + text)
     # PyAV only encodes the computed frames: `RenderOptions.mark` has its version.
-    libraries = {name: number for name, number in versions().items() if name != "av"}
+    libraries = {}
+    for name, number in versions().items():
+        if name != "av":
+            libraries[name] = number
     return {**libraries, "machine": platform.machine(), "sources": digest.hexdigest()}
 
 
@@ -96,7 +99,9 @@ def _to_plain_data(value: Any) -> Any:
         if value in (inf, -inf):
             return {"": str(value)}
         # Adding 0.0 turns -0.0 into 0.0. Larger integers are not exact as floats.
-        return float(value) + 0.0 if abs(value) < 2**53 else value
+        if abs(value) < 2**53:
+            return float(value) + 0.0
+        return value
     if isinstance(value, np.ndarray):
         data = np.ascontiguousarray(value)
         return {
@@ -114,5 +119,5 @@ def _to_plain_data(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {str(name): _to_plain_data(part) for name, part in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_to_plain_data(part) for part in value]
+        return list(map(_to_plain_data, value))
     raise TypeError(f"{type(value).__name__} is not plain data")

@@ -120,11 +120,10 @@ def command_alone(path: str | Path, options: RenderOptions) -> list[str]:
     formats = ",".join(video_format.value for video_format in options.formats)
     has_refine_flag = any(flag.startswith("--refine=") for flag in options.models)
     # The flag for the refinement model overrides an edit of the same key.
-    edits = [
-        edit
-        for edit in options.overrides
-        if not (has_refine_flag and edit.startswith("refine.backend="))
-    ]
+    edits = []
+    for edit in options.overrides:
+        if not (has_refine_flag and edit.startswith("refine.backend=")):
+            edits.append(edit)
     return [
         *("physgen", "render", str(path)),
         *([] if options.variant is None else ["--variant", options.variant]),
@@ -162,7 +161,7 @@ def render_scene(
     options = replace(options or RenderOptions(), **changes)
     run = _Run(path, Path(out), options, stages or Stages(Keep.NOTHING), progress, warn)
     try:
-        return run.made(refiners or Refiners())
+        return run.make_clip(refiners or Refiners())
     finally:
         run.aside.join()
 
@@ -243,7 +242,7 @@ class _Run:
         self._failures: list[Problem] = []  # formats that cannot be written
         self.paged = bool(options.formats) and options.page is not Page.NONE
         self.film = Film(scene, compiled_scene, maps, record, stages)
-        self.labels = Labels.of(options.export, scene, maps.percepts)
+        self.labels = Labels.for_clip(options.export, scene, maps.percepts)
         self.film.keeps_layers = any(kind.has_layers for kind in self.labels.kinds)
         # Without a video, the labels are written to the clip's folder itself, and would
         # replace the video of an earlier run.
@@ -256,7 +255,7 @@ class _Run:
         self._player: Callable[[], Data | None]
         self._sound_section: dict[str, Any] | None = None
 
-    def made(self, refiners: Refiners) -> Path:
+    def make_clip(self, refiners: Refiners) -> Path:
         """Write the complete folder and return it. Raises InputError."""
         record = self.record
         film = self.film
@@ -268,7 +267,7 @@ class _Run:
             trajectory = footage.trajectory
         else:
             self.progress("simulate", 0, 1)
-            trajectory = film.simulated(self.progress)
+            trajectory = film.simulate_motion(self.progress)
             # Only after the simulation: the engine switches between threads at every
             # step, and a thread beside it costs more time than it gains.
             self._draw_perception()
@@ -359,10 +358,9 @@ class _Run:
     def inputs_unchanged(self) -> bool:
         """Check that no input of the clip was written since the run began."""
         scene_folder = self.scene.folder.resolve()
-        times = [
-            file_stamp(Path(os.path.normpath(scene_folder / name)))[:2]
-            for name in self.record.inputs
-        ]
+        times = []
+        for name in self.record.inputs:
+            times.append(file_stamp(Path(os.path.normpath(scene_folder / name)))[:2])
         has_same_stamps = all(file_stamp(file) == stamp for file, stamp in self._stamps)
         return has_same_stamps and all(max(pair) < self._begun for pair in times)
 
@@ -394,8 +392,14 @@ class _Run:
         scene = self.scene
         world = self.film.compiled.world
         displacements = _displacements(world, trajectory)
-        pushed_objects = [item for item in scene.objects if any(item.velocity)]
-        smallest_visible = HARDLY * max(scene.size) if pushed_objects else UNMOVED
+        pushed_objects = []
+        for item in scene.objects:
+            if any(item.velocity):
+                pushed_objects.append(item)
+        if pushed_objects:
+            smallest_visible = HARDLY * max(scene.size)
+        else:
+            smallest_visible = UNMOVED
         if displacements.max(initial=0.0) < smallest_visible:
             template = Message.NOTHING_MOVES
             if not world.bodies:
@@ -468,7 +472,7 @@ class _Run:
         """Write the video and the labels, and return the first frame."""
         film = self.film
         record = self.record
-        film.exposed(trajectory)
+        film.sample_exposures(trajectory)
         if not self.options.export:
             record.video |= film.deliver()
         if self.paged:
@@ -483,7 +487,9 @@ class _Run:
             self._write_sound(trajectory, folder),
         )
         count = film.count(trajectory)
-        with self.labels.exported(film, trajectory, self._truth(folder), record) as tap:
+        with self.labels.export_labels(
+            film, trajectory, self._truth(folder), record
+        ) as tap:
             frames = film.deliver_frames(tap(film.frames(trajectory)), trajectory)
             record.frames, first_frame = files.write(frames, count)
         return first_frame
@@ -543,7 +549,9 @@ class _Run:
 
     def _truth(self, folder: Path) -> Path:
         """Return the folder of the labels."""
-        return folder / "truth" if self.options.formats else folder
+        if self.options.formats:
+            return folder / "truth"
+        return folder
 
     def write_page(
         self,
@@ -581,7 +589,10 @@ class _Run:
 
         A failed refinement leaves only the unrefined video.
         """
-        name = "video" if self.record.frames else "unrefined"
+        if self.record.frames:
+            name = "video"
+        else:
+            name = "unrefined"
         names = [kind.file_name(name) for kind in self.options.formats]
         return [video for video in names if (folder / video).exists()]
 
@@ -610,4 +621,6 @@ def output_name(path: str | Path, variant: str | None) -> str:
     name = scene_name(Path(path))
     if not name.isprintable():
         raise Message.NAME_NOT_PRINTABLE.error(repr(str(path)))
-    return f"{name}-{variant}" if variant is not None else name
+    if variant is not None:
+        return f"{name}-{variant}"
+    return name

@@ -43,7 +43,9 @@ class Labels:
     """Maps of the photo, if a format needs them."""
 
     @classmethod
-    def of(cls, formats: Sequence[str], scene: Scene, maps: Percepts | None) -> Labels:
+    def for_clip(
+        cls, formats: Sequence[str], scene: Scene, maps: Percepts | None
+    ) -> Labels:
         """Create the labels of a clip. Raises InputError for a wrong format for the
         scene.
         """
@@ -68,7 +70,7 @@ class Labels:
             raise Message.FILES_WOULD_BE_LOST.error(str(final), files=removed_files)
 
     @contextmanager
-    def exported(
+    def export_labels(
         self, film: Film, trajectory: Trajectory, folder: Path, record: RunRecord
     ) -> Iterator[Tap]:
         """Write labels of the frames that pass the tap into `folder`.
@@ -96,7 +98,7 @@ class Labels:
                         writer.add(moment)
 
             def tap(frames: Iterator[Frame]) -> Iterator[Frame]:
-                exposure_samples, parts = film.exposed(trajectory)
+                exposure_samples, parts = film.sample_exposures(trajectory)
                 samples = [sample * parts + parts - 1 for sample in shot.order]
                 for frame in frames:
                     wall_time = time.perf_counter()
@@ -128,7 +130,7 @@ class Labels:
         if not self.kinds:
             return
         count = len(film.shot(trajectory).order)
-        with self.exported(film, trajectory, folder, record) as tap:
+        with self.export_labels(film, trajectory, folder, record) as tap:
             for index, _ in enumerate(tap(film.frames(trajectory))):
                 progress("export", index + 1, count)
 

@@ -28,16 +28,17 @@ class Draws:
         from physgen.simulate.uncertainty import headline
 
         ensemble = self.ensemble
-        drawn_values = [
-            {
-                "path": doubt.path,
-                "value": doubt.value,
-                "from": doubt.source.text,
-                "sure": doubt.source.confidence,
-                "alike": doubt.shared_variance,
-            }
-            for doubt in ensemble.doubts
-        ]
+        drawn_values = []
+        for doubt in ensemble.doubts:
+            drawn_values.append(
+                {
+                    "path": doubt.path,
+                    "value": doubt.value,
+                    "from": doubt.source.text,
+                    "sure": doubt.source.confidence,
+                    "alike": doubt.shared_variance,
+                }
+            )
         return {
             "draws": len(ensemble.outcomes),
             "seed": ensemble.seed,
@@ -45,7 +46,7 @@ class Draws:
             "verdict": headline(ensemble, self.verdicts),
             "objects": {verdict.name: verdict.as_dict() for verdict in self.verdicts},
             "drawn": drawn_values,
-            "failures": [str(problem) for problem in ensemble.failures],
+            "failures": list(map(str, ensemble.failures)),
             "table": TABLE,
         }
 

@@ -95,7 +95,7 @@ class Film:
         self._fine: tuple[Trajectory, Trajectory, int] | None = None
         """A trajectory, its samples for exposures, and their number per frame."""
 
-    def simulated(self, progress: Progress) -> Trajectory:
+    def simulate_motion(self, progress: Progress) -> Trajectory:
         """Simulate the motion, one sample per frame."""
         stage = self._record.stage("simulate", time.thread_time)
         with stage, self.scene.located():
@@ -129,8 +129,12 @@ class Film:
         """
         from physgen.render.grain import Delivery
 
-        photo = None if self._maps is None else self._maps.percepts
-        rgb = None if photo is None else photo.rgb
+        photo = None
+        if self._maps is not None:
+            photo = self._maps.percepts
+        rgb = None
+        if photo is not None:
+            rgb = photo.rgb
         self._delivery = Delivery.from_scene(self.scene.render, rgb)
         return self._delivery.as_dict()
 
@@ -141,7 +145,9 @@ class Film:
     @property
     def hold(self) -> int:
         """Return the number of frames of the photo before the motion."""
-        return 0 if self._delivery is None else self._delivery.hold
+        if self._delivery is None:
+            return 0
+        return self._delivery.hold
 
     def deliver_frames(
         self, frames: Iterator[Frame], trajectory: Trajectory
@@ -149,7 +155,7 @@ class Film:
         """Yield the video's frames: with hold, noise and overlays."""
         if self._delivery is not None:
             frames = self._delivery.deliver_frames(frames, self.shot(trajectory))
-        return self.annotated(frames, trajectory)
+        return self.draw_overlays(frames, trajectory)
 
     def shot(self, trajectory: Trajectory) -> Shot:
         """Return the camera and the playing order; `trajectory` has one sample per
@@ -174,7 +180,7 @@ class Film:
         camera_shot = self.shot(trajectory)
         if order is not None:
             camera_shot = replace(camera_shot, order=tuple(order))
-        exposure_samples, parts = self.exposed(trajectory)
+        exposure_samples, parts = self.sample_exposures(trajectory)
         settings = self.scene.render
         stage = replace(
             self.stage,
@@ -221,7 +227,7 @@ class Film:
         labels = [item.label for item in self.scene.objects]
         return find_squashes(self.compiled.world, labels, trajectory)
 
-    def exposed(self, trajectory: Trajectory) -> tuple[Trajectory, int]:
+    def sample_exposures(self, trajectory: Trajectory) -> tuple[Trajectory, int]:
         """Return the samples for motion blur, and their number per frame."""
         from physgen.render.camera import exposure_times
 
@@ -233,11 +239,11 @@ class Film:
             exposure_samples = trajectory
             if parts > 1:
                 with self._record.stage("expose", time.thread_time):
-                    exposure_samples = trajectory.sampled(moments)
+                    exposure_samples = trajectory.resample(moments)
             self._fine = trajectory, exposure_samples, parts
         return self._fine[1:]
 
-    def annotated(
+    def draw_overlays(
         self, frames: Iterator[Frame], trajectory: Trajectory
     ) -> Iterator[Frame]:
         """Yield frames with the scene's overlays."""

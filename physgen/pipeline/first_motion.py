@@ -169,16 +169,14 @@ def _at_rest(
             for item, is_gone in zip(scene.objects, is_moving, strict=True)
             if is_gone
         ]:
-            item = {
-                key: value
-                for key, value in objects[name].items()
-                if key not in ("rolling", "velocity", "spin")
-            }
-            sources = {
-                key: value
-                for key, value in item.get("from", {}).items()
-                if key != "rolling"
-            }
+            item = {}
+            for key, value in objects[name].items():
+                if key not in ("rolling", "velocity", "spin"):
+                    item[key] = value
+            sources = {}
+            for key, value in item.get("from", {}).items():
+                if key != "rolling":
+                    sources[key] = value
             objects[name] = (
                 item | {"motion": "static"} | ({"from": sources} if sources else {})
             )
@@ -239,7 +237,7 @@ def _add_story_push(
     from physgen.pipeline.releases import (
         is_better,
         is_oblique,
-        is_weak,
+        is_weak_push,
         stands_behind,
     )
     from physgen.pipeline.verdicts import stillness_doubts, with_doubts
@@ -248,13 +246,16 @@ def _add_story_push(
     if refusals.photo:
         return with_doubts(perceived_scene, refusals.reasons)
     candidates = set(perceived_scene.document["objects"]) - set(refusals.objects)
-    movable_names = candidates & set(candidate_names) if candidate_names else candidates
+    if candidate_names:
+        movable_names = candidates & set(candidate_names)
+    else:
+        movable_names = candidates
     # Try the objects that nothing speaks against; someone beside an object bars one
     # side.
-    push = _chosen_push(perceived_scene, movable_names, refusals.barred)
+    push = _chosen_push(perceived_scene, movable_names, refusals.barred_sides)
     # At an angle, the upper border of a nearer thing is no ledge to slide along.
     is_behind = push is not None and stands_behind(perceived_scene, push.name)
-    if not candidate_names and (is_behind or is_weak(perceived_scene, push)):
+    if not candidate_names and (is_behind or is_weak_push(perceived_scene, push)):
         # A push of an object on a guessed floor is still better than no motion, or than
         # a motion out of the picture.
         release = _release(perceived_scene, refusals)
@@ -314,13 +315,16 @@ def _chosen_push(
 
     objects = perceived_scene.document["objects"]
     confidence = push_confidence(perceived_scene, names, least_confidence)
-    facing = {
-        name: item["facing"] for name, item in objects.items() if "facing" in item
-    }
+    facing = {}
+    for name, item in objects.items():
+        if "facing" in item:
+            facing[name] = item["facing"]
     scene = open_trial(perceived_scene).scene()
     shapes = shapes_of(scene, None)
     invisible_walls = _unseen_walls(perceived_scene)
-    ramp = scene.world.ramp if "ramp" in perceived_scene.document["world"] else None
+    ramp = None
+    if "ramp" in perceived_scene.document["world"]:
+        ramp = scene.world.ramp
     return default_push(
         scene,
         shapes,
@@ -345,12 +349,14 @@ def _release(
     for name, released_scene in releases(perceived_scene, refusals.objects):
         # The guessed floor may not support the object.
         resting_scene = _at_rest(released_scene)
-        push = _chosen_push(resting_scene, [name], refusals.barred, RELEASE.certainty)
+        push = _chosen_push(
+            resting_scene, [name], refusals.barred_sides, RELEASE.certainty
+        )
         if push is None:
             continue
         if best is None or is_better(push, best[1]):
             best = resting_scene, push
-        if push.outcome.is_calm:
+        if push.outcome.has_calm_end:
             break
     return best
 
@@ -384,7 +390,10 @@ def _with_motion(
     document, comments = perceived_scene.document, dict(perceived_scene.comments)
     objects = dict(document["objects"])
     for name, (velocity, comment) in motions.items():
-        item = {k: v for k, v in objects[name].items() if k != "motion"}
+        item = {}
+        for k, v in objects[name].items():
+            if k != "motion":
+                item[k] = v
         objects[name] = item | {"velocity": velocity}
         comments.pop(f"objects.{name}.motion", None)
         comments[f"objects.{name}.velocity"] = comment
@@ -434,11 +443,9 @@ def _with_ramp(
     trials = compile_trials(scene, shapes_of(scene, None), _unseen_walls(ramped))
     if velocities and simulate_push(trials, velocities).grade >= outcome.grade:
         return ramped
-    return (
-        perceived_scene
-        if tried_ramp is None
-        else _set_ramp(perceived_scene, tried_ramp)
-    )
+    if tried_ramp is None:
+        return perceived_scene
+    return _set_ramp(perceived_scene, tried_ramp)
 
 
 def _set_ramp(perceived_scene: PerceivedScene, ramp: float) -> PerceivedScene:
@@ -491,7 +498,10 @@ def push_anew(
     objects = dict(perceived_scene.document["objects"])
     for name in perceived_pushes(scene):
         if name in objects:
-            still_item = {k: v for k, v in objects[name].items() if k != "spin"}
+            still_item = {}
+            for k, v in objects[name].items():
+                if k != "spin":
+                    still_item[k] = v
             objects[name] = still_item | {"velocity": [0, 0]}
     document = perceived_scene.document | {"objects": objects}
     perceived_scene = replace(perceived_scene, document=document)
@@ -538,7 +548,10 @@ def _playback(
 
     Slow motion of the user is that of the scene before the push, `perceived_scene`.
     """
-    with_slow = pushed_scene if _has_perceived_slow_motion(scene) else perceived_scene
+    if _has_perceived_slow_motion(scene):
+        with_slow = pushed_scene
+    else:
+        with_slow = perceived_scene
     sections = {"world": pushed_scene.document["world"]}
     if render := with_slow.document.get("render"):
         sections["render"] = render
@@ -693,7 +706,10 @@ def _find_changes(
     old_view = scene.record.world.get("view")
     has_new_view = old_view not in (None, scene.world.view.value)
     has_motion = _push_moves(perceived_scene, pushes)
-    stopped_names = pushes if has_new_view or not has_motion else []
+    if has_new_view or not has_motion:
+        stopped_names = pushes
+    else:
+        stopped_names = []
     return _MotionChanges(released_names, has_new_view, stopped_names)
 
 
@@ -723,7 +739,10 @@ def _stop_objects(
     objects = dict(perceived_scene.document["objects"])
     for name in names:
         if name in objects:
-            entry = {k: v for k, v in objects[name].items() if k != "spin"}
+            entry = {}
+            for k, v in objects[name].items():
+                if k != "spin":
+                    entry[k] = v
             objects[name] = entry | {"velocity": [0, 0]}
     document = perceived_scene.document | {"objects": objects}
     return replace(perceived_scene, document=document)

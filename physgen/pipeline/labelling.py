@@ -21,7 +21,9 @@ def labelled_clip(
     scene = film.scene
     compiled_scene = film.compiled
     shot = film.shot(trajectory)
-    labels = None if maps is None else maps.cut_out
+    labels = None
+    if maps is not None:
+        labels = maps.cut_out
     return Clip(
         scene.name,
         scene,

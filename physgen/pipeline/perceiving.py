@@ -153,7 +153,10 @@ def describe(perceived_scene: PerceivedScene) -> Description:
 
 def overview_lines(text: str, target: Path | None) -> list[str]:
     """Return the line of the summary with the path of the overview."""
-    folder = Path() if target is None else target.parent
+    if target is None:
+        folder = Path()
+    else:
+        folder = target.parent
     assets = named_assets(text.encode("utf-8"), folder)
     if assets is None or not (assets / OVERVIEW).is_file():
         return []
@@ -193,7 +196,9 @@ def perceive_photo(
 
     def set_in_motion(perceived_scene: PerceivedScene) -> PerceivedScene:
         progress("push", 0, 1)
-        full_size = None if is_full_size else photo.full_size
+        full_size = None
+        if not is_full_size:
+            full_size = photo.full_size
         perceived_scene = replace(perceived_scene, full_size=full_size)
         story = None
         if options.story is not None:
@@ -215,7 +220,7 @@ def perceive_photo(
         progress=progress,
         meanwhile=set_in_motion,
     )
-    return PerceivedPhoto(moving_scene, photo.is_unchanged)
+    return PerceivedPhoto(moving_scene, photo.equals_file)
 
 
 @dataclass(frozen=True)
@@ -225,7 +230,7 @@ class _SizedPhoto:
     rgb: Rgb
     full_size: tuple[int, int]
     """Width and height in the file, px."""
-    is_unchanged: bool
+    equals_file: bool
     """Whether the file has exactly these pixels."""
     masks: Labels | None
     """The label map that the caller gave."""
@@ -264,8 +269,8 @@ def _read_photo(image: Path, options: PerceiveOptions, warn: Warn) -> _SizedPhot
         )
     # The result does not refer to the large photo, which takes more memory than all
     # maps together.
-    is_unchanged = photo.plain and rgb is photo.rgb
-    return _SizedPhoto(rgb, (width, height), is_unchanged, masks)
+    equals_file = photo.plain and rgb is photo.rgb
+    return _SizedPhoto(rgb, (width, height), equals_file, masks)
 
 
 def _given_detections(
@@ -388,17 +393,19 @@ def _with_gentle_pushes(shot: PerceivedScene) -> PerceivedScene:
     direction stays, and physgen chooses the speed. Without a velocity there is no
     direction, and the spin stays.
     """
-    flung = {
-        name: entry
-        for name, entry in shot.document["objects"].items()
-        if entry.get("spin") and hypot(*entry["velocity"]) > SLOWEST_PUSH
-    }
+    flung = {}
+    for name, entry in shot.document["objects"].items():
+        if entry.get("spin") and hypot(*entry["velocity"]) > SLOWEST_PUSH:
+            flung[name] = entry
     pushes = []
     objects = dict(shot.document["objects"])
     for name, entry in flung.items():
         right, down = entry["velocity"]
         pushes.append(f"{name}={degrees(atan2(down, right)):.4g}")
-        without_spin = {key: value for key, value in entry.items() if key != "spin"}
+        without_spin = {}
+        for key, value in entry.items():
+            if key != "spin":
+                without_spin[key] = value
         objects[name] = without_spin | {"velocity": [0.0, 0.0]}
     if not pushes:
         return shot

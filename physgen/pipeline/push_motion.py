@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from physgen.simulate.trajectory import Trajectory
 
 
-def is_tall(body: Body) -> bool:
+def is_tall_body(body: Body) -> bool:
     """Check whether a body may fall over."""
     width, height = measure_extent(body)
     return body.radius is None and height >= TRIAL.fall_ratio * width
@@ -47,13 +47,13 @@ class PictureBorder:
     """Lower limits of each body, (N, 2) px."""
     high: Array
     """Upper limits of each body, (N, 2) px."""
-    is_watched: NDArray[np.bool_]
+    watch_mask: NDArray[np.bool_]
     """Mask (N,) of movable bodies."""
 
     @staticmethod
-    def of(trials: TrialScene, world: World) -> PictureBorder:
+    def from_trials(trials: TrialScene, world: World) -> PictureBorder:
         """Return the border for a world at its start."""
-        points = [_corners(body) for body in world.bodies]
+        points = list(map(_corners, world.bodies))
         centers = [body.center for body in world.bodies]
         lower_corners = np.array(
             [
@@ -83,7 +83,7 @@ class PictureBorder:
     def leaving(self, poses: Array) -> NDArray[np.bool_]:
         """Return the mask of bodies that are outside in one of the poses (S, N, 3)."""
         result = np.zeros(len(self.points), bool)
-        for k in np.flatnonzero(self.is_watched).tolist():
+        for k in np.flatnonzero(self.watch_mask).tolist():
             places = _transform_points(self.points[k], poses[:, k])
             is_low = (places < self.low[k] - 1e-6).any()
             result[k] = is_low or (places > self.high[k] + 1e-6).any()
@@ -144,7 +144,7 @@ def find_fallen_objects(world: World, motion: Trajectory) -> list[str]:
     names = []
     for k, body in enumerate(world.bodies):
         turn = abs(float(motion.poses[-1, k, 2] - motion.poses[0, k, 2]))
-        if is_tall(body) and turn >= radians(TRIAL.fall_angle):
+        if is_tall_body(body) and turn >= radians(TRIAL.fall_angle):
             names.append(body.name)
     return names
 
@@ -153,7 +153,7 @@ def tumbles(world: World, motion: Trajectory, name: str) -> bool:
     """Check whether a low object turns over: bowls, cars and bags slide instead."""
     index = motion.names.index(name)
     body = world.bodies[index]
-    if body.radius is not None or is_tall(body):
+    if body.radius is not None or is_tall_body(body):
         return False
     turns = motion.poses[:, index, 2] - motion.poses[0, index, 2]
     return bool(np.abs(turns).max() > radians(TRIAL.tumble))
@@ -210,9 +210,9 @@ def tipping_motion(
 
 def full_travel(world: World, fallen_names: Collection[str]) -> Array:
     """Return the displacement (N,) of the full score for each body, as a share."""
-    is_free = [
-        body.radius is not None or body.name in fallen_names for body in world.bodies
-    ]
+    is_free = []
+    for body in world.bodies:
+        is_free.append(body.radius is not None or body.name in fallen_names)
     return np.where(np.array(is_free, bool), TRIAL.full_travel, TRIAL.slide)
 
 
@@ -233,7 +233,11 @@ def climbs(trials: TrialScene, world: World, motion: Trajectory) -> bool:
 def overhangs(trials: TrialScene, world: World, motion: Trajectory) -> bool:
     """Check whether a moved body ends beyond the end of its support."""
     tolerance = TRIAL.edge * trials.side
-    ends = [chain[k] for wall in world.walls for chain in wall.chains for k in (0, -1)]
+    ends = []
+    for wall in world.walls:
+        for chain in wall.chains:
+            for k in (0, -1):
+                ends.append(chain[k])
     for k, body in enumerate(world.bodies):
         if np.hypot(*(motion.poses[-1, k, :2] - motion.poses[0, k, :2])) < tolerance:
             continue

@@ -193,7 +193,7 @@ class Outcome:
     """Largest displacement of a point, as a share of the photo's longer side."""
     seconds: float
     """Simulated time with motion, s."""
-    moved: tuple[str, ...]
+    mover_names: tuple[str, ...]
     """Names of the visibly moving objects."""
     left: tuple[str, ...]
     """Names of the objects outside the picture at the end."""
@@ -208,7 +208,7 @@ class Outcome:
         return self.grade > Grade.LEAVES
 
     @property
-    def is_calm(self) -> bool:
+    def has_calm_end(self) -> bool:
         """Check whether an object moves, and all stay and rest."""
         return self.grade >= Grade.SHORT
 
@@ -248,7 +248,7 @@ class TrialScene:
     world: World
     unseen: frozenset[str]
     """Walls outside the photo."""
-    barred: Mapping[str, str] = field(default_factory=dict)
+    barred_sides: Mapping[str, str] = field(default_factory=dict)
     """Sides, `left` or `right`, to which an object is not pushed, by the
     object's name.
     """

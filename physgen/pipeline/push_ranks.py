@@ -61,9 +61,9 @@ def rank_pushes(
             continue
         # Prefer objects without others on top, which would fall with them.
         weight = object_confidence * (
-            RANK.load_weight if is_loaded(scene, corners, k) else 1.0
+            RANK.load_weight if has_load(scene, corners, k) else 1.0
         )
-        barred_side = SIDES.get(trials.barred.get(item.name, ""), 0.0)
+        barred_side = SIDES.get(trials.barred_sides.get(item.name, ""), 0.0)
         for direction in _directions(scene, bodies, k):
             if barred_side * direction[0] > 0:
                 continue
@@ -73,7 +73,7 @@ def rank_pushes(
     return [(item, direction) for _, _, item, direction in scored_pushes]
 
 
-def is_loaded(scene: Scene, corners: Sequence[Array], k: int) -> bool:
+def has_load(scene: Scene, corners: Sequence[Array], k: int) -> bool:
     """Check whether another object lies on an object in the side view."""
     if scene.world.view is not View.SIDE:
         return False
@@ -93,7 +93,11 @@ def loaded_names(trials: TrialScene) -> set[str]:
     """Return the names of objects on which others lie."""
     corners = [np.concatenate(body.rings) + body.center for body in trials.world.bodies]
     objects = enumerate(trials.scene.objects)
-    return {item.name for k, item in objects if is_loaded(trials.scene, corners, k)}
+    names = set()
+    for k, item in objects:
+        if has_load(trials.scene, corners, k):
+            names.add(item.name)
+    return names
 
 
 def _directions(scene: Scene, bodies: Sequence[Body], k: int) -> list[Direction]:
@@ -105,7 +109,10 @@ def _directions(scene: Scene, bodies: Sequence[Body], k: int) -> list[Direction]
     if scene.world.view is View.SIDE:
         return [(1.0, 0.0), (-1.0, 0.0)]
     center = bodies[k].center
-    others = [body.center for n, body in enumerate(bodies) if n != k]
+    others = []
+    for n, body in enumerate(bodies):
+        if n != k:
+            others.append(body.center)
     middle = (np.array(scene.size) - 1) / 2
     # From above, push towards the nearest object, the middle of all others and the
     # middle of the photo.

@@ -102,8 +102,8 @@ class Hand:
         if self.trials.scene.world.view is not View.SIDE:
             return False
         is_driving = self.item.wheels or self.item.facing or self.is_vehicle
-        is_loaded = self.item.name in loaded_names(self.trials)
-        return self.body.radius is None and not (is_driving or is_loaded)
+        has_load = self.item.name in loaded_names(self.trials)
+        return self.body.radius is None and not (is_driving or has_load)
 
     @property
     def has_round_foot(self) -> bool:
@@ -118,7 +118,10 @@ class Hand:
     @property
     def can_rock(self) -> bool:
         """Check whether a hand tips the object far: wide and flat ones glide."""
-        end = "right" if self.side > 0 else "left"
+        if self.side > 0:
+            end = "right"
+        else:
+            end = "left"
         if not self.is_free or (self.item.name, end) in self.trials.round_ends:
             return False
         width, height = measure_extent(self.body)
@@ -181,7 +184,10 @@ class Hand:
         """Return the wanted rotation, degrees."""
         _, left, right = measure_foot(self.body)
         largest = SWAY.lift * self.trials.side / max(right - left, 1.0)
-        turn = SWAY.round_turn if self.has_round_foot else SWAY.turn
+        if self.has_round_foot:
+            turn = SWAY.round_turn
+        else:
+            turn = SWAY.turn
         return min(turn, degrees(largest))
 
     def _sway_start(self, turn: float) -> tuple[float, float]:
@@ -194,7 +200,10 @@ class Hand:
         path = min(max(SWAY.path - top_path, smallest), largest)
         friction = self._friction()
         low, left, right = measure_foot(self.body)
-        arm = right if self.side > 0 else -left
+        if self.side > 0:
+            arm = right
+        else:
+            arm = -left
         share = 1 - friction * low / max(arm, 1.0)
         speed = sqrt(2 * friction * self.gravity * path * self.trials.side)
         return speed, turn * max(share, SWAY.least_torque)
@@ -225,7 +234,9 @@ def _change_of_push(outcome: Outcome, speed: float) -> tuple[float, float] | Non
     """
     if outcome.grade is Grade.LEAVES:
         # Beside the border, an object still rocks where it stands.
-        return (1.0, 0.0) if speed else (SWAY.turn_factor, 0.0)
+        if speed:
+            return (1.0, 0.0)
+        return (SWAY.turn_factor, 0.0)
     if outcome.grade is Grade.SHORT and speed:
         return 1.0, SWAY.speed_factor * speed
     return None

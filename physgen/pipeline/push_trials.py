@@ -27,7 +27,7 @@ from physgen.pipeline.push_motion import (
     explodes,
     find_fallen_objects,
     full_travel,
-    is_tall,
+    is_tall_body,
     measure_extent,
     measure_moving_time,
     measure_sweep,
@@ -106,9 +106,10 @@ def choose_push(
         verified_candidates.append(verified_candidate)
         if verified_candidate.outcome.grade >= candidate.outcome.grade:
             break
-    moving_candidates = [
-        trial for trial in verified_candidates if trial.outcome.grade > Grade.NOTHING
-    ]
+    moving_candidates = []
+    for trial in verified_candidates:
+        if trial.outcome.grade > Grade.NOTHING:
+            moving_candidates.append(trial)
     return max(moving_candidates, key=_preference, default=sorted_candidates[0])
 
 
@@ -129,7 +130,10 @@ def _verify(
         return ramped
     sudden = _try(trials, replace(candidate, ramp=0.0), facing, world)
     is_better = sudden.outcome.grade > ramped.outcome.grade
-    best = sudden if is_better else ramped
+    if is_better:
+        best = sudden
+    else:
+        best = ramped
     work = ramped.outcome.work + sudden.outcome.work
     return replace(best, outcome=replace(best.outcome, work=work))
 
@@ -138,10 +142,15 @@ def _free_of_load(
     trials: TrialScene, candidates: Sequence[Candidate]
 ) -> Sequence[Candidate]:
     """Return the pushes of objects without a load; all if none of those is a story."""
-    loaded = loaded_names(trials)
-    free = [trial for trial in candidates if trial.item.name not in loaded]
+    load_names = loaded_names(trials)
+    free = []
+    for trial in candidates:
+        if trial.item.name not in load_names:
+            free.append(trial)
     has_story = any(trial.outcome.grade is Grade.STORY for trial in free)
-    return free if has_story else candidates
+    if has_story:
+        return free
+    return candidates
 
 
 def _weight_candidate(
@@ -162,11 +171,14 @@ def choose_speed(
     """
     world = replace(trials.world, steps_per_second=TRIAL.rate)
     candidates = list(_search(trials, item, direction, facing, world))
-    moving_candidates = [
-        candidate for candidate in candidates if candidate.outcome.grade > Grade.NOTHING
-    ]
+    moving_candidates = []
+    for candidate in candidates:
+        if candidate.outcome.grade > Grade.NOTHING:
+            moving_candidates.append(candidate)
     best = max(moving_candidates, key=_preference, default=None)
-    return None if best is None else best.speed
+    if best is None:
+        return None
+    return best.speed
 
 
 def _preference(candidate: Candidate) -> tuple[float, ...]:
@@ -197,7 +209,7 @@ def _candidates(
     if lone_body is not None:
         search = _pushes_of_pair
         # A slide to one side is no reason not to try the other side.
-        if not is_tall(lone_body) and any(
+        if not is_tall_body(lone_body) and any(
             _hand(trials, item, direction[0], facing).can_sway
             for item, direction in sorted_pushes
         ):
@@ -221,7 +233,10 @@ def _candidates(
 
 def _lone_body(world: World) -> Body | None:
     """Return the body that alone can move, if there is one."""
-    bodies = [body for body in world.bodies if body.motion is Motion.DYNAMIC]
+    bodies = []
+    for body in world.bodies:
+        if body.motion is Motion.DYNAMIC:
+            bodies.append(body)
     if len(bodies) != 1:
         return None
     return bodies[0]
@@ -236,7 +251,7 @@ class _SearchEffort:
 
     highest: float
     """Score that no story exceeds."""
-    loaded: Collection[str]
+    load_names: Collection[str]
     """Names of objects under others: a story of another object is preferred."""
     pairs: int = 0
     """Number of pairs of an object and a direction so far."""
@@ -265,16 +280,22 @@ class _SearchEffort:
         outcome, score = candidate.outcome, weighted_candidate.outcome.score
         self.work += outcome.work
         self.trials += 1
-        self.has_story |= outcome.is_calm and outcome.score > TRIAL.poor
-        self.is_visible |= outcome.is_calm and outcome.travel >= TRIAL.travel
+        self.has_story |= outcome.has_calm_end and outcome.score > TRIAL.poor
+        self.is_visible |= outcome.has_calm_end and outcome.travel >= TRIAL.travel
         is_story = outcome.grade is Grade.STORY
-        is_free = candidate.item.name not in self.loaded
+        is_free = candidate.item.name not in self.load_names
         if is_story and is_free and score > TRIAL.worth * self.best:
             self.best, self.best_pair = score, self.pairs
         if is_story and score >= TRIAL.score_share * self.highest:
             return True
-        most_trials = TRIAL.trial_count if self.has_story else 2 * TRIAL.trial_count
-        most_work = TRIAL.work if self.is_visible else TRIAL.more_work
+        if self.has_story:
+            most_trials = TRIAL.trial_count
+        else:
+            most_trials = 2 * TRIAL.trial_count
+        if self.is_visible:
+            most_work = TRIAL.work
+        else:
+            most_work = TRIAL.more_work
         return self.work > most_work or self.trials >= most_trials
 
 
@@ -283,7 +304,7 @@ def _highest_score(trials: TrialScene) -> float:
     total = 0.0
     for body in trials.world.bodies:
         if body.motion is Motion.DYNAMIC:
-            total += 1 + (TRIAL.falls if is_tall(body) else 0)
+            total += 1 + (TRIAL.falls if is_tall_body(body) else 0)
     return total
 
 
@@ -317,7 +338,7 @@ def _search(
     while speed <= hardest and halvings <= TRIAL.halvings:
         candidate = try_speed(speed)
         outcome = candidate.outcome
-        if calm_speed and _is_too_hard(outcome, previous):
+        if calm_speed and _is_too_hard_push(outcome, previous):
             yield try_speed(sqrt(calm_speed * speed))
         yield candidate
         if outcome.grade is Grade.STORY and outcome.score <= TRIAL.worth * best_score:
@@ -335,9 +356,10 @@ def _search(
         # speeds: take their geometric mean.
         if leaving_speed < inf:
             halvings += 1
-            speed = (
-                sqrt(calm_speed * leaving_speed) if calm_speed else leaving_speed / 2
-            )
+            if calm_speed:
+                speed = sqrt(calm_speed * leaving_speed)
+            else:
+                speed = leaving_speed / 2
         else:
             speed = calm_speed * _next_step(trials, outcome)
 
@@ -361,7 +383,7 @@ def _pushes_of_pair(
     slides = _search(trials, item, direction, facing, world)
     hand = _hand(trials, item, direction[0], facing)
     tips = chain(hand.tips(attempt), hand.sways(attempt))
-    yield from chain(slides, tips) if is_tall(body) else chain(tips, slides)
+    yield from chain(slides, tips) if is_tall_body(body) else chain(tips, slides)
 
 
 def _hand(
@@ -371,7 +393,7 @@ def _hand(
     return Hand(trials, item, side, item.name in facing)
 
 
-def _is_too_hard(outcome: Outcome, gentler: Outcome) -> bool:
+def _is_too_hard_push(outcome: Outcome, gentler: Outcome) -> bool:
     """Check whether a push between two may be better than the harder one.
 
     Objects that move too far uncover much background; rocking objects may need less.
@@ -489,11 +511,11 @@ class _Faults:
 
     has_rebound: bool
     """Whether a pushed object returns from an obstacle."""
-    is_thrown: bool
+    has_throwback: bool
     """Whether an invisible wall throws an object back."""
     has_overhang: bool
     """Whether an object ends half beyond a visible edge."""
-    is_crowded: bool
+    ends_at_border: bool
     """Whether an object ends at the picture's border."""
     is_climbing: bool
     is_tumbling: bool
@@ -548,9 +570,9 @@ def _find_faults(
     is_climbing = climbs(trials, world, motion)
     return _Faults(
         has_rebound=any(returns(motion, *push) for push in velocities.items()),
-        is_thrown=any(throws(trials, motion, *push) for push in velocities.items()),
+        has_throwback=any(throws(trials, motion, *push) for push in velocities.items()),
         has_overhang=overhangs(trials, world, motion),
-        is_crowded=crowds_border(trials, world, motion),
+        ends_at_border=crowds_border(trials, world, motion),
         is_climbing=is_climbing,
         is_tumbling=is_climbing
         or any(tumbles(world, motion, name) for name in velocities),
@@ -574,12 +596,14 @@ def _film_share(run: _TrialRun, faults: _Faults) -> float:
 
 def _grade_run(run: _TrialRun, faults: _Faults, film_share: float) -> Grade:
     """Return the grade of a motion that fills a share of a second of video."""
-    if run.has_left.any() or faults.is_thrown:
+    if run.has_left.any() or faults.has_throwback:
         return Grade.LEAVES
     is_resting = run.seconds <= float(run.motion.times[-1]) - run.trials.unit
     if faults.is_climbing or not is_resting:
         return Grade.RESTLESS
-    return Grade.SHORT if film_share < 1 else Grade.STORY
+    if film_share < 1:
+        return Grade.SHORT
+    return Grade.STORY
 
 
 def _score_run(run: _TrialRun, faults: _Faults, is_spun: bool) -> float:
@@ -597,7 +621,7 @@ def _score_run(run: _TrialRun, faults: _Faults, is_spun: bool) -> float:
         score *= TRIAL.rebound
     if faults.has_overhang:
         score *= TRIAL.overhang
-    if faults.is_crowded:
+    if faults.ends_at_border:
         score *= TRIAL.crowding
     if faults.is_tumbling:
         score *= TRIAL.tumbling
@@ -642,7 +666,7 @@ def _run(
     if any(body.spin for body in world.bodies):
         limit *= TRIAL.rocking_work
     rest_distance = TRIAL.unrest * trials.side / 4
-    frame = PictureBorder.of(trials, world)
+    frame = PictureBorder.from_trials(trials, world)
     has_left = np.zeros(len(world.bodies), bool)
     sample_count = 0
     # Check after each unit of time whether the motion has ended, which saves most of

@@ -66,7 +66,9 @@ class Push:
         vertical, _, horizontal = self.way.rpartition("-")
         if vertical:
             return f"{vertical} and {horizontal}"
-        return f"to the {self.way}" if self.way in ("right", "left") else self.way
+        if self.way in ("right", "left"):
+            return f"to the {self.way}"
+        return self.way
 
 
 def default_push(
@@ -113,11 +115,10 @@ def direction_words(velocity: tuple[float, float]) -> str:
     # Eight sectors of 45 degrees: a word counts if its axis is less than 67.5 degrees
     # away.
     smallest_cosine = sin(radians(22.5))
-    words = [
-        word
-        for word, (x, y) in WORDS.items()
-        if (velocity[0] * x + velocity[1] * y) / length > smallest_cosine
-    ]
+    words = []
+    for word, (x, y) in WORDS.items():
+        if (velocity[0] * x + velocity[1] * y) / length > smallest_cosine:
+            words.append(word)
     return "-".join(reversed(words))
 
 
@@ -178,15 +179,16 @@ def perceived_pushes(scene: Scene) -> Iterator[str]:
         recorded_velocity = scene.record.entry(
             item.name, scene.document["objects"][item.name]
         ).get("velocity")
-        speed = (
-            [quantity(str(part), "px/s", scale) or 0.0 for part in recorded_velocity]
-            if isinstance(recorded_velocity, list)
-            else []
-        )
+        if isinstance(recorded_velocity, list):
+            speed = []
+            for part in recorded_velocity:
+                speed.append(quantity(str(part), "px/s", scale) or 0.0)
+        else:
+            speed = []
         # The file may hold the recorded velocity or the one for the new scale.
-        possible_velocities = [
-            [factor * part for part in speed] for factor in (1, speed_factor)
-        ]
+        possible_velocities = []
+        for factor in (1, speed_factor):
+            possible_velocities.append([factor * part for part in speed])
         if any(speed) and any(
             equal(item.velocity, possible_velocity, WRITTEN * hypot(*possible_velocity))
             for possible_velocity in possible_velocities
@@ -211,10 +213,11 @@ def _push(scene: Scene, shapes: Shapes, text: str) -> tuple[Object, dict[str, An
     item, velocity = _object_and_velocity(scene, shapes, text)
     per_meter = scene.world.pixels_per_meter
     is_metric = _metric(text.partition("=")[2])
-    written_velocity = [
-        meters(part / per_meter) if is_metric else round(part, 1) + 0.0
-        for part in velocity
-    ]
+    written_velocity = []
+    for part in velocity:
+        written_velocity.append(
+            meters(part / per_meter) if is_metric else round(part, 1) + 0.0
+        )
     return item, {f"objects.{item.name}.velocity": written_velocity}
 
 
@@ -249,15 +252,17 @@ def _gentle_speed(
     """
     # Choose the speed for this push alone, in a scene at rest.
     others = [replace(other, velocity=(0.0, 0.0)) for other in scene.objects]
-    released_objects = [
-        replace(other, motion=Motion.DYNAMIC) if other.name == item.name else other
-        for other in others
-    ]
+    released_objects = []
+    for other in others:
+        released_objects.append(
+            replace(other, motion=Motion.DYNAMIC) if other.name == item.name else other
+        )
     at_rest = replace(scene, objects=tuple(released_objects))
     trials = compile_trials(at_rest, shapes)
-    facing = {
-        other.name: other.facing.value for other in at_rest.objects if other.facing
-    }
+    facing = {}
+    for other in at_rest.objects:
+        if other.facing:
+            facing[other.name] = other.facing.value
     return choose_speed(trials, item, direction, facing)
 
 
@@ -287,7 +292,10 @@ def find_object(scene: Scene, flag: str, name: str) -> Object:
         if item.name == name:
             return item
     names = [item.name for item in scene.objects]
-    fix = one_of(name, names) if names else ADD_OBJECT
+    if names:
+        fix = one_of(name, names)
+    else:
+        fix = ADD_OBJECT
     raise Message.PUSHED_NAME_UNKNOWN.error(flag, f'"{name}"', fix=fix)
 
 
@@ -328,7 +336,10 @@ def _direction(flag: str, text: str) -> tuple[float, float]:
     """Return the unit vector of a word or an angle in degrees. Raises InputError."""
     spelling = _spelling(text)
     if spelling is not None:
-        words = [word for word in spelling.groups() if word]
+        words = []
+        for word in spelling.groups():
+            if word:
+                words.append(word)
         x = sum(WORDS[word][0] for word in words)
         y = sum(WORDS[word][1] for word in words)
         if x or y:
@@ -339,7 +350,9 @@ def _direction(flag: str, text: str) -> tuple[float, float]:
         is_contrary = spelling is not None
         # Choose the most specific advice: a typing error, a speed without direction, a
         # missing @.
-        suggestion = None if is_contrary else nearest(text.lower(), _way_names())
+        suggestion = None
+        if not is_contrary:
+            suggestion = nearest(text.lower(), _way_names())
         fix = "write right, left, up, down, up-right ... or degrees, 0 to the right and 90 down"
         if suggestion is not None:
             fix = f"did you mean {suggestion}?"
@@ -364,7 +377,10 @@ def _is_way(text: str) -> bool:
 
 def _way_names() -> list[str]:
     """Return all words for directions."""
-    diagonals = [f"{y}-{x}" for y in ("up", "down") for x in ("right", "left")]
+    diagonals = []
+    for y in ("up", "down"):
+        for x in ("right", "left"):
+            diagonals.append(f"{y}-{x}")
     return [*WORDS, *diagonals]
 
 
@@ -374,18 +390,20 @@ def _lift(scene: Scene, compiled_scene: CompiledScene, item: Object) -> list[flo
     """
     from physgen.geometry.polygon import bounds
 
-    boxes = [bounds(outline) for outline in compiled_scene.outlines]
+    boxes = list(map(bounds, compiled_scene.outlines))
     k = scene.objects.index(item)
     left, top, right, bottom = boxes[k]
-    lower_edges = [
-        box[3]
-        for n, box in enumerate(boxes)
-        if n != k and box[0] < right and box[2] > left
-    ]
+    lower_edges = []
+    for n, box in enumerate(boxes):
+        if n != k and box[0] < right and box[2] > left:
+            lower_edges.append(box[3])
     # An object above limits the height, if it spans the same columns.
     free_height = top - max([0.0, *(y for y in lower_edges if y <= top + 1)])
     x, y = compiled_scene.world.bodies[k].center
-    angle = item.place[2] if item.place else 0.0
+    if item.place:
+        angle = item.place[2]
+    else:
+        angle = 0.0
     lift = max(0.0, min(bottom - top, free_height))
     return [round(float(x), 2), round(float(y - lift), 2), *([angle] if angle else [])]
 

@@ -118,7 +118,9 @@ def _ids(document: Mapping[str, Any]) -> dict[tuple[str, str], int]:
     ids = {}
     for section in MASKED:
         for name, entry in (document.get(section) or {}).items():
-            mask = entry.get("mask") if isinstance(entry, Mapping) else None
+            mask = None
+            if isinstance(entry, Mapping):
+                mask = entry.get("mask")
             if isinstance(mask, int) and not isinstance(mask, bool):
                 ids[section, name] = mask
     return ids
@@ -157,8 +159,14 @@ def _write_resized_map(source: Path, target: Path, size: tuple[int, int]) -> Non
     picture = read_channels(source)
     # Averages over areas avoid aliasing in a smaller map.
     is_smaller = size[0] < picture.shape[1]
-    smooth_method = cv2.INTER_AREA if is_smaller else cv2.INTER_LINEAR
-    method = cv2.INTER_NEAREST_EXACT if source.stem in ID_MAPS else smooth_method
+    if is_smaller:
+        smooth_method = cv2.INTER_AREA
+    else:
+        smooth_method = cv2.INTER_LINEAR
+    if source.stem in ID_MAPS:
+        method = cv2.INTER_NEAREST_EXACT
+    else:
+        method = smooth_method
     resized: Any = cv2.resize(picture, size, interpolation=method)
     write_png(target, resized)
 
@@ -171,10 +179,9 @@ def _scaled_record(record: dict[str, Any], factor: float) -> dict[str, Any]:
         world["pixels_per_meter"] = scale * factor
     walls = world.get("boundaries")
     world["boundaries"] = scale_part(walls or {}, ("boundaries",), factor)
-    objects = {
-        id_: scale_part(entry, ("objects", "*"), factor)
-        for id_, entry in record.get("objects", {}).items()
-    }
+    objects = {}
+    for id_, entry in record.get("objects", {}).items():
+        objects[id_] = scale_part(entry, ("objects", "*"), factor)
     return {**record, "objects": objects, "world": world}
 
 
@@ -253,10 +260,14 @@ def _perceive_prompted(
     # Without a prompt for each object, perceive all objects and match them by name.
     if len(prompts) < len(data["objects"]):
         return perceive_objects(ground.image, (), ()), {}
-    boxes = [tuple(prompt["box"]) for prompt in prompts.values() if "box" in prompt]
-    points = [
-        tuple(prompt["point"]) for prompt in prompts.values() if "point" in prompt
-    ]
+    boxes = []
+    for prompt in prompts.values():
+        if "box" in prompt:
+            boxes.append(tuple(prompt["box"]))
+    points = []
+    for prompt in prompts.values():
+        if "point" in prompt:
+            points.append(tuple(prompt["point"]))
     ids = dict(enumerate(prompts, 1))
     return perceive_objects(ground.image, boxes, points), ids
 

@@ -87,11 +87,10 @@ class Refiners:
         if name not in self._models:
             plan = self._plan()
             planned_choice = plan.choices.get("refine")
-            choice = (
-                planned_choice
-                if planned_choice is not None and planned_choice.name == name
-                else Choice(name)
-            )
+            if planned_choice is not None and planned_choice.name == name:
+                choice = planned_choice
+            else:
+                choice = Choice(name)
             setup = replace(plan, choices={"refine": choice}).setup("refine")
             self._models[name] = registry.make("refine", name, setup)
         return self._models[name]
@@ -121,11 +120,10 @@ def refine_settings(scene: Scene) -> RefineSettings:
     from physgen.refine.fusion import RefineSettings, hold_frames, prompt_of
 
     section = scene.refine
-    prompt = (
-        prompt_of(item.label for item in scene.objects)
-        if section.prompt is None
-        else section.prompt
-    )
+    if section.prompt is None:
+        prompt = prompt_of(item.label for item in scene.objects)
+    else:
+        prompt = section.prompt
     return RefineSettings(
         strength=section.strength,
         stop=section.stop,
@@ -143,7 +141,7 @@ def guidance_footage(film: Film, record: RunRecord, progress: Progress) -> Foota
     from physgen.render.mattes import matte_coverage
 
     progress("simulate", 0, 1)
-    footage = Footage(film.simulated(progress))
+    footage = Footage(film.simulate_motion(progress))
     count = len(footage.trajectory.times)
     frames = film.frames(footage.trajectory, range(count))
     mattes = film.frames(footage.trajectory, range(count), matte=True)
@@ -172,7 +170,7 @@ def refine_footage(
     count = len(footage.rgb)
 
     def clip(pictures: Iterator[U8]) -> Iterator[Frame]:
-        return film.annotated(
+        return film.draw_overlays(
             _frames(footage, pictures, sample_order, film.stage.faces), trajectory
         )
 

@@ -126,7 +126,7 @@ class _Refresh:
     warn: Warn
     keep: Keep
     inform: Callable[[str], None]
-    is_resized: bool
+    has_new_size: bool
     """Whether the photo's size has changed since it was perceived."""
 
 
@@ -168,7 +168,10 @@ def _report_lost_objects(
     all are.
     """
     names = perceived_scene.document["objects"]
-    lost_names = [name for name in old.get("objects", {}) if name not in names]
+    lost_names = []
+    for name in old.get("objects", {}):
+        if name not in names:
+            lost_names.append(name)
     if lost_names and not names:
         raise Message.NO_OBJECT_FOUND_AGAIN.error(str(path))
     for name in lost_names:
@@ -262,7 +265,10 @@ def _prompt_frames(opened_scene: OpenedScene, scene: Scene) -> PromptFrames:
     # line.
     for order, item in enumerate(old_and_new.list_prompts(scene.objects)):
         path = ("objects", item.name, "prompt")
-        kind = "box" if isinstance(item.prompt, BoxPrompt) else "point"
+        if isinstance(item.prompt, BoxPrompt):
+            kind = "box"
+        else:
+            kind = "point"
         places[order] = (
             opened_scene.place((*path, kind)),
             f"objects.{item.name}.prompt.{kind}",
@@ -344,7 +350,10 @@ def _perceive_again(
         )
     # The layers of the user decide which object covers which, also in the new masks.
     layers = old_and_new.user_layers(old.document)
-    layers_by_id = {i: layers[name] for i, name in old_names.items() if name in layers}
+    layers_by_id = {}
+    for i, name in old_names.items():
+        if name in layers:
+            layers_by_id[i] = layers[name]
     # A scale that follows from perception may change; a scale of the user is a known
     # fact.
     known_scale = None if old.has_default_scale else scene.world.pixels_per_meter
@@ -367,7 +376,7 @@ def _perceive_again(
     # With the same objects, small differences of masks are noise: keep the former
     # values.
     if old_and_new.same_objects(scene, maps.labels, new_labels):
-        perceived = old_and_new.as_before(perceived, scene, run.is_resized)
+        perceived = old_and_new.as_before(perceived, scene, run.has_new_size)
     return _NewPerception(perceived, new_labels, doubtful)
 
 
@@ -421,8 +430,13 @@ def _final_percepts(old_maps: Percepts, new: _NewPerception) -> Percepts:
     assert new.labels is not None
     # Whether the clean background exists depends on the light of this scene, not
     # on that of the new perception.
-    clean_photo = None if old_maps.clean is None else new_percepts.clean
-    depth = old_maps.depth if new_percepts.depth is None else new_percepts.depth
+    clean_photo = None
+    if old_maps.clean is not None:
+        clean_photo = new_percepts.clean
+    if new_percepts.depth is None:
+        depth = old_maps.depth
+    else:
+        depth = new_percepts.depth
     return replace(new_percepts, labels=new.labels, clean=clean_photo, depth=depth)
 
 
@@ -453,11 +467,10 @@ def _summary_scene(
     objects = dict(perceived_document["objects"])
     for name in objects.keys() & final_objects.keys():
         final_entry = final_objects[name] | motions.get(name, {})
-        motion = {
-            key: final_entry[key]
-            for key in old_and_new.MOTION_KEYS
-            if key in final_entry
-        }
+        motion = {}
+        for key in old_and_new.MOTION_KEYS:
+            if key in final_entry:
+                motion[key] = final_entry[key]
         objects[name] = objects[name] | motion
     document = {**perceived_document, "objects": objects, "doubtful": new.doubtful}
     comments = {**new.perceived_scene.comments, **moving_scene.comments}

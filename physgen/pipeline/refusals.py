@@ -68,7 +68,7 @@ class Refusals:
     """Reason for the whole photo; empty if some object may be pushed."""
     objects: Mapping[str, str] = field(default_factory=dict)
     """Reasons by the names of objects."""
-    barred: Mapping[str, str] = field(default_factory=dict)
+    barred_sides: Mapping[str, str] = field(default_factory=dict)
     """Sides, `left` or `right`, towards a person, to which an object is not pushed."""
 
     @property
@@ -96,7 +96,7 @@ def find_refusals(photo_scene: PerceivedScene) -> Refusals:
     people = boxes.corners[boxes.scores[:, 2 + PERSON] >= REFUSAL.person]
     photo = _Photo(people, unsuitable, rgb.shape[0], rgb.shape[1])
     reasons: dict[str, str] = {}
-    barred: dict[str, str] = {}
+    barred_sides: dict[str, str] = {}
     for name, item in photo_scene.document["objects"].items():
         box = object_box(photo_scene, item)
         if box is None:
@@ -105,12 +105,12 @@ def find_refusals(photo_scene: PerceivedScene) -> Refusals:
         reason = photo.reason(item, box)
         if reason:
             reasons[name] = reason
-        elif person is not None and photo.is_beside(box, person):
+        elif person is not None and photo.is_beside_person(box, person):
             is_right = person[0] + person[2] > box[0] + box[2]
-            barred[name] = "right" if is_right else "left"
+            barred_sides[name] = "right" if is_right else "left"
         elif person is not None:
             reasons[name] = "a person or a hand is at it"
-    return Refusals("", reasons, barred)
+    return Refusals("", reasons, barred_sides)
 
 
 def object_box(photo_scene: PerceivedScene, item: Mapping[str, Any]) -> Array | None:
@@ -163,12 +163,15 @@ class _Photo:
             gap = float(np.hypot(*np.clip(gaps, 0, None)))
             area = float(np.prod(person[2:] - person[:2]))
             is_large = area >= REFUSAL.large * self.width * self.height
-            limit = REFUSAL.reach if is_large else REFUSAL.touch
+            if is_large:
+                limit = REFUSAL.reach
+            else:
+                limit = REFUSAL.touch
             if gap <= limit * self.side:
                 return np.asarray(person)
         return None
 
-    def is_beside(self, box: Array, person: Array) -> bool:
+    def is_beside_person(self, box: Array, person: Array) -> bool:
         """Check whether an object is beside a person and can be pushed away from the
         person.
         """

@@ -120,7 +120,7 @@ def is_oblique(photo_scene: PerceivedScene) -> bool:
     return tilt >= RELEASE.oblique
 
 
-def is_weak(photo_scene: PerceivedScene, push: Push | None) -> bool:
+def is_weak_push(photo_scene: PerceivedScene, push: Push | None) -> bool:
     """Return whether a released object may tell more than a push."""
     if push is None or not push.outcome.is_inside:
         return True
@@ -172,10 +172,9 @@ def is_better(push: Push, other: Push | None) -> bool:
     """
     if other is None:
         return True
-    ranks = [
-        (one.outcome.grade, min(one.outcome.travel, TRIAL.travel))
-        for one in (push, other)
-    ]
+    ranks = []
+    for one in (push, other):
+        ranks.append((one.outcome.grade, min(one.outcome.travel, TRIAL.travel)))
     return ranks[0] > ranks[1]
 
 
@@ -227,11 +226,10 @@ def _with_parts(photo_scene: PerceivedScene, name: str) -> PerceivedScene:
     outline = fit_outlines(labels, [number])[number]
     objects[name] = objects[name] | {"shape": shape_entry(outline)}
     objects[name].pop("solid", None)
-    comments = {
-        key: text
-        for key, text in photo_scene.comments.items()
-        if not key.startswith("objects.") or key.split(".")[1] in objects
-    }
+    comments = {}
+    for key, text in photo_scene.comments.items():
+        if not key.startswith("objects.") or key.split(".")[1] in objects:
+            comments[key] = text
     return replace(
         photo_scene,
         percepts=replace(percepts, labels=labels, shadows=owners),
@@ -290,7 +288,10 @@ def _with_guessed_floor(
     floor = _guessed_floor(photo_scene.percepts.labels.shape[1], ground)
     walls = photo_scene.document["boundaries"]
     # Other walls of the scene could block the guessed floor.
-    other_walls = {key: wall for key, wall in walls.items() if key == "bottom"}
+    other_walls = {}
+    for key, wall in walls.items():
+        if key == "bottom":
+            other_walls[key] = wall
     document = photo_scene.document | {"boundaries": other_walls | {FLOOR: floor}}
     comment = f"a guess: through the lowest point of {name}"
     comments = {**photo_scene.comments, f"boundaries.{FLOOR}": comment}
@@ -305,13 +306,21 @@ def _passing(
     Only objects at about the same distance from the camera are in its way.
     """
     tilt = radians(float(photo_scene.document["world"]["tilt"]))
-    places = {key: _GroundPlace.of(outline) for key, outline in outlines.items()}
+    places = {}
+    for key, outline in outlines.items():
+        places[key] = _GroundPlace.from_outline(outline)
     own_place = places.pop(name)
-    near = [key for key, place in places.items() if own_place.meets(place, tilt)]
+    near = []
+    for key, place in places.items():
+        if own_place.meets(place, tilt):
+            near.append(key)
     objects = _in_depth_order(photo_scene.document["objects"], name, own_place, places)
     for other in near:
         objects[other] = objects[other] | {"collision_group": NEAR}
-    groups = [MOVING, NEAR] if near else [MOVING]
+    if near:
+        groups = [MOVING, NEAR]
+    else:
+        groups = [MOVING]
     objects[name] |= {"collision_group": MOVING, "collides_with": groups}
     walls = dict(photo_scene.document["boundaries"])
     walls[FLOOR] = walls[FLOOR] | {"collision_group": MOVING}
@@ -330,7 +339,10 @@ def _in_depth_order(
 ) -> dict[str, Any]:
     """Return the entries of objects, with farther ones in lower layers than `name`."""
     objects = dict(entries)
-    farther = [key for key, place in places.items() if place.low <= own_place.low]
+    farther = []
+    for key, place in places.items():
+        if place.low <= own_place.low:
+            farther.append(key)
     layer = max([0, *(objects[key].get("layer", 0) + 1 for key in farther)])
     objects[name] = objects[name] | {"layer": layer}
     for other in places.keys() - set(farther):
@@ -349,7 +361,7 @@ class _GroundPlace:
     """The smaller side of its box."""
 
     @staticmethod
-    def of(outline: Outline) -> _GroundPlace:
+    def from_outline(outline: Outline) -> _GroundPlace:
         x0, y0, x1, y1 = bounds(outline)
         return _GroundPlace(y1, min(x1 - x0, y1 - y0))
 
@@ -407,5 +419,7 @@ def _level_outline(
     level_foot = straighten_foot(outline, line, RELEASE.rag * (bottom - top))
     number = photo_scene.document["objects"][name]["mask"]
     foot = find_foot(PhotoObject(number, level_foot))
-    outline_with_base = add_base(foot, line) if needs_base(foot) else None
+    outline_with_base = None
+    if needs_base(foot):
+        outline_with_base = add_base(foot, line)
     return outline_with_base or level_foot, ground

@@ -35,7 +35,9 @@ class Clip:
     def report(self) -> Path | None:
         """Return the report's page; None if the clip has none."""
         page = self.folder / "report.html"
-        return page if page.is_file() else None
+        if page.is_file():
+            return page
+        return None
 
     @cached_property
     def frames(self) -> list[U8]:

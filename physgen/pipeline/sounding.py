@@ -34,7 +34,7 @@ def write_sound(
         if sound is None:
             return None
         # The photo is shown for some frames before the motion.
-        sound = sound.delayed(film.hold / render.fps)
+        sound = sound.add_silence(film.hold / render.fps)
         (folder / WAV).write_bytes(sound.wav())
         (folder / CAPTIONS).write_text(sound.vtt(), "utf-8")
     return sound

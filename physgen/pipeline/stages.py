@@ -80,7 +80,10 @@ def _named_in_scene(problem: Problem, scene: Scene) -> Problem:
     """Move a picture's problem to the line of the scene that names the picture or its
     folder.
     """
-    key = "image" if problem.place.file == str(scene.image) else "assets"
+    if problem.place.file == str(scene.image):
+        key = "image"
+    else:
+        key = "assets"
     if key not in scene.places:
         return problem
     name = quoted(
@@ -144,7 +147,10 @@ def ended(
     from physgen.geometry.scale import PLAYBACK
     from physgen.simulate.engine import Running
 
-    slow_motion = 1.0 if scene.render.frames is not None else scene.render.slow
+    if scene.render.frames is not None:
+        slow_motion = 1.0
+    else:
+        slow_motion = scene.render.slow
     world = compiled_scene.world
     pause = PLAYBACK.pause / slow_motion
     maximum = scene.world.duration / slow_motion
@@ -152,7 +158,10 @@ def ended(
     sample_times = np.arange(0.0, maximum, pause / PAUSE_SAMPLES)
     with scene.located():
         running = Running(replace(world, duration=maximum), sample_times)
-    limits = [part / slow_motion for part in PARTS if part / slow_motion < maximum]
+    limits = []
+    for part in PARTS:
+        if part / slow_motion < maximum:
+            limits.append(part / slow_motion)
     # Simulate in parts of growing length, and stop as soon as all objects rest for two
     # pauses.
     for limit in (*limits, maximum):
@@ -185,9 +194,9 @@ def _last_visible_motion(world: World, running: Running, limit: float) -> float:
     poses = running.trajectory().poses[: len(times)]
     reach = np.array([body.reach for body in world.bodies] or [0.0])
     # A sphere without rolling resistance spins for ever: its rotation does not count.
-    has_visible_spin = [
-        body.solid is not Solid.SPHERE or body.rolling > 0 for body in world.bodies
-    ]
+    has_visible_spin = []
+    for body in world.bodies:
+        has_visible_spin.append(body.solid is not Solid.SPHERE or body.rolling > 0)
     # Displacements from the last sample, px; a rotation moves the farthest point of
     # a body.
     displacements = np.abs(poses - poses[-1:])
@@ -203,9 +212,10 @@ def _last_visible_motion(world: World, running: Running, limit: float) -> float:
 
 def resolved(scene: Scene, compiled_scene: CompiledScene) -> dict[str, Any]:
     """Return the scene's data with defaults and with the resolved duration."""
-    resolved_values = (
-        {"duration": compiled_scene.world.duration} if scene.world.until_rest else {}
-    )
+    if scene.world.until_rest:
+        resolved_values = {"duration": compiled_scene.world.duration}
+    else:
+        resolved_values = {}
     return {**scene.document, "world": {**scene.document["world"], **resolved_values}}
 
 
@@ -349,11 +359,9 @@ def _put_back(
     if not restored_pixels.any():
         return maps, coverage, background
     restored_channels = restored_pixels[..., None]
-    clean_photo = (
-        None
-        if maps.clean is None
-        else np.where(restored_channels, maps.rgb, maps.clean)
-    )
+    clean_photo = None
+    if maps.clean is not None:
+        clean_photo = np.where(restored_channels, maps.rgb, maps.clean)
     coverage = np.where(restored_pixels, np.float32(0), coverage)
     background = np.where(restored_channels, maps.rgb, background)
     return replace(maps, clean=clean_photo), coverage, background
@@ -412,7 +420,10 @@ def render(
     # The camera also moves while the shutter is open: an object that it follows stays
     # sharp, and the background is blurred.
     if parts > 1 and shot.moves:
-        samples_per_view = 1 if parts % FEWEST else parts // FEWEST
+        if parts % FEWEST:
+            samples_per_view = 1
+        else:
+            samples_per_view = parts // FEWEST
         poses_in_view = ways_seen(trajectory, shot, samples_per_view)
         frames = render_frames(
             stage, trajectory, samples, samples_per_view, poses_in_view
@@ -502,7 +513,10 @@ class Stages:
         self._reads_cache = reads_assets_cache
         self._cached: set[Path] = set()
         """Assets folders with a stage written by this process."""
-        few = 0 if keep is Keep.NOTHING else 4
+        if keep is Keep.NOTHING:
+            few = 0
+        else:
+            few = 4
         self._editing = keep is Keep.EDITING
         self._opened: Recent[OpenedScene] = Recent(few)
         self._maps: Recent[Maps] = Recent(2 if self._editing else min(few, 1))
@@ -537,7 +551,10 @@ class Stages:
         """Read the maps of a scene like `percepts`, with the key of their files."""
         from physgen.pipeline.cache_keys import key
 
-        files = [] if scene.image is None else [scene.image]
+        if scene.image is None:
+            files = []
+        else:
+            files = [scene.image]
         if scene.image is not None and scene.assets is not None:
             files += sorted(scene.assets.glob("*.png"))
         stamps = tuple((file, file_stamp(file)) for file in files)
@@ -562,7 +579,9 @@ class Stages:
         cached_maps = None
         if cache is not None:
             cached_maps = cache.load_percepts(files, self.hash, scene.maps)
-        return percepts(scene) if cached_maps is None else cached_maps
+        if cached_maps is None:
+            return percepts(scene)
+        return cached_maps
 
     def _assets_cache(self, scene: Scene) -> AssetCache | None:
         """Return the cache in a scene's assets folder, if it exists and may be read."""
@@ -571,7 +590,9 @@ class Stages:
         from physgen.pipeline.asset_cache import AssetCache
 
         cache = AssetCache(scene.assets)
-        return cache if cache.exists else None
+        if cache.exists:
+            return cache
+        return None
 
     def compile(self, scene: Scene, maps: Maps) -> CompiledScene:
         """Compile a scene like `compile`, with known outlines if its masks have not
@@ -582,7 +603,9 @@ class Stages:
         from physgen.pipeline.cache_keys import key, motion_key
 
         check_steps(scene)
-        labels = None if maps.percepts is None else maps.percepts.labels
+        labels = None
+        if maps.percepts is not None:
+            labels = maps.percepts.labels
         objects = [(item.mask, item.shape, item.layer) for item in scene.objects]
         masks = [item.mask for item in scene.boundaries]
         cache_key = key("shapes", maps.key, scene.size, objects, masks)
@@ -591,7 +614,7 @@ class Stages:
         # The run that found the duration has simulated the motion already.
         if run is not None:
             world = compiled_scene.world
-            self._motions.of(motion_key(world), lambda: run.sampled(world.times))
+            self._motions.of(motion_key(world), lambda: run.resample(world.times))
         return compiled_scene
 
     def stage(self, scene: Scene, compiled_scene: CompiledScene, maps: Maps) -> Stage:
@@ -599,7 +622,10 @@ class Stages:
         from physgen.compile.world import appearance, photo_poses
         from physgen.pipeline.cache_keys import key
 
-        drawn_outlines = compiled_scene.outlines if maps.percepts is None else ()
+        if maps.percepts is None:
+            drawn_outlines = compiled_scene.outlines
+        else:
+            drawn_outlines = ()
         visible_properties = appearance(scene, compiled_scene.world)
         labels = [item.label for item in scene.objects]
         doubtful = scene.document.get("doubtful", {})

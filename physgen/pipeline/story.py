@@ -80,7 +80,7 @@ class Start:
     """Height by which the actor is raised before, px."""
     top_impulse: float = 0.0
     """Impulse to the right at its top, as of a finger, g·px/s."""
-    is_moved: bool = True
+    has_motion: bool = True
     """False if nothing is pushed or lifted."""
 
 
@@ -90,7 +90,7 @@ class Telling:
 
     edits: dict[str, Any]
     """Values by dotted key."""
-    is_fulfilled: bool
+    comes_true: bool
     outcome: str
     """Description of the motion in words."""
     trials: int
@@ -117,7 +117,10 @@ def tell_story(scene: Scene, compiled_scene: CompiledScene, text: str) -> Tellin
     """
     world = compiled_scene.world
     story = read_story(text, scene_names(scene, world))
-    actors = [k for k in story.actors if world.bodies[k].motion is not Motion.SCRIPTED]
+    actors = []
+    for k in story.actors:
+        if world.bodies[k].motion is not Motion.SCRIPTED:
+            actors.append(k)
     if not actors:
         raise Message.STORY_WITHOUT_ACTOR.error(STORY, quoted(text))
     quiet = _at_rest(scene, world)
@@ -132,10 +135,10 @@ def tell_story(scene: Scene, compiled_scene: CompiledScene, text: str) -> Tellin
         if trial.merit >= LIMITS.partial or trial_count >= LIMITS.max_simulations:
             break
     assert best is not None
-    is_fulfilled = best.share >= LIMITS.partial
+    comes_true = best.share >= LIMITS.partial
     words = outcome_words(scene, quiet, story, best.start, best.motion)
     edits = story_edits(scene, compiled_scene, best.start)
-    return Telling(edits, is_fulfilled, words, trial_count)
+    return Telling(edits, comes_true, words, trial_count)
 
 
 def _try_start(scene: Scene, quiet: World, story: Story, start: Start) -> _StoryTrial:
@@ -144,7 +147,7 @@ def _try_start(scene: Scene, quiet: World, story: Story, start: Start) -> _Story
     share = fulfilment(quiet, story, start, motion)
     # Prefer a motion inside the picture: an actor that leaves it looks like an error.
     merit = share
-    if start.is_moved and _leaves(quiet, start.actor, motion):
+    if start.has_motion and _leaves(quiet, start.actor, motion):
         merit -= LIMITS.leaving
     return _StoryTrial(start, motion, share, merit)
 
@@ -183,8 +186,8 @@ def _starts(
     world = compiled_scene.world
     tried_actors = actors[: LIMITS.actors]
     # Without a push first: the outcome may happen by gravity alone.
-    if story.is_declared or story.wish in (Wish.HALT, Wish.DROP):
-        yield Start(tried_actors[0], is_moved=False)
+    if story.precedes_verb or story.wish in (Wish.HALT, Wish.DROP):
+        yield Start(tried_actors[0], has_motion=False)
     if story.wish is Wish.HALT:
         return
     if story.wish is Wish.DROP and not story.targets and scene.world.view is View.SIDE:
@@ -203,7 +206,9 @@ def _speed_factors(strength: float) -> list[float]:
     A hard story begins with the fourth speed, so that its motion does not look gentle.
     """
     speeds = [speed * strength for speed in LIMITS.speeds]
-    return speeds[3:] + speeds[:3] if strength > 1 else speeds
+    if strength > 1:
+        return speeds[3:] + speeds[:3]
+    return speeds
 
 
 def _starts_at(
@@ -211,7 +216,10 @@ def _starts_at(
 ) -> Iterator[Start]:
     """Yield the starts of one actor at a speed, px/s."""
     body = world.bodies[actor]
-    signs = [story.direction[0]] if story.direction and story.direction[0] else [1, -1]
+    if story.direction and story.direction[0]:
+        signs = [story.direction[0]]
+    else:
+        signs = [1, -1]
     if story.wish is Wish.SPIN:
         for sign in signs:
             yield Start(actor, spin=sign * LIMITS.spin * speed / (body.reach * 10))
@@ -258,7 +266,10 @@ def _directions(
         return
     # Without a target, any direction may work: in side view left and right, from above
     # eight.
-    count = 2 if is_side else 8
+    if is_side:
+        count = 2
+    else:
+        count = 8
     for k in range(count):
         angle = 2 * np.pi * k / count
         yield float(np.cos(angle)), float(np.sin(angle))
@@ -275,7 +286,10 @@ def _generate_directions(
     order = np.argsort(np.hypot(*offsets.T))
     for offset in offsets[order][: LIMITS.actors]:
         x, y = (offset / max(float(np.hypot(*offset)), 1e-9)).tolist()
-        side = 1.0 if x >= 0 else -1.0
+        if x >= 0:
+            side = 1.0
+        else:
+            side = -1.0
         # Objects on a floor reach each other along it, wherever their centres are.
         if is_side:
             yield side, 0.0
@@ -312,7 +326,7 @@ def sampled_motion(world: World) -> Trajectory:
 
 def started_world(scene: Scene, world: World, start: Start) -> World:
     """Return a world at rest with one object set in motion."""
-    if not start.is_moved:
+    if not start.has_motion:
         return world
     item = scene.objects[start.actor]
     started_item = replace(item, velocity=start.velocity, motion=Motion.DYNAMIC)
@@ -368,7 +382,10 @@ def fulfilment(world: World, story: Story, start: Start, motion: Trajectory) -> 
     elif story.wish is Wish.HALT:
         return _halt_share(world, start.actor, motion)
     else:
-        bodies = [k for k in subjects if k < len(world.bodies)]
+        bodies = []
+        for k in subjects:
+            if k < len(world.bodies):
+                bodies.append(k)
         shares = [_change(world, story.wish, k, motion) for k in bodies]
         # A target that moves by itself is no effect of the actor.
         if story.targets and story.wish is not Wish.DROP:
@@ -378,7 +395,10 @@ def fulfilment(world: World, story: Story, start: Start, motion: Trajectory) -> 
             ]
     if not shares:
         return 0.0
-    total_share = min(shares) if story.is_all else max(shares)
+    if story.needs_all:
+        total_share = min(shares)
+    else:
+        total_share = max(shares)
     return _reduce_unless_rested(story, start, motion, total_share)
 
 
@@ -398,7 +418,9 @@ def _reduce_unless_rested(
     if not story.must_rest:
         return share
     is_resting = bool(resting_mask(motion)[-1, start.actor])
-    return share if is_resting else share / 2
+    if is_resting:
+        return share
+    return share / 2
 
 
 def _touches(motion: Trajectory, actor: int, target: int) -> float:
@@ -429,7 +451,9 @@ def _reduce_without_new_touch(motion: Trajectory, actor: int, share: float) -> f
     """
     pairs = motion.contacts.touch_pairs[new_touches(motion)]
     has_hit = any(actor in row for row in pairs.tolist())
-    return share if has_hit else 0.5 * share
+    if has_hit:
+        return share
+    return 0.5 * share
 
 
 def _measure_actor_shift(
@@ -523,10 +547,13 @@ def story_edits(
             edits[f"objects.{item.name}.spin"] = 0
     # Pushes belong to the motion that the story replaces; lasting forces stay.
     own_forces = scene.document["forces"]
-    forces = [force for force in own_forces if not {"impulse", "duration"} & set(force)]
+    forces = []
+    for force in own_forces:
+        if not {"impulse", "duration"} & set(force):
+            forces.append(force)
     if len(forces) < len(own_forces):
         edits["forces"] = forces
-    if not start.is_moved:
+    if not start.has_motion:
         return edits
     item = scene.objects[start.actor]
     body = compiled_scene.world.bodies[start.actor]
@@ -553,6 +580,11 @@ def story_edits(
 def _lifted_place(item: Object, body: Body, lift: float) -> list[float]:
     """Return the `place` of an object after it is raised by `lift` px."""
     x, y = body.center.tolist()
-    angle = item.place[2] if item.place else 0.0
+    if item.place:
+        angle = item.place[2]
+    else:
+        angle = 0.0
     place = [round(x, 2), round(y - lift, 2)]
-    return [*place, angle] if angle else place
+    if angle:
+        return [*place, angle]
+    return place

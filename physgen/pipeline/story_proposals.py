@@ -87,7 +87,10 @@ def action_schemas(scene: Scene, may_change_objects: bool) -> dict[str, dict[str
         )
     schemas = {}
     for action, (values, required) in properties.items():
-        target = _NEW_NAME if action == "add" else names
+        if action == "add":
+            target = _NEW_NAME
+        else:
+            target = names
         keys = {"action": {"const": action}, "object": target, **values}
         schemas[action] = object_schema(keys, ["action", "object", *required])
     return schemas
@@ -126,7 +129,10 @@ def proposal_rules(
     """
     actions = action_schemas(scene, may_change_objects)
     keys: dict[str, Any] = {"reason": {"type": "string"}}
-    judgement = {"nearness": number_schema(0, 1)} if is_judge else {}
+    if is_judge:
+        judgement = {"nearness": number_schema(0, 1)}
+    else:
+        judgement = {}
 
     def answer_schema(edit: Schema) -> dict[str, Any]:
         edits = {"type": "array", "items": edit, "maxItems": MOST_EDITS}
@@ -240,7 +246,10 @@ def _remove(draft: _SceneEdits, edit: Mapping[str, Any]) -> None:
     for key in [key for key in draft.values if key.startswith(f"objects.{name}.")]:
         del draft.values[key]
     draft.values[f"objects.{name}"] = None
-    remaining = [force for force in draft.forces() if force["object"] != name]
+    remaining = []
+    for force in draft.forces():
+        if force["object"] != name:
+            remaining.append(force)
     draft.values["forces"] = remaining
 
 

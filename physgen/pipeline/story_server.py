@@ -208,7 +208,7 @@ def ask_server(
         except _vlm().UnusableAnswerError as error:
             talk.say(AGAIN.format(fault=error))
             continue
-        if _is_accepted(talk, answer) or attempt == TRIES:
+        if _accepts_outcome(talk, answer) or attempt == TRIES:
             break
         if _take_proposal(talk, answer["edits"]):
             break
@@ -248,7 +248,7 @@ def _try_to_read(text: str, scene: Scene, world: World) -> Story | None:
         return None
 
 
-def _is_accepted(talk: _Talk, answer: Mapping[str, Any]) -> bool:
+def _accepts_outcome(talk: _Talk, answer: Mapping[str, Any]) -> bool:
     """Take the model's judgement of its last outcome; return whether it happened."""
     if talk.last is None or not talk.is_judge:
         return False
@@ -274,7 +274,9 @@ class _Trial:
 def _simulate(talk: _Talk, edits: list[Any]) -> _Trial:
     """Return the simulation of proposed edits. Raises UnsuitableEditError."""
     subject = talk.subject
-    quiet = story_edits(subject.scene, subject.compiled_scene, Start(0, is_moved=False))
+    quiet = story_edits(
+        subject.scene, subject.compiled_scene, Start(0, has_motion=False)
+    )
     values = scene_edits(subject.scene, subject.compiled_scene.world, quiet, edits)
     try:
         scene = subject.apply_edits(values)
@@ -382,7 +384,7 @@ def _frames(
     """Return pictures of a motion, PNG, evenly spread until its end."""
     times = compiled_scene.world.duration * np.arange(1, FRAMES + 1) / FRAMES
     stage = talk.drawing.stage(scene, compiled_scene, talk.drawing.maps(scene))
-    frames = stages.render(stage, motion.sampled(times))
+    frames = stages.render(stage, motion.resample(times))
     return tuple(_small_png(frame.rgb) for frame in frames)
 
 

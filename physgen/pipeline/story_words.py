@@ -60,7 +60,7 @@ class Mention:
     """Index of the first word."""
     end: int
     """Index after the last word."""
-    is_all: bool = False
+    needs_all: bool = False
     """Whether the phrase means all members, not one of them."""
 
 
@@ -73,7 +73,7 @@ class Story:
     """Candidates for the moved object, the best first."""
     targets: tuple[int, ...]
     """Surfaces that the event happens to; empty for the actor itself."""
-    is_all: bool
+    needs_all: bool
     """Whether the event must happen to all targets."""
     direction: tuple[int, int] | None
     """Steps to the right and down; None without a direction."""
@@ -81,7 +81,7 @@ class Story:
     """Factor of the speed: below 1 for gentle, above 1 for hard."""
     must_rest: bool = False
     """Whether the actor must rest at the end."""
-    is_declared: bool = False
+    precedes_verb: bool = False
     """Whether the actor precedes the verb, so that it may move by itself."""
 
 
@@ -175,11 +175,14 @@ def name_words(
     index: int, name: str, label: str, place: tuple[float, float]
 ) -> NamedItem:
     """Return an object with the words of its name and label."""
-    name_parts = [singular(word) for word in re.findall(r"[a-z]+|\d+", name.lower())]
-    label_parts = [singular(word) for word in re.findall(r"[a-z]+|\d+", label.lower())]
+    name_parts = list(map(singular, re.findall(r"[a-z]+|\d+", name.lower())))
+    label_parts = list(map(singular, re.findall(r"[a-z]+|\d+", label.lower())))
     nouns = set()
     for parts in (name_parts, label_parts):
-        letters = [part for part in parts if not part.isdigit()]
+        letters = []
+        for part in parts:
+            if not part.isdigit():
+                letters.append(part)
         nouns.update(letters[-1:])
     words = frozenset([*name_parts, *label_parts])
     return NamedItem(index, name.lower(), words, frozenset(nouns), *place)
@@ -194,7 +197,10 @@ def read_story(text: str, candidates: Sequence[NamedItem]) -> Story:
     verbs = _find_verbs(words, mentions)
     if not verbs:
         raise Message.STORY_WITHOUT_VERB.error(STORY, quoted(text), verbs=listed(VERBS))
-    objects = [candidate for candidate in candidates if candidate.is_object]
+    objects = []
+    for candidate in candidates:
+        if candidate.is_object:
+            objects.append(candidate)
     names = listed([candidate.name for candidate in objects])
     unknown_noun = _unknown_noun(words, mentions)
     if unknown_noun:
@@ -225,7 +231,7 @@ def _unknown_noun(words: Sequence[str], mentions: Sequence[Mention]) -> str:
     """Find the first unknown noun after an article; empty without one."""
     known_words = {*WAYS, *OTHERS, *ALL, *PLACES, *SURROUNDINGS}
     for k in range(1, len(words)):
-        is_named = _is_within(k, mentions) or singular(words[k]) in known_words
+        is_named = _is_within_phrase(k, mentions) or singular(words[k]) in known_words
         if words[k - 1] in ("the", "a", "an") and not is_named:
             return words[k]
     return ""
@@ -238,7 +244,10 @@ def verb_of(word: str) -> str:
     ('knock', 'roll', '')
     """
     for ending in ("", "s", "es", "ing", "ed"):
-        base = word.removesuffix(ending) if ending else word
+        if ending:
+            base = word.removesuffix(ending)
+        else:
+            base = word
         for candidate in (base, base + "e", base[:-1]):
             if candidate in VERBS:
                 return candidate
@@ -266,12 +275,15 @@ def _mention_at(
 ) -> Mention | None:
     """Find the longest noun phrase from a word on."""
     for end in range(min(start + 6, len(words)), start, -1):
-        phrase = [word for word in words[start:end] if word not in ARTICLES]
+        phrase = []
+        for word in words[start:end]:
+            if word not in ARTICLES:
+                phrase.append(word)
         if not phrase or words[start] in ARTICLES or words[end - 1] in ARTICLES:
             continue
-        members, is_all = _members(phrase, candidates)
+        members, needs_all = _members(phrase, candidates)
         if members:
-            return Mention(members, start, end, is_all)
+            return Mention(members, start, end, needs_all)
     return None
 
 
@@ -284,9 +296,15 @@ def _members(
         has_noun = len(phrase) == 2 and singular(phrase[0]) in candidate.words
         if is_name or (has_noun and candidate.name == phrase[1]):
             return (candidate.index,), False
-    is_all = any(word in ALL for word in phrase)
-    places = [word for word in phrase[:-1] if word in PLACES]
-    name_parts = [singular(word) for word in phrase if word not in (*ALL, *places)]
+    needs_all = any(word in ALL for word in phrase)
+    places = []
+    for word in phrase[:-1]:
+        if word in PLACES:
+            places.append(word)
+    name_parts = []
+    for word in phrase:
+        if word not in (*ALL, *places):
+            name_parts.append(singular(word))
     name_parts = [word for word in name_parts if word not in ("and", "other", "one")]
     if not name_parts:
         return (), False
@@ -297,27 +315,28 @@ def _members(
         is_named = noun in candidate.nouns and set(name_parts) <= candidate.words
         if is_named:
             matches.append(candidate)
-    exact_matches = [
-        candidate for candidate in matches if "-".join(name_parts) == candidate.name
-    ]
+    exact_matches = []
+    for candidate in matches:
+        if "-".join(name_parts) == candidate.name:
+            exact_matches.append(candidate)
     if exact_matches:
         matches = exact_matches
     if places and len(matches) > 1:
         matches = [_select_by_place(matches, places[0])]
-    return tuple(candidate.index for candidate in matches), is_all
+    return tuple(candidate.index for candidate in matches), needs_all
 
 
 def _select_by_place(candidates: Sequence[NamedItem], place: str) -> NamedItem:
     """Select the first, last, top ... of several candidates."""
     if place in ("top", "bottom"):
         sorted_candidates = sorted(candidates, key=lambda candidate: candidate.y)
-        return sorted_candidates[0] if place == "top" else sorted_candidates[-1]
+        if place == "top":
+            return sorted_candidates[0]
+        return sorted_candidates[-1]
     sorted_candidates = sorted(candidates, key=lambda candidate: candidate.x)
-    return (
-        sorted_candidates[0]
-        if place in ("first", "left", "leftmost")
-        else sorted_candidates[-1]
-    )
+    if place in ("first", "left", "leftmost"):
+        return sorted_candidates[0]
+    return sorted_candidates[-1]
 
 
 def _assemble(
@@ -328,27 +347,41 @@ def _assemble(
 ) -> Story:
     """Combine mentions, verbs and the remaining words into a story."""
     place, verb = verbs[0]
-    subjects = [mention for mention in mentions if mention.end <= place]
-    objects_of_verb = [mention for mention in mentions if mention.start > place]
+    subjects = []
+    for mention in mentions:
+        if mention.end <= place:
+            subjects.append(mention)
+    objects_of_verb = []
+    for mention in mentions:
+        if mention.start > place:
+            objects_of_verb.append(mention)
     # The actor precedes the verb; in an imperative sentence it follows the verb.
-    actor = subjects[0] if subjects else _first_object(objects_of_verb, objects)
-    targets = [mention for mention in objects_of_verb if mention is not actor]
+    if subjects:
+        actor = subjects[0]
+    else:
+        actor = _first_object(objects_of_verb, objects)
+    targets = []
+    for mention in objects_of_verb:
+        if mention is not actor:
+            targets.append(mention)
     earlier_words, later_words = _split_free_words(words, mentions, place)
     free_words = [*earlier_words, *later_words]
     direction = _direction(free_words)
     later_wishes = {VERBS[verb] for _, verb in verbs[1:]}
     has_target = bool(targets) and _has_target(words, targets[-1], later_wishes)
     wish = _event(VERBS[verb], words, has_target, direction)
-    target_indices, is_all = _targets(wish, targets, actor, objects, later_words, words)
+    target_indices, needs_all = _targets(
+        wish, targets, actor, objects, later_words, words
+    )
     return Story(
         wish,
         tuple(k for k in actor.members if k in objects),
         tuple(target_indices),
-        is_all,
+        needs_all,
         _push_direction(wish, direction),
         _strength(free_words),
         must_rest=wish is not Wish.HALT and Wish.HALT in later_wishes,
-        is_declared=bool(subjects),
+        precedes_verb=bool(subjects),
     )
 
 
@@ -358,7 +391,7 @@ def _split_free_words(
     """Return the words outside of mentions up to a verb at `place`, and after it."""
     earlier_words, later_words = [], []
     for k, word in enumerate(words):
-        if _is_within(k, mentions):
+        if _is_within_phrase(k, mentions):
             continue
         if k > place:
             later_words.append(word)
@@ -422,18 +455,21 @@ def _targets(
     if wish not in (Wish.TURN, Wish.TOUCH, Wish.RISE, Wish.DROP):
         return [], False
     targets: list[int] = []
-    is_all = False
+    needs_all = False
     if mentions:
-        targets = [k for k in mentions[-1].members if k not in actor.members]
-        is_all = mentions[-1].is_all
+        targets = []
+        for k in mentions[-1].members:
+            if k not in actor.members:
+                targets.append(k)
+        needs_all = mentions[-1].needs_all
     # "Knocks the others over" names its targets only by a pronoun.
     if not targets and any(word in OTHERS for word in later_words):
         targets = sorted(objects - set(actor.members))
-        is_all = any(word in ALL for word in words)
-    return targets, is_all
+        needs_all = any(word in ALL for word in words)
+    return targets, needs_all
 
 
-def _is_within(k: int, mentions: Sequence[Mention]) -> bool:
+def _is_within_phrase(k: int, mentions: Sequence[Mention]) -> bool:
     """Check whether a word belongs to a mention."""
     return any(mention.start <= k < mention.end for mention in mentions)
 
@@ -460,7 +496,15 @@ def _direction(words: Sequence[str]) -> tuple[int, int] | None:
     """Return the direction of the words, right and down; a sideways word has
     priority.
     """
-    directions = [WAYS[word] for word in words if word in WAYS]
-    sideways_directions = [direction for direction in directions if direction[0]]
+    directions = []
+    for word in words:
+        if word in WAYS:
+            directions.append(WAYS[word])
+    sideways_directions = []
+    for direction in directions:
+        if direction[0]:
+            sideways_directions.append(direction)
     choices = sideways_directions or directions
-    return choices[0] if choices else None
+    if choices:
+        return choices[0]
+    return None

@@ -46,11 +46,9 @@ def with_doubts(
     perceived_scene: PerceivedScene, reasons: Sequence[str]
 ) -> PerceivedScene:
     """Add reasons to doubt the suitability of a scene's photo."""
-    earlier_reasons = (
-        ()
-        if perceived_scene.suitability is None
-        else perceived_scene.suitability.reasons
-    )
+    earlier_reasons: tuple[str, ...] = ()
+    if perceived_scene.suitability is not None:
+        earlier_reasons = perceived_scene.suitability.reasons
     all_reasons = tuple(dict.fromkeys((*earlier_reasons, *reasons)))
     return replace(perceived_scene, suitability=Suitability(all_reasons))
 
@@ -79,7 +77,10 @@ def outcome_doubts(
         doubts.append(Note.MOTION_BRIEF.text(seconds=seconds))
     doubts += _fill_doubts(perceived_scene, outcome)
     parts = list(dict.fromkeys(map(_part_owner, perceived_scene.warnings)))
-    owners = [name for name in parts if name in outcome.moved]
+    owners = []
+    for name in parts:
+        if name in outcome.mover_names:
+            owners.append(name)
     if owners:
         doubts.append(Note.PART_MAY_STAY.text(names=listed(owners, "and")))
     return doubts
@@ -92,7 +93,7 @@ def without_parts_at_rest(
     kept = []
     for problem in photo_scene.warnings:
         owner = _part_owner(problem)
-        if not owner or owner in outcome.moved:
+        if not owner or owner in outcome.mover_names:
             kept.append(problem)
     return replace(photo_scene, warnings=tuple(kept))
 
@@ -114,7 +115,7 @@ def _fill_doubts(perceived_scene: PerceivedScene, outcome: Outcome) -> list[str]
     """Return the doubt about the filled background behind moving objects."""
     mask = np.zeros(perceived_scene.percepts.labels.shape, bool)
     area = 0.0
-    for name in outcome.moved:
+    for name in outcome.mover_names:
         object_mask = _object_mask(perceived_scene, name)
         columns = max(np.count_nonzero(object_mask.any(axis=0)), 1)
         # An object that moves by less than its own width uncovers only a part of its
@@ -122,12 +123,18 @@ def _fill_doubts(perceived_scene: PerceivedScene, outcome: Outcome) -> list[str]
         uncovered_share = outcome.travel * max(object_mask.shape) / columns
         area += min(uncovered_share, 1.0) * float(object_mask.mean())
         mask |= object_mask
-    detail_share = _detail_around(perceived_scene, mask) if area else 0.0
+    if area:
+        detail_share = _detail_around(perceived_scene, mask)
+    else:
+        detail_share = 0.0
     is_large = area > OUTCOME.filled_area
     has_much_detail = area > OUTCOME.busy_filled and detail_share > OUTCOME.busy
     if not (is_large or has_much_detail):
         return []
-    note = Note.BUSY_FILLED if has_much_detail else Note.MUCH_FILLED
+    if has_much_detail:
+        note = Note.BUSY_FILLED
+    else:
+        note = Note.MUCH_FILLED
     return [note.text(share=percent(area))]
 
 
@@ -150,7 +157,9 @@ def _detail_around(perceived_scene: PerceivedScene, mask: NDArray[np.bool_]) -> 
     radius = max(round(OUTCOME.ring * max(is_fine.shape)), 1)
     kernel = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
     ring = (cv2.dilate(small_mask, kernel) > 0) & (small_mask == 0)
-    return float(is_fine[ring].mean()) if ring.any() else 0.0
+    if ring.any():
+        return float(is_fine[ring].mean())
+    return 0.0
 
 
 def with_living_named(photo_scene: PerceivedScene) -> PerceivedScene:
@@ -173,11 +182,17 @@ def living_doubts(perceived_scene: PerceivedScene) -> list[str]:
     """Return a reason with the names of people and animals; none is ever pushed."""
     objects = perceived_scene.document["objects"].items()
     labels = {name: item.get("label", "") for name, item in objects}
-    living_labels = {name: label for name, label in labels.items() if is_living(label)}
+    living_labels = {}
+    for name, label in labels.items():
+        if is_living(label):
+            living_labels[name] = label
     if not living_labels:
         return []
     kinds = {kind(label).noun for label in living_labels.values()}
-    kind_words = "people and animals" if len(kinds) > 1 else f"a {min(kinds)}"
+    if len(kinds) > 1:
+        kind_words = "people and animals"
+    else:
+        kind_words = f"a {min(kinds)}"
     if kinds == {"animal"}:
         kind_words = "an animal"
     names = listed(list(living_labels), "and")
@@ -191,17 +206,21 @@ def living_doubts(perceived_scene: PerceivedScene) -> list[str]:
 
 def stillness_doubts(photo_scene: PerceivedScene, names: Collection[str]) -> list[str]:
     """Return the reason why no push moves any of the objects of these names."""
-    border_names = [
-        name
-        for name in photo_scene.document["objects"]
-        if "cut off" in photo_scene.comments.get(f"objects.{name}.motion", "")
-    ]
+    border_names = []
+    for name in photo_scene.document["objects"]:
+        if "cut off" in photo_scene.comments.get(f"objects.{name}.motion", ""):
+            border_names.append(name)
     # Objects at the border of the photo are not pushed, since their shapes are unknown.
     if names and set(names) <= set(border_names):
-        verb = "is" if len(names) == 1 else "are"
+        if len(names) == 1:
+            verb = "is"
+        else:
+            verb = "are"
         cut_names = listed(sorted(names), "and")
         return [Note.CUT_BY_BORDER.text(names=cut_names, verb=verb)]
-    return [STILL] if names else []
+    if names:
+        return [STILL]
+    return []
 
 
 def toy_note(photo_scene: PerceivedScene) -> str:
@@ -218,7 +237,10 @@ def toy_note(photo_scene: PerceivedScene) -> str:
             names.append(name)
     if not names:
         return ""
-    verb = "is taken for a toy" if len(names) == 1 else "are taken for toys"
+    if len(names) == 1:
+        verb = "is taken for a toy"
+    else:
+        verb = "are taken for toys"
     return Note.TAKEN_FOR_TOY.text(names=listed(names, "and"), verb=verb)
 
 

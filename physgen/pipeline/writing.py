@@ -55,7 +55,10 @@ class VideoFiles:
         """
         record = self.record
         # A model computes in threads of its own: count the time of the whole process.
-        clock = time.process_time if stage == "refine" else time.thread_time
+        if stage == "refine":
+            clock = time.process_time
+        else:
+            clock = time.thread_time
         frame_hashes = []
         encoding = record.stages.setdefault("encode", StageTime())
         with ExitStack() as files:

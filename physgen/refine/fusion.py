@@ -369,7 +369,7 @@ class Refinement:
             "detail": settings.detail,
             "frames_held": settings.hold,
             "size": list(self._fit.scaled_size),
-            "windows": [list(span) for span in self._windows],
+            "windows": list(map(list, self._windows)),
             **self._model.note(),
         }
 

@@ -56,7 +56,7 @@ def lay_side_by_side(pictures: Sequence[F32], border: int) -> tuple[F32, F64]:
 
     OpenCV's `border` fills the gaps. The first row of each picture is `GAP`.
     """
-    height = max(len(picture) for picture in pictures) + 2 * GAP
+    height = max(map(len, pictures)) + 2 * GAP
     parts = []
     for picture in pictures:
         bottom_margin = height - GAP - len(picture)

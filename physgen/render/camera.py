@@ -531,7 +531,7 @@ def ways_seen(trajectory: Trajectory, shot: Shot, parts: int) -> Array:
     Each group of `parts` samples is moved into the camera's view of its last sample.
     """
     poses = trajectory.poses
-    views = np.array([shot.affine(time) for time in trajectory.times.tolist()])
+    views = np.array(list(map(shot.affine, trajectory.times.tolist())))
     last = np.arange(len(poses)) // parts * parts + parts - 1
     own_views, last_views = views[:, None], views[last][:, None]
     in_video = poses[..., :2] * own_views[..., 0, :1] + own_views[..., 2]

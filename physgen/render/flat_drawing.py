@@ -189,7 +189,7 @@ def _lines(
     def pixels(points: Array) -> NDArray[np.int32]:
         return np.rint((points + body.center - corner + 0.5) * scale).astype(np.int32)
 
-    rings = [pixels(ring) for ring in body.rings]
+    rings = list(map(pixels, body.rings))
     cv2.polylines(canvas, rings, True, 255, 2 * line_width)
     if body.radius is not None:
         spoke = pixels(np.array([[0.0, 0.0], [body.radius, 0.0]]))

@@ -39,7 +39,7 @@ def floors(world: World) -> list[Array]:
     segments = []
     for wall in world.walls:
         for chain in wall.chains:
-            segments += [np.concatenate(pair) for pair in pairwise(chain)]
+            segments += list(map(np.concatenate, pairwise(chain)))
     level_segments, upright_segments = [], []
     for segment in segments:
         run, rise = np.abs(segment[2:] - segment[:2])

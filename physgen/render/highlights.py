@@ -76,13 +76,13 @@ def shared_highlights(discs: Sequence[DiscPicture]) -> list[F32]:
     """
     if len(discs) < SHINE.discs:
         return []
-    excess = [_excess(disc) for disc in discs]
+    excess = list(map(_excess, discs))
     masks = []
     for disc, shine in zip(discs, excess, strict=True):
         masks.append(_unroll(_is_highlight(disc, shine), disc))
     if not _turned_differently(discs):
         return []
-    is_shared = np.mean([_spread(mask) for mask in masks], axis=0) >= SHINE.common
+    is_shared = np.mean(list(map(_spread, masks)), axis=0) >= SHINE.common
     highlights = []
     for disc, mask, shine in zip(discs, masks, excess, strict=True):
         share = _roll(np.where(is_shared, mask, 0).astype(np.float32), disc)

@@ -28,7 +28,7 @@ def matte_stage(stage: Stage) -> Stage:
     """
     return Stage(
         background=np.zeros_like(stage.background),
-        sprites=[_white(sprite) for sprite in stage.sprites],
+        sprites=list(map(_white, stage.sprites)),
         supersample=stage.supersample,
         scale=stage.scale,
     )

@@ -255,7 +255,9 @@ def describe_clip(
     if world.bodies and len(trajectory.times) > 1 and needs_samples:
         # More samples make trails smooth, and separate impacts in time.
         sample_limit = STYLE.sample_limit // len(world.bodies)
-        motion = trajectory.sampled(sample_times(trajectory, STYLE.finer, sample_limit))
+        motion = trajectory.resample(
+            sample_times(trajectory, STYLE.finer, sample_limit)
+        )
     frame = world.duration / max(len(world.times), 1)
     impacts: list[Impact] = []
     if Overlay.CONTACTS in kinds:

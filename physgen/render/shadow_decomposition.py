@@ -495,7 +495,7 @@ def decompose_shadows(
     if is_changed is not None:
         is_open &= ~is_changed
     all_figures = [*starts, *ghosts]
-    steps = [shadow_grid_step(silhouette) for silhouette in all_figures]
+    steps = list(map(shadow_grid_step, all_figures))
     # Geometry predicts the shape of shadows; the photo tells their depth.
     setting, firsts, total = _matched_shadows(
         all_figures, steps, setting, darkness, is_open

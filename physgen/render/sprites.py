@@ -950,7 +950,7 @@ def anchor_sprites(
     the nearest object, up to `reach` shares of the photo's longer side.
     """
     reach_px = round((CUT.halo if reach is None else reach) * max(photo.shape[:2]))
-    boxes = [_SpriteBox.from_sprite(sprite) for sprite in sprites]
+    boxes = list(map(_SpriteBox.from_sprite, sprites))
     rest, top = _explain_photo(sprites, boxes, photo, background)
     # Light at absent objects belongs to them, and vanishes with them.
     if absent.any():

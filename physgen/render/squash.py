@@ -81,7 +81,7 @@ def find_squashes(
     world: World, labels: Sequence[str], trajectory: Trajectory
 ) -> Squashes:
     """Return the flat bodies of a clip; `trajectory` has one sample a frame."""
-    softness = [_softness(label) for label in labels]
+    softness = list(map(_softness, labels))
     frames: dict[int, dict[int, Squash]] = {}
     contacts = trajectory.contacts
     starts = _touch_starts(trajectory)

@@ -38,7 +38,7 @@ def _doubt_sentences(scene: Scene) -> list[str]:
     doubtful = scene.document.get("doubtful") or {}
     if not doubtful:
         return []
-    names = [
-        doubt_text(name, entry.get("confidence")) for name, entry in doubtful.items()
-    ]
+    names = []
+    for name, entry in doubtful.items():
+        names.append(doubt_text(name, entry.get("confidence")))
     return [f"Perhaps objects, too: {listed(names, 'and')}."]

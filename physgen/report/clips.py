@@ -197,11 +197,10 @@ def clips_in(roots: Sequence[Path]) -> list[Clip]:
     Skip folders with a leading dot and files from other programs. Raise InputError for
     roots that do not exist.
     """
-    missing = [
-        Message.NOT_A_CLIP_FOLDER.error(str(root))
-        for root in roots
-        if not root.is_dir()
-    ]
+    missing = []
+    for root in roots:
+        if not root.is_dir():
+            missing.append(Message.NOT_A_CLIP_FOLDER.error(str(root)))
     if missing:
         raise InputError(problem for error in missing for problem in error.problems)
     found: dict[Path, Clip] = {}
@@ -209,9 +208,10 @@ def clips_in(roots: Sequence[Path]) -> list[Clip]:
         for clip in _find_clips(root):
             found.setdefault(clip.home.resolve(), clip)
     # A clip with a failed refinement exists beside the record: show it once.
-    failures = {
-        clip.home: clip for clip in found.values() if clip.home.name.endswith(ENDING)
-    }
+    failures = {}
+    for clip in found.values():
+        if clip.home.name.endswith(ENDING):
+            failures[clip.home] = clip
     kept = []
     for clip in found.values():
         failure = failures.get(clip.home.with_name(clip.home.name + ENDING))
@@ -221,7 +221,7 @@ def clips_in(roots: Sequence[Path]) -> list[Clip]:
             kept.append(clip)
     return sorted(
         [*kept, *failures.values()],
-        key=lambda clip: [natural(part) for part in clip.home.parts],
+        key=lambda clip: list(map(natural, clip.home.parts)),
     )
 
 

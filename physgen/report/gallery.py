@@ -183,7 +183,7 @@ def gallery_page(
     is_grid = is_sweep and _is_grid(clips, free_keys)
     data = {
         "clips": [card.pop("data") for card in cards],
-        "keys": [_axis(key) for key in keys],
+        "keys": list(map(_axis, keys)),
         "swept": is_sweep,
         "grid": is_grid,
     }
@@ -344,7 +344,7 @@ def _sentence(clips: Sequence[Clip], swept_keys: Sequence[SweptKey]) -> str:
     if swept_keys:
         ranges = []
         for key in swept_keys[:3]:
-            texts = [value_text(value) for value in _sorted_values(key)]
+            texts = list(map(value_text, _sorted_values(key)))
             ranges.append(
                 f"{key.name} {' to '.join(dict.fromkeys((texts[0], texts[-1])))} {key.unit}".strip()
             )
@@ -460,9 +460,18 @@ def _day(time: float) -> str:
 
 def _sorted_values(key: SweptKey) -> list[float | str]:
     """Return numbers by size, then words in natural order."""
-    values = {value for value in key.values if value is not None}
-    numbers = [value for value in values if isinstance(value, float)]
-    words = [value for value in values if isinstance(value, str)]
+    values = set()
+    for value in key.values:
+        if value is not None:
+            values.add(value)
+    numbers = []
+    for value in values:
+        if isinstance(value, float):
+            numbers.append(value)
+    words = []
+    for value in values:
+        if isinstance(value, str):
+            words.append(value)
     return [*sorted(numbers), *sorted(words, key=natural)]
 
 
@@ -476,7 +485,7 @@ def _axis(key: SweptKey) -> dict[str, Any]:
         "numeric": key.numeric,
         "follows": key.follows,
         "values": values,
-        "texts": [value_text(value) for value in values],
+        "texts": list(map(value_text, values)),
     }
 
 
@@ -493,7 +502,7 @@ def _filter(key: SweptKey) -> dict[str, Any]:
         ends = [value_text(values[0]), value_text(values[-1])]
         return entry | {"range": ends, "last": len(values) - 1}
     counts = Counter(value_text(value) for value in key.values if value is not None)
-    texts = dict.fromkeys(value_text(value) for value in values)
+    texts = dict.fromkeys(map(value_text, values))
     return entry | {"values": [(text, counts[text]) for text in texts]}
 
 

@@ -290,13 +290,19 @@ def _caption(document: Mapping[str, Any], velocities: Velocities) -> str:
     parts = [counted(len(document.get("objects", {})), "object")]
     if doubtful := len(document.get("doubtful", {})):
         parts.append(f"{doubtful} perhaps (dashed)")
-    names = [name for name in document.get("boundaries", {}) if name != "bottom"]
+    names = []
+    for name in document.get("boundaries", {}):
+        if name != "bottom":
+            names.append(name)
     if names:
         parts.append(f"{counted(len(names), 'support')} (yellow)")
     view = document.get("world", {}).get("view")
     if view in _VIEWS:
         parts.append(f"seen from {_VIEWS[view]}")
-    pushes = [name for name, velocity in velocities.items() if any(velocity)]
+    pushes = []
+    for name, velocity in velocities.items():
+        if any(velocity):
+            pushes.append(name)
     parts.append(f"pushed: {', '.join(pushes)}" if pushes else "nothing is pushed")
     return " · ".join(parts)
 

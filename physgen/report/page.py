@@ -114,7 +114,7 @@ def _walls(scene: Scene, world: World) -> list[dict[str, Any]]:
     for wall, item in zip(world.walls, scene.boundaries, strict=True):
         row = {
             "name": wall.name,
-            "chains": [svg_points(chain) for chain in wall.chains],
+            "chains": list(map(svg_points, wall.chains)),
             "friction": item.friction,
             "elasticity": item.elasticity,
         }
@@ -214,10 +214,11 @@ def _parameters(scene: Scene, world: World, variant: str | None) -> dict[str, An
 
 @cache
 def _script() -> str:
-    parts = [
-        resource("templates", "player", f"{name}.js").read_text(encoding="utf-8")
-        for name in SCRIPTS
-    ]
+    parts = []
+    for name in SCRIPTS:
+        parts.append(
+            resource("templates", "player", f"{name}.js").read_text(encoding="utf-8")
+        )
     return '(() => {\n"use strict";\n' + "\n".join(parts) + "})();"
 
 
@@ -345,11 +346,10 @@ def provenance(
     )
     facts = [("platform", f"{platform.system()}, {platform.machine()}")]
     # The seed of the refinement has no meaning without one.
-    seeds = {
-        name: seed
-        for name, seed in record.seeds.items()
-        if record.refine or name != "refine"
-    }
+    seeds = {}
+    for name, seed in record.seeds.items():
+        if record.refine or name != "refine":
+            seeds[name] = seed
     facts += [(f"seed of {name}", str(seed)) for name, seed in seeds.items()]
     facts += [] if record.variant is None else [("variant", record.variant)]
     digest = hashlib.sha256("\n".join(record.frames).encode()).hexdigest()
@@ -382,11 +382,10 @@ def _refinement(note: Mapping[str, Any] | None) -> dict[str, Any] | None:
     """
     if note is None:
         return None
-    rows = [
-        (name.replace("_", " "), value_text(value))
-        for name, value in note.items()
-        if name not in ELSEWHERE
-    ]
+    rows = []
+    for name, value in note.items():
+        if name not in ELSEWHERE:
+            rows.append((name.replace("_", " "), value_text(value)))
     return {
         "failed": str(note.get("failed", "")).splitlines(),
         "facts": [(name, value) for name, value in rows if value],

@@ -296,7 +296,7 @@ def parameter_rows(scene: Scene, world: World, variant: str | None) -> list[Row]
     rows = [_object(scene, k, body, sources) for k, body in enumerate(world.bodies)]
     for wall, item in zip(world.walls, scene.boundaries, strict=True):
         path = f"boundaries.{item.name}"
-        corners = sum(len(chain) for chain in wall.chains)
+        corners = sum(map(len, wall.chains))
         shape = "wall"
         if item.mask is not None:
             shape = "mask"
@@ -322,7 +322,10 @@ def shared_cells(rows: Sequence[Row]) -> dict[str, Cell]:
 
     Return an empty mapping for fewer than two objects. Boundaries do not count.
     """
-    objects = [row for row in rows if row.kind != BOUNDARY]
+    objects = []
+    for row in rows:
+        if row.kind != BOUNDARY:
+            objects.append(row)
     # A single object has no common values.
     if len(objects) < 2:
         return {}
@@ -366,16 +369,17 @@ def merge_equal_rows(rows: Sequence[Row]) -> list[Row]:
     """
     equal_rows: dict[tuple[object, ...], list[Row]] = {}
     for row in rows:
-        cells = [
-            (
-                name,
-                cell.text,
-                replace(cell.source, text="")
-                if cell.source.kind == "file"
-                else cell.source,
+        cells = []
+        for name, cell in row.cells.items():
+            cells.append(
+                (
+                    name,
+                    cell.text,
+                    replace(cell.source, text="")
+                    if cell.source.kind == "file"
+                    else cell.source,
+                )
             )
-            for name, cell in row.cells.items()
-        ]
         equal_rows.setdefault((row.label, row.kind, row.also, *cells), []).append(row)
     return [
         rows[0] if len(rows) == 1 else _merge_rows(rows) for rows in equal_rows.values()
@@ -384,9 +388,9 @@ def merge_equal_rows(rows: Sequence[Row]) -> list[Row]:
 
 def _merge_rows(rows: Sequence[Row]) -> Row:
     first, last = rows[0], rows[-1]
-    cells = {
-        name: _merge_cells(cell, last.cells[name]) for name, cell in first.cells.items()
-    }
+    cells = {}
+    for name, cell in first.cells.items():
+        cells[name] = _merge_cells(cell, last.cells[name])
     names = [row.name for row in rows]
     return replace(first, name=name_ranges(names), cells=cells, names=tuple(names))
 
@@ -461,7 +465,7 @@ def _metric_pair(vector: Array) -> str:
 def _shape(scene: Scene, body: Body) -> tuple[str, str]:
     """Return a body's shape in words, and its size in px if the words have cm."""
     if body.radius is None:
-        corners = sum(len(ring) for ring in body.rings)
+        corners = sum(map(len, body.rings))
         pieces = ""
         if len(body.pieces) > 1:
             pieces = f", {len(body.pieces)} pieces"

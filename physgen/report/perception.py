@@ -168,10 +168,9 @@ def _photo_pictures_of(
 ) -> list[Picture]:
     """Return the pictures of the photo with its objects, walls and doubtful regions."""
     world = compiled.world
-    objects = [
-        (k, [ring + body.center for ring in body.rings])
-        for k, body in enumerate(map(body_in_photo, world.bodies), 1)
-    ]
+    objects = []
+    for k, body in enumerate(map(body_in_photo, world.bodies), 1):
+        objects.append((k, [ring + body.center for ring in body.rings]))
     walls: list[Array] = []
     for wall in world.walls:
         walls += wall.chains

@@ -421,7 +421,7 @@ def player_data(
     # Contacts between frames need finer samples than the video's.
     if N and T > 1 and trajectory.effort.steps * N <= LIMITS.effort:
         times = sample_times(trajectory, LIMITS.finer, max(T, LIMITS.fine_samples // N))
-        samples = trajectory.sampled(times)
+        samples = trajectory.resample(times)
         impacts = _largest_impacts(world, samples)
     kinds = set(Overlay)
     moving = _moving(stage, trajectory)
@@ -439,7 +439,7 @@ def player_data(
         ],
         "energy": _energy(samples),
         "touches": touches(samples),
-        "impacts": [_impact(impact) for impact in impacts],
+        "impacts": list(map(_impact, impacts)),
         "arrows": asdict(
             scales(world, samples, kinds, [impact.impulse for impact in impacts])
         ),
@@ -522,8 +522,8 @@ def figure(scene: Scene, k: int, body: Body) -> Data:
     if body.radius is not None:
         figure_data["radius"] = round(body.radius, 3)
     else:
-        figure_data["rings"] = [_round_points(ring) for ring in body.rings]
-        figure_data["pieces"] = [_round_points(piece) for piece in body.pieces]
+        figure_data["rings"] = list(map(_round_points, body.rings))
+        figure_data["pieces"] = list(map(_round_points, body.pieces))
     # The pose of its picture.
     if body.rest is not None:
         x, y, angle = body.rest.tolist()
@@ -628,7 +628,7 @@ def _impact(impact: Impact) -> list[float | int]:
 def _walls(world: World) -> list[Data]:
     """Return boundaries as chains of points."""
     return [
-        {"name": wall.name, "chains": [_round_points(chain) for chain in wall.chains]}
+        {"name": wall.name, "chains": list(map(_round_points, wall.chains))}
         for wall in world.walls
     ]
 
@@ -639,7 +639,7 @@ def _pushes(world: World) -> list[Data]:
         {
             "body": push.body,
             "load": push.load.value,
-            "vector": [_short(v) for v in push.vector.tolist()],
+            "vector": list(map(_short, push.vector.tolist())),
             "torque": _short(push.torque),
             "at": [round(v, 2) for v in push.point.tolist()],
             "start": push.start,
@@ -674,7 +674,7 @@ def _fields(world: World) -> list[Data]:
         {
             "name": field.name,
             "wind": field.kind is FieldKind.WIND,
-            "vector": [_short(v) for v in field.vector.tolist()],
+            "vector": list(map(_short, field.vector.tolist())),
         }
         for field in world.fields
         if field.kind in (FieldKind.WIND, FieldKind.ATTRACTOR)

@@ -135,10 +135,9 @@ class RunRecord:
 
     def timing(self) -> dict[str, Any]:
         """Return the values that differ between equal runs, as JSON data."""
-        stages = {
-            name: {k: round(v, 4) for k, v in asdict(t).items()}
-            for name, t in self.stages.items()
-        }
+        stages = {}
+        for name, t in self.stages.items():
+            stages[name] = {k: round(v, 4) for k, v in asdict(t).items()}
         return {"stages": stages, "peak_memory_mib": round(peak_memory() / 2**20, 1)}
 
 

@@ -43,7 +43,10 @@ class SweptKey:
     @property
     def numeric(self) -> bool:
         """Return whether all values are numbers."""
-        values = [value for value in self.values if value is not None]
+        values = []
+        for value in self.values:
+            if value is not None:
+                values.append(value)
         return all(isinstance(value, float) for value in values)
 
 
@@ -85,8 +88,11 @@ def _differing_keys(clips: Sequence[Clip]) -> list[tuple[KeyPath, list[Value | N
     """Return the paths of `--set` with the value of each clip, if clips of one photo
     differ.
     """
-    edits = [_edits(clip) for clip in clips]
-    subjects = {clip.subject for clip in clips if clip.document}
+    edits = list(map(_edits, clips))
+    subjects = set()
+    for clip in clips:
+        if clip.document:
+            subjects.add(clip.subject)
     # A failed clip has no document; assume the only subject.
     only_subject: object = ""
     if len(subjects) == 1:
@@ -160,7 +166,7 @@ def shortest_names(paths: Sequence[str]) -> list[list[str]]:
     >>> shortest_names(["objects.*.mass", "objects.cue.velocity.0", "objects.cue.friction", "world.table.friction"])
     [['mass'], ['velocity', 'x'], ['cue', 'friction'], ['table', 'friction']]
     """
-    every_path = [_path_parts(path) for path in paths]
+    every_path = list(map(_path_parts, paths))
     names = []
     for parts in every_path:
         count = _least_parts(parts)

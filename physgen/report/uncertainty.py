@@ -75,8 +75,8 @@ def uncertainty_section(
             for f in sorted(Fate, reverse=True)
             if f.name.lower() in fates
         ],
-        "rows": [_row(verdict) for verdict in verdicts],
-        "failures": [str(problem) for problem in fan.failures],
+        "rows": list(map(_row, verdicts)),
+        "failures": list(map(str, fan.failures)),
     }
 
 

@@ -115,12 +115,14 @@ def name_extending_keys(
         inherited_problems = set(check(inherited_scene))
         own_places = set(_places(chain[number]))
         # New problems outside this file's own lines: one of its keys must cause them.
-        wrong = [
-            p for p in check(merge_bases(chain[number:])) if p not in inherited_problems
-        ]
-        caused_problems = [
-            p for p in wrong if p in pending and p.place not in own_places
-        ]
+        wrong = []
+        for p in check(merge_bases(chain[number:])):
+            if p not in inherited_problems:
+                wrong.append(p)
+        caused_problems = []
+        for p in wrong:
+            if p in pending and p.place not in own_places:
+                caused_problems.append(p)
         for problem, node in _causes(
             caused_problems, chain[number], inherited_scene, check
         ):
@@ -143,7 +145,10 @@ def _causes(
             return
         # The key is the cause if the problem disappears with it.
         left = set(check(merge_bases([_remove_key(extension, path), base])))
-        solved_problems = [problem for problem in pending if problem not in left]
+        solved_problems = []
+        for problem in pending:
+            if problem not in left:
+                solved_problems.append(problem)
         pending = [problem for problem in pending if problem in left]
         yield from ((problem, node) for problem in solved_problems)
 

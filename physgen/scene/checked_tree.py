@@ -46,11 +46,11 @@ class CheckedTree:
 
     def valid_keys(self, node: Node | None) -> dict[str, Node]:
         """Return the keys of a mapping with valid values."""
-        return {
-            key: part
-            for key, part in children(node).items()
-            if part not in self.findings.bad
-        }
+        keys = {}
+        for key, part in children(node).items():
+            if part not in self.findings.bad:
+                keys[key] = part
+        return keys
 
 
 def check_rising(tree: CheckedTree, knots: list[Node], path: KeyPath) -> None:
@@ -114,4 +114,4 @@ def point_of(node: Node) -> tuple[float, float]:
 
 def points_of(node: Node) -> list[tuple[float, float]]:
     """Return the coordinates of a valid list of points, px."""
-    return [point_of(item) for item in items(node)]
+    return list(map(point_of, items(node)))

@@ -146,7 +146,7 @@ def to_plain_data(node: Node) -> Any:
     if isinstance(value, dict):
         return {key: to_plain_data(child) for key, child in value.items()}
     if isinstance(value, list):
-        return [to_plain_data(child) for child in value]
+        return list(map(to_plain_data, value))
     return value
 
 

@@ -129,7 +129,7 @@ def _check_one_way(
 ) -> None:
     """Report a one-way direction of zero."""
     way = valid_keys.get("one_way")
-    if way is not None and not any(number_of(one) for one in items(way)):
+    if way is not None and not any(map(number_of, items(way))):
         key: KeyPath = (*path, "one_way")
         tree.report(Message.ONE_WAY_ZERO.problem(way.place, key, "[0, 0]"))
 
@@ -325,7 +325,10 @@ def _find_kind(
     """Return the only kind of a mapping. Report a mapping without a kind, or with
     several.
     """
-    given = [key for key in kinds if key in children(node)]
+    given = []
+    for key in kinds:
+        if key in children(node):
+            given.append(key)
     if len(given) == 1:
         return given[0]
     known = find_schema_part(f"{path[0]}.*" if path[0] in KINDS else "forces")
@@ -359,7 +362,7 @@ def _check_kind(tree: CheckedTree, node: Node, path: KeyPath, section: str) -> N
         tree.report(missing.problem(node.place, where, kind=_a(kind), fix=fix))
     for key, owner in OWNER.items():
         if key in parts and kind not in owner:
-            owners = listed([_a(one) for one in owner])
+            owners = listed(list(map(_a, owner)))
             reason = f"only {owners} has it, and this is {_a(kind)}"
             _report_no_effect(tree, parts[key], (*path, key), reason)
 

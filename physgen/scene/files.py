@@ -350,9 +350,10 @@ def read_written_record(path: Path) -> Record:
     try:
         # Earlier versions wrote `values`.
         entries = record.get("objects") or record.get("values") or {}
-        objects = {
-            key: entry for key, entry in entries.items() if isinstance(entry, dict)
-        }
+        objects = {}
+        for key, entry in entries.items():
+            if isinstance(entry, dict):
+                objects[key] = entry
         maps = _map_ends(record.get("maps", {}))
         world = _world_record(record.get("world", {}))
         comments = frozenset(map(str, record.get("comments", ())))
@@ -375,7 +376,10 @@ def _map_ends(record: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
 
 def _world_record(record: Mapping[str, Any]) -> dict[str, Any]:
     """Return the record of the world; its boundaries must be mappings."""
-    world = {key: value for key, value in record.items() if key != "boundaries"}
+    world = {}
+    for key, value in record.items():
+        if key != "boundaries":
+            world[key] = value
     walls = record.get("boundaries")
     if not isinstance(walls, dict):
         return world

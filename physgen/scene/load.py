@@ -138,10 +138,14 @@ class OpenedScene:
         def check(root: Node) -> dict[Problem, None]:
             return _problems(root, self._files)
 
-        own_problems = [
-            problem for problem in report.problems if problem in self._own.problems
-        ]
-        new = [problem for problem in report.problems if problem not in own_problems]
+        own_problems = []
+        for problem in report.problems:
+            if problem in self._own.problems:
+                own_problems.append(problem)
+        new = []
+        for problem in report.problems:
+            if problem not in own_problems:
+                new.append(problem)
         # A file without bases is itself the cause.
         if len(self._chain) > 1:
             own_problems = name_extending_keys(own_problems, self._chain, check)
@@ -357,7 +361,7 @@ def _with_value(root: Node, path: KeyPath, value: Any) -> Node:
     node = _find_node(root, path)
     new_value = value
     if isinstance(value, list):
-        new_value = [node.with_value(part) for part in value]
+        new_value = list(map(node.with_value, value))
     return apply(root, Edit(dotted(path), node.with_value(new_value), ()))
 
 

@@ -35,7 +35,7 @@ def rivals(schema_path: KeyPath) -> Mapping[str, frozenset[str]]:
     part = schema_at(schema_path)
     if part is None:
         return {}
-    groups = [list(group) for group in part.get("x-exclusive", [])]
+    groups = list(map(list, part.get("x-exclusive", [])))
     # Kinds of shapes, masks and profiles exclude each other.
     if part.get("maxProperties") == 1:
         groups.append(list(part["properties"]))

@@ -159,9 +159,9 @@ def follows_scale(scene: Entry, record: Record, side: int) -> bool:
     `side` is the photo's longer side, px.
     """
     moving = ("velocity", "spin", "roll", "density")
-    has_scaled_values = any(
-        scene.get(key) for key in SCALED_SECTIONS
-    ) or "gravity" in scene.get("world", {})
+    has_scaled_values = any(map(scene.get, SCALED_SECTIONS)) or "gravity" in scene.get(
+        "world", {}
+    )
     # A number in px was chosen for the scale: a new scale would change its meaning.
     if has_scaled_values or any(
         key in entry
@@ -426,10 +426,9 @@ def _table_values(
     """
     object_kind = kind(label)
     mass, confidence, _ = weigh(outline, object_kind, per_meter)
-    material = {
-        key: getattr(object_kind.material, key)
-        for key in ("friction", "elasticity", "rolling")
-    }
+    material = {}
+    for key in ("friction", "elasticity", "rolling"):
+        material[key] = getattr(object_kind.material, key)
     if isinstance(outline, Disc):
         solid = {"solid": object_kind.solid or "sphere"}
     else:

@@ -156,7 +156,7 @@ def _texts(record: dict[str, Any]) -> list[str]:
     """Return the hashes of the scenes, or nothing for a damaged record."""
     texts = record.get("scenes")
     if isinstance(texts, list):
-        return [str(text) for text in texts]
+        return list(map(str, texts))
     return []
 
 
@@ -293,7 +293,10 @@ class UnusedPath:
         """Return the bytes of the file, or of all files in the folder."""
         if not self.path.is_dir():
             return self.path.lstat().st_size
-        files = [file for file in self.path.rglob("*") if file.is_file()]
+        files = []
+        for file in self.path.rglob("*"):
+            if file.is_file():
+                files.append(file)
         return sum(file.lstat().st_size for file in files)
 
     def remove(self) -> None:
@@ -331,4 +334,8 @@ def unused_assets(folder: Path, backups: Collection[Path] = ()) -> list[Path]:
 def caches_of_assets(folder: Path) -> list[Path]:
     """Return the caches in the assets folders of a folder."""
     caches = sorted(folder.glob(f"*.assets/{CACHE_FOLDER}"))
-    return [path for path in caches if path.is_dir() and not path.is_symlink()]
+    of_assets = []
+    for path in caches:
+        if path.is_dir() and not path.is_symlink():
+            of_assets.append(path)
+    return of_assets

@@ -224,7 +224,9 @@ def measure(schema: Schema, unit: str, has_range: bool) -> str:
 def advice(schema: Schema) -> str:
     """Return the fix for a missing or wrong part of the schema."""
     if "enum" in schema or "const" in schema:
-        return f"write {listed(example(choice) for choice in schema.get('enum', [schema.get('const')]))}"
+        return (
+            f"write {listed(map(example, schema.get('enum', [schema.get('const')])))}"
+        )
     hint = ""
     if "examples" in schema:
         hint = f", e.g. {example(schema['examples'][0])}"

@@ -164,7 +164,7 @@ def _quick_choice(schema: Schema, kinds: list[str]) -> Test:
 
 
 def _quick_list(schema: Schema) -> Test:
-    prefix = [_quick_test(part) for part in schema.get("prefixItems", [])]
+    prefix = list(map(_quick_test, schema.get("prefixItems", [])))
     if "items" in schema:
         item_test = _quick_test(schema["items"])
     else:
@@ -188,9 +188,9 @@ def _refuse(value: Any) -> bool:
 
 
 def _quick_mapping(schema: Schema) -> Test:
-    tests = {
-        key: _quick_test(part) for key, part in schema.get("properties", {}).items()
-    }
+    tests = {}
+    for key, part in schema.get("properties", {}).items():
+        tests[key] = _quick_test(part)
     rest = schema.get("additionalProperties", {})
     other: Test = _refuse
     if isinstance(rest, dict):

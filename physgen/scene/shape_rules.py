@@ -150,7 +150,7 @@ def _extent(tree: CheckedTree, kind: str, node: Node) -> float:
     if kind == "circle" and "radius" in parts:
         return 2.0 * number_of(parts["radius"])
     if kind == "box" and "size" in parts:
-        return max(number_of(side) for side in items(parts["size"]))
+        return max(map(number_of, items(parts["size"])))
     sides = []
     for _, outline, crossing in outlines_of(None, {kind: node}):
         points = points_of(outline)
@@ -204,7 +204,10 @@ def check_boundary(tree: CheckedTree, node: Node, path: KeyPath) -> None:
     """Report faults of the line of a boundary. It must have exactly one."""
     parts = children(node)
     kinds = ("segment", "polyline", "arc", "bezier", "shape", "mask")
-    given_kinds = [key for key in kinds if key in parts]
+    given_kinds = []
+    for key in kinds:
+        if key in parts:
+            given_kinds.append(key)
     if not given_kinds:
         tree.report(Message.NO_LINE.problem(node.place, path))
         return

@@ -50,7 +50,7 @@ def normalize_text(text: str) -> str:
     """Return a text with the signs and digits of a keyboard, without surrounding
     quotes.
     """
-    signs = "".join(_keyboard_sign(char) for char in text)
+    signs = "".join(map(_keyboard_sign, text))
     return unicodedata.normalize("NFKC", signs).strip().strip(_QUOTES).strip()
 
 

@@ -144,11 +144,10 @@ def _without_consequences(
 ) -> Iterator[ValidationError]:
     """Yield the errors without those that repeat or follow from another one."""
     # A list of the wrong length needs no messages about its items.
-    list_paths = [
-        tuple(error.path)
-        for error in errors
-        if error.validator in ("minItems", "maxItems")
-    ]
+    list_paths = []
+    for error in errors:
+        if error.validator in ("minItems", "maxItems"):
+            list_paths.append(tuple(error.path))
     point_lists: set[tuple[str | int, ...]] = set()
     for error in errors:
         path = tuple(error.path)
@@ -291,7 +290,7 @@ class _Fault:
         if not isinstance(value, str):
             return None
         if noun == "names":
-            names = [plain_text(part) for part in value.split(",")]
+            names = list(map(plain_text, value.split(",")))
             is_names = all(re.fullmatch(r"[A-Za-z][\w-]*", name) for name in names)
             if is_names:
                 return f"[{', '.join(names)}]"
@@ -360,7 +359,7 @@ class _Fault:
                 fix = did_you_mean(close)
             refusal = Message.UNKNOWN_WORD.refusal(fix=fix)
         else:
-            names = [example(choice) for choice in schema["enum"]]
+            names = list(map(example, schema["enum"]))
             fix = f"write {listed(names)}"
             if isinstance(value, str) and value in names:
                 fix = f"write {value}, without quotes"
@@ -530,7 +529,10 @@ class _Fault:
     def _nearest_of(self, homes: Iterable[str]) -> list[str]:
         """Return names of mappings, preferably of those below this one."""
         prefix = f"{dotted(kind_of(self.path))}.".replace("*", "NAME")
-        homes_within = [home for home in homes if home.startswith(prefix)]
+        homes_within = []
+        for home in homes:
+            if home.startswith(prefix):
+                homes_within.append(home)
         return [home or "the top level of the file" for home in homes_within or homes]
 
     def _missing_kinds(self, siblings: dict[str, Node]) -> list[str]:

@@ -182,7 +182,10 @@ def _hidden_names(
         return words
     before = re.split(", | and ", match[1])
     new_names = [new_name_of.get(name, name) for name in before]
-    hidden_names = [name for name in new_names if name in names]
+    hidden_names = []
+    for name in new_names:
+        if name in names:
+            hidden_names.append(name)
     if hidden_names:
         return _HIDING + listed(hidden_names, "and")
     return ""

@@ -131,10 +131,9 @@ def _mark_tree(node: Any, text: str) -> MarkedValue:
         return MarkedValue(str, False, begin, end, column, value, style)
     keys: list[tuple[str, int, int]] = []
     if isinstance(node, yaml.MappingNode):
-        keys = [
-            (key.value, key.start_mark.index, key.end_mark.index)
-            for key, _ in node.value
-        ]
+        keys = []
+        for key, _ in node.value:
+            keys.append((key.value, key.start_mark.index, key.end_mark.index))
         children = [_mark_tree(child, text) for _, child in node.value]
     else:
         children = [_mark_tree(child, text) for child in node.value]
@@ -549,7 +548,10 @@ def _entries(text: str, path: KeyPath, node: MarkedValue, value: dict[str, Any])
     new key is renamed.
     """
     old: dict[str, Any] = node.data()
-    new = [key for key in value if key not in old]
+    new = []
+    for key in value:
+        if key not in old:
+            new.append(key)
     for key in old:
         if key in value:
             continue
@@ -692,7 +694,7 @@ def _json(value: Any) -> str:
         pairs = [f"{_json(key)}: {_json(child)}" for key, child in value.items()]
         return "{" + ", ".join(pairs) + "}"
     if isinstance(value, list):
-        return "[" + ", ".join(_json(child) for child in value) + "]"
+        return "[" + ", ".join(map(_json, value)) + "]"
     if isinstance(value, int | float) and not isinstance(value, bool):
         return number(value)
     json_text = json.dumps(value, ensure_ascii=False)

@@ -213,10 +213,10 @@ class Running:
 
     def trajectory(self) -> Trajectory:
         """Return the motion so far; its samples from `sample_count` on are zeros."""
-        trajectory = self._recorder.trajectory(Effort(*self._effort()), self.sampled)
+        trajectory = self._recorder.trajectory(Effort(*self._effort()), self.resample)
         return fold_wheels(trajectory, self._vehicles)
 
-    def sampled(self, times: Array) -> Trajectory:
+    def resample(self, times: Array) -> Trajectory:
         """Return the motion at the times `times`, s, rising, to the same bits as
         `simulate`.
         """
@@ -239,7 +239,7 @@ class Running:
                 recorder.add(step)
             recorder.read()
         return fold_wheels(
-            recorder.trajectory(Effort(*effort), self.sampled), self._vehicles
+            recorder.trajectory(Effort(*effort), self.resample), self._vehicles
         )
 
     def _effort(self) -> EffortCounts:
@@ -305,7 +305,7 @@ class Running:
         # Take a whole step with half the gravity: the engine stores impulses of
         # contacts, which would be wrong after a change of the step's length.
         self._space.weaken(0.5)
-        step = self._stepper.take(0.0, h, state, events, is_half=True)
+        step = self._stepper.take(0.0, h, state, events, is_half_step=True)
         self._space.weaken(1.0)
         if step.velocities is None:
             step.velocities = state[:, 3:].copy()
@@ -478,7 +478,7 @@ class StepTrial:
 
     end: float  # s
     h: float  # s
-    is_half: bool
+    is_half_step: bool
     """Whether this is the half step to t = 0."""
     events: list[EnergyEvent]
     state: Array | None
@@ -647,15 +647,15 @@ class Stepper:
         h: float,
         state: Array | None,
         events: list[EnergyEvent],
-        is_half: bool = False,
+        is_half_step: bool = False,
     ) -> Step:
         """Take a step of h s to `end`, and repeat it with other velocities after
         impacts.
 
-        `state` (M, 6): as it was placed in the engine, if it was; `is_half`: the half
+        `state` (M, 6): as it was placed in the engine, if it was; `is_half_step`: the half
         step to t = 0.
         """
-        trial = StepTrial(end, h, is_half, events, state)
+        trial = StepTrial(end, h, is_half_step, events, state)
         if state is not None:
             trial.velocities = state[:, 3:].copy()
         self._solve_contacts(trial)
@@ -680,7 +680,7 @@ class Stepper:
         """Let the engine take the step, again and again until no contact bounces."""
         # In a crowd, a first trial with one sweep finds the impacts at a fraction of
         # the cost.
-        is_probe = self._governor.is_crowded and not self._is_calm
+        is_probe = self._governor.has_crowd and not self._is_calm
         if is_probe and trial.state is None:
             trial.state = self.state().copy()
         if is_probe:
@@ -716,7 +716,11 @@ class Stepper:
                 trial.state is None and not self._numbers and not self._assemblies.busy
             )
             trial.load = self._forces.push(
-                start_state, trial.end, trial.h, is_half=trial.is_half, is_free=is_free
+                start_state,
+                trial.end,
+                trial.h,
+                is_half_step=trial.is_half_step,
+                is_free=is_free,
             )
             self._push(trial.load)
         resistance = self._forces.resistance
@@ -824,7 +828,7 @@ class Stepper:
         points = contact_points(words, numbers, poses, velocities)
         if not (points.closing > threshold).any():
             return None
-        if trial.is_half:
+        if trial.is_half_step:
             old_words = words
         else:
             old_words = self._order.words
@@ -898,7 +902,7 @@ class Stepper:
             start_velocities = np.zeros_like(self._center)
             start_velocities[moving] = step_velocities
         motor_strength = 1.0
-        if trial.is_half:
+        if trial.is_half_step:
             motor_strength = 0.5
         pose, velocity = self.expand_state(exact)
         motion = self._assemblies.constrain(
@@ -980,14 +984,14 @@ class Stepper:
 
     def _review_joints(self, trial: StepTrial) -> None:
         """Count the work of scripted partners of joints, and break joints."""
-        if trial.is_half:
+        if trial.is_half_step:
             duration = trial.h / 2
         else:
             duration = trial.h
         momentum = self._joint_momentum(trial, duration)
         if self._assemblies.has_scripts:
             self._count_script_work(trial, momentum)
-        if self._breakages.busy and not trial.is_half:
+        if self._breakages.busy and not trial.is_half_step:
             self._break_joints(trial, momentum)
 
     def _joint_momentum(self, trial: StepTrial, duration: float) -> JointMomentum:
@@ -1057,7 +1061,7 @@ class Stepper:
     def _finish_step(self, trial: StepTrial) -> Step:
         """Make the end of a step the start of the next one, and return its record."""
         self.has_unchecked_speeds |= not self._is_calm
-        self._last_load = trial.h, trial.load, 0.5 if trial.is_half else 1.0
+        self._last_load = trial.h, trial.load, 0.5 if trial.is_half_step else 1.0
         self._last_motion = trial.velocities, self._states
         self._order = trial.order
         self._numbers = trial.numbers

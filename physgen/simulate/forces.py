@@ -740,11 +740,11 @@ class StepForces:
         return np.asarray(fall + load.total / self._weight * h * self._dynamic[:, None])
 
     def push(
-        self, state: Array, end: float, h: float, *, is_half: bool, is_free: bool
+        self, state: Array, end: float, h: float, *, is_half_step: bool, is_free: bool
     ) -> Forces:
         """Return the lasting forces of the step to `end`, at the bodies' future places.
 
-        `is_half`: the half step to t = 0. `is_free`: no contact in the step before, no
+        `is_half_step`: the half step to t = 0. `is_free`: no contact in the step before, no
         joint, and no other change since, so that several steps of table friction can be
         computed at once.
         """
@@ -752,7 +752,7 @@ class StepForces:
         load = Forces(self._nothing, None, None, None)
         if self._loads.busy:
             pose = self._spread(state[:, :3] + state[:, 3:] * h, self._center)
-            if is_half:
+            if is_half_step:
                 begin, duration = (end, 0.5)
             else:
                 begin, duration = (end - h / 2, 1.0)
@@ -762,7 +762,7 @@ class StepForces:
             load = Forces(loads.hold * duration + drive + spend, drive, spend, None)
         if not self._table.busy:
             return load
-        if is_half:
+        if is_half_step:
             duration = h / 2
         else:
             duration = h
@@ -775,7 +775,7 @@ class StepForces:
         if table_velocity is not None:
             predicted_velocity = predicted_velocity - table_velocity
         is_free &= not (self._loads.busy or self._falls or self._belts.busy)
-        if is_half:
+        if is_half_step:
             begin = end
         else:
             begin = end - h / 2

@@ -977,7 +977,7 @@ class Recorder:
             contacts=self.log.result(),
             energy=Energy(*np.ascontiguousarray(self._balance.T)),
             effort=effort,
-            sampled=sample_at,
+            resample=sample_at,
         )
 
 

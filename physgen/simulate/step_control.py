@@ -197,7 +197,7 @@ class Governor:
         return min(self._sweep_limit, max(self.sweeps, TUNING.usual_sweeps))
 
     @property
-    def is_crowded(self) -> bool:
+    def has_crowd(self) -> bool:
         """Check whether a trial with a single sweep saves time."""
         return self._contacts > TUNING.crowd_contacts
 

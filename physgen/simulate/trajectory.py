@@ -129,7 +129,7 @@ class Trajectory:
     """Angle of each wheel on its vehicle since t = 0, (T, W) rad, in the order of
     bodies and their wheels; (0, 0) without wheels.
     """
-    sampled: Callable[[Array], Trajectory] = field(
+    resample: Callable[[Array], Trajectory] = field(
         default=_unknown, repr=False, compare=False
     )
     """Function that returns the same motion at other rising times (K,) s; only for a
@@ -146,15 +146,14 @@ class Trajectory:
         total = energy.kinetic + energy.potential + energy.dissipated - energy.work
         if not len(total):
             return 0.0
-        flows = [
-            float(np.ptp(part))
-            for part in (
-                energy.kinetic,
-                energy.potential,
-                energy.dissipated,
-                energy.work,
-            )
-        ]
+        flows = []
+        for part in (
+            energy.kinetic,
+            energy.potential,
+            energy.dissipated,
+            energy.work,
+        ):
+            flows.append(float(np.ptp(part)))
         flow = max(least_flow, float(energy.kinetic.max()), *flows)
         if flow > 0:
             return float(np.ptp(total)) / flow
@@ -188,12 +187,16 @@ class Trajectory:
         """Return the SHA-256 of each sample's time, poses and velocities in
         little-endian float64.
         """
-        return [
-            hashlib.sha256(
-                b"".join(np.ascontiguousarray(a, "<f8").tobytes() for a in (t, p, v))
-            ).hexdigest()
-            for t, p, v in zip(self.times, self.poses, self.velocities, strict=True)
-        ]
+        hashes = []
+        for t, p, v in zip(self.times, self.poses, self.velocities, strict=True):
+            hashes.append(
+                hashlib.sha256(
+                    b"".join(
+                        np.ascontiguousarray(a, "<f8").tobytes() for a in (t, p, v)
+                    )
+                ).hexdigest()
+            )
+        return hashes
 
     def save(self, path: Path) -> None:
         """Write a NumPy archive without pickles; equal motions give equal bytes.
@@ -274,14 +277,13 @@ def read_trajectory(path: Path | io.BytesIO) -> Trajectory:
     """Read a file of `Trajectory.save` without unpickling."""
     with np.load(path, allow_pickle=False) as file:
         # The names of arrays begin with their part, as `as_arrays` wrote them.
-        parts = {
-            part: {
+        parts = {}
+        for part in ("contacts", "energy", "effort"):
+            parts[part] = {
                 name.removeprefix(f"{part}_"): file[name]
                 for name in file.files
                 if name.startswith(f"{part}_")
             }
-            for part in ("contacts", "energy", "effort")
-        }
         parts["contacts"]["surfaces"] = tuple(map(str, file["contacts_surfaces"]))
         return Trajectory(
             times=file["times"],
@@ -345,13 +347,12 @@ def rest_times(trajectory: Trajectory) -> list[float | None]:
 def new_touches(trajectory: Trajectory) -> NDArray[np.bool_]:
     """Return the mask (E,) of touches of pairs that did not touch from the start."""
     contacts = trajectory.contacts
-    pairs = [tuple(pair) for pair in contacts.touch_pairs.tolist()]
+    pairs = list(map(tuple, contacts.touch_pairs.tolist()))
     is_early = contacts.touch_times[:, 0] < START_TIME
-    first_pairs = {
-        pair
-        for pair, is_first in zip(pairs, is_early.tolist(), strict=True)
-        if is_first
-    }
+    first_pairs = set()
+    for pair, is_first in zip(pairs, is_early.tolist(), strict=True):
+        if is_first:
+            first_pairs.add(pair)
     return np.array([pair not in first_pairs for pair in pairs], bool)
 
 

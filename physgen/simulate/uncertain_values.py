@@ -140,14 +140,12 @@ def uncertain_values(
     Values of the applied `variant` are certain.
     """
     provenance = Provenance(scene, variant)
-    of_objects = [
-        value for item in scene.objects for value in _of_object(scene, item, provenance)
-    ]
-    of_boundaries = [
-        value
-        for item in scene.boundaries
-        for value in _of_boundary(scene, item, provenance)
-    ]
+    of_objects: list[UncertainValue] = []
+    for item in scene.objects:
+        of_objects.extend(_of_object(scene, item, provenance))
+    of_boundaries: list[UncertainValue] = []
+    for wall in scene.boundaries:
+        of_boundaries.extend(_of_boundary(scene, wall, provenance))
     return (*of_objects, *of_boundaries)
 
 
@@ -248,7 +246,7 @@ def draw_values(values: Sequence[UncertainValue], seed: int, count: int) -> Arra
             )
         return [value.spread.quantile(each) for each in z.tolist()]
 
-    return np.array([column(value) for value in values]).T.reshape(count, len(values))
+    return np.array(list(map(column, values))).T.reshape(count, len(values))
 
 
 def uniform(seed: int, count: int, *key: str) -> Array:

@@ -90,7 +90,11 @@ class Ensemble:
     @property
     def complete_draws(self) -> list[int]:
         """Return the numbers of the simulated draws."""
-        return [k for k, outcome in enumerate(self.outcomes) if outcome is not None]
+        draws = []
+        for k, outcome in enumerate(self.outcomes):
+            if outcome is not None:
+                draws.append(k)
+        return draws
 
     def table(self) -> str:
         """Return CSV with a line per draw: the values, then the outcome of each body.
@@ -99,7 +103,10 @@ class Ensemble:
         """
         text = io.StringIO()
         rows = csv.writer(text, lineterminator="\n")
-        outcomes = [f"{name}.{column}" for name in self.names for column in COLUMNS]
+        outcomes = []
+        for name in self.names:
+            for column in COLUMNS:
+                outcomes.append(f"{name}.{column}")
         rows.writerow(["draw", *(value.path for value in self.doubts), *outcomes])
         for number, outcome in enumerate(self.outcomes):
             cells: list[Any] = [number, *self.values[number].tolist()]
@@ -145,7 +152,10 @@ def simulate_ensemble(
             drawn_world = compile_shapes(draw, compiled_scene.shapes).world
             run = simulate(drawn_world, times)
         except InputError as error:
-            new_problems = [p for p in error.problems if p.path not in failures]
+            new_problems = []
+            for p in error.problems:
+                if p.path not in failures:
+                    new_problems.append(p)
             failures |= {f"{p.path} {p.expected}": p for p in new_problems}
             outcomes.append(None)
             continue
@@ -156,7 +166,7 @@ def simulate_ensemble(
         doubts=doubts,
         values=values,
         names=tuple(body.name for body in world.bodies),
-        sizes=np.array([size(body) for body in world.bodies]),
+        sizes=np.array(list(map(size, world.bodies))),
         times=times[stored_samples],
         poses=poses,
         outcomes=tuple(outcomes),
@@ -185,7 +195,7 @@ def outcome(world: World, run: Trajectory) -> Outcome:
     not fall. Circles do not tip, and bodies with joints do not fall.
     """
     start, final = run.poses[0], run.poses[-1]
-    sizes = np.array([size(body) for body in world.bodies])
+    sizes = np.array(list(map(size, world.bodies)))
     distances = np.hypot(*np.moveaxis(run.poses[:, :, :2] - start[:, :2], 2, 0)).max(
         axis=0
     )
@@ -205,14 +215,17 @@ def _can_fall(world: World) -> Flags:
     """Return the mask (B,) of dynamic bodies without joints, if gravity acts in a side
     view.
     """
-    jointed_bodies = {
-        body for joint in world.joints for body in (joint.first, joint.second)
-    }
+    jointed_bodies: set[int | None] = set()
+    for joint in world.joints:
+        jointed_bodies.update((joint.first, joint.second))
     has_gravity = world.view is View.SIDE and world.gravity.any()
-    can_fall = [
-        has_gravity and body.motion is Motion.DYNAMIC and number not in jointed_bodies
-        for number, body in enumerate(world.bodies)
-    ]
+    can_fall = []
+    for number, body in enumerate(world.bodies):
+        can_fall.append(
+            has_gravity
+            and body.motion is Motion.DYNAMIC
+            and number not in jointed_bodies
+        )
     return np.array(can_fall, bool)
 
 
@@ -386,7 +399,10 @@ class Verdict:
 
 def verdicts(fan: Ensemble) -> list[Verdict]:
     """Return a verdict for each body; none if no draw could be simulated."""
-    outcomes = [outcome for outcome in fan.outcomes if outcome is not None]
+    outcomes = []
+    for outcome in fan.outcomes:
+        if outcome is not None:
+            outcomes.append(outcome)
     return [_verdict(fan, b, outcomes) for b in range(len(fan.names)) if outcomes]
 
 

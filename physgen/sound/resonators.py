@@ -112,9 +112,9 @@ class Resonator:
         """Return the radius of a sphere with the same area, m."""
         return sqrt(self.area / (4 * pi))
 
-    def decay_rates(self, is_touched: bool) -> F64:
+    def decay_rates(self, has_contact: bool) -> F64:
         """Return (M,) 1/s: a mode decays by exp(-rate t)."""
-        loss = self.loss + (LIMITS.touch_loss if is_touched else 0.0)
+        loss = self.loss + (LIMITS.touch_loss if has_contact else 0.0)
         return np.asarray(pi * self.frequencies * loss)
 
     def radiation(self) -> F64:

@@ -46,7 +46,7 @@ class Strike:
     """s."""
     gains: tuple[float, float]
     """Gains of the left and the right channel."""
-    is_touched: bool
+    has_contact: bool
     """True if the resonator lies on something else."""
     polarity: float = 1.0
     """1 for an impulse that points down, -1 for up. Clicks of simultaneous impacts then
@@ -69,17 +69,17 @@ def ring(resonators: Sequence[Resonator], strikes: Sequence[Strike], count: int)
     sound = np.zeros((count, 2))
     groups: dict[tuple[int, bool], list[Strike]] = {}
     for strike in strikes:
-        key = (strike.resonator, strike.is_touched)
+        key = (strike.resonator, strike.has_contact)
         groups.setdefault(key, []).append(strike)
-    for (index, is_touched), members in sorted(groups.items()):
+    for (index, has_contact), members in sorted(groups.items()):
         resonator = resonators[index]
         if len(resonator.frequencies):
-            _add_modes(sound, resonator, is_touched, members)
+            _add_modes(sound, resonator, has_contact, members)
     return sound
 
 
 def _add_modes(
-    sound: F64, resonator: Resonator, is_touched: bool, strikes: Sequence[Strike]
+    sound: F64, resonator: Resonator, has_contact: bool, strikes: Sequence[Strike]
 ) -> None:
     """Add the modes of one resonator to (count, 2) Pa.
 
@@ -87,7 +87,7 @@ def _add_modes(
     by block, and an impact adds to it at once.
     """
     omega = 2 * pi * resonator.frequencies
-    rates = resonator.decay_rates(is_touched)
+    rates = resonator.decay_rates(has_contact)
     exponents: Complex = ((1j * omega - rates) / RATE).astype(np.complex128)
     waves = np.exp(exponents[:, None] * np.arange(BLOCK))
     per_block = np.exp(exponents * BLOCK)

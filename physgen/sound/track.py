@@ -73,7 +73,7 @@ class SoundTrack:
     captions: tuple[Caption, ...]
     """Sorted by time."""
 
-    def delayed(self, seconds: float) -> SoundTrack:
+    def add_silence(self, seconds: float) -> SoundTrack:
         """Return the track after a silence, for the time of the held photo."""
         if not seconds:
             return self
@@ -176,7 +176,7 @@ def event_strikes(
             impulse=impulse,
             contact_time=duration,
             gains=gains,
-            is_touched=_is_touched(world, clip.trajectory, surface, event),
+            has_contact=_has_contact(world, clip.trajectory, surface, event),
             polarity=polarity,
         )
         strikes.append(strike)
@@ -190,7 +190,7 @@ def _newton_seconds(clip: Clip, event: Event) -> float:
     return (event.impulse or 0.0) / 1000 / clip.world.pixels_per_meter
 
 
-def _is_touched(
+def _has_contact(
     world: World, trajectory: Trajectory, surface: int, event: Event
 ) -> bool:
     """Return whether another contact touches a surface during and after the impact."""
@@ -216,7 +216,7 @@ def rubbings(clip: Clip, times: ClipTimes) -> list[Rubbing]:
     world = clip.world
     count = max(int(world.duration * FRICTION_RATE), 2)
     moments = np.linspace(0.0, world.duration, count + 1)
-    motion = clip.trajectory.sampled(moments)
+    motion = clip.trajectory.resample(moments)
     clip_times = np.array([times.clip_time(float(time)) for time in moments])
     result = _pair_rubbings(clip, motion, clip_times)
     if world.view is View.TOP and world.press > 0:

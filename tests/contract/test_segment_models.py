@@ -265,7 +265,9 @@ def test_sam2_draws_prompts_of_a_person(size, tiny):
     height, width = size
     box = (0.2 * width, 0.3 * height, 0.4 * width, 0.5 * height)
     point = (0.8 * width, 0.2 * height)
-    masks = [one.mask for one in run.meant(photo(*size), [box], [point])]
+    masks = [
+        one.mask for one in run.segment_meant_objects(photo(*size), [box], [point])
+    ]
     assert agree(masks[0], rectangle(size, 0.2, 0.3, 0.6, 0.8)) > 0.93
     y, x = np.argwhere(masks[1]).mean(0)
     assert (x, y) == pytest.approx(point, abs=0.03 * max(size))
@@ -379,7 +381,7 @@ def test_what_a_model_does_not_know_is_found_without_it():
         def __call__(self, rgb):
             return Segments(np.zeros(rgb.shape[:2], np.uint16), np.zeros(0))
 
-        def meant(self, rgb, boxes, points):
+        def segment_meant_objects(self, rgb, boxes, points):
             return [PromptedMask(mask, 0.9) for _ in (*boxes, *points)]
 
     found = from_prompts(rgb, [(38, 28, 44, 34)], [], only(Blind()))

@@ -60,7 +60,7 @@ def test_the_second_weights_alone_can_be_named(tiny, tmp_path):
         "segment", "grounding-dino+sam", Setup(f"{dino},{tmp_path}", "cpu")
     )
     with pytest.raises(InputError, match="does not load as SAM"):
-        run.meant(photo(30, 40), [(1, 1, 9, 9)], [])
+        run.segment_meant_objects(photo(30, 40), [(1, 1, 9, 9)], [])
     with pytest.raises(
         InputError,
         match=r"grounding-dino\+sam\.threshold: 'high' is not of type 'number'",

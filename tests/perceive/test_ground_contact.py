@@ -17,7 +17,7 @@ from physgen.perceive.support.ground_contact import (
     Line,
     close_gaps_below,
     find_foot,
-    is_carried,
+    has_carriers,
     lower_hull,
 )
 from physgen.perceive.support.supports import SOURCE
@@ -258,7 +258,7 @@ def test_a_leaning_thing_is_not_carried():
     desk = Desk()
     desk.block(100, 240, 50, 50)
     side = desk.block(145, 189.5, 120, 60)  # its centre of mass is beyond the block
-    assert not is_carried(side, desk.labels, desk.things)
+    assert not has_carriers(side, desk.labels, desk.things)
 
 
 def test_the_foot_is_the_edge_under_the_centre_of_mass():

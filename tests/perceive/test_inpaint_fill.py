@@ -272,7 +272,7 @@ def test_comparisons_are_whole_numbers_that_single_precision_holds() -> None:
     ).astype(np.float32)
     level = Level(photo, blob("disc"), blob("disc") & False)
     search = _Search(level, RADIUS)
-    known = search._patches(search.halved)
+    known = search._patches(search.half_levels)
     target = known[search.at[:, 0], search.at[:, 1]]
     weighted = np.abs(target) * search.mask[..., None]
     largest = (weighted * 64 * 2).sum((1, 2, 3)) + (search.mask * 64**2 * 3).sum((1, 2))

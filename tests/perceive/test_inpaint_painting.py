@@ -9,7 +9,7 @@ import pytest
 from physgen.perceive.inpaint.painting import (
     inpaint_windows,
     model_size,
-    widened,
+    widen,
     windows,
 )
 
@@ -84,7 +84,7 @@ def test_the_reach_is_the_papers_and_grows_with_the_photo():
     for scale in (1, 3):
         point = np.zeros((512 * scale, 512 * scale), bool)
         point[256 * scale, 256 * scale] = True
-        wide = widened(point)
+        wide = widen(point)
         assert wide.any(1).sum() == pytest.approx(40 * scale, abs=2)
 
 

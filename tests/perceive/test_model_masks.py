@@ -12,7 +12,7 @@ from physgen.perceive.segment.masks import (
     parts,
     resolve_overlaps,
     segments,
-    smoothed,
+    smooth_outline,
     split,
 )
 
@@ -28,7 +28,7 @@ def block(*corners: tuple[int, int, int, int]) -> np.ndarray:
 
 
 def cut(mask, noun="block", movable=True, score=0.8, fit=1.0):
-    return Cut.of(mask, noun, movable, score, fit)
+    return Cut.from_mask(mask, noun, movable, score, fit)
 
 
 def found(*cuts, **more):
@@ -49,11 +49,11 @@ def test_pinholes_close_and_specks_go_and_rings_stay():
     dirty = ring.copy()
     dirty[25, 25] = False
     dirty[80, 100] = True
-    assert np.array_equal(smoothed(dirty), ring)
+    assert np.array_equal(smooth_outline(dirty), ring)
     edge = block((0, 0, 10, 90))
     edge[40:50, 0] = False  # a notch at the border is no hole
-    assert np.array_equal(smoothed(edge), edge)
-    assert not smoothed(np.zeros(SIZE, bool)).any()
+    assert np.array_equal(smooth_outline(edge), edge)
+    assert not smooth_outline(np.zeros(SIZE, bool)).any()
 
 
 def test_pieces_are_those_with_a_gap_between():

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from physgen.perceive.inpaint.outgrowths import (
-    _Beside,
+    _Neighbourhood,
     attach_outgrowths,
     outgrowths,
 )
@@ -71,7 +71,7 @@ def test_part_continues_while_its_colour_changes():
     away = cv2.distanceTransform((~body).view(np.uint8), cv2.DIST_L2, 5)
     first = np.zeros_like(body)
     first[bands[0]] = True
-    parts = _Beside(photo, away, body, 30.0).parts(first)
+    parts = _Neighbourhood(photo, away, body, 30.0).parts(first)
     assert parts[60:84, 40:60].all()
     assert parts.sum() == 24 * 20
 

@@ -16,12 +16,9 @@ from physgen.geometry.shadows import (
 )
 from physgen.perceive.roles import BoundaryGuess, LightGuess, PhotoObject, Shadows, Wall
 from physgen.perceive.shadow import side_view
-from physgen.perceive.shadow.shadow_removal import (
-    lightened,
-    refill_background,
-    remove_reflections,
-    remove_shadows,
-)
+from physgen.perceive.shadow.refills import refill_background
+from physgen.perceive.shadow.reflections import remove_reflections
+from physgen.perceive.shadow.shadow_removal import lighten, remove_shadows
 from physgen.photometry import DistantLight, decode, encode_u8
 from physgen.scene.scene import View
 from tests.perceive.lambertian import overlap
@@ -605,7 +602,7 @@ def test_removal_leaves_nothing_brighter_than_the_ground() -> None:
     ground = np.full((160, 240, 3), decode(np.uint8([[[205]]]))[0, 0, 0], np.float32)
     dark = np.where(away < 36, 0.5, 0).astype(np.float32)
     free = (away > 34).astype(np.float32)
-    clean = lightened(picture, dark, ground, free)
+    clean = lighten(picture, dark, ground, free)
     assert clean[away < 36].max() <= picture[away > 40].max()
     assert np.array_equal(clean[away > 36], picture[away > 36])
 

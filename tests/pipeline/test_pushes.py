@@ -99,7 +99,7 @@ def test_a_ball_rolls_gently_into_the_others(tmp_path: Path) -> None:
     push = default_push(scene, shapes_of(scene, None), {})
     assert push is not None
     assert push.outcome.grade is Grade.STORY
-    assert len(push.outcome.moved) > 1
+    assert len(push.outcome.mover_names) > 1
     assert np.hypot(*push.velocity) < 1.4 * push_speed(400, 800)
     pushed = pipeline.load(
         path, [f"objects.{push.name}.velocity=[{push.velocity[0]}, {push.velocity[1]}]"]

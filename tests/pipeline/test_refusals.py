@@ -73,7 +73,7 @@ def test_an_object_beside_someone_is_pushed_away(
 ) -> None:
     set_evidence(monkeypatch, people=(person,))
     found = find_refusals(scene_of())
-    assert found.barred == {"cup-1": side}
+    assert found.barred_sides == {"cup-1": side}
     assert found.reasons == []
 
 

@@ -199,7 +199,7 @@ def test_what_is_in_the_air_starts_with_blur(tmp_path) -> None:
         record = RunRecord(scene="", command=[])
         film = Film(scene, stages.compile(scene, maps), maps, record, stages)
         film.deliver()
-        motion = film.simulated(lambda *_: None)
+        motion = film.simulate_motion(lambda *_: None)
         clips.append([frame.rgb for frame in film.frames(motion)])
     sharp, blurred = clips
     for before, after in zip(sharp[1:], blurred[1:], strict=True):

@@ -106,7 +106,7 @@ def test_thin_parts_do_not_soften_objects(tmp_path: Path) -> None:
 
 def _extents(film: Film, frame: int) -> tuple[int, int, int]:
     """Return width, height and lowest row of the ball."""
-    trajectory = film.simulated(lambda *_: None)
+    trajectory = film.simulate_motion(lambda *_: None)
     frames = list(film.deliver_frames(film.frames(trajectory), trajectory))
     paper = frames[0].rgb[0, 0].astype(int)
     is_ball = np.abs(frames[frame].rgb[:189].astype(int) - paper).sum(axis=2) > 150

@@ -44,7 +44,7 @@ def _film(path: Path, *overrides: str) -> Film:
 
 
 def _frames(film: Film) -> np.ndarray:
-    motion = film.simulated(lambda *_: None)
+    motion = film.simulate_motion(lambda *_: None)
     frames = film.deliver_frames(film.frames(motion), motion)
     return np.stack([frame.rgb.astype(int) for frame in frames])
 
@@ -78,7 +78,7 @@ def test_striker_touches_at_the_push(scene_file: Path, kind: str) -> None:
 
 def test_striker_changes_no_motion(scene_file: Path) -> None:
     plain, struck = _film(scene_file), _film(scene_file, "render.enter=cue")
-    motions = [film.simulated(lambda *_: None) for film in (plain, struck)]
+    motions = [film.simulate_motion(lambda *_: None) for film in (plain, struck)]
     assert (motions[0].poses == motions[1].poses).all()
 
 
@@ -90,7 +90,7 @@ def test_undelivered_frames_have_no_striker(scene_file: Path) -> None:
 def test_striker_takes_a_hold(scene_file: Path) -> None:
     film = _film(scene_file, "render.enter=stick", "render.hold=0")
     assert film.deliver()["hold"] == HOLD
-    motion = film.simulated(lambda *_: None)
+    motion = film.simulate_motion(lambda *_: None)
     assert film.count(motion) == len(motion.times) + HOLD
 
 

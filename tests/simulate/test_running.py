@@ -77,7 +77,7 @@ def same_at_other_times(world: World, made: Trajectory) -> None:
         np.linspace(0, 1.1 * end, 777),
     ):
         again, fresh = (
-            made.sampled(times).as_arrays(),
+            made.resample(times).as_arrays(),
             simulate(world, times).as_arrays(),
         )
         assert all(np.array_equal(again[key], fresh[key]) for key in fresh)

@@ -78,7 +78,7 @@ def test_touch_shortens_the_ring() -> None:
     def late(strike: Strike) -> float:
         return float(np.abs(ring([BAR], [strike], RATE)[RATE // 2 :]).max())
 
-    assert late(replace(STRIKE, is_touched=True)) < 0.01 * late(STRIKE)
+    assert late(replace(STRIKE, has_contact=True)) < 0.01 * late(STRIKE)
 
 
 def test_slow_click_is_the_dipole_of_the_jerk() -> None:

@@ -90,7 +90,7 @@ def _motion_error(
         np.abs(light.displacements[:, 1] - fall).max() / np.abs(fall).max(),
         abs(turned.spin[-1] / (gain * turned.times[-1]) - 1),
     ]
-    return {"motion": worst([float(one) for one in off])}
+    return {"motion": worst(list(map(float, off)))}
 
 
 def _own_numbers(draw: Draw) -> list[Case]:

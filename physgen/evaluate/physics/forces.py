@@ -76,7 +76,7 @@ class _Block:
 
     def point(self) -> list[float]:
         """Return the pushed point, px."""
-        return [float(value) for value in self.arm + self.center]
+        return list(map(float, self.arm + self.center))
 
 
 @dataclass(frozen=True)

@@ -56,7 +56,11 @@ def _four_centers(distance: float) -> list[Point]:
     """Return the centres (px) of four fields, two beside two."""
     first = distance / 2
     places = (first, first + distance)
-    return [(x, y) for y in places for x in places]
+    centers = []
+    for y in places:
+        for x in places:
+            centers.append((x, y))
+    return centers
 
 
 @dataclass(frozen=True)

@@ -48,11 +48,10 @@ def _table_integral(values: Sequence[float], span: float) -> float:
 
 def _profile_error(run: Run, *, gain: float, exact: dict[str, float]) -> Errors:
     """Return the largest deviation of a final velocity over the greatest one."""
-    errors = [
-        abs(float(run.track(name).velocities[-1, 0]) / gain - value)
-        for name, value in exact.items()
-    ]
-    return {"velocity": worst(errors) / max(abs(v) for v in exact.values())}
+    errors = []
+    for name, value in exact.items():
+        errors.append(abs(float(run.track(name).velocities[-1, 0]) / gain - value))
+    return {"velocity": worst(errors) / max(map(abs, exact.values()))}
 
 
 def _profiles(draw: Draw) -> list[Case]:

@@ -470,10 +470,9 @@ def record(
         else:
             key = rate
         first_results[rate] = results[0, key]
-    measures = [
-        _record_measure(measure, draw_results, first_results)
-        for measure in row.measures
-    ]
+    measures = []
+    for measure in row.measures:
+        measures.append(_record_measure(measure, draw_results, first_results))
     problems: list[str] = []
     for result in draw_results:
         problems += result.problems

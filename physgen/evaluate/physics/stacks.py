@@ -65,9 +65,10 @@ def _pyramid(draw: Draw) -> list[Case]:
     floor = {"floor": segment((0, 260), (440, 260), **surface)}
     pyramid = scene((440, 280), 5.0, objects, floor)
     label, (removals, falling_box) = list(REMOVALS.items())[draw.index]
-    changed_objects = {
-        name: body for name, body in objects.items() if name not in removals
-    }
+    changed_objects = {}
+    for name, body in objects.items():
+        if name not in removals:
+            changed_objects[name] = body
     if not removals:
         changed_objects[falling_box] = _lift(changed_objects[falling_box])
     changed_pyramid = scene((440, 280), 1.0, changed_objects, floor)

@@ -68,7 +68,7 @@ def _round_numbers(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {key: _round_numbers(part) for key, part in value.items()}
     if isinstance(value, list | tuple):
-        return [_round_numbers(part) for part in value]
+        return list(map(_round_numbers, value))
     if isinstance(value, float):
         return round(float(value), DECIMALS)
     return value
@@ -100,7 +100,7 @@ def segment(begin: Position, end: Position, **keys: Any) -> Document:
 
 def list_floats(position: Position) -> list[float]:
     """Return a point in the file's form, as Python floats."""
-    return [float(value) for value in position]
+    return list(map(float, position))
 
 
 @dataclass(frozen=True)

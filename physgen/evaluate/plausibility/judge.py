@@ -219,7 +219,10 @@ def ask_energy(motion: Motion) -> list[Evidence]:
     """
     evidence = []
     for impact in motion.impacts:
-        visible_parts = [part for part in impact.parts if part.is_visible]
+        visible_parts = []
+        for part in impact.parts:
+            if part.is_visible:
+                visible_parts.append(part)
         forms = motion.tracks.forms
         if not all(forms[part.body].is_round for part in visible_parts):
             continue
@@ -544,7 +547,7 @@ class Verdict:
     @property
     def overall(self) -> float | None:
         """Return the lowest score, or None without any instance."""
-        scores = [self.score(name) for name in self.answers]
+        scores = list(map(self.score, self.answers))
         return min((s for s in scores if s is not None), default=None)
 
     @property
@@ -656,7 +659,10 @@ def findings(verdicts: Sequence[Verdict]) -> Findings:
         rows.append((verdict.tracks.name, verdict.word, *map(number, scores)))
     table = Table(("clip", "verdict", "score", *QUESTIONS), tuple(rows))
     sentences = [f"{wrong_clips} of {counted(judged_clips, 'clip')} called wrong."]
-    names = [verdict.tracks.name for verdict in verdicts if verdict.is_wrong is None]
+    names = []
+    for verdict in verdicts:
+        if verdict.is_wrong is None:
+            names.append(verdict.tracks.name)
     if names:
         clips = ", ".join(names[:5])
         sentences.append(f"Nothing could be asked of {clips}: that is no verdict.")

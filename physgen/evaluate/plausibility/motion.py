@@ -139,7 +139,7 @@ class Motion:
         """Return the segments of each body, by time. A gap in its track ends
         a segment.
         """
-        return [self._segments_of(k) for k in range(len(self.tracks.names))]
+        return list(map(self._segments_of, range(len(self.tracks.names))))
 
     def _segments_of(self, body: int) -> list[Segment]:
         tracks = self.tracks
@@ -156,11 +156,14 @@ class Motion:
     @cached_property
     def turns(self) -> list[list[Turn]]:
         """Return the turns of each body, between segments with velocities."""
-        return [self._turns_of(k) for k in range(len(self.tracks.names))]
+        return list(map(self._turns_of, range(len(self.tracks.names))))
 
     def _turns_of(self, body: int) -> list[Turn]:
         visible = self.tracks.visible[:, body]
-        segments = [segment for segment in self.segments[body] if segment.has_velocity]
+        segments = []
+        for segment in self.segments[body]:
+            if segment.has_velocity:
+                segments.append(segment)
         turns = []
         for before, after in pairwise(segments):
             is_near = after.first - before.last <= TUNING.max_gap
@@ -408,10 +411,9 @@ def _nearest_time(ticks: Array, parts: Sequence[tuple[Segment, Segment]]) -> flo
     """
     distances = []
     for time in ticks:
-        squares = [
-            float(np.sum((after.value(time) - before.value(time)) ** 2))
-            for before, after in parts
-        ]
+        squares = []
+        for before, after in parts:
+            squares.append(float(np.sum((after.value(time) - before.value(time)) ** 2)))
         distances.append(sum(squares))
     return float(ticks[int(np.argmin(distances))])
 

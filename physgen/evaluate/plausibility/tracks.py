@@ -397,7 +397,10 @@ def _read_lines(path: Path) -> list[dict[str, str]]:
             lines = list(reader)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise Message.CSV_UNREADABLE.error(str(path), reason=error) from None
-    missing_columns = [name for name in REQUIRED_COLUMNS if name not in columns]
+    missing_columns = []
+    for name in REQUIRED_COLUMNS:
+        if name not in columns:
+            missing_columns.append(name)
     if missing_columns:
         raise Message.CSV_COLUMNS_MISSING.error(
             str(path),

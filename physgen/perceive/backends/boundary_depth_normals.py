@@ -166,11 +166,10 @@ def _depth_normals(
     section = side_section(unit_depth, facing, labels, objects, groups, scenery)
     supports = lay_floors(rgb, labels, objects, partial(solid_reach, section))
     edges = section_edges(section, facing)
-    others = [
-        edge
-        for edge in edges
-        if not any(is_floor_edge(section, edge, wall) for wall in supports.walls)
-    ]
+    others = []
+    for edge in edges:
+        if not any(is_floor_edge(section, edge, wall) for wall in supports.walls):
+            others.append(edge)
     guess = with_supports(guess, labels, supports)
     extra_walls = _walls(others, supports.objects, guess.walls)
     return replace(guess, walls=(*guess.walls, *extra_walls))
@@ -221,9 +220,9 @@ def _walls(
     for edge in edges:
         if _is_behind_objects(edge, outlines) or _is_rim(edge):
             continue
-        chain = [
-            (round(float(x), 2), round(float(y), 2)) for x, y in (edge.start, edge.end)
-        ]
+        chain = []
+        for x, y in (edge.start, edge.end):
+            chain.append((round(float(x), 2), round(float(y), 2)))
         kind = _name_kind(edge)
         confidence = round(min(0.9, 0.3 + 0.6 * edge.visibility * edge.plane**2), 2)
         for part in free_parts(chain, outlines):
@@ -266,7 +265,9 @@ def _name_kind(edge: Edge) -> str:
         return "ledge"
     if edge.out[1] < -LIMITS.sideways:
         return "slope"
-    return "underside" if edge.out[1] > LIMITS.sideways else "side"
+    if edge.out[1] > LIMITS.sideways:
+        return "underside"
+    return "side"
 
 
 def _is_rim(edge: Edge) -> bool:
@@ -352,11 +353,10 @@ def normalised_depth(depth: F32 | None) -> F32:
         or not np.isfinite(depth).all()
         or np.ptp(depth) <= 1e-6 * np.abs(depth).max()
     ):
-        fault = (
-            "no depth"
-            if depth is None
-            else "depth that is the same everywhere, or not finite"
-        )
+        if depth is None:
+            fault = "no depth"
+        else:
+            fault = "depth that is the same everywhere, or not finite"
         raise Message.NO_DEPTH_FOR_BOUNDARY.error("--backend", fault)
     # Percentiles ignore outliers unless nearly all depths are equal.
     low, high = np.percentile(depth[::3, ::3], (0.5, 99.5))
@@ -435,7 +435,10 @@ def _measure_foreground(
 ) -> tuple[float, float]:
     """Return the depth of the nearest and of the farthest object."""
     parts = [depth[labels == item.id] for item in objects]
-    ranges = [np.percentile(part, (10, 75)) for part in parts if part.size]
+    ranges = []
+    for part in parts:
+        if part.size:
+            ranges.append(np.percentile(part, (10, 75)))
     return min(float(r[0]) for r in ranges), max(float(r[1]) for r in ranges)
 
 
@@ -466,11 +469,9 @@ def _depth_beside(
     inside = (rows >= 0) & (rows < height)
     columns, rows = columns[inside], rows[inside]
     is_visible = ~occlusion[rows, columns]
-    return (
-        float(np.median(depth[rows[is_visible], columns[is_visible]]))
-        if is_visible.sum() >= 5
-        else None
-    )
+    if is_visible.sum() >= 5:
+        return float(np.median(depth[rows[is_visible], columns[is_visible]]))
+    return None
 
 
 # Edges of the section.
@@ -483,11 +484,9 @@ def section_edges(section: Section, normals: F32) -> list[Edge]:
     contours, _ = cv2.findContours(
         section.solid.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE
     )
-    edges = [
-        edge
-        for contour in contours
-        for edge in _straight_edges(contour[::-1, 0, :], section)
-    ]
+    edges: list[Edge] = []
+    for contour in contours:
+        edges.extend(_straight_edges(contour[::-1, 0, :], section))
     planes = [_plane(edge, section, normals) for edge in edges]
     return [edge for edge in planes if edge is not None]
 
@@ -566,7 +565,9 @@ def _plane(edge: Edge, section: Section, normals: F32) -> Edge | None:
         mean = normals[pixels][use].mean(0).astype(np.float64)
         if (length := float(np.linalg.norm(mean))) >= best.plane:
             best = replace(edge, plane=length, facing=mean / length)
-    return best if best.facing is not None else None
+    if best.facing is not None:
+        return best
+    return None
 
 
 # Floors.
@@ -601,8 +602,14 @@ def solid_reach(
         return None
     holes = np.flatnonzero(np.convolve(empty, np.ones(margin), "valid") >= margin)
     left, right = holes[holes + margin <= first], holes[holes >= last]
-    start = float(left.max() + margin) - 0.5 if len(left) else -float(width)
-    end = float(right.min()) - 0.5 if len(right) else 2.0 * width
+    if len(left):
+        start = float(left.max() + margin) - 0.5
+    else:
+        start = -float(width)
+    if len(right):
+        end = float(right.min()) - 0.5
+    else:
+        end = 2.0 * width
     return start, end
 
 

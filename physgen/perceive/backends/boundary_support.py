@@ -38,7 +38,7 @@ from physgen.perceive.support.ground_contact import (
     close_gaps_below,
     find_foot,
     group_feet,
-    is_carried,
+    has_carriers,
 )
 from physgen.perceive.support.level_feet import (
     free_discs,
@@ -117,11 +117,10 @@ def with_supports(
 
 def feet_groups(labels: Labels, objects: Sequence[PhotoObject]) -> Groups:
     """Return feet grouped by common lines, without objects that other objects carry."""
-    feet = [
-        find_foot(t)
-        for t in objects
-        if not t.cut and not is_carried(t, labels, objects)
-    ]
+    feet = []
+    for t in objects:
+        if not t.cut and not has_carriers(t, labels, objects):
+            feet.append(find_foot(t))
     return group_feet(feet, line_tolerance(labels))
 
 
@@ -200,11 +199,16 @@ def _fit_level_rectangles(
     A box with a level foot gets a level rectangle: an object with a corrected outline
     and a slanted foot gets none.
     """
-    slanted_ids = {
-        t.id for t in objects if t.id in outlines and abs(find_foot(t).slope) > ROUNDING
-    }
+    slanted_ids = set()
+    for t in objects:
+        if t.id in outlines and abs(find_foot(t).slope) > ROUNDING:
+            slanted_ids.add(t.id)
     rectangles = fit_rectangles(objects)
-    return {i: box for i, box in rectangles.items() if i not in slanted_ids}
+    level_rectangles = {}
+    for i, box in rectangles.items():
+        if i not in slanted_ids:
+            level_rectangles[i] = box
+    return level_rectangles
 
 
 def flat_bases(objects: Sequence[PhotoObject], groups: Groups) -> dict[int, Outline]:
@@ -223,7 +227,10 @@ def flat_bases(objects: Sequence[PhotoObject], groups: Groups) -> dict[int, Outl
             if not is_separate or abs(line.slope) > STEEP or not needs_base(foot):
                 continue
             base = add_base(foot, line)
-            others = [item.outline for item in objects if item.id != foot.item.id]
+            others = []
+            for item in objects:
+                if item.id != foot.item.id:
+                    others.append(item.outline)
             if base and all(overlap_depth(base, other) == 0 for other in others):
                 bases[foot.item.id] = base
     return bases
@@ -245,7 +252,9 @@ class _Floor:
         """Return the first part of the wall's name."""
         if abs(self.line.slope) > STEEP:
             return "slope"
-        return "floor" if self.is_ground else "ledge"
+        if self.is_ground:
+            return "floor"
+        return "ledge"
 
     @property
     def own_span(self) -> Span:
@@ -280,7 +289,10 @@ def _lay_walls(
     walls: list[Wall] = []
     for line, group in groups:
         floor = _find_floor(photo, line, group, group is ground, solid)
-        others = [t.outline for t in objects if all(t is not f.item for f in group)]
+        others = []
+        for t in objects:
+            if all(t is not f.item for f in group):
+                others.append(t.outline)
         span = floor.visible_span or floor.own_span
         if _has_blocked_ends(floor, others):
             span = floor.own_span
@@ -299,11 +311,10 @@ def _lowest_foot(group: Sequence[Foot]) -> float:
 def _find_ground(groups: Groups, close: float) -> list[Foot]:
     """Return the largest level group of those at most `close` px above the lowest."""
     lowest = max((_lowest_foot(group) for _, group in groups), default=0.0)
-    low_groups = [
-        group
-        for line, group in groups
-        if abs(line.slope) <= STEEP and _lowest_foot(group) >= lowest - close
-    ]
+    low_groups = []
+    for line, group in groups:
+        if abs(line.slope) <= STEEP and _lowest_foot(group) >= lowest - close:
+            low_groups.append(group)
     return max(low_groups, key=len, default=[])
 
 
@@ -315,8 +326,13 @@ def _find_floor(
     solid: Reach | None,
 ) -> _Floor:
     """Return the floor under a group with its ends from depth or colours."""
-    depth_span = solid(line, group) if solid else None
-    source = "lowest points" if depth_span is None else "depth and lowest points"
+    depth_span = None
+    if solid:
+        depth_span = solid(line, group)
+    if depth_span is None:
+        source = "lowest points"
+    else:
+        source = "depth and lowest points"
     visible_span = depth_span or photo.reach(line, group, is_ground)
     return _Floor(
         line, group, is_ground, visible_span, source if visible_span else SOURCE
@@ -334,11 +350,10 @@ def _has_blocked_ends(floor: _Floor, others: Sequence[Outline]) -> bool:
     first, last = floor.own_span
     chain = floor.chain((2 * first - last, 2 * last - first))
     middle = (first + last) / 2
-    free_pieces = [
-        part
-        for part in free_parts(chain, others)
-        if part[0][0] <= middle <= part[-1][0]
-    ]
+    free_pieces = []
+    for part in free_parts(chain, others):
+        if part[0][0] <= middle <= part[-1][0]:
+            free_pieces.append(part)
     blocked_ends = 2
     if free_pieces:
         piece = free_pieces[0]
@@ -374,9 +389,10 @@ def _grip(objects: Sequence[PhotoObject], groups: Groups) -> dict[int, float]:
         steepest = max([abs(line.slope), *(abs(f.slope) for f in group)])
         if steepest <= STEEP:
             continue
-        slope_objects = {
-            k for k, t in enumerate(objects) if any(t is f.item for f in group)
-        }
+        slope_objects = set()
+        for k, t in enumerate(objects):
+            if any(t is f.item for f in group):
+                slope_objects.add(k)
         for _ in objects:
             slope_objects |= {
                 k for pair in pairs if slope_objects & set(pair) for k in pair

@@ -72,7 +72,10 @@ class DepthAnything(ModelBackend):
         """
         model = self._model
         height, width = input_size(rgb.shape[:2], self._options["resolution"])
-        interpolation = cv2.INTER_AREA if width < rgb.shape[1] else cv2.INTER_CUBIC
+        if width < rgb.shape[1]:
+            interpolation = cv2.INTER_AREA
+        else:
+            interpolation = cv2.INTER_CUBIC
         small = cv2.resize(rgb, (width, height), interpolation=interpolation)
         inputs = self._processor(images=small, do_resize=False, return_tensors="pt")
         pixel_values = inputs["pixel_values"].to(self._device, self._dtype)
@@ -82,7 +85,10 @@ class DepthAnything(ModelBackend):
         if not np.isfinite(raw).all():
             dtype = str(self._dtype).removeprefix("torch.")
             raise Message.DEPTH_NOT_FINITE.error("physgen.toml", dtype)
-        depth = raw if self._options["unit"] == "m" else invert_depth(raw)
+        if self._options["unit"] == "m":
+            depth = raw
+        else:
+            depth = invert_depth(raw)
         size = rgb.shape[1], rgb.shape[0]
         return np.asarray(
             cv2.resize(depth, size, interpolation=cv2.INTER_LINEAR), np.float32

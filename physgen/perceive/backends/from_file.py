@@ -146,7 +146,9 @@ def _raw(path: Path, quantity: str) -> Map:
             return np.asarray(np.load(path, allow_pickle=False))
         content = np.fromfile(path, np.uint8)
         with discard_native_errors():
-            read = cv2.imdecode(content, cv2.IMREAD_UNCHANGED) if content.size else None
+            read = None
+            if content.size:
+                read = cv2.imdecode(content, cv2.IMREAD_UNCHANGED)
     except (OSError, ValueError, EOFError, cv2.error):
         read = None
     if read is None:
@@ -158,7 +160,9 @@ def _raw(path: Path, quantity: str) -> Map:
         raise Message.MAP_FILE_UNREADABLE.error(
             str(path), kind=kind, content=quantity, form=form
         )
-    return read[..., [2, 1, 0]] if read.ndim == 3 else read
+    if read.ndim == 3:
+        return read[..., [2, 1, 0]]
+    return read
 
 
 def _create_map_error(raw: Map, path: Path, quantity: str, shape: str) -> InputError:
@@ -187,11 +191,8 @@ def _grey(path: Path, quantity: str) -> NDArray[np.float32]:
     """
     raw = _raw(path, quantity)
     values = np.squeeze(_validate_map(raw, path, quantity, "(H, W)"))
-    values = (
-        values.mean(axis=2, dtype=np.float64).astype(np.float32)
-        if values.ndim == 3
-        else values
-    )
+    if values.ndim == 3:
+        values = values.mean(axis=2, dtype=np.float64).astype(np.float32)
     if values.ndim != 2:
         raise _create_map_error(raw, path, quantity, "(H, W)")
     is_integer_picture = not _array(path) and raw.dtype.kind in "iu"
@@ -208,5 +209,8 @@ def _fit(values: Map, rgb: Rgb, path: Path) -> Map:
         raise Message.PROPORTIONS_DIFFER.error(
             str(path), f"{map_width} x {map_height} px", width=width, height=height
         )
-    interpolation = cv2.INTER_AREA if map_width > width else cv2.INTER_LINEAR
+    if map_width > width:
+        interpolation = cv2.INTER_AREA
+    else:
+        interpolation = cv2.INTER_LINEAR
     return np.asarray(cv2.resize(values, (width, height), interpolation=interpolation))

@@ -125,10 +125,9 @@ diffusion = Diffusion
 def _native(pipe: Any) -> int:
     """Return the side of a pipeline's training pictures, px."""
     network = getattr(pipe, "unet", None)
-    side = (
-        network.config.sample_size
-        if network is not None
-        else getattr(pipe, "default_sample_size", 128)
-    )
+    if network is not None:
+        side = network.config.sample_size
+    else:
+        side = getattr(pipe, "default_sample_size", 128)
     side = side if isinstance(side, int) else max(side)
     return side * int(getattr(pipe, "vae_scale_factor", 8))

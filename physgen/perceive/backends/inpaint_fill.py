@@ -171,11 +171,10 @@ def _fill_picture(photo: F32, hole: Mask, *, copies: bool) -> F32:
     change.
     """
     size = working_size(hole.shape)
-    guide = (
-        _make_guide(photo, hole)
-        if size is None
-        else _make_large_guide(photo, hole, size)
-    )
+    if size is None:
+        guide = _make_guide(photo, hole)
+    else:
+        guide = _make_large_guide(photo, hole, size)
     picture, textured_hole = (
         guide.picture,
         guide.inner_hole & ~guide.smooth_hole & ~guide.arc_mask,
@@ -185,7 +184,10 @@ def _fill_picture(photo: F32, hole: Mask, *, copies: bool) -> F32:
         copied_picture = shift_map_fill(picture, textured_hole, picture)
         picture = _carry_level_lines(copied_picture, photo, level)
     if guide.lines:
-        scale = 1.0 if size is None else max(hole.shape) / max(size)
+        if size is None:
+            scale = 1.0
+        else:
+            scale = max(hole.shape) / max(size)
         picture = paint_lines(picture, photo, guide.inner_hole, guide.lines, scale)
     return picture
 
@@ -254,7 +256,7 @@ def _make_large_guide(photo: F32, hole: Mask, size: tuple[int, int]) -> _Guide:
         (smooth_pieces > 0) & inner_hole,
         (arcs > 0) & inner_hole,
         None,
-        tuple(line.scaled(steps[::-1, 0]) for line in guide.lines),
+        tuple(line.scale_steps(steps[::-1, 0]) for line in guide.lines),
     )
 
 
@@ -510,11 +512,10 @@ def _like_place(
     """
     top, left = (s.start for s in part)
     (h, w), (height, width) = piece.shape, hole.shape
-    corners = [
-        (y, x)
-        for y in range(top % (h // 2), height - h + 1, h // 2)
-        for x in range(left % (w // 2), width - w + 1, w // 2)
-    ]
+    corners = []
+    for y in range(top % (h // 2), height - h + 1, h // 2):
+        for x in range(left % (w // 2), width - w + 1, w // 2):
+            corners.append((y, x))
     for y, x in sorted(
         corners, key=lambda at: (at[0] - top) ** 2 + (at[1] - left) ** 2
     ):

@@ -131,17 +131,19 @@ def _lambert(linear: F32, labels: Labels, normals: F32, size: tuple[int, int]) -
     """Return the log shading (h, w) on the grid by normals, weighted by the trust in
     it.
     """
-    ids = [int(i) for i in np.flatnonzero(np.bincount(labels.ravel())) if i]
-    estimate = (
-        fit_light(pixel_pairs(linear, labels, dict.fromkeys(ids, False), normals))
-        if ids
-        else None
-    )
-    light = (
-        LIKELY
-        if estimate is None or estimate.explained_share < 0.05
-        else estimate.light
-    )
+    ids = []
+    for i in np.flatnonzero(np.bincount(labels.ravel())):
+        if i:
+            ids.append(int(i))
+    estimate = None
+    if ids:
+        estimate = fit_light(
+            pixel_pairs(linear, labels, dict.fromkeys(ids, False), normals)
+        )
+    if estimate is None or estimate.explained_share < 0.05:
+        light = LIKELY
+    else:
+        light = estimate.light
     ambient = max(light.ambient, PRIORS.ambient_share)
     light_model = DistantLight(light.direction, 1 - ambient, ambient)
     small_normals = cv2.resize(normals, size, interpolation=cv2.INTER_AREA)

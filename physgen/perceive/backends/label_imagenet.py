@@ -205,7 +205,10 @@ def detected_classes(boxes: DetectedBoxes, mask: Mask) -> F32:
         return np.zeros(boxes.scores.shape[1] - 2, np.float32)
     fit = box_overlap(object_box, boxes.corners)[0]
     best = int((fit * (0.5 + boxes.scores.max(axis=1))).argmax())
-    share = fit[best] if fit[best] >= CROP.least_overlap else 0.0
+    if fit[best] >= CROP.least_overlap:
+        share = fit[best]
+    else:
+        share = 0.0
     return np.asarray(share * boxes.scores[best, 2:], np.float32)
 
 
@@ -217,16 +220,17 @@ def imagenet() -> Label:
 def _imagenet(
     rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]
 ) -> Mapping[int, Name]:
-    names = {
-        i: replace(name, source="shape")
-        for i, name in shape()(rgb, labels, objects).items()
-    }
-    large_ids = [
-        item.id
-        for item in objects
-        if np.count_nonzero(labels == item.id) >= CROP.least_area
-    ]
-    discs = [item.id for item in objects if isinstance(item.outline, Disc)]
+    names = {}
+    for i, name in shape()(rgb, labels, objects).items():
+        names[i] = replace(name, source="shape")
+    large_ids = []
+    for item in objects:
+        if np.count_nonzero(labels == item.id) >= CROP.least_area:
+            large_ids.append(item.id)
+    discs = []
+    for item in objects:
+        if isinstance(item.outline, Disc):
+            discs.append(item.id)
     billiard_balls = _pool(rgb, discs)
     if not large_ids:
         return names | billiard_balls
@@ -250,11 +254,10 @@ def _name_large_objects(
     )
     for i, chances, has_label in zip(ids, joint, confident, strict=True):
         best = np.argsort(-chances[:-1])[: CROP.alternatives + 1]
-        candidates = [
-            (head.labels[k], round(float(chances[k]), 2))
-            for k in best
-            if chances[k] >= CROP.floor
-        ]
+        candidates = []
+        for k in best:
+            if chances[k] >= CROP.floor:
+                candidates.append((head.labels[k], round(float(chances[k]), 2)))
         if has_label:
             label, chance = candidates[0]
             names[i] = Name(label, chance, tuple(candidates[1:]), "imagenet")
@@ -281,11 +284,10 @@ def name_like_others(
         if name.source == "imagenet" or not name.alternatives:
             continue
         label, chance = name.alternatives[0]
-        supporters = [
-            other
-            for other in confident_ids.get(label, ())
-            if _is_as_large(objects[i], objects[other])
-        ]
+        supporters = []
+        for other in confident_ids.get(label, ()):
+            if _is_as_large(objects[i], objects[other]):
+                supporters.append(other)
         if len(supporters) >= CROP.supporters and chance >= CROP.least_chance:
             confidence = round(min(0.95, chance + CROP.support), 2)
             result[i] = Name(label, confidence, name.alternatives[1:], "imagenet")
@@ -298,7 +300,10 @@ def name_toys(
     """Return the labels, with animals as large as a neighbouring dinosaur labelled as
     toys.
     """
-    models = [objects[i] for i, name in names.items() if name.label == DINOSAUR]
+    models = []
+    for i, name in names.items():
+        if name.label == DINOSAUR:
+            models.append(objects[i])
     result = dict(names)
     for i, name in names.items():
         has_model = any(_is_as_large(objects[i], model) for model in models)
@@ -326,9 +331,9 @@ def _pool(rgb: Rgb, disc_ids: Sequence[int]) -> dict[int, Name]:
     ).astype(np.float32)
     chances = _softmax(features(small_photo)[None] @ head.weights.T + head.bias)[0]
     name = Name("billiard ball", CROP.ball_confidence, (), "imagenet")
-    return (
-        dict.fromkeys(disc_ids, name) if chances[CROP.pool_table] >= CROP.pool else {}
-    )
+    if chances[CROP.pool_table] >= CROP.pool:
+        return dict.fromkeys(disc_ids, name)
+    return {}
 
 
 def crop(rgb: Rgb, mask: Mask) -> F32:
@@ -350,7 +355,10 @@ def crop(rgb: Rgb, mask: Mask) -> F32:
         max(round(picture.shape[1] * scale), 1),
         max(round(picture.shape[0] * scale), 1),
     )
-    interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+    if scale < 1:
+        interpolation = cv2.INTER_AREA
+    else:
+        interpolation = cv2.INTER_LINEAR
     small = cv2.resize(picture, size, interpolation=interpolation)
     # Shift the object's centre to the centre of the crop.
     right = CROP.side / 2 - (middle_x - left) * scale

@@ -46,15 +46,15 @@ def _shape(
 def _name(rgb: Rgb, outline: Outline, cut: bool) -> Name:
     if isinstance(outline, Disc):
         is_ball = is_shaded_as_sphere(rgb, outline)
-        return Name("ball", 0.5) if is_ball else Name("object", 0.2)
+        if is_ball:
+            return Name("ball", 0.5)
+        return Name("object", 0.2)
     long, short = box_sides(outline)
     if len(outline.rings) == 1:
         if mass_properties(outline).area / (long * short) > SHAPE.boxy:
-            return (
-                Name("stick", 0.3)
-                if long > SHAPE.long * short and not cut
-                else Name("block", 0.4)
-            )
+            if long > SHAPE.long * short and not cut:
+                return Name("stick", 0.3)
+            return Name("block", 0.4)
         if not cut and _detect_narrow_neck(outline):
             return Name("bottle", 0.35)
     return Name("object", 0.2)

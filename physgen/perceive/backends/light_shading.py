@@ -163,7 +163,8 @@ def fit_light(
 
     `spots` (m, 3) are the directions of highlights.
     """
-    spots = np.zeros((0, 3), np.float32) if spots is None else spots
+    if spots is None:
+        spots = np.zeros((0, 3), np.float32)
     if pairs is None and len(spots) < 2:
         return None
     sky = _directions(TUNING.sky)
@@ -345,7 +346,10 @@ def _select_pixels(
     """
     inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     rows, columns = np.nonzero(inner)
-    least_z = TUNING.ball_z if is_ball else TUNING.other_z
+    if is_ball:
+        least_z = TUNING.ball_z
+    else:
+        least_z = TUNING.other_z
     is_facing = maps.normals[rows, columns, 2] > least_z
     selection = is_facing & maps.valid[rows, columns]
     return rows[selection], columns[selection]
@@ -355,7 +359,9 @@ def _name_form(normals: F32, is_ball: bool) -> str:
     """Return the form of an object for `TRUST`, by its normals (n, 3)."""
     if is_ball:
         return "ball"
-    return "bulging" if float(normals[:, 2].mean()) < TUNING.bulging else "flat"
+    if float(normals[:, 2].mean()) < TUNING.bulging:
+        return "bulging"
+    return "flat"
 
 
 def highlights(rgb: Rgb, labels: Labels, objects: Sequence[PhotoObject]) -> F32:

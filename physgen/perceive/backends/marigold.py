@@ -56,7 +56,9 @@ class _Marigold(ModelBackend):
     def _number_type(self, setup: Setup) -> torch.dtype:
         is_float16 = setup.dtype == "auto" and self._device.startswith("cuda")
         # bfloat16 has 8 bits of mantissa, which would give maps visible steps.
-        return torch.float16 if is_float16 else super()._number_type(setup)
+        if is_float16:
+            return torch.float16
+        return super()._number_type(setup)
 
     def _load(self, weights: str) -> Any:
         pipe = load_pipeline(
@@ -154,10 +156,9 @@ class Intrinsic(_Marigold):
         predictions, small = self.predicted(rgb)
         properties = self._model.target_properties or {}
         names = properties.get("target_names") or []
-        maps = {
-            name: linear(target, properties.get(name, {}))
-            for name, target in zip(names, predictions, strict=False)
-        }
+        maps = {}
+        for name, target in zip(names, predictions, strict=False):
+            maps[name] = linear(target, properties.get(name, {}))
         if "albedo" not in maps:
             raise Message.NO_ALBEDO.error(
                 "--backend",
@@ -182,11 +183,9 @@ def linear(values: F32, properties: Mapping[str, Any]) -> F32:
     """Return a predicted target in 0..1 as linear light, by its entry in
     `target_properties`.
     """
-    return (
-        values
-        if properties.get("prediction_space", "srgb") == "linear"
-        else decode(np.clip(values, 0, 1))
-    )
+    if properties.get("prediction_space", "srgb") == "linear":
+        return values
+    return decode(np.clip(values, 0, 1))
 
 
 def divide_albedo(light: F32, albedo: F32, shading: F32, residual: F32 | None) -> F32:
@@ -198,7 +197,10 @@ def divide_albedo(light: F32, albedo: F32, shading: F32, residual: F32 | None) -
     """
     paint, fall = luminance(albedo), luminance(shading)
     matt = paint * fall
-    gloss = np.zeros_like(matt) if residual is None else luminance(residual)
+    if residual is None:
+        gloss = np.zeros_like(matt)
+    else:
+        gloss = luminance(residual)
     photo_luminance = luminance(light)
     a, b = np.linalg.lstsq(
         np.stack([matt.ravel(), gloss.ravel()], 1), photo_luminance.ravel(), rcond=None
@@ -219,13 +221,19 @@ def shrunk(rgb: Rgb, resolution: int) -> Rgb:
     The shorter side is at least `SLIMMEST`.
     """
     height, width = rgb.shape[:2]
-    scale = resolution / max(height, width) if resolution else 1.0
+    if resolution:
+        scale = resolution / max(height, width)
+    else:
+        scale = 1.0
     new_height, new_width = (
         max(SLIMMEST, round(side * scale)) for side in (height, width)
     )
     if (new_height, new_width) == (height, width):
         return rgb
-    interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+    if scale < 1:
+        interpolation = cv2.INTER_AREA
+    else:
+        interpolation = cv2.INTER_LINEAR
     return np.asarray(
         cv2.resize(rgb, (new_width, new_height), interpolation=interpolation), np.uint8
     )
@@ -233,9 +241,10 @@ def shrunk(rgb: Rgb, resolution: int) -> Rgb:
 
 def _resize_to_photo(values: F32, rgb: Rgb) -> F32:
     """Return a map in the photo's size."""
-    interpolation = (
-        cv2.INTER_AREA if values.shape[1] > rgb.shape[1] else cv2.INTER_LINEAR
-    )
+    if values.shape[1] > rgb.shape[1]:
+        interpolation = cv2.INTER_AREA
+    else:
+        interpolation = cv2.INTER_LINEAR
     return np.asarray(
         cv2.resize(values, rgb.shape[1::-1], interpolation=interpolation), np.float32
     )

@@ -67,11 +67,10 @@ def weight_ids(
     Raises InputError if the text names more ids than the row has entries.
     """
     defaults = [weights.id for weights in find(role, name).weights]
-    ids = (
-        [part.strip() for part in setup.weights.split(",")]
-        if len(defaults) > 1
-        else [setup.weights]
-    )
+    if len(defaults) > 1:
+        ids = [part.strip() for part in setup.weights.split(",")]
+    else:
+        ids = [setup.weights]
     if len(ids) > len(defaults):
         raise Message.TOO_MANY_WEIGHTS.error(
             flag.name,
@@ -112,7 +111,9 @@ def device_of(setup: Setup) -> str:
             raise Message.NOT_A_DEVICE.error("physgen.toml", culprit, best=best)
         message, version = Message.DEVICE_MISSING, torch.__version__
         raise message.error("physgen.toml", culprit, version=version, best=best)
-    return best if name == "auto" else name
+    if name == "auto":
+        return best
+    return name
 
 
 def dtype_of(setup: Setup, device: str) -> torch.dtype:
@@ -126,7 +127,9 @@ def dtype_of(setup: Setup, device: str) -> torch.dtype:
     if setup.dtype == "auto":
         if not device.startswith("cuda"):
             return torch.float32
-        return torch.bfloat16 if torch.cuda.is_bf16_supported() else torch.float16
+        if torch.cuda.is_bf16_supported():
+            return torch.bfloat16
+        return torch.float16
     return DTYPES[setup.dtype]
 
 
@@ -167,7 +170,10 @@ def load_weights(
             raise error(Message.WEIGHTS_TOO_LARGE, cause=cause) from error_
         if not local and isinstance(error_, OSError):
             raise error(Message.WEIGHTS_ABSENT, cause=cause, fix=get) from error_
-        fix = "fetch it again" if local else get
+        if local:
+            fix = "fetch it again"
+        else:
+            fix = get
         raise error(Message.WEIGHTS_BROKEN, cause=cause, fix=fix) from error_
 
 
@@ -304,4 +310,6 @@ def load_pipeline_on_cpu(
 
 def as_dtype(part: Any, dtype: torch.dtype) -> Any:
     """Convert a component to `dtype`, since older library versions ignore `dtype=`."""
-    return part if part.dtype == dtype else part.to(dtype)
+    if part.dtype == dtype:
+        return part
+    return part.to(dtype)

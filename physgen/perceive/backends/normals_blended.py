@@ -215,12 +215,12 @@ def _form(
         ), None
     smaller = min(mask.shape)
     # Handles are treated apart from the body.
-    body = (
-        without_thin_parts(mask, round(LIMITS.handle * smaller))
-        if smaller > 12
-        else mask
-    )
-    body = mask if body.sum() > LIMITS.body_share * mask.sum() else body
+    if smaller > 12:
+        body = without_thin_parts(mask, round(LIMITS.handle * smaller))
+    else:
+        body = mask
+    if body.sum() > LIMITS.body_share * mask.sum():
+        body = mask
     if (
         item.label.lower().startswith("ball")
         or not nouns & ROUND
@@ -262,7 +262,10 @@ def _compute_revolved_tilts(mask: Mask, body: Mask) -> tuple[F32, int]:
     # A pencil has a level axis, a saucer an upright one.
     lying = has_level_shape and _iou(body, body[::-1]) >= _iou(body, body[:, ::-1])
     form = turned_tilts(body.T if lying else body)
-    field = form.transpose(1, 0, 2)[..., ::-1] if lying else form
+    if lying:
+        field = form.transpose(1, 0, 2)[..., ::-1]
+    else:
+        field = form
     handles = mask & ~body
     if handles.any():
         field = np.where(handles[..., None], cushion_tilts(handles), field)
@@ -296,7 +299,10 @@ def _bulge(normals: F32, level: F32, field: F32, inner: Mask, axis: int) -> floa
     0 is a flat face. The network and the shading must agree. `axis` belongs to a solid
     of revolution and is -1 for other forms.
     """
-    sides = [0, 1] if axis < 0 else [axis]
+    if axis < 0:
+        sides = [0, 1]
+    else:
+        sides = [axis]
     spread, smooth_share = max(
         (_light_profile(level, field[..., side], inner) for side in sides), key=np.prod
     )
@@ -320,11 +326,10 @@ def _light_profile(level: F32, place: F32, inner: Mask) -> tuple[float, float]:
     """
     bins = np.floor((place + 0.8) / 1.6 * LIMITS.columns).astype(int)
     known_pixels = inner & (bins >= 0) & (bins < LIMITS.columns)
-    full_bins = [
-        k
-        for k in range(LIMITS.columns)
-        if np.count_nonzero(known_pixels & (bins == k)) > 5
-    ]
+    full_bins = []
+    for k in range(LIMITS.columns):
+        if np.count_nonzero(known_pixels & (bins == k)) > 5:
+            full_bins.append(k)
     if len(full_bins) < 5:
         return 0.0, 0.0
     medians = np.array(
@@ -528,10 +533,9 @@ def hidden_ball(body: Mask) -> tuple[tuple[float, float], float] | None:
     if len(border) < 24:
         return None
     half_border = np.arange(len(border) // 2)
-    stretches = [
-        (half_border + k * len(border) // LIMITS.tries) % len(border)
-        for k in range(LIMITS.tries)
-    ]
+    stretches = []
+    for k in range(LIMITS.tries):
+        stretches.append((half_border + k * len(border) // LIMITS.tries) % len(border))
     tries = [robust_circle(border[stretch]) for stretch in stretches]
     best = max(tries, key=lambda circle: np.count_nonzero(_on_circle(border, circle)))
     circle = robust_circle(border[_on_circle(border, best)])

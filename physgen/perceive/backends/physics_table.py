@@ -29,8 +29,14 @@ def _table(
 ) -> Mapping[int, Matter]:
     kinds = {item.id: kind(item.label) for item in objects}
     side = max(rgb.shape[:2])
-    value = assumed_scale(side) if pixels_per_meter is None else pixels_per_meter
-    maximum = WEIGHING.unscaled_confidence if is_assumed(value, side) else 1.0
+    if pixels_per_meter is None:
+        value = assumed_scale(side)
+    else:
+        value = pixels_per_meter
+    if is_assumed(value, side):
+        maximum = WEIGHING.unscaled_confidence
+    else:
+        maximum = 1.0
     return {
         item.id: _matter(rgb, item, kinds[item.id], value, maximum) for item in objects
     }
@@ -75,4 +81,6 @@ def _solid(rgb: Rgb, outline: Outline, noun_kind: Kind) -> Solid:
         return Solid.PLATE
     if noun_kind.solid:
         return Solid(noun_kind.solid)
-    return Solid.SPHERE if is_shaded_as_sphere(rgb, outline) else Solid.DISC
+    if is_shaded_as_sphere(rgb, outline):
+        return Solid.SPHERE
+    return Solid.DISC

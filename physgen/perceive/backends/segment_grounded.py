@@ -78,7 +78,7 @@ class NounSegmenter:
         masks = sam.boxes([detection.box for detection in detections])
         # A generator: masks of a large photo take much memory.
         cuts = (
-            Cut.of(
+            Cut.from_mask(
                 mask,
                 kinds[detection.noun].noun,
                 kinds[detection.noun].movable,
@@ -93,7 +93,7 @@ class NounSegmenter:
         self._counts = {"asked": len(kinds), "boxes": len(detections)}
         return result
 
-    def meant(
+    def segment_meant_objects(
         self,
         rgb: Rgb,
         boxes: Sequence[tuple[float, float, float, float]],
@@ -105,10 +105,9 @@ class NounSegmenter:
         sam = self._sam
         sam.encode(rgb)
         corners = [(x, y, x + width, y + height) for x, y, width, height in boxes]
-        masks = [
-            PromptedMask(mask, fit)
-            for mask, fit in (*sam.boxes(corners), *sam.points(points))
-        ]
+        masks = []
+        for mask, fit in (*sam.boxes(corners), *sam.points(points)):
+            masks.append(PromptedMask(mask, fit))
         sam.forget()
         return masks
 
@@ -385,9 +384,15 @@ class GroundingDino:
 
         Phrases lie between the dots, after the first token of the text.
         """
-        dots = [k for k, token in enumerate(tokens) if token == self.dot]
+        dots = []
+        for k, token in enumerate(tokens):
+            if token == self.dot:
+                dots.append(k)
         starts = [1, *(k + 1 for k in dots)]
-        spans = [(a, b) for a, b in zip(starts, dots, strict=False) if b > a]
+        spans = []
+        for a, b in zip(starts, dots, strict=False):
+            if b > a:
+                spans.append((a, b))
         if len(spans) != len(nouns):
             names = ", ".join(nouns)
             raise ValueError(

@@ -300,7 +300,8 @@ def _cut_out_again(rgb: NDArray[np.uint8], candidates: Candidates, k: int) -> Ma
     if k in candidates.corners:
         fit = box_overlap(corners[None], candidates.corners[k][None])[0, 0]
         # The cut-out in the first box is cached.
-        corners = candidates.corners[k] if fit >= LEARNED.same_box else corners
+        if fit >= LEARNED.same_box:
+            corners = candidates.corners[k]
     mask = candidates.on_photo(k, (rgb.shape[0], rgb.shape[1]))
     return better_mask(mask, mask_in_box(rgb, corners.tolist()).mask)
 
@@ -313,7 +314,9 @@ def better_mask(mask: Mask, second_mask: Mask) -> Mask:
     )
     is_other = common < LEARNED.least_iou * union
     loses_roundness = bool(round_radius(mask)) and not round_radius(second_mask)
-    return mask if is_other or loses_roundness else second_mask
+    if is_other or loses_roundness:
+        return mask
+    return second_mask
 
 
 def round_radius(mask: Mask) -> float:
@@ -325,7 +328,9 @@ def round_radius(mask: Mask) -> float:
     points = np.stack([columns + x, rows + y], axis=1).astype(np.float32)
     _, enclosing_radius = cv2.minEnclosingCircle(points)
     is_disc = len(points) > LEARNED.roundness * np.pi * enclosing_radius**2
-    return float(np.sqrt(len(points) / np.pi)) if is_disc else 0.0
+    if is_disc:
+        return float(np.sqrt(len(points) / np.pi))
+    return 0.0
 
 
 def left_to_right(objects: Segments) -> Segments:

@@ -25,7 +25,7 @@ from physgen.perceive.backends.segment_learned import (
     left_to_right,
 )
 from physgen.perceive.roles import Mask, PromptedMask, Rgb, Segments
-from physgen.perceive.segment.masks import Box, smoothed
+from physgen.perceive.segment.masks import Box, smooth_outline
 from physgen.registry import Setup
 
 NAME = "sam2"
@@ -48,12 +48,12 @@ class Sam2(ModelBackend):
     def __call__(self, rgb: Rgb) -> Segments:
         """Return the objects of the default segmenter, with masks by SAM 2."""
         detections = learned()(rgb)
-        masks = [
-            detections.labels == k for k in range(1, len(detections.confidence) + 1)
-        ]
+        masks = []
+        for k in range(1, len(detections.confidence) + 1):
+            masks.append(detections.labels == k)
         model = self._model
         model.encode(rgb)
-        sam_masks = list(model.boxes([_box(mask) for mask in masks]))
+        sam_masks = list(model.boxes(list(map(_box, masks))))
         model.forget()
         labels = np.zeros_like(detections.labels)
         # The most confident object is drawn last, so that it gets the pixels of
@@ -61,14 +61,15 @@ class Sam2(ModelBackend):
         for k in np.argsort(detections.confidence, kind="stable").tolist():
             mask, fit = sam_masks[k]
             is_reliable = fit >= self._threshold
-            final_mask = (
-                better_mask(masks[k], smoothed(mask)) if is_reliable else masks[k]
-            )
+            if is_reliable:
+                final_mask = better_mask(masks[k], smooth_outline(mask))
+            else:
+                final_mask = masks[k]
             labels[final_mask] = k + 1
         self._options = {"boxes": len(masks)}
         return left_to_right(replace(detections, labels=labels))
 
-    def meant(
+    def segment_meant_objects(
         self,
         rgb: Rgb,
         boxes: Sequence[Box],
@@ -78,10 +79,9 @@ class Sam2(ModelBackend):
         model = self._model
         model.encode(rgb)
         corners = [(x, y, x + width, y + height) for x, y, width, height in boxes]
-        masks = [
-            PromptedMask(mask, fit)
-            for mask, fit in (*model.boxes(corners), *model.points(points))
-        ]
+        masks = []
+        for mask, fit in (*model.boxes(corners), *model.points(points)):
+            masks.append(PromptedMask(mask, fit))
         model.forget()
         return masks
 

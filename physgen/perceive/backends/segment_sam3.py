@@ -72,7 +72,7 @@ class Sam3(ModelBackend):
         size = rgb.shape[0], rgb.shape[1]
         # A generator: masks of a large photo take much memory.
         cuts = (
-            Cut.of(
+            Cut.from_mask(
                 _resize_mask(instance.logits, size),
                 kinds[instance.noun].noun,
                 kinds[instance.noun].movable,

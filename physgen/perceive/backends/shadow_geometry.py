@@ -47,14 +47,8 @@ from physgen.perceive.shadow.shadow_fit import (
     with_direct_share,
     with_direction,
 )
-from physgen.perceive.shadow.shadow_removal import (
-    HUES,
-    hue_weights,
-    lightened,
-    mean_of_kind,
-    shadow_owners,
-    shadow_owners_by_model,
-)
+from physgen.perceive.shadow.shadow_owners import shadow_owners, shadow_owners_by_model
+from physgen.perceive.shadow.shadow_removal import lighten
 from physgen.perceive.shadow.side_view import side_view_shadows
 from physgen.perceive.shadow.silhouettes import (
     DARKEST,
@@ -63,6 +57,7 @@ from physgen.perceive.shadow.silhouettes import (
     predicted_darkness,
     typical_size,
 )
+from physgen.perceive.shadow.surface_kinds import HUES, hue_weights, mean_of_kind
 from physgen.photometry import DistantLight, decode, encode_u8, luminance
 from physgen.scene.scene import View
 
@@ -134,7 +129,7 @@ def _find_reduced_shadows(
     # dark.
     setting = replace(_match_darkness(setting, factor), size=reduced_photo.size)
     silhouettes = silhouettes_at(1.0)
-    clean_background = lightened(
+    clean_background = lighten(
         background, *_seen_darkness(background, coverage, silhouettes, setting)
     )
     casts = [
@@ -274,11 +269,10 @@ def _search(picture: _Picture, light: LightGuess) -> tuple[ShadowSetting, float,
     """
     h, w = picture.darkness.shape
     start = ShadowSetting(light.light, 4.0, True, 0.1, inf, (w, h))
-    tries = [
-        candidate
-        for candidate in _starts(start)
-        if deviation_penalty(candidate.light, light) < inf
-    ]
+    tries = []
+    for candidate in _starts(start):
+        if deviation_penalty(candidate.light, light) < inf:
+            tries.append(candidate)
     best = sorted(tries, key=lambda one: -picture.score(one)[0])[:2]
     return max(
         (_climb(candidate, picture, light) for candidate in best),
@@ -385,10 +379,9 @@ def _reference(linear: F32, visible_mask: Mask, size: float) -> F32:
     """Return the light (H, W, 3) of similar colours nearby, from `visible_mask` pixels."""
     if np.count_nonzero(visible_mask) < HUES:
         return np.asarray(cv2.medianBlur(linear, 5), np.float32)
-    reaches = [
-        (part * size, part * size, gain)
-        for part, gain in ((0.4, 1.0), (1.0, 0.05), (3, 0.002))
-    ]
+    reaches = []
+    for part, gain in ((0.4, 1.0), (1.0, 0.05), (3, 0.002)):
+        reaches.append((part * size, part * size, gain))
     kinds = hue_weights(linear, visible_mask, 8000)
 
     def blur(picture: F32, sigma: float, down: float) -> F32:
@@ -396,16 +389,17 @@ def _reference(linear: F32, visible_mask: Mask, size: float) -> F32:
 
     pixel_weights = visible_mask.astype(np.float32)
     logs = (cv2.medianBlur(np.log(part + DARKEST), 5) for part in cv2.split(linear))
-    means = [
-        mean_of_kind(
-            part,
-            pixel_weights,
-            kinds,
-            reaches,
-            tiny=1e-9,
-            prior=(1e-6, 1e-6),
-            blur=blur,
+    means = []
+    for part in logs:
+        means.append(
+            mean_of_kind(
+                part,
+                pixel_weights,
+                kinds,
+                reaches,
+                tiny=1e-9,
+                prior=(1e-6, 1e-6),
+                blur=blur,
+            )
         )
-        for part in logs
-    ]
     return np.asarray(np.exp(cv2.merge(means)) - DARKEST, np.float32)

@@ -157,7 +157,7 @@ class _Role:
         answer.
         """
         content: list[dict[str, Any]] = [{"type": "text", "text": query.text}]
-        content += [picture_part(picture) for picture in query.pictures]
+        content += list(map(picture_part, query.pictures))
         turns: list[dict[str, Any]] = [{"role": "user", "content": content}]
         fault = ""
         for _ in range(VLM.attempts):
@@ -216,7 +216,8 @@ class _Role:
         The key is masked in the text.
         """
         about = f"{self._where} (model {self._model}), asked for {self.role} of {query.subject},"
-        reason = reason.replace(self._key, "***") if self._key else reason
+        if self._key:
+            reason = reason.replace(self._key, "***")
         message = Message.SERVER_FAILED
         values = {"failure": reason, "url": URL, "model": MODEL, "key": KEY}
         raise message.error("--backend", about, **values) from None
@@ -267,10 +268,9 @@ class Label(_Role):
         masks = {item.id: np.asarray(labels == item.id) for item in objects}
         groups = similar_groups(rgb, objects, masks)
         queries = [label_query(rgb, masks[group[0].id]) for group in groups]
-        names = [
-            Name(clean_name(answer["name"]), VLM.label_confidence)
-            for answer in self.ask(queries)
-        ]
+        names = []
+        for answer in self.ask(queries):
+            names.append(Name(clean_name(answer["name"]), VLM.label_confidence))
         return {
             item.id: name
             for group, name in zip(groups, names, strict=True)
@@ -293,14 +293,15 @@ class Physics(_Role):
         Similar objects share one question.
         """
         size = rgb.shape[1], rgb.shape[0]
-        masks = {
-            item.id: raster.coverage(item.outline, size) >= 0.5 for item in objects
-        }
+        masks = {}
+        for item in objects:
+            masks[item.id] = raster.coverage(item.outline, size) >= 0.5
         groups = similar_groups(rgb, objects, masks)
-        queries = [
-            physics_query(rgb, masks[group[0].id], group[0], pixels_per_meter)
-            for group in groups
-        ]
+        queries = []
+        for group in groups:
+            queries.append(
+                physics_query(rgb, masks[group[0].id], group[0], pixels_per_meter)
+            )
         result: dict[int, Matter] = {}
         for group, answer in zip(groups, self.ask(queries), strict=True):
             result |= group_matter(answer, group, self._model)
@@ -317,8 +318,11 @@ class Story(_Role):
         messages = []
         for turn in turns:
             content: list[dict[str, Any]] = [{"type": "text", "text": turn.text}]
-            content += [picture_part(picture) for picture in turn.pictures]
-            role = "assistant" if turn.is_reply else "user"
+            content += list(map(picture_part, turn.pictures))
+            if turn.is_reply:
+                role = "assistant"
+            else:
+                role = "user"
             messages.append(
                 {"role": role, "content": turn.text if turn.is_reply else content}
             )
@@ -403,7 +407,10 @@ def parse_answer(text: str, query: Query) -> Any:
     text = re.sub(
         r"<think>.*?(</think>|\Z)", " ", text[: VLM.answer], flags=re.DOTALL
     ).strip()
-    first = "" if text else "it was empty"
+    if text:
+        first = ""
+    else:
+        first = "it was empty"
     for value in _json_objects(text):
         faults = _faults(value, query)
         if not faults:

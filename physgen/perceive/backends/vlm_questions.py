@@ -172,12 +172,13 @@ def label_query(rgb: Rgb, mask: Mask) -> Query:
 
 def _nameless(answer: Mapping[str, Any]) -> list[str]:
     """Return a fault if the answer contains no usable name."""
-    names = (
-        [answer["name"]]
-        if "name" in answer
-        else [entry["noun"] for entry in answer["categories"]]
-    )
-    return [] if any(map(clean_name, names)) else ["there is no name in it"]
+    if "name" in answer:
+        names = [answer["name"]]
+    else:
+        names = [entry["noun"] for entry in answer["categories"]]
+    if any(map(clean_name, names)):
+        return []
+    return ["there is no name in it"]
 
 
 def physics_query(
@@ -185,7 +186,9 @@ def physics_query(
 ) -> Query:
     """Return the question for material, mass and size of one object."""
     name = plain_line(item.label, VLM.name)
-    label = f', "{name}",' if name else ""
+    label = ""
+    if name:
+        label = f', "{name}",'
     hint = ""
     if pixels_per_meter is not None and not item.cut:
         hint = f"; by the photo's scale it is about {box_sides(item.outline)[0] / pixels_per_meter:.2g}"
@@ -221,7 +224,10 @@ def clean_name(text: str) -> str:
 
 def median_lab(rgb: Rgb, mask: Mask) -> NDArray[np.float64]:
     """Return the median colour (3,) of an object in CIELAB, L in 0..100."""
-    inside = rgb[mask] if mask.any() else rgb.reshape(-1, 3)
+    if mask.any():
+        inside = rgb[mask]
+    else:
+        inside = rgb.reshape(-1, 3)
     lab = cv2.cvtColor(
         np.median(inside, axis=0).astype(np.float32)[None, None] / 255,
         cv2.COLOR_RGB2LAB,
@@ -265,7 +271,10 @@ def _resize_picture(rgb: Rgb, least_side: int, largest_side: int) -> Rgb:
     if factor == 1:
         return rgb
     size = max(round(width * factor), 1), max(round(height * factor), 1)
-    method = cv2.INTER_AREA if factor < 1 else cv2.INTER_CUBIC
+    if factor < 1:
+        method = cv2.INTER_AREA
+    else:
+        method = cv2.INTER_CUBIC
     return np.asarray(cv2.resize(rgb, size, interpolation=method), np.uint8)
 
 
@@ -294,8 +303,6 @@ def plain_line(text: str, length: int = 300) -> str:
     'a red # ball[0m'
     """
     line = " ".join("".join(c for c in text if c.isprintable() or c.isspace()).split())
-    return (
-        line
-        if len(line) <= length
-        else f"{line[:length].rpartition(' ')[0] or line[:length]} ..."
-    )
+    if len(line) <= length:
+        return line
+    return f"{line[:length].rpartition(' ')[0] or line[:length]} ..."

@@ -18,18 +18,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.maps import F32
+from physgen.perceive.inpaint.border_ends import (
+    OFFSET,
+    STRIP,
+    BorderEnd,
+    KnownSurroundings,
+    border_ends,
+    border_profile,
+)
 from physgen.perceive.inpaint.ellipse_arcs import ellipse_arc, follow_edge
 from physgen.perceive.inpaint.poisson import dilate
 from physgen.perceive.roles import Mask
 
 F64 = NDArray[np.float64]
 
-# px: width of the strip continued on each side of an edge.
-STRIP = 12
-# px: width of the averaged colours on each side of an edge.
-SIDE = 7
-# px: distance of the detected edges from the hole.
-OFFSET = 5
 # px by which the photo is extended, so that edges can enter a hole at its border.
 PAD = 12
 # px on each side of an arc; pixels farther away are copied instead.
@@ -40,6 +42,10 @@ ARC_CONTRAST = 45.0
 TWIN = 4
 # Least contrast of a line's other edge, reversed, as a share of the first one's.
 TWIN_CONTRAST = 0.5
+# px: length of a bent edge that costs as much doubt as its bending energy.
+BEND_PATH = 67
+# Weight of the bending energy in the order of pairs.
+BEND_WEIGHT = 7
 # Pairs of a pixel and a point of a line in memory at once.
 CHUNK = 500_000
 
@@ -48,10 +54,6 @@ CHUNK = 500_000
 class _Matching:
     """Thresholds of edges and of pairs; colours in levels of 0..255."""
 
-    # Least contrast of an edge: length of the colour difference of its sides.
-    contrast: float = 22.0
-    # Least coherence of the structure tensor at an edge with a direction.
-    coherence: float = 0.75
     # Least contrast of a continued unmatched edge.
     unmatched_contrast: float = 50.0
     # Least contrast of an unmatched edge across the whole hole.
@@ -78,24 +80,6 @@ MATCHING = _Matching()
 
 
 @dataclass(frozen=True)
-class BorderEnd:
-    """The end of an edge at the border of a hole."""
-
-    # Position along the contour.
-    order: int
-    # x, y.
-    at: F64
-    # Unit vector into the hole.
-    towards: F64
-    # Mean colour to the left of `towards` (y down: the side of (ty, -tx)).
-    left: F64
-    right: F64
-    contrast: float
-    # (2 STRIP + 1, 3): colours across the edge, left to right; NaN if hidden.
-    profile: F64
-
-
-@dataclass(frozen=True)
 class BorderLine:
     """An edge in the hole."""
 
@@ -105,34 +89,6 @@ class BorderLine:
     first: F64
     # The same at its last point.
     last: F64
-
-
-@dataclass(frozen=True)
-class KnownSurroundings:
-    """Colours around the hole and the structure tensor of their gradients (xx,
-    xy, yy).
-    """
-
-    picture: F32
-    blocked: Mask
-    tensor: tuple[F32, F32, F32]
-
-    @classmethod
-    def of(cls, picture: F32, blocked: Mask) -> KnownSurroundings:
-        """Return the surroundings in `picture` (H, W, 3), unknown in `blocked`
-        (H, W).
-        """
-        blurred_picture = cv2.GaussianBlur(picture, (0, 0), 1)
-        known_weights = (~dilate(blocked, 1)).astype(np.float32)[:, :, None]
-        gx, gy = (
-            cv2.Sobel(blurred_picture, cv2.CV_32F, *d, ksize=3) / 8 * known_weights
-            for d in ((1, 0), (0, 1))
-        )
-        xx, xy, yy = (
-            cv2.GaussianBlur((a * b).sum(2), (0, 0), 3.5)
-            for a, b in ((gx, gx), (gx, gy), (gy, gy))
-        )
-        return cls(np.asarray(blurred_picture, np.float32), blocked, (xx, xy, yy))
 
 
 def continue_edges(picture: F32, hole: Mask) -> tuple[F32, Mask]:
@@ -146,7 +102,7 @@ def continue_edges(picture: F32, hole: Mask) -> tuple[F32, Mask]:
     )
     hole = cv2.copyMakeBorder(hole.astype(np.uint8), *edges, cv2.BORDER_REPLICATE) > 0
     result, strips = picture.copy(), np.zeros_like(hole)
-    surroundings = KnownSurroundings.of(picture, dilate(hole, 1))
+    surroundings = KnownSurroundings.measure(picture, dilate(hole, 1))
     count, ids = cv2.connectedComponents(hole.astype(np.uint8), connectivity=8)
     for k in range(1, count):
         piece = ids == k
@@ -163,7 +119,7 @@ def continue_arcs(picture: F32, hole: Mask) -> tuple[F32, Mask]:
     Strips are `ARC_STRIP` px wide on both sides of the edges.
     """
     result, strips = picture.copy(), np.zeros_like(hole)
-    surroundings = KnownSurroundings.of(picture, dilate(hole, 1))
+    surroundings = KnownSurroundings.measure(picture, dilate(hole, 1))
     count, ids = cv2.connectedComponents(hole.astype(np.uint8), connectivity=8)
     for number in range(1, count):
         piece = ids == number
@@ -172,120 +128,6 @@ def continue_arcs(picture: F32, hole: Mask) -> tuple[F32, Mask]:
         ):
             _paint_strip(result, strips, piece, line, ARC_STRIP)
     return result, strips
-
-
-def border_ends(known: KnownSurroundings, piece: Mask) -> Iterator[BorderEnd]:
-    """Yield the edges that enter a piece of the hole, in the order of its contour."""
-    picture, unknown = known.picture, known.blocked
-    h, w = piece.shape
-    r = OFFSET + SIDE + 2
-    padded_piece = cv2.copyMakeBorder(
-        piece.astype(np.uint8), r, r, r, r, cv2.BORDER_CONSTANT, value=0
-    )
-    # Edges are measured on a contour `OFFSET` px outside the hole, where colours are
-    # pure.
-    contours, _ = cv2.findContours(
-        np.asarray(dilate(padded_piece > 0, OFFSET), np.uint8),
-        cv2.RETR_EXTERNAL,
-        cv2.CHAIN_APPROX_NONE,
-    )
-    path = max(contours, key=len)[:, 0, :].astype(np.float64) - r
-    x, y = path.astype(int).T
-    inside = (x >= 2) & (y >= 2) & (x < w - 2) & (y < h - 2)
-    xc, yc = np.clip(x, 0, w - 1), np.clip(y, 0, h - 1)
-    usable = inside & ~unknown[yc, xc]
-    n = len(path)
-    if n < 6 * SIDE or not usable.any():
-        return
-    # The structure tensor gives the direction and coherence of the edge.
-    xx, xy, yy = (a[yc, xc].astype(np.float64) for a in known.tensor)
-    # Angle of the gradient.
-    angle = 0.5 * np.arctan2(2 * xy, xx - yy)
-    spread = np.hypot(xx - yy, 2 * xy)
-    coherence = spread / np.maximum(xx + yy, 1e-6)
-    # The blurred distance to the piece gives the inward normal.
-    inward = cv2.GaussianBlur(padded_piece.astype(np.float32), (0, 0), OFFSET)
-    nx, ny = (
-        cv2.Sobel(inward, cv2.CV_32F, *d, ksize=3)[y + r, x + r]
-        for d in ((1, 0), (0, 1))
-    )
-    tx, ty = -np.sin(angle), np.cos(angle)
-    sign = np.where(tx * nx + ty * ny < 0, -1, 1)
-    tx, ty = tx * sign, ty * sign
-    slant = (tx * nx + ty * ny) / np.maximum(np.hypot(nx, ny), 1e-9)
-    # Mean colours on both sides of the edge.
-    steps = np.arange(2, SIDE + 1)
-    sides = []
-    ok = usable.copy()
-    for turn in (1, -1):
-        sx = path[:, 0, None] + turn * ty[:, None] * steps
-        sy = path[:, 1, None] - turn * tx[:, None] * steps
-        colours, legal = _sample_known_colours(picture, unknown, sx, sy)
-        ok &= legal.sum(1) >= 3
-        sides.append(
-            (colours * legal[:, :, None]).sum(1) / np.maximum(legal.sum(1), 1)[:, None]
-        )
-    left, right = sides
-    contrast = np.linalg.norm(left - right, axis=1)
-    ok &= (
-        (coherence > MATCHING.coherence)
-        & (contrast > MATCHING.contrast)
-        & (slant > 0.3)
-    )
-    # Keep only local maxima along the contour; of equal neighbours the first one.
-    score = np.where(ok, spread, 0)
-    for i in np.flatnonzero(ok):
-        window = np.arange(i - 6, i + 7) % n
-        if (
-            score[i] == score[window].max()
-            and not (score[window[:6]] == score[i]).any()
-        ):
-            direction = np.array([tx[i], ty[i]])
-            profile = border_profile(picture, unknown, path[i], direction)
-            slope = np.linalg.norm(profile[4:] - profile[:-4], axis=1)[2:-2]
-            # Move the end across the edge to the steepest change of colour.
-            shift = (
-                0
-                if np.isnan(slope).all()
-                else int(np.nanargmax(slope)) - (len(slope) - 1) // 2
-            )
-            position = path[i] + shift * np.array([-direction[1], direction[0]])
-            profile = border_profile(picture, unknown, position, direction)
-            yield BorderEnd(
-                int(i),
-                position,
-                direction,
-                left[i],
-                right[i],
-                float(contrast[i]),
-                profile,
-            )
-
-
-def _sample_known_colours(
-    picture: F32, blocked: Mask, x: F64, y: F64
-) -> tuple[F32, Mask]:
-    """Return colours at the pixels nearest to x and y, and whether they are known."""
-    h, w = blocked.shape
-    xi, yi = np.round(x).astype(int), np.round(y).astype(int)
-    legal = (xi >= 0) & (yi >= 0) & (xi < w) & (yi < h)
-    xi, yi = np.clip(xi, 0, w - 1), np.clip(yi, 0, h - 1)
-    return picture[yi, xi], legal & ~blocked[yi, xi]
-
-
-def border_profile(picture: F32, blocked: Mask, at: F64, towards: F64) -> F64:
-    """Return colours (2 STRIP + 1, 3) across an edge from left to right; NaN if hidden.
-
-    Colours are averaged along the last px of the edge.
-    """
-    offsets = np.arange(-STRIP, STRIP + 1)[:, None]
-    back = np.arange(0, 4)[None, :]
-    x = at[0] - towards[0] * back - towards[1] * offsets
-    y = at[1] - towards[1] * back + towards[0] * offsets
-    colours, legal = _sample_known_colours(picture, blocked, x, y)
-    weight = legal.sum(1)[:, None]
-    mean = (colours * legal[:, :, None]).sum(1) / np.maximum(weight, 1)
-    return np.where(weight > 0, mean, np.nan)
 
 
 def _lines(
@@ -305,35 +147,55 @@ def _lines(
     ]
     # The end of an edge at a T-junction comes second; remaining ends may form a corner.
     for last in (False, False, True):
-        meetings = [
-            (end, path)
-            for end in free_ends
-            if (path := straight_to_line(end, piece, line_mask)) is not None
-        ]
-        free_ends = [
-            end for end in free_ends if all(end is not other for other, _ in meetings)
-        ]
-        for end, path in meetings:
-            _draw(line_mask, path)
-            yield BorderLine(path, end.profile, end.profile)
-        for a, b, place in (
-            [] if last or meetings else corner_pairs(free_ends, piece, line_mask)
-        ):
-            free_ends = [end for end in free_ends if end is not a and end is not b]
-            corner_path = np.concatenate(
-                [line_points(a.at, place), line_points(place, b.at)[1:]]
-            )
-            _draw(line_mask, corner_path)
-            yield BorderLine(corner_path, a.profile, b.profile[::-1])
-    for end in sorted(
-        (one for one in free_ends if one.contrast > MATCHING.certain),
-        key=lambda one: -one.contrast,
-    ):
-        path, inside = straight_path(end.at, end.towards, piece)
+        meetings = _meeting_lines(free_ends, piece, line_mask)
+        yield from meetings
+        if not (last or meetings):
+            yield from _corner_lines(free_ends, piece, line_mask)
+    yield from _crossing_lines(free_ends, piece, line_mask)
+
+
+def _meeting_lines(
+    free_ends: list[BorderEnd], piece: Mask, drawn: Mask
+) -> list[BorderLine]:
+    """Return straight lines from ends to drawn lines; draw them and take their ends."""
+    paths = [straight_to_line(end, piece, drawn) for end in free_ends]
+    lines = [
+        BorderLine(path, end.profile, end.profile)
+        for end, path in zip(free_ends, paths, strict=True)
+        if path is not None
+    ]
+    free_ends[:] = [
+        end for end, path in zip(free_ends, paths, strict=True) if path is None
+    ]
+    for line in lines:
+        _draw(drawn, line.points)
+    return lines
+
+
+def _corner_lines(
+    free_ends: list[BorderEnd], piece: Mask, drawn: Mask
+) -> Iterator[BorderLine]:
+    """Yield corners of two ends; draw them and take their ends."""
+    for a, b, place in corner_pairs(free_ends, piece, drawn):
+        free_ends[:] = [end for end in free_ends if end is not a and end is not b]
+        path = np.concatenate(
+            [line_points(a.place, place), line_points(place, b.place)[1:]]
+        )
+        _draw(drawn, path)
+        yield BorderLine(path, a.profile, b.profile[::-1])
+
+
+def _crossing_lines(
+    ends: Sequence[BorderEnd], piece: Mask, drawn: Mask
+) -> Iterator[BorderLine]:
+    """Yield straight lines across the hole from ends with high contrast; draw them."""
+    strong_ends = [end for end in ends if end.contrast > MATCHING.certain]
+    for end in sorted(strong_ends, key=lambda one: -one.contrast):
+        path, inside = straight_path(end.place, end.direction, piece)
         path = path[: np.flatnonzero(np.append(True, inside))[-1]]
         x, y = np.round(path).astype(int).T
-        if len(path) and not line_mask[y, x].any():
-            _draw(line_mask, path)
+        if len(path) and not drawn[y, x].any():
+            _draw(drawn, path)
             yield BorderLine(path, end.profile, end.profile)
 
 
@@ -342,12 +204,9 @@ def _arcs(
 ) -> Iterator[BorderLine]:
     """Yield arcs of ellipses between ends of one edge; add these ends to `joined`."""
     number = {id(end): index for index, end in enumerate(ends)}
-    strong_ends = [end for end in ends if end.contrast > ARC_CONTRAST]
-    # A painted ring has two edges, of which only the stronger one is detected.
-    twins = [_twin(end, known) for end in strong_ends]
-    all_ends = strong_ends + [twin for twin in twins if twin is not None]
+    all_ends = _add_twins([end for end in ends if end.contrast > ARC_CONTRAST], known)
     edges = [
-        follow_edge(known.picture, known.blocked, end.at, -end.towards)
+        follow_edge(known.picture, known.blocked, end.place, -end.direction)
         for end in all_ends
     ]
     used_indices: set[int] = set()
@@ -356,29 +215,32 @@ def _arcs(
             if {first, second} & used_indices or not _may_be_one(a, b):
                 continue
             sides = edges[first], edges[second]
-            points = ellipse_arc(sides, (a.towards, b.towards), piece)
+            points = ellipse_arc(sides, (a.direction, b.direction), piece)
             if points is not None:
                 used_indices |= {first, second}
                 joined |= {number[id(end)] for end in (a, b) if id(end) in number}
                 yield BorderLine(points, a.profile, b.profile[::-1])
 
 
+def _add_twins(ends: list[BorderEnd], known: KnownSurroundings) -> list[BorderEnd]:
+    """Return ends and their twins.
+
+    A painted ring has two edges, of which only the stronger one is detected.
+    """
+    twins = [_twin(end, known) for end in ends]
+    return ends + [twin for twin in twins if twin is not None]
+
+
 def _may_be_one(a: BorderEnd, b: BorderEnd) -> bool:
     """Return whether the colours of two ends allow that they belong to one edge."""
-    least_difference, largest_difference = colour_differences(a, b)
-    contrasts = a.contrast + b.contrast
-    doubt = (1.5 * least_difference + 0.5 * largest_difference) / contrasts
-    return (
-        MATCHING.similar_sides(least_difference, contrasts)
-        and doubt < MATCHING.max_doubt
-    )
+    return _has_similar_side(a, b) and _colour_doubt(a, b) < MATCHING.max_doubt
 
 
 def _twin(end: BorderEnd, known: KnownSurroundings) -> BorderEnd | None:
     """Return the other edge of a painted line with the edge `end`, or None if it is
     wide.
     """
-    profile = border_profile(known.picture, known.blocked, end.at, end.towards)
+    profile = border_profile(known.picture, known.blocked, end.place, end.direction)
     gap = profile[TWIN:] - profile[:-TWIN]
     middle = len(gap) // 2
     # The other edge has the opposite change of colour.
@@ -387,13 +249,13 @@ def _twin(end: BorderEnd, known: KnownSurroundings) -> BorderEnd | None:
     step = int(np.argmin(similarity)) - middle
     if similarity.min() > -TWIN_CONTRAST or abs(step) < 2:
         return None
-    normal = np.array([-end.towards[1], end.towards[0]])
-    place = end.at + step * normal
-    twin_profile = border_profile(known.picture, known.blocked, place, end.towards)
+    normal = np.array([-end.direction[1], end.direction[0]])
+    place = end.place + step * normal
+    twin_profile = border_profile(known.picture, known.blocked, place, end.direction)
     return BorderEnd(
         end.order,
         place,
-        end.towards,
+        end.direction,
         np.nan_to_num(twin_profile[STRIP - TWIN]),
         np.nan_to_num(twin_profile[STRIP + TWIN]),
         end.contrast,
@@ -401,59 +263,78 @@ def _twin(end: BorderEnd, known: KnownSurroundings) -> BorderEnd | None:
     )
 
 
+@dataclass(frozen=True, order=True)
+class _Pair:
+    """Two ends that may belong to one edge, in the order of doubt."""
+
+    rank: float
+    first: int
+    second: int
+    # Bending energy of their curve, rad^2.
+    bend: float
+
+
 def _pairs(
     ends: list[BorderEnd], piece: Mask, drawn: Mask, joined: set[int]
 ) -> Iterator[BorderLine]:
     """Yield curves between ends of one edge; add to `drawn` and `joined`."""
-    pairs = []
-    bends: dict[tuple[int, int], float] = {}
-    for i, a in enumerate(ends):
-        for j in range(i):
-            b = ends[j]
-            chord = b.at - a.at
-            alpha, beta = _turn(chord, a.towards), _turn(chord, -b.towards)
-            bend = bends[i, j] = alpha * alpha + alpha * beta + beta * beta
-            least_difference, largest_difference = colour_differences(a, b)
-            contrasts = a.contrast + b.contrast
-            length = float(np.hypot(*chord))
-            doubt = (
-                (1.5 * least_difference + 0.5 * largest_difference) / contrasts
-                + 2 * abs(alpha + beta)
-                + bend * length / 67
-            )
-            if (
-                length > 2 * OFFSET
-                and MATCHING.similar_sides(least_difference, contrasts)
-                and doubt < MATCHING.max_doubt
-            ):
-                pairs.append((doubt + 7 * bend, i, j))
-    depth = cv2.distanceTransform(np.pad(piece, 1).astype(np.uint8), cv2.DIST_L2, 5)[
-        1:-1, 1:-1
-    ]
+    padded_piece = np.pad(piece, 1).astype(np.uint8)
+    padded_depth = cv2.distanceTransform(padded_piece, cv2.DIST_L2, 5)
+    depth = np.asarray(padded_depth[1:-1, 1:-1], np.float32)
     chords: list[tuple[int, int]] = []
     # Best pairs first; curves of one piece do not cross.
-    for _, i, j in sorted(pairs):
-        if (
-            i in joined
-            or j in joined
-            or any((p < i < q) != (p < j < q) for p, q in chords)
-        ):
+    for pair in sorted(_possible_pairs(ends)):
+        i, j = pair.first, pair.second
+        if {i, j} & joined or any((p < i < q) != (p < j < q) for p, q in chords):
             continue
         line = BorderLine(
             _cubic(ends[i], ends[j]), ends[i].profile, ends[j].profile[::-1]
         )
-        y, x = (
-            np.clip(np.round(c).astype(int), 0, n - 1)
-            for c, n in zip(line.points.T[::-1], piece.shape, strict=True)
-        )
         joined |= {i, j}
         chords.append((min(i, j), max(i, j)))
-        # Points are half a px apart.
-        shallow = depth[y, x].max() < 1 + 0.05 * len(line.points)
-        if shallow and bends[i, j] > MATCHING.bulge:
+        if pair.bend > MATCHING.bulge and _is_shallow(line, depth):
             continue
         _draw(drawn, line.points)
         yield line
+
+
+def _possible_pairs(ends: list[BorderEnd]) -> Iterator[_Pair]:
+    """Yield pairs of ends that a gentle bend can connect."""
+    for i, a in enumerate(ends):
+        for j, b in enumerate(ends[:i]):
+            chord = b.place - a.place
+            alpha, beta = _turn(chord, a.direction), _turn(chord, -b.direction)
+            bend = alpha * alpha + alpha * beta + beta * beta
+            length = float(np.hypot(*chord))
+            doubt = (
+                _colour_doubt(a, b) + 2 * abs(alpha + beta) + bend * length / BEND_PATH
+            )
+            is_possible = length > 2 * OFFSET and doubt < MATCHING.max_doubt
+            if is_possible and _has_similar_side(a, b):
+                yield _Pair(doubt + BEND_WEIGHT * bend, i, j, bend)
+
+
+def _is_shallow(line: BorderLine, depth: F32) -> bool:
+    """Return whether a line stays near the border of a hole with this depth (H, W)."""
+    y, x = (
+        np.clip(np.round(c).astype(int), 0, n - 1)
+        for c, n in zip(line.points.T[::-1], depth.shape, strict=True)
+    )
+    # Points are half a px apart.
+    return bool(depth[y, x].max() < 1 + 0.05 * len(line.points))
+
+
+def _colour_doubt(a: BorderEnd, b: BorderEnd) -> float:
+    """Return the doubt that the colours of two ends belong to one edge."""
+    least_difference, largest_difference = colour_differences(a, b)
+    contrasts = a.contrast + b.contrast
+    return (1.5 * least_difference + 0.5 * largest_difference) / contrasts
+
+
+def _has_similar_side(a: BorderEnd, b: BorderEnd) -> bool:
+    """Return whether one side of two ends may show one surface."""
+    least_difference, _ = colour_differences(a, b)
+    return MATCHING.similar_sides(least_difference, a.contrast + b.contrast)
 
 
 def corner_pairs(
@@ -464,30 +345,17 @@ def corner_pairs(
 
     Each end occurs at most once.
     """
-    size, candidates = max(piece.shape), []
+    candidates = []
     for i, a in enumerate(ends):
         for j, b in enumerate(ends[:i]):
-            sine = a.towards[0] * b.towards[1] - a.towards[1] * b.towards[0]
-            if abs(sine) < MATCHING.corner_sine:
+            lengths = _crossing_lengths(a, b)
+            if lengths is None or min(lengths) <= 0 or not _has_similar_side(a, b):
                 continue
-            gap = b.at - a.at
-            # Solve a + u a' = b + v b' for the crossing of both directions.
-            u = (gap[0] * b.towards[1] - gap[1] * b.towards[0]) / sine
-            v = (gap[0] * a.towards[1] - gap[1] * a.towards[0]) / sine
-            if min(u, v) <= 0 or not (
-                _is_free(a, u, piece, drawn) and _is_free(b, v, piece, drawn)
-            ):
-                continue
-            least_difference, largest_difference = colour_differences(a, b)
-            contrasts = a.contrast + b.contrast
-            doubt = (1.5 * least_difference + 0.5 * largest_difference) / contrasts + (
-                u + v
-            ) / size
-            if (
-                MATCHING.similar_sides(least_difference, contrasts)
-                and doubt < MATCHING.max_doubt
-            ):
-                candidates.append((doubt, i, j, a.at + u * a.towards))
+            u, v = lengths
+            doubt = _colour_doubt(a, b) + (u + v) / max(piece.shape)
+            is_free = _is_free(a, u, piece, drawn) and _is_free(b, v, piece, drawn)
+            if is_free and doubt < MATCHING.max_doubt:
+                candidates.append((doubt, i, j, a.place + u * a.direction))
     result, used_indices = [], set[int]()
     for _, i, j, place in sorted(candidates, key=lambda one: one[:3]):
         if not used_indices & {i, j}:
@@ -496,22 +364,36 @@ def corner_pairs(
     return result
 
 
+def _crossing_lengths(a: BorderEnd, b: BorderEnd) -> tuple[float, float] | None:
+    """Return the px from two ends to the crossing of their directions; None if they
+    are nearly parallel.
+    """
+    sine = a.direction[0] * b.direction[1] - a.direction[1] * b.direction[0]
+    if abs(sine) < MATCHING.corner_sine:
+        return None
+    gap = b.place - a.place
+    # Solve a + u a' = b + v b' for the crossing of both directions.
+    u = (gap[0] * b.direction[1] - gap[1] * b.direction[0]) / sine
+    v = (gap[0] * a.direction[1] - gap[1] * a.direction[0]) / sine
+    return u, v
+
+
 def straight_to_line(end: BorderEnd, piece: Mask, drawn: Mask) -> F64 | None:
     """Return the straight path from an end to the first drawn line, or None."""
-    points, inside = straight_path(end.at, end.towards, piece)
+    points, inside = straight_path(end.place, end.direction, piece)
     x, y = np.round(points).astype(int).T
     hit = np.flatnonzero(drawn[y, x] & inside)
     return points[: hit[0] + 1] if len(hit) else None
 
 
-def straight_path(at: F64, towards: F64, piece: Mask) -> tuple[F64, Mask]:
+def straight_path(place: F64, direction: F64, piece: Mask) -> tuple[F64, Mask]:
     """Return points half a px apart up to the photo's border, and whether they are in
     the hole.
 
     Only the first stretch in the hole counts.
     """
     h, w = piece.shape
-    points = at + 0.5 * np.arange(2 * (h + w))[:, None] * towards
+    points = place + 0.5 * np.arange(2 * (h + w))[:, None] * direction
     x, y = np.round(points).astype(int).T
     points = points[
         : int(np.argmax(np.append((x < 0) | (y < 0) | (x >= w) | (y >= h), True)))
@@ -538,18 +420,17 @@ def colour_differences(a: BorderEnd, b: BorderEnd) -> tuple[float, float]:
     )
 
 
-def line_points(at: F64, to: F64) -> F64:
+def line_points(start: F64, end: F64) -> F64:
     """Return points (n, 2) from one place to another, half a px apart."""
-    return at + np.linspace(0, 1, int(2 * np.hypot(*(to - at))) + 2)[:, None] * (
-        to - at
-    )
+    count = int(2 * np.hypot(*(end - start))) + 2
+    return start + np.linspace(0, 1, count)[:, None] * (end - start)
 
 
 def _is_free(end: BorderEnd, length: float, piece: Mask, drawn: Mask) -> bool:
     """Return whether an edge can continue for `length` px inside the hole without a
     crossing.
     """
-    points, inside = straight_path(end.at, end.towards, piece)
+    points, inside = straight_path(end.place, end.direction, piece)
     n = int(2 * length)
     x, y = np.round(points[: n + 1]).astype(int).T
     return n < len(points) and bool(inside[n]) and not drawn[y, x].any()
@@ -564,17 +445,19 @@ def _cubic(a: BorderEnd, b: BorderEnd) -> F64:
     """Return the cubic that leaves `a` in its direction and arrives at `b` against its
     own.
     """
-    length = float(np.hypot(*(b.at - a.at)))
-    alpha = abs(_turn(b.at - a.at, a.towards)) + abs(_turn(b.at - a.at, -b.towards))
+    length = float(np.hypot(*(b.place - a.place)))
+    alpha = abs(_turn(b.place - a.place, a.direction)) + abs(
+        _turn(b.place - a.place, -b.direction)
+    )
     # With this length of the handles the curve is nearly a circle's arc.
     handle = length / 3 * (1 + alpha * alpha / 24)
     t = np.linspace(0, 1, int(2 * length) + 2)[:, None]
-    p, q = a.at + handle * a.towards, b.at + handle * b.towards
+    p, q = a.place + handle * a.direction, b.place + handle * b.direction
     return (
-        (1 - t) ** 3 * a.at
+        (1 - t) ** 3 * a.place
         + 3 * (1 - t) ** 2 * t * p
         + 3 * (1 - t) * t**2 * q
-        + t**3 * b.at
+        + t**3 * b.place
     )
 
 
@@ -593,23 +476,46 @@ def _paint_strip(
 
     `width` is the number of px on both sides of the line.
     """
-    first = np.where(np.isnan(line.first), line.last, line.first)
-    last = np.where(np.isnan(line.last), line.first, line.last)
     x0, y0 = np.maximum(np.floor(line.points.min(0)).astype(int) - STRIP, 0)
     x1, y1 = np.ceil(line.points.max(0)).astype(int) + STRIP + 1
     y, x = np.nonzero(piece[y0:y1, x0:x1] & ~where[y0:y1, x0:x1])
-    nearest, squared_distance = np.zeros(len(x), np.int64), np.zeros(len(x))
+    pixels = np.stack([x + x0, y + y0], 1)
+    nearest, distance = _nearest_points(pixels, line.points)
+    colour = _strip_colours(pixels, nearest, line)
+    keep = (distance <= width) & ~np.isnan(colour).any(1)
+    columns, rows = pixels[keep].T
+    result[rows, columns] = colour[keep]
+    where[rows, columns] = True
+
+
+def _nearest_points(
+    pixels: NDArray[np.int64], points: F64
+) -> tuple[NDArray[np.int64], F64]:
+    """Return the index of the point nearest to each pixel (n, 2), and its distance."""
+    nearest, squared_distance = np.zeros(len(pixels), np.int64), np.zeros(len(pixels))
     # Chunks limit the memory of the distances of all pixels and all points.
-    step = max(CHUNK // len(line.points), 1)
-    for k in range(0, len(x), step):
+    step = max(CHUNK // len(points), 1)
+    for k in range(0, len(pixels), step):
         part = slice(k, k + step)
-        gap = (x[part, None] + x0 - line.points[:, 0]) ** 2 + (
-            y[part, None] + y0 - line.points[:, 1]
+        gap = (pixels[part, :1] - points[:, 0]) ** 2 + (
+            pixels[part, 1:] - points[:, 1]
         ) ** 2
         nearest[part], squared_distance[part] = gap.argmin(1), gap.min(1)
+    return nearest, np.sqrt(squared_distance)
+
+
+def _strip_colours(
+    pixels: NDArray[np.int64], nearest: NDArray[np.int64], line: BorderLine
+) -> F64:
+    """Return colours (n, 3) of pixels (n, 2) beside a line; NaN where unknown.
+
+    `nearest` (n,) is the line's point nearest to each pixel.
+    """
+    first = np.where(np.isnan(line.first), line.last, line.first)
+    last = np.where(np.isnan(line.last), line.first, line.last)
     tangents = np.gradient(line.points, axis=0)[nearest]
     tangents /= np.hypot(tangents[:, 0], tangents[:, 1])[:, None]
-    offsets = np.stack([x + x0, y + y0], 1) - line.points[nearest]
+    offsets = pixels - line.points[nearest]
     side = tangents[:, 0] * offsets[:, 1] - tangents[:, 1] * offsets[:, 0]
     share_along = (nearest / max(1, len(line.points) - 1))[:, None]
     place = np.clip(side + STRIP, 0, 2 * STRIP - 1e-6)
@@ -617,7 +523,4 @@ def _paint_strip(
     share = (place - low)[:, None]
     # Interpolate across the line, then along it from one end's colours to the other's.
     start, end = ((1 - share) * p[low] + share * p[low + 1] for p in (first, last))
-    colour = (1 - share_along) * start + share_along * end
-    keep = (np.sqrt(squared_distance) <= width) & ~np.isnan(colour).any(1)
-    result[y[keep] + y0, x[keep] + x0] = colour[keep]
-    where[y[keep] + y0, x[keep] + x0] = True
+    return np.asarray((1 - share_along) * start + share_along * end)

@@ -119,11 +119,11 @@ def ellipse_arc(
     """
     if min(len(edge) for edge in edges) < TUNING.fewest:
         return None
-    points = np.concatenate(edges)
     bends = [_turning(edge) for edge in edges]
     if min(bends) < TUNING.bend:
         return None
-    ellipse = _Ellipse.fitted(points)
+    points = np.concatenate(edges)
+    ellipse = _Ellipse.fit(points)
     start, end = edges[0][0], edges[1][0]
     chord = float(np.hypot(*(end - start)))
     if ellipse is None or max(ellipse.axes) > TUNING.largest * chord:
@@ -131,20 +131,27 @@ def ellipse_arc(
     if ellipse.error(points) > TUNING.error:
         return None
     arc = ellipse.arc(start, end, directions[0])
+    if not (_is_inside(arc, piece) and _is_tangent(arc, directions)):
+        return None
+    return arc if _turning(arc) < TUNING.hidden * sum(bends) else None
+
+
+def _is_inside(arc: F64, piece: Mask) -> bool:
+    """Return whether an arc (n, 2) lies in a `piece` (H, W) of the hole."""
     x, y = np.round(arc).astype(np.int64).T
     height, width = piece.shape
     legal = (x >= 0) & (y >= 0) & (x < width) & (y < height)
     inner = piece[y[legal], x[legal]].sum()
     # Both ends are a few pixels outside the hole.
     outside = 2 * TUNING.fewest / TUNING.spacing
-    if inner < TUNING.inside * (len(arc) - outside):
-        return None
+    return bool(inner >= TUNING.inside * (len(arc) - outside))
+
+
+def _is_tangent(arc: F64, directions: tuple[F64, F64]) -> bool:
+    """Return whether a bent arc (n, 2) continues both `directions` into the hole."""
     leaves, arrives = arc[2] - arc[0], arc[-1] - arc[-3]
-    turns = (_angle(leaves, directions[0]), _angle(arrives, -directions[1]))
-    if max(turns) > TUNING.tangent or _angle(leaves, arrives) < TUNING.turn:
-        return None
-    hidden_turn = _turning(arc)
-    return arc if hidden_turn < TUNING.hidden * sum(bends) else None
+    turns = _angle(leaves, directions[0]), _angle(arrives, -directions[1])
+    return max(turns) <= TUNING.tangent and _angle(leaves, arrives) >= TUNING.turn
 
 
 def _turning(points: F64) -> float:
@@ -171,7 +178,7 @@ class _Ellipse:
     angle: float
 
     @classmethod
-    def fitted(cls, points: F64) -> _Ellipse | None:
+    def fit(cls, points: F64) -> _Ellipse | None:
         """Return the least-squares ellipse through (n, 2), or None if it is
         degenerate.
         """

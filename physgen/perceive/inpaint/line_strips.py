@@ -17,14 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from physgen.maps import F32
-from physgen.perceive.inpaint.copy_offsets import I64
-from physgen.perceive.inpaint.edge_continuation import (
+from physgen.perceive.inpaint.border_ends import (
     BorderEnd,
     KnownSurroundings,
     border_ends,
-    colour_differences,
-    line_points,
 )
+from physgen.perceive.inpaint.copy_offsets import I64
+from physgen.perceive.inpaint.edge_continuation import colour_differences, line_points
 from physgen.perceive.inpaint.ellipse_arcs import follow_edge
 from physgen.perceive.inpaint.poisson import dilate
 from physgen.perceive.roles import Mask
@@ -113,7 +112,7 @@ class CertainLine:
     first: F64
     last: F64
 
-    def scaled(self, steps: F64) -> CertainLine:
+    def scale_steps(self, steps: F64) -> CertainLine:
         """Return the line in a photo with `steps` (x, y) px per px."""
         first, last = self.first * steps, self.last * steps
         return CertainLine(
@@ -126,7 +125,7 @@ class CertainLine:
 
 def certain_lines(picture: F32, hole: Mask) -> list[CertainLine]:
     """Return straight lines that are visible on both sides of `hole` (H, W)."""
-    surroundings = KnownSurroundings.of(picture, dilate(hole, 1))
+    surroundings = KnownSurroundings.measure(picture, dilate(hole, 1))
     count, ids = cv2.connectedComponents(hole.astype(np.uint8), connectivity=8)
     lines = []
     for number in range(1, count):
@@ -154,27 +153,33 @@ def _certain_pairs(
     ends: Sequence[BorderEnd], known: KnownSurroundings
 ) -> Iterator[CertainLine]:
     """Yield the lines between pairs of ends, straightest first; no two lines cross."""
-    directions = [_visible_direction(end, known) for end in ends]
-    pairs = []
-    for i, a in enumerate(ends):
-        for j in range(i):
-            b, direction, other_direction = ends[j], directions[i], directions[j]
-            if direction is None or other_direction is None or not _similar(a, b):
-                continue
-            chord = b.at - a.at
-            length = float(np.hypot(*chord))
-            turn = max(_angle(chord, direction), _angle(chord, -other_direction))
-            if length >= TUNING.shortest and turn <= TUNING.turn:
-                pairs.append(
-                    (turn, i, j, CertainLine(a.at, b.at, direction, -other_direction))
-                )
     chords: list[tuple[int, int]] = []
-    for _, i, j, line in sorted(pairs, key=lambda pair: pair[:3]):
+    pairs = sorted(_straight_pairs(ends, known), key=lambda pair: pair[:3])
+    for _, i, j, line in pairs:
         has_line = any({i, j} & {p, q} for p, q in chords)
         if has_line or any((p < i < q) != (p < j < q) for p, q in chords):
             continue
         chords.append((min(i, j), max(i, j)))
         yield line
+
+
+def _straight_pairs(
+    ends: Sequence[BorderEnd], known: KnownSurroundings
+) -> Iterator[tuple[float, int, int, CertainLine]]:
+    """Yield the turn of each nearly straight line, rad, its ends' numbers and the
+    line.
+    """
+    directions = [_visible_direction(end, known) for end in ends]
+    for i, (a, direction) in enumerate(zip(ends, directions, strict=True)):
+        for j, b in enumerate(ends[:i]):
+            other_direction = directions[j]
+            if direction is None or other_direction is None or not _similar(a, b):
+                continue
+            chord = b.place - a.place
+            turn = max(_angle(chord, direction), _angle(chord, -other_direction))
+            if float(np.hypot(*chord)) >= TUNING.shortest and turn <= TUNING.turn:
+                line = CertainLine(a.place, b.place, direction, -other_direction)
+                yield turn, i, j, line
 
 
 def _similar(a: BorderEnd, b: BorderEnd) -> bool:
@@ -188,7 +193,7 @@ def _similar(a: BorderEnd, b: BorderEnd) -> bool:
 
 def _visible_direction(end: BorderEnd, known: KnownSurroundings) -> F64 | None:
     """Return the direction into the hole of a straight visible line, else None."""
-    points = follow_edge(known.picture, known.blocked, end.at, -end.towards)
+    points = follow_edge(known.picture, known.blocked, end.place, -end.direction)
     lengths = np.hypot(*(points - points[0]).T)
     points = points[lengths <= TUNING.measured]
     if lengths.max() < TUNING.visible:
@@ -199,7 +204,7 @@ def _visible_direction(end: BorderEnd, known: KnownSurroundings) -> F64 | None:
     distances = np.abs((points - center) @ axes[1])
     if distances.max() > TUNING.bent:
         return None
-    return direction if direction @ end.towards > 0 else -direction
+    return direction if direction @ end.direction > 0 else -direction
 
 
 def _angle(a: F64, b: F64) -> float:
@@ -218,7 +223,7 @@ def paint_lines(
     free_share = hole.astype(np.float32)
     for line in lines:
         strip = _straighten(photo, hole, line, scale)
-        continuation = strip.continued()
+        continuation = strip.continue_colours()
         if continuation is not None:
             _blend_strip(result, free_share, strip, *continuation)
     return result
@@ -240,7 +245,7 @@ class _Strip:
     """Rows before the start and after the end of the line."""
     scale: float
 
-    def continued(self) -> tuple[F32, F32] | None:
+    def continue_colours(self) -> tuple[F32, F32] | None:
         """Return continued colours (n, m, 3) and their weights (n, m).
 
         None means that the line has no structure, or that the structure beside the
@@ -286,12 +291,7 @@ class _Strip:
         The second value is the departure of the colours beside the run from the visible
         ends of the line, in levels.
         """
-        values, known_rows = self.colours[:, column], self.known[:, column]
-        copied_rows = round(TUNING.copied * self.scale)
-        before = _known_run(values[:first][::-1], known_rows[:first][::-1])[
-            :copied_rows
-        ]
-        after = _known_run(values[last:], known_rows[last:])[:copied_rows]
+        before, after = self._copied_colours(column, first, last)
         length = round(TUNING.mean * self.scale)
         if min(len(before), len(after)) < TUNING.fewest * self.scale:
             return None
@@ -309,6 +309,16 @@ class _Strip:
             for mean, profile in zip(means, self.profiles, strict=True)
         )
         return np.asarray(run, np.float32), departure
+
+    def _copied_colours(self, column: int, first: int, last: int) -> tuple[F32, F32]:
+        """Return the known colours (n, 3) before and after a run, from the run
+        outwards.
+        """
+        values, known_rows = self.colours[:, column], self.known[:, column]
+        count = round(TUNING.copied * self.scale)
+        before = _known_run(values[:first][::-1], known_rows[:first][::-1])
+        after = _known_run(values[last:], known_rows[last:])
+        return before[:count], after[:count]
 
     def _shares(self) -> tuple[F32, Mask]:
         """Return the weight (m,) of each column, and the columns of the structure.

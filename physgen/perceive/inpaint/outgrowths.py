@@ -144,7 +144,7 @@ def _parts(photo: Rgb, own: Mask, hole: Mask, *, is_clear: bool = False) -> F32:
     if not object_mask.any() or not (distance > reach).any():
         return np.zeros(own.shape, np.float32)
     like = _like_object(small, object_mask, (distance <= reach) & ~other_objects)
-    surroundings = _Beside(small, distance, object_mask | other_objects, reach)
+    surroundings = _Neighbourhood(small, distance, object_mask | other_objects, reach)
     parts = surroundings.parts(like)
     if is_clear:
         parts = surroundings.clear(parts)
@@ -216,7 +216,7 @@ def _nearest_outside(photo: Rgb, mask: Mask) -> Rgb:
 
 
 @dataclass(frozen=True)
-class _Beside:
+class _Neighbourhood:
     """The surroundings of an object at reduced size, (h, w)."""
 
     photo: Rgb

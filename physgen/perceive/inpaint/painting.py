@@ -41,7 +41,7 @@ def inpaint_windows(rgb: Rgb, hole: Mask, paint: Painter, least: int) -> Rgb:
     """
     if not hole.any() or hole.all():
         return rgb.copy()
-    wide_hole = widened(hole)
+    wide_hole = widen(hole)
     picture = rgb.astype(np.float32)
     # A model sees one window per piece, large enough for context.
     for part in windows(wide_hole, least):
@@ -50,7 +50,7 @@ def inpaint_windows(rgb: Rgb, hole: Mask, paint: Painter, least: int) -> Rgb:
     return blend_at_border(picture, rgb, hole)
 
 
-def widened(hole: Mask) -> Mask:
+def widen(hole: Mask) -> Mask:
     """Return the hole with the contact shadows around it.
 
     The margin is reduced if it would cover the photo.

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from physgen.maps import F32
 from physgen.perceive.inpaint.edge_continuation import continue_edges
+from physgen.perceive.inpaint.grain import Places, add_grain, square
 from physgen.perceive.inpaint.poisson import (
     blur_known_pixels,
     harmonic_fill,
@@ -30,9 +31,6 @@ from physgen.perceive.inpaint.poisson import (
     seams,
 )
 from physgen.perceive.roles import Mask
-
-Places = NDArray[np.int64]
-"""(n, 2): rows and columns."""
 
 
 @dataclass(frozen=True)
@@ -49,19 +47,19 @@ class _Tuning:
     chunk: int = 1_000_000
     # Scale at which the better of two fills is chosen; finer scales keep no continued
     # edges.
-    chosen: int = 2
+    choice_scale: int = 2
     # Levels: largest difference between equal guesses.
-    same: float = 16.0
+    equality: float = 16.0
     # Weight of departures from continued edges in the choice of a fill, per level;
     # chosen on the tuning half ...
-    astray: float = 0.18
+    departure_weight: float = 0.18
     # ... and the weight of seams.
-    seam: float = 3.0
+    seam_weight: float = 3.0
     # Weight of departures from rows with the same colour on both sides of the hole, per
     # level, ...
-    across: float = 0.2
+    row_weight: float = 0.2
     # ... above this many levels.
-    same_row: float = 12.0
+    row_tolerance: float = 12.0
     # Rounds of search and vote: at the finest searched scale, and at coarser ones.
     rounds: tuple[int, ...] = (1, 3)
     # Factor by which trust decreases per px of depth in the hole.
@@ -70,29 +68,18 @@ class _Tuning:
     distance_cost: float = 60.0
     # Squared levels per pixel (of 128) between a patch and its match: if no known patch
     # is similar, the guess stays.
-    unlike: float = 2000.0
+    dissimilarity: float = 2000.0
     # px: largest depth of the hole at the coarsest scale.
     max_depth: float = 4.5
     # px: a coarsest scale with more pixels is halved again (photos over three times as
     # wide as high).
-    wide: int = 30_000
-    # px: standard deviation of the blur between grain and colour.
-    grain_blur: float = 2.0
-    # px: side of blocks with one source of grain.
-    grain_block: int = 16
-    # Largest strength of grain over that around the hole; more is an edge.
-    grain_most: float = 4.0
-    # px around the hole from which grain is measured.
-    grain_margin: int = 10
-    # Least and largest factor of the fill's grain.
-    grain_gain: tuple[float, float] = (
-        0.8,
-        1.6,
-    )
+    max_pixels: int = 30_000
 
 
 TUNING = _Tuning()
 RADIUS = TUNING.radius
+# px: standard deviation of the blur of colours beside the hole, against grain.
+GRAIN_BLUR = 2.0
 
 
 @dataclass(frozen=True)
@@ -118,6 +105,11 @@ class _Fill(NamedTuple):
     # One value per patch over the hole.
     cost: F32
 
+    @property
+    def errors(self) -> F32:
+        """Return the roots of the costs."""
+        return np.asarray(np.sqrt(np.maximum(self.cost, 0)), np.float32)
+
 
 class PatchFill(NamedTuple):
     """A filled picture, and the known source of each pixel of the hole."""
@@ -135,31 +127,31 @@ def patch_match_fill(picture: F32, hole: Mask) -> PatchFill:
         # No complete patch is known, so there is no source.
         return PatchFill(harmonic_fill(picture, hole), None)
     top = len(levels) - 1
-    last, choice_scale = levels[-1], min(TUNING.chosen, top)
+    last, choice_scale = levels[-1], min(TUNING.choice_scale, top)
     # Both fills share the searches of the coarse scales.
     searches = {k: _search(levels, k) for k in range(choice_scale, top + 1)}
 
-    def refined(fill: _Fill, first: int, end: int, keep: bool) -> _Fill:
+    def refine(fill: _Fill, first: int, end: int, keep: bool) -> _Fill:
         for k in range(first, end - 1, -1):
             search = searches.get(k) or _search(levels, k)
-            fill = _refined(fill, search, keep)
+            fill = _refine(fill, search, keep)
         return fill
 
-    def started(start: F32, keep: bool) -> _Fill:
+    def start_fill(start: F32, keep: bool) -> _Fill:
         empty_fill = _Fill(
             start, None, np.ones(last.hole.shape, np.float32), np.zeros(0, np.float32)
         )
-        return refined(empty_fill, top, choice_scale, keep)
+        return refine(empty_fill, top, choice_scale, keep)
 
     edges, rows = (
         harmonic_fill(last.picture, last.hole & ~last.drawn),
         level_fill(last.picture, last.hole),
     )
     # The first guess keeps continued edges, the second one continues rows.
-    fills = [started(edges, keep=True)]
-    if np.abs(edges - rows).max() > TUNING.same:
-        fills.append(started(rows, keep=False))
-    best = refined(
+    fills = [start_fill(edges, keep=True)]
+    if np.abs(edges - rows).max() > TUNING.equality:
+        fills.append(start_fill(rows, keep=False))
+    best = refine(
         _best_pieces(fills, searches[choice_scale]), choice_scale - 1, 0, keep=False
     )
     assert best.field is not None
@@ -176,7 +168,7 @@ def _search(levels: Sequence[Level], k: int) -> _Search:
     return _Search(levels[k], RADIUS, TUNING.rounds[min(k - 1, 1)])
 
 
-def _refined(fill: _Fill, search: _Search, keep: bool) -> _Fill:
+def _refine(fill: _Fill, search: _Search, keep: bool) -> _Fill:
     """Return `fill` at one scale after search and vote; `keep` preserves continued
     edges.
 
@@ -199,10 +191,10 @@ def _refined(fill: _Fill, search: _Search, keep: bool) -> _Fill:
         if must_search or field is None:
             field, cost = search.nearest(guess, field)
             similarity[search.at[:, 0], search.at[:, 1]] = np.exp(
-                -((cost / TUNING.unlike) ** 2)
+                -((cost / TUNING.dissimilarity) ** 2)
             )
         else:
-            field, cost = search.snapped(field)
+            field, cost = search.snap_sources(field)
         guess = search.vote(
             level.picture,
             guess,
@@ -219,35 +211,48 @@ def _best_pieces(fills: list[_Fill], search: _Search) -> _Fill:
     """Return, for each piece of the hole, the fill with the patches most like known
     ones.
     """
-    level = search.level
-    pieces, inside = nearest_piece(level.hole), level.hole
-    piece_numbers, weight = (
-        pieces[search.at[:, 0], search.at[:, 1]],
-        search.trust[search.at[:, 0], search.at[:, 1]],
+    pieces = nearest_piece(search.level.hole)
+    at_best = (
+        np.argmin(_piece_costs(fills, search, pieces), axis=0)[pieces],
+        *np.indices(pieces.shape),
     )
-    count = np.maximum(np.bincount(piece_numbers, weight), 1e-9)
-    area = np.maximum(np.bincount(pieces[inside], minlength=len(count)), 1)
-    scores = []
-    rows, row_error = _row_colours(level.picture, inside)
-    for fill in fills:
-        cost = (
-            np.bincount(piece_numbers, weight * np.sqrt(np.maximum(fill.cost, 0)))
-            / count
-        )
-        departures = np.abs(fill.guess - level.picture).mean(2) * level.drawn
-        astray = np.bincount(pieces[inside], departures[inside], len(count)) / area
-        seam = seams(fill.guess, level.picture, level.hole, pieces)
-        excess = np.maximum(np.abs(fill.guess - rows).mean(axis=2) - row_error, 0)
-        row_gap = np.bincount(pieces[inside], excess[inside], len(count)) / area
-        scores.append(
-            cost + TUNING.astray * astray + TUNING.seam * seam + TUNING.across * row_gap
-        )
-    at_best = np.argmin(scores, axis=0)[pieces], *np.indices(pieces.shape)
     guess, similarity, field = (
         np.stack([getattr(fill, name) for fill in fills])[at_best]
         for name in ("guess", "alike", "field")
     )
     return _Fill(guess, field, similarity, fills[0].cost)
+
+
+def _piece_costs(
+    fills: list[_Fill], search: _Search, pieces: NDArray[np.int32]
+) -> list[NDArray[np.float64]]:
+    """Return, per fill, the costs of all pieces; `pieces` (H, W) are their numbers."""
+    picture, hole = search.level.picture, search.level.hole
+    patch_pieces, weight = (
+        values[search.at[:, 0], search.at[:, 1]] for values in (pieces, search.trust)
+    )
+    count = np.maximum(np.bincount(patch_pieces, weight), 1e-9)
+    area = np.maximum(np.bincount(pieces[hole], minlength=len(count)), 1)
+
+    def average(values: F32) -> NDArray[np.float64]:
+        return np.asarray(np.bincount(pieces[hole], values[hole], len(count)) / area)
+
+    rows, row_error = _row_colours(picture, hole)
+    costs = []
+    for fill in fills:
+        cost = np.bincount(patch_pieces, weight * fill.errors) / count
+        astray = average(np.abs(fill.guess - picture).mean(2) * search.level.drawn)
+        seam = seams(fill.guess, picture, hole, pieces)
+        row_gap = average(
+            np.maximum(np.abs(fill.guess - rows).mean(axis=2) - row_error, 0)
+        )
+        costs.append(
+            cost
+            + TUNING.departure_weight * astray
+            + TUNING.seam_weight * seam
+            + TUNING.row_weight * row_gap
+        )
+    return costs
 
 
 def level_fill(picture: F32, hole: Mask) -> F32:
@@ -279,9 +284,9 @@ def _row_colours(picture: F32, hole: Mask) -> tuple[F32, F32]:
     right = right[:, ::-1]
     rows = np.arange(len(hole))[:, None]
     known = (~hole)[..., None].astype(np.float32)
-    smooth_picture = blur_known_pixels(picture, known, TUNING.grain_blur)
+    smooth_picture = blur_known_pixels(picture, known, GRAIN_BLUR)
     ends = [smooth_picture[rows, np.clip(end, 0, last - 1)] for end in (left, right)]
-    error = TUNING.same_row + np.abs(ends[0] - ends[1]).mean(axis=2)
+    error = TUNING.row_tolerance + np.abs(ends[0] - ends[1]).mean(axis=2)
     error[(left < 0) | (right == last)] = np.inf
     share = ((columns - left) / np.maximum(right - left, 1))[..., None]
     colours = (1 - share) * ends[0] + share * ends[1]
@@ -339,7 +344,7 @@ def image_pyramid(
         )
         depth = cv2.distanceTransform(level_hole.astype(np.uint8), cv2.DIST_L2, 3).max()
         if depth < TUNING.max_depth or min(level_hole.shape) < (
-            96 if level_hole.size < TUNING.wide else 48
+            96 if level_hole.size < TUNING.max_pixels else 48
         ):
             return
         size = (level_hole.shape[1] + 1) // 2, (level_hole.shape[0] + 1) // 2
@@ -352,12 +357,8 @@ def image_pyramid(
 def patch_centres(hole: Mask, radius: int) -> Mask:
     """Return the centres of completely known patches."""
     incomplete = np.pad(hole, radius, constant_values=True).astype(np.uint8)
-    incomplete = cv2.dilate(incomplete, _square(radius)).astype(np.uint8)
+    incomplete = cv2.dilate(incomplete, square(radius)).astype(np.uint8)
     return np.asarray(incomplete[radius:-radius, radius:-radius] == 0)
-
-
-def _square(radius: int) -> NDArray[np.uint8]:
-    return np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
 
 
 def _quantize_and_pad(picture: F32, r: int) -> F32:
@@ -377,10 +378,9 @@ class _Search:
         self.distance_cost = np.float32(
             TUNING.distance_cost / np.hypot(*level.hole.shape)
         )
-        self.every: tuple[Places, F32, F32] | None = None
         self.sources = patch_centres(level.hole, radius)
         self.source_at: Places = np.argwhere(self.sources)
-        touching = cv2.dilate(level.hole.astype(np.uint8), _square(radius)) > 0
+        touching = cv2.dilate(level.hole.astype(np.uint8), square(radius)) > 0
         self.at: Places = np.argwhere(touching)
         depth = cv2.distanceTransform(
             np.pad(level.hole, 1).astype(np.uint8), cv2.DIST_L2, 3
@@ -405,7 +405,7 @@ class _Search:
         return self._patches(padded_trust)[self.at[:, 0], self.at[:, 1]]
 
     @cached_property
-    def halved(self) -> F32:
+    def half_levels(self) -> F32:
         """Return the picture (H + 2 r, W + 2 r, 3) as whole numbers for comparisons."""
         return _quantize_and_pad(self.level.picture, self.radius)
 
@@ -442,7 +442,7 @@ class _Search:
             )
         return self._field(best), cost
 
-    def snapped(self, field: NDArray[np.int64]) -> tuple[NDArray[np.int64], F32]:
+    def snap_sources(self, field: NDArray[np.int64]) -> tuple[NDArray[np.int64], F32]:
         """Return the centres in `field`, or the nearest complete patches; all costs are
         0.
 
@@ -456,36 +456,32 @@ class _Search:
         ]
         return self._field(sources), np.zeros(len(place), np.float32)
 
+    @cached_property
+    def all_sources(self) -> _Sources:
+        """Return all sources, thinned out evenly if there are too many."""
+        places = thin_out(
+            self.source_at, max(TUNING.max_first_pairs // max(len(self.at), 1), 64)
+        )
+        patches = self._patches(self.half_levels)[places[:, 0], places[:, 1]]
+        squares = (patches**2).sum(-1)
+        down, right = (
+            np.subtract.outer(
+                self.at[:, k].astype(np.float32), places[:, k].astype(np.float32)
+            )
+            for k in (0, 1)
+        )
+        vectors = np.concatenate(
+            [patches.reshape(len(patches), -1), squares.reshape(len(patches), -1)], 1
+        )
+        distances = np.hypot(down, right, out=down)
+        return _Sources(places, vectors, self.distance_cost * distances)
+
     def _exhaustive(self, target: F32) -> tuple[Places, F32]:
         """Return the best of all sources for each patch, and the costs."""
         n, total = len(self.at), self.mask.sum((1, 2))
-        if self.every is None:
-            places = thin_out(
-                self.source_at, max(TUNING.max_first_pairs // max(n, 1), 64)
-            )
-            source_patches = self._patches(self.halved)[places[:, 0], places[:, 1]]
-            square = (source_patches**2).sum(-1)
-            down, right = (
-                np.subtract.outer(
-                    self.at[:, k].astype(np.float32), places[:, k].astype(np.float32)
-                )
-                for k in (0, 1)
-            )
-            flat_patches = np.concatenate(
-                [
-                    source_patches.reshape(len(source_patches), -1),
-                    square.reshape(len(source_patches), -1),
-                ],
-                1,
-            )
-            self.every = (
-                places,
-                flat_patches,
-                self.distance_cost * np.hypot(down, right, out=down),
-            )
-        places, flat_patches, distance_costs = self.every
+        sources = self.all_sources
         best, cost = np.zeros(n, np.int64), np.zeros(n, np.float32)
-        step = max(TUNING.chunk // max(len(places), 1), 16)
+        step = max(TUNING.chunk // max(len(sources.places), 1), 16)
         for k in range(0, n, step):
             part = slice(k, k + step)
             # The squared difference is expanded, so that a matrix product compares all
@@ -500,72 +496,35 @@ class _Search:
                 ],
                 1,
             )
-            gap = query @ flat_patches.T
+            gap = query @ sources.vectors.T
             gap /= total[part, None]
-            gap += distance_costs[part]
+            gap += sources.distance_costs[part]
             best[part] = gap.argmin(1)
             cost[part] = gap[np.arange(rows), best[part]] + own_squares
-        return places[best], cost
+        return sources.places[best], cost
 
     def _propagate_sources(
         self, target: F32, mask: F32, field: NDArray[np.int64]
     ) -> tuple[Places, F32]:
         """Return the best sources among those of the neighbours, and the costs."""
-        total = mask.sum((1, 2))
         h, w = self.level.hole.shape
         rows, columns = self.at[:, 0], self.at[:, 1]
-        best = self.at.copy()
-        cost = np.full(len(self.at), np.inf, np.float32)
-        row_length = w + 2 * self.radius
-        window_steps = np.arange(0, 2 * self.radius + 1, 2)
-        offsets = (window_steps[:, None] * row_length + window_steps).ravel()
-        aim, part = target.reshape(len(target), -1, 3), mask.reshape(len(mask), -1)
-        flat_picture = self.halved.reshape(-1, 3)
-
-        def attempt(place: Places) -> None:
-            place = np.stack(
-                [np.clip(place[:, 0], 0, h - 1), np.clip(place[:, 1], 0, w - 1)], 1
-            )
-            place = self.nearest_source[place[:, 0], place[:, 1]]
-            changed_indices = np.flatnonzero(
-                (place != best).any(1) | ~np.isfinite(cost)
-            )
-            places = place[changed_indices]
-            gap = flat_picture.take(
-                (places[:, 0] * row_length + places[:, 1])[:, None] + offsets, axis=0
-            )
-            gap -= aim.take(changed_indices, axis=0)
-            gap *= gap
-            got = (
-                np.einsum(
-                    "nkc,nk->n", gap, part.take(changed_indices, axis=0), optimize=False
-                )
-                / total[changed_indices]
-            )
-            got += self.distance_cost * np.hypot(
-                *(places - self.at[changed_indices]).astype(np.float32).T
-            )
-            better = got < cost[changed_indices]
-            best[changed_indices[better]] = places[better]
-            cost[changed_indices[better]] = got[better]
-
-        attempt(field[rows, columns])
+        matches = _Matches(self, target, mask)
+        matches.attempt(field[rows, columns])
         steps = (3, 1) if self.radius > 2 else (1,)
         for step in steps:
             # The source of a neighbour, shifted back, is a good candidate (Barnes et
             # al. 2009).
             for down, right in ((0, step), (step, 0), (0, -step), (-step, 0)):
-                y, x = (
-                    np.clip(rows - down, 0, h - 1),
-                    np.clip(columns - right, 0, w - 1),
-                )
+                y = np.clip(rows - down, 0, h - 1)
+                x = np.clip(columns - right, 0, w - 1)
                 current_field = field.copy()
-                current_field[rows, columns] = best
-                attempt(current_field[y, x] + self.at - np.stack([y, x], 1))
+                current_field[rows, columns] = matches.best
+                matches.attempt(current_field[y, x] + self.at - np.stack([y, x], 1))
         # Finally try the four neighbours of each source.
         for down, right in ((0, 1), (1, 0), (0, -1), (-1, 0)):
-            attempt(best + np.array([down, right]))
-        return best, cost
+            matches.attempt(matches.best + np.array([down, right]))
+        return matches.best, matches.cost
 
     def weights(self, cost: F32) -> F32:
         """Return the weight of each patch in the vote."""
@@ -592,122 +551,117 @@ class _Search:
         """
         weight, share = self.weights(found[0]), found[1][self.at[:, 0], self.at[:, 1]]
         h, w = self.level.hole.shape
-        sources = field[self.at[:, 0], self.at[:, 1]]
-        row_length = w + 2 * reach
-        source_values, current_values = (
-            np.concatenate([part, np.ones((h, w, 1), np.float32)], 2).reshape(-1, 4)
-            for part in (values, now)
-        )
-        votes = np.zeros((h + 2 * reach, row_length, 4), np.float32)
-        flat_votes, match_weights = votes.reshape(-1, 4), (weight * share)[:, None]
-        doubtful_patches = np.flatnonzero(share < 1)
-        own_index, own_weights = (
-            self.at[doubtful_patches, 0] * w + self.at[doubtful_patches, 1],
-            (weight * (1 - share))[doubtful_patches, None],
-        )
-        target_index, source = (
-            self.at[:, 0] * row_length + self.at[:, 1],
-            sources[:, 0] * w + sources[:, 1],
-        )
-        # With so many overlapping patches, one in four suffices.
-        stride = 2 if reach > 2 else 1
-        for down in range(-reach, reach + 1, stride):
-            for right in range(-reach, reach + 1, stride):
-                place = target_index + ((down + reach) * row_length + right + reach)
-                flat_votes[place] += match_weights * source_values.take(
-                    source + (down * w + right), axis=0
-                )
-                flat_votes[place[doubtful_patches]] += (
-                    own_weights
-                    * current_values.take(
-                        own_index + (down * w + right), axis=0, mode="clip"
-                    )
-                )
-        inside = (slice(reach, h + reach), slice(reach, w + reach))
-        total, count = votes[inside][:, :, :3], votes[inside][:, :, 3:]
+        targets = self.at @ np.array([w + 2 * reach, 1])
+        sources = field[self.at[:, 0], self.at[:, 1]] @ np.array([w, 1])
+        matches = _Votes(_add_ones(values), sources, targets, (weight * share)[:, None])
+        doubtful = np.flatnonzero(share < 1)
+        own_places = self.at[doubtful] @ np.array([w, 1])
+        own_weights = (weight * (1 - share))[doubtful, None]
+        owns = _Votes(_add_ones(now), own_places, targets[doubtful], own_weights)
+        sums = _count_votes((matches, owns), (h, w), reach)
+        total, count = sums[:, :, :3], sums[:, :, 3:]
         mean = total / np.maximum(count, np.float32(1e-9))
         return np.where(self.level.hole[:, :, None] & (count > 0), mean, now)
 
 
-def add_grain(guess: F32, picture: F32, hole: Mask, field: NDArray[np.int64]) -> F32:
-    """Return `guess` (H, W, 3) with the grain of `picture` at the sources in `field`.
+class _Sources(NamedTuple):
+    """Known patches for a comparison with all patches over the hole."""
 
-    A mean of votes is smooth, and smooth patches match smooth sources. Therefore the
-    fine part of each block is copied from a single source, which keeps its spectrum,
-    and scaled to the strength around the hole.
+    places: Places
+    # (n, k): values of the patches, then their squares.
+    vectors: F32
+    # (m, n): cost of the distance from each patch over the hole.
+    distance_costs: F32
+
+
+class _Matches:
+    """The best known source of each patch so far."""
+
+    def __init__(self, search: _Search, target: F32, mask: F32) -> None:
+        """Start without sources; `target` (n, k, k, 3) are values of the patches,
+        `mask` (n, k, k) the trust in them, at every second pixel.
+        """
+        self.search = search
+        self.best = search.at.copy()
+        self.cost = np.full(len(search.at), np.inf, np.float32)
+        self.total = mask.sum((1, 2))
+        self.target = target.reshape(len(target), -1, 3)
+        self.mask = mask.reshape(len(mask), -1)
+        self.row_length = search.level.hole.shape[1] + 2 * search.radius
+        window_steps = np.arange(0, 2 * search.radius + 1, 2)
+        self.offsets = (window_steps[:, None] * self.row_length + window_steps).ravel()
+
+    def attempt(self, places: Places) -> None:
+        """Use the known patches nearest to `places` (n, 2) where they are better."""
+        h, w = self.search.level.hole.shape
+        places = self.search.nearest_source[
+            np.clip(places[:, 0], 0, h - 1), np.clip(places[:, 1], 0, w - 1)
+        ]
+        changed = np.flatnonzero((places != self.best).any(1) | ~np.isfinite(self.cost))
+        places = places[changed]
+        cost = self._costs(changed, places)
+        better = cost < self.cost[changed]
+        self.best[changed[better]] = places[better]
+        self.cost[changed[better]] = cost[better]
+
+    def _costs(self, indices: NDArray[np.int64], places: Places) -> F32:
+        """Return the costs (n,) of `places` (n, 2) for the patches `indices`."""
+        search = self.search
+        first = places[:, 0] * self.row_length + places[:, 1]
+        gap = search.half_levels.reshape(-1, 3).take(
+            first[:, None] + self.offsets, axis=0
+        )
+        gap -= self.target.take(indices, axis=0)
+        gap *= gap
+        mask = self.mask.take(indices, axis=0)
+        cost = np.einsum("nkc,nk->n", gap, mask, optimize=False) / self.total[indices]
+        shifts = (places - search.at[indices]).astype(np.float32)
+        cost += search.distance_cost * np.hypot(*shifts.T)
+        return np.asarray(cost, np.float32)
+
+
+class _Votes(NamedTuple):
+    """Colours that patches propose for the pixels around their centres."""
+
+    # (H W, 4): colours, and 1.
+    values: F32
+    # (n,): index of the proposed patches' centres in `values`.
+    sources: NDArray[np.int64]
+    # (n,): index of the voting patches' upper left corners among the votes.
+    targets: NDArray[np.int64]
+    # (n, 1).
+    weights: F32
+
+    def add(self, sums: F32, step: int, place: tuple[int, int]) -> None:
+        """Add one pixel of each patch to `sums` (h, w, 4), in place.
+
+        `step` is the pixel's index from the centre, `place` its row and column from the
+        corner.
+        """
+        flat_sums = sums.reshape(-1, 4)
+        targets = self.targets + (place[0] * sums.shape[1] + place[1])
+        flat_sums[targets] += self.weights * self.values.take(
+            self.sources + step, axis=0, mode="clip"
+        )
+
+
+def _count_votes(parts: Sequence[_Votes], size: tuple[int, int], reach: int) -> F32:
+    """Return the sums (h, w, 4) of colours and weights that patches propose.
+
+    Patches reach `reach` px from their centres.
     """
-    known_weights = np.where(hole, np.float32(0), np.float32(1))
-    share = np.maximum(
-        cv2.GaussianBlur(known_weights, (0, 0), TUNING.grain_blur), np.float32(1e-3)
-    )
-    smooth_picture = (
-        cv2.GaussianBlur(picture * known_weights[:, :, None], (0, 0), TUNING.grain_blur)
-        / share[:, :, None]
-    )
-    picture_grain = np.asarray(picture - smooth_picture, np.float32)
-    ring = cv2.dilate(hole.astype(np.uint8), _square(TUNING.grain_margin)) > 0
-    ring_strength = _grain_strength(picture_grain[ring & ~hole])
-    y, x = np.nonzero(hole)
-    fill_grain, block_grain = (
-        picture_grain[rows, columns]
-        for rows, columns in (field[y, x].T, _in_blocks(field, hole).T)
-    )
-    grain = (
-        np.maximum(np.abs(fill_grain), np.abs(block_grain)).max(axis=1)
-        < TUNING.grain_most * ring_strength
-    )
-    fill_grain = np.where(grain[:, None], block_grain, fill_grain)
-    inside = _grain_strength(fill_grain)
-    if ring_strength > 0 and inside > 0:
-        fill_grain *= np.float32(np.clip(ring_strength / inside, *TUNING.grain_gain))
-    has_grain = (grain | _coherent(field)[y, x])[:, None]
-    result = guess.copy()
-    result[y, x] = np.where(
-        has_grain,
-        cv2.GaussianBlur(guess, (0, 0), TUNING.grain_blur)[y, x] + fill_grain,
-        guess[y, x],
-    )
-    return result
+    h, w = size
+    sums = np.zeros((h + 2 * reach, w + 2 * reach, 4), np.float32)
+    # With so many overlapping patches, one in four suffices.
+    stride = 2 if reach > 2 else 1
+    for down in range(-reach, reach + 1, stride):
+        for right in range(-reach, reach + 1, stride):
+            for votes in parts:
+                votes.add(sums, down * w + right, (down + reach, right + reach))
+    return sums[reach : h + reach, reach : w + reach]
 
 
-def _coherent(field: NDArray[np.int64]) -> Mask:
-    """Return the pixels (H, W) whose neighbours have neighbouring sources.
-
-    An edge copied from many sources is not a line.
-    """
-    shifts = field.astype(np.float32) - np.moveaxis(
-        np.indices(field.shape[:2], np.float32), 0, -1
-    )
-    return np.asarray(
-        (cv2.dilate(shifts, _square(2)) - cv2.erode(shifts, _square(2))).max(axis=2)
-        <= 2
-    )
-
-
-def _in_blocks(field: NDArray[np.int64], hole: Mask) -> Places:
-    """Return the sources of the hole's pixels, with one shift per block if it is known.
-
-    A shift per pixel would show patterns.
-    """
-    hole_pixels, side, last = (
-        np.argwhere(hole),
-        TUNING.grain_block,
-        np.array(hole.shape) - 1,
-    )
-    middle = np.minimum(hole_pixels // side * side + side // 2, last)
-    block_sources = hole_pixels + field[middle[:, 0], middle[:, 1]] - middle
-    clipped_sources = np.clip(block_sources, 0, last)
-    valid = (clipped_sources == block_sources).all(axis=1) & ~hole[
-        clipped_sources[:, 0], clipped_sources[:, 1]
-    ]
-    return np.where(
-        valid[:, None], block_sources, field[hole_pixels[:, 0], hole_pixels[:, 1]]
-    )
-
-
-def _grain_strength(fine: F32) -> float:
-    """Return the strength of grain (n, 3) in levels.
-
-    It is the root of a median, so that an edge does not count as grain.
-    """
-    return float(np.median((fine**2).mean(axis=1)) ** 0.5) if len(fine) else 0.0
+def _add_ones(picture: F32) -> F32:
+    """Return colours (H W, 4) of a picture (H, W, 3), with a weight of 1."""
+    ones = np.ones((*picture.shape[:2], 1), np.float32)
+    return np.concatenate([picture, ones], 2).reshape(-1, 4)

@@ -213,6 +213,21 @@ def rim_width(photo: Rgb, hole: Mask) -> int:
 
     It is measured by the photo's slopes across the border.
     """
+    profile = _border_slopes(photo, hole)
+    if profile is None:
+        return HALO.margin
+    base = float(np.median(profile[-HALO.widest // 2 :]))
+    top = int(np.argmax(profile[: HALO.within + 2]))
+    low = np.flatnonzero(profile[top:] < base + HALO.edge * (profile[top] - base))
+    return HALO.margin + max(
+        0, top + int(low[0]) - HALO.within if len(low) else HALO.widest
+    )
+
+
+def _border_slopes(photo: Rgb, hole: Mask) -> F32 | None:
+    """Return mean slopes (n,) across the hole's border per px of distance, from inside
+    outwards; None if the object fills the photo or is tiny.
+    """
     outside, inside = (
         cv2.distanceTransform(m.astype(np.uint8), cv2.DIST_L2, 5) for m in (~hole, hole)
     )
@@ -221,24 +236,14 @@ def rim_width(photo: Rgb, hole: Mask) -> int:
     slopes = np.gradient(photo.astype(np.float32).mean(axis=2))
     slope = np.abs(slopes[0] * normals[0] + slopes[1] * normals[1])
     # No pixel lies at 0: the border is between 1 px inside and 1 px outside.
-    steps = [-HALO.within + k for k in range(HALO.within)] + list(
-        range(1, HALO.widest + 1)
-    )
+    steps = [*range(-HALO.within, 0), *range(1, HALO.widest + 1)]
     rings = [
-        slope[(signed_distance > d - 1) & (signed_distance <= d)]
-        for d in steps
-        if ((signed_distance > d - 1) & (signed_distance <= d)).any()
+        slope[(signed_distance > step - 1) & (signed_distance <= step)]
+        for step in steps
     ]
-    # The object fills the photo or is tiny.
-    if len(rings) < len(steps):
-        return HALO.margin
-    profile = np.array([ring.mean() for ring in rings])
-    base = float(np.median(profile[-HALO.widest // 2 :]))
-    top = int(np.argmax(profile[: HALO.within + 2]))
-    low = np.flatnonzero(profile[top:] < base + HALO.edge * (profile[top] - base))
-    return HALO.margin + max(
-        0, top + int(low[0]) - HALO.within if len(low) else HALO.widest
-    )
+    if not all(ring.size for ring in rings):
+        return None
+    return np.array([ring.mean() for ring in rings], np.float32)
 
 
 def fill_behind(photo: Rgb, hole: Mask, fill: Inpaint) -> Rgb:

@@ -8,12 +8,13 @@ et al. 2003). A mean of many patches is blurred; a copy is as sharp as the photo
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from physgen.maps import F32
 from physgen.perceive.inpaint.copy_offsets import I64, Offsets, copy_offsets
@@ -99,7 +100,7 @@ def shift_map_fill(picture: F32, hole: Mask, guide: F32) -> F32:
         blocked_mask = block_others(piece, hole[part])
         window = _Window(picture[part], guide[part], piece, blocked_mask)
         copies, joint_copies = window.fill()
-        strong_fill = window.strengthened(joint_copies)
+        strong_fill = window.strengthen(joint_copies)
         # Copies replace the guide only if contrast and seams improve.
         gain = window.contrast_error() - window.contrast_error(strong_fill)
         gain -= TUNING.seam_weight * window.seam_growth(strong_fill)
@@ -163,7 +164,7 @@ class _Window:
     def fill(self) -> tuple[F32, F32]:
         """Return copies and guide in the hole (H, W, 3), before and after joining."""
         scale = self._scale()
-        reduced_photo = self._reduced(scale)
+        reduced_photo = self._reduce(scale)
         offsets, rarity = copy_offsets(
             reduced_photo.picture, reduced_photo.hole, reduced_photo.blocked, COSTS.far
         )
@@ -178,7 +179,7 @@ class _Window:
         copies[rows, columns] = self.sources[rows + down, columns + right]
         return copies, join_gradients(self.sources, shifts, self.hole)
 
-    def strengthened(self, filled: F32) -> F32:
+    def strengthen(self, filled: F32) -> F32:
         """Return `filled` with the fine detail that joining removed."""
         contrast_gap = self._contrast_gap(filled)
         gain = float(np.clip(np.exp(-contrast_gap / 2), 1, TUNING.most_gain))
@@ -274,7 +275,7 @@ class _Window:
         by_side = max(self.hole.shape) / TUNING.reduced_side
         return max(1, int(np.ceil(max(by_area, by_side))))
 
-    def _reduced(self, scale: int) -> ReducedPhoto:
+    def _reduce(self, scale: int) -> ReducedPhoto:
         """Return the reduced photo for the labelling."""
         blocked_mask = _block_means(self.blocked.astype(np.float32), scale) > 0
         hole = _block_means(self.hole.astype(np.float32), scale) > 0
@@ -300,7 +301,7 @@ class _Window:
         `labels` (h, w) belong to the reduced picture.
         """
         shifts = np.zeros((*self.hole.shape, 2), np.int64)
-        composition = _Composed(self.picture.copy(), ~self.blocked)
+        composition = _Composition(self.picture.copy(), ~self.blocked)
         # Large pieces are placed first; smaller ones adapt to them.
         for number, piece in _pieces_by_size(labels, scale, self.hole):
             offset = None
@@ -309,13 +310,13 @@ class _Window:
             if offset is None:
                 offset = np.zeros(2, np.int64)
             shifts[piece.box][piece.mask] = offset
-            source_pixels = self.sources[piece.moved(offset)][piece.mask]
+            source_pixels = self.sources[piece.move(offset)][piece.mask]
             composition.picture[piece.box][piece.mask] = source_pixels
             composition.done[piece.box] |= piece.mask
         return shifts
 
     def _refine_offset(
-        self, piece: _Piece, offset: I64, scale: int, composed: _Composed
+        self, piece: _Piece, offset: I64, scale: int, composed: _Composition
     ) -> I64 | None:
         """Return the full-size offset of a piece that suits its neighbours, or None."""
         # Search coarsely first, then around the best offset.
@@ -328,7 +329,7 @@ class _Window:
         return self._legal_offset(piece, best, closer, composed)
 
     def _legal_offset(
-        self, piece: _Piece, offset: I64, steps: I64, composed: _Composed
+        self, piece: _Piece, offset: I64, steps: I64, composed: _Composition
     ) -> I64 | None:
         """Return the best valid offset among `steps`, or None.
 
@@ -336,12 +337,12 @@ class _Window:
         """
         down, right = np.meshgrid(steps, steps, indexing="ij")
         tries = offset + np.stack([down.ravel(), right.ravel()], axis=1)
-        costs = self._gaps(composed.picture, composed.beside(piece), tries)
+        costs = self._gaps(composed.picture, composed.find_neighbours(piece), tries)
         inside = thin_out(piece.pixels(), TUNING.compared)
         costs = costs + TUNING.guide_weight * self._gaps(self.guide, inside, tries)
         last = np.array(self.hole.shape) - 1
         for k in np.argsort(costs, kind="stable").tolist():
-            rows, columns = piece.moved(tries[k])
+            rows, columns = piece.move(tries[k])
             if min(rows.start, columns.start) < 0:
                 continue
             if rows.stop > last[0] + 1 or columns.stop > last[1] + 1:
@@ -375,7 +376,7 @@ class _Piece:
         corner = [part.start for part in self.box]
         return np.asarray(np.argwhere(self.mask) + corner, np.int64)
 
-    def moved(self, offset: I64) -> tuple[slice, slice]:
+    def move(self, offset: I64) -> tuple[slice, slice]:
         """Return rows and columns of the box at an offset."""
         rows, columns = self.box
         down, right = int(offset[0]), int(offset[1])
@@ -386,14 +387,14 @@ class _Piece:
 
 
 @dataclass(frozen=True)
-class _Composed:
+class _Composition:
     """The copies so far."""
 
     picture: F32
     done: Mask
     """(H, W): known or copied pixels."""
 
-    def beside(self, piece: _Piece) -> I64:
+    def find_neighbours(self, piece: _Piece) -> I64:
         """Return composed pixels (n, 2) beside a piece, evenly thinned out."""
         band = TUNING.seam_band
         top, left = (part.start for part in piece.box)
@@ -426,17 +427,28 @@ def _pieces_by_size(
         pieces += [
             (-boxes[k][4], int(number), k, names, boxes[k]) for k in range(1, count)
         ]
-    for _, number, k, names, (left, top, width, height, _) in sorted(
-        pieces, key=lambda one: one[:3]
-    ):
-        small = names[top : top + height, left : left + width] == k
-        large = small.repeat(scale, axis=0).repeat(scale, axis=1)
-        rows = slice(top * scale, min((top + height) * scale, hole.shape[0]))
-        columns = slice(left * scale, min((left + width) * scale, hole.shape[1]))
-        inside = hole[rows, columns]
-        mask = large[: inside.shape[0], : inside.shape[1]] & inside
-        if mask.any():
-            yield number, _Piece((rows, columns), mask)
+    for _, number, k, names, box in sorted(pieces, key=lambda one: one[:3]):
+        piece = _enlarge_piece(names, k, box[:4], scale, hole)
+        if piece.mask.any():
+            yield number, piece
+
+
+def _enlarge_piece(
+    names: NDArray[np.int32], name: int, box: Sequence[int], scale: int, hole: Mask
+) -> _Piece:
+    """Return the piece `name` of reduced `names` (h, w) at full size in the `hole`
+    (H, W).
+
+    `box` is its left, top, width and height in `names`.
+    """
+    left, top, width, height = box
+    small = names[top : top + height, left : left + width] == name
+    large = small.repeat(scale, axis=0).repeat(scale, axis=1)
+    rows = slice(top * scale, min((top + height) * scale, hole.shape[0]))
+    columns = slice(left * scale, min((left + width) * scale, hole.shape[1]))
+    inside = hole[rows, columns]
+    mask = large[: inside.shape[0], : inside.shape[1]] & inside
+    return _Piece((rows, columns), mask)
 
 
 def _band_means(picture: F32, band: Mask) -> F32:

@@ -132,7 +132,10 @@ def find_candidates(
     groups = find_groups(maps)
     cut_outs = cut_out_boxes(rgb, evidence, groups)
     first = len(groups) + len(cut_outs)
-    edge_selections = edge_candidates(edges, maps) if edges else []
+    if edges:
+        edge_selections = edge_candidates(edges, maps)
+    else:
+        edge_selections = []
     cut_masks = [selection.mask for selection in cut_outs]
     proposals = [
         *groups,

@@ -103,7 +103,10 @@ def detect_boxes(rgb: NDArray[np.uint8]) -> DetectedBoxes:
 def _as_input(rgb: NDArray[np.uint8], scale: float) -> F32:
     """Return the scaled photo at the top left of a black square (1, 3, 416, 416)."""
     size = [max(1, min(round(side * scale), SIDE)) for side in rgb.shape[1::-1]]
-    interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+    if scale < 1:
+        interpolation = cv2.INTER_AREA
+    else:
+        interpolation = cv2.INTER_LINEAR
     square = np.zeros((SIDE, SIDE, 3), np.float32)
     square[: size[1], : size[0]] = cv2.resize(rgb, size, interpolation=interpolation)[
         ..., ::-1
@@ -126,7 +129,10 @@ def _run(numbers: bytes) -> tuple[Array, Array]:
     """Return `run_levels` of an input given as bytes."""
     network = _network()
     blob = np.frombuffer(numbers, np.float32).reshape(1, 3, SIDE, SIDE)
-    names = [f"{kind}-{stride}" for kind in ("scores", "boxes") for stride in STRIDES]
+    names = []
+    for kind in ("scores", "boxes"):
+        for stride in STRIDES:
+            names.append(f"{kind}-{stride}")
     with _lock:
         network.setInput(blob)
         parts = [np.array(part[0], np.float64) for part in network.forward(names)]
@@ -176,7 +182,10 @@ def _suppress(corners: Array, best: Array) -> list[int]:
     indices: Sequence[int] = cv2.dnn.NMSBoxes(
         sides.tolist(), best.tolist(), 0.0, SAME_BOX, top_k=0
     )
-    large = [int(k) for k in indices if sides[k, 2:].min() >= 2]
+    large = []
+    for k in indices:
+        if sides[k, 2:].min() >= 2:
+            large.append(int(k))
     return large[:MOST_BOXES]
 
 
@@ -185,10 +194,9 @@ def box_overlap(first: Array, second: Array) -> Array:
     low = np.maximum(first[:, None, :2], second[None, :, :2])
     high = np.minimum(first[:, None, 2:], second[None, :, 2:])
     intersection = np.clip(high - low, 0, None).prod(axis=2)
-    areas = [
-        np.clip(boxes[:, 2:] - boxes[:, :2], 0, None).prod(axis=1)
-        for boxes in (first, second)
-    ]
+    areas = []
+    for boxes in (first, second):
+        areas.append(np.clip(boxes[:, 2:] - boxes[:, :2], 0, None).prod(axis=1))
     union = areas[0][:, None] + areas[1][None] - intersection
     return np.asarray(intersection / np.maximum(union, 1e-9))
 

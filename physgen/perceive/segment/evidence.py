@@ -398,7 +398,10 @@ def _edge_features(candidate: Proposal, evidence: Evidence) -> list[float]:
     mask = np.pad(candidate.mask, 1).astype(np.uint8)
     inner = cv2.erode(mask, np.ones((5, 5), np.uint8))[1:-1, 1:-1] > 0
     edges = evidence.edges[top:bottom, left:right]
-    inside = float(edges[inner].mean()) if inner.any() else 0.0
+    if inner.any():
+        inside = float(edges[inner].mean())
+    else:
+        inside = 0.0
     return [float(rim_values.mean()), float(weakest.mean()), inside]
 
 
@@ -416,10 +419,9 @@ def box_features(candidates: Sequence[Proposal], evidence: Evidence) -> Array:
     best = (overlap * (0.5 + boxes.scores.max(axis=1))).argmax(axis=1)
     best_scores, rows = boxes.scores[best], np.arange(count)
     classes = best_scores[:, 2:]
-    groups = [
-        classes[:, list(group_classes)].max(axis=1)
-        for group_classes in (PERSON, ANIMALS, FURNITURE, VEHICLES)
-    ]
+    groups = []
+    for group_classes in (PERSON, ANIMALS, FURNITURE, VEHICLES):
+        groups.append(classes[:, list(group_classes)].max(axis=1))
     proportion = overlap**2
     return np.column_stack(
         [

@@ -129,12 +129,13 @@ def read_judge(path: Path) -> Judge:
     """Read a judge's file."""
     with np.load(path) as arrays:
         numbers = {name: arrays[name] for name in arrays.files}
-    stages = [
-        {
-            name.removeprefix(f"{stage}."): part
-            for name, part in numbers.items()
-            if name.startswith(f"{stage}.")
-        }
-        for stage in STAGES
-    ]
+    stages = []
+    for stage in STAGES:
+        stages.append(
+            {
+                name.removeprefix(f"{stage}."): part
+                for name, part in numbers.items()
+                if name.startswith(f"{stage}.")
+            }
+        )
     return Judge(stages[0], stages[1], numbers["fit"], numbers["right"])

@@ -66,7 +66,10 @@ def release_models(rgb: NDArray[np.uint8], boxes: DetectedBoxes) -> DetectedBoxe
     wholes.
     """
     animals = _animals(boxes)
-    models = [k for k in animals if _is_model(rgb, boxes.corners[k])]
+    models = []
+    for k in animals:
+        if _is_model(rgb, boxes.corners[k]):
+            models.append(k)
     if not models:
         return boxes
     is_model = _inside(boxes.corners, boxes.corners[models])
@@ -127,10 +130,9 @@ def _living(boxes: DetectedBoxes) -> list[int]:
     classes = boxes.classes
     living = classes[:, [*PERSON, *ANIMALS]].max(axis=1, initial=0.0)
     confident_boxes = (living >= WHOLE.score) & (boxes.immovable >= WHOLE.score)
-    return [
-        int(k)
-        for k in np.flatnonzero(confident_boxes & (boxes.immovable > boxes.movable))
-    ]
+    return list(
+        map(int, np.flatnonzero(confident_boxes & (boxes.immovable > boxes.movable)))
+    )
 
 
 def _is_part(part: Proposal, whole: Proposal) -> bool:

@@ -76,7 +76,9 @@ class Cut(Proposal):
     fit: float
 
     @classmethod
-    def of(cls, mask: Mask, noun: str, movable: bool, score: float, fit: float) -> Cut:
+    def from_mask(
+        cls, mask: Mask, noun: str, movable: bool, score: float, fit: float
+    ) -> Cut:
         """Return a cut from a mask of the photo (H, W)."""
         return cls(0, 0, mask, 0, noun, movable, score, fit).with_mask(mask)
 
@@ -127,7 +129,7 @@ def distinct_boxes(
     return [int(valid[k]) for k in indices]
 
 
-def smoothed(mask: Mask) -> Mask:
+def smooth_outline(mask: Mask) -> Mask:
     """Return the mask without specks and pinholes.
 
     Rings and contact with the photo's border are preserved.
@@ -140,19 +142,17 @@ def smoothed(mask: Mask) -> Mask:
         1 - inside, connectivity=4
     )
     # Small holes are closed, but not the region around the mask.
-    small = [
-        k
-        for k in range(1, count)
-        if k != pieces[0, 0] and stats[k, cv2.CC_STAT_AREA] < CLEANUP.hole * area + 5
-    ]
+    small = []
+    for k in range(1, count):
+        if k != pieces[0, 0] and stats[k, cv2.CC_STAT_AREA] < CLEANUP.hole * area + 5:
+            small.append(k)
     inside[np.isin(pieces, small)] = 1
     count, pieces, stats, _ = cv2.connectedComponentsWithStats(inside, connectivity=8)
     large = max(stats[1:, cv2.CC_STAT_AREA])
-    large_pieces = [
-        k
-        for k in range(1, count)
-        if stats[k, cv2.CC_STAT_AREA] >= CLEANUP.speck * large
-    ]
+    large_pieces = []
+    for k in range(1, count):
+        if stats[k, cv2.CC_STAT_AREA] >= CLEANUP.speck * large:
+            large_pieces.append(k)
     return np.isin(pieces, large_pieces)[1:-1, 1:-1]
 
 
@@ -166,11 +166,10 @@ def parts(mask: Mask) -> list[Mask]:
     dilated_mask = cv2.dilate(mask.view(np.uint8), np.ones((3, 3), np.uint8))
     count, pieces = cv2.connectedComponents(dilated_mask, connectivity=8)
     areas = np.bincount(pieces[mask], minlength=count)
-    order = [
-        int(k)
-        for k in np.argsort(-areas, kind="stable")
-        if k > 0 and areas[k] >= CLEANUP.part * areas.max()
-    ]
+    order = []
+    for k in np.argsort(-areas, kind="stable"):
+        if k > 0 and areas[k] >= CLEANUP.part * areas.max():
+            order.append(int(k))
     return [(pieces == k) & mask for k in order[: CLEANUP.parts]]
 
 
@@ -178,8 +177,11 @@ def split(cuts: Sequence[Cut]) -> list[Cut]:
     """Return movable objects as one cut per piece (paper section 3.1)."""
     result: list[Cut] = []
     for cut in cuts:
-        pieces = parts(cut.mask) if cut.movable else []
-        result += [cut.with_mask(part) for part in pieces] if len(pieces) > 1 else [cut]
+        if cut.movable:
+            pieces = parts(cut.mask)
+        else:
+            pieces = []
+        result += list(map(cut.with_mask, pieces)) if len(pieces) > 1 else [cut]
     return result
 
 
@@ -196,15 +198,17 @@ def distinct(cuts: Sequence[Cut]) -> list[Cut]:
             iou(cut, other) <= CLEANUP.same_mask for other in distinct_cuts
         ):
             distinct_cuts.append(cut)
-    inner_cuts = {
-        k: [
+    inner_cuts = {}
+    for k, outer_cut in enumerate(distinct_cuts):
+        inner_cuts[k] = [
             i
             for i, cut in enumerate(distinct_cuts)
             if i != k and _contains(outer_cut, cut)
         ]
-        for k, outer_cut in enumerate(distinct_cuts)
-    }
-    dropped_indices = {k for k, inner in inner_cuts.items() if len(inner) > 1}
+    dropped_indices = set()
+    for k, inner in inner_cuts.items():
+        if len(inner) > 1:
+            dropped_indices.add(k)
     for k, inner in inner_cuts.items():
         if (
             k not in dropped_indices
@@ -226,19 +230,21 @@ def resolve_overlaps(cuts: Sequence[Cut]) -> list[Cut]:
     rest = list(cuts)
     # Drop the most hidden object and start again, since others then become visible.
     while True:
-        left = [
-            _remove_occluded_part(cut, [other for other in rest if other is not cut])
-            for cut in rest
-        ]
-        shares = [
-            int(np.count_nonzero(piece)) / cut.area
-            for piece, cut in zip(left, rest, strict=True)
-        ]
+        left = []
+        for cut in rest:
+            left.append(
+                _remove_occluded_part(
+                    cut, [other for other in rest if other is not cut]
+                )
+            )
+        shares = []
+        for piece, cut in zip(left, rest, strict=True):
+            shares.append(int(np.count_nonzero(piece)) / cut.area)
         if not shares or min(shares) >= CLEANUP.visible:
-            return [
-                cut.with_mask(smoothed(piece))
-                for cut, piece in zip(rest, left, strict=True)
-            ]
+            overlaps = []
+            for cut, piece in zip(rest, left, strict=True):
+                overlaps.append(cut.with_mask(smooth_outline(piece)))
+            return overlaps
         del rest[int(np.argmin(shares))]
 
 
@@ -252,9 +258,10 @@ def segments(
     right by centroid. Cuts below `confident` are doubtful; immovable cuts are scenery.
     """
     least_area = max(CLEANUP.least_share * size[0] * size[1], CLEANUP.least_area)
-    smooth_cuts = [
-        cut.with_mask(smoothed(cut.mask)) for cut in cuts if cut.confidence >= DOUBTFUL
-    ]
+    smooth_cuts = []
+    for cut in cuts:
+        if cut.confidence >= DOUBTFUL:
+            smooth_cuts.append(cut.with_mask(smooth_outline(cut.mask)))
     cuts = distinct(
         [
             cut
@@ -270,7 +277,10 @@ def segments(
     labels = np.zeros(size, np.uint16)
     for k, cut in enumerate(objects, 1):
         cut.view_in(labels)[cut.mask] = k
-    weak_cuts = [cut for cut in cuts if cut.movable and cut.confidence < confident]
+    weak_cuts = []
+    for cut in cuts:
+        if cut.movable and cut.confidence < confident:
+            weak_cuts.append(cut)
     doubts = [
         doubt
         for cut in weak_cuts

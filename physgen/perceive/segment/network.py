@@ -139,12 +139,13 @@ def _run_passes(rgb: NDArray[np.uint8]) -> tuple[list[F32], F32]:
 def _average_passes(passes: Sequence[F32]) -> F32:
     """Return the mean (h, w, 15) of the passes at the size of the last one."""
     height, width = passes[-1].shape[1:]
-    resized_maps = [
-        cv2.resize(
-            maps.transpose(1, 2, 0), (width, height), interpolation=cv2.INTER_LINEAR
+    resized_maps = []
+    for maps in passes:
+        resized_maps.append(
+            cv2.resize(
+                maps.transpose(1, 2, 0), (width, height), interpolation=cv2.INTER_LINEAR
+            )
         )
-        for maps in passes
-    ]
     return np.asarray(np.mean(resized_maps, axis=0), np.float32)
 
 
@@ -183,10 +184,9 @@ def pool(levels: Sequence[Sequence[F32]]) -> F32:
             share = np.minimum(rows + 1, bottom) - np.maximum(rows, top)
             share = np.maximum(share, 0)
             parts.append(profile @ share / share.sum())
-        spreads = [
-            channel_maps.reshape(len(channel_maps), -1).std(axis=1)
-            for channel_maps in maps
-        ]
+        spreads = []
+        for channel_maps in maps:
+            spreads.append(channel_maps.reshape(len(channel_maps), -1).std(axis=1))
         parts.append(np.mean(spreads, axis=0))
     return np.concatenate(parts).astype(np.float32)
 
@@ -206,7 +206,10 @@ def _pass(rgb: NDArray[np.uint8], side: int) -> _Pass:
     height, width = rgb.shape[:2]
     scale = side / max(height, width)
     size = max(round(width * scale / 2), 1) * 2, max(round(height * scale / 2), 1) * 2
-    interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR
+    if scale < 1:
+        interpolation = cv2.INTER_AREA
+    else:
+        interpolation = cv2.INTER_LINEAR
     small = cv2.resize(rgb, size, interpolation=interpolation)
     right, bottom = (max(-part % STRIDE, LEAST - part) for part in size)
     padded_photo = cv2.copyMakeBorder(small, 0, bottom, 0, right, cv2.BORDER_REPLICATE)
@@ -453,10 +456,9 @@ def _solve_symmetric(diagonal: F32, off_diagonal: F32, right: F32) -> F32:
     row = np.dstack([diagonal[..., 0], off_diagonal[..., 0], off_diagonal[..., 2]])
     x, y, z = np.moveaxis(right.astype(np.float64), -1, 0)
     factor = 1 / (row.astype(np.float64) * np.stack(first, axis=-1)).sum(axis=-1)
-    parts = [
-        cofactor_row[0] * x + cofactor_row[1] * y + cofactor_row[2] * z
-        for cofactor_row in (first, second, third)
-    ]
+    parts = []
+    for cofactor_row in (first, second, third):
+        parts.append(cofactor_row[0] * x + cofactor_row[1] * y + cofactor_row[2] * z)
     return np.stack([part * factor for part in parts], axis=-1).astype(np.float32)
 
 

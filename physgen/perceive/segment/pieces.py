@@ -57,10 +57,14 @@ def unite_pieces(
     rgb: NDArray[np.uint8], objects: Segments, boxes: DetectedBoxes
 ) -> Segments:
     """Return the objects with each group of pieces united, and ids without gaps."""
-    ids = [int(i) for i in np.unique(objects.labels) if i > 0]
-    piece_ids = [
-        i for i in ids if _box_score(objects.labels == i, boxes) < PIECES.own_box
-    ]
+    ids = []
+    for i in np.unique(objects.labels):
+        if i > 0:
+            ids.append(int(i))
+    piece_ids = []
+    for i in ids:
+        if _box_score(objects.labels == i, boxes) < PIECES.own_box:
+            piece_ids.append(i)
     if len(piece_ids) < PIECES.fewest:
         return objects
     labels, confidence = objects.labels.copy(), objects.confidence.copy()

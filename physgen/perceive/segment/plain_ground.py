@@ -57,7 +57,9 @@ def plain_colour(rgb: Rgb) -> NDArray[np.float32] | None:
     frame = rgb[is_frame].astype(np.float32)
     colour = np.median(frame, axis=0)
     ground_mask = np.abs(frame - colour).max(axis=1) <= PLAIN.ground_difference
-    return np.asarray(colour) if ground_mask.mean() >= PLAIN.share else None
+    if ground_mask.mean() >= PLAIN.share:
+        return np.asarray(colour)
+    return None
 
 
 def distance_from_ground(rgb: Rgb, colour: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -175,11 +177,10 @@ def shade_below(rgb: Rgb, labels: NDArray[np.uint16]) -> float:
         np.s_[rows, left + width : left + width + band],
     )
     distance = distance_from_ground(rgb, colour)
-    shades = [
-        float(np.median(distance[band_window]))
-        for band_window in places
-        if distance[band_window].size
-    ]
+    shades = []
+    for band_window in places:
+        if distance[band_window].size:
+            shades.append(float(np.median(distance[band_window])))
     if len(shades) < len(places):
         return 0.0
     return max(0.0, shades[0] - max(shades[1:]))

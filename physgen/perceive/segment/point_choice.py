@@ -114,16 +114,20 @@ def object_at_point(
     scale = np.array([rgb.shape[1] / shape[1], rgb.shape[0] / shape[0]])
     choices = _choices(rgb, judgement, pixel, others, scale)
     if smallest:
-        likely_choices = [
-            choice for choice in choices if choice.fit >= POINT.smallest_fit
-        ]
+        likely_choices = []
+        for choice in choices:
+            if choice.fit >= POINT.smallest_fit:
+                likely_choices.append(choice)
         likely_choices.sort(key=lambda one: one.candidate.area)
         masks = _cut_out_again(rgb, likely_choices[: POINT.tries], pixel, others, scale)
         return next((mask for _, mask in masks), None)
     has_good_fit = (
         max((choice.fit for choice in choices), default=0.0) >= POINT.known_fit
     )
-    ranking = BY_DEPTH if has_good_fit else BY_FIT
+    if has_good_fit:
+        ranking = BY_DEPTH
+    else:
+        ranking = BY_FIT
     choices += _judge_looks(rgb, judgement, look_around(), pixel, scale)
     choices.sort(key=lambda one: -ranking.worth(one))
     masks = list(_cut_out_again(rgb, choices[: POINT.tries], pixel, others, scale))
@@ -141,11 +145,10 @@ def _choices(
 ) -> list[PointChoice]:
     """Return the candidates and the cut-outs of boxes at a pixel."""
     candidates = judgement.candidates
-    cut_outs = [
-        proposal
-        for proposal in _cut_out_boxes(rgb, judgement, pixel, scale)
-        if _holds(proposal, pixel, others, scale)
-    ]
+    cut_outs = []
+    for proposal in _cut_out_boxes(rgb, judgement, pixel, scale):
+        if _holds(proposal, pixel, others, scale):
+            cut_outs.append(proposal)
     fits = np.concatenate([judgement.fit, judge_others(rgb, judgement, cut_outs)])
     rated_proposals = zip(
         [*candidates.proposals, *cut_outs], fits.tolist(), strict=True
@@ -244,12 +247,12 @@ def _holds(
     others.
     """
 
-    def has(pixel: Pixel) -> bool:
+    def contains(pixel: Pixel) -> bool:
         x, y = _place(proposal, pixel, scale)
         height, width = proposal.mask.shape
         return 0 <= x < width and 0 <= y < height and bool(proposal.mask[y, x])
 
-    return has(position) and not any(map(has, others))
+    return contains(position) and not any(map(contains, others))
 
 
 def _depth(proposal: Proposal, pixel: Pixel, scale: Scale) -> float:

@@ -72,7 +72,7 @@ class PromptFrame:
     """Place and dotted path of a prompt, by its order; a missing entry means a flag."""
 
     @classmethod
-    def of(cls, rgb: Rgb) -> PromptFrame:
+    def from_photo(cls, rgb: Rgb) -> PromptFrame:
         """Return the frame of prompts in pixels of the photo itself."""
         return cls(rgb.shape[1], rgb.shape[0])
 
@@ -94,9 +94,10 @@ class PromptFrame:
     ) -> Problem:
         """Return a problem at the place of a prompt, in the prompt's own numbers."""
         place, path = self.places.get(order, (Place(_flag(kind, numbers)), ""))
-        quoted_value = (
-            "" if order not in self.places else f"[{_write_numbers(numbers)}]"
-        )
+        if order not in self.places:
+            quoted_value = ""
+        else:
+            quoted_value = f"[{_write_numbers(numbers)}]"
         return refusal.problem(place, path, quoted_value)
 
 
@@ -137,7 +138,10 @@ def _share_fault(numbers: Sequence[float], frame: PromptFrame) -> RefusedError |
         return None
     sides = (frame.width, frame.height, frame.width, frame.height)
     pixels = [number * side for number, side in zip(numbers, sides, strict=False)]
-    form = BOX_FORM if len(numbers) == len(sides) else POINT_FORM
+    if len(numbers) == len(sides):
+        form = BOX_FORM
+    else:
+        form = POINT_FORM
     fix = f"{form}; did you mean {_round_numbers(pixels)}?"
     return Message.PROMPT_IN_SHARES.refusal(fix=fix)
 
@@ -152,16 +156,15 @@ def _box_fault(box: Box, frame: PromptFrame) -> RefusedError | None:
         return Message.BOX_NEGATIVE.refusal(fix=fix)
     if min(width, height) < least_side:
         return Message.BOX_TOO_SMALL.refusal(least=least_side, fix=form)
-    if not (_reaches_out(box, frame) or _is_off(box, frame)):
+    if not (_reaches_out(box, frame) or _is_outside_frame(box, frame)):
         return None
     size = {"width": frame.width, "height": frame.height}
     likely_box = next(_likely_boxes(box, frame), None)
-    fix = (
-        form
-        if likely_box is None
-        else f"{form}; did you mean {_round_numbers(likely_box)}?"
-    )
-    if _is_off(box, frame):
+    if likely_box is None:
+        fix = form
+    else:
+        fix = f"{form}; did you mean {_round_numbers(likely_box)}?"
+    if _is_outside_frame(box, frame):
         return Message.PROMPT_OFF_PHOTO.refusal(fix=fix, **size)
     excess = _excess(box, frame)
     return Message.BOX_BEYOND_PHOTO.refusal(excess=excess, fix=fix, **size)
@@ -193,7 +196,7 @@ def _excess(box: Box, frame: PromptFrame) -> float:
     return max(-x, -y, x + width - frame.width, y + height - frame.height, 0.0)
 
 
-def _is_off(box: Box, frame: PromptFrame) -> bool:
+def _is_outside_frame(box: Box, frame: PromptFrame) -> bool:
     """Return whether no part of a box is on the photo."""
     x, y, width, height = box
     lies_beside = x >= frame.width or x + width <= 0
@@ -258,7 +261,7 @@ class Segmenter:
             return {}
         sides = [(x0, y0, x1 - x0, y1 - y0) for x0, y0, x1, y1 in corners]
         masks = self.backends.run(
-            "segment", lambda backend: backend.meant(rgb, sides, points)
+            "segment", lambda backend: backend.segment_meant_objects(rgb, sides, points)
         )
         return {
             k: answer
@@ -290,7 +293,7 @@ def from_prompts(
     its prompt. Raises InputError with every box or point that is off the photo or shows
     no object.
     """
-    frame = frame or PromptFrame.of(rgb)
+    frame = frame or PromptFrame.from_photo(rgb)
     problems = _PromptProblems(frame, _list_prompts(boxes, points))
     boxes, points = frame.boxes_in(rgb, boxes), frame.points_in(rgb, points)
     masks = _cut_prompts(rgb, boxes, points, segment, problems)
@@ -302,10 +305,9 @@ def from_prompts(
         for k, prompt_mask in enumerate(masks[len(boxes) :], len(boxes)):
             left, top, right, bottom = box_of(prompt_mask.mask)
             places[k] = "box", (left, top, right - left, bottom - top)
-    prompts = {
-        k: {kind: [round(float(v), 2) for v in place]}
-        for k, (kind, place) in enumerate(places, 1)
-    }
+    prompts = {}
+    for k, (kind, place) in enumerate(places, 1):
+        prompts[k] = {kind: [round(float(v), 2) for v in place]}
     confidence = {k: prompt_mask.confidence for k, prompt_mask in enumerate(masks, 1)}
     return Detections(labels, "pointed at", confidence, {}, prompts)
 
@@ -442,9 +444,10 @@ def segment_point(
     looks, has_other_point = cached_looks()
     alternatives += [PromptedMask(look.mask, sureness) for look, sureness in looks]
     if not alternatives:
-        message = (
-            Message.PROMPT_REPEATED if has_other_point else Message.POINT_SHOWS_NOTHING
-        )
+        if has_other_point:
+            message = Message.PROMPT_REPEATED
+        else:
+            message = Message.POINT_SHOWS_NOTHING
         raise message.error(_flag("point", point))
     return max(alternatives, key=lambda one: one.confidence)
 
@@ -511,7 +514,10 @@ def split(
     """Return the part (H, W) of a mask around a point, up to the edges towards the
     `others`.
     """
-    inside = [(x, y) for x, y in others if mask[y, x]]
+    inside = []
+    for x, y in others:
+        if mask[y, x]:
+            inside.append((x, y))
     if not inside:
         return mask
     # The watershed grows one region from each point; outside the mask is region 1.
@@ -548,7 +554,10 @@ def _corners(rgb: Rgb, box: Box) -> tuple[int, int, int, int]:
     x1, y1 = min(width, round(box[0] + box[2])), min(height, round(box[1] + box[3]))
     if x1 - x0 < 4 or y1 - y0 < 4:
         is_outside = min(box[2:]) >= 4 and (x1 <= x0 or y1 <= y0)
-        wrong = Message.BOX_OFF_PHOTO if is_outside else Message.BOX_TOO_LITTLE
+        if is_outside:
+            wrong = Message.BOX_OFF_PHOTO
+        else:
+            wrong = Message.BOX_TOO_LITTLE
         raise wrong.error(_flag("box", box), width=width, height=height)
     return x0, y0, x1, y1
 

@@ -118,7 +118,9 @@ def common(a: Proposal, b: Proposal) -> tuple[slice, slice]:
 def overlap(a: Proposal, b: Proposal) -> int:
     """Return the number of common pixels of two proposals."""
     part = a.mask[common(a, b)]
-    return int(np.count_nonzero(part & b.mask[common(b, a)])) if part.size else 0
+    if part.size:
+        return int(np.count_nonzero(part & b.mask[common(b, a)]))
+    return 0
 
 
 def doubt_about(
@@ -204,7 +206,10 @@ def contour_normals(contour: NDArray[np.int32]) -> NDArray[np.float64]:
     ]
     tangents /= np.linalg.norm(tangents, axis=1, keepdims=True) + 1e-6
     x, y = contour.T.astype(np.float64)
-    turn = 1 if (x * np.roll(y, -1) - y * np.roll(x, -1)).sum() >= 0 else -1
+    if (x * np.roll(y, -1) - y * np.roll(x, -1)).sum() >= 0:
+        turn = 1
+    else:
+        turn = -1
     return turn * np.stack([tangents[:, 1], -tangents[:, 0]], 1)
 
 
@@ -381,9 +386,9 @@ def _search_edges_along(rim: Array, reach: Array, gradient: Gradient) -> Array:
 def _weakest_quarters(support: Array, count: NDArray[np.int64]) -> Array:
     """Return the mean support (n,) of the weakest quarter of `count` (n,) samples."""
     rising = np.sort(support, 1)
-    quarters = [
-        row[: max(1, n // 4)].mean() for row, n in zip(rising, count, strict=True)
-    ]
+    quarters = []
+    for row, n in zip(rising, count, strict=True):
+        quarters.append(row[: max(1, n // 4)].mean())
     return np.array(quarters)
 
 

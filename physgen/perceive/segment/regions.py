@@ -442,14 +442,15 @@ def edge_borders(
     """
     strength = np.minimum(edge, EDGE_CAP)
     sides = ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1], np.s_[1:]))
-    pairs = [
-        (
-            first_side,
-            second_side,
-            np.maximum(strength[first_side], strength[second_side]),
+    pairs = []
+    for first_side, second_side in sides:
+        pairs.append(
+            (
+                first_side,
+                second_side,
+                np.maximum(strength[first_side], strength[second_side]),
+            )
         )
-        for first_side, second_side in sides
-    ]
     return pair_borders(labels, pairs, selection)
 
 
@@ -531,12 +532,10 @@ def stable_regions(
     tree = colour_tree(labels, colour, gradient.strength)
     parent_height = tree.height[tree.parent]
     stable = (tree.parent >= 0) & (parent_height >= 1.08 * tree.height + 0.3)
-    return [
-        region
-        for _, region in tree_regions(
-            tree, labels, stable, smallest, largest, opening=1
-        )
-    ]
+    regions = []
+    for _, region in tree_regions(tree, labels, stable, smallest, largest, opening=1):
+        regions.append(region)
+    return regions
 
 
 def tree_regions(

@@ -20,7 +20,6 @@ from physgen.geometry.shadows import ShadowSetting, Silhouette
 from physgen.maps import F32
 from physgen.perceive.roles import Mask, Rgb
 from physgen.perceive.shadow.shadow_fit import FULL
-from physgen.perceive.shadow.shadow_removal import blur_wide, hue_weights, mean_of_kind
 from physgen.perceive.shadow.silhouettes import (
     DARKEST,
     MARGIN,
@@ -28,6 +27,7 @@ from physgen.perceive.shadow.silhouettes import (
     predicted_darkness,
     typical_size,
 )
+from physgen.perceive.shadow.surface_kinds import blur_wide, hue_weights, mean_of_kind
 from physgen.photometry import DistantLight, decode, luminance
 
 
@@ -116,6 +116,68 @@ class AmbientShade:
         return round(min(0.7, 0.1 * self.sure), 2)
 
 
+@dataclass(frozen=True)
+class _ReducedGround:
+    """The reduced photo in which shade is searched, and its objects."""
+
+    picture: Rgb
+    # (h, w): pixels away from objects.
+    free: Mask
+    # px: size of a typical object.
+    size: float
+    from_above: bool
+
+    def contrast(self, model: F32) -> _ShadeContrast | None:
+        """Return the contrast of shade predicted by `model` (h, w), or None if it is
+        not visible.
+        """
+        depths = model[self.free & (model > TUNING.faint)]
+        if not depths.size:
+            return None
+        shade_mask = (model > max(TUNING.deep, float(np.median(depths)))) & self.free
+        possible_shade = model > TUNING.shaded
+        reach = TUNING.beside_top if self.from_above else TUNING.beside_side
+        kernel_size = tuple(2 * int(part * self.size) + 1 for part in reach)
+        kernel = np.ones(kernel_size[::-1], np.uint8)
+        reference_mask = cv2.dilate(possible_shade.astype(np.uint8), kernel) > 0
+        reference_mask &= model < TUNING.faint
+        darkness = missing_light(
+            self.picture,
+            self.free.astype(np.float32),
+            possible_shade,
+            self.size,
+            from_above=self.from_above,
+        )
+        shifts = _shifts(self.size, self.from_above)
+        contrast, ratio = contrast_over_chance(
+            darkness, self.free, shade_mask, reference_mask, shifts
+        )
+        if contrast < TUNING.seen or ratio < TUNING.sure:
+            return None
+        model_contrast = float(
+            np.median(model[shade_mask]) - np.median(model[reference_mask & self.free])
+        )
+        return _ShadeContrast(contrast, ratio, model_contrast, darkness)
+
+
+@dataclass(frozen=True)
+class _ShadeContrast:
+    """The contrast of shade and the ground beside it, as logarithms of light."""
+
+    contrast: float
+    # Ratio of contrast and chance.
+    ratio: float
+    # The contrast that geometry predicts.
+    model_contrast: float
+    # (h, w): missing light.
+    darkness: F32
+
+    @property
+    def factor(self) -> float:
+        """Return the ratio of measured and predicted depth, limited below."""
+        return max(self.contrast / max(self.model_contrast, 1e-3), TUNING.least_factor)
+
+
 def find_ambient_shade(
     background: Rgb,
     coverage: F32,
@@ -132,60 +194,44 @@ def find_ambient_shade(
     silhouettes = at(scale)
     if not silhouettes:
         return None
-    w, h = max(1, round(W / scale)), max(1, round(H / scale))
-    picture = np.asarray(
-        cv2.resize(background, (w, h), interpolation=cv2.INTER_AREA), np.uint8
+    ground = _reduce_ground(
+        background, coverage, scale, typical_size(silhouettes), from_above
     )
-    object_margin = (~away_from_objects(coverage, MARGIN)).astype(np.float32)
-    free = np.asarray(
-        cv2.resize(object_margin, (w, h), interpolation=cv2.INTER_AREA) == 0
-    )
-    size = typical_size(silhouettes)
-    reach = TUNING.beside_top if from_above else TUNING.beside_side
-    kernel_size = tuple(2 * int(part * size) + 1 for part in reach)
+    size = ground.free.shape[1], ground.free.shape[0]
     best: AmbientShade | None = None
     # Each candidate sky predicts places in shade; the most significant one is used.
     for direct, down in TUNING.skies:
-        model = predicted_darkness(silhouettes, _sky(direct, down, (w, h), from_above))
-        depths = model[free & (model > TUNING.faint)]
-        if not depths.size:
+        sky = _sky(direct, down, size, from_above)
+        shade = ground.contrast(predicted_darkness(silhouettes, sky))
+        if shade is None or (best is not None and best.sure >= shade.ratio):
             continue
-        shade_mask = (model > max(TUNING.deep, float(np.median(depths)))) & free
-        possible_shade = model > TUNING.shaded
-        reference_mask = (
-            cv2.dilate(
-                possible_shade.astype(np.uint8), np.ones(kernel_size[::-1], np.uint8)
+        if shade.factor <= TUNING.most_factor:
+            full = cv2.resize(shade.darkness, (W, H), interpolation=cv2.INTER_LINEAR)
+            best = AmbientShade(
+                _sky(direct, down, (W, H), from_above),
+                shade.factor,
+                shade.ratio,
+                np.asarray(full, np.float32),
             )
-            > 0
-        )
-        reference_mask &= model < TUNING.faint
-        darkness = missing_light(
-            picture,
-            free.astype(np.float32),
-            possible_shade,
-            size,
-            from_above=from_above,
-        )
-        contrast, ratio = contrast_over_chance(
-            darkness, free, shade_mask, reference_mask, _shifts(size, from_above)
-        )
-        if (
-            contrast < TUNING.seen
-            or ratio < TUNING.sure
-            or (best is not None and best.sure >= ratio)
-        ):
-            continue
-        model_contrast = float(
-            np.median(model[shade_mask]) - np.median(model[reference_mask & free])
-        )
-        factor = max(contrast / max(model_contrast, 1e-3), TUNING.least_factor)
-        if factor > TUNING.most_factor:
-            continue
-        full = np.asarray(
-            cv2.resize(darkness, (W, H), interpolation=cv2.INTER_LINEAR), np.float32
-        )
-        best = AmbientShade(_sky(direct, down, (W, H), from_above), factor, ratio, full)
     return best
+
+
+def _reduce_ground(
+    background: Rgb,
+    coverage: F32,
+    scale: float,
+    size: float,
+    from_above: bool,
+) -> _ReducedGround:
+    """Return the photo at 1 / `scale` of its side; `size` is a typical object's."""
+    H, W = coverage.shape
+    shape = max(1, round(W / scale)), max(1, round(H / scale))
+    picture = cv2.resize(background, shape, interpolation=cv2.INTER_AREA)
+    object_margin = (~away_from_objects(coverage, MARGIN)).astype(np.float32)
+    free = cv2.resize(object_margin, shape, interpolation=cv2.INTER_AREA) == 0
+    return _ReducedGround(
+        np.asarray(picture, np.uint8), np.asarray(free), size, from_above
+    )
 
 
 def extend_behind_objects(dark: F32, coverage: F32) -> F32:
@@ -271,7 +317,7 @@ def contrast_over_chance(
     contrast = _contrast(dark, free, within, around)
     other = free & ~within
     shifted_contrasts = [
-        _contrast(dark, other, _moved(within, dx, dy), _moved(around, dx, dy))
+        _contrast(dark, other, _move(within, dx, dy), _move(around, dx, dy))
         for dx, dy in shifts
     ]
     others = np.array([value for value in shifted_contrasts if value is not None])
@@ -297,7 +343,7 @@ def _contrast(dark: F32, free: Mask, within: Mask, around: Mask) -> float | None
     return float(np.median(dark[inner_pixels]) - np.median(dark[outer_pixels]))
 
 
-def _moved(mask: Mask, dx: int, dy: int) -> Mask:
+def _move(mask: Mask, dx: int, dy: int) -> Mask:
     """Return a shifted mask; pixels outside the picture are lost."""
     h, w = mask.shape
     result = np.zeros_like(mask)

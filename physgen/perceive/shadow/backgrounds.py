@@ -22,7 +22,7 @@ from physgen.perceive.inpaint.poisson import (
 )
 from physgen.perceive.roles import Inpaint, Labels, Mask, Rgb, Shadows
 from physgen.perceive.shadow.reduced import reduce_photo
-from physgen.perceive.shadow.shadow_removal import plan_refill
+from physgen.perceive.shadow.refills import plan_refill
 from physgen.perceive.working_size import enlarge, reduce_known
 from physgen.photometry import decode, encode_u8, luminance
 
@@ -157,7 +157,7 @@ def _fill_clean(around: Surroundings, lifted: Rgb, inpaint: Inpaint) -> Backgrou
     small_fill = reduce_photo(clean_fill, around.coverage).background
     old = luminance(decode(before.background))
     # A fill without shadows must not be brighter than the removed shadow explains.
-    rejected_pieces = plan.unlike(_smooth(luminance(decode(small_fill))), old)
+    rejected_pieces = plan.find_misfits(_blur(luminance(decode(small_fill))), old)
     rejected_mask = _enlarge_mask(rejected_pieces, shape) & full_hole
     if rejected_mask.any():
         masked_photo = np.where(
@@ -208,5 +208,5 @@ def _smooth_fill(picture: F32, hole: Mask, tolerance: float) -> F32:
     return np.where(hole[..., None], smooth, picture)
 
 
-def _smooth(values: F32) -> F32:
+def _blur(values: F32) -> F32:
     return np.asarray(cv2.GaussianBlur(values, (0, 0), GRAIN), np.float32)

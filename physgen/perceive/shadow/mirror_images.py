@@ -179,15 +179,15 @@ def _has_outline(differences: F32, part: Mask, free_ground: Mask) -> bool:
     grey = differences.mean(axis=2)
     mean = float(grey[part].mean())
     compared_ground = free_ground & part.any(axis=1).reshape(-1, 1)
-    inner_band = part & _within(compared_ground, width)
-    outer_band = compared_ground & _within(part, width)
+    inner_band = part & _dilate(compared_ground, width)
+    outer_band = compared_ground & _dilate(part, width)
     if abs(mean) < MIRROR.least or not inner_band.any() or not outer_band.any():
         return False
     step = float(grey[inner_band].mean() - grey[outer_band].mean())
     return step / mean >= MIRROR.outline
 
 
-def _within(mask: Mask, distance: float) -> Mask:
+def _dilate(mask: Mask, distance: float) -> Mask:
     """Return the pixels (h, w) at most `distance` px from `mask` (h, w)."""
     distances = cv2.distanceTransform((~mask).view(np.uint8), cv2.DIST_L2, 5)
     return np.asarray(distances <= distance)
@@ -210,7 +210,7 @@ def _shows_mirror_image(
         ]
         for picture in pictures
     )
-    return _is_mirrored(image, item, ground.texture, least_structure)
+    return _is_mirror_image(image, item, ground.texture, least_structure)
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,7 +257,7 @@ def _blur_within_part(differences: F32, part: Mask, height: int) -> NDArray[np.f
     return np.asarray(sums / np.maximum(total, 1e-3)[..., None], np.float32)
 
 
-def _is_mirrored(
+def _is_mirror_image(
     image: NDArray[np.float32],
     item: NDArray[np.float32],
     texture: float,

@@ -91,56 +91,87 @@ def _enlarge_owners(owners: Labels, coverage: F32) -> Labels | None:
     return np.asarray(large, np.uint16) if large.any() else None
 
 
+@dataclass(frozen=True)
+class _Box:
+    """A box of the full picture, and its scale over the small one."""
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+    # Ratios of both pictures' widths and heights.
+    x_ratio: float
+    y_ratio: float
+
+    @property
+    def slices(self) -> tuple[slice, slice]:
+        """Return rows and columns."""
+        return slice(self.top, self.bottom), slice(self.left, self.right)
+
+    def enlarge(self, small: F32) -> F32:
+        """Return the values of a small map (h, w), interpolated in the box."""
+        matrix = np.array(
+            [
+                [1 / self.x_ratio, 0, (self.left + 0.5) / self.x_ratio - 0.5],
+                [0, 1 / self.y_ratio, (self.top + 0.5) / self.y_ratio - 0.5],
+            ]
+        )
+        values = cv2.warpAffine(
+            np.ascontiguousarray(small),
+            matrix,
+            (self.right - self.left, self.bottom - self.top),
+            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+        return np.asarray(values, np.float32)
+
+
 def _lighten(background: Rgb, small: Rgb, lifted: Rgb) -> Rgb:
     """Return `background` with the light by which `lifted` exceeds `small` (h, w,
     3).
     """
-    height, width = background.shape[:2]
     guide = _log(luminance(decode(small)))
     gain = _log(decode(lifted)) - _log(decode(small))
-    rows, columns = (
-        np.flatnonzero((np.abs(gain) > VISIBLE).any(axis=axes))
-        for axes in ((1, 2), (0, 2))
-    )
-    if not len(rows):
+    box = _changed_box(gain, background.shape)
+    if box is None:
         return background
     slope, level = _fit_lines(guide, gain)
-    # Only a box around the changes, extended by the windows' reach, is computed.
-    down, x_ratio = height / small.shape[0], width / small.shape[1]
-    top, bottom = (rows[0] - GUIDE_SIDE) * down, (rows[-1] + GUIDE_SIDE) * down
-    left, right = (
-        (columns[0] - GUIDE_SIDE) * x_ratio,
-        (columns[-1] + GUIDE_SIDE) * x_ratio,
-    )
-    x0, y0 = max(int(left), 0), max(int(top), 0)
-    x1, y1 = min(int(right) + 1, width), min(int(bottom) + 1, height)
-    part = np.s_[y0:y1, x0:x1]
-    linear = decode(background[part])
+    linear = decode(background[box.slices])
     levels = _log(luminance(linear))
-    matrix = np.array(
-        [
-            [1 / x_ratio, 0, (x0 + 0.5) / x_ratio - 0.5],
-            [0, 1 / down, (y0 + 0.5) / down - 0.5],
-        ]
-    )
     for channel in range(3):
         slope_map, level_map = (
-            cv2.warpAffine(
-                np.ascontiguousarray(line_map[..., channel]),
-                matrix,
-                (x1 - x0, y1 - y0),
-                flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
-                borderMode=cv2.BORDER_REPLICATE,
-            )
-            for line_map in (slope, level)
+            box.enlarge(line_map[..., channel]) for line_map in (slope, level)
         )
         log_gain = np.maximum(slope_map * levels + level_map, 0)
         linear[..., channel] *= np.where(
             log_gain > VISIBLE, cv2.exp(log_gain), np.float32(1)
         )
     result = background.copy()
-    result[part] = encode_u8(np.minimum(linear, 1))
+    result[box.slices] = encode_u8(np.minimum(linear, 1))
     return result
+
+
+def _changed_box(gain: F32, shape: tuple[int, ...]) -> _Box | None:
+    """Return the box of visible changes, extended by the windows' reach, or None.
+
+    `gain` (h, w, 3) is small; `shape` is the full picture's.
+    """
+    height, width = shape[:2]
+    rows, columns = (
+        np.flatnonzero((np.abs(gain) > VISIBLE).any(axis=axes))
+        for axes in ((1, 2), (0, 2))
+    )
+    if not len(rows):
+        return None
+    y_ratio, x_ratio = height / gain.shape[0], width / gain.shape[1]
+    return _Box(
+        max(int((columns[0] - GUIDE_SIDE) * x_ratio), 0),
+        max(int((rows[0] - GUIDE_SIDE) * y_ratio), 0),
+        min(int((columns[-1] + GUIDE_SIDE) * x_ratio) + 1, width),
+        min(int((rows[-1] + GUIDE_SIDE) * y_ratio) + 1, height),
+        x_ratio,
+        y_ratio,
+    )
 
 
 def _fit_lines(guide: F32, values: F32) -> tuple[F32, F32]:

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import acos, asin, atan2, cos, degrees, inf, pi, sin
+from typing import Any
 
 import cv2
 import numpy as np
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 
 from physgen.geometry.shadows import ShadowSetting, Silhouette
 from physgen.maps import F32
-from physgen.perceive.roles import LightGuess, Rgb
+from physgen.perceive.roles import LightGuess, Mask, Rgb
 from physgen.perceive.shadow.silhouettes import (
     DARKEST,
     away_from_objects,
@@ -29,6 +30,8 @@ from physgen.perceive.shadow.silhouettes import (
     typical_size,
 )
 from physgen.photometry import DistantLight, decode, luminance
+
+Spectrum = NDArray[np.complexfloating[Any, Any]]
 
 COARSE, FINE = 192, 384
 """px: longer side of the pictures for the search of the light, first and second."""
@@ -136,41 +139,47 @@ class LightGradients:
         Only pixels near predicted edges count. The list is empty if hardly any of them
         are visible.
         """
-        rows, columns = (
-            np.flatnonzero(model.max(axis=1) > 0.02),
-            np.flatnonzero(model.max(axis=0) > 0.02),
-        )
-        if len(rows) < 2 or len(columns) < 2:
+        part = self._window(model)
+        if part is None:
             return []
-        pad = int(3 * self.slopes[-1][0]) + 4
-        top, left = max(int(rows[0]) - pad, 0), max(int(columns[0]) - pad, 0)
-        part = np.s_[top : int(rows[-1]) + pad + 1, left : int(columns[-1]) + pad + 1]
-        model, known_weights = np.minimum(model[part], 2.5), self.known[part]
+        shadows = np.minimum(model[part], 2.5) * self.known[part]
         inner_weights = self.within[part]
         result = []
         for width, known_share, right, down in self.slopes:
-            smooth_model = cv2.GaussianBlur(
-                model * known_weights, (0, 0), width
-            ) / np.maximum(known_share[part], 0.05)
-            dy, dx = np.gradient(smooth_model)
-            energy = np.asarray(dx * dx + dy * dy, np.float32)
-            # Compare only near the edges of predicted shadows.
-            edges = energy > 0.01 * float((energy * inner_weights).max())
-            weight = inner_weights * cv2.dilate(
-                edges.astype(np.uint8), np.ones((9, 9), np.uint8)
+            dy, dx = np.gradient(
+                cv2.GaussianBlur(shadows, (0, 0), width)
+                / np.maximum(known_share[part], 0.05)
             )
+            energy = np.asarray(dx * dx + dy * dy, np.float32)
+            weight = inner_weights * _near_edges(energy, inner_weights)
             model_energy = float((weight * energy).sum())
             if model_energy <= TUNING.least_seen * float(energy.sum()):
                 return []
             product = -float((weight * (dx * right[part] + dy * down[part])).sum())
-            result.append(
-                (
-                    product,
-                    model_energy,
-                    float((weight * (right[part] ** 2 + down[part] ** 2)).sum()),
-                )
-            )
+            photo_energy = weight * (right[part] ** 2 + down[part] ** 2)
+            result.append((product, model_energy, float(photo_energy.sum())))
         return result
+
+    def _window(self, model: F32) -> tuple[slice, slice] | None:
+        """Return rows and columns around visible shadows of `model` (h, w), or None."""
+        rows = np.flatnonzero(model.max(axis=1) > 0.02)
+        columns = np.flatnonzero(model.max(axis=0) > 0.02)
+        if len(rows) < 2 or len(columns) < 2:
+            return None
+        pad = int(3 * self.slopes[-1][0]) + 4
+        top, left = max(int(rows[0]) - pad, 0), max(int(columns[0]) - pad, 0)
+        bottom, right = int(rows[-1]) + pad + 1, int(columns[-1]) + pad + 1
+        return slice(top, bottom), slice(left, right)
+
+
+def _near_edges(energy: F32, inner_weights: F32) -> NDArray[np.uint8]:
+    """Return 1 (h, w) near the edges of predicted shadows, else 0.
+
+    `energy` (h, w) is the squared gradient of the prediction.
+    """
+    edges = energy > 0.01 * float((energy * inner_weights).max())
+    near_edges = cv2.dilate(edges.astype(np.uint8), np.ones((9, 9), np.uint8))
+    return np.asarray(near_edges, np.uint8)
 
 
 def light_gradients(
@@ -195,26 +204,31 @@ def light_gradients(
     )
     small = np.asarray(small / np.maximum(share, 0.05), np.float32)
     known_weights = np.asarray(share * (share > 0.5), np.float32)
-    slopes = []
-    for part in TUNING.widths:
-        width = max(part * typical_size(silhouettes), 1.0)
-        known_share = np.asarray(
-            cv2.GaussianBlur(known_weights, (0, 0), width), np.float32
-        )
-        down, right = np.gradient(
-            cv2.GaussianBlur(small * known_weights, (0, 0), width)
-            / np.maximum(known_share, 0.05)
-        )
-        slopes.append(
-            (
-                width,
-                known_share,
-                np.asarray(right, np.float32),
-                np.asarray(down, np.float32),
-            )
-        )
+    size = typical_size(silhouettes)
+    slopes = [
+        _slopes(small, known_weights, max(part * size, 1.0)) for part in TUNING.widths
+    ]
     return LightGradients(
         scale, (w, h), known_weights, slopes, silhouettes, join_silhouettes(silhouettes)
+    )
+
+
+def _slopes(
+    light: F32, known_weights: F32, width: float
+) -> tuple[float, F32, F32, F32]:
+    """Return `width`, the known share (h, w) within it, and the gradients of `light`
+    (h, w) in x and y.
+    """
+    known_share = np.asarray(cv2.GaussianBlur(known_weights, (0, 0), width), np.float32)
+    down, right = np.gradient(
+        cv2.GaussianBlur(light * known_weights, (0, 0), width)
+        / np.maximum(known_share, 0.05)
+    )
+    return (
+        width,
+        known_share,
+        np.asarray(right, np.float32),
+        np.asarray(down, np.float32),
     )
 
 
@@ -242,27 +256,27 @@ def search_light(
     first = ShadowSetting(guess.light, 4.0, False, TILT, inf, gradients[0].size)
     telling = [candidate.telling for candidate in gradients]
 
-    def rated(k: int, setting: ShadowSetting) -> LightFit:
+    def rate(k: int, setting: ShadowSetting) -> LightFit:
         return _rate_setting(gradients[k], telling[k], setting, guess)
 
     starts = [
-        (k, rated(k, setting))
+        (k, rate(k, setting))
         for k in range(len(gradients))
         for setting in _starts(first, guess)
     ]
     starts.sort(key=lambda start: -start[1].likeness)
 
-    def climbed(k: int, fit: LightFit) -> LightFit:
+    def climb(k: int, fit: LightFit) -> LightFit:
         return _choose_better_fit(
-            fit, _coarse_steps(fit.setting), lambda setting: rated(k, setting)
+            fit, _coarse_steps(fit.setting), lambda setting: rate(k, setting)
         )
 
     k, best = max(
-        ((k, climbed(k, fit)) for k, fit in starts[:3]), key=lambda end: end[1].likeness
+        ((k, climb(k, fit)) for k, fit in starts[:3]), key=lambda end: end[1].likeness
     )
     # Repeat the steps while they still improve the fit.
     for _ in range(2):
-        before, best = best, climbed(k, best)
+        before, best = best, climb(k, best)
         if best.likeness < before.likeness + 0.005:
             break
     return k, best
@@ -283,10 +297,10 @@ def _rate_setting(
 def _choose_better_fit(
     fit: LightFit,
     settings: Iterator[ShadowSetting],
-    rated: Callable[[ShadowSetting], LightFit],
+    rate: Callable[[ShadowSetting], LightFit],
 ) -> LightFit:
     for setting in settings:
-        if (other := rated(setting)).likeness > fit.likeness and other.factor > 0:
+        if (other := rate(setting)).likeness > fit.likeness and other.factor > 0:
             fit = other
     return fit
 
@@ -321,15 +335,15 @@ def refine_light(
     """
     telling = fine.telling
 
-    def rated(where: ShadowSetting) -> LightFit:
+    def rate(where: ShadowSetting) -> LightFit:
         return _rate_setting(fine, telling, where, guess)
 
-    fit = rated(setting)
+    fit = rate(setting)
     for step, times in ((0.12, 1), (0.06, 2), (0.03, 1)):
         for _ in range(times):
             before = fit
             fit = _choose_better_fit(
-                fit, iter(list(_fine_steps(fit.setting, step))), rated
+                fit, iter(list(_fine_steps(fit.setting, step))), rate
             )
             # The same steps would fail again.
             if fit is before:
@@ -368,7 +382,7 @@ def _starts(first: ShadowSetting, guess: LightGuess) -> Iterator[ShadowSetting]:
             )
 
 
-def _turned(setting: ShadowSetting, step: float) -> Iterator[ShadowSetting]:
+def _turn_light(setting: ShadowSetting, step: float) -> Iterator[ShadowSetting]:
     """Yield the light turned about the vertical, and raised and lowered, by `step`
     radians.
     """
@@ -389,8 +403,8 @@ def _turned(setting: ShadowSetting, step: float) -> Iterator[ShadowSetting]:
 
 def _coarse_steps(setting: ShadowSetting) -> Iterator[ShadowSetting]:
     """Yield neighbours of a setting with one changed number."""
-    yield from _turned(setting, 0.15)
-    yield from _turned(setting, 0.06)
+    yield from _turn_light(setting, 0.15)
+    yield from _turn_light(setting, 0.06)
     for softness in (1.0, 3.0, 6.0, 12.0, 25.0):
         yield replace(setting, softness=softness)
     for share in (0.2, 0.5, 0.85):
@@ -400,7 +414,7 @@ def _coarse_steps(setting: ShadowSetting) -> Iterator[ShadowSetting]:
 
 
 def _fine_steps(setting: ShadowSetting, step: float) -> Iterator[ShadowSetting]:
-    yield from _turned(setting, step)
+    yield from _turn_light(setting, step)
     for ratio in (1 + 4 * step, 1 / (1 + 4 * step)):
         yield replace(setting, softness=min(max(setting.softness * ratio, 0.5), 45.0))
     for ratio in (1 + 2 * step, 1 / (1 + 2 * step)):
@@ -488,54 +502,123 @@ def wall_coverage(
 
 def refine_wall_shadow(gradients: LightGradients, shadow: WallShadow) -> WallShadow:
     """Return a wall shadow after smaller steps on a finer picture, with soft edges."""
-
-    def rated(one: WallShadow) -> WallShadow:
-        total = wall_coverage(
-            gradients.silhouettes, one, gradients.scale, gradients.size
-        )
-        softness = one.soft / gradients.scale
-        model = (
-            total
-            if softness < 0.3
-            else np.asarray(cv2.GaussianBlur(total, (0, 0), softness), np.float32)
-        )
-        likeness, factor = gradients.agreement(model)
-        return replace(one, likeness=likeness, factor=factor)
-
-    def steps(one: WallShadow, step: float) -> list[WallShadow]:
-        (dx, dy) = one.shift
-        shifted_shadows = [
-            replace(one, shift=(dx + a * step, dy + b * step))
-            for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))
-        ]
-        return [
-            *shifted_shadows,
-            replace(one, soft=one.soft * 1.5),
-            replace(one, soft=one.soft / 1.5),
-        ]
-
-    best = rated(replace(shadow, soft=gradients.slopes[0][0] * gradients.scale))
+    first_blur = gradients.slopes[0][0] * gradients.scale
+    best = _rate_wall_shadow(gradients, replace(shadow, soft=first_blur))
     for step in (4.0, 2.0, 1.0):
-        size_step = 0.01 * step
-        sizes = [
-            replace(best, size=best.size + size_step),
-            replace(best, size=best.size - size_step),
-        ]
-        tries = steps(best, step)
-        tries = [*tries[:4], *sizes, *tries[4:]]
+        shifts, blurs = _shift_steps(best, step), _blur_steps(best)
+        tries = [*shifts, *_size_steps(best, 0.01 * step), *blurs]
         for _ in range(2):
-            best = max(
-                [best, *(rated(one) for one in tries)], key=lambda one: one.likeness
-            )
-            tries = steps(best, step)
+            fits = [_rate_wall_shadow(gradients, one) for one in tries]
+            best = max([best, *fits], key=lambda one: one.likeness)
+            tries = [*_shift_steps(best, step), *_blur_steps(best)]
     return best
+
+
+def _rate_wall_shadow(gradients: LightGradients, shadow: WallShadow) -> WallShadow:
+    """Return a wall shadow with its likeness and factor."""
+    model = wall_coverage(
+        gradients.silhouettes, shadow, gradients.scale, gradients.size
+    )
+    blur = shadow.soft / gradients.scale
+    if blur >= 0.3:
+        model = np.asarray(cv2.GaussianBlur(model, (0, 0), blur), np.float32)
+    likeness, factor = gradients.agreement(model)
+    return replace(shadow, likeness=likeness, factor=factor)
+
+
+def _shift_steps(shadow: WallShadow, step: float) -> list[WallShadow]:
+    dx, dy = shadow.shift
+    return [
+        replace(shadow, shift=(dx + a * step, dy + b * step))
+        for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))
+    ]
+
+
+def _size_steps(shadow: WallShadow, step: float) -> list[WallShadow]:
+    return [replace(shadow, size=shadow.size + sign * step) for sign in (1, -1)]
+
+
+def _blur_steps(shadow: WallShadow) -> list[WallShadow]:
+    return [
+        replace(shadow, soft=shadow.soft * 1.5),
+        replace(shadow, soft=shadow.soft / 1.5),
+    ]
+
+
+@dataclass(frozen=True)
+class _ShiftSearch:
+    """Correlations of a photo's gradients over all shifts: products of spectra."""
+
+    shape: tuple[int, int]
+    # Spectra of the gradients in x and y.
+    right: Spectrum
+    down: Spectrum
+    # Spectra of the squared gradients and of the weights.
+    energy: Spectrum
+    weights: Spectrum
+    # (h, w): shifts of a shadow that lies beside or below its object.
+    allowed_shifts: Mask
+
+    def correlate(self, spectrum: Spectrum, model: F32) -> NDArray[np.float64]:
+        """Return the correlation (h, w) of a spectrum with a picture over all
+        shifts.
+        """
+        model_spectrum = np.conj(np.fft.rfft2(model, self.shape))
+        return np.asarray(np.fft.irfft2(spectrum * model_spectrum, self.shape))
+
+    def best_shift(
+        self, outline: F32, blur: float
+    ) -> tuple[tuple[float, float], float, float]:
+        """Return the best shift of shadows of an `outline` (h, w), its likeness and
+        factor.
+
+        The shift is down and right, px; `blur` is the width of the photo's gradients.
+        """
+        dy, dx = np.gradient(cv2.GaussianBlur(outline, (0, 0), blur))
+        energy = dx * dx + dy * dy
+        edges = (energy > 0.02 * energy.max()).astype(np.float32)
+        band = np.asarray(cv2.dilate(edges, np.ones((5, 5), np.uint8)), np.float32)
+        products = -(self.correlate(self.right, dx) + self.correlate(self.down, dy))
+        model_energy = np.maximum(self.correlate(self.weights, energy), 1e-9)
+        photo_energy = np.maximum(self.correlate(self.energy, band), 1e-9)
+        visible = self.allowed_shifts & (model_energy > TUNING.in_sight * energy.sum())
+        likeness = np.where(
+            visible, products / np.sqrt(model_energy * photo_energy), -1.0
+        )
+        row, column = (
+            int(k) for k in np.unravel_index(int(likeness.argmax()), likeness.shape)
+        )
+        shift = _signed_shift(row, self.shape[0]), _signed_shift(column, self.shape[1])
+        factor = float(products[row, column] / model_energy[row, column])
+        return shift, float(likeness[row, column]), factor
 
 
 def find_wall_shadow(gradients: LightGradients) -> WallShadow | None:
     """Return the shift of the objects onto their shadows, or None if too few are
     visible.
     """
-    width, known_share, right, down = gradients.slopes[-1]
+    search = _shift_search(gradients)
+    if search is None:
+        return None
+    blur = gradients.slopes[-1][0]
+    best: WallShadow | None = None
+    for size in TUNING.wall_sizes:
+        outline = wall_coverage(
+            gradients.silhouettes, WallShadow((0.0, 0.0), size), 1.0, gradients.size
+        )
+        (down, right), likeness, factor = search.best_shift(outline, blur)
+        if likeness > (best.likeness if best else 0.0):
+            shift = right * gradients.scale, down * gradients.scale
+            best = WallShadow(shift, size, likeness, factor)
+    return best
+
+
+def _shift_search(gradients: LightGradients) -> _ShiftSearch | None:
+    """Return the search of shadows in the widest gradients; None without free pixels.
+
+    Gradients steeper than a percentile are edges of objects and are clipped to it.
+    """
+    _, known_share, right, down = gradients.slopes[-1]
     inner_weights = cv2.erode(gradients.known, np.ones((3, 3), np.uint8)) * (
         known_share > 0.3
     )
@@ -551,45 +634,26 @@ def find_wall_shadow(gradients: LightGradients) -> WallShadow | None:
         cv2.getOptimalDFTSize(2 * gradients.size[1]),
         cv2.getOptimalDFTSize(2 * gradients.size[0]),
     )
-    # Correlations over all shifts are products of spectra.
-    spectra = [
-        np.fft.rfft2(part, shape)
-        for part in (right, down, right * right + down * down, inner_weights)
-    ]
-    rows, columns = (np.fft.fftfreq(n, 1 / n)[:, None] for n in shape)
     reach = TUNING.farthest * typical_size(gradients.silhouettes)
-    # A shadow lies beside or below its object, up to `TUNING.farthest`.
-    allowed_shifts = (
-        (np.abs(columns.T) < reach) & (rows > -0.12 * reach) & (rows < reach)
+    return _ShiftSearch(
+        shape,
+        right=np.fft.rfft2(right, shape),
+        down=np.fft.rfft2(down, shape),
+        energy=np.fft.rfft2(right * right + down * down, shape),
+        weights=np.fft.rfft2(inner_weights, shape),
+        allowed_shifts=_allowed_shifts(shape, reach),
     )
 
-    def correlated(k: int, by: F32) -> NDArray[np.float64]:
-        return np.fft.irfft2(spectra[k] * np.conj(np.fft.rfft2(by, shape)), shape)
 
-    best: WallShadow | None = None
-    for size in TUNING.wall_sizes:
-        outline = wall_coverage(
-            gradients.silhouettes, WallShadow((0.0, 0.0), size), 1.0, gradients.size
-        )
-        dy, dx = np.gradient(cv2.GaussianBlur(outline, (0, 0), width))
-        energy = dx * dx + dy * dy
-        edges = (energy > 0.02 * energy.max()).astype(np.float32)
-        band = np.asarray(cv2.dilate(edges, np.ones((5, 5), np.uint8)), np.float32)
-        products = -(correlated(0, dx) + correlated(1, dy))
-        model_energy, photo_energy = (
-            np.maximum(correlated(3, energy), 1e-9),
-            np.maximum(correlated(2, band), 1e-9),
-        )
-        visible = allowed_shifts & (model_energy > TUNING.in_sight * energy.sum())
-        likeness = np.where(
-            visible, products / np.sqrt(model_energy * photo_energy), -1.0
-        )
-        row, column = np.unravel_index(int(likeness.argmax()), likeness.shape)
-        if likeness[row, column] > (best.likeness if best else 0.0):
-            shift = (
-                float(columns[column, 0]) * gradients.scale,
-                float(rows[row, 0]) * gradients.scale,
-            )
-            factor = float(products[row, column] / model_energy[row, column])
-            best = WallShadow(shift, size, float(likeness[row, column]), factor)
-    return best
+def _allowed_shifts(shape: tuple[int, int], reach: float) -> Mask:
+    """Return shifts (h, w) of a shadow beside or below its object, up to `reach` px."""
+    rows, columns = (np.fft.fftfreq(n, 1 / n)[:, None] for n in shape)
+    is_beside = np.abs(columns.T) < reach
+    return np.asarray(is_beside & (rows > -0.12 * reach) & (rows < reach))
+
+
+def _signed_shift(index: int, count: int) -> float:
+    """Return the shift of an index in a periodic correlation; the upper half is
+    negative.
+    """
+    return float(np.fft.fftfreq(count, 1 / count)[index])

@@ -43,14 +43,12 @@ from physgen.perceive.shadow.shadow_fit import (
     wall_coverage,
     with_direction,
 )
-from physgen.perceive.shadow.shadow_removal import (
-    FAINT,
+from physgen.perceive.shadow.shadow_owners import (
     PREDICTED,
-    edge_ratio,
-    remove_shadows,
     shadow_owners,
     shadow_owners_by_model,
 )
+from physgen.perceive.shadow.shadow_removal import FAINT, edge_ratio, remove_shadows
 from physgen.perceive.shadow.silhouettes import (
     Casts,
     join_silhouettes,
@@ -243,29 +241,33 @@ def _reduced_shadows(photo: _Photo, guess: LightGuess) -> Shadows:
         ratio = edge_ratio(background, clean_background, coverage)
         if ratio <= LIMITS.seen and (ratio <= LIMITS.calm or result.owners is None):
             casts = _casts(silhouettes, fit, wall, photo.size)
-            result = replace(
-                result,
-                owners=shadow_owners(background, clean_background, coverage, casts),
-            )
+            owners = shadow_owners(background, clean_background, coverage, casts)
+            result = replace(result, owners=owners)
         if ratio <= LIMITS.calm:
-            setting, confidence = _light(fit, wall, guess, photo.size)
-            setting = _with_known_tilt(setting, photo.boundaries.tilt)
-            back = None if setting.backdrop == inf else round(setting.backdrop, 1)
-            tilt, softness = (
-                round(degrees(atan(setting.tilt)), 1),
-                round(setting.softness, 1),
-            )
-            confidence = round(min(0.9, confidence), 2)
-            return Shadows(
-                clean_background,
-                result.owners,
-                setting.light,
-                softness,
-                tilt,
-                back,
-                confidence,
+            return _describe_light(
+                photo, _light(fit, wall, guess, photo.size), clean_background, result
             )
     return _soft_shade(photo, guess) or result
+
+
+def _describe_light(
+    photo: _Photo,
+    light: tuple[ShadowSetting, float],
+    clean_background: Rgb,
+    shadows: Shadows,
+) -> Shadows:
+    """Return `shadows` with a light, its confidence and the clean background."""
+    setting, confidence = light
+    setting = _with_known_tilt(setting, photo.boundaries.tilt)
+    return Shadows(
+        clean_background,
+        shadows.owners,
+        setting.light,
+        round(setting.softness, 1),
+        round(degrees(atan(setting.tilt)), 1),
+        None if setting.backdrop == inf else round(setting.backdrop, 1),
+        round(min(0.9, confidence), 2),
+    )
 
 
 def _is_ground_known(photo: _Photo) -> bool:

@@ -57,52 +57,71 @@ def object_silhouettes(
     result = []
     sizes = {t.id: mass_properties(t.outline).area for t in objects}
     for item in sorted(objects, key=lambda t: -sizes[t.id])[:MOST]:
-        x0, y0, x1, y1 = bounds(item.outline)
-        a, b = max(int(x0) - 2, 0), max(int(y0) - 2, 0)
-        c, d = min(ceil(x1) + 3, labels.shape[1]), min(ceil(y1) + 3, labels.shape[0])
-        mask = (labels[b:d, a:c] == item.id).astype(np.float32)
-        if not mask.any():
+        coverage = _reduced_coverage(labels, item, scale)
+        if coverage is None:
             continue
-        corner = int(a / scale), int(b / scale)
-        size = ceil(c / scale) + 1 - corner[0], ceil(d / scale) + 1 - corner[1]
-        matrix = np.array(
-            [
-                [1 / scale, 0, (a + 0.5) / scale - 0.5 - corner[0]],
-                [0, 1 / scale, (b + 0.5) / scale - 0.5 - corner[1]],
-            ]
-        )
-        # Blur before sampling, so that a reduced mask has no aliasing.
-        smooth_mask = (
-            cv2.GaussianBlur(mask, (0, 0), 0.4 * scale) if scale > 1.2 else mask
-        )
-        small = np.asarray(
-            cv2.warpAffine(smooth_mask, matrix, size, flags=cv2.INTER_LINEAR),
-            np.float32,
-        )
         x, y = (mass_properties(item.outline).center / scale).tolist()
         radius = item.outline.radius / scale if isinstance(item.outline, Disc) else None
         ball = radius is not None and matter[item.id].solid is Solid.SPHERE
-        width, high = (x1 - x0) / scale, (y1 - y0) / scale
-        # The depth of an object is unknown: assume about the mean of its width and
-        # height.
-        thickness = 2 * radius if radius is not None else 0.9 * (width * high) ** 0.5
-        if boundaries.view is View.TOP and not ball:
-            thickness *= 0.4 if radius is not None else 0.6
-        floor_row = (
-            _row_below(grounds, x, y1 / scale - 0.5) if floor is None else floor / scale
-        )
+        bottom = bounds(item.outline)[3] / scale - 0.5
+        floor_row = _row_below(grounds, x, bottom) if floor is None else floor / scale
         result.append(
             Silhouette(
-                small,
-                corner,
+                *coverage,
                 (x, y),
                 radius if ball else None,
-                thickness,
+                _thickness(
+                    item, scale, from_above=boundaries.view is View.TOP, ball=ball
+                ),
                 floor_row,
                 id=item.id,
             )
         )
     return result
+
+
+def _reduced_coverage(
+    labels: Labels, item: PhotoObject, scale: float
+) -> tuple[F32, tuple[int, int]] | None:
+    """Return an object's coverage (h, w) on the reduced picture, and its upper left
+    corner there; None if the object is hidden.
+    """
+    x0, y0, x1, y1 = bounds(item.outline)
+    a, b = max(int(x0) - 2, 0), max(int(y0) - 2, 0)
+    c, d = min(ceil(x1) + 3, labels.shape[1]), min(ceil(y1) + 3, labels.shape[0])
+    mask = (labels[b:d, a:c] == item.id).astype(np.float32)
+    if not mask.any():
+        return None
+    corner = int(a / scale), int(b / scale)
+    size = ceil(c / scale) + 1 - corner[0], ceil(d / scale) + 1 - corner[1]
+    matrix = np.array(
+        [
+            [1 / scale, 0, (a + 0.5) / scale - 0.5 - corner[0]],
+            [0, 1 / scale, (b + 0.5) / scale - 0.5 - corner[1]],
+        ]
+    )
+    # Blur before sampling, so that a reduced mask has no aliasing.
+    smooth_mask = cv2.GaussianBlur(mask, (0, 0), 0.4 * scale) if scale > 1.2 else mask
+    small = cv2.warpAffine(smooth_mask, matrix, size, flags=cv2.INTER_LINEAR)
+    return np.asarray(small, np.float32), corner
+
+
+def _thickness(
+    item: PhotoObject, scale: float, *, from_above: bool, ball: bool
+) -> float:
+    """Return an object's thickness, px of the reduced picture.
+
+    The depth of an object is unknown: assume about the mean of its width and height.
+    """
+    is_disc = isinstance(item.outline, Disc)
+    if isinstance(item.outline, Disc):
+        thickness = 2 * (item.outline.radius / scale)
+    else:
+        x0, y0, x1, y1 = bounds(item.outline)
+        thickness = 0.9 * ((x1 - x0) / scale * ((y1 - y0) / scale)) ** 0.5
+    if from_above and not ball:
+        thickness *= 0.4 if is_disc else 0.6
+    return thickness
 
 
 def join_silhouettes(silhouettes: Sequence[Silhouette]) -> list[Silhouette]:
@@ -116,7 +135,7 @@ def join_silhouettes(silhouettes: Sequence[Silhouette]) -> list[Silhouette]:
         (w for w in silhouettes if w.radius is None), key=lambda w: w.thickness
     ):
         for group in groups:
-            if _alike(group[0], silhouette):
+            if _are_alike(group[0], silhouette):
                 group.append(silhouette)
                 break
         else:
@@ -141,7 +160,7 @@ def _union(group: Sequence[Silhouette]) -> Silhouette:
     )
 
 
-def _alike(one: Silhouette, other: Silhouette) -> bool:
+def _are_alike(one: Silhouette, other: Silhouette) -> bool:
     if one.floor is None or other.floor is None:
         return False
     return abs(one.floor - other.floor) < 1 and other.thickness < 1.5 * one.thickness

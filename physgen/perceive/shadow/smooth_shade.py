@@ -176,11 +176,11 @@ def _surroundings(
     logs = np.log(linear + DARKEST).astype(np.float32)
     sigma = max(TUNING.smooth * size, 1.0)
     # Single grains have many hues, so that hues of a local mean are compared.
-    mean = np.exp(_smoothed(logs, ring, sigma)) - DARKEST
-    ground = ring & _alike(np.asarray(mean, np.float32), ring)
+    mean = np.exp(_blur_known(logs, ring, sigma)) - DARKEST
+    ground = ring & _find_even_ground(np.asarray(mean, np.float32), ring)
     if np.count_nonzero(ground) < TUNING.ground * np.count_nonzero(ring):
         return None
-    smooth_logs = _smoothed(logs, ground, sigma)
+    smooth_logs = _blur_known(logs, ground, sigma)
     return _Surroundings(smooth_logs, own_mask, ground, distances, size)
 
 
@@ -188,7 +188,7 @@ def _depth(around: _Surroundings) -> Darkness | None:
     """Return -log (h, w, 3) of the missing light, or None without shade."""
     ground = around.ground_mask
     shade = _shade_mask(around)
-    connected_shade = _joined(shade, around.own_mask)
+    connected_shade = _connect(shade, around.own_mask)
     if not _is_shade(around, shade, connected_shade):
         return None
     lit_mask = _select_unshaded_ground(shade, ground)
@@ -247,7 +247,7 @@ def _select_unshaded_ground(shade_mask: Mask, ground_mask: Mask) -> Mask:
     return lit_mask if lit_mask.sum() > TUNING.size else ground_mask & ~shade_mask
 
 
-def _alike(linear: F32, ring_mask: Mask) -> Mask:
+def _find_even_ground(linear: F32, ring_mask: Mask) -> Mask:
     """Return the pixels (h, w) with the hue and about the light of most of a ring."""
     total = linear.sum(axis=2) + 3 * DARKEST
     hue = (linear[..., [0, 2]] + DARKEST) / total[..., None]
@@ -262,7 +262,7 @@ def _alike(linear: F32, ring_mask: Mask) -> Mask:
     return np.asarray(has_ground_hue & (offset > -darker) & (offset < brighter))
 
 
-def _smoothed(values: F32, known_mask: Mask, sigma: float) -> F32:
+def _blur_known(values: F32, known_mask: Mask, sigma: float) -> F32:
     """Return a blur of (h, w, 3) from known pixels only."""
     weight = known_mask.astype(np.float32)
     weights = cv2.GaussianBlur(weight, (0, 0), sigma)[..., None]
@@ -303,7 +303,7 @@ def _base(shape: tuple[int, ...]) -> NDArray[np.float64]:
     return np.stack([constant, columns / shape[1], rows / shape[1]], axis=-1)
 
 
-def _joined(shade_mask: Mask, own_mask: Mask) -> Mask:
+def _connect(shade_mask: Mask, own_mask: Mask) -> Mask:
     """Return the shaded pixels connected to the object."""
     wide_object = cv2.dilate(own_mask.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
     _, names = cv2.connectedComponents((shade_mask | wide_object).astype(np.uint8))

@@ -51,14 +51,17 @@ def fit_rectangles(objects: Sequence[PhotoObject]) -> dict[int, Outline]:
     outlines = [item.outline for item in objects]
     touching = touching_objects(objects)
     result: dict[int, Outline] = {}
-    boxes = np.array([bounds(outline) for outline in outlines]).reshape(-1, 4)
+    boxes = np.array(list(map(bounds, outlines))).reshape(-1, 4)
     for k, item in enumerate(objects):
         if item.id in touching or item.cut:
             continue
         rectangle = fit_rectangle(item.outline)
         if rectangle is None:
             continue
-        neighbours = [outlines[i] for i in _find_overlaps(boxes, rectangle) if i != k]
+        neighbours = []
+        for i in _find_overlaps(boxes, rectangle):
+            if i != k:
+                neighbours.append(outlines[i])
         if all(overlap_depth(rectangle, other) <= BOX.overlap for other in neighbours):
             result[item.id] = rectangle
     return result
@@ -69,7 +72,7 @@ def _find_overlaps(boxes: Array, rectangle: Region) -> list[int]:
     x0, y0, x1, y1 = bounds(rectangle)
     is_after = (boxes[:, :2] > (x1, y1)).any(axis=1)
     is_before = (boxes[:, 2:] < (x0, y0)).any(axis=1)
-    return [int(i) for i in np.flatnonzero(~(is_after | is_before))]
+    return list(map(int, np.flatnonzero(~(is_after | is_before))))
 
 
 def touching_objects(objects: Sequence[PhotoObject]) -> set[int]:
@@ -88,7 +91,10 @@ def fit_rectangle(outline: Outline) -> Region | None:
     points = outline.rings[0].outer
     (_, size, degrees) = cv2.minAreaRect(points.astype(np.float32))
     deviation = (degrees + 45) % 90 - 45
-    angle = 0.0 if abs(deviation) <= BOX.upright else np.radians(deviation)
+    if abs(deviation) <= BOX.upright:
+        angle = 0.0
+    else:
+        angle = np.radians(deviation)
     turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
     # Work in the rectangle's own axes.
     aligned_points = points @ turn.T

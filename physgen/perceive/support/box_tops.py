@@ -93,12 +93,14 @@ def middle_sections(
     tops = _find_tops(rgb, labels, objects)
     if not tops or _measure_convergence(list(tops.values())) < TOP.close:
         return list(objects)
-    return [
-        replace(t, outline=tops[t.id].section, top=tops[t.id].height)
-        if t.id in tops
-        else t
-        for t in objects
-    ]
+    sections = []
+    for t in objects:
+        sections.append(
+            replace(t, outline=tops[t.id].section, top=tops[t.id].height)
+            if t.id in tops
+            else t
+        )
+    return sections
 
 
 def _find_tops(
@@ -123,7 +125,10 @@ def _measure_convergence(tops: Sequence[_Top]) -> float:
         [(t.middle, t.shift, t.narrowing) for t in tops]
     ).T
     # Seen in perspective, the tops of a row shift towards a common vanishing point.
-    slope = np.polyfit(middles, shifts, 1)[0] if np.ptp(middles) else 0.0
+    if np.ptp(middles):
+        slope = np.polyfit(middles, shifts, 1)[0]
+    else:
+        slope = 0.0
     row = -slope * np.ptp(middles) * (len(tops) / 2) ** 0.5
     return max(float(row), float(np.median(narrowings)) / 2)
 

@@ -68,24 +68,25 @@ def find_cushions(photo: Photo, objects: Sequence[PhotoObject]) -> list[Wall]:
         rails = [rail or BORDER for rail in rails]
     if sum(rail is not None for rail in rails) < RAIL.sides:
         return []
-    lines = [
-        _turn_line_back(rail or BORDER, turn, photo.labels.shape)
-        for turn, rail in enumerate(rails)
-    ]
+    lines = []
+    for turn, rail in enumerate(rails):
+        lines.append(_turn_line_back(rail or BORDER, turn, photo.labels.shape))
     corners = [_find_crossing(lines[k - 1], lines[k]) for k in range(4)]
-    return [
-        Wall(
-            f"cushion-{k + 1}",
-            (corners[k], corners[(k + 1) % 4]),
-            RAIL.friction,
-            RAIL.bounce,
-            RAIL.confidence,
-            "edges",
-            "the table's rail",
-        )
-        for k, rail in enumerate(rails)
-        if rail is not None
-    ]
+    cushions = []
+    for k, rail in enumerate(rails):
+        if rail is not None:
+            cushions.append(
+                Wall(
+                    f"cushion-{k + 1}",
+                    (corners[k], corners[(k + 1) % 4]),
+                    RAIL.friction,
+                    RAIL.bounce,
+                    RAIL.confidence,
+                    "edges",
+                    "the table's rail",
+                )
+            )
+    return cushions
 
 
 def _measure_free_rows(photo: Photo, objects: Sequence[PhotoObject]) -> list[float]:
@@ -112,7 +113,10 @@ def _turn_line_back(rail: Rail, turn: int, shape: tuple[int, ...]) -> Array:
     points = np.array([[0.0, height_at_zero], [1.0, height_at_zero + slope]])
     # rot90 turned the right side to the top; turn the points back.
     for back in range(turn, 0, -1):
-        size = height if back % 2 == 0 else width
+        if back % 2 == 0:
+            size = height
+        else:
+            size = width
         points = np.stack([size - 1 - points[:, 1], points[:, 0]], 1)
     return points
 

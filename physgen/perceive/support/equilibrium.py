@@ -86,7 +86,7 @@ def contacts(outlines: Sequence[Outline], walls: Sequence[Array]) -> list[Contac
     """Return contacts between outlines, and of outlines with walls, each `(K, 2)`
     px.
     """
-    boxes = np.array([bounds(outline) for outline in outlines]).reshape(-1, 4)
+    boxes = np.array(list(map(bounds, outlines))).reshape(-1, 4)
     result: list[Contact] = []
     wall_hits = [wall_contacts(outlines, boxes, wall) for wall in walls]
     for i, outline in enumerate(outlines):
@@ -130,11 +130,15 @@ def unstable_objects(
     objects `held_ids` are held already. `cache` keeps the results of groups for calls
     with the same contacts and the same friction.
     """
-    free_ids = [i for i in range(len(outlines)) if i not in held_ids]
+    free_ids = []
+    for i in range(len(outlines)):
+        if i not in held_ids:
+            free_ids.append(i)
     contacts = [c for c in contacts if not _check_fixed_on_top(c, held_ids)]
     masses = {i: mass_properties(outlines[i]) for i in free_ids}
     discs = {i: o.radius for i in free_ids if isinstance(o := outlines[i], Disc)}
-    cache = {} if cache is None else cache
+    if cache is None:
+        cache = {}
     unstable_ids: list[int] = []
     for group, group_contacts in _split_contacts(free_ids, contacts):
         key = (*group, *group_contacts)
@@ -244,7 +248,7 @@ def _find_close_boxes(boxes: Array, box: Array) -> list[int]:
     separation = (boxes[:, :2] >= box[2:] + LIMITS.touch) | (
         box[:2] >= boxes[:, 2:] + LIMITS.touch
     )
-    return [int(i) for i in np.flatnonzero(~separation.any(axis=1))]
+    return list(map(int, np.flatnonzero(~separation.any(axis=1))))
 
 
 def _touches(a: Outline, b: Outline) -> list[tuple[Array, Array]]:
@@ -259,12 +263,10 @@ def _touches(a: Outline, b: Outline) -> list[tuple[Array, Array]]:
         return [hit for points in _rings(b) for hit in _disc_on(a, points)]
     if isinstance(b, Disc):
         return [(p, -n) for points in _rings(a) for p, n in _disc_on(b, points)]
-    hits = [
-        hit
-        for ring in _rings(a)
-        for other in _rings(b)
-        for hit in _corners_on(ring, other)
-    ]
+    hits = []
+    for ring in _rings(a):
+        for other in _rings(b):
+            hits.extend(_corners_on(ring, other))
     return hits + [
         (p, -n)
         for ring in _rings(a)
@@ -375,7 +377,10 @@ def _face_ends(i: int, j: int, hits: Sequence[tuple[Array, Array]]) -> list[Cont
     result = []
     while left:
         normal = left[0][1]
-        face = [hit for hit in left if hit[1] @ normal >= LIMITS.one_face]
+        face = []
+        for hit in left:
+            if hit[1] @ normal >= LIMITS.one_face:
+                face.append(hit)
         left = [hit for hit in left if hit[1] @ normal < LIMITS.one_face]
         positions = [cross(normal, p) for p, _ in face]
         first, last = (
@@ -412,7 +417,10 @@ class _Forces:
 
         Objects on top may only lack the support of the lower ones.
         """
-        unbalanced_ids = [i for i in rest if rest[i] > UNHELD]
+        unbalanced_ids = []
+        for i in rest:
+            if rest[i] > UNHELD:
+                unbalanced_ids.append(i)
         return sorted(
             unbalanced_ids,
             key=lambda i: -(float(self.masses[i].center[1]) + 4 * rest[i]),
@@ -461,8 +469,14 @@ class _Forces:
         tangent = np.array([-contact.normal[1], contact.normal[0]])
         # A round object rests on a spot rather than a point, except on another
         # round object.
-        radii = [self.discs[i] for i in pair if i in self.discs]
-        spot = LIMITS.spot * radii[0] if len(radii) == 1 else 0.0
+        radii = []
+        for i in pair:
+            if i in self.discs:
+                radii.append(self.discs[i])
+        if len(radii) == 1:
+            spot = LIMITS.spot * radii[0]
+        else:
+            spot = 0.0
         return [
             (contact.point + shift * tangent, contact.normal + way * tangent)
             for shift in ((-spot, spot) if spot else (0.0,))
@@ -573,7 +587,9 @@ class _ForceColumns:
 def _longest_step(x: Array, way: Array) -> float:
     """Return the share of a step, at most 1, before an entry of x turns negative."""
     down = way < 0
-    return min(1.0, float((-x[down] / way[down]).min())) if down.any() else 1.0
+    if down.any():
+        return min(1.0, float((-x[down] / way[down]).min()))
+    return 1.0
 
 
 class _System:

@@ -69,13 +69,15 @@ def _join_feet(group: Sequence[Foot]) -> list[Point]:
     # Add hull points below the chain until the chain enters no hull.
     for _ in range(ROUNDS):
         xs, ys = np.array(chain).T
-        low = [
-            (float(x), float(y))
-            for f in group
-            for x, y in f.hull
-            if y > np.interp(x, xs, ys, -np.inf, -np.inf) + 1e-6
-        ]
-        inside = [p for p in low if xs[0] <= p[0] <= xs[-1]]
+        low = []
+        for f in group:
+            for x, y in f.hull:
+                if y > np.interp(x, xs, ys, -np.inf, -np.inf) + 1e-6:
+                    low.append((float(x), float(y)))
+        inside = []
+        for p in low:
+            if xs[0] <= p[0] <= xs[-1]:
+                inside.append(p)
         if not inside:
             break
         chain = sorted({*chain, *inside})

@@ -119,8 +119,10 @@ class Photo:
         start = self._find_end(surface, first, -1, height, is_ground)
         end = self._find_end(surface, last, 1, height, is_ground)
         # Without a visible end, the floor continues outside the photo.
-        start = -float(self.width) if start is None else start
-        end = 2.0 * self.width if end is None else end
+        if start is None:
+            start = -float(self.width)
+        if end is None:
+            end = 2.0 * self.width
         return min(first, start), max(last, end)
 
     def _measure_surface(self, line: Line, boxes: NDArray[np.float64]) -> _Surface:
@@ -161,7 +163,10 @@ class Photo:
             if len(is_different) - i < SURE_END:
                 return None
             following = is_different[i : i + SURE_END]
-            remainder = is_outside[i:] if is_ground else following
+            if is_ground:
+                remainder = is_outside[i:]
+            else:
+                remainder = following
             if following.all() and remainder.mean() >= MAJORITY:
                 return float(columns[i]) - 0.5 * way
         return None

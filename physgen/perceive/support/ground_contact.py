@@ -171,7 +171,10 @@ def _find_lowest_border(outline: Region, x: Array) -> Array:
         starts, ends = ring.outer, np.roll(ring.outer, -1, axis=0)
         for (xa, ya), (xb, yb) in zip(starts, ends, strict=True):
             is_over = (x >= min(xa, xb)) & (x <= max(xa, xb))
-            share = (x - xa) / (xb - xa) if xb != xa else np.zeros_like(x)
+            if xb != xa:
+                share = (x - xa) / (xb - xa)
+            else:
+                share = np.zeros_like(x)
             y = ya + share * (yb - ya)
             lowest = np.where(is_over, np.maximum(lowest, y), lowest)
     return lowest
@@ -229,7 +232,7 @@ class _Surroundings:
     ids: Labels
 
 
-def is_carried(
+def has_carriers(
     item: PhotoObject, labels: Labels, objects: Sequence[PhotoObject]
 ) -> bool:
     """Return whether other objects carry an object.
@@ -241,9 +244,10 @@ def is_carried(
         return False
     neighbour_ids = set(np.unique(surroundings.ids).tolist()) - {0, item.id}
     lowest = bounds(item.outline)[3]
-    holders = [
-        t.id for t in objects if t.id in neighbour_ids and bounds(t.outline)[3] > lowest
-    ]
+    holders = []
+    for t in objects:
+        if t.id in neighbour_ids and bounds(t.outline)[3] > lowest:
+            holders.append(t.id)
     support_columns = np.isin(surroundings.ids, holders).any(axis=0)
     if not support_columns.any():
         return False
@@ -283,7 +287,7 @@ def close_gaps_below(
     for item in objects:
         if item.cut or isinstance(item.outline, Disc):
             continue
-        if is_carried(item, labels, objects) and _close_gap(
+        if has_carriers(item, labels, objects) and _close_gap(
             closed_labels, labels, item.id
         ):
             closed_ids.add(item.id)

@@ -89,7 +89,10 @@ def free_discs(objects: Sequence[PhotoObject]) -> frozenset[int]:
 
     If such a disc is off the common line, its mask is wrong.
     """
-    discs = {item.id for item in objects if isinstance(item.outline, Disc)}
+    discs = set()
+    for item in objects:
+        if isinstance(item.outline, Disc):
+            discs.add(item.id)
     return frozenset(discs - touching_objects(objects))
 
 
@@ -107,11 +110,17 @@ def split_group(
     _, level = _find_feet_near_line(group, 0.0, free, LEVEL.deviation)
     _, sloped_feet = _find_feet_near_line(group, line.slope, free, LEVEL.deviation)
     # A single additional object is no evidence of a slope.
-    slope = line.slope if len(sloped_feet) >= len(level) + 2 else 0.0
+    if len(sloped_feet) >= len(level) + 2:
+        slope = line.slope
+    else:
+        slope = 0.0
     common_line, feet_on_line = _find_feet_near_line(
         group, slope, free, LEVEL.rise, LEVEL.nearer
     )
-    separate = [f for f in group if len(feet_on_line) < 2 or f not in feet_on_line]
+    separate = []
+    for f in group:
+        if len(feet_on_line) < 2 or f not in feet_on_line:
+            separate.append(f)
     return [(common_line, feet_on_line)] * (len(feet_on_line) > 1) + [
         (Line(0.0, round(_height(f), 2)), [f]) for f in separate
     ]
@@ -156,10 +165,11 @@ def _measure_reach(group: Sequence[Foot]) -> Array:
 
     A disc may move only as far as its pixels stay inside its circle.
     """
-    radii = [
-        f.item.outline.radius if isinstance(f.item.outline, Disc) else np.inf
-        for f in group
-    ]
+    radii = []
+    for f in group:
+        radii.append(
+            f.item.outline.radius if isinstance(f.item.outline, Disc) else np.inf
+        )
     return np.minimum(LEVEL.disc * np.array(radii), LEVEL.disc_reach)
 
 

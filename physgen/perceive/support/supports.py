@@ -103,7 +103,7 @@ class _SupportSearch:
         self._grip = grip
         self._surface = surface
         self._outlines = [item.outline for item in objects]
-        boxes = [bounds(outline) for outline in self._outlines]
+        boxes = list(map(bounds, self._outlines))
         self._boxes = np.array(boxes).reshape(-1, 4)
         self._fixed_indices = {k for k, item in enumerate(objects) if item.cut}
         self._object_contacts = contacts(self._outlines, [])
@@ -133,7 +133,10 @@ class _SupportSearch:
             is_last = self._is_crowd and round_number == LIMITS.rounds - 1
             # In a crowded photo all unstable objects get supports at once: an object on
             # another's ledge then has a ledge of its own.
-            supported = unstable if self._is_crowd else unstable[:1]
+            if self._is_crowd:
+                supported = unstable
+            else:
+                supported = unstable[:1]
             for k in supported:
                 wall = self._find_support(k, touches, len(unstable))
                 if wall is None or is_last:
@@ -203,7 +206,10 @@ class _SupportSearch:
         item = self._objects[k]
         attempt = self._attempts.get(k, 0) + 1
         self._attempts[k] = attempt
-        others = [outline for i, outline in enumerate(self._outlines) if i != k]
+        others = []
+        for i, outline in enumerate(self._outlines):
+            if i != k:
+                others.append(outline)
         if attempt == 1:
             upright = _wall_to_lean_on(item, touches, k, others)
             if upright:
@@ -249,8 +255,14 @@ def _friction(
     """Return the friction by pair of objects."""
     result = {}
     for c in touches:
-        assumption = LIMITS.wall_friction if c.other < 0 else LIMITS.object_friction
-        grips = [grip.get(objects[k].id, 0.0) for k in (c.body, c.other) if k >= 0]
+        if c.other < 0:
+            assumption = LIMITS.wall_friction
+        else:
+            assumption = LIMITS.object_friction
+        grips = []
+        for k in (c.body, c.other):
+            if k >= 0:
+                grips.append(grip.get(objects[k].id, 0.0))
         result[c.body, c.other] = max(assumption, min(grips))
     return result
 
@@ -261,8 +273,13 @@ def _nest(item: PhotoObject, others: Sequence[Outline]) -> Chain | None:
     """
     center = mass_properties(item.outline).center
     chain = cradle(item, center, lower_hull(item.outline))
-    parts = [p for p in free_parts(chain, others) if p[0][0] <= center[0] <= p[-1][0]]
-    return parts[0] if parts else None
+    parts = []
+    for p in free_parts(chain, others):
+        if p[0][0] <= center[0] <= p[-1][0]:
+            parts.append(p)
+    if parts:
+        return parts[0]
+    return None
 
 
 def _wall_to_lean_on(
@@ -279,34 +296,46 @@ def _wall_to_lean_on(
     if side == 0 or y1 - y0 < LIMITS.slenderness * (x1 - x0):
         return None
     points = np.concatenate([ring.outer for ring in item.outline.rings])
-    x = x1 if side > 0 else x0
+    if side > 0:
+        x = x1
+    else:
+        x = x0
     rows = points[np.abs(points[:, 0] - x) < 0.5][:, 1]
     if rows.min() > y0 + LIMITS.lean * (y1 - y0):
         return None
     # The wall is rounded away from the object.
-    hundredths = np.ceil(x * 100) if side > 0 else np.floor(x * 100)
+    if side > 0:
+        hundredths = np.ceil(x * 100)
+    else:
+        hundredths = np.floor(x * 100)
     column = round(float(hundredths) / 100, 2)
     chain = [
         (column, round(y0 - 2.0, 2)),
         (column, round(y0 + LIMITS.lean * (y1 - y0), 2)),
     ]
-    parts = [p for p in free_parts(chain, others) if p[0][1] <= rows.min() <= p[-1][1]]
-    return parts[0] if parts else None
+    parts = []
+    for p in free_parts(chain, others):
+        if p[0][1] <= rows.min() <= p[-1][1]:
+            parts.append(p)
+    if parts:
+        return parts[0]
+    return None
 
 
 def _find_tipping_side(item: PhotoObject, touches: Sequence[Contact], k: int) -> int:
     """Return the side, -1 or 1, to which an object on a wall tips, or 0."""
-    feet = [
-        float(c.point[0])
-        for c in touches
-        if c.body == k and c.other < 0 and c.normal[1] < -0.7
-    ]
+    feet = []
+    for c in touches:
+        if c.body == k and c.other < 0 and c.normal[1] < -0.7:
+            feet.append(float(c.point[0]))
     if not feet:
         return 0
     center = mass_properties(item.outline).center
     if center[0] > max(feet):
         return 1
-    return -1 if center[0] < min(feet) else 0
+    if center[0] < min(feet):
+        return -1
+    return 0
 
 
 def make_wedge(
@@ -388,7 +417,10 @@ def _cut_chain(chain: Chain, lengths: Array, first: float, last: float) -> Chain
 
     `lengths` (K,) are those of its points.
     """
-    inner_points = [p for p, a in zip(chain, lengths, strict=True) if first < a < last]
+    inner_points = []
+    for p, a in zip(chain, lengths, strict=True):
+        if first < a < last:
+            inner_points.append(p)
     return [
         _point_along(chain, lengths, first),
         *inner_points,

@@ -121,15 +121,20 @@ def guess_view(
         total = looks + BESIDE_LOOKS * total
         if (looks >= 0) == (total >= 0):
             reasons.append(_looks_reason(chances))
-    view = View.SIDE if total >= 0 else View.TOP
+    if total >= 0:
+        view = View.SIDE
+    else:
+        view = View.TOP
     is_side = view is View.SIDE
-    agreeing = [
-        name
-        for name, log_odds in odds.items()
-        if log_odds and (log_odds > 0) == is_side
-    ]
+    agreeing = []
+    for name, log_odds in odds.items():
+        if log_odds and (log_odds > 0) == is_side:
+            agreeing.append(name)
     for name in sorted(agreeing, key=lambda name: -abs(odds[name])):
-        text = CUES[name].side if is_side else CUES[name].top
+        if is_side:
+            text = CUES[name].side
+        else:
+            text = CUES[name].top
         if text:
             reasons.append(text)
     reason = " and ".join(reasons[:2]) or "there are few cues"
@@ -155,7 +160,9 @@ def _log_odds(chance: float) -> float:
 def _looks_reason(chances: ViewChances) -> str:
     if chances.top > 0.5:
         return LOOKS[View.TOP]
-    return LOOKS[View.SIDE] if chances.tilt is None else OBLIQUE_LOOKS
+    if chances.tilt is None:
+        return LOOKS[View.SIDE]
+    return OBLIQUE_LOOKS
 
 
 @dataclass(frozen=True, eq=False)
@@ -323,7 +330,10 @@ def judge_suitability(
     shares = np.bincount(labels.ravel(), minlength=1) / labels.size
     area = {t.id: float(shares[t.id]) for t in objects}
     by_hand = detections.source in ("given", "pointed at")
-    reasons = [] if by_hand else _detection_doubts(detections, objects, area)
+    if by_hand:
+        reasons = []
+    else:
+        reasons = _detection_doubts(detections, objects, area)
     # A selection by the user does not change the rest of the photo.
     if detections.source != "given":
         reasons += _photo_doubts(rgb, detections)
@@ -334,7 +344,10 @@ def judge_suitability(
     largest = max(area.values(), default=0.0)
     if largest > DOUBTS.filling:
         reasons.append(Note.FILLS_PHOTO.text(share=percent(largest)))
-    loose_objects = [t for t in objects if not t.cut]
+    loose_objects = []
+    for t in objects:
+        if not t.cut:
+            loose_objects.append(t)
     count = _count_without_support(loose_objects, boundaries)
     # In an oblique photo the ground around an object is visible.
     is_ground_visible = boundaries.tilt is not None
@@ -358,15 +371,17 @@ def _count_without_support(
     objects: Sequence[PhotoObject], boundaries: BoundaryGuess
 ) -> int:
     """Return the number of objects that are held or that invisible walls carry."""
-    invisible_walls = [
-        w
-        for w in boundaries.walls
-        if w.source == SOURCE and w.name.startswith(("nest", "ledge"))
-    ]
+    invisible_walls = []
+    for w in boundaries.walls:
+        if w.source == SOURCE and w.name.startswith(("nest", "ledge")):
+            invisible_walls.append(w)
     support_contacts = contacts(
         [t.outline for t in objects], [np.array(w.points) for w in invisible_walls]
     )
-    ids = {objects[c.body].id for c in support_contacts if c.other < 0}
+    ids = set()
+    for c in support_contacts:
+        if c.other < 0:
+            ids.add(objects[c.body].id)
     return sum(t.id in boundaries.held_ids | ids for t in objects)
 
 
