@@ -92,8 +92,8 @@ def test_the_page_about_sweeps_tells_the_names_that_are_given() -> None:
     listed = re.findall(r"^dominoes/(\d\d-\d\d,\S+)/", text, re.MULTILINE)
     found = names(*arguments)
     assert listed == found[:1]
-    # A line can show several examples before its colon.
-    examples = re.findall(r"^- (`KEY=.+?): ", text, re.MULTILINE)
+    # A line can show several examples before the verb of its sentence.
+    examples = re.findall(r"^- (`KEY=.+?) (?:means|is) ", text, re.MULTILINE)
     patterns = [
         written.removeprefix("KEY=")
         for example in examples
