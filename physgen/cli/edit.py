@@ -167,7 +167,7 @@ def edit_file(options: argparse.Namespace) -> int:
 
 def _check_names(scene: Scene, path: Path, options: argparse.Namespace) -> None:
     """Raise InputError for unknown objects, and for a merge that cannot be made."""
-    from physgen.pipeline.pushes import named
+    from physgen.pipeline.pushes import find_object
 
     names = list(options.objects)
     is_merge = options.command == "merge"
@@ -175,7 +175,7 @@ def _check_names(scene: Scene, path: Path, options: argparse.Namespace) -> None:
     doubtful_names = set(scene.document.get("doubtful") or {}) if is_merge else set()
     for name in names:
         if name not in doubtful_names:
-            named(scene, str(path), name)
+            find_object(scene, str(path), name)
     if not is_merge:
         return
     if len(names) < 2:
