@@ -137,16 +137,16 @@ def test_mirrored_mask_gives_a_mirrored_outline():
 
 
 def test_jags_of_a_large_photo_are_no_corners():
-    # A box of 800 px whose borders jump by up to 2 px at random.
+    # A box of 1,200 px whose borders jump by up to 2 px at random.
     rng = np.random.default_rng(0)
-    mask = np.zeros((1280, 1280), dtype=bool)
-    mask[200:1000, 200:1000] = True
-    for k, jag in enumerate(rng.integers(0, 3, (4, 800)).T, 200):
+    mask = np.zeros((1920, 1920), dtype=bool)
+    mask[200:1400, 200:1400] = True
+    for k, jag in enumerate(rng.integers(0, 3, (4, 1200)).T, 200):
         top, bottom, left, right = jag.tolist()
         mask[200 : 200 + top, k] = False
-        mask[1000 - bottom : 1000, k] = False
+        mask[1400 - bottom : 1400, k] = False
         mask[k, 200 : 200 + left] = False
-        mask[k, 1000 - right : 1000] = False
+        mask[k, 1400 - right : 1400] = False
     outline = fit_outline(mask)
     assert len(outline.rings[0].outer) <= 12
     assert iou(coverage(outline, mask.shape), mask) > 0.995
