@@ -246,11 +246,11 @@ def quality(
         row = {"scene": truth.name, "seconds": round(time.perf_counter() - before, 1)}
         row |= {
             f"drawn_{key}": value
-            for key, value in fidelity.compared(truth, iter(drawn[1:])).items()
+            for key, value in fidelity.compare(truth, iter(drawn[1:])).items()
         }
         row |= {
             f"refined_{key}": value
-            for key, value in fidelity.compared(truth, iter(made[1:])).items()
+            for key, value in fidelity.compare(truth, iter(made[1:])).items()
         }
         rows.append(
             row | kept(drawn, made, coverage) | {"note": dict(refinement.note())}
