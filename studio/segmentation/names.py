@@ -203,13 +203,19 @@ def main() -> None:
     print(f"features within {off:.4f} of torch's", file=sys.stderr)
     taught = seen(False, args.output / "taught.npz")
     heads = start(network)
-    heads = replace(learned(heads, taught), sure=threshold(heads, taught))
+    heads = replace(learned(heads, taught), least_chance=threshold(heads, taught))
     save(heads, shipped / naming.HEADS)
     found, kept = seen(True, args.output / "judging.npz"), naming.heads()
     report(
         "ImageNet alone",
         measure(
-            replace(kept, trust=1.0, own=0 * kept.own, shift=0 * kept.shift), found
+            replace(
+                kept,
+                trust=1.0,
+                regression=0 * kept.regression,
+                shift=0 * kept.shift,
+            ),
+            found,
         ),
     )
     report("validation", measure(kept, found, is_detected=True))
