@@ -92,27 +92,32 @@ def _strip(
     light: F32, hole: Mask, piece: Mask, box: tuple[int, int, int, int], reach: int
 ) -> Mask:
     """Return dark pixels (H, W) around the foot of one `piece` and connected to it."""
-    left, top, width, height = box
-    foot = top + height
-    room = np.zeros_like(hole)
-    rows = slice(foot - int(TUNING.legs * height), foot + reach)
-    room[rows, max(0, left - reach) : left + width + reach] = True
-    lower = np.arange(len(hole))[:, None] >= rows.start
-    # A contact shadow lies under the object or directly beside it.
-    mask_below = np.maximum.accumulate(piece, axis=0)
-    size = 2 * reach + 1
-    mask_beside = (
-        cv2.dilate(piece.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
-    )
-    room &= (mask_below | mask_beside) & ~hole
-    dark = ~hole & (light < _darkest_ground(light, hole, box, reach))
-    shadow = room & dark
+    dark_mask = ~hole & (light < _darkest_ground(light, hole, box, reach))
+    shadow = _foot_surroundings(piece, box, reach) & dark_mask
     _, names = cv2.connectedComponents(
         (shadow | piece).astype(np.uint8), connectivity=8
     )
     component_ids = np.unique(names[piece])
     strip = np.asarray(shadow & np.isin(names, component_ids[component_ids > 0]))
-    return _ending_parts(strip, dark & lower, ~dark & ~hole)
+    ground_mask = ~dark_mask & ~hole
+    dark_mask[: _highest_row(box)] = False
+    return _ending_parts(strip, dark_mask, ground_mask)
+
+
+def _foot_surroundings(piece: Mask, box: tuple[int, int, int, int], reach: int) -> Mask:
+    """Return the pixels (H, W) under a `piece` (H, W) or directly beside its foot."""
+    left, top, width, height = box
+    room = np.zeros_like(piece)
+    rows = slice(_highest_row(box), top + height + reach)
+    room[rows, max(0, left - reach) : left + width + reach] = True
+    mask_below = np.maximum.accumulate(piece, axis=0)
+    return room & (mask_below | _dilate(piece, reach))
+
+
+def _highest_row(box: tuple[int, int, int, int]) -> int:
+    """Return the highest row of the gaps between the wheels of an object."""
+    _, top, _, height = box
+    return max(0, top + height - int(TUNING.legs * height))
 
 
 def _ending_parts(strip: Mask, dark: Mask, ground: Mask) -> Mask:
@@ -128,8 +133,8 @@ def _ending_parts(strip: Mask, dark: Mask, ground: Mask) -> Mask:
     )
     continued = np.bincount(names[beside_dark], minlength=count)
     outline = np.bincount(names[beside_dark | beside_ground], minlength=count)
-    ends = continued <= TUNING.longest * outline
-    return np.asarray(strip & ends[names])
+    is_ending = continued <= TUNING.longest * outline
+    return np.asarray(strip & is_ending[names])
 
 
 def _darkest_ground(
@@ -182,8 +187,8 @@ def shaded_islands(photo: Rgb, hole: Mask, strips: Mask) -> Mask:
         if np.count_nonzero(island) > np.count_nonzero(closing):
             continue
         ground = _dilate(closing, reach) & free & ~island
-        usual = np.median(light[ground]) if ground.any() else 0.0
-        if np.median(light[island]) < TUNING.shaded * usual:
+        ground_light = np.median(light[ground]) if ground.any() else 0.0
+        if np.median(light[island]) < TUNING.shaded * ground_light:
             result |= island
     return result
 
