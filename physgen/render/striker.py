@@ -283,10 +283,8 @@ def _rim(body: Body, angle: float, direction: F64, point: F64 | None = None) -> 
     offset = np.zeros(2) if point is None else turn @ point
     across = np.array([-direction[1], direction[0]])
     if body.radius is not None:
-        side_offset = float(offset @ across)
-        along_offset = float(offset @ direction)
-        half_chord = sqrt(max(body.radius**2 - side_offset**2, 0.0))
-        return offset + (half_chord - along_offset) * direction
+        half_chord = sqrt(max(body.radius**2 - float(offset @ across) ** 2, 0.0))
+        return offset + (half_chord - float(offset @ direction)) * direction
     reach = 0.0
     for ring in body.rings:
         corners = ring @ turn.T - offset
