@@ -193,13 +193,13 @@ def _add_shadows(
     Returns the percepts with the background without shadows.
     """
     shadows = _find_shadows(percepts, objects, sim)
-    clean_background = shadows.clean
+    clean_background = shadows.clean_background
     if clean_background is None:
         return percepts
     background, coverage = percepts.background, percepts.coverage
     assert background is not None
     assert coverage is not None
-    if not shadows.faint:
+    if not shadows.is_faint_shadow:
         clean_background = refill_background(
             clean_background,
             background,

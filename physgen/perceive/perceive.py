@@ -321,7 +321,7 @@ def _with_backgrounds(
     shadows: Shadows,
 ) -> PerceivedScene:
     """Return the scene with its backgrounds."""
-    clean_background, owners = backgrounds.clean, shadows.owners
+    clean_background, owners = backgrounds.clean_picture, shadows.owners
     if estimate.boundaries.view is View.SIDE:
         # Mirror images are removed last, from the filled background.
         standing_ids = []
@@ -337,7 +337,7 @@ def _with_backgrounds(
         )
     percepts = replace(
         draft.percepts,
-        background=backgrounds.shaded,
+        background=backgrounds.shaded_picture,
         clean=clean_background,
         shadows=owners,
     )
@@ -546,7 +546,7 @@ def _world(
 
 
 def _light(guess: LightGuess, shadows: Shadows) -> dict[str, Any]:
-    if shadows.clean is None:
+    if shadows.clean_background is None:
         source = document.provenance("shading", guess.confidence)
         return shape_entries.light_entry(guess.light) | {"from": source}
     source = document.provenance("shadows", shadows.confidence)

@@ -112,7 +112,7 @@ def _find_reduced_shadows(
     # Without a clear directional shadow, look for the soft shade of ambient light.
     if score < SURE or factor < 0.15:
         shade = find_ambient_shade(
-            background, coverage, silhouettes_at, from_above=True
+            background, coverage, silhouettes_at, is_top_view=True
         )
         if shade is None:
             return no_shadows
@@ -188,7 +188,7 @@ def _remove_ambient(
         4.0,
         None,
         shade.confidence,
-        faint=True,
+        is_faint_shadow=True,
     )
 
 

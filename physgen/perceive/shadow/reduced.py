@@ -73,14 +73,20 @@ def restore_size(
     """
     if reduced.scale == 1:
         return shadows
-    owners, clean_background, backdrop = shadows.owners, shadows.clean, shadows.backdrop
+    owners, clean_background, backdrop = (
+        shadows.owners,
+        shadows.clean_background,
+        shadows.backdrop,
+    )
     if backdrop is not None:
         backdrop = round(backdrop * reduced.scale, 1)
     if clean_background is not None:
         clean_background = _lighten(background, reduced.background, clean_background)
     if owners is not None:
         owners = _enlarge_owners(owners, coverage)
-    return replace(shadows, clean=clean_background, owners=owners, backdrop=backdrop)
+    return replace(
+        shadows, clean_background=clean_background, owners=owners, backdrop=backdrop
+    )
 
 
 def _enlarge_owners(owners: Labels, coverage: F32) -> Labels | None:

@@ -45,10 +45,10 @@ class RefillPlan:
 
     hole: Mask
     """(H, W): pieces beside a removed shadow."""
-    dark: Mask
+    unknown_mask: Mask
     """(H, W): all pixels behind objects, or too close to them to be measured."""
     pieces: NDArray[np.int32]
-    """(H, W): number of the nearest piece of `dark`."""
+    """(H, W): number of the nearest piece of `unknown_mask`."""
     shadows: Mask
     """(H, W): pixels beside objects with added light."""
     left: F32
@@ -100,7 +100,7 @@ def _refill_shadow(
     removed: Rgb, background: Rgb, coverage: F32, inpaint: Inpaint
 ) -> Rgb:
     plan = plan_refill(removed, background, coverage)
-    old = np.where(plan.dark[..., None], background, removed)
+    old = np.where(plan.unknown_mask[..., None], background, removed)
     if not plan.hole.any():
         return old
     fill_result = inpaint(old, plan.hole)

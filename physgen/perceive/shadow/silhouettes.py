@@ -71,7 +71,7 @@ def object_silhouettes(
                 (x, y),
                 radius if ball else None,
                 _thickness(
-                    item, scale, from_above=boundaries.view is View.TOP, ball=ball
+                    item, scale, is_top_view=boundaries.view is View.TOP, ball=ball
                 ),
                 floor_row,
                 id=item.id,
@@ -107,7 +107,7 @@ def _reduced_coverage(
 
 
 def _thickness(
-    item: PhotoObject, scale: float, *, from_above: bool, ball: bool
+    item: PhotoObject, scale: float, *, is_top_view: bool, ball: bool
 ) -> float:
     """Return an object's thickness, px of the reduced picture.
 
@@ -119,7 +119,7 @@ def _thickness(
     else:
         x0, y0, x1, y1 = bounds(item.outline)
         thickness = 0.9 * ((x1 - x0) / scale * ((y1 - y0) / scale)) ** 0.5
-    if from_above and not ball:
+    if is_top_view and not ball:
         thickness *= 0.4 if is_disc else 0.6
     return thickness
 
@@ -135,7 +135,7 @@ def join_silhouettes(silhouettes: Sequence[Silhouette]) -> list[Silhouette]:
         (w for w in silhouettes if w.radius is None), key=lambda w: w.thickness
     ):
         for group in groups:
-            if _are_alike(group[0], silhouette):
+            if _can_join(group[0], silhouette):
                 group.append(silhouette)
                 break
         else:
@@ -160,10 +160,12 @@ def _union(group: Sequence[Silhouette]) -> Silhouette:
     )
 
 
-def _are_alike(one: Silhouette, other: Silhouette) -> bool:
-    if one.floor is None or other.floor is None:
+def _can_join(first: Silhouette, other: Silhouette) -> bool:
+    if first.floor is None or other.floor is None:
         return False
-    return abs(one.floor - other.floor) < 1 and other.thickness < 1.5 * one.thickness
+    return (
+        abs(first.floor - other.floor) < 1 and other.thickness < 1.5 * first.thickness
+    )
 
 
 def lowest_floor(boundaries: BoundaryGuess) -> float | None:
