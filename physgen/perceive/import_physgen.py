@@ -502,6 +502,19 @@ def read_sim(path: Path) -> Sim:
             errors.append(problem)
     if errors:
         raise InputError(errors)
+    edges = [((a[0], a[1]), (b[0], b[1])) for a, b in data.get("edge_list") or []]
+    return Sim(
+        **_settings(data, properties),
+        bodies=_read_bodies(root, data, object_properties),
+        edges=edges,
+        warnings=tuple(problems),
+    )
+
+
+def _read_bodies(
+    root: Node, data: Any, object_properties: Mapping[str, Schema]
+) -> dict[int, Body]:
+    """Return the objects of sim.yaml by id."""
     velocities = data.get("init_velocity") or {}
     pushes = data.get("init_acc") or {}
     bodies = {}
@@ -514,13 +527,7 @@ def read_sim(path: Path) -> Sim:
             velocity=velocities.get(key),
             push=pushes.get(key),
         )
-    edges = [((a[0], a[1]), (b[0], b[1])) for a, b in data.get("edge_list") or []]
-    return Sim(
-        **_settings(data, properties),
-        bodies=bodies,
-        edges=edges,
-        warnings=tuple(problems),
-    )
+    return bodies
 
 
 def _find_problems(

@@ -122,16 +122,17 @@ def perceive(
     """
     check_size(rgb)
     run = PerceptionRun(rgb, backends or Backends(), progress)
-    scenery: Scenery | None = None
-    doubtful_parts: Sequence[Remain] = ()
     if detections is None:
-        detections, scenery, doubtful_parts = _detect_objects(run, nouns, facts.view)
-    objects, speck_count = fit_objects(rgb, detections)
+        segmentation = _segment_photo(run, nouns, facts.view)
+    else:
+        segmentation = _Segmentation(detections)
+    objects, speck_count = fit_objects(rgb, segmentation.detections)
     if not objects:
+        # Without objects, every rename is an error.
         naming.relabel_objects(objects, renames, {})
-        empty_scene = _empty_scene(rgb, detections, facts.pixels_per_meter)
-        return run.sign(meanwhile(empty_scene))
-    detections = _extend_to_discs(detections, objects)
+        scene = _empty_scene(rgb, segmentation.detections, facts)
+        return run.sign(meanwhile(scene))
+    detections = _extend_to_discs(segmentation.detections, objects)
     filled_labels = _labels_to_fill(detections)
     # The matte and the fill run in a second thread, beside stages without need for
     # them.
@@ -139,7 +140,9 @@ def perceive(
         cutting = None
         if run.core("matte"):
             cutting = executor.submit(run.cut_out, filled_labels)
-        estimate = _estimate_scene(run, detections, objects, renames, facts, scenery)
+        estimate = _estimate_scene(
+            run, detections, objects, renames, facts, segmentation.scenery
+        )
         if cutting:
             surroundings = cutting.result()
         else:
@@ -163,7 +166,7 @@ def perceive(
             shadows,
             facts,
             speck_count,
-            doubtful_parts,
+            segmentation.doubtful_parts,
         )
         # The caller completes the scene while the fill runs.
         draft = meanwhile(draft)
@@ -175,10 +178,19 @@ def perceive(
         return run.sign(scene)
 
 
-def _detect_objects(
+@dataclass(frozen=True)
+class _Segmentation:
+    """The objects of a photo, and other results of its segmentation."""
+
+    detections: Detections
+    scenery: Scenery | None = None
+    doubtful_parts: Sequence[Remain] = ()
+
+
+def _segment_photo(
     run: PerceptionRun, nouns: Sequence[str], view: BoundaryGuess | None
-) -> tuple[Detections, Scenery | None, Sequence[Remain]]:
-    """Segment a photo; return detections, scenery and doubtful parts of objects."""
+) -> _Segmentation:
+    """Segment a photo."""
     detections, scenery = run.detect(nouns)
     ids = []
     for i in np.unique(detections.labels):
@@ -196,7 +208,7 @@ def _detect_objects(
     labels = close_part_joints(detections.labels, labels)
     detections = replace(detections, labels=labels)
     detections = attach_loose_parts(run.rgb, detections, view)
-    return detections, scenery, doubtful_parts
+    return _Segmentation(detections, scenery, doubtful_parts)
 
 
 def _extend_to_discs(
@@ -502,14 +514,13 @@ def _scene_warnings(
     return tuple(warnings)
 
 
-def _empty_scene(
-    rgb: Rgb, detections: Detections, pixels_per_meter: float | None
-) -> PerceivedScene:
+def _empty_scene(rgb: Rgb, detections: Detections, facts: KnownFacts) -> PerceivedScene:
     """Return a scene without objects: the unchanged photo."""
+    pixels_per_meter = facts.pixels_per_meter or assumed_scale(max(rgb.shape[:2]))
     scene: dict[str, Any] = {
         "physgen": 1, "image": "photo.png", "assets": "photo.assets",
         "world": {
-            "view": View.SIDE.value, "pixels_per_meter": pixels_per_meter or assumed_scale(max(rgb.shape[:2])),
+            "view": View.SIDE.value, "pixels_per_meter": pixels_per_meter,
         },
         "objects": {}, "boundaries": {},
     }  # fmt: skip

@@ -378,26 +378,38 @@ def _draw_level_lines(picture: F32, photo: F32, hole: Mask) -> F32:
     result, best = picture.copy(), np.full(hole.shape, np.inf, np.float32)
     least_contrast = max(LIMITS.contrast, LIMITS.over_texture * _texture(photo, hole))
     known_photo = np.where(hole[..., None], np.float32(np.nan), photo)
-    middle = slice(half_height - half_width, half_height + half_width + 1)
-    row_distances = 3 * np.abs(np.arange(-half_width, half_width + 1))
     for y in range(half_height, len(hole) - half_height):
         rows = known_photo[y - half_height : y + half_height + 1]
         for gap in _find_row_gaps(rows, hole[y], end_length):
             if not _has_level_line(gap, known_photo[y], half_height, least_contrast):
                 continue
             part = np.s_[y - half_width : y + half_width + 1, gap.left : gap.right]
-            # If lines compete for a pixel, the one with the better match and the closer
-            # middle wins.
-            penalty = np.where(
-                gap.valid_rows[middle], gap.difference + row_distances, np.inf
-            )[:, None]
-            closer = hole[part] & (penalty < best[part])
-            share = np.linspace(0, 1, gap.right - gap.left)[None, :, None]
-            left_end, right_end = gap.left_end[middle], gap.right_end[middle]
-            line = (1 - share) * left_end[:, None] + share * right_end[:, None]
-            result[part] = np.where(closer[..., None], line, result[part])
-            best[part] = np.where(closer, penalty, best[part])
+            _draw_level_line(result[part], best[part], hole[part], gap)
     return result
+
+
+def _draw_level_line(
+    picture: F32, penalties: F32, hole_part: Mask, gap: _RowGap
+) -> None:
+    """Draw the level line across a gap into views of a picture (n, w, 3) and of the
+    penalties (n, w) of its lines.
+    """
+    (_, half_height), half_width = LIMITS.line, LIMITS.line_width
+    middle = slice(half_height - half_width, half_height + half_width + 1)
+    row_distances = 3 * np.abs(np.arange(-half_width, half_width + 1))
+    # If lines compete for a pixel, the one with the better match and the closer middle
+    # wins.
+    row_penalties = np.where(
+        gap.valid_rows[middle], gap.difference + row_distances, np.inf
+    )
+    penalty = row_penalties[:, None]
+    closer = hole_part & (penalty < penalties)
+    share = np.linspace(0, 1, gap.right - gap.left)[None, :, None]
+    left_end = gap.left_end[middle][:, None]
+    right_end = gap.right_end[middle][:, None]
+    line = (1 - share) * left_end + share * right_end
+    picture[...] = np.where(closer[..., None], line, picture)
+    penalties[...] = np.where(closer, penalty, penalties)
 
 
 def _find_row_gaps(rows: F32, hole_row: Mask, end_length: int) -> Iterator[_RowGap]:

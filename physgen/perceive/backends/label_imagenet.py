@@ -360,12 +360,16 @@ def crop(rgb: Rgb, mask: Mask) -> F32:
     else:
         interpolation = cv2.INTER_LINEAR
     small = cv2.resize(picture, size, interpolation=interpolation)
-    # Shift the object's centre to the centre of the crop.
-    right = CROP.side / 2 - (middle_x - left) * scale
-    down = CROP.side / 2 - (middle_y - top) * scale
-    move = np.array([[1, 0, right], [0, 1, down]])
+    return _center(small, (middle_x - left) * scale, (middle_y - top) * scale)
+
+
+def _center(picture: NDArray[Any], x: float, y: float) -> F32:
+    """Return a square crop (side, side, 3) whose centre is the point (x, y) px."""
+    right = CROP.side / 2 - x
+    down = CROP.side / 2 - y
+    shift = np.array([[1, 0, right], [0, 1, down]])
     square = cv2.warpAffine(
-        small, move, (CROP.side, CROP.side), borderValue=(CROP.middle,) * 3
+        picture, shift, (CROP.side, CROP.side), borderValue=(CROP.middle,) * 3
     )
     return np.asarray(square, np.float32)
 

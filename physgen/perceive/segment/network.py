@@ -366,27 +366,37 @@ def _segment(
     rgb: NDArray[np.uint8], box: Sequence[float], *, at_point: bool
 ) -> PromptedMask:
     """Return the object in a box or, if `at_point`, at the centre of a box."""
-    height, width = rgb.shape[:2]
-    mask = np.zeros((height, width), np.bool_)
-    left, top, right, bottom = bounds(box)
-    x, y, end, foot = max(left, 0), max(top, 0), min(right, width), min(bottom, height)
+    mask = np.zeros(rgb.shape[:2], np.bool_)
+    x, y, end, foot = _photo_window(box, mask.shape)
     if end <= x or foot <= y:
         return PromptedMask(mask, 0.0)
     view = crop(rgb, box, SIDE)
-    weights = _move_to_window(
-        follow_edges(view, _mean_chances(view, at_point)), box, (x, y, end, foot)
-    )
-    chances = np.clip(
-        (weights[..., :3] * rgb[y:foot, x:end]).sum(-1) + weights[..., 3], 0, 1
-    )
+    edge_weights = follow_edges(view, _mean_chances(view, at_point))
+    weights = _move_to_window(edge_weights, box, (x, y, end, foot))
+    colour_terms = weights[..., :3] * rgb[y:foot, x:end]
+    chances = np.clip(colour_terms.sum(-1) + weights[..., 3], 0, 1)
     piece = cut_out(chances >= 0.5, 0, 0, SMALLEST_OBJECT)
     if piece is None:
         return PromptedMask(mask, 0.0)
-    mask[y:foot, x:end] = inside = piece.on(chances.shape)
-    inner_sum = float(chances[inside].sum())
-    return PromptedMask(
-        mask, inner_sum / (float(inside.sum()) + float(chances.sum()) - inner_sum)
-    )
+    inner_mask = piece.on(chances.shape)
+    mask[y:foot, x:end] = inner_mask
+    return PromptedMask(mask, _expected_iou(chances, inner_mask))
+
+
+def _photo_window(
+    box: Sequence[float], shape: tuple[int, ...]
+) -> tuple[int, int, int, int]:
+    """Return left, top, right, bottom of a box inside a photo of `shape` (H, W), px."""
+    height, width = shape
+    left, top, right, bottom = bounds(box)
+    return max(left, 0), max(top, 0), min(right, width), min(bottom, height)
+
+
+def _expected_iou(chances: NDArray[Any], mask: NDArray[np.bool_]) -> float:
+    """Return the expected overlap of a mask (h, w) with an object of given chances."""
+    inner_sum = float(chances[mask].sum())
+    union = float(mask.sum()) + float(chances.sum()) - inner_sum
+    return inner_sum / union
 
 
 def _move_to_window(

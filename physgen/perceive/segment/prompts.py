@@ -302,16 +302,21 @@ def from_prompts(
     labels = _draw_in_front(masks, rgb.shape[:2])
     _check_visible(masks, labels, problems)
     places = _list_prompts(boxes, points)
-    # The scene stores the chosen region rather than the click.
     if segment.is_smallest_meant:
-        for k, prompt_mask in enumerate(masks[len(boxes) :], len(boxes)):
-            left, top, right, bottom = box_of(prompt_mask.mask)
-            places[k] = "box", (left, top, right - left, bottom - top)
+        # The scene stores the chosen region rather than the click.
+        for k in range(len(boxes), len(masks)):
+            places[k] = "box", _box_prompt(masks[k].mask)
     prompts = {}
     for k, (kind, place) in enumerate(places, 1):
         prompts[k] = {kind: [round(float(v), 2) for v in place]}
     confidence = {k: prompt_mask.confidence for k, prompt_mask in enumerate(masks, 1)}
     return Detections(labels, "pointed at", confidence, {}, prompts)
+
+
+def _box_prompt(mask: NDArray[np.bool_]) -> Box:
+    """Return x, y, width and height of a mask (H, W), px."""
+    left, top, right, bottom = box_of(mask)
+    return left, top, right - left, bottom - top
 
 
 def _check_visible(
