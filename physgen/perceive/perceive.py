@@ -244,7 +244,8 @@ def _estimate_scene(
     scenery: Scenery | None,
 ) -> _SceneEstimate:
     """Estimate labels, matter, boundaries, maps and light."""
-    rgb, labels = run.rgb, detections.labels
+    rgb = run.rgb
+    labels = detections.labels
     # Labels decide about outlines, materials and sizes, so they come first.
     names = run.name(detections, objects, renames)
     outlined_objects = outline_as_named(rgb, labels, names.objects)
@@ -333,7 +334,8 @@ def _with_backgrounds(
     shadows: Shadows,
 ) -> PerceivedScene:
     """Return the scene with its backgrounds."""
-    clean_background, owners = backgrounds.clean_picture, shadows.owners
+    clean_background = backgrounds.clean_picture
+    owners = shadows.owners
     if estimate.boundaries.view is View.SIDE:
         # Mirror images are removed last, from the filled background.
         standing_ids = []
@@ -367,7 +369,8 @@ def _draft_scene(
     doubtful_parts: Sequence[Remain],
 ) -> PerceivedScene:
     """Return the scene without backgrounds."""
-    boundaries, objects = estimate.boundaries, estimate.objects
+    boundaries = estimate.boundaries
+    objects = estimate.objects
     labels, doubtful, doubt_reasons = document.with_doubtful(
         detections.labels, detections.doubtful
     )
@@ -435,7 +438,8 @@ def _object_entries(
     names_by_id: Mapping[int, str],
 ) -> tuple[dict[str, Any], dict[str, str]]:
     """Return the entries of the objects, and the comments by dotted path."""
-    names, boundaries = estimate.names, estimate.boundaries
+    names = estimate.names
+    boundaries = estimate.boundaries
     vehicles: Mapping[int, Vehicle] = {}
     if boundaries.view is View.SIDE:
         vehicles = find_vehicles(

@@ -291,10 +291,8 @@ def nearest_labels(labels: Labels, ids: Sequence[int]) -> Mask:
     others = (labels > 0) & ~own_mask
     if not others.any():
         return np.ones(labels.shape, bool)
-    own_distance, other_distance = (
-        cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5)
-        for mask in (own_mask, others)
-    )
+    own_distance = cv2.distanceTransform((~own_mask).astype(np.uint8), cv2.DIST_L2, 5)
+    other_distance = cv2.distanceTransform((~others).astype(np.uint8), cv2.DIST_L2, 5)
     return np.asarray(own_distance < other_distance)
 
 

@@ -165,7 +165,8 @@ def _crop_object(rgb: Rgb, mask: Mask) -> _ObjectView:
     x0, y0, width, height = cv2.boundingRect(mask.astype(np.uint8))
     scale = SEARCH.side / max(width, height)
     pad = max(4, round(0.03 * max(width, height)))
-    left, top = max(x0 - pad, 0), max(y0 - pad, 0)
+    left = max(x0 - pad, 0)
+    top = max(y0 - pad, 0)
     window = np.s_[top : y0 + height + pad, left : x0 + width + pad]
     rows, columns = mask[window].shape
     size = max(round(columns * scale), 8), max(round(rows * scale), 8)
@@ -249,7 +250,8 @@ def _best_pair(
     candidates: Sequence[_Candidate], span: float
 ) -> tuple[_Candidate, _Candidate] | None:
     """Return the two most confident axles of one vehicle, at least `span` px apart."""
-    best, best_score = None, 2 * SEARCH.circles
+    best = None
+    best_score = 2 * SEARCH.circles
     for left, right in combinations(candidates, 2):
         small, large = sorted((left.radius, right.radius))
         distance = abs(left.x - right.x)
@@ -261,7 +263,8 @@ def _best_pair(
         if rise > SEARCH.level * distance:
             continue
         if left.score + right.score > best_score:
-            best, best_score = (left, right), left.score + right.score
+            best = (left, right)
+            best_score = left.score + right.score
     return best
 
 

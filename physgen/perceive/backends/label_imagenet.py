@@ -342,7 +342,8 @@ def crop(rgb: Rgb, mask: Mask) -> F32:
     The object is centred, upright and undistorted.
     """
     x, y, width, height = cv2.boundingRect(mask.astype(np.uint8))
-    middle_x, middle_y = x + width / 2, y + height / 2
+    middle_x = x + width / 2
+    middle_y = y + height / 2
     span = max(width, height) * (1 + 2 * CROP.margin)
     left = max(int(middle_x - span / 2), 0)
     top = max(int(middle_y - span / 2), 0)

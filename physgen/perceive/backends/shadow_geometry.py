@@ -107,7 +107,8 @@ def _find_reduced_shadows(
     reduced_photo: ReducedPhoto, silhouettes_at: SilhouettesAt, light: LightGuess
 ) -> Shadows:
     """Return the shadows of a reduced photo; `silhouettes_at` gives silhouettes at other scales."""
-    background, coverage = reduced_photo.background, reduced_photo.coverage
+    background = reduced_photo.background
+    coverage = reduced_photo.coverage
     no_shadows = Shadows(None, None, light.light, 4.0, 4.0, None, 0.0)
     scale = max(max(background.shape[:2]) / COARSE, 1.0)
     silhouettes = silhouettes_at(scale)
@@ -151,7 +152,8 @@ def _refine_setting(
     light: LightGuess,
 ) -> ShadowSetting:
     """Return a setting fitted to a finer picture, in px of the reduced photo."""
-    background, coverage = reduced_photo.background, reduced_photo.coverage
+    background = reduced_photo.background
+    coverage = reduced_photo.coverage
     scale = max(max(background.shape[:2]) / (FINER * COARSE), 1.0)
     picture = _coarse_picture(background, coverage, silhouettes_at(scale), scale)
     start = replace(setting, size=picture.darkness.shape[::-1])
@@ -252,10 +254,8 @@ class _Picture:
         # Subtract weighted means, as in Pearson's correlation.
         model = model - float((w * model).sum()) / count
         darkness = self.darkness - float((w * self.darkness).sum()) / count
-        product, square = (
-            float((w * model * darkness).sum()),
-            float((w * model * model).sum()),
-        )
+        product = float((w * model * darkness).sum())
+        square = float((w * model * model).sum())
         darkness_square = float((w * darkness * darkness).sum())
         return product / max((square * darkness_square) ** 0.5, 1e-9), product / max(
             square, 1e-9
@@ -266,7 +266,8 @@ def _coarse_picture(
     background: Rgb, coverage: F32, silhouettes: Sequence[Silhouette], scale: float
 ) -> _Picture:
     """Return the darkness of a reduced photo relative to its surroundings."""
-    h, w = (max(1, round(n / scale)) for n in background.shape[:2])
+    h = max(1, round(background.shape[0] / scale))
+    w = max(1, round(background.shape[1] / scale))
     light = np.log(luminance(decode(background)) + DARKEST)
     # Pixels at objects are unknown: average only the free ones.
     open_ = away_from_objects(coverage).astype(np.float32)

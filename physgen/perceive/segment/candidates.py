@@ -192,7 +192,8 @@ def cut_out_boxes(
     rgb: NDArray[np.uint8], evidence: Evidence, groups: Sequence[Proposal]
 ) -> list[CutOut]:
     """Cut out the best boxes, except boxes that match a group."""
-    boxes, shape = evidence.boxes, evidence.colours.shape
+    boxes = evidence.boxes
+    shape = evidence.colours.shape
     group_boxes = np.array([group.box for group in groups], np.float64).reshape(-1, 4)
     fit = box_overlap(evidence.corners, group_boxes).max(axis=1, initial=0.0)
     free = np.flatnonzero(fit < CANDIDATES.same_group)
@@ -297,13 +298,13 @@ def rescale_proposal(
 
     None means that no pixel remains.
     """
-    down, right = target_shape[0] / shape[0], target_shape[1] / shape[1]
+    down = target_shape[0] / shape[0]
+    right = target_shape[1] / shape[1]
     left, top, end, bottom = proposal.box
-    x0, y0 = int(left * right), int(top * down)
-    x1, y1 = (
-        min(int(np.ceil(end * right)), target_shape[1]),
-        min(int(np.ceil(bottom * down)), target_shape[0]),
-    )
+    x0 = int(left * right)
+    y0 = int(top * down)
+    x1 = min(int(np.ceil(end * right)), target_shape[1])
+    y1 = min(int(np.ceil(bottom * down)), target_shape[0])
     # Maps pixel centres of the target to those of the proposal.
     matrix = np.array(
         [

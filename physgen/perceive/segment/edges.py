@@ -115,11 +115,13 @@ def select(
     pool = [proposals[i] for i in worth.tolist()]
     if not pool:
         return [], np.zeros(0)
-    score, compactness = looks.score[worth], looks.compactness[worth]
+    score = looks.score[worth]
+    compactness = looks.compactness[worth]
     area = np.array([proposal.area for proposal in pool], np.float64)
     weight = (area / (shape[0] * shape[1])) ** SELECTION.area_power
     excludes = exclusions(pool)
-    final, gap = score, np.zeros(len(pool))
+    final = score
+    gap = np.zeros(len(pool))
     selection = best_set((final - SELECTION.threshold) * weight, excludes)
     # Sets and gaps depend on the selection, and the selection on them.
     for _ in range(2):

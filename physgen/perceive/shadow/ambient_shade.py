@@ -342,7 +342,8 @@ def contrast_over_chance(
 
 def _contrast(dark: F32, free: Mask, within: Mask, around: Mask) -> float | None:
     """Return the difference of median darkness, or None if too few pixels are free."""
-    inner_pixels, outer_pixels = within & free, around & free
+    inner_pixels = within & free
+    outer_pixels = around & free
     if (
         inner_pixels.sum() < max(TUNING.least_count, TUNING.visible * within.sum())
         or outer_pixels.sum() < TUNING.least_count

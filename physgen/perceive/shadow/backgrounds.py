@@ -75,7 +75,8 @@ def fill_backgrounds(
     surroundings: Surroundings, shadows: Shadows, inpaint: Inpaint
 ) -> Backgrounds:
     """Return both backgrounds; `shadows` come from the estimate."""
-    hole, clean_guess = surroundings.hole, shadows.clean_background
+    hole = surroundings.hole
+    clean_guess = shadows.clean_background
     if not hole.any() or hole.all():
         return Backgrounds(surroundings.guess, clean_guess)
     if clean_guess is None:
@@ -175,10 +176,8 @@ def _fill_clean(
         small_fill = fill_from_surroundings(masked_photo, rejected_mask, inpaint)
         clean_fill = np.where(rejected_mask[..., None], small_fill, clean_fill)
     # The background with shadows is the same fill in the remaining light.
-    shaded_picture, dimmed_mask = (
-        surroundings.photo.copy(),
-        surroundings.hole & ~rejected_mask,
-    )
+    shaded_picture = surroundings.photo.copy()
+    dimmed_mask = surroundings.hole & ~rejected_mask
     light = np.exp(
         enlarge(_measure_darkness(surroundings, lifted, full_hole), shape)[dimmed_mask]
     )
@@ -201,9 +200,8 @@ def _measure_darkness(surroundings: Surroundings, lifted: Rgb, hole: Mask) -> F3
     The result has the size of the reduced photo.
     """
     share = hole.astype(np.float32)
-    before, after = (
-        reduce_photo(picture, share) for picture in (surroundings.photo, lifted)
-    )
+    before = reduce_photo(surroundings.photo, share)
+    after = reduce_photo(lifted, share)
     logs = [
         cv2.log(decode(reduced_photo.background) + np.float32(DARKEST))
         for reduced_photo in (before, after)

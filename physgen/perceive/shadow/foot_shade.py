@@ -120,7 +120,8 @@ def find_foot_shade(
             return None
         if shade is None:
             continue
-        window, depth = shade.window, shade.depth
+        window = shade.window
+        depth = shade.depth
         largest = np.abs(depth).max(axis=2)
         # Shades of neighbours overlap: the deeper one is the pixel's.
         is_deeper = largest > np.abs(depths[window]).max(axis=2)
@@ -273,7 +274,9 @@ def _joined_shade(ground: _Ground, side: float) -> Mask | None:
         return None
     if np.count_nonzero(shade & border) > FOOT.ends * np.count_nonzero(border):
         return None
-    return None if _has_hard_edge(ground, shade, side) else shade
+    if _has_hard_edge(ground, shade, side):
+        return None
+    return shade
 
 
 def _has_hard_edge(ground: _Ground, shade: Mask, side: float) -> bool:

@@ -162,7 +162,9 @@ def _visible_part(mirrored: Mask, is_hidden: Mask, height: int) -> Mask | None:
     part = mirrored & ~hidden_pixels
     part[: max(2, round(MIRROR.gap * height))] = False
     part[max(2, round(MIRROR.search_height * height)) :] = False
-    return part if np.count_nonzero(part) >= MIRROR.smallest else None
+    if np.count_nonzero(part) >= MIRROR.smallest:
+        return part
+    return None
 
 
 def _dilate_mask(image: NDArray[np.uint8], reach: int) -> Mask:
@@ -231,7 +233,8 @@ def _ground(picture: Rgb, left: int, width: int) -> _Ground | None:
     """Return the ground below an object whose left column is `left`, or None if it is
     hidden.
     """
-    right, margin = left + width, _margin(width)
+    right = left + width
+    margin = _margin(width)
     columns = np.arange(picture.shape[1])
     sides = [
         (columns < left - 4) & (columns >= left - margin - 4),

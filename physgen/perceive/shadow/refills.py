@@ -89,11 +89,9 @@ def refill_background(
     hole. Then reflections of objects `standing` on a floor (H, W) are removed.
     """
     result = _refill_shadow(removed, background, coverage, inpaint)
-    return (
-        result
-        if standing is None
-        else remove_reflections(result, standing, coverage, inpaint)
-    )
+    if standing is None:
+        return result
+    return remove_reflections(result, standing, coverage, inpaint)
 
 
 def _refill_shadow(

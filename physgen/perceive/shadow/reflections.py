@@ -98,7 +98,8 @@ def remove_reflections(
 
 def _mirror_objects(labels: Labels) -> _MirrorImages:
     """Return the images of objects that stand on the floor, mirrored at their feet."""
-    images, foot_widths = np.zeros_like(labels), np.zeros(int(labels.max()) + 1)
+    images = np.zeros_like(labels)
+    foot_widths = np.zeros(int(labels.max()) + 1)
     for number in np.unique(labels[labels > 0]):
         object_mask = np.where(labels == number, number, 0).astype(labels.dtype)
         left, top, width, height = cv2.boundingRect((object_mask > 0).astype(np.uint8))

@@ -129,11 +129,9 @@ class LightGradients:
         factors = [
             product / max(model_energy, 1e-9) for product, model_energy, _ in sums
         ]
-        return (
-            (sum(correlations) / len(sums), sum(factors) / len(sums))
-            if sums
-            else (0.0, 0.0)
-        )
+        if sums:
+            return (sum(correlations) / len(sums), sum(factors) / len(sums))
+        return (0.0, 0.0)
 
     def _sums(self, model: F32) -> list[tuple[float, float, float]]:
         """Return, per width, products and squares of predicted and measured gradients.
@@ -169,8 +167,10 @@ class LightGradients:
         if len(rows) < 2 or len(columns) < 2:
             return None
         pad = int(3 * self.slopes[-1][0]) + 4
-        top, left = max(int(rows[0]) - pad, 0), max(int(columns[0]) - pad, 0)
-        bottom, right = int(rows[-1]) + pad + 1, int(columns[-1]) + pad + 1
+        top = max(int(rows[0]) - pad, 0)
+        left = max(int(columns[0]) - pad, 0)
+        bottom = int(rows[-1]) + pad + 1
+        right = int(columns[-1]) + pad + 1
         return slice(top, bottom), slice(left, right)
 
 
@@ -195,7 +195,8 @@ def light_gradients(
     silhouettes = silhouettes_at(scale)
     if not silhouettes:
         return None
-    h, w = (max(1, round(n / scale)) for n in background.shape[:2])
+    h = max(1, round(background.shape[0] / scale))
+    w = max(1, round(background.shape[1] / scale))
     light = np.log(luminance(decode(background)) + DARKEST)
     open_ = away_from_objects(coverage).astype(np.float32)
     share = np.asarray(
@@ -278,7 +279,8 @@ def search_light(
     )
     # Repeat the steps while they still improve the fit.
     for _ in range(2):
-        before, best = best, climb(k, best)
+        before = best
+        best = climb(k, best)
         if best.likeness < before.likeness + 0.005:
             break
     return k, best
@@ -391,7 +393,8 @@ def _turn_light(setting: ShadowSetting, step: float) -> Iterator[ShadowSetting]:
     radians.
     """
     x, y, z = setting.light.direction
-    turn, rise = atan2(z, x), asin(min(max(-y, -1.0), 1.0))
+    turn = atan2(z, x)
+    rise = asin(min(max(-y, -1.0), 1.0))
     for turn_step, rise_step in (
         (step, 0),
         (-step, 0),
@@ -400,7 +403,8 @@ def _turn_light(setting: ShadowSetting, step: float) -> Iterator[ShadowSetting]:
         (step, -step),
         (-step, -step),
     ):
-        a, e = turn + turn_step / max(cos(rise), 0.3), rise + rise_step
+        a = turn + turn_step / max(cos(rise), 0.3)
+        e = rise + rise_step
         if sin(e) > 0.1 and e < pi / 2:
             yield with_direction(setting, (cos(e) * cos(a), -sin(e), cos(e) * sin(a)))
 
@@ -510,7 +514,8 @@ def refine_wall_shadow(gradients: LightGradients, shadow: WallShadow) -> WallSha
     first_blur = gradients.slopes[0][0] * gradients.scale
     best = _rate_wall_shadow(gradients, replace(shadow, blur=first_blur))
     for step in (4.0, 2.0, 1.0):
-        shifts, blurs = _shift_steps(best, step), _blur_steps(best)
+        shifts = _shift_steps(best, step)
+        blurs = _blur_steps(best)
         tries = [*shifts, *_size_steps(best, 0.01 * step), *blurs]
         for _ in range(2):
             fits = [_rate_wall_shadow(gradients, candidate) for candidate in tries]
@@ -634,7 +639,8 @@ def _shift_search(gradients: LightGradients) -> _ShiftSearch | None:
     cut = np.minimum(
         1, np.percentile(free, TUNING.steepest) / np.maximum(steepness, 1e-6)
     )
-    right, down = inner_weights * right * cut, inner_weights * down * cut
+    right = inner_weights * right * cut
+    down = inner_weights * down * cut
     shape = (
         cv2.getOptimalDFTSize(2 * gradients.size[1]),
         cv2.getOptimalDFTSize(2 * gradients.size[0]),

@@ -221,7 +221,8 @@ def shade_without_light(
 
 def _reduced_shadows(photo: _Photo, guess: LightGuess) -> Shadows:
     """Return the shadows of the reduced photo."""
-    background, coverage = photo.background, photo.coverage
+    background = photo.background
+    coverage = photo.coverage
     result = Shadows(None, None, guess.light, 4.0, 4.0, None, 0.0)
     gradients = photo.gradients(COARSE)
     if gradients is None:
@@ -363,7 +364,8 @@ def _soft_shade(photo: _Photo, guess: LightGuess) -> Shadows | None:
     # Shade all around an object does not depend on the tilt.
     if tilt is None:
         tilt = round(degrees(atan(shade.setting.tilt)), 1)
-    softness, confidence = shade.setting.softness, shade.confidence
+    softness = shade.setting.softness
+    confidence = shade.confidence
     return Shadows(
         clean_background, owners, guess.light, softness, tilt, None, confidence
     )
@@ -480,7 +482,9 @@ def _wall_shadow(photo: _Photo) -> WallShadow | None:
         return None
     fine_gradients = photo.gradients(FINE)
     wall = wall if fine_gradients is None else refine_wall_shadow(fine_gradients, wall)
-    return wall if wall.factor > LIMITS.faintest else None
+    if wall.factor > LIMITS.faintest:
+        return wall
+    return None
 
 
 def _light(

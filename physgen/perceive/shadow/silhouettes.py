@@ -87,8 +87,10 @@ def _reduced_coverage(
     corner there; None if the object is hidden.
     """
     x0, y0, x1, y1 = bounds(item.outline)
-    a, b = max(int(x0) - 2, 0), max(int(y0) - 2, 0)
-    c, d = min(ceil(x1) + 3, labels.shape[1]), min(ceil(y1) + 3, labels.shape[0])
+    a = max(int(x0) - 2, 0)
+    b = max(int(y0) - 2, 0)
+    c = min(ceil(x1) + 3, labels.shape[1])
+    d = min(ceil(y1) + 3, labels.shape[0])
     mask = (labels[b:d, a:c] == item.id).astype(np.float32)
     if not mask.any():
         return None
@@ -200,7 +202,9 @@ def _row_below(
 def typical_size(silhouettes: Sequence[Silhouette]) -> float:
     """Return the size of a typical object, px: the median root of the areas."""
     areas = [float((s.coverage > 0.5).sum()) for s in silhouettes]
-    return float(np.median([area**0.5 for area in areas])) + 1 if areas else inf
+    if areas:
+        return float(np.median([area**0.5 for area in areas])) + 1
+    return inf
 
 
 def away_from_objects(coverage: F32, margin: int = MARGIN) -> Mask:

@@ -102,7 +102,9 @@ def find_smooth_shade(
         result = lit_picture
         shade_mask = depth.mean(axis=2) > TUNING.least_depth / 2
         owners[window][shade_mask & (coverage[window] < 0.5)] = item.id
-    return (result, owners) if owners.any() else None
+    if owners.any():
+        return (result, owners)
+    return None
 
 
 @dataclass(frozen=True)
@@ -211,7 +213,8 @@ def _depth(surroundings: _Surroundings) -> Darkness | None:
 
 def _shade_mask(surroundings: _Surroundings) -> Mask:
     """Return the pixels (h, w) darker than the plane through the lit ground."""
-    ground, grey = surroundings.ground_mask, surroundings.grey
+    ground = surroundings.ground_mask
+    grey = surroundings.grey
     level, spread = _lit_plane(grey, ground)
     limit = max(TUNING.least_depth, TUNING.loud * spread)
     # The first plane contains some shade; a second one is fitted without it.
@@ -238,10 +241,8 @@ def _is_shade(surroundings: _Surroundings, shade_mask: Mask, joined_mask: Mask) 
     far_ground = surroundings.ground_mask & (surroundings.distances > high)
     if not near_ground.any() or not far_ground.any():
         return False
-    near_share, far_share = (
-        joined_mask[near_ground].mean(),
-        joined_mask[far_ground].mean(),
-    )
+    near_share = joined_mask[near_ground].mean()
+    far_share = joined_mask[far_ground].mean()
     least_share, times = TUNING.shares
     return bool(near_share >= max(least_share, times * far_share))
 
@@ -250,7 +251,9 @@ def _select_unshaded_ground(shade_mask: Mask, ground_mask: Mask) -> Mask:
     """Return the ground (h, w) away from shade."""
     wide_shade = cv2.dilate(shade_mask.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
     lit_mask = ground_mask & ~wide_shade
-    return lit_mask if lit_mask.sum() > TUNING.size else ground_mask & ~shade_mask
+    if lit_mask.sum() > TUNING.size:
+        return lit_mask
+    return ground_mask & ~shade_mask
 
 
 def _find_even_ground(linear: F32, ring_mask: Mask) -> Mask:
@@ -282,7 +285,8 @@ def _lit_plane(values: F32, ground_mask: Mask) -> tuple[F32, float]:
     Weights fit a quantile (Koenker and Bassett 1978), so that shade counts less.
     """
     base = _base(values.shape)
-    x, y = base[ground_mask], values[ground_mask]
+    x = base[ground_mask]
+    y = values[ground_mask]
     weights = np.ones(len(y))
     for _ in range(TUNING.rounds):
         root = np.sqrt(weights)
