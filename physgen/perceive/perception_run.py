@@ -271,7 +271,10 @@ class PerceptionRun:
         )
         if view:
             guess = replace(guess, confidence=view.confidence, reason=view.reason)
-        depth = None if self.crew.name("depth") == "none" else extra.get("depth")
+        if self.crew.name("depth") == "none":
+            depth = None
+        else:
+            depth = extra.get("depth")
         return guess, depth, extra.get("normals")
 
     def sign(self, scene: PerceivedScene) -> PerceivedScene:

@@ -285,10 +285,10 @@ def _mask_ids(objects: Sequence[Object]) -> list[int]:
     for item in objects:
         given_ids.append(item.mask.id if isinstance(item.mask, MaskId) else 0)
     free = iter(range(max(given_ids, default=0) + 1, 65536))
-    return [
-        i if i and i not in given_ids[:k] else next(free)
-        for k, i in enumerate(given_ids)
-    ]
+    result: list[int] = []
+    for k, i in enumerate(given_ids):
+        result.append(i if i and i not in given_ids[:k] else next(free))
+    return result
 
 
 def with_sources(data: Entry, scene: Scene) -> dict[str, Any]:

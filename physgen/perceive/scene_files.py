@@ -441,7 +441,10 @@ def value_at(document: Mapping[str, Any], key: str) -> object:
     """Return the value at a dotted key, or None."""
     value: Any = document
     for part in key.split("."):
-        value = value.get(part) if isinstance(value, Mapping) else None
+        if isinstance(value, Mapping):
+            value = value.get(part)
+        else:
+            value = None
     return value
 
 

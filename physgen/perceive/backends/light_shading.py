@@ -181,16 +181,16 @@ def fit_light(
     direction = neighbours[low[0]]
     ratio = float(AMBIENT[low[1]])
     agree = int((spots @ direction > np.cos(np.radians(2 * TUNING.spot_angle))).sum())
-    explanation = (
-        0.0 if pairs is None else 1 - float(_misfit(pairs, direction[None])[0, low[1]])
-    )
+    if pairs is None:
+        explanation = 0.0
+    else:
+        explanation = 1 - float(_misfit(pairs, direction[None])[0, low[1]])
     # A distant direction with a similar cost makes the light ambiguous.
     rival_costs = cost[sky @ direction < np.cos(np.radians(TUNING.rival_angle))]
-    worth = (
-        max(1 - float(rival_costs.min()), 0) / max(1 - float(cost.min()), 1e-6)
-        if rival_costs.size
-        else 0.0
-    )
+    if rival_costs.size:
+        worth = max(1 - float(rival_costs.min()), 0) / max(1 - float(cost.min()), 1e-6)
+    else:
+        worth = 0.0
     trust = 0.0 if pairs is None else pairs.trust
     return LightEstimate(
         _light(direction, ratio),

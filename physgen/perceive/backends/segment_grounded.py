@@ -254,13 +254,15 @@ class Sam:
             )
         fits = output.iou_scores[0].float()
         best = fits.argmax(-1)
-        return [
-            (
-                self._restore_size(output.pred_masks[0, k, int(i)].float()),
-                float(fits[k, i].clamp(0, 1)),
+        result: list[tuple[Mask, float]] = []
+        for k, i in enumerate(best):
+            result.append(
+                (
+                    self._restore_size(output.pred_masks[0, k, int(i)].float()),
+                    float(fits[k, i].clamp(0, 1)),
+                )
             )
-            for k, i in enumerate(best)
-        ]
+        return result
 
     def _restore_size(self, logits: torch.Tensor) -> Mask:
         """Return a mask (h, w) of the model at the photo's size."""

@@ -181,11 +181,11 @@ def find_groups(maps: NetworkMaps) -> list[Proposal]:
     cells = maps.foreground.size
     largest = round(CANDIDATES.largest * cells)
     groups, wholes = network_proposals(maps, CANDIDATES.smallest, largest)
-    return [
-        proposal
-        for proposal in distinct([*groups, *wholes])
-        if _mean(maps.foreground, proposal) >= CANDIDATES.least_foreground
-    ]
+    result: list[Proposal] = []
+    for proposal in distinct([*groups, *wholes]):
+        if _mean(maps.foreground, proposal) >= CANDIDATES.least_foreground:
+            result.append(proposal)
+    return result
 
 
 def cut_out_boxes(

@@ -87,9 +87,10 @@ class PromptFrame:
         x = rgb.shape[1] / self.width
         y = rgb.shape[0] / self.height
         # Pixel centres are whole numbers: the last pixel must stay on a smaller photo.
-        return [
-            ((point[0] + 0.5) * x - 0.5, (point[1] + 0.5) * y - 0.5) for point in points
-        ]
+        result: list[Point] = []
+        for point in points:
+            result.append(((point[0] + 0.5) * x - 0.5, (point[1] + 0.5) * y - 0.5))
+        return result
 
     def problem(
         self, order: int, kind: str, numbers: Sequence[float], refusal: RefusedError

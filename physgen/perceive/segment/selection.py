@@ -56,7 +56,11 @@ class Selection:
 
     def parts_of(self, wholes: NDArray[np.intp]) -> list[int]:
         """Return the parts of some wholes."""
-        return [part for k in wholes.tolist() for part in self.parts.get(k, ())]
+        result: list[int] = []
+        for k in wholes.tolist():
+            for part in self.parts.get(k, ()):
+                result.append(part)
+        return result
 
 
 def unite_parts(

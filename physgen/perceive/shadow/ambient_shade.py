@@ -254,7 +254,10 @@ def extend_behind_objects(dark: F32, coverage: F32) -> F32:
 def _sky(
     direct: float, down: float, size: tuple[int, int], is_top_view: bool
 ) -> ShadowSetting:
-    direction = (0.0, 0.0, 1.0) if is_top_view else (0.0, -1.0, 0.0)
+    if is_top_view:
+        direction = (0.0, 0.0, 1.0)
+    else:
+        direction = (0.0, -1.0, 0.0)
     light = DistantLight(direction, FULL * direct, FULL * (1 - direct))
     return ShadowSetting(
         light, TUNING.light_radius, is_top_view, tan(radians(down)), inf, size
@@ -267,16 +270,17 @@ def _shifts(size: float, is_top_view: bool) -> list[tuple[int, int]]:
     From the side a shade is flat, so that a row away is already another place.
     """
     steps = [0.0, *TUNING.nearby, *(-part for part in TUNING.nearby)]
-    downs = (
-        steps if is_top_view else [0.6 * part for part in steps if 0 < abs(part) <= 1]
-    )
+    if is_top_view:
+        downs = steps
+    else:
+        downs = [0.6 * part for part in steps if 0 < abs(part) <= 1]
     least_distance = 1.0 if is_top_view else 0.3
-    return [
-        (int(a * size), int(b * size))
-        for b in downs
-        for a in steps
-        if abs(a) + abs(b) >= least_distance
-    ]
+    result: list[tuple[int, int]] = []
+    for b in downs:
+        for a in steps:
+            if abs(a) + abs(b) >= least_distance:
+                result.append((int(a * size), int(b * size)))
+    return result
 
 
 def missing_light(
@@ -291,10 +295,9 @@ def missing_light(
     linear = decode(background)
     level_of_pixel = np.log(luminance(linear) + DARKEST).astype(np.float32)
     reference_weights = free * ~possible_shade
-    reaches = [
-        (a * size, d * size, gain)
-        for a, d, gain in (TUNING.top_reaches if is_top_view else TUNING.side_reaches)
-    ]
+    reaches = []
+    for a, d, gain in TUNING.top_reaches if is_top_view else TUNING.side_reaches:
+        reaches.append((a * size, d * size, gain))
     level = mean_of_kind(
         level_of_pixel,
         reference_weights,
@@ -324,10 +327,11 @@ def contrast_over_chance(
     """
     contrast = _contrast(dark, free, within, around)
     other = free & ~within
-    shifted_contrasts = [
-        _contrast(dark, other, _move(within, dx, dy), _move(around, dx, dy))
-        for dx, dy in shifts
-    ]
+    shifted_contrasts = []
+    for dx, dy in shifts:
+        shifted_contrasts.append(
+            _contrast(dark, other, _move(within, dx, dy), _move(around, dx, dy))
+        )
     others = np.array([value for value in shifted_contrasts if value is not None])
     if (
         contrast is None

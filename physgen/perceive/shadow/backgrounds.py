@@ -124,11 +124,10 @@ def fill_before_scenery(
     backgrounds = fill_backgrounds(before, shadows, inpaint)
     # ... then behind the scenery, in the picture without the movable objects.
     rest = with_rim(surroundings.photo, scenery_mask)
-    lit_picture = (
-        backgrounds.shaded_picture
-        if backgrounds.clean_picture is None
-        else backgrounds.clean_picture
-    )
+    if backgrounds.clean_picture is None:
+        lit_picture = backgrounds.shaded_picture
+    else:
+        lit_picture = backgrounds.clean_picture
     fill_result = inpaint(lit_picture, rest)
     shaded_picture = np.where(rest[..., None], fill_result, backgrounds.shaded_picture)
     return Backgrounds(
@@ -202,10 +201,9 @@ def _measure_darkness(surroundings: Surroundings, lifted: Rgb, hole: Mask) -> F3
     share = hole.astype(np.float32)
     before = reduce_photo(surroundings.photo, share)
     after = reduce_photo(lifted, share)
-    logs = [
-        cv2.log(decode(reduced_photo.background) + np.float32(DARKEST))
-        for reduced_photo in (before, after)
-    ]
+    logs = []
+    for reduced_photo in (before, after):
+        logs.append(cv2.log(decode(reduced_photo.background) + np.float32(DARKEST)))
     hidden_mask = before.coverage > 0
     log_ratio = np.where(hidden_mask[..., None], np.float32(0), logs[0] - logs[1])
     return harmonic_fill(log_ratio, hidden_mask, LIGHT_ERROR)

@@ -193,7 +193,10 @@ def _shade_at_foot(background: Rgb, free: F32, own_mask: Mask) -> _FootShade | N
         reduced(is_ground_row.astype(np.float32)) > 0.5,
         side / scale,
     )
-    shade = None if ground is None else _joined_shade(ground, side / scale)
+    if ground is None:
+        shade = None
+    else:
+        shade = _joined_shade(ground, side / scale)
     if ground is None or shade is None:
         return None
     if _is_board(ground, shade):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from physgen.geometry.shadows import Silhouette
 from physgen.maps import F32
-from physgen.perceive.roles import Labels, Rgb, Shadows
+from physgen.perceive.roles import Labels, Mask, Rgb, Shadows
 from physgen.perceive.shadow.silhouettes import DARKEST
 from physgen.perceive.working_size import working_size
 from physgen.photometry import decode, encode_u8, luminance

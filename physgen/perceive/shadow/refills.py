@@ -127,11 +127,10 @@ def plan_refill(removed: Rgb, background: Rgb, coverage: F32) -> RefillPlan:
         | (closed_ring & near_shadow)
         | _dilate(deep_shadow.astype(np.uint8), 1)
     ) > 0
-    pieces = (
-        nearest_piece(unknown_mask)
-        if unknown_mask.any()
-        else np.zeros(unknown_mask.shape, np.int32)
-    )
+    if unknown_mask.any():
+        pieces = nearest_piece(unknown_mask)
+    else:
+        pieces = np.zeros(unknown_mask.shape, np.int32)
     piece_numbers = np.unique(pieces[unknown_mask & (near_shadow > 0)])
     hole = unknown_mask & np.isin(pieces, piece_numbers)
     return RefillPlan(hole, unknown_mask, pieces, shadows, np.asarray(left, np.float32))

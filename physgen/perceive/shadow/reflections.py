@@ -86,7 +86,10 @@ def remove_reflections(
     """
     images = _mirror_objects(labels)
     areas = np.bincount(labels.ravel())[1:]
-    size = float(np.median(areas[areas > 0]) ** 0.5) if areas.any() else 1.0
+    if areas.any():
+        size = float(np.median(areas[areas > 0]) ** 0.5)
+    else:
+        size = 1.0
     differences = _floor_differences(clean, images.labels == 0, coverage, size)
     reflections = _find_reflections(differences, images, coverage)
     if not reflections.any():
@@ -132,10 +135,11 @@ def _floor_differences(
     reaches = [(a * size, max(d * size, 0.7), gain) for a, d, gain in TUNING.reaches]
     single_kind = [np.ones_like(free)]
     logs = cv2.split(np.log(decode(clean) + REFLECTION.least_light))
-    rests = [
-        part - mean_of_kind(part, reference, single_kind, reaches, tiny=1e-12)
-        for part in logs
-    ]
+    rests = []
+    for part in logs:
+        rests.append(
+            part - mean_of_kind(part, reference, single_kind, reaches, tiny=1e-12)
+        )
     rests = [
         local_mean(rest * free, free, REFLECTION.blur, REFLECTION.blur)
         for rest in rests

@@ -208,9 +208,9 @@ def light_gradients(
     small = np.asarray(small / np.maximum(share, 0.05), np.float32)
     known_weights = np.asarray(share * (share > 0.5), np.float32)
     size = typical_size(silhouettes)
-    slopes = [
-        _slopes(small, known_weights, max(part * size, 1.0)) for part in TUNING.widths
-    ]
+    slopes = []
+    for part in TUNING.widths:
+        slopes.append(_slopes(small, known_weights, max(part * size, 1.0)))
     return LightGradients(
         scale, (w, h), known_weights, slopes, silhouettes, join_silhouettes(silhouettes)
     )
@@ -538,10 +538,10 @@ def _rate_wall_shadow(gradients: LightGradients, shadow: WallShadow) -> WallShad
 
 def _shift_steps(shadow: WallShadow, step: float) -> list[WallShadow]:
     dx, dy = shadow.shift
-    return [
-        replace(shadow, shift=(dx + a * step, dy + b * step))
-        for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))
-    ]
+    result: list[WallShadow] = []
+    for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+        result.append(replace(shadow, shift=(dx + a * step, dy + b * step)))
+    return result
 
 
 def _size_steps(shadow: WallShadow, step: float) -> list[WallShadow]:

@@ -79,9 +79,9 @@ def removed_light(background: Rgb, clean: Rgb, coverage: F32) -> F32:
     Directly beside objects, where none is removed, the missing light counts: contact
     shadows lie there.
     """
-    logs = [
-        np.log(luminance(decode(picture)) + DARKEST) for picture in (clean, background)
-    ]
+    logs = []
+    for picture in (clean, background):
+        logs.append(np.log(luminance(decode(picture)) + DARKEST))
     free = away_from_objects(coverage).astype(np.float32)
     known_share = np.maximum(cv2.GaussianBlur(free, (0, 0), SMOOTH), 1e-2)
     free_gain = (logs[0] - logs[1]).astype(np.float32) * free

@@ -165,9 +165,9 @@ def edge_ratio(background: Rgb, clean: Rgb, coverage: F32) -> float:
     and 1 without a change.
     """
     free = away_from_objects(coverage, 3)
-    logs = [
-        np.log(luminance(decode(picture)) + DARKEST) for picture in (background, clean)
-    ]
+    logs = []
+    for picture in (background, clean):
+        logs.append(np.log(luminance(decode(picture)) + DARKEST))
     changed_region = (
         cv2.dilate(
             (np.abs(logs[1] - logs[0]) > 0.02).astype(np.uint8),
@@ -339,10 +339,9 @@ class _Removal:
 
     def _level(self, values: F32, plain: F32, kinds: Sequence[F32]) -> F32:
         """Return the mean (h, w) of similar surfaces nearby, mainly along the rows."""
-        reaches = [
-            (a * self.size, max(d * self.size, 0.7), gain)
-            for a, d, gain in TUNING.reaches
-        ]
+        reaches = []
+        for a, d, gain in TUNING.reaches:
+            reaches.append((a * self.size, max(d * self.size, 0.7), gain))
         return mean_of_kind(values, plain, kinds, reaches, tiny=1e-12)
 
     def _reach(self) -> F32:

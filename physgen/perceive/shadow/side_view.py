@@ -461,7 +461,10 @@ def _is_convincing(gradients: LightGradients, fit: LightFit) -> bool:
     """Return whether the fit is good and dark enough for real shadows."""
     model = predicted_darkness(gradients.groups, fit.setting) * gradients.known_weights
     depths = model[model > 0.02]
-    depth = fit.factor * float(np.percentile(depths, 95)) if depths.size else 0.0
+    if depths.size:
+        depth = fit.factor * float(np.percentile(depths, 95))
+    else:
+        depth = 0.0
     confident = (
         fit.likeness + LIMITS.depth_weight * min(depth, 1.0) > LIMITS.least_score
     )

@@ -49,11 +49,10 @@ def object_silhouettes(
     Each stands above the highest boundary below it, or above `floor`, a row of the
     photo, if it is given.
     """
-    grounds = [
-        (np.array(a) / scale, np.array(b) / scale)
-        for wall in boundaries.walls
-        for a, b in zip(wall.points[:-1], wall.points[1:], strict=True)
-    ]
+    grounds = []
+    for wall in boundaries.walls:
+        for a, b in zip(wall.points[:-1], wall.points[1:], strict=True):
+            grounds.append((np.array(a) / scale, np.array(b) / scale))
     result = []
     sizes = {t.id: mass_properties(t.outline).area for t in objects}
     for item in sorted(objects, key=lambda t: -sizes[t.id])[:MOST]:
@@ -61,10 +60,16 @@ def object_silhouettes(
         if coverage is None:
             continue
         x, y = (mass_properties(item.outline).center / scale).tolist()
-        radius = item.outline.radius / scale if isinstance(item.outline, Disc) else None
+        if isinstance(item.outline, Disc):
+            radius = item.outline.radius / scale
+        else:
+            radius = None
         ball = radius is not None and matter[item.id].solid is Solid.SPHERE
         bottom = bounds(item.outline)[3] / scale - 0.5
-        floor_row = _row_below(grounds, x, bottom) if floor is None else floor / scale
+        if floor is None:
+            floor_row = _row_below(grounds, x, bottom)
+        else:
+            floor_row = floor / scale
         result.append(
             Silhouette(
                 *coverage,
@@ -103,7 +108,10 @@ def _reduced_coverage(
         ]
     )
     # Blur before sampling, so that a reduced mask has no aliasing.
-    smooth_mask = cv2.GaussianBlur(mask, (0, 0), 0.4 * scale) if scale > 1.2 else mask
+    if scale > 1.2:
+        smooth_mask = cv2.GaussianBlur(mask, (0, 0), 0.4 * scale)
+    else:
+        smooth_mask = mask
     small = cv2.warpAffine(smooth_mask, matrix, size, flags=cv2.INTER_LINEAR)
     return np.asarray(small, np.float32), corner
 
@@ -176,13 +184,12 @@ def lowest_floor(boundaries: BoundaryGuess) -> float | None:
 
     Returns None if there is none.
     """
-    rows = [
-        max(p[1], q[1])
-        for wall in boundaries.walls
-        if wall.name != "bottom"
-        for p, q in zip(wall.points[:-1], wall.points[1:], strict=True)
-        if abs(q[0] - p[0]) > 1.2 * abs(q[1] - p[1])
-    ]
+    rows = []
+    for wall in boundaries.walls:
+        if wall.name != "bottom":
+            for p, q in zip(wall.points[:-1], wall.points[1:], strict=True):
+                if abs(q[0] - p[0]) > 1.2 * abs(q[1] - p[1]):
+                    rows.append(max(p[1], q[1]))
     return max(rows, default=None)
 
 
@@ -190,12 +197,12 @@ def _row_below(
     grounds: Sequence[tuple[Array, Array]], x: float, bottom: float
 ) -> float | None:
     """Return the row of the highest ground below a point, or None."""
-    rows = [
-        float(p[1] + (q[1] - p[1]) * (x - p[0]) / (q[0] - p[0]))
-        for p, q in grounds
-        if abs(q[0] - p[0]) > 1.2 * abs(q[1] - p[1])
-        and min(p[0], q[0]) <= x <= max(p[0], q[0])
-    ]
+    rows = []
+    for p, q in grounds:
+        if abs(q[0] - p[0]) > 1.2 * abs(q[1] - p[1]) and min(p[0], q[0]) <= x <= max(
+            p[0], q[0]
+        ):
+            rows.append(float(p[1] + (q[1] - p[1]) * (x - p[0]) / (q[0] - p[0])))
     return min((row for row in rows if row >= bottom - SUNK), default=None)
 
 

@@ -295,7 +295,10 @@ def _lit_plane(values: F32, ground_mask: Mask) -> tuple[F32, float]:
         side = np.where(rest > 0, TUNING.quantile, 1 - TUNING.quantile)
         weights = side / np.maximum(np.abs(rest), 0.01)
     lit_residuals = rest[rest > -TUNING.least_depth / 2]
-    spread = float(np.sqrt(np.mean(lit_residuals**2))) if len(lit_residuals) else 0.0
+    if len(lit_residuals):
+        spread = float(np.sqrt(np.mean(lit_residuals**2)))
+    else:
+        spread = 0.0
     return np.asarray(base @ fit, np.float32), spread
 
 

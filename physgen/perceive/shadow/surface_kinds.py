@@ -85,11 +85,10 @@ def mean_of_kind(
     `tiny` is the weight of a pixel's own value if no such surface is near; `prior` is
     the same, with a weight, for pixels of no kind.
     """
-    result = (
-        np.float32(prior[0]) * values
-        if prior[0]
-        else np.zeros(values.shape, np.float32)
-    )
+    if prior[0]:
+        result = np.float32(prior[0]) * values
+    else:
+        result = np.zeros(values.shape, np.float32)
     total = np.full(values.shape, prior[1], np.float32)
     for kind in kinds:
         sums = tiny * values

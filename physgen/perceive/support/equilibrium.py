@@ -475,11 +475,13 @@ class _Forces:
             spot = LIMITS.spot * radii[0]
         else:
             spot = 0.0
-        return [
-            (contact.point + shift * tangent, contact.normal + way * tangent)
-            for shift in ((-spot, spot) if spot else (0.0,))
-            for way in (-mu, mu)
-        ]
+        result: list[tuple[Array, Array]] = []
+        for shift in (-spot, spot) if spot else (0.0,):
+            for way in (-mu, mu):
+                result.append(
+                    (contact.point + shift * tangent, contact.normal + way * tangent)
+                )
+        return result
 
     def _column(
         self,
