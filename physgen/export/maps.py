@@ -81,7 +81,8 @@ class Layers:
         """Take the `ground` (H, W[, C]) of the photo without objects, and `parts` by
         body.
         """
-        self._world, self._size = clip.world, clip.size
+        self._world = clip.world
+        self._size = clip.size
         self._photo = photo_view(clip.trajectory, clip.world)
         self._ground, self._parts, self._encode = ground, parts, encode
         self._background: tuple[Array, U16] | None = None

@@ -147,7 +147,8 @@ class Follower:
 
     def _rotated_error(self, body: int, pose: F64) -> F64:
         """Return the error (3,) of the first frame, turned with the object."""
-        cosine, sine = cos(pose[2]), sin(pose[2])
+        cosine = cos(pose[2])
+        sine = sin(pose[2])
         x, y, angle = self.errors[body].tolist()
         return np.array([cosine * x - sine * y, sine * x + cosine * y, angle])
 

@@ -81,7 +81,8 @@ class Patch:
         )
         inner = Window(shift, window.size)
         open_mask = inner.crop(self.open_mask.astype(np.float32)) > 0
-        frame, background = inner.crop(self.frame), inner.crop(self.background)
+        frame = inner.crop(self.frame)
+        background = inner.crop(self.background)
         return Patch(window, frame, background, open_mask)
 
     def blur(self, sigma: float) -> Patch:
@@ -138,7 +139,9 @@ def find_pose(
     if min(window.size) < REGISTRATION.smallest_side:
         return None
     sharp_patch = patch.crop(window)
-    pose, has_angle, length = start.copy(), False, 0.0
+    pose = start.copy()
+    has_angle = False
+    length = 0.0
     for sigma in blurs:
         blurred_patch = sharp_patch.blur(sigma)
         for _ in range(REGISTRATION.max_steps):
@@ -192,7 +195,8 @@ def _gauss_newton_step(
     size = 2
     if has_angle:
         size = 3
-    matrix, vector = matrix[:size, :size], vector[:size]
+    matrix = matrix[:size, :size]
+    vector = vector[:size]
     # Damping keeps the matrix of an even picture invertible.
     damping = REGISTRATION.damping * np.trace(matrix) / size + 1e-9
     change = np.linalg.solve(matrix + damping * np.eye(size), vector)
@@ -269,7 +273,8 @@ def disc_turn(
         template.center[1] - template.corner[1],
     )
     own_rings = _rings(brightness(template.paint[..., :3]), template, center)
-    x, y = pose[0] - patch.window.origin[0], pose[1] - patch.window.origin[1]
+    x = pose[0] - patch.window.origin[0]
+    y = pose[1] - patch.window.origin[1]
     frame = patch.frame * patch.open_mask[..., None]
     frame_rings = _rings(frame.astype(np.float32), template, (float(x), float(y)))
     # In polar coordinates a turn is a shift, so that one Fourier transform tries all.

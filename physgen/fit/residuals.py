@@ -126,7 +126,8 @@ class Model:
 
     def measure_steps(self, numbers: F64, count: int) -> None:
         """Measure the errors by steps in the first `count` times."""
-        times, rate = self.tracks.times[:count], self.rate
+        times = self.tracks.times[:count]
+        rate = self.rate
         try:
             poses = self.poses(numbers, times)
             self.rate = RESIDUALS.step_factor * rate

@@ -101,7 +101,8 @@ def find_supported_axes(
     Such an object has a support. Otherwise a hop within the noise could explain a motion
     without friction.
     """
-    body, gravity = compiled_scene.world.bodies[k], compiled_scene.world.gravity
+    body = compiled_scene.world.bodies[k]
+    gravity = compiled_scene.world.gravity
     limit = START.moving * track_noise(tracks)
     is_supported = []
     for axis in (0, 1):

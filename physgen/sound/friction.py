@@ -76,7 +76,8 @@ def _band_powers(rubbings: Sequence[Rubbing], center: float) -> tuple[F64, F64]:
     """
     times = rubbings[0].times
     powers = np.zeros((len(times), 2))
-    low, high = TUNING.bands[0], TUNING.bands[-1]
+    low = TUNING.bands[0]
+    high = TUNING.bands[-1]
     for rubbing in rubbings:
         frequency = np.clip(rubbing.speed / TUNING.roughness, low, high)
         distance = np.log2(frequency / center) / TUNING.octaves

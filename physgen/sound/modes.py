@@ -132,7 +132,8 @@ def _disc_roots_of(diameters: int, poisson: float) -> list[float]:
     motions.
     """
     powers = diameters + 2.0 * np.arange(PLATE_TERMS)
-    p, q = powers[:, None], powers[None, :]
+    p = powers[:, None]
+    q = powers[None, :]
     n = float(diameters)
     laplacian = (p**2 - n**2) * (q**2 - n**2)
     bending = p * (p - 1) * (q - n**2) + q * (q - 1) * (p - n**2)
@@ -234,7 +235,8 @@ def sphere_roots(poisson: float) -> tuple[float, ...]:
         # there.
         is_change = (values[1:] * values[:-1] < 0) & (grid[1:] > order / 2)
         for index in np.flatnonzero(is_change)[:SPHERE_OVERTONES].tolist():
-            low, high = float(grid[index]), float(grid[index + 1])
+            low = float(grid[index])
+            high = float(grid[index + 1])
             roots.append(_refine_root(low, high, order, poisson))
     return tuple(sorted(roots))
 
@@ -247,8 +249,10 @@ def _refine_root(low: float, high: float, order: int, poisson: float) -> float:
         grid = np.linspace(low, high, GRID_POINTS)
         values = _lamb_determinant(grid, order, poisson)
         index = int(np.flatnonzero(values[1:] * values[:-1] <= 0)[0])
-        low, high = float(grid[index]), float(grid[index + 1])
-    first, last = values[index], values[index + 1]
+        low = float(grid[index])
+        high = float(grid[index + 1])
+    first = values[index]
+    last = values[index + 1]
     return float(low + (high - low) * first / (first - last))
 
 
@@ -260,8 +264,10 @@ def _lamb_determinant(shear: F64, order: int, poisson: float) -> F64:
     ratio = sqrt((1 - 2 * poisson) / (2 - 2 * poisson))
     pressure = shear * ratio
     half = shear**2 / 2
-    j_p, next_p = _bessel(order, pressure), _bessel(order + 1, pressure)
-    j_s, next_s = _bessel(order, shear), _bessel(order + 1, shear)
+    j_p = _bessel(order, pressure)
+    next_p = _bessel(order + 1, pressure)
+    j_s = _bessel(order, shear)
+    next_s = _bessel(order + 1, shear)
     radial_p = (n**2 - n - half) * j_p + 2 * pressure * next_p
     # Breathing modes (order 0) have no tangential motion.
     if order == 0:
