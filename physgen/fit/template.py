@@ -46,9 +46,12 @@ def window_around(pose: F64, reach: float, shape: Sequence[int]) -> Window:
     """
     height, width = shape[:2]
     margin = ceil(reach) + WINDOW_MARGIN
-    x, y = round(float(pose[0])), round(float(pose[1]))
-    left, right = max(x - margin, 0), min(x + margin + 1, width)
-    top, bottom = max(y - margin, 0), min(y + margin + 1, height)
+    x = round(float(pose[0]))
+    y = round(float(pose[1]))
+    left = max(x - margin, 0)
+    right = min(x + margin + 1, width)
+    top = max(y - margin, 0)
+    bottom = min(y + margin + 1, height)
     return Window((left, top), (max(right - left, 0), max(bottom - top, 0)))
 
 
