@@ -282,11 +282,9 @@ def _excluded_starts(scene: Scene, compilation: CompiledScene) -> Iterator[Probl
         change_size = float(np.hypot(*change[:2])) + abs(change[2]) * body.reach
         if change_size <= LIMITS.start_change * speed:
             continue
-        x, y, spin = (
-            allowed_velocities[k, 0],
-            allowed_velocities[k, 1],
-            np.degrees(allowed_velocities[k, 2]),
-        )
+        x = allowed_velocities[k, 0]
+        y = allowed_velocities[k, 1]
+        spin = np.degrees(allowed_velocities[k, 2])
         key = "spin"
         if any(item.velocity):
             key = "velocity"
@@ -453,7 +451,8 @@ def _overlap(
     scene: Scene, compilation: CompiledScene, i: int, j: int
 ) -> Problem | None:
     """Return a warning about the overlap of two objects that collide, or None."""
-    item, partner = scene.objects[i], scene.objects[j]
+    item = scene.objects[i]
+    partner = scene.objects[j]
     if not collides(item, partner):
         return None
     depth = overlap_depth(compilation.outlines[i], compilation.outlines[j])
