@@ -85,10 +85,15 @@ def _add_moving_halos(
         share = (part.weight / total_weight[part.box])[..., None]
         whole_shade = total_shade[part.box]
         shade = np.asarray(share * whole_shade, np.float32)
-        foot_halo = FootHalo(part.corner, part.light, shade, starts[k].ends, part.side)
-        if part.darkness is not None:
-            weight = np.asarray(share[..., 0] * part.weight, np.float32)
-            foot_halo = replace(foot_halo, weight=weight, darkness=part.darkness)
+        foot_halo = FootHalo(
+            part.corner,
+            part.light,
+            shade,
+            starts[k].ends,
+            part.side,
+            np.asarray(share[..., 0] * part.weight, np.float32),
+            part.darkness,
+        )
         # The halo keeps what shade and light do not explain: frame 0 is the photo.
         removed_light = background[part.box] * (1 - np.exp(-whole_shade)) * share
         corner, whole_halo, neighbours = sprite_halo
@@ -156,20 +161,29 @@ def _moving_part(
     window = _window_of(weight > LEAST, math.ceil(BLUR_REACH * sigma))
     if window is None:
         return None
-    corner = x + window[1].start, y + window[0].start
-    weight = np.asarray(weight[window], np.float32)
+    moving = _Moving(
+        corner=(x + window[1].start, y + window[0].start),
+        window=window,
+        light=np.zeros_like(halo[window]),
+        weight=np.asarray(weight[window], np.float32),
+        shade=np.zeros_like(halo[window]),
+        side=side,
+    )
     blur = _GroundBlur(sprite.halo_reach[window], sigma)
-    light, shade = np.zeros_like(halo[window]), np.zeros_like(halo[window])
-    darkness = None
     if is_mirror:
-        light = _carried_light(halo[window], near[window], blur) * weight[..., None]
-    else:
-        box = _box_at(corner, weight)
-        ground = _Ground(ground.background[box], ground.plate[box])
-        seen_light, full_light = _blurred_lights(halo[window], ground, blur)
-        darkness = _channel_darkness(seen_light, full_light)
-        shade = _carried_shade(seen_light, full_light, ground) * weight[..., None]
-    return _Moving(corner, window, light, weight, shade, side, darkness)
+        light = _carried_light(halo[window], near[window], blur)
+        return replace(moving, light=light * moving.weight[..., None])
+    return _with_shade(moving, halo[window], ground, blur)
+
+
+def _with_shade(
+    moving: _Moving, halo: F32, ground: _Ground, blur: _GroundBlur
+) -> _Moving:
+    """Return the moving light of a halo (h, w, 3) with the shade of its ground."""
+    ground = _Ground(ground.background[moving.box], ground.plate[moving.box])
+    lights = _blurred_lights(halo, ground, blur)
+    shade = _carried_shade(*lights, ground) * moving.weight[..., None]
+    return replace(moving, shade=shade, darkness=_channel_darkness(*lights))
 
 
 def _floor_columns(left: int, width: int, ends: tuple[float, float]) -> Mask:

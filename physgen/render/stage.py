@@ -329,7 +329,7 @@ def _halo_share(sprite: Sprite, contact_share: float) -> F32:
     (x, y), picture, _ = sprite.halo
     shares = np.ones(picture.shape[:2], np.float32)
     foot_halo = sprite.foot_halo
-    if foot_halo is None or foot_halo.weight is None:
+    if foot_halo is None or foot_halo.darkness is None:
         return shares
     left, top = foot_halo.corner[0] - x, foot_halo.corner[1] - y
     height, width = foot_halo.weight.shape
