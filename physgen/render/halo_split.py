@@ -181,9 +181,18 @@ def _with_shade(
 ) -> _Moving:
     """Return the moving light of a halo (h, w, 3) with the shade of its ground."""
     ground = _Ground(ground.background[moving.box], ground.plate[moving.box])
-    lights = _blurred_lights(halo, ground, blur)
-    shade = _carried_shade(*lights, ground) * moving.weight[..., None]
-    return replace(moving, shade=shade, darkness=_channel_darkness(*lights))
+    photo = ground.background + halo
+    smooth_photo, smooth_plate = blur.blur_below(photo), blur.blur_below(ground.plate)
+    # Detail that is dark all over is a rim that the mask lacks; other detail is the
+    # grain of the ground. Under the soft border of the object, the halo is empty and
+    # would leave a bright line: the shade beside it continues there.
+    share = (_rim_share(halo, blur) * blur.known)[..., None]
+    seen_light = share * photo + (1 - share) * smooth_photo
+    full_light = share * ground.plate + (1 - share) * smooth_plate
+    shade = _carried_shade(seen_light, full_light, ground) * moving.weight[..., None]
+    # The rim of an object is no shade of its floor.
+    darkness = _channel_darkness(smooth_photo, smooth_plate)
+    return replace(moving, shade=shade, darkness=darkness)
 
 
 def _floor_columns(left: int, width: int, ends: tuple[float, float]) -> Mask:
@@ -239,20 +248,6 @@ class _GroundBlur:
         known_picture = picture * self.known[..., None]
         blurred_picture = cv2.GaussianBlur(known_picture, (0, 0), self.sigma)
         return np.asarray(blurred_picture * self.gain[..., None], np.float32)
-
-
-def _blurred_lights(halo: F32, ground: _Ground, blur: _GroundBlur) -> tuple[F32, F32]:
-    """Return the light of the photo and of its ground in full light, (h, w, 3), both
-    without the grain of the ground.
-    """
-    photo = ground.background + halo
-    # Detail that is dark all over is a rim that the mask lacks; other detail is the
-    # grain of the ground. Under the soft border of the object, the halo is empty and
-    # would leave a bright line: the shade beside it continues there.
-    share = (_rim_share(halo, blur) * blur.known)[..., None]
-    seen_light = share * photo + (1 - share) * blur.blur_below(photo)
-    full_light = share * ground.plate + (1 - share) * blur.blur_below(ground.plate)
-    return seen_light, full_light
 
 
 def _carried_shade(seen_light: F32, full_light: F32, ground: _Ground) -> F32:
