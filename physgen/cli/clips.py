@@ -188,7 +188,8 @@ def preview_edits(
         return ()
     # The frame rate falls with the number of frames, so that the preview has the clip's
     # duration.
-    film, length = scene.render, duration * scene.render.slow
+    film = scene.render
+    length = duration * scene.render.slow
     count = film.frames or max(1, round(film.fps * length))
     frame_count = min(count, PREVIEW_FRAMES)
     edits = [
@@ -527,7 +528,8 @@ def _sum_up(
     else:
         for file in [*index_files, *files]:
             print_line(file)
-    unchanged, failed = tally.counts["unchanged"], tally.counts["failed"]
+    unchanged = tally.counts["unchanged"]
+    failed = tally.counts["failed"]
     # The finished clips are complete: the same command continues after room was made.
     if tally.disk_full:
         missing_count = count - tally.counts["made"] - unchanged

@@ -256,7 +256,8 @@ def run_study(options: argparse.Namespace) -> int:
         print_error(
             f"{page} has {size:.0f} MB, more than most mailboxes take: name fewer with --videos"
         )
-    count, scenes = len(methods.names), len(study.key.scenes)
+    count = len(methods.names)
+    scenes = len(study.key.scenes)
     if options.json:
         record = {
             "page": str(page),

@@ -82,7 +82,8 @@ def perceive_photo(
     """
     from physgen import pipeline
 
-    boxes, output = len(options.box), options.output or options.refresh
+    boxes = len(options.box)
+    output = options.output or options.refresh
     # Collect the problems of all flags, so that the user sees them at once.
     checks: list[Callable[[], Any]] = [
         partial(crew_of, options),

@@ -180,7 +180,8 @@ def _tracked_names(
     problems = []
     for name in requested_names:
         if name not in objects:
-            place, fix = Place("--track"), one_of(name, objects)
+            place = Place("--track")
+            fix = one_of(name, objects)
             wrong = Message.NOT_MOVABLE.problem(place, "", f'"{name}"', fix=fix)
             problems.append(wrong)
     if problems:

@@ -99,7 +99,8 @@ def joints_of(scene: Scene, bodies: Sequence[Body]) -> tuple[Joint, ...]:
 
 def _joint(item: model.Joint, ends: Sequence[int], bodies: Sequence[Body]) -> Joint:
     if len(ends) == 2:
-        first, second = (ends[0], ends[1])
+        first = ends[0]
+        second = ends[1]
     else:
         first, second = (ends[0], None)
     first_point, second_point, guide = _places(item, bodies[first])
@@ -156,7 +157,8 @@ def rail_problems(scene: Scene, bodies: Sequence[Body]) -> Iterator[Problem]:
         if item.kind is not JointKind.SLIDER:
             continue
         first_end, second_end = np.array(item.points, np.float64)
-        rail, center = second_end - first_end, centers[item.objects[0]]
+        rail = second_end - first_end
+        center = centers[item.objects[0]]
         part = float((center - first_end) @ rail / (rail @ rail))
         distance = max(-part, part - 1) * float(np.hypot(*rail))
         if distance > RAIL_END:
@@ -573,7 +575,8 @@ def _repeat_path(path: Array, scene: Scene) -> Array:
     """Return a path (K, 4) that repeats until the end of the clip. Raise InputError for
     too many knots.
     """
-    period, turn = path[-1, 0], path[-1, 3] - path[0, 3]
+    period = path[-1, 0]
+    turn = path[-1, 3] - path[0, 3]
     rounds = int(np.ceil(scene.world.duration / period)) + 1
     if rounds * len(path) > Limit.STEPS.most / 1000:
         raise Limit.STEPS.error(scene.place("objects"), "objects", f"{rounds:,} rounds")

@@ -180,7 +180,8 @@ def _shape_differences(
     opposite_corner = [x + cover.shape[1], y + cover.shape[0]]
     extent = [*corners.tolist(), [x, y], opposite_corner, *_box_corners(mask)]
     window = _window_around(extent)
-    left, top = window[1].start, window[0].start
+    left = window[1].start
+    top = window[0].start
     mask = mask[window]
     inside_hull = np.zeros(mask.shape, np.uint8)
     cv2.fillPoly(inside_hull, [corners - np.array([left, top], np.int32)], 1)

@@ -54,7 +54,8 @@ def object_labels(
     out = np.zeros((height, width), np.uint16)
     problems = []
     for k in sorted(range(len(scene.objects)), key=lambda k: scene.objects[k].layer):
-        item, outline = scene.objects[k], written_outlines[k]
+        item = scene.objects[k]
+        outline = written_outlines[k]
         mask = mask_pixels(item.mask, scene.size, labels)
         if mask is None and outline is not None:
             box, (x0, y0) = coverage_box(outline, (0, 0, width, height))

@@ -28,6 +28,7 @@ from physgen.scene.framing import confine_center
 from physgen.scene.scene import (
     FieldKind,
     JointKind,
+    Load,
     Motion,
     Object,
     Play,
@@ -86,15 +87,19 @@ def _idle_striker(scene: Scene, compilation: CompiledScene) -> Iterator[Problem]
     enter = scene.render.enter
     if enter is Striker.NONE:
         return
+    pushed = set()
+    for push in scene.forces:
+        if push.load is Load.IMPULSE and push.start == 0 and any(push.vector):
+            pushed.add(push.object)
     moves = []
     for item in scene.objects:
-        if any(item.velocity):
+        if any(item.velocity) or item.name in pushed:
             moves.append(item)
     why = ""
     if scene.image is None:
         why = "the scene has no photo"
     elif not any(item.motion is Motion.DYNAMIC for item in moves):
-        why = "no dynamic object has a velocity"
+        why = "no dynamic object has a velocity or an impulse at t = 0"
     elif scene.render.play is Play.BACKWARD:
         why = "the clip plays backward"
     if why:
@@ -277,11 +282,9 @@ def _excluded_starts(scene: Scene, compilation: CompiledScene) -> Iterator[Probl
         change_size = float(np.hypot(*change[:2])) + abs(change[2]) * body.reach
         if change_size <= LIMITS.start_change * speed:
             continue
-        x, y, spin = (
-            allowed_velocities[k, 0],
-            allowed_velocities[k, 1],
-            np.degrees(allowed_velocities[k, 2]),
-        )
+        x = allowed_velocities[k, 0]
+        y = allowed_velocities[k, 1]
+        spin = np.degrees(allowed_velocities[k, 2])
         key = "spin"
         if any(item.velocity):
             key = "velocity"
@@ -448,7 +451,8 @@ def _overlap(
     scene: Scene, compilation: CompiledScene, i: int, j: int
 ) -> Problem | None:
     """Return a warning about the overlap of two objects that collide, or None."""
-    item, partner = scene.objects[i], scene.objects[j]
+    item = scene.objects[i]
+    partner = scene.objects[j]
     if not collides(item, partner):
         return None
     depth = overlap_depth(compilation.outlines[i], compilation.outlines[j])

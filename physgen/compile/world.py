@@ -479,7 +479,8 @@ def placed_outline(outline: Outline, item: Object) -> Outline:
     if item.place is None:
         return outline
     x, y, degrees = item.place
-    center, turn = mass_center(outline, item), rotation(radians(degrees))
+    center = mass_center(outline, item)
+    turn = rotation(radians(degrees))
 
     def move(points: Array) -> Array:
         return (points - center) @ turn.T + (x, y)

@@ -132,13 +132,17 @@ class Outcome:
         if hypot(x, y) < CONSTANTS.min_length:
             return None
         push = self.push
-        return abs(degrees(atan2(push.x * y - push.y * x, push.x * x + push.y * y)))
+        cross = push.x * y - push.y * x
+        dot = push.x * x + push.y * y
+        return abs(degrees(atan2(cross, dot)))
 
 
 def outcome(push: Push, path: Course, rest_path: Course) -> Outcome:
     """Return the effect of a push; `rest_path` is the path without a push."""
+    # The difference from the path without a push is the effect of the push alone.
     offsets = path.places - rest_path.places
-    return Outcome(push, path, offsets[-1], offsets[max(path.free_samples - 1, 0)])
+    last_free_sample = max(path.free_samples - 1, 0)
+    return Outcome(push, path, offsets[-1], offsets[last_free_sample])
 
 
 @dataclass(frozen=True)
@@ -194,6 +198,7 @@ def _pushed_course(world: World, index: int, push: Push) -> Course:
     """Return the path of a body after a push."""
     body = world.bodies[index]
     impulse = body.mass * np.array([push.x, push.y])
+    # An impulse through the centre changes the velocity and not the spin.
     load = WorldPush(index, Load.IMPULSE, impulse, 0.0, np.zeros(2), 0.0, 0.0)
     trajectory = pipeline.simulate(replace(world, pushes=(*world.pushes, load)))
     return course_of(trajectory, body.name)
@@ -263,12 +268,15 @@ def usual_sizes(world: World, body: Body) -> list[float]:
     speed_part = 1.0
     if world.view is View.TOP and body.solid is Solid.SPHERE:
         speed_part = ROLL_PART
+    # A push of v slides v²/(2 a) until friction stops it.
     deceleration = _deceleration(world, body)
     reach = CONSTANTS.reach * min(world.size)
     speed = sqrt(2 * deceleration * reach)
     does_not_stop = speed >= deceleration * world.duration
     if does_not_stop:
+        # Without a stop, the path is v t - a t²/2 at the end of the clip.
         speed = reach / world.duration + deceleration * world.duration / 2
+    # Two digits: readable numbers for tables.
     step = float(f"{speed / speed_part / CONSTANTS.sizes:.2g}")
     return [step * k for k in range(1, CONSTANTS.sizes + 1)]
 

@@ -82,11 +82,14 @@ def moments(features: F64, weights: F64 | None = None) -> Moments:
     total = float(counts.sum())
     if total < 2:
         raise ValueError("a covariance needs two pictures or more")
+    # A resampled set leaves clips out; their features would only cost time.
     is_counted = counts > 0
     features = np.asarray(features[is_counted], np.float64)
     counts = counts[is_counted]
     mean = counts @ features / total
-    deviations = (features - mean) * np.sqrt(counts / (total - 1))[:, None]
+    # The root of the weights makes deviations' deviations the weighted covariance.
+    roots = np.sqrt(counts / (total - 1))
+    deviations = (features - mean) * roots[:, None]
     if len(deviations) <= deviations.shape[1]:
         return Moments(mean, deviations)
     # With more pictures than features, a triangle has the same moments and is smaller.
@@ -103,6 +106,7 @@ def frechet(first: Moments, second: Moments) -> float:
     singular_values = np.linalg.svd(first.root @ second.root.T, compute_uv=False)
     spread = float(np.square(first.root).sum() + np.square(second.root).sum())
     offset = float(np.square(first.mean - second.mean).sum())
+    # Rounding may give a small negative number for equal sides.
     return max(0.0, offset + spread - 2 * float(singular_values.sum()))
 
 
@@ -148,8 +152,9 @@ class Distance:
         """Return the middle 95 % of the draws, 0 or more."""
         if not self.draws:
             return None
-        tail = (1 - CONSTANTS.level) / 2
-        low, high = np.quantile(self.draws, [tail, (1 + CONSTANTS.level) / 2])
+        lower_tail = (1 - CONSTANTS.level) / 2
+        upper_tail = (1 + CONSTANTS.level) / 2
+        low, high = np.quantile(self.draws, [lower_tail, upper_tail])
         return max(float(low), 0.0), max(float(high), 0.0)
 
 
@@ -200,6 +205,8 @@ def _resample(
     random = np.random.default_rng(seed)
     sizes = sorted({method.count for method in methods.values()})
     for done in range(draws):
+        # Methods with the same number of clips share a draw, and so do their common
+        # errors.
         counts = {size: _draw_counts(random, size) for size in sizes}
         reference_counts = _draw_counts(random, reference.count)
         reference_moments = reference.moments_of(reference_counts)

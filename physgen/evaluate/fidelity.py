@@ -127,6 +127,7 @@ def replay(truth: Truth, compilation: CompiledScene) -> Trajectory:
     for k, name in enumerate(trajectory.names):
         stored_poses = np.array(truth.film["objects"][name])
         angles = np.radians(stored_poses[:, 2])
+        # Row 0 is the photo, with the poses of the scene.
         poses[1:, k] = np.column_stack([stored_poses[:, :2], angles])
     return replace(trajectory, poses=poses)
 
@@ -136,6 +137,7 @@ def render_own_frames(truth: Truth, scene: Scene, maps: Percepts) -> Iterator[U8
     compiled = pipeline.compile(scene, maps)
     stage = pipeline.stage(scene, compiled, maps)
     frames = pipeline.render(stage, replay(truth, compiled))
+    # The first frame is the photo at t = 0; the truth begins after it.
     next(frames)
     for frame in frames:
         yield frame.rgb
@@ -182,6 +184,7 @@ def paper(truth: Truth, background: U8, light: DistantLight | None) -> Iterator[
             body = compiled.world.bodies[k]
             pose = trajectory.poses[sample, k]
             look: F32 = photo
+            # Only spheres have normals that the paper's way could know.
             if light is not None and body.solid is Solid.SPHERE:
                 look = _relight(photo, body, pose[2], light)
             _paste(canvas, compiled.labels == k + 1, look, body, pose)
@@ -199,6 +202,7 @@ def _relight(photo: F32, body: Body, angle: float, light: DistantLight) -> F32:
     turn = rotation(angle).T.astype(np.float32)
     turned_normals[..., :2] = normals[..., :2] @ turn
     shading = np.maximum(light.shade(normals), MIN_SHADE)
+    # The photo contains the first shading; the ratio replaces it by the new one.
     ratio = light.shade(turned_normals) / shading
     return np.asarray(photo * ratio[..., None], np.float32)
 
@@ -255,21 +259,22 @@ def ssim(a: U8, b: U8) -> F32:
     """Return the structural similarity of luma, (H, W), with Gaussian windows of 1.5 px
     (Wang et al., 2004).
     """
-    x, y = (cv2.cvtColor(p, cv2.COLOR_RGB2GRAY).astype(np.float32) for p in (a, b))
+    x = cv2.cvtColor(a, cv2.COLOR_RGB2GRAY).astype(np.float32)
+    y = cv2.cvtColor(b, cv2.COLOR_RGB2GRAY).astype(np.float32)
 
     def mean(v: Any) -> F32:
         return np.asarray(cv2.GaussianBlur(v, (11, 11), 1.5), np.float32)
 
+    # Equation 13 of the paper, with its constants K1 = 0.01 and K2 = 0.03.
     mx, my = mean(x), mean(y)
     vx = mean(x * x) - mx * mx
     vy = mean(y * y) - my * my
     vxy = mean(x * y) - mx * my
     c1 = np.float32((0.01 * 255) ** 2)
     c2 = np.float32((0.03 * 255) ** 2)
-    similarity = ((2 * mx * my + c1) * (2 * vxy + c2)) / (
-        (mx * mx + my * my + c1) * (vx + vy + c2)
-    )
-    return np.asarray(similarity, np.float32)
+    numerator = (2 * mx * my + c1) * (2 * vxy + c2)
+    denominator = (mx * mx + my * my + c1) * (vx + vy + c2)
+    return np.asarray(numerator / denominator, np.float32)
 
 
 def compare(truth: Truth, frames: Iterator[U8]) -> dict[str, float | None]:
@@ -294,6 +299,7 @@ def compare(truth: Truth, frames: Iterator[U8]) -> dict[str, float | None]:
                 values[f"psnr_{name}"].append(decibels)
                 values[f"ssim_{name}"].append(float(similarity[region].mean()))
         if last_error is not None:
+            # A constant error does not flicker.
             change = np.abs(error - last_error)[regions["both"]]
             values["flicker"].append(float(change.mean() * 255))
         last_error = error
@@ -303,7 +309,9 @@ def compare(truth: Truth, frames: Iterator[U8]) -> dict[str, float | None]:
 def _regions(truth: Truth, frame: U8, objects: Mask) -> dict[str, Mask]:
     """Return the mask (H, W) of each region of a true frame."""
     assert truth.maps.clean is not None
-    difference = np.abs(frame.astype(np.int16) - truth.maps.clean.astype(np.int16))
+    clean = truth.maps.clean.astype(np.int16)
+    difference = np.abs(frame.astype(np.int16) - clean)
+    # Shadows are the pixels that differ from the clean background by more than noise.
     shadows = ~objects & (difference.max(-1) > SHADOW)
     masks = (objects, shadows, objects | shadows, ~objects & ~shadows)
     return dict(zip(REGIONS, masks, strict=True))

@@ -137,6 +137,7 @@ def pairs(folder: Path) -> tuple[list[Pair], list[Problem]]:
     photo_pairs, warnings = _find_pairs(paths)
     if not photo_pairs:
         raise Message.NO_LABELLED_PHOTO.error(str(folder), fix=PAIR_FIX)
+    # A label map that belongs to no photo is probably a wrong name.
     photos_by_map = _photos_by_map(photo_pairs)
     for path in paths:
         if path.name.endswith(LABELS) and path not in photos_by_map:
@@ -153,6 +154,7 @@ def _find_pairs(paths: Sequence[Path]) -> tuple[list[Pair], list[Problem]]:
         if path.suffix.lower() not in ENDINGS or path.name.endswith(LABELS):
             continue
         truth = path.with_name(path.stem + LABELS)
+        # A scene folder has its label map among the assets.
         if not truth.is_file() and path.stem == "photo":
             truth = path.parent / ASSETS
         if truth.is_file():
@@ -258,6 +260,7 @@ def match(photos: Sequence[Photo]) -> Matches:
     detections = list[Annotation]()
     for k, photo in enumerate(photos):
         true_masks += [_annotation(k, mask) for mask in photo.true_masks]
+        # COCO ignores detections that are mostly within a crowd region.
         true_masks += [_annotation(k, mask, 1) for mask in photo.unknown_regions]
         scores = photo.confidence.tolist()
         for mask, score in zip(photo.detections, scores, strict=True):
@@ -288,6 +291,7 @@ def _run_coco(
         answers = _dataset(photos, detections)
         judge = COCOeval(truth, answers, "segm")
         judge.params.iouThrs = np.array(THRESHOLDS)
+        # COCO limits a photo to 100 detections; here none is dropped.
         judge.params.maxDets = [max(len(detections), 1)]
         judge.params.areaRng, judge.params.areaRngLbl = [[0, 1e10]], ["all"]
         judge.evaluate()
@@ -307,11 +311,13 @@ def _photo_matches(
     # The photo has neither true masks nor detections.
     if result is None:
         return PhotoMatches(np.zeros(0), np.zeros(0), 0)
+    # Detections within regions of unknown truth are neither right nor wrong.
     is_counted = ~np.asarray(result["dtIgnore"][0], np.bool_)
     ids = np.array(result["dtIds"])[is_counted]
     match_ids = np.asarray(result["dtMatches"][0])[is_counted].astype(int)
     overlaps = []
     for detection_id, match_id in zip(ids.tolist(), match_ids.tolist(), strict=True):
+        # A match id of 0 means no match.
         overlap = 0.0
         if match_id:
             detection = detections[detection_id - 1]["segmentation"]

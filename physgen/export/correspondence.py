@@ -82,7 +82,9 @@ def similarity(body: int, view: PosedView, other: PosedView) -> tuple[complex, c
         return complex(other_scale / scale), other_shift - other_scale / scale * shift
     x, y, angle = view.poses[body].tolist()
     other_x, other_y, other_angle = other.poses[body].tolist()
+    # A block's front face turns about its own centre.
     face = view.faces.get(body, 0.0)
+    # Points are complex numbers x + i y: a turn is a factor, and a shift a sum.
     turn = exp(1j * (other_angle - angle))
     start = shift / scale + complex(x, y + face)
     offset = complex(other_x, other_y + face) - turn * start
@@ -133,7 +135,8 @@ def follow_ball(
     # From one view back to t = 0 and on to the other view.
     turn = other.spaces[body] @ view.spaces[body].T
     # Only the change is computed: a ball at rest then moves by exactly zero.
-    change = (turn - np.diag([1.0, 1.0, 0.0])) * [[other_radius], [other_radius], [1.0]]
+    scales = [[other_radius], [other_radius], [1.0]]
+    change = (turn - np.diag([1.0, 1.0, 0.0])) * scales
     change_x, change_y, change_z = _turn_ball(u, v, change)
     return (
         other_x + other_radius * u + change_x,
@@ -154,6 +157,7 @@ def _turn_ball(u: Array, v: Array, matrix: Array) -> tuple[Array, Array, Array]:
     limit = 1 / np.sqrt(np.maximum(square, 1))
     u = u * limit
     v = v * limit
+    # The front of the sphere has z = -depth: +z leads away from the viewer.
     first, second, third = matrix.tolist()
     return (
         first[0] * u + first[1] * v - first[2] * depth,

@@ -35,18 +35,21 @@ def murmur_hash(name: str) -> int:
     data = name.encode()
     hash_ = 0
     blocks = len(data) // 4 * 4
+    # The body mixes whole words; the tail and the length follow.
     for start in range(0, blocks, 4):
         hash_ ^= _mix(int.from_bytes(data[start : start + 4], "little"))
         hash_ = (_rotate(hash_, 13) * 5 + 0xE6546B64) & WORD
     hash_ ^= _mix(int.from_bytes(data[blocks:], "little"))
     hash_ ^= len(data)
+    # The final mix makes every bit depend on all bits of the name.
     for shift, factor in ((16, MIXERS[0]), (13, MIXERS[1])):
         hash_ = ((hash_ ^ (hash_ >> shift)) * factor) & WORD
     return hash_ ^ (hash_ >> 16)
 
 
 def _mix(block: int) -> int:
-    return (_rotate(block * FACTORS[0] & WORD, 15) * FACTORS[1]) & WORD
+    product = block * FACTORS[0] & WORD
+    return (_rotate(product, 15) * FACTORS[1]) & WORD
 
 
 def _rotate(word: int, bits: int) -> int:

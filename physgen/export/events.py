@@ -186,7 +186,8 @@ def _pushes(world: World, trajectory: Trajectory) -> Iterator[Event]:
         if world.bodies[push.body].motion is not Motion.DYNAMIC or push.start > end:
             continue
         pose = trajectory.poses[_sample(trajectory, push.start), push.body]
-        place = _point(pose[:2] + rotation(float(pose[2])) @ push.point)
+        offset = rotation(float(pose[2])) @ push.point
+        place = _point(pose[:2] + offset)
         is_impulse = push.load is Load.IMPULSE
         has_end = not is_impulse and push.end <= end
         yield Event(
@@ -214,6 +215,7 @@ def _collision(world: World, trajectory: Trajectory, impact: Impact) -> Event:
     for sample in samples:
         if sample >= 0:
             approaches.append(_approach(world, trajectory, sample, impact))
+    # The fastest approach is that before any impulse of the same impact.
     approach = max(approaches, key=sum, default=(0.0, 0.0))
     pair, direction = impact.pair, impact.way
     if approach[1] > approach[0] and pair[1] < len(world.bodies):
@@ -241,6 +243,7 @@ def _approach(
         if k < len(world.bodies):
             x, y, spin = trajectory.velocities[sample, k]
             arm = impact.place - trajectory.poses[sample, k, :2]
+            # The velocity of a body's point is v + w x r.
             point_x = x - spin * arm[1]
             point_y = y + spin * arm[0]
             speed = np.array([point_x, point_y]) @ impact.way
@@ -256,8 +259,9 @@ def _motions(world: World, trajectory: Trajectory) -> Iterator[Event]:
     for k, (body, rest) in enumerate(zip(world.bodies, rests, strict=True)):
         poses = trajectory.poses[:, k]
         # A turn moves the rim, even if the centre rests.
-        rim_shift = np.abs(poses[:, 2] - poses[0, 2]) * body.reach
-        center_shift = np.hypot(*(poses[:, :2] - poses[0, :2]).T)
+        displacement = poses - poses[0]
+        rim_shift = np.abs(displacement[:, 2]) * body.reach
+        center_shift = np.hypot(*displacement[:, :2].T)
         shift = np.maximum(center_shift, rim_shift)
         moved_samples = np.flatnonzero(shift > min_shift)
         if not len(moved_samples):
@@ -272,6 +276,7 @@ def _crossing_time(times: Array, values: Array, sample: int) -> float:
     """Return the time (s) of the zero of values between a sample and the
     previous one.
     """
+    # Between two samples, the value is taken as linear.
     low = float(values[sample - 1])
     high = float(values[sample])
     step = times[sample] - times[sample - 1]
@@ -331,14 +336,15 @@ def _border_crossings(
     lenses = np.stack([shot.affine(float(time)) for time in times])
     for k, body in enumerate(world.bodies):
         poses = trajectory.poses[:, k]
-        centers = np.einsum("tij,tj->ti", lenses[:, :, :2], poses[:, :2])
-        centers = centers + lenses[:, :, 2]
+        magnified_centers = np.einsum("tij,tj->ti", lenses[:, :, :2], poses[:, :2])
+        centers = magnified_centers + lenses[:, :, 2]
         # A body with its centre always inside cannot be outside: most bodies end here.
         if (_border_distances(centers, centers, shot.video) <= 0).all():
             continue
         distances = _outside_distances(body, poses, lenses, shot.video)
         farthest = distances.max(axis=1)
         is_outside = farthest > 0
+        # A sample on another side than the one before it is a crossing.
         changes = np.flatnonzero(is_outside[1:] != is_outside[:-1]) + 1
         for sample in changes.tolist():
             kind, outside_sample = EventKind.ENTER, sample - 1

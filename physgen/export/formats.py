@@ -109,7 +109,8 @@ def choose_formats(names: Sequence[str], flag: str = FLAG) -> list[LabelFormat]:
     for name in dict.fromkeys(names):
         row = known.get(name)
         if row is None:
-            unknown, fix = Message.UNKNOWN_FORMAT, one_of(name, list(known))
+            unknown = Message.UNKNOWN_FORMAT
+            fix = one_of(name, list(known))
             problems.append(unknown.problem(Place(flag), "", f'"{name}"', fix=fix))
         elif row.library and find_spec(row.library) is None:
             missing, command = Message.LIBRARY_MISSING, install("labels")

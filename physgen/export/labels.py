@@ -355,6 +355,7 @@ def _background_flow(view: View, other: View) -> Flow:
     new_y = m.real * y + n.imag
     motion[..., 0] = new_x - x
     motion[..., 1] = (new_y - y)[:, None]
+    # The camera does not turn, so that rows and columns move separately.
     columns = np.rint(new_x).astype(np.int64)
     rows = np.rint(new_y).astype(np.int64)
     other_ids = other.ids.take(columns.clip(0, width - 1), 1)
@@ -374,6 +375,7 @@ def _add_body(
         new_x, new_y, far_side = follow_ball(x, y, body, view, other, world)
     else:
         m, n = similarity(body, view, other)
+        # The real and imaginary parts of m z + n, for z = x + i y.
         new_x = (m.real * x + n.real) - m.imag * y
         new_y = (m.real * y + n.imag) + m.imag * x
     own_mask = view.ids[box] == body + 1
@@ -388,6 +390,7 @@ def _add_body(
         borderMode=cv2.BORDER_CONSTANT,
         borderValue=OMITTED,
     )
+    # A point is visible if its pixel in the other view shows the same body.
     is_visible = other_ids == body + 1
     if far_side is not None:
         is_visible &= ~far_side

@@ -107,6 +107,8 @@ class LayerFiles(Writer):
         self._put("shadow", shadow)
         for body in self._order:
             picture = round_light(objects[body])
+            # Porter and Duff's "over", with premultiplied light, from the back to the
+            # front.
             composite = composite * (1 - picture[..., 3:]) + picture[..., :3]
             self._put(self._object_path(body), picture)
         # The composite of the rounded files must give the frame, so that the
@@ -286,6 +288,7 @@ def corrections(composite: F32, frame: U8) -> tuple[F32, F32]:
     """Return factors and additions (H, W, 3) that make the layers equal to the frame; 1
     and 0 at equal pixels.
     """
+    # The comparison is in the codes of the frame: rounding must not make corrections.
     difference = encode_u8(composite).astype(np.int16) - frame
     target = decode(frame)
     multiply = np.ones_like(composite)

@@ -53,6 +53,7 @@ class Part:
         the photo's.
         """
         rows, columns = box
+        # The box and the part have corners of their own.
         n += m * complex(columns.start, rows.start) - complex(*self.corner)
         x_row = [m.real, -m.imag, n.real]
         y_row = [m.imag, m.real, n.imag]
@@ -81,7 +82,8 @@ class Layers:
         """Take the `ground` (H, W[, C]) of the photo without objects, and `parts` by
         body.
         """
-        self._world, self._size = clip.world, clip.size
+        self._world = clip.world
+        self._size = clip.size
         self._photo = photo_view(clip.trajectory, clip.world)
         self._ground, self._parts, self._encode = ground, parts, encode
         self._background: tuple[Array, U16] | None = None
@@ -99,7 +101,8 @@ class Layers:
         for body, box in view.boxes.items():
             if body in self._parts:
                 own_mask = view.ids[box] == body + 1
-                codes = self._encode(sample(body, self._parts[body], view, box))
+                values = sample(body, self._parts[body], view, box)
+                codes = self._encode(values)
                 # OpenCV copies channels faster than NumPy.
                 cv2.copyTo(codes, own_mask.view(np.uint8), self._frame[box])
         return self._frame
@@ -110,6 +113,7 @@ class Layers:
 
     def shift(self, body: int, part: Part, view: View, box: Slices) -> F32:
         """Return a part that moves with its body but does not turn."""
+        # The camera's magnification applies, and the body's turn does not.
         m, _ = similarity(-1, view, self._photo)
         x, y = view.lens @ [*view.poses[body, :2], 1.0]
         photo_x, photo_y = self._photo.poses[body, :2]
@@ -170,6 +174,7 @@ def parts_of(values: F32, clip: Clip) -> dict[int, Part]:
         right = x + w + LIMITS.pad
         bottom = y + h + LIMITS.pad
         box = np.s_[top:bottom, left:right]
+        # Interpolation at the border must not mix in other objects.
         part_values = _extend(values[box], mask[box])
         parts[body] = Part((left, top), part_values)
     return parts
@@ -283,6 +288,7 @@ class Normals(Writer):
         u = (x - center_x) / radius
         v = (y - center_y) / radius
         square = u * u + v * v
+        # Pixels just beyond the rim get the normals of the rim.
         limit = 1 / np.sqrt(np.maximum(square, 1))
         depth = np.sqrt(np.maximum(1 - square, 0))
         components = [u * limit, v * limit, depth]

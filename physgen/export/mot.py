@@ -22,7 +22,8 @@ class Mot(Writer):
     def __init__(self, folder: Path, clip: Clip) -> None:
         super().__init__(folder, clip)
         home = folder / clip.name
-        self._images, self._truth = home / "img1", home / "gt" / "gt.txt"
+        self._images = home / "img1"
+        self._truth = home / "gt" / "gt.txt"
         self._images.mkdir(parents=True)
         self._truth.parent.mkdir()
         width, height = clip.size

@@ -124,7 +124,8 @@ class Tapvid(Writer):
         # frame exists.
         occluded = far_side | ~self._find_visible(places, points)
         first = np.argmin(occluded, axis=1)
-        x, y = (places[np.arange(len(first)), first] + 0.5).T
+        first_places = places[np.arange(len(first)), first]
+        x, y = (first_places + 0.5).T
         arrays: dict[str, NDArray[Any]] = {
             "points": ((places + 0.5) / self._clip.size).astype(np.float32),
             "occluded": occluded,
@@ -176,10 +177,12 @@ class Tapvid(Writer):
         rows = np.rint(places[..., 1]).astype(np.int64)
         has_column = (columns >= 0) & (columns < width)
         is_inside = has_column & (rows >= 0) & (rows < height)
+        # Points outside the picture read pixel 0, and are masked afterwards.
         pixels = np.where(is_inside, rows * width + columns, 0)
         ids = []
         for t in range(len(self._ids)):
-            ids.append(self._read_ids(t).ravel()[pixels[:, t]])
+            frame_ids = self._read_ids(t).ravel()
+            ids.append(frame_ids[pixels[:, t]])
         is_own = np.stack(ids, axis=1) == points.body[:, None] + 1
         return np.asarray(is_inside & is_own)
 
@@ -198,6 +201,7 @@ def _choose_frames(areas: Array, counts: Index, rng: np.random.Generator) -> Ind
     choices = []
     for k, count in enumerate(counts):
         if count:
+            # A frame with more visible pixels of an object gets more of its points.
             shares = areas[:, k] / totals[k]
             choices.append(rng.choice(len(areas), count, p=shares))
     return np.concatenate(choices)
@@ -214,6 +218,7 @@ def track_points(
     shift_y = camera.lenses[:, 1, 2]
     shift = shift_x + 1j * shift_y
     choices = points.places[:, 0] + 1j * points.places[:, 1]
+    # Places in the photo do not depend on the camera of their frame.
     photo_places = (choices - shift[points.frame]) / scale[points.frame]
     places = np.empty((len(photo_places), len(scale)), np.complex128)
     far_side = np.zeros(places.shape, bool)
@@ -244,8 +249,10 @@ def _track_body(
         spaces = camera.spaces[:, index]
         rolled, far_side = _roll(offset / body.radius, frame, spaces)
         return center + body.radius * rolled, far_side
+    # Each point keeps its offset in the body's own frame.
     turn = np.exp(1j * poses[:, 2])
-    places = center + (offset / turn[frame])[:, None] * turn
+    own_offset = offset / turn[frame]
+    places = center + own_offset[:, None] * turn
     return places, np.zeros(places.shape, bool)
 
 
@@ -256,6 +263,7 @@ def _roll(place: Complex, frame: Index, spaces: Array) -> tuple[Complex, Mask]:
     Points are in radii from the ball's centre in their views. Mask points beyond the
     rim move with the rim, as in `correspondence.follow_ball`.
     """
+    # The depth of a point on the front of the unit sphere gives its normal.
     rim = place / np.maximum(np.abs(place), 1)
     depth = np.sqrt(np.maximum(1 - np.abs(rim) ** 2, 0))
     normals = np.stack([rim.real, rim.imag, -depth], axis=-1)

@@ -54,7 +54,8 @@ class FilmedClip:
         """Warn of frames beyond the limit."""
         rest = self.video.count - len(self.times)
         if rest:
-            place, found = Place(str(self.video.path)), f"{rest} frames"
+            place = Place(str(self.video.path))
+            found = f"{rest} frames"
             warn(Message.FIT_FRAMES_LEFT.warning(place, "", found, most=MOST_FRAMES))
 
     def frames(self) -> Iterator[U8]:

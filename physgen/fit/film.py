@@ -70,6 +70,8 @@ class _State:
 
     def observe(self, pose: F64) -> None:
         """Update the state by an observed pose."""
+        # After hidden frames, the motion since the last observation is spread over
+        # them.
         self.velocity = (pose - self.pose) / (self.hidden_frames + 1)
         self.pose, self.hidden_frames = pose, 0
 
@@ -101,7 +103,7 @@ class Follower:
             patch = self._patch_around(k, starts, picture, 0.0)
             start = starts[template.body]
             match = find_pose(template, start, patch, REGISTRATION.blurs[-1:])
-            if match is None or not match.has_converged:
+            if match is None or not match.is_stationary:
                 continue
             error = match.pose - start
             largest = np.abs(error * [1, 1, template.gyration]).max()
@@ -119,6 +121,8 @@ class Follower:
         observations = np.full((self.body_count, 3), nan)
         for body, match in matches.items():
             if match.gain >= FOLLOWER.min_gain:
+                # The scene's pose of an object may be off by a constant: the tracks are
+                # relative to it.
                 error = self._rotated_error(body, match.pose)
                 observations[body] = match.observed_pose() - error
         for body, state in self.states.items():
@@ -147,7 +151,8 @@ class Follower:
 
     def _rotated_error(self, body: int, pose: F64) -> F64:
         """Return the error (3,) of the first frame, turned with the object."""
-        cosine, sine = cos(pose[2]), sin(pose[2])
+        cosine = cos(pose[2])
+        sine = sin(pose[2])
         x, y, angle = self.errors[body].tolist()
         return np.array([cosine * x - sine * y, sine * x + cosine * y, angle])
 
@@ -155,7 +160,7 @@ class Follower:
         """Return the match of an object with position and angle."""
         match = self._match_position(k, poses, picture)
         template = self.templates[k]
-        if match is None or not template.is_round or not template.can_turn:
+        if match is None or not template.is_circle or not template.can_turn:
             return match
         # The outline of a disc does not show its angle, and Gauss-Newton steps miss the
         # narrow valley of a thin mark.
@@ -185,7 +190,7 @@ class Follower:
         match = find_pose(template, start, patch, REGISTRATION.blurs[-1:])
         if match is not None:
             is_reliable = match.gain >= FOLLOWER.reliable_gain
-            if is_reliable and match.has_converged:
+            if is_reliable and match.is_stationary:
                 return match
         # After an impact the object is outside the valley around the expected pose.
         large_patch = self._patch_around(k, poses, picture, FOLLOWER.search_margin)
@@ -263,6 +268,7 @@ def _find_losses(
     losses = []
     for k, template in enumerate(templates):
         last = _last_observation(poses, template.body)
+        # An object that leaves or hides is not lost.
         is_lost = last < len(poses) - 1
         if is_lost and not _moves_out_of_sight(templates, k, poses, frame):
             losses.append((template.body, float(times[last])))
@@ -289,6 +295,7 @@ def _moves_out_of_sight(
         pose = pose + step
         visible_mask = template.draw(pose, window)[..., 3] > 0.5
         for nearer in templates[k + 1 :]:
+            # Templates are ordered from far to near, so that later ones may hide it.
             visible_mask &= ~_cover_mask(nearer, poses[: index + 1], window)
         if visible_mask.sum() < REGISTRATION.min_visible_share * template.area:
             return True

@@ -83,21 +83,13 @@ def fit_with_intervals(model: Model, numbers: F64) -> Fit:
     cost = robust_cost(model.residuals(numbers, total))
     estimates, determined_parameters = [], []
     for k, parameter in enumerate(model.parameters):
-        low = high = float(numbers[k])
+        interval = None
         if is_determined[k]:
-            profile = Profile(model, numbers, k, slopes, cost, inflation)
-            low = float(numbers[k] - profile.distance(-1.0, widths[k]))
-            high = float(numbers[k] + profile.distance(1.0, widths[k]))
             determined_parameters.append(parameter)
-        estimates.append(
-            Estimate(
-                parameter=parameter,
-                value=parameter.value(float(numbers[k])),
-                low=parameter.value(low),
-                high=parameter.value(high),
-                is_determined=bool(is_determined[k]),
-            )
-        )
+            # The linear width is only a start: the profile follows the true cost.
+            profile = Profile(model, numbers, k, slopes, cost, inflation)
+            interval = profile.interval(widths[k])
+        estimates.append(_estimate(parameter, float(numbers[k]), interval))
     return Fit(
         scene=with_values(
             model.scene, determined_parameters, numbers[is_determined], model.starts
@@ -110,6 +102,22 @@ def fit_with_intervals(model: Model, numbers: F64) -> Fit:
         residuals=differences,
         noise=model.noise,
         simulations=model.simulations,
+    )
+
+
+def _estimate(
+    parameter: Parameter, number: float, interval: tuple[float, float] | None = None
+) -> Estimate:
+    """Return the estimate of a parameter; its interval is None if undetermined."""
+    low, high = number, number
+    if interval is not None:
+        low, high = interval
+    return Estimate(
+        parameter=parameter,
+        value=parameter.value(number),
+        low=parameter.value(low),
+        high=parameter.value(high),
+        is_determined=interval is not None,
     )
 
 
@@ -148,7 +156,8 @@ def _correlation_inflation(residuals: F64) -> float:
     Least squares assumes independent residuals (T, N, 3); those of a film are similar in
     neighbouring frames, so that a film contains less information.
     """
-    before, after = residuals[:-1], residuals[1:]
+    before = residuals[:-1]
+    after = residuals[1:]
     observed = np.isfinite(before) & np.isfinite(after)
     if observed.sum() < INTERVAL.least_pairs:
         return 1.0
@@ -172,6 +181,13 @@ class Profile:
     """(R + P, P): derivatives of residuals at the best numbers."""
     cost: float
     inflation: float
+
+    def interval(self, width: float) -> tuple[float, float]:
+        """Return both ends of the interval; `width` as in `distance`."""
+        number = self.numbers[self.column]
+        low = float(number - self.distance(-1.0, width))
+        high = float(number + self.distance(1.0, width))
+        return low, high
 
     def distance(self, side: float, width: float) -> float:
         """Return the distance from the best number to one end of the interval.

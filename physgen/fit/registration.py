@@ -81,7 +81,8 @@ class Patch:
         )
         inner = Window(shift, window.size)
         open_mask = inner.crop(self.open_mask.astype(np.float32)) > 0
-        frame, background = inner.crop(self.frame), inner.crop(self.background)
+        frame = inner.crop(self.frame)
+        background = inner.crop(self.background)
         return Patch(window, frame, background, open_mask)
 
     def blur(self, sigma: float) -> Patch:
@@ -106,7 +107,7 @@ class Match:
     """Share of the difference from the background that the template explains."""
     has_angle: bool
     """Whether the picture shows the angle."""
-    has_converged: bool
+    is_stationary: bool
     """Whether the last step was short; after an impact, many steps are needed."""
 
     def observed_pose(self) -> F64:
@@ -132,13 +133,17 @@ def find_pose(
 
     Returns None if too little of the object is visible.
     """
+    # Pixels far from the object only cost time.
     right, bottom = patch.window.far_corner
     window = window_around(start, template.reach, (bottom, right))
     window = window_overlap(window, patch.window)
     if min(window.size) < REGISTRATION.smallest_side:
         return None
     sharp_patch = patch.crop(window)
-    pose, has_angle, length = start.copy(), False, 0.0
+    pose = start.copy()
+    has_angle = False
+    length = 0.0
+    # A wide blur widens the valley of the cost; later blurs make its bottom exact.
     for sigma in blurs:
         blurred_patch = sharp_patch.blur(sigma)
         for _ in range(REGISTRATION.max_steps):
@@ -181,18 +186,18 @@ def _gauss_newton_step(
         paint = np.asarray(cv2.GaussianBlur(paint, (0, 0), sigma), np.float32)
     prediction = _blend(paint, patch.background)
     residual = patch.frame - prediction
-    # Pixels with large differences show other things than the object.
-    distance = np.abs(residual).mean(axis=-1)
-    weight = patch.open_mask / np.maximum(1.0, (distance / REGISTRATION.outlier) ** 2)
-    weights = np.repeat(weight.astype(np.float32).ravel(), 3)
+    weights = _pixel_weights(residual, patch.open_mask)
     slopes = _pose_slopes(template, pose, paint, prediction, patch)
-    matrix = ((slopes * weights) @ slopes.T).astype(np.float64)
-    vector = ((slopes * weights) @ residual.ravel()).astype(np.float64)
+    # The normal equations of weighted least squares: S W S' change = S W residual.
+    weighted_slopes = slopes * weights
+    matrix = (weighted_slopes @ slopes.T).astype(np.float64)
+    vector = (weighted_slopes @ residual.ravel()).astype(np.float64)
     has_angle = _shows_angle(matrix)
     size = 2
     if has_angle:
         size = 3
-    matrix, vector = matrix[:size, :size], vector[:size]
+    matrix = matrix[:size, :size]
+    vector = vector[:size]
     # Damping keeps the matrix of an even picture invertible.
     damping = REGISTRATION.damping * np.trace(matrix) / size + 1e-9
     change = np.linalg.solve(matrix + damping * np.eye(size), vector)
@@ -205,10 +210,20 @@ def _gauss_newton_step(
     return step, has_angle
 
 
+def _pixel_weights(residual: F32, open_mask: Mask) -> F32:
+    """Return the weights (3 P,) of all channels of residuals (h, w, 3)."""
+    # Pixels with large differences show other things than the object.
+    distance = np.abs(residual).mean(axis=-1)
+    squared_ratio = (distance / REGISTRATION.outlier) ** 2
+    weight = open_mask / np.maximum(1.0, squared_ratio)
+    return np.repeat(weight.astype(np.float32).ravel(), 3)
+
+
 def _shows_angle(matrix: F64) -> bool:
     """Return whether the information matrix (2, 2) or (3, 3) determines the angle."""
     if len(matrix) < 3:
         return False
+    # A turn counts as a shift at the radius of gyration, so that both are comparable.
     shift_information = (matrix[0, 0] + matrix[1, 1]) / 2
     return bool(matrix[2, 2] > REGISTRATION.turn_information * shift_information)
 
@@ -226,13 +241,15 @@ def _pose_slopes(
     slopes = []
     for kernel in (_ROW_KERNEL, _ROW_KERNEL.T):
         change = np.asarray(cv2.filter2D(paint, -1, kernel), np.float32)
+        # The coverage also moves: it uncovers background behind the object.
         light = change[..., :3] - change[..., 3:] * patch.background
         slopes.append(-light * light_factor)
     if template.can_turn:
         left, top = patch.window.origin
         width, height = patch.window.size
-        rows = (np.arange(height) + (top - pose[1]))[:, None, None]
-        columns = (np.arange(width) + (left - pose[0]))[None, :, None]
+        rows = np.arange(height)[:, None, None] + (top - pose[1])
+        columns = np.arange(width)[None, :, None] + (left - pose[0])
+        # By a turn, a pixel at (x, y) moves by (-y, x).
         turn = slopes[1] * columns - slopes[0] * rows
         slopes.append(turn / template.gyration)
     return np.array([slope.ravel() for slope in slopes], np.float32)
@@ -246,8 +263,12 @@ def phase_shift(template: Template, start: F64, patch: Patch) -> F64:
     """Return the shift (x, y, 0) px from a start to the peak of phase correlation."""
     paint = template.draw(start, patch.window)
     empty = brightness(patch.background)
-    expected = np.abs(_blend(paint, patch.background) - empty).sum(axis=2)
-    difference = np.abs(patch.frame - empty).sum(axis=2) * patch.open_mask
+    # Both pictures show the difference from the background: an object without one is
+    # invisible.
+    prediction = _blend(paint, patch.background)
+    expected = np.abs(prediction - empty).sum(axis=2)
+    difference = np.abs(patch.frame - empty).sum(axis=2)
+    difference = difference * patch.open_mask
     # The window function fades the borders, since a Fourier transform is periodic.
     hanning = cv2.createHanningWindow(patch.window.size, cv2.CV_32F)
     (x, y), _ = cv2.phaseCorrelate(
@@ -269,24 +290,33 @@ def disc_turn(
         template.center[1] - template.corner[1],
     )
     own_rings = _rings(brightness(template.paint[..., :3]), template, center)
-    x, y = pose[0] - patch.window.origin[0], pose[1] - patch.window.origin[1]
+    # The template turns about its own centre, and the frame about the matched one.
+    x = pose[0] - patch.window.origin[0]
+    y = pose[1] - patch.window.origin[1]
     frame = patch.frame * patch.open_mask[..., None]
     frame_rings = _rings(frame.astype(np.float32), template, (float(x), float(y)))
-    # In polar coordinates a turn is a shift, so that one Fourier transform tries all.
-    spectrum = np.conj(np.fft.rfft(own_rings, axis=0)) * np.fft.rfft(
-        frame_rings, axis=0
-    )
-    correlation = np.fft.irfft(spectrum.sum(axis=(1, 2)), n=len(own_rings))
-    is_peak = (correlation >= np.roll(correlation, 1)) & (
-        correlation >= np.roll(correlation, -1)
-    )
+    correlation = _turn_correlation(own_rings, frame_rings)
+    is_rise = correlation >= np.roll(correlation, 1)
+    is_peak = is_rise & (correlation >= np.roll(correlation, -1))
     limit = REGISTRATION.peak_share * correlation.max()
     peaks = np.flatnonzero(is_peak & (correlation >= limit))
     if not len(peaks):
         return 0.0
+    # Spokes and symmetrical marks give several peaks.
     angles = 2 * pi * peaks / len(own_rings)
-    index = int(np.argmin(np.abs(_wrap_angle(angles - expected_angle))))
+    deviations = _wrap_angle(angles - expected_angle)
+    index = int(np.argmin(np.abs(deviations)))
     return float(_wrap_angle(angles[index] - float(pose[2])))
+
+
+def _turn_correlation(own_rings: F32, frame_rings: F32) -> F64:
+    """Return the correlation (A,) of two discs by angle and radius for each turn."""
+    # In polar coordinates a turn is a shift, so that one Fourier transform tries all.
+    own_spectrum = np.fft.rfft(own_rings, axis=0)
+    frame_spectrum = np.fft.rfft(frame_rings, axis=0)
+    spectrum = np.conj(own_spectrum) * frame_spectrum
+    correlation = np.fft.irfft(spectrum.sum(axis=(1, 2)), n=len(own_rings))
+    return np.asarray(correlation)
 
 
 def _wrap_angle(angles: F64) -> F64:
@@ -301,5 +331,6 @@ def _rings(picture: F32, template: Template, center: tuple[float, float]) -> F32
     flags = cv2.INTER_LINEAR | cv2.WARP_FILL_OUTLIERS
     polar = cv2.warpPolar(picture, size, center, radius, flags)
     # Outer rings have more pixels of the frame for each angle.
-    weights = np.sqrt(np.arange(size[0]) + 0.5)[None, :, None]
-    return np.asarray((polar - polar.mean(axis=0)) * weights, np.float32)
+    weights = np.sqrt(np.arange(size[0]) + 0.5)
+    deviations = polar - polar.mean(axis=0)
+    return np.asarray(deviations * weights[None, :, None], np.float32)

@@ -71,6 +71,8 @@ def track_noise(tracks: Tracks) -> float:
 def robust_cost(residuals: F64) -> float:
     """Return twice the robust cost (soft L1) of residuals, near their sum of squares."""
     scale = RESIDUALS.outlier**2
+    # Nearly quadratic for small residuals, and linear for large ones: an outlier pulls
+    # little.
     parts = 2 * scale * (np.sqrt(1 + residuals**2 / scale) - 1)
     return float(parts.sum())
 
@@ -126,7 +128,8 @@ class Model:
 
     def measure_steps(self, numbers: F64, count: int) -> None:
         """Measure the errors by steps in the first `count` times."""
-        times, rate = self.tracks.times[:count], self.rate
+        times = self.tracks.times[:count]
+        rate = self.rate
         try:
             poses = self.poses(numbers, times)
             self.rate = RESIDUALS.step_factor * rate
@@ -162,7 +165,9 @@ class Model:
 
         Their unit is the standard deviation.
         """
-        key = numbers.tobytes() + bytes(str((count, self.rate, self.noise)), "ascii")
+        # The residuals depend on the numbers, the times, the step and the noise.
+        settings = str((count, self.rate, self.noise))
+        key = numbers.tobytes() + bytes(settings, "ascii")
         if self._recent[0] != key:
             self._recent = (key, self._compute_residuals(numbers, count))
         return self._recent[1]
@@ -174,6 +179,7 @@ class Model:
         try:
             poses = self.poses(numbers, self.tracks.times[:count])
         except InputError:
+            # The search leaves numbers with a motion that cannot be simulated.
             failures = np.full(int(observed.sum()), RESIDUALS.failure)
             return np.concatenate([failures, prior])
         scaled_differences = self.differences(poses) / self.deviations(count)
@@ -186,7 +192,9 @@ class Model:
         """
         residuals = self.residuals(numbers, count).copy()
         observation_count = len(residuals) - len(numbers)
-        limits = np.minimum(self.step_errors[:count], RESIDUALS.max_excuse * self.noise)
+        # Residuals count in units of noise with limited step errors here.
+        largest_excuse = RESIDUALS.max_excuse * self.noise
+        limits = np.minimum(self.step_errors[:count], largest_excuse)
         factors = self.deviations(count) / np.hypot(self.noise, limits)
         observed = np.isfinite(self.tracks.poses[:count])
         residuals[:observation_count] *= factors[observed]

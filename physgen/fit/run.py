@@ -137,7 +137,8 @@ def _warn_of_residuals(
     remainder = root_mean_square(fit.residuals)
     if remainder > POOR_FIT * track_noise(tracks):
         poor = Message.FIT_POOR
-        place, found = Place(str(options.origin)), f"{remainder:.2g} px"
+        place = Place(str(options.origin))
+        found = f"{remainder:.2g} px"
         warn(poor.warning(place, "", found, seed=options.seed + 1))
 
 
@@ -180,7 +181,8 @@ def _check_paths(options: FitOptions) -> None:
     paths = paths_outside(source.read_text(encoding="utf-8"), source, output)
     if paths:
         message = Message.FIT_OUTPUT_APART
-        example, names = source.with_name(output.name), ", ".join(paths)
+        example = source.with_name(output.name)
+        names = ", ".join(paths)
         raise message.error("fitted", f'"{output}"', files=names, example=example)
 
 
@@ -221,6 +223,7 @@ def _write_report(
     if clip is not None:
         frames, rate = clip.frames(), clip.fps
     photo = film_pairs(folder, frames, stage, fitted_scene, tracks, rate)
-    name, origin = options.output.name, options.origin.name
+    name = options.output.name
+    origin = options.origin.name
     page = FitPage(name, origin, scene, compiled_scene.world, tracks, fit)
     return write_page(folder, page, photo, has_film=clip is not None)

@@ -82,6 +82,8 @@ def _search_valleys(
     """Return the best numbers of all starts, with long steps of the simulation."""
     best = model.prior.copy()
     total = len(model.tracks.times)
+    # A chaotic motion has one valley for short times and many for long ones: the time
+    # grows.
     for k, share in enumerate(SEARCH.horizons):
         progress("fit", k, len(SEARCH.horizons) + 2)
         count = min(max(SEARCH.least_times, round(share * total)), total)
@@ -91,6 +93,7 @@ def _search_valleys(
         if not model.has_good_residuals(best, count):
             # The errors by steps were those of another motion.
             model.measure_steps(best, count)
+        # A good fit of a short time is a start for a longer one.
         if model.has_good_residuals(best, count):
             if count == total:
                 break
@@ -131,7 +134,9 @@ def draw_starts(
             starts.append(_replace_columns(best, [k], model.prior[[k]]))
     for _ in range(SEARCH.draws):
         draw = generator.normal(size=len(best)) * model.spread * SEARCH.draw_width
-        starts.append(clip_numbers(model, best + np.where(is_drawn, draw, 0.0)))
+        change = np.where(is_drawn, draw, 0.0)
+        starts.append(clip_numbers(model, best + change))
+    # A simulation is cheap beside a fit: only the best starts are refined.
     costs = [robust_cost(model.residuals(start, count)) for start in starts]
     order = np.argsort(costs, kind="stable")
     return [starts[k] for k in order[: SEARCH.refinements].tolist()]

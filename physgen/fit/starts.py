@@ -51,7 +51,8 @@ def estimate_starts(
             velocities[k] = velocity
         moves.append(is_moving)
         supported_axes.append(is_supported)
-        spins.append(bool(np.isfinite(tracks.poses[:, k, 2]).mean() > 0.5))
+        angle_share = np.isfinite(tracks.poses[:, k, 2]).mean()
+        spins.append(bool(angle_share > 0.5))
     return Starts(
         velocities=velocities,
         moves=tuple(moves),
@@ -84,8 +85,9 @@ def _estimate_velocity(
         if is_supported[axis] or not observed.any():
             continue
         # Least squares of a line through the pose at t = 0, known from the scene.
-        weight = float((times[observed] ** 2).sum())
-        product = float((times[observed] * offsets[observed, axis]).sum())
+        observed_times = times[observed]
+        weight = float((observed_times**2).sum())
+        product = float((observed_times * offsets[observed, axis]).sum())
         component = product / weight
         if abs(component) > START.moving * errors[axis] / weight**0.5:
             velocity[axis] = component
@@ -101,7 +103,8 @@ def find_supported_axes(
     Such an object has a support. Otherwise a hop within the noise could explain a motion
     without friction.
     """
-    body, gravity = compiled_scene.world.bodies[k], compiled_scene.world.gravity
+    body = compiled_scene.world.bodies[k]
+    gravity = compiled_scene.world.gravity
     limit = START.moving * track_noise(tracks)
     is_supported = []
     for axis in (0, 1):

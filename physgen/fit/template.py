@@ -46,9 +46,12 @@ def window_around(pose: F64, reach: float, shape: Sequence[int]) -> Window:
     """
     height, width = shape[:2]
     margin = ceil(reach) + WINDOW_MARGIN
-    x, y = round(float(pose[0])), round(float(pose[1]))
-    left, right = max(x - margin, 0), min(x + margin + 1, width)
-    top, bottom = max(y - margin, 0), min(y + margin + 1, height)
+    x = round(float(pose[0]))
+    y = round(float(pose[1]))
+    left = max(x - margin, 0)
+    right = min(x + margin + 1, width)
+    top = max(y - margin, 0)
+    bottom = min(y + margin + 1, height)
     return Window((left, top), (max(right - left, 0), max(bottom - top, 0)))
 
 
@@ -76,7 +79,7 @@ class Template:
     """Radius of gyration, px."""
     can_turn: bool
     """Whether the picture turns in the plane; a sphere seen from above does not."""
-    is_round: bool
+    is_circle: bool
     """Whether the outline is a circle, so that it does not show the angle."""
 
     def transform(self, pose: F64, origin: tuple[int, int]) -> F64:
@@ -134,7 +137,7 @@ def make_templates(
                 center=(x, y),
                 gyration=max((body.moment / body.mass) ** 0.5, 1.0),
                 can_turn=not _rolls_in_space(body, world),
-                is_round=body.radius is not None,
+                is_circle=body.radius is not None,
             )
         )
     return templates

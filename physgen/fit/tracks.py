@@ -98,7 +98,8 @@ def _read_rows(path: Path, text: str, names: Sequence[str]) -> list[_Row]:
 def _check_columns(path: Path, heading: Sequence[str]) -> None:
     """Refuse a table without a required column. Raises InputError."""
     problems = []
-    place, columns = Place(str(path), 1, 1), ",".join(COLUMNS)
+    place = Place(str(path), 1, 1)
+    columns = ",".join(COLUMNS)
     for column in REQUIRED_COLUMNS:
         if column not in heading:
             message = Message.TRACKS_COLUMN_MISSING

@@ -124,7 +124,8 @@ def paths_outside(text: str, source: Path, output: Path) -> list[str]:
 
 def _move_paths(data: dict[str, Any], source: Path, output: Path) -> None:
     """Make the paths of a scene relative to the folder of `output`."""
-    folder, target = source.parent.resolve(), output.parent.resolve()
+    folder = source.parent.resolve()
+    target = output.parent.resolve()
     if folder == target:
         return
     for key in PATHS:

@@ -178,7 +178,7 @@ def _new_record(path: str | Path, options: RenderOptions) -> RunRecord:
     """Return the record of a run that begins."""
     command = command_alone(path, options)
     record = RunRecord(
-        scene="", command=list(options.command) or command, alone=command
+        scene="", command=list(options.command) or command, clip_command=command
     )
     record.overrides = list(options.overrides)
     record.variant = options.variant
@@ -566,7 +566,9 @@ class _Run:
         from physgen.report.page import PageParts, report_page
         from physgen.scene.write import scene_text
 
-        scene, film, record = self.scene, self.film, self.record
+        scene = self.scene
+        film = self.film
+        record = self.record
         world = film.compiled.world
         film_link = linked_film(self._video_files(folder))
         # The page draws its own overlay on the bare first frame of the whole photo.

@@ -151,10 +151,8 @@ def _at_rest(
     trial = open_trial(perceived_scene)
     scene = trial.scene()
     shapes = shapes_of(scene, None)
-    objects, comments = (
-        dict(perceived_scene.document["objects"]),
-        dict(perceived_scene.comments),
-    )
+    objects = dict(perceived_scene.document["objects"])
+    comments = dict(perceived_scene.comments)
     # Hold the first objects that move and simulate again: objects that rest on them may
     # stay at rest then.
     while scene.world.view is View.SIDE:
@@ -512,7 +510,8 @@ def push_anew(
 
 def _has_perceived_slow_motion(scene: Scene) -> bool:
     """Check whether the slow motion of a scene is that of perception."""
-    slow, record = scene.document.get("render", {}).get("slow", 1), scene.record
+    slow = scene.document.get("render", {}).get("slow", 1)
+    record = scene.record
     return (
         slow == record.world.get("slow")
         or scale.slow_motion_comment(slow) in record.comments

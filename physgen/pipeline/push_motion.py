@@ -99,7 +99,8 @@ def _corners(body: Body) -> Array:
 
 def _transform_points(points: Array, poses: Array) -> Array:
     """Return points (P, 2) of a body at its poses (S, 3): (S, P, 2) px."""
-    cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    cosine = np.cos(poses[:, 2])
+    sine = np.sin(poses[:, 2])
     x = points[:, 0] * cosine[:, None] - points[:, 1] * sine[:, None]
     y = points[:, 0] * sine[:, None] + points[:, 1] * cosine[:, None]
     return np.stack([x, y], axis=-1) + poses[:, None, :2]
@@ -169,7 +170,8 @@ def measure_turn(motion: Trajectory, names: Collection[str]) -> float:
 def measure_foot(body: Body) -> tuple[float, float, float]:
     """Return the lower end of a body and both ends of its foot, px from its centre."""
     points = np.concatenate(body.rings)
-    low, high = float(points[:, 1].min()), float(points[:, 1].max())
+    low = float(points[:, 1].min())
+    high = float(points[:, 1].max())
     foot = points[points[:, 1] > high - TRIAL.foot * (high - low), 0]
     return high, float(foot.min()), float(foot.max())
 
@@ -242,7 +244,9 @@ def overhangs(trials: TrialScene, world: World, motion: Trajectory) -> bool:
         if np.hypot(*(motion.poses[-1, k, :2] - motion.poses[0, k, :2])) < tolerance:
             continue
         places = _transform_points(_corners(body), motion.poses[-1:, k])[0]
-        foot, left, right = places[:, 1].max(), places[:, 0].min(), places[:, 0].max()
+        foot = places[:, 1].max()
+        left = places[:, 0].min()
+        right = places[:, 0].max()
         # An end of a wall below the body, away from both of its sides, is an edge under
         # it.
         for x, y in ends:

@@ -434,7 +434,8 @@ def _speed_limits(trials: TrialScene, item: Object) -> tuple[float, float]:
     A thin object is tipped as by a finger: it falls and need not slide.
     """
     ordinary = trials.ordinary
-    gentlest, hardest = TRIAL.gentlest * ordinary, TRIAL.hardest * ordinary
+    gentlest = TRIAL.gentlest * ordinary
+    hardest = TRIAL.hardest * ordinary
     body = next(body for body in trials.world.bodies if body.name == item.name)
     tipping_speed = _tipping_speed(body, hypot(*trials.world.gravity))
     width, height = measure_extent(body)
@@ -471,7 +472,8 @@ def _tipping_speed(body: Body, gravity: float) -> float | None:
     if body.radius is not None or not gravity:
         return None
     corners = np.concatenate(body.rings)
-    x0, x1 = float(corners[:, 0].min()), float(corners[:, 0].max())
+    x0 = float(corners[:, 0].min())
+    x1 = float(corners[:, 0].max())
     # Height of the centre of mass above the foot.
     height = float(corners[:, 1].max())
     rise = hypot((x1 - x0) / 2, height) - height
@@ -566,7 +568,9 @@ def _find_faults(
     run: _TrialRun, velocities: Mapping[str, tuple[float, float]]
 ) -> _Faults:
     """Return the implausible parts of the motion after pushes by name, px/s."""
-    trials, world, motion = run.trials, run.world, run.motion
+    trials = run.trials
+    world = run.world
+    motion = run.motion
     is_climbing = climbs(trials, world, motion)
     return _Faults(
         has_rebound=any(returns(motion, *push) for push in velocities.items()),
@@ -608,7 +612,9 @@ def _grade_run(run: _TrialRun, faults: _Faults, film_share: float) -> Grade:
 
 def _score_run(run: _TrialRun, faults: _Faults, is_spun: bool) -> float:
     """Return the score of a motion: its paths and falls, times the faults' factors."""
-    world, motion, travel = run.world, run.motion, run.travel
+    world = run.world
+    motion = run.motion
+    travel = run.travel
     fallen_names = find_fallen_objects(world, motion)
     score = float(np.minimum(travel / full_travel(world, fallen_names), 1.0).sum())
     score += TRIAL.falls * len(fallen_names)

@@ -223,37 +223,47 @@ def _refresh(opened_scene: OpenedScene, text: str, run: _Refresh) -> str:
     """Refresh a scene with fitting assets; `text` is the text of its file."""
     old, labels = _read_old_scene(opened_scene, run)
     selection = _select_objects(old, labels, run)
-    old_names = {}
-    for number, name in selection.detections.object_names.items():
-        if name in old.document["objects"]:
-            old_names[number] = name
+    old_names = _old_names(old, selection)
     new = _perceive_again(old, selection, old_names, run)
     new_labels = _new_labels(run.options, old_names)
     merged, record_changes = _merge_scenes(old, new, selection, new_labels)
     # Motion comes last, since it depends on all shapes and supports.
     moving_scene, motions = _set_in_motion(merged, old, run)
     description = describe(_summary_scene(moving_scene, new, motions))
-    # A scene that extends another one is written as a whole, without the old text.
-    is_whole = "extends" in old.written_document
     final_scene = replace(
         moving_scene,
-        comments={} if is_whole else moving_scene.comments,
         wrote=record_changes,
         full_size=old_and_new.full_size(old.scene),
         description=description,
     )
+    old_text: str | None = text
+    # A scene that extends another one is written completely, without the old text.
+    if "extends" in old.written_document:
+        old_text = None
+        final_scene = replace(final_scene, comments={})
     new_text = write_scene(
         final_scene,
         old.image if old.photo.plain else None,
         old.image.stem,
         run.output,
         run.keep,
-        None if is_whole else text,
+        old_text,
         old.scene.record,
     )
     lines = [*description.summary, *overview_lines(new_text, run.output)]
     run.inform(f"{run.path}: " + "\n".join(lines))
     return new_text
+
+
+def _old_names(old: _OldScene, selection: RefreshStart) -> dict[int, str]:
+    """Return the names of the detections that are objects of the old scene, by
+    number.
+    """
+    old_names = {}
+    for number, name in selection.detections.object_names.items():
+        if name in old.document["objects"]:
+            old_names[number] = name
+    return old_names
 
 
 def _prompt_frames(opened_scene: OpenedScene, scene: Scene) -> PromptFrames:

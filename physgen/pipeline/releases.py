@@ -141,7 +141,8 @@ def stands_behind(photo_scene: PerceivedScene, name: str) -> bool:
     rows = np.flatnonzero(object_mask.any(axis=1))
     if not len(rows):
         return False
-    end, height = int(rows[-1]) + 1, int(rows[-1] - rows[0]) + 1
+    end = int(rows[-1]) + 1
+    height = int(rows[-1] - rows[0]) + 1
     foot_top = end - max(round(RELEASE.foot * height), 1)
     columns = np.flatnonzero(object_mask[foot_top:end].any(axis=0))
     gap = max(round(RELEASE.gap * height), 3)
@@ -159,7 +160,8 @@ def stands_behind(photo_scene: PerceivedScene, name: str) -> bool:
 def _columns_beside(labels: Labels, columns: NDArray[np.int64]) -> Labels:
     """Return the columns (H, n) of `labels` on both sides of a foot's `columns`."""
     width = max(round(RELEASE.side_width * len(columns)), 1)
-    first, last = int(columns[0]), int(columns[-1])
+    first = int(columns[0])
+    last = int(columns[-1])
     left = labels[:, max(first - width, 0) : first]
     right = labels[:, last + 1 : last + 1 + width]
     return np.concatenate([left, right], axis=1)
@@ -240,7 +242,8 @@ def _with_parts(photo_scene: PerceivedScene, name: str) -> PerceivedScene:
 
 def _parts(photo_scene: PerceivedScene, name: str) -> list[str]:
     """Return the names of small unsure objects beside an object."""
-    labels, objects = photo_scene.percepts.labels, photo_scene.document["objects"]
+    labels = photo_scene.percepts.labels
+    objects = photo_scene.document["objects"]
     object_mask = labels == objects[name]["mask"]
     dilated_mask = (
         cv2.dilate(object_mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0

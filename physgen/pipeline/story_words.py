@@ -347,42 +347,53 @@ def _assemble(
 ) -> Story:
     """Combine mentions, verbs and the remaining words into a story."""
     place, verb = verbs[0]
-    subjects = []
-    for mention in mentions:
-        if mention.end <= place:
-            subjects.append(mention)
-    objects_of_verb = []
-    for mention in mentions:
-        if mention.start > place:
-            objects_of_verb.append(mention)
-    # The actor precedes the verb; in an imperative sentence it follows the verb.
-    if subjects:
-        actor = subjects[0]
-    else:
-        actor = _first_object(objects_of_verb, objects)
-    targets = []
-    for mention in objects_of_verb:
-        if mention is not actor:
-            targets.append(mention)
+    actor, targets = _actor_and_targets(mentions, place, objects)
     earlier_words, later_words = _split_free_words(words, mentions, place)
-    free_words = [*earlier_words, *later_words]
+    free_words = earlier_words + later_words
     direction = _direction(free_words)
-    later_wishes = {VERBS[verb] for _, verb in verbs[1:]}
+    later_wishes = _wishes(verbs[1:])
     has_target = bool(targets) and _has_target(words, targets[-1], later_wishes)
     wish = _event(VERBS[verb], words, has_target, direction)
+    actor_indices = tuple(k for k in actor.members if k in objects)
     target_indices, needs_all = _targets(
         wish, targets, actor, objects, later_words, words
     )
     return Story(
         wish,
-        tuple(k for k in actor.members if k in objects),
+        actor_indices,
         tuple(target_indices),
         needs_all,
         _push_direction(wish, direction),
         _strength(free_words),
         must_rest=wish is not Wish.HALT and Wish.HALT in later_wishes,
-        precedes_verb=bool(subjects),
+        precedes_verb=mentions[0].end <= place,
     )
+
+
+def _wishes(verbs: Sequence[tuple[int, str]]) -> set[Wish]:
+    """Return the events that verbs with their places ask for."""
+    return {VERBS[verb] for _, verb in verbs}
+
+
+def _actor_and_targets(
+    mentions: Sequence[Mention], place: int, objects: set[int]
+) -> tuple[Mention, list[Mention]]:
+    """Return the mention of the actor, and those of the objects of a verb at `place`.
+
+    The actor precedes the verb; in an imperative sentence it follows the verb.
+    """
+    objects_of_verb = []
+    for mention in mentions:
+        if mention.start > place:
+            objects_of_verb.append(mention)
+    if mentions[0].end <= place:
+        return mentions[0], objects_of_verb
+    actor = _first_object(objects_of_verb, objects)
+    targets = []
+    for mention in objects_of_verb:
+        if mention is not actor:
+            targets.append(mention)
+    return actor, targets
 
 
 def _split_free_words(

@@ -199,7 +199,8 @@ def living_doubts(perceived_scene: PerceivedScene) -> list[str]:
     # A detected animal may be a toy, to be released by the user.
     for label in living_labels.values():
         if kind(label).noun == "animal":
-            noun, note = label.split()[-1], Note.LIVING_OR_TOY
+            noun = label.split()[-1]
+            note = Note.LIVING_OR_TOY
             return [note.text(names=names, kinds=kind_words, noun=noun)]
     return [Note.LIVING.text(names=names, kinds=kind_words)]
 

@@ -272,7 +272,8 @@ class _Reader:
         try:
             return resolve(event.value)
         except RefusedError as error:
-            place, key_path = self._place(event), _path(stack, key)
+            place = self._place(event)
+            key_path = _path(stack, key)
             value_text = quoted(event.value, "")
             self._collect(error.problem(place, key_path, value_text))
         text: str = event.value
@@ -291,7 +292,8 @@ class _Reader:
         key_place: tuple[int, int] | None = None
         # Local names are faster than attributes in the loop over all events.
         documents = nodes = line = column = 0
-        most_nodes, most_levels = Limit.VALUES.most, Limit.DEPTH.most
+        most_nodes = Limit.VALUES.most
+        most_levels = Limit.DEPTH.most
         for event in events:
             kind = type(event)
             if kind is SequenceEndEvent or kind is MappingEndEvent:
@@ -316,7 +318,8 @@ class _Reader:
                 raise Limit.VALUES.error(self._place(event))
             if has_lines:
                 mark = event.start_mark
-                line, column = mark.line + 1, mark.column + 1
+                line = mark.line + 1
+                column = mark.column + 1
             if key is None and type(parent) is dict:
                 key = self._key(event, parent, stack)
                 key_place = (line, column)

@@ -225,7 +225,8 @@ def _check_partners(
 
 def _check_magnet(tree: CheckedTree, node: Node, path: KeyPath) -> None:
     """Report faults of a magnet's names."""
-    parts, valid_keys = children(node), tree.valid_keys(node)
+    parts = children(node)
+    valid_keys = tree.valid_keys(node)
     names = items(valid_keys.get("magnet"))
     for index, item in enumerate(names):
         check_object_name(tree, item, (*path, "magnet", index))
@@ -240,7 +241,8 @@ def _check_magnet(tree: CheckedTree, node: Node, path: KeyPath) -> None:
 
 def _check_finger(tree: CheckedTree, node: Node, path: KeyPath) -> None:
     """Report faults of a finger's knots, and a finger on two objects."""
-    parts, valid_keys = children(node), tree.valid_keys(node)
+    parts = children(node)
+    valid_keys = tree.valid_keys(node)
     before: Any = None
     for index, knot in enumerate(items(valid_keys.get("finger"))):
         now: Any = items(knot)[0].value
@@ -265,7 +267,8 @@ def _check_joint(
     tree: CheckedTree, node: Node, path: KeyPath, names: list[Any]
 ) -> None:
     """Report a gear on one object, a rail without length, and a missing drive."""
-    parts, valid_keys = children(node), tree.valid_keys(node)
+    parts = children(node)
+    valid_keys = tree.valid_keys(node)
     if "gear" in parts and len(names) == 1:
         place = parts["objects"].place
         tree.report(Message.GEAR_ON_ONE.problem(place, (*path, "objects")))
@@ -354,7 +357,8 @@ def _check_kind(tree: CheckedTree, node: Node, path: KeyPath, section: str) -> N
     kind = _find_kind(tree, node, path, KINDS[section])
     if kind is None:
         return
-    parts, needed = children(node), NEEDED.get(kind)
+    parts = children(node)
+    needed = NEEDED.get(kind)
     if needed and needed not in parts:
         fix = advice(find_schema_part(f"{section}.*")["properties"][needed])
         where: KeyPath = (*path, needed)

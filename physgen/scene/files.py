@@ -78,7 +78,8 @@ def resolve_confined(
         raise Message.PATH_ABSOLUTE.refusal(folder=folder_name)
     try:
         # Links are resolved first: a link inside the folder may lead outside.
-        real, root = os.path.realpath(path), os.path.realpath(limit_folder)
+        real = os.path.realpath(path)
+        root = os.path.realpath(limit_folder)
     except (OSError, ValueError):
         raise Message.PATH_BROKEN.refusal() from None
     if os.path.commonpath([real, root]) != root:
@@ -248,7 +249,8 @@ def similar(
     """Return the fix for a missing `path`: a similar name in its folder with one of the
     `ends` (/ for a folder), or `fix`.
     """
-    folder, parent_folder = path.parent, os.path.dirname(path_text.rstrip("/"))
+    folder = path.parent
+    parent_folder = os.path.dirname(path_text.rstrip("/"))
     names = sorted((*glob("*", root_dir=folder), *glob("*/", root_dir=folder)))
     names = [
         n

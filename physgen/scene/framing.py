@@ -44,7 +44,8 @@ def room(photo: Size, video: Size, zoom: float) -> tuple[Point, Point]:
     large = magnification(photo, video, zoom)
     low, high = [], []
     for side, visible_length in zip(photo, video, strict=True):
-        half_share, middle = visible_length / (2 * large), (side - 1) / 2
+        half_share = visible_length / (2 * large)
+        middle = (side - 1) / 2
         # Without room, rounding must not exclude the middle.
         low.append(min(half_share - 0.5, middle))
         high.append(max(side - 0.5 - half_share, middle))

@@ -73,11 +73,9 @@ def _check_exclusive(
 
 def _check_video_size(tree: CheckedTree, valid_keys: dict[str, Node]) -> None:
     """Report a video with more pixels than a photo may have."""
-    scale, size, photo = (
-        valid_keys.get("scale"),
-        valid_keys.get("size"),
-        tree.ground.size,
-    )
+    scale = valid_keys.get("scale")
+    size = valid_keys.get("size")
+    photo = tree.ground.size
     if photo is None:
         return
     if size is not None:

@@ -222,7 +222,8 @@ def scaled_values(
         for key, value in _scaled_push(item, record.entry(name, item), ratio).items():
             values["objects", name, key] = value
     film = scene.get("render", {})
-    before, slow = film.get("slow", 1), slow_motion(side, pixels_per_meter)
+    before = film.get("slow", 1)
+    slow = slow_motion(side, pixels_per_meter)
     if (
         "frames" not in film
         and equal(before, record.world.get("slow"))
@@ -305,30 +306,42 @@ def apply_consequences(
     names: Iterable[str] = new_labels
     if "pixels_per_meter" in written_data.get("world", {}):
         values |= scaled_values(written_data, record, per_meter, side)
+        # All masses depend on the scale, so that all labelled objects change with it.
         if record.scale is not None and not equal(record.scale, per_meter):
             names = old_entries
     entries = dict(record.objects)
     for name in names:
         item = objects[name]
-        table = _table_values(
-            outlines[name],
-            item["label"],
-            per_meter,
-            _highest_confidence(per_meter, side),
-        )
         new_values, new_entry = _entry_of_label(
             item,
             written_data["objects"][name],
             old_entries[name],
-            table,
+            _table_values(
+                outlines[name],
+                item["label"],
+                per_meter,
+                _highest_confidence(per_meter, side),
+            ),
             is_new=name in new_labels,
         )
-        values |= {("objects", name, key): new_values[key] for key in new_values}
-        mask_id = str(item.get("mask"))
-        entries[mask_id if mask_id in record.objects else name] = new_entry
+        values.update(_object_paths(name, new_values))
+        entries[_record_key(record, name, item)] = new_entry
     world = dict(record.world)
     world["by_labels"] = ("world", "pixels_per_meter") in values
     return values, replace(record, objects=entries, world=world)
+
+
+def _object_paths(name: str, values: Entry) -> dict[tuple[str, ...], Any]:
+    """Return the values of an object by their paths in the scene."""
+    return {("objects", name, key): value for key, value in values.items()}
+
+
+def _record_key(record: Record, name: str, item: Entry) -> str:
+    """Return the key of an object's entry in the record: its mask, or its name."""
+    mask_id = str(item.get("mask"))
+    if mask_id in record.objects:
+        return mask_id
+    return name
 
 
 def _highest_confidence(pixels_per_meter: float, side: int) -> float:
@@ -433,10 +446,8 @@ def _table_values(
         solid = {"solid": object_kind.solid or "sphere"}
     else:
         solid = {}
-    table, confidences = (
-        registry.find("physics").name,
-        table_confidences(min(confidence, highest_confidence)),
-    )
+    table = registry.find("physics").name
+    confidences = table_confidences(min(confidence, highest_confidence))
     return {"mass": mass, **material, **solid}, {
         key: provenance(table, confidence_value)
         for key, confidence_value in confidences.items()

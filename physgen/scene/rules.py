@@ -105,7 +105,8 @@ class _Rules:
 
     def __init__(self, root: Node, findings: Findings, files: Files) -> None:
         self.tree, self.files = CheckedTree(root, findings), files
-        self.ground, self.report = self.tree.ground, findings.report
+        self.ground = self.tree.ground
+        self.report = findings.report
         self.map_sizes: dict[str, tuple[int, int]] = {}
         """Width and height of each map, px."""
 
@@ -131,7 +132,8 @@ class _Rules:
         return self.ground
 
     def canvas(self) -> None:
-        image, size = self.tree.top.get("image"), self.tree.top.get("size")
+        image = self.tree.top.get("image")
+        size = self.tree.top.get("size")
         if image and size:
             self.report(Message.EXCLUDES.problem(size.key_place, "size", other="image"))
         # `imgae` is reported as unknown already: a missing canvas would be a second
@@ -229,7 +231,8 @@ class _Rules:
         """Report maps with other sizes than the photo; only once if the photo is
         another one.
         """
-        canvas, sizes = self.ground.size, set(self.map_sizes.values())
+        canvas = self.ground.size
+        sizes = set(self.map_sizes.values())
         if canvas is None or sizes <= {canvas}:
             return
         canvas_text = _size_text(canvas)
@@ -338,7 +341,8 @@ class _Rules:
         if self.ground.assets is None:
             self.report(Message.NO_ASSETS.problem(mask.place, path, shown(id_)))
         else:
-            assets, message = self.tree.top["assets"], Message.ASSETS_WITHOUT_MASKS
+            assets = self.tree.top["assets"]
+            message = Message.ASSETS_WITHOUT_MASKS
             self.report(message.problem(assets.place, "assets", shown(assets.value)))
 
 

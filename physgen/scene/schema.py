@@ -230,7 +230,8 @@ def advice(schema: Schema) -> str:
     hint = ""
     if "examples" in schema:
         hint = f", e.g. {example(schema['examples'][0])}"
-    kind, unit = schema["type"], schema.get("x-unit", "")
+    kind = schema["type"]
+    unit = schema.get("x-unit", "")
     if kind in ("number", "integer"):
         return f"write {measure(schema, unit, has_range=False)}{hint}"
     if kind == "array":

@@ -169,7 +169,8 @@ def _quick_list(schema: Schema) -> Test:
         item_test = _quick_test(schema["items"])
     else:
         item_test = None
-    shortest, longest = schema.get("minItems", 0), schema.get("maxItems", math.inf)
+    shortest = schema.get("minItems", 0)
+    longest = schema.get("maxItems", math.inf)
     if item_test is not None:
         return lambda value: (
             type(value) is list
@@ -197,10 +198,8 @@ def _quick_mapping(schema: Schema) -> Test:
         other = _quick_test(rest)
     is_name = _quick_test(schema.get("propertyNames", {}))
     required_keys = schema.get("required", [])
-    smallest, largest = (
-        schema.get("minProperties", 0),
-        schema.get("maxProperties", math.inf),
-    )
+    smallest = schema.get("minProperties", 0)
+    largest = schema.get("maxProperties", math.inf)
     return lambda value: (
         isinstance(value, dict)
         and smallest <= len(value) <= largest

@@ -43,7 +43,8 @@ Corner = tuple[float, float]
 def check_object(tree: CheckedTree, name: str, node: Node) -> None:
     """Report faults of the mask, shape and motion of an object."""
     path: KeyPath = ("objects", name)
-    parts, valid_keys = children(node), tree.valid_keys(node)
+    parts = children(node)
+    valid_keys = tree.valid_keys(node)
     if "mass" in parts and "density" in parts:
         place = parts["density"].key_place
         density_path: KeyPath = (*path, "density")
@@ -97,7 +98,8 @@ def _check_solid(
     if node is None or not kinds or "circle" in kinds or node.value == "plate":
         return
     solid_path: KeyPath = (*path, "solid")
-    kind, message = next(iter(kinds)), Message.SOLID_NEEDS_CIRCLE
+    kind = next(iter(kinds))
+    message = Message.SOLID_NEEDS_CIRCLE
     tree.report(message.problem(node.place, solid_path, shown(node.value), kind=kind))
 
 
@@ -187,7 +189,8 @@ def _check_loop(tree: CheckedTree, motion: dict[str, Node], path: KeyPath) -> No
     knots = items(motion.get("path"))
     if "loop" not in motion or motion["loop"].value is not True or not knots:
         return
-    first, last = items(knots[0]), items(knots[-1])
+    first = items(knots[0])
+    last = items(knots[-1])
     if any(number_of(first[k]) != number_of(last[k]) for k in (1, 2)):
         problem = Message.LOOP_OPEN.problem(
             knots[-1].place,

@@ -329,7 +329,8 @@ class _Fault:
         item_name = kinds.get(
             part.get("type", ""), "names" if part.get("type") == "string" else "values"
         )
-        minimum, maximum = self.schema.get("minItems", 0), self.schema.get("maxItems")
+        minimum = self.schema.get("minItems", 0)
+        maximum = self.schema.get("maxItems")
         return item_name, f"{minimum} {item_name}" if minimum == maximum else item_name
 
     def _in_unit(self, noun: str) -> str:
@@ -370,7 +371,8 @@ class _Fault:
         findings.value(self.node, self.path, refusal)
 
     def _range(self, findings: Findings) -> None:
-        schema, value = self._numeric(), self.node.value
+        schema = self._numeric()
+        value = self.node.value
         assert isinstance(value, int | float)
         lowest, greatest, _ = bounds(schema)
         if value > greatest:
@@ -391,7 +393,8 @@ class _Fault:
         findings.value(self.node, self.path, refusal)
 
     def _text(self, findings: Findings) -> None:
-        value, schema = str(self.node.value), self.schema
+        value = str(self.node.value)
+        schema = self.schema
         if self.error.validator == "maxLength":
             maximum = schema["maxLength"]
             refusal = Message.TEXT_TOO_LONG.refusal(length=len(value), most=maximum)
@@ -406,7 +409,8 @@ class _Fault:
         item_name, _ = self._count()
         items = self.node.value
         assert isinstance(items, list)
-        minimum, maximum = self.schema.get("minItems", 0), self.schema.get("maxItems")
+        minimum = self.schema.get("minItems", 0)
+        maximum = self.schema.get("maxItems")
         if len(items) < minimum:
             limit_count = minimum
         else:
@@ -450,7 +454,8 @@ class _Fault:
                 findings.report(message.problem(self.node.place, key_path, fix=fix))
 
     def _report_key_count(self, findings: Findings) -> None:
-        value, parts = self.node.value, self.schema.get("properties", {})
+        value = self.node.value
+        parts = self.schema.get("properties", {})
         assert isinstance(value, dict)
         if not parts:
             maximum = self.schema["maxProperties"]
@@ -467,19 +472,22 @@ class _Fault:
         findings.report(refusal.problem(self.node.place, dotted(self.path)))
 
     def _name(self, findings: Findings) -> None:
-        key, names = str(self.error.instance), self.schema["propertyNames"]
+        key = str(self.error.instance)
+        names = self.schema["propertyNames"]
         assert isinstance(self.node.value, dict)
         fix = f"write {names['x-pattern']}, e.g. {example(names['examples'][0])}"
         # No-break spaces come from web pages and are invisible.
         if "\u00a0" in key:
             fix = "write plain spaces in place of no-break spaces"
-        place, key_path = self.node.value[key].key_place, (*self.path, key)
+        place = self.node.value[key].key_place
+        key_path = (*self.path, key)
         findings.report(
             Message.NOT_A_NAME.problem(place, key_path, quoted(key), fix=fix)
         )
 
     def _unknown(self, findings: Findings) -> None:
-        value, known_keys = self.node.value, list(self.schema["properties"])
+        value = self.node.value
+        known_keys = list(self.schema["properties"])
         assert isinstance(value, dict)
         for key, child in value.items():
             if key in known_keys:

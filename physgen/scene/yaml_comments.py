@@ -53,7 +53,8 @@ def with_comments(
             parent, index = parent_of(text, tuple(key.split(".")))
         except EditError:
             continue
-        begin, words = entry(text, parent, index), " ".join(comment.split())
+        begin = entry(text, parent, index)
+        words = " ".join(comment.split())
         # A comment in a line of several values could belong to any of them.
         if parent.is_flow or not leads(text, begin):
             continue
@@ -73,7 +74,8 @@ def _insert_comment(text: str, key: str, words: str) -> str:
     """Return the text with a comment after the value of a key, or above its line."""
     parent, index = parent_of(text, tuple(key.split(".")))
     begin = entry(text, parent, index)
-    first, stop = line_begin(text, begin), line_end(text, begin)
+    first = line_begin(text, begin)
+    stop = line_end(text, begin)
     # A user's own comment on the line stays alone there.
     is_short = stop - first + len(words) <= LONGEST and "#" not in text[first:stop]
     child = parent.children[index]
@@ -107,7 +109,8 @@ def with_true_comments(
 
     `old` is the data before the change; `new_names` maps old to new names of objects.
     """
-    labels, labels_before = _labels(mark_values(text).data()), _labels(old)
+    labels = _labels(mark_values(text).data())
+    labels_before = _labels(old)
     # Most edits do not change labels.
     if labels == labels_before:
         return text
@@ -227,7 +230,8 @@ def _comments(text: str, place: int) -> Iterator[tuple[int, str]]:
     """Yield the index and words of the comment at the end of a place's line, and of the
     comment lines above it.
     """
-    lines, line_number = text.split("\n"), text.count("\n", 0, place)
+    lines = text.split("\n")
+    line_number = text.count("\n", 0, place)
     _, mark, words = lines[line_number].rpartition(" #")
     if mark:
         yield line_number, " ".join(words.split())

@@ -112,11 +112,9 @@ def mark_values(text: str) -> MarkedValue:
 
 
 def _mark_tree(node: Any, text: str) -> MarkedValue:
-    begin, end, column = (
-        node.start_mark.index,
-        node.end_mark.index,
-        node.start_mark.column,
-    )
+    begin = node.start_mark.index
+    end = node.end_mark.index
+    column = node.start_mark.column
     if isinstance(node, yaml.ScalarNode):
         style = ""
         if node.style in ("'", '"', "|", ">"):
@@ -207,7 +205,8 @@ def newline(text: str) -> str:
 
 def patch_below(text: str, place: int, lines: Sequence[str]) -> Patch:
     """Return the patch that adds lines after the line of a place."""
-    stop, line = line_end(text, place), newline(text)
+    stop = line_end(text, place)
+    line = newline(text)
     return stop, stop, line + line.join(lines)
 
 
@@ -309,7 +308,8 @@ def _drop(text: str, path: KeyPath) -> str:
     begin = entry(text, parent, index)
     if not leads(text, begin) or not _ends_line(text, parent, index):
         return apply_patches(text, _cut(text, parent, index, begin))
-    first, stop = _first_line(text, parent, index), _last_line(text, parent, index)
+    first = _first_line(text, parent, index)
+    stop = _last_line(text, parent, index)
     if _is_blank_line(text, stop) and first and _is_blank_line(text, first - 1):
         stop = line_after(text, stop)
     # Without a break at the end of the file, the new last line needs none.
@@ -413,12 +413,14 @@ def _cut(text: str, parent: MarkedValue, index: int, begin: int) -> Patch:
 
 def _insert(text: str, path: KeyPath, value: Any) -> str:
     """Insert an item into a list, before the one at the path."""
-    parent_path, index = path[:-1], int(path[-1])
+    parent_path = path[:-1]
+    index = int(path[-1])
     node = find(text, parent_path)
     if not node.children:
         return _replace_value(text, parent_path, [value])
     if node.is_flow:
-        inner, before = _inline(text, value, path), node.children[max(index - 1, 0)]
+        inner = _inline(text, value, path)
+        before = node.children[max(index - 1, 0)]
         if index == 0:
             return apply_patches(text, (before.begin, before.begin, f"{inner}, "))
         return apply_patches(
@@ -447,7 +449,8 @@ def _rename(text: str, path: KeyPath, new_name: str) -> str:
 
 def _make_entry(text: str, path: KeyPath, value: Any) -> str:
     """Add a key, or an item at the end."""
-    parent_path, key = path[:-1], path[-1]
+    parent_path = path[:-1]
+    key = path[-1]
     node = find(text, parent_path)
     if isinstance(key, int):
         return _insert(text, path, value)
@@ -532,7 +535,8 @@ def _empty_collection(text: str, path: KeyPath) -> str | None:
         empty = " {}"
     patches: list[Patch] = [(colon + 1, colon + 1, empty)]
     for child in range(len(node.children)):
-        first, stop = _first_line(text, node, child), _last_line(text, node, child)
+        first = _first_line(text, node, child)
+        stop = _last_line(text, node, child)
         patches.append((first, stop, ""))
     return apply_patches(text, *patches)
 

@@ -483,6 +483,8 @@ class BoundedGroup:
         goal = goal_speeds - J @ start_velocities
         count = len(rows)
         low, high = _impulse_limits(count, bounds)
+        # J M⁻¹ Jᵀ: the change of each row's speed by an impulse of each row. Its diagonal is
+        # slightly larger, so that redundant rows have a solution.
         response = (J * inverse_masses) @ J.T
         response.ravel()[:: len(response) + 1] *= 1 + 1e-12
         impulse, _ = bounded_impulses(response, goal, low, high)
@@ -492,6 +494,7 @@ class BoundedGroup:
         if free_velocities is None:
             return BoundedMotion(after, work, loss, 0.0)
         closing = (J @ free_velocities)[count:]
+        # A jerk closes with a speed that is large for the energy of the whole group.
         doubled_energy = _doubled_energy(free_velocities, inverse_masses)
         is_jerk = closing < -JERK * np.sqrt(np.diag(response)[count:] * doubled_energy)
         bound_impulse = impulse[count:]

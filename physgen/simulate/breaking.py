@@ -143,7 +143,8 @@ def _length(spring: Joint, pose: Array) -> float:
         if body is None:
             ends.append(at)
             continue
-        c, s = np.cos(pose[body, 2]), np.sin(pose[body, 2])
+        c = np.cos(pose[body, 2])
+        s = np.sin(pose[body, 2])
         ends.append(pose[body, :2] + [c * at[0] - s * at[1], s * at[0] + c * at[1]])
     x, y = (ends[0] - ends[1]).tolist()
     return hypot(x, y)

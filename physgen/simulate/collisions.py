@@ -769,7 +769,8 @@ class ImpactSolver:
         `part`.
         """
         # Rotate the impulse from normal and tangent to the axes of the image.
-        fx, fy = (jn * p.nx - jt * p.ny) * part, (jn * p.ny + jt * p.nx) * part
+        fx = (jn * p.nx - jt * p.ny) * part
+        fy = (jn * p.ny + jt * p.nx) * part
         for body, m, turn, sign in (
             (p.a, p.ma, p.ea * (p.na * jn + p.ta * jt) * part, -1.0),
             (p.b, p.mb, p.eb * (p.nb * jn + p.tb * jt) * part, 1.0),

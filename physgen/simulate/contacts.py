@@ -517,7 +517,8 @@ def point_at_closing(
     that angular momentum is conserved to the last digit.
     """
     seconds_back = float(earlier[k])
-    a, b = int(points.first[k]), int(points.second[k])
+    a = int(points.first[k])
+    b = int(points.second[k])
     ax, ay, first_x, first_y = _move_back(
         pose[a], velocity[a], points.on_first[k], seconds_back
     )
@@ -532,9 +533,11 @@ def point_at_closing(
         ((first_x + second_x) / 2, (first_y + second_y) / 2),
     )
     ma = objects.lightness[a]
-    mb = objects.lightness[b]
     ea = objects.ease[a]
+    mb = objects.lightness[b]
     eb = objects.ease[b]
+    # The levers and the inverse inertias give the change of both speeds by an impulse:
+    # normal on normal, normal on tangent, and tangent on tangent.
     na, ta = _levers(px - ax, py - ay, nx, ny)
     nb, tb = _levers(px - bx, py - by, nx, ny)
     return Point(

@@ -70,7 +70,8 @@ def _closing_energy(
     None if the body has not followed the curve before. With `sign` 1, the contact's
     normal points towards the wall.
     """
-    nx, ny = sign * contact[2], sign * contact[3]
+    nx = sign * contact[2]
+    ny = sign * contact[3]
     # The work of the normal impulse: impulse times the mean closing speed of the step.
     normal_impulse = -(impulse[0] * nx + impulse[1] * ny)
     lever = (contact[4] - state[0]) * ny - (contact[5] - state[1]) * nx

@@ -619,7 +619,8 @@ def mean_factor(push: Push, begin: float, end: float) -> float:
     profile = push.profile
     if profile is None or high <= low:
         return 0.0
-    a, b = low - push.start, high - push.start
+    a = low - push.start
+    b = high - push.start
     return (_integral(profile, b) - _integral(profile, a)) / (end - begin)
 
 
@@ -656,7 +657,8 @@ def area(body: Body) -> float:
 
 def _rotate(vector: Array, angle: float) -> Array:
     """Rotate a vector by an angle, rad."""
-    c, s = np.cos(angle), np.sin(angle)
+    c = np.cos(angle)
+    s = np.sin(angle)
     return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]])
 
 

@@ -63,7 +63,8 @@ class Resistance:
 
     def _find_brakes(self, contacts: NDArray[np.int64]) -> Brakes:
         """Return the brakes of contacts (K, 3): one for each pair of bodies."""
-        levers, rows = dict[Pair, float](), dict[Pair, list[int]]()
+        levers = dict[Pair, float]()
+        rows = dict[Pair, list[int]]()
         partners = contacts.tolist()
         # Sort the contacts, so that the brakes of equal contacts are equal in any
         # order.
@@ -189,7 +190,9 @@ class Table:
         Their deceleration is constant.
         """
         r, _, gives, grip, twists, slows = self._of_balls
-        v, spin, roll = v[self._balls], spin[self._balls], roll[self._balls]
+        v = v[self._balls]
+        spin = spin[self._balls]
+        roll = roll[self._balls]
         is_sliding = abs(v - 1j * r * roll) * gives > 1e-12 * r * abs(roll)
         k = np.flatnonzero(
             ~is_sliding & (grip > 0) & (slows * h * len(out) < abs(roll))
@@ -277,7 +280,9 @@ def _friction_changes(
     force_share, torque_share = _parts(
         np.arctan2(abs(mid_velocity), patch * abs(at_spin)), ring
     )
-    speed, rim_spin, stopping_speed = abs(v), abs(spin), grip * h
+    speed = abs(v)
+    rim_spin = abs(spin)
+    stopping_speed = grip * h
     # The force acts against the motion at the step's start: friction never reverses it.
     brake = np.minimum(force_share * stopping_speed, speed) / np.maximum(speed, 1e-300)
     spin_loss = np.minimum(torque_share * grip * mass * patch / moment * h, rim_spin)
@@ -296,19 +301,23 @@ def _slide_one(
     """Return the changes (steps, 3) of one disc, as `_slide` for several."""
     (grip, mass, patch, moment, ring), (v, spin, _) = properties, motion
     _, forces, torques = _listed_shares(bool(ring))
-    nodes_per_radian, last_node = (NODES - 1) / (pi / 2), NODES - 2
-    changes, spin_now = np.zeros((steps, 3), complex), spin.real
+    nodes_per_radian = (NODES - 1) / (pi / 2)
+    last_node = NODES - 2
+    changes = np.zeros((steps, 3), complex)
+    spin_now = spin.real
     for k in range(steps):
-        speed, spin_size, sign = abs(v), abs(spin_now), -1.0 if spin_now > 0 else 1.0
-        change, spin_change = 0j, 0.0
+        speed = abs(v)
+        spin_size = abs(spin_now)
+        # Friction acts against the spin.
+        sign = -1.0 if spin_now > 0 else 1.0
+        change = 0j
+        spin_change = 0.0
         # The midpoint method: the forces at the middle of the step determine the whole
         # step.
         for span in (h / 2, h):
-            stopping_speed, position = (
-                grip * span,
-                atan2(abs(v + change), patch * abs(spin_now + spin_change))
-                * nodes_per_radian,
-            )
+            stopping_speed = grip * span
+            surface_speed = patch * abs(spin_now + spin_change)
+            position = atan2(abs(v + change), surface_speed) * nodes_per_radian
             # Interpolate the shares of force and torque linearly between tabulated
             # angles.
             if position < last_node:
@@ -326,14 +335,16 @@ def _slide_one(
                 speed + patch * spin_size <= stopping_speed
                 and spin_size * moment <= stopping_speed * mass * patch
             ):
-                change, spin_change = -v, -spin_now
+                change = -v
+                spin_change = -spin_now
                 continue
-            change = -(min(force_share * stopping_speed, speed) / (speed or 1e-300)) * v
-            spin_change = sign * min(
-                torque_share * grip * mass * patch / moment * span, spin_size
-            )
+            lost_speed = min(force_share * stopping_speed, speed)
+            change = -(lost_speed / (speed or 1e-300)) * v
+            lost_spin = torque_share * grip * mass * patch / moment * span
+            spin_change = sign * min(lost_spin, spin_size)
         changes[k, :2] = change, spin_change
-        v, spin_now = v + change, spin_now + spin_change
+        v += change
+        spin_now += spin_change
         if not (v or spin_now):
             break
     return changes
@@ -381,16 +392,13 @@ def _roll_one(
     properties: list[float], motion: list[complex], h: float, steps: int
 ) -> NDArray[np.complex128]:
     """Return the changes (steps, 3) of one sphere, as `_roll` for several."""
-    (r, lever, gives, grip, lost_sliding, lost_rolling), (v, spin, roll) = (
-        properties,
-        motion,
-    )
-    changes, spin_now, spin_loss = (
-        np.zeros((steps, 3), complex),
-        spin.real,
-        (lost_sliding if grip > 0 else 0.0) * h,
-    )
-    lever_to_slip, complex_lever = 1j * r, 1j * lever
+    r, lever, gives, grip, lost_sliding, lost_rolling = properties
+    v, spin, roll = motion
+    changes = np.zeros((steps, 3), complex)
+    spin_now = spin.real
+    spin_loss = (lost_sliding if grip > 0 else 0.0) * h
+    lever_to_slip = 1j * r
+    complex_lever = 1j * lever
     for k in range(steps):
         # The slip is the velocity of the sphere's lowest point on the table.
         slip = v - lever_to_slip * roll
@@ -401,23 +409,19 @@ def _roll_one(
         brake = min(grip * h, sticking_change)
         change = -brake / (slip_speed or 1e-300) * slip
         roll_change = complex_lever * change
-        roll_now, is_rolling = (
-            roll + roll_change,
-            brake >= sticking_change * (1 - 1e-12),
-        )
+        roll_now = roll + roll_change
+        is_rolling = brake >= sticking_change * (1 - 1e-12)
         # Rolling resistance may stop the roll, but not turn it back.
-        rolling_loss = min(
-            (lost_rolling if is_rolling else lost_sliding)
-            * h
-            / (abs(roll_now) or 1e-300),
-            1.0,
-        )
+        roll_loss = (lost_rolling if is_rolling else lost_sliding) * h
+        rolling_loss = min(roll_loss / (abs(roll_now) or 1e-300), 1.0)
         spin_change = (-1.0 if spin_now > 0 else 1.0) * min(spin_loss, abs(spin_now))
         if is_rolling:
             change -= rolling_loss * (v + change)
         roll_change -= rolling_loss * roll_now
         changes[k] = change, spin_change, roll_change
-        v, spin_now, roll = v + change, spin_now + spin_change, roll + roll_change
+        v += change
+        spin_now += spin_change
+        roll += roll_change
         if not (v or spin_now or roll):
             break
     return changes
@@ -451,8 +455,10 @@ def _shares(ring: bool) -> tuple[Array, Array, Array]:
 def _shares_of_rim(nodes: Array) -> tuple[Array, Array]:
     """Return the shares of force and torque of a hoop at angles (K,)."""
     angles_on_rim = (np.arange(720) + 0.5) * (2 * np.pi / 720)
-    v, u = np.sin(nodes)[:, None], np.cos(nodes)[:, None]
-    vx, vy = v - u * np.sin(angles_on_rim), u * np.cos(angles_on_rim)
+    v = np.sin(nodes)[:, None]
+    u = np.cos(nodes)[:, None]
+    vx = v - u * np.sin(angles_on_rim)
+    vy = u * np.cos(angles_on_rim)
     point_speed = np.maximum(np.hypot(vx, vy), 1e-300)
     torque = np.cos(angles_on_rim) * vy - np.sin(angles_on_rim) * vx
     return (vx / point_speed).mean(axis=1), (torque / point_speed).mean(axis=1)
@@ -491,7 +497,8 @@ def _elliptic(m: Array) -> tuple[Array, Array]:
 
     The arithmetic-geometric mean converges quadratically.
     """
-    a, b = np.ones_like(m), np.sqrt(1 - m)
+    a = np.ones_like(m)
+    b = np.sqrt(1 - m)
     series_sum, power = m / 2, 0.5
     for _ in range(40):
         c = (a - b) / 2

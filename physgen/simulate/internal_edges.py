@@ -125,7 +125,8 @@ class Frame:
 
     def locate(self, point: Spot) -> Spot:
         """Transform a point of the world to this frame."""
-        x, y = point[0] - self.x, point[1] - self.y
+        x = point[0] - self.x
+        y = point[1] - self.y
         return self.cosine * x + self.sine * y, self.cosine * y - self.sine * x
 
     def locate_contact(self, contact: Contact) -> Contact:
@@ -165,7 +166,8 @@ def edges_of(outline: ShapeOutline, frame: Frame = WORLD) -> list[Edge]:
     for (x0, y0), (x1, y1) in zip(corners, following, strict=False):
         length = hypot(x1 - x0, y1 - y0)
         if length > 0:
-            dx, dy = (x1 - x0) / length, (y1 - y0) / length
+            dx = (x1 - x0) / length
+            dy = (y1 - y0) / length
             edges.append(Edge(x0, y0, dx, dy, length, len(corners) == 2, outline.owner))
     return edges
 
@@ -330,7 +332,8 @@ def _cells_between(start: float, end: float) -> range:
     """Return the numbers of the grid's cells along one axis near an edge."""
     # Farther away from an edge in height and along it, no contact is covered.
     reach = LOWEST + FARTHEST
-    first, last = (min(start, end) - reach) // CELL, (max(start, end) + reach) // CELL
+    first = (min(start, end) - reach) // CELL
+    last = (max(start, end) + reach) // CELL
     return range(int(first), int(last) + 1)
 
 
@@ -481,7 +484,8 @@ class InternalEdges:
         edges = self._covering.get(pair)
         if edges is None:
             return False
-        shape, surface = self._outlines[pair[0]], self._outlines[pair[1]]
+        shape = self._outlines[pair[0]]
+        surface = self._outlines[pair[1]]
         frame = frames.of(surface.owner)
         if surface.is_static:
             place = WORLD
@@ -498,7 +502,8 @@ class InternalEdges:
             smallest_cosine = TOLERANCE.slope
         else:
             smallest_cosine = TOLERANCE.slope_of_circles
-        sides, corners = self._edges[pair[1]], surface.corners
+        sides = self._edges[pair[1]]
+        corners = surface.corners
         # For each point there must be an edge over which the next surface does not
         # rise.
         for point in points:
@@ -521,7 +526,8 @@ class InternalEdges:
 
         The normal points from the second shape to the first.
         """
-        shape, surface = self._outlines[pair[0]], self._outlines[pair[1]]
+        shape = self._outlines[pair[0]]
+        surface = self._outlines[pair[1]]
         center = frames.of(shape.owner).place(shape.center)
         centred_contact = Contact(contact.normal, contact.points, center)
         frame = frames.of(surface.owner)
@@ -540,7 +546,8 @@ class InternalEdges:
 
         The contact is at an internal edge if third shapes cover all its points.
         """
-        shape, surface = self._outlines[own_shape], self._outlines[other]
+        shape = self._outlines[own_shape]
+        surface = self._outlines[other]
         if not surface.corners:
             return 0.0
         cover: Cover | None = None
@@ -575,7 +582,8 @@ class InternalEdges:
         """Yield the edges near points that may continue the other shape, with their
         frames.
         """
-        owner, other_owner = self._outlines[shape].owner, self._outlines[other].owner
+        owner = self._outlines[shape].owner
+        other_owner = self._outlines[other].owner
         is_static = self._outlines[other].is_static
         if is_static:
             yield WORLD, self._edges_beside_static(other, frames)
@@ -651,7 +659,8 @@ class InternalEdges:
 
     def _have_near_circles(self, shape: int, other: int) -> bool:
         """Check whether circles around two shapes of one owner are near each other."""
-        a, b = self._outlines[shape], self._outlines[other]
+        a = self._outlines[shape]
+        b = self._outlines[other]
         distance = hypot(a.center[0] - b.center[0], a.center[1] - b.center[1])
         return distance < a.reach + b.reach + NEIGHBOURS
 
@@ -688,9 +697,12 @@ def _do_meet(box: Box, other: Box) -> bool:
 
 def _box_around(corners: Sequence[Spot]) -> Box:
     """Return the box around what is near corners."""
-    xs, ys = [x for x, _ in corners], [y for _, y in corners]
-    left, top = min(xs, default=0.0), min(ys, default=0.0)
-    right, bottom = max(xs, default=0.0), max(ys, default=0.0)
+    xs = [x for x, _ in corners]
+    ys = [y for _, y in corners]
+    left = min(xs, default=0.0)
+    top = min(ys, default=0.0)
+    right = max(xs, default=0.0)
+    bottom = max(ys, default=0.0)
     margin = NEIGHBOURS
     return left - margin, top - margin, right + margin, bottom + margin
 
@@ -709,7 +721,8 @@ def _is_beside_shape(edge: Edge, corners: Sequence[Spot]) -> bool:
 
 def _has_gap(ends: Sequence[Spot], corners: Sequence[Spot], axis: int) -> bool:
     """Check whether the gap between an edge and a shape along an axis is too large."""
-    low, high = ends[0][axis], ends[1][axis]
+    low = ends[0][axis]
+    high = ends[1][axis]
     if low > high:
         low, high = high, low
     before, behind = low - NEIGHBOURS, high + NEIGHBOURS
@@ -731,7 +744,8 @@ def _spot_over(edge: Edge, contact: Contact, point: Spot) -> Spot | None:
     surface.
     """
     x, y, dx, dy, length, is_segment, _ = edge
-    px, py = point[0] - x, point[1] - y
+    px = point[0] - x
+    py = point[1] - y
     ux, uy = dy, -dx
     # A segment has two outer sides, a polygon one.
     if (contact[2][0] - x) * ux + (contact[2][1] - y) * uy < 0:

@@ -395,22 +395,13 @@ class Recorder:
             self._expand(velocities_before),
             self._expand(velocities_after),
         )
-        losses, works = self._lasting_flow(steps, mean_velocities, rolls)
         lift_works = self._compute_lift_work(steps, states, velocities_before)
-        energy_flow[:, 0] += losses
-        energy_flow[:, 1] += works + lift_works
-        # The velocities of a step are those of the middle between two steps: at its
-        # end, half of its loss and work has occurred.
-        balance = np.cumsum(energy_flow, axis=0) + self._flow_to_middle
-        balance = balance + self._flow_after_middle - energy_flow / 2
-        remainder = energy_flow[-1] / 2
-        # At t = 0, nothing of the half step to t = 0 has occurred yet.
+        energy_flow += self._lasting_flow(steps, mean_velocities, rolls, lift_works)
+        balance, remainder = self._balance_at_ends(energy_flow)
         if self._is_first_block:
             poses[0], mean_velocities[0] = self._pose, self._mean_velocity
-            balance = np.zeros((1, 2))
-            remainder = energy_flow[-1]
             self._is_first_block = False
-        times = np.array([step.time for step in steps])
+        times = _end_times(steps)
         vectors, turns = self._rotations(times, poses, rolls)
         motion = BlockMotion(
             times, poses, mean_velocities, balance, rolls, vectors, turns
@@ -418,17 +409,34 @@ class Recorder:
         self._take_samples(steps, motion)
         self._end_block(motion, remainder)
 
-    def _lasting_flow(
-        self, steps: list[Step], velocities: Array, rolls: Array
-    ) -> tuple[Array, Array]:
-        """Return loss and work, (S,) each, of lasting forces, rolling and motors.
+    def _balance_at_ends(self, energy_flow: Array) -> tuple[Array, Array]:
+        """Return loss and work up to the ends of steps (S, 2), and the remainder (2,) of
+        the last step after its end.
 
-        `velocities` (S, N, 3): the mean ones of each step.
+        `energy_flow` (S, 2): loss and work in each step.
+        """
+        # At t = 0, nothing of the half step to t = 0 has occurred yet.
+        if self._is_first_block:
+            return np.zeros((1, 2)), energy_flow[-1]
+        # The velocities of a step are those of the middle between two steps: at its
+        # end, half of its loss and work has occurred.
+        balance = np.cumsum(energy_flow, axis=0) + self._flow_to_middle
+        balance = balance + self._flow_after_middle - energy_flow / 2
+        return balance, energy_flow[-1] / 2
+
+    def _lasting_flow(
+        self, steps: list[Step], velocities: Array, rolls: Array, lift_works: Array
+    ) -> Array:
+        """Return loss and work (S, 2) of lasting forces, rolling, motors and lifts.
+
+        `velocities` (S, N, 3): the mean ones of each step; `lift_works` (S,).
         """
         losses, works = self._compute_load_work(steps, velocities, rolls)
         motor_works = [step.motor_work for step in steps]
         rolling_losses = self._compute_rolling_loss(steps, velocities[:, :, 2])
-        return losses + rolling_losses, works + motor_works
+        all_losses = losses + rolling_losses
+        all_works = works + motor_works + lift_works
+        return np.stack([all_losses, all_works], axis=1)
 
     def _read_states(self, steps: list[Step]) -> tuple[Array, Array]:
         """Return the states (S, M, 6) at the ends of steps, and the velocities (S, M, 3)
@@ -1001,6 +1009,11 @@ class PartnerMotion:
         return vx - spin * (y - cy), vy + spin * (x - cx)
 
 
+def _end_times(steps: list[Step]) -> Array:
+    """Return the times of the ends of steps, (S,) s."""
+    return np.array([step.time for step in steps])
+
+
 def _has_joint(world: World) -> Flags:
     """Return whether each body has a joint other than a spring, (N,)."""
     jointed_bodies = set[int | None]()
@@ -1039,7 +1052,8 @@ def _opening_speeds(
     points = (touch.on_first + touch.on_second) / 2
     speeds = []
     for number in (0, 1):
-        x, y = points[:, number, 0], points[:, number, 1]
+        x = points[:, number, 0]
+        y = points[:, number, 1]
         velocity1 = first.point_velocity(first.last_velocity, x, y)
         velocity2 = second.point_velocity(second.last_velocity, x, y)
         speeds.append(_relative_speed(velocity2, velocity1, touch.normal))

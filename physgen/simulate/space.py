@@ -411,7 +411,8 @@ class Space:
             arm = arbiter.contacts[0].r1
         else:
             arm = arbiter.contacts[0].r2
-        nx, ny = arbiter.n.x, arbiter.n.y
+        nx = arbiter.n.x
+        ny = arbiter.n.y
         aside = nx * (pose[1] + arm.y - center[1]) - ny * (pose[0] + arm.x - center[0])
         if abs(aside) < LEAST_ASIDE * circle.reach:
             return False
@@ -646,8 +647,10 @@ def _shape_outline(shape: pymunk.Shape, owner: int) -> ShapeOutline:
         x, y = shape.offset
         return ShapeOutline(owner, is_static, (), (x, y), shape.radius)
     corners = _shape_corners(shape)
-    xs, ys = [x for x, _ in corners] or [0.0], [y for _, y in corners] or [0.0]
-    x, y = (min(xs) + max(xs)) / 2, (min(ys) + max(ys)) / 2
+    xs = [x for x, _ in corners] or [0.0]
+    ys = [y for _, y in corners] or [0.0]
+    x = (min(xs) + max(xs)) / 2
+    y = (min(ys) + max(ys)) / 2
     reach = max(map(hypot, [u - x for u in xs], [v - y for v in ys]))
     return ShapeOutline(owner, is_static, tuple(corners), (x, y), reach)
 

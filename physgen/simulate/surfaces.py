@@ -99,7 +99,8 @@ class SpecialSurfaces:
     def solve(self, arbiter: Any, space: Any, data: Any) -> None:
         """Set the friction of a contact, and the speed of its moving surfaces."""
         first, second = self._pair(arbiter)
-        first_surface, second_surface = self._surfaces[first], self._surfaces[second]
+        first_surface = self._surfaces[first]
+        second_surface = self._surfaces[second]
         nx, ny = arbiter.normal
         belt = first_surface.conveyor + second_surface.conveyor
         if belt:
@@ -124,7 +125,8 @@ class SpecialSurfaces:
             return
         jx, jy = arbiter.total_impulse
         nx, ny = arbiter.normal
-        normal_impulse, side_impulse = abs(jx * nx + jy * ny), abs(jx * ny - jy * nx)
+        normal_impulse = abs(jx * nx + jy * ny)
+        side_impulse = abs(jx * ny - jy * nx)
         mean = self._normals.get(arbiter.shapes, normal_impulse)
         self._normals[arbiter.shapes] = mean + (normal_impulse - mean) / STEADY
         if normal_impulse > 0:

@@ -368,7 +368,8 @@ def compose_quaternions(later: Array, earlier: Array) -> Array:
 
     The composition is Hamilton's product.
     """
-    a, b = np.moveaxis(later, -1, 0), np.moveaxis(earlier, -1, 0)
+    a = np.moveaxis(later, -1, 0)
+    b = np.moveaxis(earlier, -1, 0)
     return np.stack(
         [
             a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],

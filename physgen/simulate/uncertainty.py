@@ -152,11 +152,7 @@ def simulate_ensemble(
             drawn_world = compile_shapes(draw, compiled_scene.shapes).world
             run = simulate(drawn_world, times)
         except InputError as error:
-            new_problems = []
-            for p in error.problems:
-                if p.path not in failures:
-                    new_problems.append(p)
-            failures |= {f"{p.path} {p.expected}": p for p in new_problems}
+            failures |= _new_failures(error, failures)
             outcomes.append(None)
             continue
         poses[number] = run.poses[stored_samples]
@@ -174,6 +170,17 @@ def simulate_ensemble(
         own_poses=own_poses,
         failures=tuple(failures.values()),
     )
+
+
+def _new_failures(
+    error: InputError, failures: Mapping[str, Problem]
+) -> dict[str, Problem]:
+    """Return the problems of an error at new paths, by path and expectation."""
+    new_failures = {}
+    for problem in error.problems:
+        if problem.path not in failures:
+            new_failures[f"{problem.path} {problem.expected}"] = problem
+    return new_failures
 
 
 def _stored_samples(count: int) -> NDArray[np.intp]:
@@ -194,7 +201,8 @@ def outcome(world: World, run: Trajectory) -> Outcome:
     size, more steeply than at 45 degrees: a body that slides or rolls down a slope does
     not fall. Circles do not tip, and bodies with joints do not fall.
     """
-    start, final = run.poses[0], run.poses[-1]
+    start = run.poses[0]
+    final = run.poses[-1]
     sizes = np.array(list(map(size, world.bodies)))
     distances = np.hypot(*np.moveaxis(run.poses[:, :, :2] - start[:, :2], 2, 0)).max(
         axis=0
@@ -239,10 +247,8 @@ def _drop(world: World, run: Trajectory) -> Array:
         return np.zeros(len(world.bodies))
     down = world.gravity / np.hypot(*world.gravity)
     steps = np.diff(run.poses[:, :, :2], axis=0)
-    descents, sideways_steps = (
-        steps @ down,
-        np.abs(steps @ np.array([-down[1], down[0]])),
-    )
+    descents = steps @ down
+    sideways_steps = np.abs(steps @ np.array([-down[1], down[0]]))
     steep_drops = np.where(descents > sideways_steps, descents, 0.0).sum(axis=0)
     return np.asarray(
         np.minimum(steep_drops, (descents.cumsum(axis=0)).max(axis=0, initial=0.0))
@@ -253,7 +259,8 @@ def _outside(world: World, poses: Array) -> Flags:
     """Return the mask (B,) of bodies with no part on the canvas."""
     width, height = world.size
     reach = np.array([body.reach for body in world.bodies])
-    x, y = poses[:, 0], poses[:, 1]
+    x = poses[:, 0]
+    y = poses[:, 1]
     is_outside = (
         (x + reach < -0.5)
         | (x - reach > width - 0.5)
@@ -355,7 +362,9 @@ class Verdict:
     def sentences(self) -> list[str]:
         """Return sentences on certain and uncertain events, without the body's name."""
         low, high = (percent(end) for end in self.interval)
-        count, total, verb = self.counts[self.event], self.total, VERBS[self.event]
+        count = self.counts[self.event]
+        total = self.total
+        verb = VERBS[self.event]
         interval = f"95 % interval {low} to {high}"
         if self.decided:
             lines = [f"Decided by the photo: {verb} in all {total} draws ({interval})."]
@@ -412,7 +421,8 @@ def headline(fan: Ensemble, verdicts: Sequence[Verdict]) -> str:
         if fan.names:
             return f"None of the {len(fan.outcomes)} draws could be simulated."
         return "Nothing can move."
-    count, fates = len(verdicts), sum(v.decided for v in verdicts)
+    count = len(verdicts)
+    fates = sum(v.decided for v in verdicts)
     places = sum(v.decided and v.placed for v in verdicts)
     objects = f"{count} object{'s' * (count != 1)}"
     return f"The photo decides what becomes of {fates} of {objects}, and where {places} of {count} end."

@@ -57,6 +57,8 @@ def friction_noise(rubbings: Sequence[Rubbing], count: int) -> F64:
     if not rubbings:
         return sound
     moments = np.arange(count) / RATE
+    # A few fixed bands with changing loudness replace one noise with a moving middle
+    # frequency.
     for band, center in enumerate(TUNING.bands):
         times, powers = _band_powers(rubbings, center)
         if not powers.any():
@@ -65,8 +67,10 @@ def friction_noise(rubbings: Sequence[Rubbing], count: int) -> F64:
         for channel in (0, 1):
             # A point source of power P has the mean square pressure P rho c / (4 pi) at
             # 1 m.
-            pressure = np.sqrt(powers[:, channel] * AIR_DENSITY * AIR_SPEED / (4 * pi))
-            sound[:, channel] += noise * np.interp(moments, times, pressure, right=0.0)
+            squares = powers[:, channel] * AIR_DENSITY * AIR_SPEED / (4 * pi)
+            pressure = np.sqrt(squares)
+            loudness = np.interp(moments, times, pressure, right=0.0)
+            sound[:, channel] += noise * loudness
     return sound
 
 
@@ -76,8 +80,10 @@ def _band_powers(rubbings: Sequence[Rubbing], center: float) -> tuple[F64, F64]:
     """
     times = rubbings[0].times
     powers = np.zeros((len(times), 2))
-    low, high = TUNING.bands[0], TUNING.bands[-1]
+    low = TUNING.bands[0]
+    high = TUNING.bands[-1]
     for rubbing in rubbings:
+        # Bumps at a distance d pass with the frequency v/d.
         frequency = np.clip(rubbing.speed / TUNING.roughness, low, high)
         distance = np.log2(frequency / center) / TUNING.octaves
         share = np.exp(-(distance**2))
@@ -94,7 +100,9 @@ def band_noise(count: int, center: float, seed: int) -> F64:
     size = 1 << max(count - 1, 1).bit_length()
     noise = np.random.default_rng(seed).standard_normal(size)
     frequencies = np.fft.rfftfreq(size, 1 / RATE)
+    # Ears hear ratios of frequencies: the band is a Gaussian in octaves.
     distance = np.log2(np.maximum(frequencies, 1.0) / center) / TUNING.octaves
     spectrum = np.fft.rfft(noise) * np.exp(-(distance**2))
     filtered = np.fft.irfft(spectrum, size)[:count]
-    return np.asarray(filtered / sqrt(float((filtered**2).mean())))
+    mean_square = float((filtered**2).mean())
+    return np.asarray(filtered / sqrt(mean_square))

@@ -40,6 +40,7 @@ def contact_time(first: Surface, second: Surface, speed: float) -> float:
     mass = pair_mass(first, second)
     # Two planes have no curvature; the bound avoids a division by zero.
     radius = 1 / max(_inverse(first.radius) + _inverse(second.radius), 1e-9)
+    # Both surfaces give way, so that their compliances add up.
     compliance = 0.0
     for side in (first, second):
         compliance += (1 - side.poisson**2) / side.young
@@ -66,6 +67,7 @@ def pulse_spectrum(frequencies: F64, time: float) -> F64:
 
     The share is 1 for slow modes. A longer contact excites fewer high tones.
     """
+    # The Fourier transform of a half-sine of duration T: cos(pi f T)/(1 - (2 f T)²).
     phase = frequencies * time
     difference = 1 - (2 * phase) ** 2
     # The formula is 0 / 0 at the frequency of the half-sine itself; its limit is pi /

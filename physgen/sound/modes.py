@@ -89,6 +89,7 @@ def bar_frequencies(
     roots = list(BAR_ROOTS[:count])
     for k in range(len(roots), count):
         roots.append((k + 1.5) * pi)
+    # The frequency of bending waves grows with the squared wave number.
     wave_numbers = np.array(roots) / length
     stiffness = solid.bar_speed * thickness / sqrt(12)
     return np.asarray(wave_numbers**2 * stiffness / (2 * pi))
@@ -132,8 +133,11 @@ def _disc_roots_of(diameters: int, poisson: float) -> list[float]:
     motions.
     """
     powers = diameters + 2.0 * np.arange(PLATE_TERMS)
-    p, q = powers[:, None], powers[None, :]
+    p = powers[:, None]
+    q = powers[None, :]
     n = float(diameters)
+    # Strain energy of the terms r^p and r^q with n nodal diameters, integrated over the
+    # disc.
     laplacian = (p**2 - n**2) * (q**2 - n**2)
     bending = p * (p - 1) * (q - n**2) + q * (q - 1) * (p - n**2)
     twisting = 2 * n**2 * (p - 1) * (q - 1)
@@ -142,6 +146,7 @@ def _disc_roots_of(diameters: int, poisson: float) -> list[float]:
     # Rigid motions have no strain: their terms would divide by zero.
     strain = np.where(degree > 0, energy / np.maximum(degree, 1), 0.0)
     inertia = 1 / (p + q + 2)
+    # Squared frequencies are the ratios of strain energy to kinetic energy.
     squares = np.linalg.eigvals(np.linalg.solve(inertia, strain)).real
     # Only the lower half of the Ritz values has converged.
     roots = np.sqrt(np.sort(squares[squares > 1.0]))
@@ -164,6 +169,8 @@ def plate_frequencies(
         if m + n < 2:
             continue
         (g, h, j), (other_g, other_h, other_j) = _beam_factors(m), _beam_factors(n)
+        # Bending along one side couples to the other side by Poisson's ratio, and by
+        # twisting.
         coupling = solid.poisson * h * other_h + (1 - solid.poisson) * j * other_j
         squares.append(g**4 + (other_g * ratio) ** 4 + 2 * ratio**2 * coupling)
     roots = np.sqrt(np.sort(squares))[:count]
@@ -207,6 +214,7 @@ def block_frequencies(
     """
     modes = []
     for side, k in product(sides, range(1, BLOCK_OVERTONES + 1)):
+        # Lamé's modes, and then the longitudinal ones with half waves along the side.
         modes.append(k * solid.shear_speed / (sqrt(2) * side))
         modes.append(k * solid.bar_speed / (2 * side))
     return np.sort(np.array(modes))[:count]
@@ -234,7 +242,8 @@ def sphere_roots(poisson: float) -> tuple[float, ...]:
         # there.
         is_change = (values[1:] * values[:-1] < 0) & (grid[1:] > order / 2)
         for index in np.flatnonzero(is_change)[:SPHERE_OVERTONES].tolist():
-            low, high = float(grid[index]), float(grid[index + 1])
+            low = float(grid[index])
+            high = float(grid[index + 1])
             roots.append(_refine_root(low, high, order, poisson))
     return tuple(sorted(roots))
 
@@ -247,8 +256,10 @@ def _refine_root(low: float, high: float, order: int, poisson: float) -> float:
         grid = np.linspace(low, high, GRID_POINTS)
         values = _lamb_determinant(grid, order, poisson)
         index = int(np.flatnonzero(values[1:] * values[:-1] <= 0)[0])
-        low, high = float(grid[index]), float(grid[index + 1])
-    first, last = values[index], values[index + 1]
+        low = float(grid[index])
+        high = float(grid[index + 1])
+    first = values[index]
+    last = values[index + 1]
     return float(low + (high - low) * first / (first - last))
 
 
@@ -260,8 +271,12 @@ def _lamb_determinant(shear: F64, order: int, poisson: float) -> F64:
     ratio = sqrt((1 - 2 * poisson) / (2 - 2 * poisson))
     pressure = shear * ratio
     half = shear**2 / 2
-    j_p, next_p = _bessel(order, pressure), _bessel(order + 1, pressure)
-    j_s, next_s = _bessel(order, shear), _bessel(order + 1, shear)
+    j_p = _bessel(order, pressure)
+    next_p = _bessel(order + 1, pressure)
+    j_s = _bessel(order, shear)
+    next_s = _bessel(order + 1, shear)
+    # A free surface has no radial and no tangential stress, of pressure and shear waves
+    # together.
     radial_p = (n**2 - n - half) * j_p + 2 * pressure * next_p
     # Breathing modes (order 0) have no tangential motion.
     if order == 0:
@@ -277,6 +292,7 @@ def _bessel(order: int, x: F64) -> F64:
 
     The series (Abramowitz and Stegun 10.1.2) keeps ten digits up to x = 12.
     """
+    # The first term is x^n / (1 3 5 ... (2 n + 1)).
     factor = np.ones_like(x)
     for k in range(1, order + 1):
         factor = factor * x / (2 * k + 1)

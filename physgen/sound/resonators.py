@@ -186,7 +186,8 @@ def solid_frequencies(solid: Elasticity, width: float, height: float) -> F64:
 
     The proportions decide between a bar and a block.
     """
-    long, short = max(width, height), min(width, height)
+    long = max(width, height)
+    short = min(width, height)
     if short > LIMITS.bar * long:
         return block_frequencies(solid, (long, short, short), LIMITS.modes)
     bending = bar_frequencies(solid, long, short, LIMITS.modes)

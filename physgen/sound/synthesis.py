@@ -67,6 +67,7 @@ def pan(place: float) -> tuple[float, float]:
 def ring(resonators: Sequence[Resonator], strikes: Sequence[Strike], count: int) -> F64:
     """Return (count, 2) Pa at 1 m: the decaying modes of all struck resonators."""
     sound = np.zeros((count, 2))
+    # Strikes of one resonator share its modes; a touch changes their decay.
     groups: dict[tuple[int, bool], list[Strike]] = {}
     for strike in strikes:
         key = (strike.resonator, strike.has_contact)
@@ -88,6 +89,7 @@ def _add_modes(
     """
     omega = 2 * pi * resonator.frequencies
     rates = resonator.decay_rates(has_contact)
+    # One complex factor per sample rotates by the frequency and shrinks by the decay.
     exponents: Complex = ((1j * omega - rates) / RATE).astype(np.complex128)
     waves = np.exp(exponents[:, None] * np.arange(BLOCK))
     per_block = np.exp(exponents * BLOCK)
@@ -112,6 +114,8 @@ def _strike_modes(
     first = ceil(start)
     if first >= len(sound):
         return
+    # Each mode takes the impulse with its modal mass, less what the long contact
+    # smooths.
     velocity = strike.impulse / (resonator.mass * LIMITS.modal_mass)
     share = pulse_spectrum(resonator.frequencies, strike.contact_time)
     pressure = velocity * share * resonator.radiation()
@@ -121,9 +125,12 @@ def _strike_modes(
     block = first // BLOCK
     end = min((block + 1) * BLOCK, len(sound))
     turns = np.exp(exponents[:, None] * np.arange(end - first))
-    sound[first:end] += (state @ turns).real[:, None] * gains
+    samples = (state @ turns).real
+    sound[first:end] += samples[:, None] * gains
+    # Later blocks start from the state at the end of this one.
     remaining = (block + 1) * BLOCK - first
-    changes[block + 1] += (state * np.exp(exponents * remaining))[:, None] * gains
+    next_state = state * np.exp(exponents * remaining)
+    changes[block + 1] += next_state[:, None] * gains
 
 
 def _continue_states(changes: Complex, per_block: Complex) -> Complex:
@@ -131,6 +138,7 @@ def _continue_states(changes: Complex, per_block: Complex) -> Complex:
     states = np.zeros_like(changes)
     loudest = np.abs(changes).max(initial=0.0)
     state = np.zeros(changes.shape[1:], np.complex128)
+    # Silent blocks between strikes need no state.
     is_struck = np.abs(changes).max(axis=(1, 2), initial=0.0) > 0
     is_silent = True
     for block, struck in enumerate(is_struck.tolist()):
@@ -147,7 +155,8 @@ def _continue_states(changes: Complex, per_block: Complex) -> Complex:
 def _add_blocks(sound: F64, states: Complex, waves: Complex) -> None:
     """Add the blocks with the start states (blocks, M, 2); `waves` is (M, BLOCK)."""
     # Most blocks of a clip are silent.
-    active: Indices = np.flatnonzero(np.abs(states).max(axis=(1, 2), initial=0.0) > 0)
+    loudness = np.abs(states).max(axis=(1, 2), initial=0.0)
+    active: Indices = np.flatnonzero(loudness > 0)
     if not len(active):
         return
     chosen = states[active]
@@ -196,13 +205,17 @@ def click_of_sphere(radius: float, contact_time: float) -> F64:
     """
     rate = RATE * OVERSAMPLING
     radius = min(radius, LARGEST_RADIUS)
+    # Time in units of the sound's way over the radius.
     decay = AIR_SPEED / radius / rate
     steps = np.arange(ceil(CLICK_TAIL / decay) + 1)
     # The mean of e^(-x) (cos x - sin x) over each sample, by its integral e^(-x) sin x.
     phases = decay * np.append(steps, steps[-1] + 1)
     response = np.diff(np.exp(-phases) * np.sin(phases)) / decay
     pulse_count = max(ceil(contact_time * rate), 1)
-    pulse = np.sin((np.arange(pulse_count) + 0.5) / pulse_count * pi)
+    phases_of_pulse = (np.arange(pulse_count) + 0.5) / pulse_count * pi
+    pulse = np.sin(phases_of_pulse)
+    # The pulse of the acceleration has the sum 1, so that the speed is reached at its
+    # end.
     pressure = np.convolve(pulse / pulse.sum(), response)
     pressure *= AIR_DENSITY * AIR_SPEED * radius * DIRECTIVITY
     missing = -len(pressure) % OVERSAMPLING
@@ -228,15 +241,17 @@ def add_room(sound: F64) -> F64:
     length = int(ROOM_LENGTH * RATE)
     delay = int(ROOM_DELAY * RATE)
     noise = np.random.default_rng(ROOM_SEED).standard_normal(length)
+    # 60 dB are a factor of 1000 in pressure.
     fall = exp(-3 * np.log(10) / (ROOM_DECAY * RATE))
     response = noise * fall ** np.arange(length)
     response *= sqrt(ROOM_LEVEL / float((response**2).sum()))
     # The padding avoids the wrap-around of the circular convolution.
     size = 1 << (len(sound) + length + delay - 1).bit_length()
     spectrum = np.fft.rfft(response, size)
-    reflected = np.fft.irfft(
-        np.fft.rfft(sound, size, axis=0) * spectrum[:, None], size, axis=0
-    )
+    # A product of spectra is a convolution, and far faster.
+    sound_spectrum = np.fft.rfft(sound, size, axis=0)
+    reflected_spectrum = sound_spectrum * spectrum[:, None]
+    reflected = np.fft.irfft(reflected_spectrum, size, axis=0)
     result = sound.copy()
     result[delay:] += reflected[: len(sound) - delay] if delay else reflected
     return result

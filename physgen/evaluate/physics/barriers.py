@@ -56,6 +56,7 @@ def _thin_walls(draw: Draw) -> list[Case]:
         center = (250, top + 80)
         partition = box(center, (1.0, 170.0), motion="static", **surface)
         objects[f"partition-{k}"] = partition
+        # Both balls fly towards the partition, each from its half.
         for side, name in ((-1, f"ball-{k}-left"), (1, f"ball-{k}-right")):
             objects[name] = _fast_ball(draw, side, top, surface)
         halves[f"ball-{k}-left"] = _HalfRoom(LEFT, MIDDLE, top)
@@ -166,13 +167,15 @@ def _hollow_outline(draw: Draw) -> list[Case]:
     }
     floor = segment((0, 320), (400, 320), **surface)
     document = scene((400, 360), 2.5, objects, {"floor": floor})
-    return [Case(document, partial(_rest_error, hollow, radius))]
+    measure = partial(_rest_error, hollow, radius)
+    return [Case(document, measure)]
 
 
 def _rest_error(hollow: _Hollow, radius: float, run: Run) -> Errors:
     """Return 1 unless the ball ends on the floor of the U, to half a pixel."""
     ball = run.track("ball")
     body = run.track("hollow")
+    # A loose U may slide along the floor, and the ball with it.
     x, y = ball.positions[-1] - body.displacements[-1]
     low = hollow.left + radius - 0.5
     high = hollow.right - radius + 0.5

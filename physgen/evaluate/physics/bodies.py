@@ -5,6 +5,7 @@ round scenery, and repeated paths.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from math import cos, exp, radians, sin, sqrt
 
@@ -33,8 +34,33 @@ def _swing_error(
     track = run.track("toy")
     exact = runge_kutta(rate, np.array([0.0, spin]), 2.0, 480)
     count = min(len(exact), len(track.angle))
-    off = np.abs(track.angle[:count] - exact[:count, 0]).max()
-    return {"angle": float(off) / radians(swing)}
+    deviation = np.abs(track.angle[:count] - exact[:count, 0])
+    return {"angle": float(deviation.max()) / radians(swing)}
+
+
+@dataclass(frozen=True)
+class _RolyPoly:
+    """A rolling disc with its centre of mass below its middle."""
+
+    radius: float
+    """px."""
+    low: float
+    """Distance from the middle to the centre of mass, px."""
+    mass: float
+    """g."""
+    moment: float
+    """g·px²."""
+
+    def rate(self, state: Array) -> Array:
+        """Return the rates of angle and spin."""
+        angle, speed = state
+        # Squared distance from the contact point to the centre of mass.
+        middle_term = 2 * self.radius * self.low * cos(angle)
+        arm_square = self.radius**2 + self.low**2 - middle_term
+        inertia = self.moment + self.mass * arm_square
+        # The weight turns the disc back, and so does the centripetal force of the middle.
+        pull = self.mass * self.low * sin(angle) * (GRAVITY + self.radius * speed**2)
+        return np.array([speed, -pull / inertia])
 
 
 def _roly_poly(draw: Draw) -> list[Case]:
@@ -44,11 +70,16 @@ def _roly_poly(draw: Draw) -> list[Case]:
     (I + m (R² + d² - 2 R d cos a)) a'' + m R d sin a a'² + m g d sin a = 0, with the
     centre of mass d below the middle.
     """
-    radius, mass = draw.number(40, 70, 1), draw.mass()
-    low, swing = draw.number(0.25, 0.6) * radius, draw.number(15, 50, 1)
+    radius = draw.number(40, 70, 1)
+    mass = draw.mass()
+    low = draw.number(0.25, 0.6) * radius
+    swing = draw.number(15, 50, 1)
     moment = draw.number(0.3, 0.6) * mass * radius**2
+    # Energy at the lowest point, 1/2 J w² with J about the floor, equals that at the
+    # greatest angle.
     least = moment + mass * (radius - low) ** 2
-    spin = sqrt(2 * mass * GRAVITY * low * (1 - cos(radians(swing))) / least)
+    versine = 1 - cos(radians(swing))
+    spin = sqrt(2 * mass * GRAVITY * low * versine / least)
     spin *= draw.sign()
     middle = np.array([320.0, 300 - radius])
     objects = {
@@ -65,14 +96,8 @@ def _roly_poly(draw: Draw) -> list[Case]:
         )
     }
     floor = segment((20, 300), (620, 300), friction=1.0)
-
-    def rate(state: Array) -> Array:
-        angle, speed = state
-        inertia = moment + mass * (radius**2 + low**2 - 2 * radius * low * cos(angle))
-        pull = mass * low * sin(angle) * (GRAVITY + radius * speed**2)
-        return np.array([speed, -pull / inertia])
-
-    measure = partial(_swing_error, rate=rate, spin=spin, swing=swing)
+    toy = _RolyPoly(radius, low, mass, moment)
+    measure = partial(_swing_error, rate=toy.rate, spin=spin, swing=swing)
 
     return [Case(scene((640, 340), 2.0, objects, {"floor": floor}), measure)]
 
@@ -81,25 +106,35 @@ def _motion_error(
     run: Run, *, damping: float, scale: float, speed: float, spin: float, gain: float
 ) -> Errors:
     """Return the largest deviation of the three motions from their closed forms."""
-    slowed, light, turned = (run.track(name) for name in ("slowed", "light", "turned"))
+    slowed = run.track("slowed")
+    light = run.track("light")
+    turned = run.track("turned")
+    # Damping shrinks every speed by the factor e^(-c t).
     left = np.exp(-damping * slowed.times)
+    covered_part = slowed.displacements[:, 0] * damping / speed
     fall = scale * GRAVITY * light.times**2 / 2
-    off = [
-        np.abs(slowed.displacements[:, 0] * damping / speed - (1 - left)).max(),
+    fall_error = np.abs(light.displacements[:, 1] - fall).max()
+    final_spin = gain * turned.times[-1]
+    errors = [
+        np.abs(covered_part - (1 - left)).max(),
         np.abs(slowed.spin / radians(spin) - left).max(),
-        np.abs(light.displacements[:, 1] - fall).max() / np.abs(fall).max(),
-        abs(turned.spin[-1] / (gain * turned.times[-1]) - 1),
+        fall_error / np.abs(fall).max(),
+        abs(turned.spin[-1] / final_spin - 1),
     ]
-    return {"motion": worst(list(map(float, off)))}
+    return {"motion": worst(list(map(float, errors)))}
 
 
 def _own_numbers(draw: Draw) -> list[Case]:
     """Return the case of damped, light, heavy and turning bodies, the last with its own
     moment. Error: largest deviation of each motion over its size.
     """
-    damping, scale = draw.number(0.5, 4), draw.number(-0.4, 0.6)
-    speed, spin = draw.number(80, 160, 0), draw.sign() * draw.number(200, 600, 0)
-    mass, gain, time = draw.mass(), draw.number(3, 9), 1.0
+    damping = draw.number(0.5, 4)
+    scale = draw.number(-0.4, 0.6)
+    speed = draw.number(80, 160, 0)
+    spin = draw.sign() * draw.number(200, 600, 0)
+    mass = draw.mass()
+    gain = draw.number(3, 9)
+    time = 1.0
     size = draw.number(30, 60), draw.number(20, 40)
     moment = mass * draw.number(200, 2000, 0)
     floats = {"gravity_scale": 0}
@@ -117,7 +152,8 @@ def _own_numbers(draw: Draw) -> list[Case]:
         _motion_error, damping=damping, scale=scale, speed=speed, spin=spin, gain=gain
     )
 
-    return [Case(scene((640, 480), time, objects, forces=forces), measure)]
+    document = scene((640, 480), time, objects, forces=forces)
+    return [Case(document, measure)]
 
 
 def _round_hill(draw: Draw) -> list[Case]:
@@ -127,7 +163,8 @@ def _round_hill(draw: Draw) -> list[Case]:
     A sliding body leaves the hill at cos a = 2/3 + v0²/(3 g R), R to its middle, with
     the speed sqrt(g R cos a).
     """
-    radius, ball = draw.number(100, 150, 1), draw.number(8, 16)
+    radius = draw.number(100, 150, 1)
+    ball = draw.number(8, 16)
     side = draw.sign()
     whole = radius + ball
     speed = draw.number(0.2, 0.5) * sqrt(GRAVITY * whole)
@@ -139,7 +176,9 @@ def _round_hill(draw: Draw) -> list[Case]:
         )
     }  # fmt: skip
     shape = {"circle": {"center": [320.0, 280.0], "radius": radius}}
+    # The normal force is 0 where g cos a equals v²/R.
     cosine = 2 / 3 + speed**2 / (3 * GRAVITY * whole)
+    # In flight, the horizontal speed stays that of the last contact.
     leaves = sqrt(GRAVITY * whole * cosine) * cosine
 
     def measure(run: Run) -> Errors:
@@ -148,14 +187,16 @@ def _round_hill(draw: Draw) -> list[Case]:
 
     hill = {"hill": {"shape": shape, "friction": 0.0, "elasticity": 0.0}}
     duration = 1.6 * whole / speed * exp(-speed / sqrt(GRAVITY * whole))
-    return [Case(scene((640, 420), min(duration, 1.2), objects, hill), measure)]
+    document = scene((640, 420), min(duration, 1.2), objects, hill)
+    return [Case(document, measure)]
 
 
 def _shuttle(draw: Draw) -> list[Case]:
     """Return the case of a shuttle with repeated knots. Error: largest deviation of its
     place over its path.
     """
-    period, way = draw.number(0.3, 0.7, 3), draw.number(60, 200, 1)
+    period = draw.number(0.3, 0.7, 3)
+    way = draw.number(60, 200, 1)
     turn = draw.number(-90, 90, 0)
     knots = [
         [0, 200.0, 100.0, 0],
@@ -168,13 +209,16 @@ def _shuttle(draw: Draw) -> list[Case]:
 
     def measure(run: Run) -> Errors:
         track = run.track("shuttle")
+        # The place is a triangle wave, and the angle adds up with each period.
         phase = (track.times / period) % 1.0
         place = way * (1 - np.abs(2 * phase - 1))
         turned = radians(turn) * 2 * track.times / period
-        off = np.abs(track.displacements[:, 0] - place).max() / way
-        return {"place": float(max(off, np.abs(track.angle - turned).max()))}
+        place_error = np.abs(track.displacements[:, 0] - place).max() / way
+        angle_error = np.abs(track.angle - turned).max()
+        return {"place": float(max(place_error, angle_error))}
 
-    return [Case(scene((480, 200), 2.0, objects), measure)]
+    document = scene((480, 200), 2.0, objects)
+    return [Case(document, measure)]
 
 
 ROWS = (

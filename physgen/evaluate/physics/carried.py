@@ -39,19 +39,24 @@ def _belt_errors(
 ) -> Errors:
     """Return the errors of the puck's path and of the belt's work."""
     track = run.track("puck")
+    # Friction accelerates with mu g up to the belt's speed; then the puck is carried.
     rising = np.minimum(track.times, time)
     exact = gain * rising**2 / 2 + speed * (track.times - rising)
-    off = np.abs(track.displacements @ way - exact).max()
-    work = float(run.trajectory.energy.work[-1]) / (mass * speed**2)
-    return {"way": float(off) / reach, "work": abs(work - 1)}
+    path_error = np.abs(track.displacements @ way - exact).max()
+    # Half of the work m u² is kinetic energy, and half is lost by sliding.
+    last_work = float(run.trajectory.energy.work[-1])
+    work = last_work / (mass * speed**2)
+    return {"way": float(path_error) / reach, "work": abs(work - 1)}
 
 
 def _belt(draw: Draw) -> Case:
     """Return the case of a puck on a belt. Errors: largest deviation of its path over
     the pick-up distance, and of the belt's work over m u².
     """
-    mu, mass = draw.number(0.15, 0.6), draw.mass()
-    angle, speed = draw.angle(), draw.number(80, 240, 0)
+    mu = draw.number(0.15, 0.6)
+    mass = draw.mass()
+    angle = draw.angle()
+    speed = draw.number(80, 240, 0)
     way = np.array([cos(angle), sin(angle)])
     gain = mu * GRAVITY
     reach = speed**2 / (2 * gain)
@@ -82,9 +87,11 @@ class _RollingBall:
 
     def roll(self, radius: float, table_spin: float) -> list[float]:
         """Return the roll without slip on the table, (2,) deg/s."""
+        # The table's velocity w x r at the ball, with +y downwards.
         table_velocity = table_spin * (self.start - MIDDLE)[::-1] * (-1, 1)
         slip = self.velocity - table_velocity
-        rates: list[float] = np.degrees([slip[1] / radius, -slip[0] / radius]).tolist()
+        roll = [slip[1] / radius, -slip[0] / radius]
+        rates: list[float] = np.degrees(roll).tolist()
         return rates
 
     def error(self, run: Run) -> float:
@@ -92,7 +99,9 @@ class _RollingBall:
         ball = run.track("ball")
         rotation = np.exp(1j * self.rate * ball.times)
         velocity = complex(*self.velocity)
-        positions = complex(*self.start) + velocity * (rotation - 1) / (1j * self.rate)
+        # The velocity turns at a constant rate, so that its integral is a circle.
+        chord = velocity * (rotation - 1) / (1j * self.rate)
+        positions = complex(*self.start) + chord
         deviation = np.abs(ball.x + 1j * ball.y - positions).max()
         speed = float(np.hypot(*self.velocity))
         return float(deviation * abs(self.rate) / speed)
@@ -114,9 +123,11 @@ class _RidingPuck:
     def error(self, run: Run) -> float:
         """Return the largest deviation from the circle over its radius."""
         puck = run.track("puck")
-        circle_positions = complex(*self.arm) * np.exp(1j * self.spin * puck.times)
-        deviations = puck.x + 1j * puck.y - complex(*MIDDLE) - circle_positions
-        return float(np.abs(deviations).max()) / float(np.hypot(*self.arm))
+        rotation = np.exp(1j * self.spin * puck.times)
+        circle_positions = complex(*self.arm) * rotation
+        positions = puck.x + 1j * puck.y - complex(*MIDDLE)
+        deviation = np.abs(positions - circle_positions).max()
+        return float(deviation) / float(np.hypot(*self.arm))
 
 
 def _turntable(draw: Draw) -> Case:
@@ -133,7 +144,9 @@ def _turntable(draw: Draw) -> Case:
     velocity = speed * np.array([cos(heading), sin(heading)])
     ball = _RollingBall(start, velocity, BALL_RATE * spin)
     radius = draw.number(8, 14)
-    distance, side = draw.number(160, 220), draw.angle()
+    distance = draw.number(160, 220)
+    side = draw.angle()
+    # Friction holds the puck on its circle: mu g must exceed w² r.
     mu = draw.number(1.3, 2.0) * spin**2 * distance / GRAVITY
     puck = _RidingPuck(distance * np.array([cos(side), sin(side)]), spin)
     objects = {

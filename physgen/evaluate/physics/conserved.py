@@ -51,7 +51,8 @@ def _gas(draw: Draw) -> list[Case]:
         )
     walls = {"box": {"polyline": corners, **ELASTIC}}
     document = scene((440, 340), 20.0, objects, walls, world=FLOATING)
-    return [Case(document, partial(_energy_error, tuple(objects)), rate=24)]
+    measure = partial(_energy_error, tuple(objects))
+    return [Case(document, measure, rate=24)]
 
 
 def _place_balls(draw: Draw) -> list[tuple[Point, float]]:
@@ -64,6 +65,7 @@ def _place_balls(draw: Draw) -> list[tuple[Point, float]]:
         radius = draw.number(8, 16)
         x = draw.number(38, 2 + width)
         y = draw.number(38, 2 + height)
+        # A contact at the start would be a collision without an approach.
         clearances = [hypot(x - a, y - b) - other for (a, b), other in balls]
         if all(clearance > radius + 1 for clearance in clearances):
             balls.append(((x, y), radius))
@@ -75,6 +77,7 @@ def _energy_error(names: Sequence[str], run: Run) -> Errors:
     escapes.
     """
     half_room = np.array(ROOM) / 2
+    # Friction is 0, but spins also count: a wrong impulse could create them.
     kinetic = np.zeros(len(run.trajectory.times))
     for name in names:
         track = run.track(name)
@@ -84,7 +87,8 @@ def _energy_error(names: Sequence[str], run: Run) -> Errors:
         offsets = np.abs(track.positions - (WALL + half_room))
         if not (offsets < half_room).all():
             return {"energy": 1.0}
-    return {"energy": worst(np.abs(kinetic / kinetic[0] - 1).tolist())}
+    changes = np.abs(kinetic / kinetic[0] - 1)
+    return {"energy": worst(changes.tolist())}
 
 
 def _polygon(draw: Draw, corners: int, radius: float) -> list[list[float]]:
@@ -93,7 +97,12 @@ def _polygon(draw: Draw, corners: int, radius: float) -> list[list[float]]:
     """
     steps = np.array([draw.number(0.6, 1.4) for _ in range(corners)])
     angles = np.cumsum(steps) / steps.sum() * 2 * np.pi
-    return [[round(radius * cos(a), 3), round(radius * sin(a), 3)] for a in angles]
+    outline = []
+    for angle in angles:
+        x = round(radius * cos(angle), 3)
+        y = round(radius * sin(angle), 3)
+        outline.append([x, y])
+    return outline
 
 
 ELL = [
@@ -138,7 +147,8 @@ def _momenta(draw: Draw) -> list[Case]:
         },
     }
     document = scene((440, 440), 0.8, objects, world=FLOATING)
-    return [Case(document, partial(_momenta_error, tuple(objects)))]
+    measure = partial(_momenta_error, tuple(objects))
+    return [Case(document, measure)]
 
 
 def _draw_shapes(draw: Draw) -> list[Document]:
@@ -162,6 +172,11 @@ def _move_shape(object: Document, center: Point) -> Document:
     return {"shape": {kind: {**shape, "center": list(center)}}}
 
 
+def _cross(first: Array, second: Array) -> Array:
+    """Return the cross products (T,) of vectors (T, 2)."""
+    return np.asarray(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
+
+
 def _momenta_error(names: Sequence[str], run: Run) -> Errors:
     """Return the largest change of momentum or angular momentum over the sum of the
     bodies' first values.
@@ -176,8 +191,8 @@ def _momenta_error(names: Sequence[str], run: Run) -> Errors:
         track = run.track(name)
         body = run.body(name)
         own_momentum = body.mass * track.velocity
-        arm = track.positions - MEETING_POINT
-        orbital = arm[:, 0] * own_momentum[:, 1] - arm[:, 1] * own_momentum[:, 0]
+        # L = r x m v + I w, about one fixed point for both bodies.
+        orbital = _cross(track.positions - MEETING_POINT, own_momentum)
         intrinsic = body.moment * track.spin
         momentum = momentum + own_momentum
         angular_momentum = angular_momentum + (orbital + intrinsic)
@@ -188,8 +203,11 @@ def _momenta_error(names: Sequence[str], run: Run) -> Errors:
         return {"momenta": 1.0}
     momentum_change = np.hypot(*(momentum - momentum[0]).T).max()
     angular_change = np.abs(angular_momentum - angular_momentum[0]).max()
-    changes = [momentum_change / momentum_scale, angular_change / angular_scale]
-    return {"momenta": worst(changes)}
+    return {
+        "momenta": worst(
+            [momentum_change / momentum_scale, angular_change / angular_scale]
+        )
+    }
 
 
 ROWS = (

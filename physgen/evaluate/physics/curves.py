@@ -18,7 +18,8 @@ def _loop(draw: Draw) -> list[Case]:
 
     A puck without friction keeps its energy. It needs v0² > 5 g R at the bottom.
     """
-    radius, ball = draw.number(100, 140, 1), draw.number(8, 14)
+    radius = draw.number(100, 140, 1)
+    ball = draw.number(8, 14)
     whole, side = radius - ball, draw.sign()
     square = draw.number(5.5, 8) * GRAVITY * whole
     speed = sqrt(square)
@@ -33,12 +34,14 @@ def _loop(draw: Draw) -> list[Case]:
     }
     arc = {"center": [240.0, 200.0], "radius": radius}
     loop = {"loop": {"arc": arc, **SMOOTH}}
+    # Two turns at a middle speed of the loop.
     duration = 2 * 2 * np.pi * whole / sqrt(square - 2 * GRAVITY * whole)
 
     def measure(run: Run) -> Errors:
         track = run.track("puck")
         fallen = track.displacements[:, 1]
         energy = track.speed**2 / 2 - GRAVITY * fallen
+        # The change of height counts from the bottom, where the puck starts.
         off = abs(energy[-1] / (square / 2) - 1)
         far = np.hypot(track.x - 240, track.y - 200)
         return {
@@ -53,8 +56,10 @@ def _slide(draw: Draw) -> list[Case]:
     """Return the case of a slide of Bézier curves. Error: deviation of the speed at its
     end over sqrt(v0² + 2 g h).
     """
-    ball, speed = draw.number(8, 14), draw.number(40, 120, 0)
-    drop, side = draw.number(120, 200, 1), draw.sign()
+    ball = draw.number(8, 14)
+    speed = draw.number(40, 120, 0)
+    drop = draw.number(120, 200, 1)
+    side = draw.sign()
     top = 120.0
 
     def place(x: float, y: float) -> list[float]:
@@ -82,16 +87,20 @@ def _slide(draw: Draw) -> list[Case]:
 
     def measure(run: Run) -> Errors:
         track = run.track("puck")
-        late = (side * (track.x - 320) > 60) & (side * (track.x - 320) < 290)
-        if not late.any():
+        # On the level end of the slide, the speed stays.
+        distance = side * (track.x - 320)
+        is_level = (distance > 60) & (distance < 290)
+        if not is_level.any():
             return {"speed": 1.0}
-        return {"speed": float(np.abs(track.speed[late] / exact - 1).max())}
+        deviation = np.abs(track.speed[is_level] / exact - 1)
+        return {"speed": float(deviation.max())}
 
     walls = {
         "slide": {"bezier": curve, **SMOOTH},
         "stop": segment(place(312, top), place(312, top + drop + 10), **SMOOTH),
     }
-    return [Case(scene((640, 400), 300 / speed + 0.2, objects, walls), measure)]
+    document = scene((640, 400), 300 / speed + 0.2, objects, walls)
+    return [Case(document, measure)]
 
 
 ROWS = (

@@ -24,9 +24,11 @@ def integrate_ellipse(k: float) -> tuple[float, float]:
     """
     if k >= 1:
         return np.inf, 1.0
+    # The means of 1 and k' = sqrt(1 - k²) converge to pi/(2 K).
     arithmetic = 1.0
     geometric = sqrt(1 - k * k)
     difference = k
+    # E = K (1 - sum of 2^(n-1) c_n²), with the half differences c_n of the means.
     total, power = difference * difference / 2, 0.5
     while difference > MEAN_TOLERANCE:
         mean = (arithmetic + geometric) / 2
@@ -49,9 +51,11 @@ def runge_kutta(
     states = [np.asarray(start, np.float64)]
     for _ in range(steps):
         y = states[-1]
+        # One slope at the start, two at the middle and one at the end of a step.
         a = rate(y)
         b = rate(y + h / 2 * a)
         c = rate(y + h / 2 * b)
         d = rate(y + h * c)
-        states.append(y + h / 6 * (a + 2 * b + 2 * c + d))
+        slope_sum = a + 2 * b + 2 * c + d
+        states.append(y + h / 6 * slope_sum)
     return np.array(states)

@@ -26,9 +26,9 @@ def find_crossings(times: Array, values: Array, rates: Array) -> Array:
     crossing_times = []
     for k in np.flatnonzero(has_value & changes_sign):
         step = times[k + 1] - times[k]
-        part = _cubic_root(
-            values[k], values[k + 1], rates[k] * step, rates[k + 1] * step
-        )
+        first_rate = rates[k] * step
+        last_rate = rates[k + 1] * step
+        part = _cubic_root(values[k], values[k + 1], first_rate, last_rate)
         crossing_times.append(times[k] + part * step)
     return np.array(crossing_times)
 
@@ -39,6 +39,7 @@ def _cubic_root(
     """Return the root between 0 and 1 of the cubic with these values and rates at 0 and
     1.
     """
+    # Hermite's cubic in the form ((cubic t + square) t + rate) t + first.
     cubic = 2 * first - 2 * last + first_rate + last_rate
     square = -3 * first + 3 * last - 2 * first_rate - last_rate
     low, high = 0.0, 1.0
@@ -76,8 +77,10 @@ def find_flights(track: Track, floor: float, gravity: float) -> list[Flight]:
     a flight follow exactly from one sample: the beginning from an early one, the end
     from a late one, the height from the highest.
     """
+    # Downwards is positive: a bounce turns the speed from positive to negative.
     vy = track.velocities[:, 1]
-    bounces = np.flatnonzero((vy[:-1] > 0) & (vy[1:] < 0)) + 1
+    is_bounce = (vy[:-1] > 0) & (vy[1:] < 0)
+    bounces = np.flatnonzero(is_bounce) + 1
     edges = [0, *bounces.tolist(), len(vy)]
     flights = []
     for k, (begin, end) in enumerate(pairwise(edges)):
@@ -102,11 +105,14 @@ def _flight(
     times = track.times
 
     def floor_speed(sample: int) -> float:
+        # Energy of free fall between the sample and the floor: v² = vy² + 2 g h.
         squared_speed = vy[sample] ** 2 + 2 * gravity * (floor - y[sample])
         return sqrt(max(squared_speed, 0.0))
 
     start_speed, impact_speed = floor_speed(first_sample), floor_speed(last_sample)
-    top = first_sample + int(np.argmin(np.abs(vy[first_sample : last_sample + 1])))
+    # The highest sample has the smallest rest of the speed, and so the least error.
+    flight_speeds = np.abs(vy[first_sample : last_sample + 1])
+    top = first_sample + int(np.argmin(flight_speeds))
     return Flight(
         begin=float(times[first_sample] - (vy[first_sample] + start_speed) / gravity),
         end=float(times[last_sample] + (impact_speed - vy[last_sample]) / gravity),

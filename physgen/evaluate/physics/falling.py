@@ -55,9 +55,11 @@ def _free_fall(draw: Draw) -> list[Case]:
             solid="hoop",
         ),
     }
+    # The picture is as high as the fall of g/2 in 1 s.
     size = (360, 100 + ceil(gravity / 2 / 20) * 20)
     document = scene(size, 1.0, objects, world={"gravity": [0, gravity]})
-    return [Case(document, partial(_fall_error, tuple(objects), gravity))]
+    measure = partial(_fall_error, tuple(objects), gravity)
+    return [Case(document, measure)]
 
 
 def _fall_error(names: tuple[str, ...], gravity: float, run: Run) -> Errors:
@@ -67,7 +69,8 @@ def _fall_error(names: tuple[str, ...], gravity: float, run: Run) -> Errors:
         track = run.track(name)
         fall = gravity * track.times**2 / 2
         x, y = track.displacements.T
-        errors.append(np.hypot(x, y - fall).max() / fall[-1])
+        deviation = np.hypot(x, y - fall)
+        errors.append(deviation.max() / fall[-1])
     return {"fall": worst(errors)}
 
 
@@ -105,7 +108,8 @@ def _projectile(draw: Draw) -> list[Case]:
             objects[name] = circle((500, 220), size, **keys)
         else:
             objects[name] = box((430, 220), (2 * size, size), **keys)
-    return [Case(scene((930, 440), 1.0, objects), partial(_path_error, throws))]
+    document = scene((930, 440), 1.0, objects)
+    return [Case(document, partial(_path_error, throws))]
 
 
 def _path_error(throws: Mapping[str, _Throw], run: Run) -> Errors:
@@ -115,8 +119,12 @@ def _path_error(throws: Mapping[str, _Throw], run: Run) -> Errors:
         track = run.track(name)
         times = track.times
         vx, vy = throw.velocity()
-        parabola = np.stack([vx * times, GRAVITY * times**2 / 2 - vy * times], axis=1)
-        path = np.hypot(*np.diff(parabola, axis=0).T).cumsum()
+        # Upwards is negative in the picture.
+        drop = GRAVITY * times**2 / 2 - vy * times
+        parabola = np.stack([vx * times, drop], axis=1)
+        steps = np.diff(parabola, axis=0)
+        path = np.hypot(*steps.T).cumsum()
+        # At t = 0, the path has no length to compare with.
         distance = np.hypot(*(track.displacements - parabola)[1:].T)
         errors.append((distance / path).max())
     return {"path": worst(errors)}
@@ -178,6 +186,7 @@ def _bounce(draw: Draw) -> list[Case]:
         drop = _Drop(elasticity, draw.number(100, 260, 1), draw.number(8, 26))
         drops[f"ball-{int(elasticity * 10)}"] = drop
     objects, pads = _place_drops(drops, ONE_BOUNCE, draw)
+    # The apex after the bounce comes at 1 + e fall times, at most 2.
     highest = max(drops.values(), key=lambda drop: drop.height)
     document = scene((530, 400), 2.1 * highest.fall_time(), objects, pads)
     return [Case(document, partial(_bounce_errors, drops))]
@@ -193,10 +202,13 @@ def _bounce_errors(drops: Mapping[str, _Drop], run: Run) -> Errors:
         flights = find_flights(run.track(name), floor, GRAVITY)
         if len(flights) < 2:
             return {"speed": 1.0, "height": 1.0}
+        # Newton's law of impact gives the speed; its square gives the height.
         drop_flight, rebound = flights[:2]
         e = drop.elasticity
-        speeds.append(abs(rebound.start_speed / drop_flight.impact_speed / e - 1))
-        heights.append(abs(rebound.apex / (e * e * drop.height) - 1))
+        speed_ratio = rebound.start_speed / drop_flight.impact_speed
+        speeds.append(abs(speed_ratio / e - 1))
+        expected_height = e * e * drop.height
+        heights.append(abs(rebound.apex / expected_height - 1))
     return {"speed": worst(speeds), "height": worst(heights)}
 
 
@@ -223,6 +235,7 @@ def _bounces(draw: Draw) -> list[Case]:
 
 def _time_of_bounces(drop: _Drop) -> float:
     """Return the time to the end of the last counted flight, s."""
+    # Flight n lasts two falls from the height that e^n leaves of the first speed.
     flights = sum(drop.elasticity**n for n in range(1, BOUNCES + 1))
     return drop.fall_time() * (1 + 2 * flights)
 
@@ -235,6 +248,7 @@ def _bounces_error(drops: Mapping[str, _Drop], run: Run) -> Errors:
         flights = find_flights(run.track(name), floor, GRAVITY)
         if len(flights) <= BOUNCES:
             return {"times": 1.0}
+        # Landings bound a flight, so that an error of one bounce does not add up.
         for n in range(1, BOUNCES + 1):
             expected = 2 * drop.fall_time() * drop.elasticity**n
             duration = flights[n].end - flights[n - 1].end
@@ -259,9 +273,11 @@ class _Air:
             fading = self.wind * k * times
             speeds = self.wind - self.wind / (1 + fading)
             return speeds, self.wind * times - np.log1p(fading) / k
+        # At the terminal speed, drag equals weight; v = u tanh(g t/u) approaches it.
         final = sqrt(GRAVITY / k)
         speeds = final * np.tanh(GRAVITY * times / final)
-        distances = final**2 / GRAVITY * np.log(np.cosh(GRAVITY * times / final))
+        stretch = np.log(np.cosh(GRAVITY * times / final))
+        distances = final**2 / GRAVITY * stretch
         return speeds, distances
 
 
@@ -304,6 +320,7 @@ def _air_error(
     """Return the largest deviation of speed and distance at any time, over their last
     values.
     """
+    # The wind blows along x, and gravity acts along y.
     axis = 0
     if air.wind is None:
         axis = 1

@@ -98,6 +98,7 @@ def _strike(draw: Draw, block: _Block) -> _Push:
     impulse = block.mass * draw.number(50, 120) * block.direction
     push = {"impulse": impulse.tolist(), "at": block.point(), "start": block.start}
     arm = block.arm
+    # The moment of the impulse about the centre is r x J.
     twist = float(arm[0] * impulse[1] - arm[1] * impulse[0])
     return push, _Gain(impulse / block.mass, twist / block.moment)
 
@@ -139,6 +140,7 @@ class _Ride:
         """Return the last spin (rad/s) of a motion from the work of the force: I w²/2 =
         F x (displacement of the point).
         """
+        # The pushed point rides on the body, so that the moment changes with its angle.
         c = cos(track.angle[-1])
         s = sin(track.angle[-1])
         rotation = np.array([[c, -s], [s, c]])
@@ -170,7 +172,8 @@ def _pushes(draw: Draw) -> list[Case]:
     gains[name] = _Gain(force / block.mass * DURATION, 0.0)
     ride = _Ride(force, block.arm, block.moment)
     document = scene((560, 500), DURATION, objects, world=FLOATING, forces=forces)
-    return [Case(document, partial(_push_error, gains, ride))]
+    measure = partial(_push_error, gains, ride)
+    return [Case(document, measure)]
 
 
 def _push_error(gains: Mapping[str, _Gain], ride: _Ride, run: Run) -> Errors:
@@ -182,6 +185,7 @@ def _push_error(gains: Mapping[str, _Gain], ride: _Ride, run: Run) -> Errors:
             spin = ride.spin(track)
         else:
             spin = gain.spin
+        # A torque alone must not move the centre: its deviation has no scale.
         if gain.velocity.any():
             deviation = np.hypot(*(track.velocity[-1] - gain.velocity))
             errors.append(deviation / np.hypot(*gain.velocity))
@@ -206,11 +210,13 @@ def kepler(axis: float, eccentricity: float, strength: float, times: Array) -> A
     mean = pi + times * sqrt(strength / axis**3)
     anomaly = mean.copy()
     for _ in range(NEWTON_STEPS):
+        # Newton's step for f(E) = E - e sin E - M.
         slope = 1 - eccentricity * np.cos(anomaly)
         anomaly -= (anomaly - eccentricity * np.sin(anomaly) - mean) / slope
     short_axis = axis * sqrt(1 - eccentricity**2)
     x = axis * (np.cos(anomaly) - eccentricity)
-    return -np.stack([x, short_axis * np.sin(anomaly)], axis=1)
+    y = short_axis * np.sin(anomaly)
+    return -np.stack([x, y], axis=1)
 
 
 CENTER = np.array([260.0, 260.0])
@@ -235,9 +241,17 @@ class _Orbit:
         return CENTER + places @ self.frame
 
 
+def _attractor_strength(draw: Draw) -> float:
+    """Return a strength, px³/s², by Kepler's third law for a period of 1.6 to 2.4 s at
+    150 px.
+    """
+    period = draw.number(1.6, 2.4)
+    return round(4 * pi**2 * 150**3 / period**2, -4)
+
+
 def _orbits(draw: Draw) -> list[Case]:
     """Return the case of a circle and an ellipse about an attractor."""
-    strength = round(4 * pi**2 * 150**3 / draw.number(1.6, 2.4) ** 2, -4)
+    strength = _attractor_strength(draw)
     ellipses = {
         "circling": (draw.number(195, 215, 1), 0.0),
         "falling": (draw.number(90, 110, 1), draw.number(0.3, 0.5, 3)),
@@ -251,6 +265,7 @@ def _orbits(draw: Draw) -> list[Case]:
             axis, eccentricity, np.array([outward, sideways]), strength
         )
         farthest = axis * (1 + eccentricity)
+        # The vis-viva equation: v² = strength (2/r - 1/a).
         speed = sqrt(strength * (2 / farthest - 1 / axis))
         objects[name] = circle(
             CENTER + farthest * outward,
@@ -258,6 +273,7 @@ def _orbits(draw: Draw) -> list[Case]:
             mass=draw.mass(),
             velocity=(speed * sideways).tolist(),
         )
+    # Kepler's third law.
     period = 2 * pi * sqrt(orbits["circling"].axis ** 3 / strength)
     fields = {"sun": {"attractor": CENTER.tolist(), "strength": strength}}
     document = scene((520, 520), 1.1 * period, objects, world=FLOATING, fields=fields)
@@ -274,6 +290,7 @@ def _orbit_errors(orbits: Mapping[str, _Orbit], run: Run) -> Errors:
         deviation = track.positions - orbit.places(track.times)
         distances.append(np.hypot(*deviation.T).max() / orbit.axis)
         radius = np.hypot(*(track.positions - CENTER).T)
+        # The potential of a force strength/r² is -strength/r.
         energy = track.speed**2 / 2 - orbit.strength / radius
         changes.append(np.abs(energy / energy[0] - 1).max())
     return {"place": worst(distances), "energy": worst(changes)}

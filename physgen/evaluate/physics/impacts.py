@@ -75,6 +75,7 @@ class _Collision:
 
     def velocities(self) -> dict[str, Point]:
         """Return the velocities after the collision, px/s."""
+        # Momentum and Newton's law of impact give both speeds for the masses 1 and 3.
         light = (1 - 3 * self.elasticity) / 4
         heavy = (1 + self.elasticity) / 4
         return {
@@ -108,7 +109,8 @@ def _head_on(draw: Draw) -> list[Case]:
         )
         collisions.append(collision)
     document = scene((520, 520), 0.8, objects, world=FLOATING)
-    return [Case(document, partial(_head_on_error, collisions))]
+    measure = partial(_head_on_error, collisions)
+    return [Case(document, measure)]
 
 
 def _head_on_error(collisions: Sequence[_Collision], run: Run) -> Errors:
@@ -142,31 +144,46 @@ def _row_of_balls(draw: Draw) -> list[Case]:
     five has the speed at t = 0.
     """
     has_cue = draw.index < len(DIRECTIONS)
-    if has_cue:
-        angle = DIRECTIONS[draw.index]
-    else:
-        angle = (float(draw.count(0, 359)), 0.0)[draw.index - len(DIRECTIONS)]
-    # With whole px along an axis, a gap of 0 is 0 to the last bit.
-    c = round(float(np.cos(np.radians(angle))), 15)
-    s = round(float(np.sin(np.radians(angle))), 15)
+    direction = _row_direction(draw)
     speed = draw.number(200, 350, 0)
     radius = draw.number(12, 16, 0)
-    ball = {
-        "solid": "sphere",
-        "mass": draw.mass(),
-        "friction": 0.0,
-        "elasticity": 1.0,
-    }
+    mass = draw.mass()
     objects: dict[str, Document] = {}
     for j, (lane, gap) in enumerate(GAPS.items()):
         distances = _lane_distances(lane, 2 * radius + gap, has_cue)
-        for name, distance in distances.items():
-            place = _lane_point(distance, offset=(j - 1.5) * 70, direction=(c, s))
-            objects[name] = circle(place, radius, **ball)
-        objects[next(iter(distances))]["velocity"] = [speed * c, speed * s]
+        lane_point = partial(_lane_point, offset=(j - 1.5) * 70, direction=direction)
+        places = dict(zip(distances, map(lane_point, distances.values()), strict=True))
+        velocity = [speed * direction[0], speed * direction[1]]
+        objects.update(_lane_balls(places, radius, mass, velocity))
     document = scene((520, 520), 0.5, objects, world=FLOATING)
-    measure = partial(_row_error, tuple(objects), np.array([c, s]), speed)
+    measure = partial(_row_error, tuple(objects), np.array(direction), speed)
     return [Case(document, measure)]
+
+
+def _lane_balls(
+    places: dict[str, Point], radius: float, mass: float, velocity: list[float]
+) -> dict[str, Document]:
+    """Return the balls of a lane; the first of them moves."""
+    balls = {}
+    for name, place in places.items():
+        balls[name] = circle(
+            place, radius, solid="sphere", mass=mass, friction=0.0, elasticity=1.0
+        )
+    balls[next(iter(places))]["velocity"] = velocity
+    return balls
+
+
+def _row_direction(draw: Draw) -> Point:
+    """Return the unit vector along the rows of a draw."""
+    if draw.index < len(DIRECTIONS):
+        angle = DIRECTIONS[draw.index]
+    else:
+        last_angles = (float(draw.count(0, 359)), 0.0)
+        angle = last_angles[draw.index - len(DIRECTIONS)]
+    # With whole px along an axis, a gap of 0 is 0 to the last bit.
+    cosine = round(float(np.cos(np.radians(angle))), 15)
+    sine = round(float(np.sin(np.radians(angle))), 15)
+    return cosine, sine
 
 
 def _lane_distances(lane: str, step: float, has_cue: bool) -> dict[str, float]:
@@ -206,10 +223,12 @@ def _oblique(draw: Draw) -> list[Case]:
         velocity = list(vector(angle, speed))
         objects[f"cue-{k}"] = circle(start, radius, velocity=velocity, **ball)
         objects[f"struck-{k}"] = circle(center, radius, **ball)
+        # At the hit, the centres are two radii apart: the offset gives the direction.
         distance = sqrt(4 * radius**2 - offset**2)
         center_lines.append(place_along(ORIGIN, angle, distance, -offset))
     document = scene((600, 600), 0.5, objects, world=FLOATING)
-    return [Case(document, partial(_oblique_errors, center_lines))]
+    measure = partial(_oblique_errors, center_lines)
+    return [Case(document, measure)]
 
 
 def _oblique_errors(center_lines: Sequence[Point], run: Run) -> Errors:
@@ -303,6 +322,8 @@ class _Hit:
     def friction_impulse(self, spin: float) -> float:
         """Return the impulse of friction (g·px/s) at a spin (degrees/s)."""
         sliding_speed = np.radians(spin) * self.body.radius
+        # Friction stops the slip if its limit allows; otherwise the contact slides
+        # throughout.
         stop_impulse = abs(sliding_speed) * self.tangential_mass()
         return float(-np.sign(sliding_speed) * min(self.friction_limit(), stop_impulse))
 
@@ -325,11 +346,13 @@ def _spin_transfer(draw: Draw) -> list[Case]:
         for has_partner in (False, True):
             hit = _draw_hit(draw, has_partner)
             body = hit.body
+            # At a slip of limit over tangential mass, both cases meet.
             slip = part * hit.friction_limit() / hit.tangential_mass()
             spin = draw.sign() * round(degrees(slip / body.radius), 1)
             changes[kind] += _stage_hit(kind, y, hit, spin, objects, walls)
     document = scene((640, 400), 0.9, objects, walls, world=FLOATING)
-    return [Case(document, partial(_transfer_errors, changes))]
+    measure = partial(_transfer_errors, changes)
+    return [Case(document, measure)]
 
 
 def _draw_hit(draw: Draw, has_partner: bool) -> _Hit:
@@ -380,6 +403,7 @@ def _stage_hit(
         return changes
     name = f"{kind}-second"
     objects[name] = circle((x, y), partner.radius, **partner.keys(), **surface)
+    # The partner gets the opposite impulse; both impulses turn in the same sense.
     return [*changes, _change(name, partner, -impulse, impulse)]
 
 
@@ -387,6 +411,7 @@ def _change(name: str, body: _RoundBody, push: float, twist: float) -> _Change:
     """Return the change by an impulse at the edge, g·px/s: `push` moves the body and
     `twist` turns it.
     """
+    # I/R: the impulse acts at the arm R.
     moment = body.inertia * body.mass * body.radius
     return _Change(name, push / body.mass, twist / moment)
 

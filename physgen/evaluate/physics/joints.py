@@ -60,8 +60,8 @@ def _hang(
     pivot = np.array([x, 190.0])
     arm = draw.number(50, 90, 1)
     mass = draw.mass()
-    direction = np.array([side * sin(radians(degrees)), cos(radians(degrees))])
-    center = pivot + arm * direction
+    angle = radians(degrees)
+    center = pivot + arm * np.array([side * sin(angle), cos(angle)])
     if name == "bob":
         radius = draw.number(14, 26)
         body = circle(center, radius, mass=mass)
@@ -71,10 +71,20 @@ def _hang(
         height = round(2 * arm + 10, 1)
         body = box(center, (width, height), -side * degrees, mass=mass)
         moment = mass * (width**2 + height**2) / 12
-    small_period = 4 * sqrt((moment + mass * arm**2) / (mass * GRAVITY * arm))
-    period = small_period * integrate_ellipse(sin(radians(degrees / 2)))[0]
+    pin_moment = moment + mass * arm**2
+    period = _pendulum_period(pin_moment, mass * GRAVITY * arm, angle)
     pin = {"objects": [name], "pivot": pivot.tolist()}
-    return body, pin, _Swing(period, side * radians(degrees))
+    return body, pin, _Swing(period, side * angle)
+
+
+def _pendulum_period(moment: float, weight_moment: float, angle: float) -> float:
+    """Return the period (s) of a pendulum of any amplitude `angle` (rad).
+
+    `moment` is that of inertia about the pin, `weight_moment` the weight times its arm.
+    """
+    # T = 4 sqrt(J/(m g d)) K(sin(a/2)).
+    first_kind, _ = integrate_ellipse(sin(angle / 2))
+    return 4 * sqrt(moment / weight_moment) * first_kind
 
 
 def _pendulum(draw: Draw) -> list[Case]:
@@ -104,8 +114,10 @@ def _period_error(swings: Mapping[str, _Swing], run: Run) -> Errors:
         passes = find_crossings(track.times, angle, track.spin)
         if len(passes) < PASSES:
             return {"period": 1.0}
+        # The first pass comes after a quarter of a period, and then one each half.
         expected = (np.arange(PASSES) + 0.5) * swing.period / 2
-        errors.append(np.abs(passes[:PASSES] - expected).max() / swing.period)
+        deviation = np.abs(passes[:PASSES] - expected)
+        errors.append(deviation.max() / swing.period)
     return {"period": worst(errors)}
 
 
@@ -143,6 +155,7 @@ def _spring_lane(
     if lane == "pair":
         partner_mass = draw.mass()
         swinging_mass = mass * partner_mass / (mass + partner_mass)
+    # The stiffness follows from the frequency, and the damping from its critical value.
     stiffness = round(swinging_mass * (2 * pi * frequency) ** 2, 2)
     damping = round(2 * damping_part * sqrt(stiffness * swinging_mass), 3)
     objects = {lane: circle(center, draw.number(12, 22), mass=mass)}
@@ -155,6 +168,7 @@ def _spring_lane(
         "damping": damping,
         "length": length,
     }
+    # x'' + 2 d x' + (k/m) x = 0, with d = c/(2 m).
     decay = damping / (2 * swinging_mass)
     omega = sqrt(stiffness / swinging_mass - decay**2)
     return objects, spring, _Spring(length, decay, omega)
@@ -176,7 +190,8 @@ def _springs(draw: Draw) -> list[Case]:
         joints[f"{lane}-spring"] = joint
         springs[lane] = spring
     document = scene((360, 380), 2.0, objects, world=FLOATING, joints=joints)
-    return [Case(document, partial(_spring_errors, springs))]
+    measure = partial(_spring_errors, springs)
+    return [Case(document, measure)]
 
 
 def _spring_errors(springs: Mapping[str, _Spring], run: Run) -> Errors:
@@ -194,11 +209,14 @@ def _spring_errors(springs: Mapping[str, _Spring], run: Run) -> Errors:
             partner = run.track("partner")
             x = x + ANCHOR_X - partner.x
             rate = rate - partner.velocities[:, 0]
+        # The phase and amplitude of this pair need no search for zeros and maxima.
         y = (rate + spring.decay * x) / spring.omega
         time = track.times[-1]
         phase = np.unwrap(np.arctan2(-y, x))
-        frequencies.append(abs((phase[-1] - phase[0]) / (spring.omega * time) - 1))
+        phase_change = phase[-1] - phase[0]
+        frequencies.append(abs(phase_change / (spring.omega * time) - 1))
         amplitude = np.hypot(x, y)
+        # The exact amplitude shrinks by e^(-d t).
         remainder = amplitude[-1] / amplitude[0] * exp(spring.decay * time)
         amplitudes.append(abs(remainder - 1))
     return {"frequency": worst(frequencies), "amplitude": worst(amplitudes)}
@@ -238,7 +256,8 @@ class _Tilt:
     def rate(self, state: Array) -> Array:
         """Return the rates of angle and spin."""
         angle, spin = state
-        return np.array([spin, self.torque * cos(angle) + self.tilting * sin(angle)])
+        acceleration = self.torque * cos(angle) + self.tilting * sin(angle)
+        return np.array([spin, acceleration])
 
 
 @dataclass(frozen=True)
@@ -295,7 +314,8 @@ def _seesaw(draw: Draw) -> list[Case]:
         joints[f"{name}-pin"] = {"objects": [f"{name}-plank"], "pivot": seesaw.pin}
         tilts[name] = seesaw.tilt
     document = scene((1000, 300), 1.0, objects, joints=joints)
-    return [Case(document, partial(_seesaw_errors, tilts["far"]))]
+    measure = partial(_seesaw_errors, tilts["far"])
+    return [Case(document, measure)]
 
 
 def _draw_weights(draw: Draw, thickness: float, part: float) -> tuple[_Weight, _Weight]:
@@ -327,11 +347,16 @@ def _seesaw_errors(tilt: _Tilt, run: Run) -> Errors:
     angle, spin = runge_kutta(tilt.rate, np.zeros(2), SEESAW_TIME, 400)[-1]
     track = run.track("far-plank")
     end = track.sample(SEESAW_TIME)
-    deviations = (abs(track.angle[end] / angle - 1), abs(track.spin[end] / spin - 1))
+    angle_error = abs(track.angle[end] / angle - 1)
+    spin_error = abs(track.spin[end] / spin - 1)
     light = run.track("light-plank")
     heavy = run.track("heavy-plank")
+    # A positive angle tips to the right, where the heavier moment of 1.01 is.
     tips_rightly = light.angle[-1] < 0 < heavy.angle[-1]
-    return {"acceleration": worst(deviations), "balance": float(not tips_rightly)}
+    return {
+        "acceleration": worst([angle_error, spin_error]),
+        "balance": float(not tips_rightly),
+    }
 
 
 @dataclass(frozen=True)
@@ -356,6 +381,7 @@ def _drive(
     mass = draw.mass()
     solid = MOTOR_SOLIDS[draw.count(0, 2)]
     objects = {name: circle(center, radius, solid=solid, mass=mass)}
+    # The torque limit gives the acceleration speed/time: M = (speed/time) I.
     inverse_moment = 1 / (INERTIA[solid] * mass * radius**2)
     if name == "fan":
         width = draw.number(30, 60)
@@ -450,6 +476,7 @@ class _WeldedPair:
         moment = 0.0
         bodies = zip(self.masses, self.sizes, self.centers(), strict=True)
         for mass, (width, height), center in bodies:
+            # Steiner: each box adds its mass times the squared distance of its centre.
             arm = center - self.center()
             own_moment = (width * width + height * height) / 12
             moment += mass * (own_moment + float(arm @ arm))
@@ -463,6 +490,7 @@ class _WeldedPair:
         """
         offset = y - self.center()[1]
         moment = self.moment()
+        # The change of speed at the hit point by one unit of impulse, with the turn.
         softness = 1 / ball_mass + 1 / self.mass + offset**2 / moment
         impulse = speed_change / softness
         return impulse / self.mass, -offset * impulse / moment
@@ -520,6 +548,7 @@ def _weld(draw: Draw) -> list[Case]:
         elasticity=elasticity,
     )
     motion = pair.motion_after_impact(y, side * (1 + elasticity) * speed, ball_mass)
+    # A turning box may hit the ball again: the comparison is soon after the hit.
     hit = _WeldHit((BALL_DISTANCE - radius) / speed + 0.1, *motion)
     document = scene(
         (520, 360),
@@ -528,7 +557,8 @@ def _weld(draw: Draw) -> list[Case]:
         world=FLOATING,
         joints={"weld": {"objects": ["upper", "lower"], "weld": pair.seam_center()}},
     )
-    return [Case(document, partial(_weld_errors, pair, hit))]
+    measure = partial(_weld_errors, pair, hit)
+    return [Case(document, measure)]
 
 
 def _welded_boxes(pair: _WeldedPair, elasticity: float) -> dict[str, Document]:
@@ -548,13 +578,16 @@ def _weld_errors(pair: _WeldedPair, hit: _WeldHit, run: Run) -> Errors:
     lower = run.track("lower")
     sample = upper.sample(hit.time)
     first, second = pair.masses
+    # The common centre moves with the sum of the momenta over the mass of both.
     momentum = first * upper.velocity[sample] + second * lower.velocity[sample]
     expected = np.array([hit.velocity, 0.0])
     deviation = momentum / pair.mass - expected
+    spin_errors = [
+        _spin_error(upper, sample, hit.spin),
+        _spin_error(lower, sample, hit.spin),
+    ]
     return {
-        "spin": worst(
-            [_spin_error(track, sample, hit.spin) for track in (upper, lower)]
-        ),
+        "spin": worst(spin_errors),
         "velocity": float(np.hypot(*deviation) / np.hypot(*expected)),
     }
 

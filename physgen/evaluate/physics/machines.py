@@ -34,16 +34,28 @@ def _slider_errors(
     run: Run, *, down: Array, angle: float, way: float, time: float, speed: float
 ) -> Errors:
     """Return the errors of the block's path and end, and of the cart's speed."""
-    block, cart = run.track("block"), run.track("cart")
+    block = run.track("block")
+    cart = run.track("cart")
     moved = block.displacements @ down
+    # Without friction, only the part of the weight along the rail accelerates.
     exact = GRAVITY * sin(radians(angle)) * block.times**2 / 2
     slides = exact < way
+    # The drive pushes with its full force until the cart has its speed.
     pace = np.minimum(cart.times / time, 1) * speed
+    path_error = float(np.abs(moved - exact)[slides].max())
+    end_error = float(np.abs(moved - way)[-1])
+    pace_error = float(np.abs(cart.velocities[:, 0] - pace).max())
     return {
-        "way": float(np.abs(moved - exact)[slides].max()) / way,
-        "end": float(np.abs(moved - way)[-1]) / way,
-        "drive": float(np.abs(cart.velocities[:, 0] - pace).max()) / speed,
+        "way": path_error / way,
+        "end": end_error / way,
+        "drive": pace_error / speed,
     }
+
+
+def _downhill(angle: float, side: int) -> Array:
+    """Return the unit vector down a rail of `angle` degrees to the right (1) or left."""
+    slope = radians(angle)
+    return np.array([side * cos(slope), sin(slope)])
 
 
 def _slider(draw: Draw) -> list[Case]:
@@ -53,12 +65,15 @@ def _slider(draw: Draw) -> list[Case]:
     A block slides down a rail by g sin a t²/2 to its end. A cart with a drive of at
     most F moves at F t/m, then at the drive's speed.
     """
-    angle, length, mass = draw.number(15, 60, 1), draw.number(180, 260, 1), draw.mass()
+    angle = draw.number(15, 60, 1)
+    length = draw.number(180, 260, 1)
+    mass = draw.mass()
     side = draw.sign()
     top = np.array([320.0 - side * 180, 60.0])
-    down = np.array([side * cos(radians(angle)), sin(radians(angle))])
+    down = _downhill(angle, side)
     begin = draw.number(20, 50, 1)
-    speed, time = draw.number(120, 220, 0), draw.number(0.2, 0.5, 3)
+    speed = draw.number(120, 220, 0)
+    time = draw.number(0.2, 0.5, 3)
     other = draw.mass()
     objects = {
         "block": box(top + begin * down, (36, 20), side * angle, mass=mass),
@@ -82,7 +97,8 @@ def _slider(draw: Draw) -> list[Case]:
         _slider_errors, down=down, angle=angle, way=way, time=time, speed=speed
     )
 
-    return [Case(scene((640, 420), 2.0, objects, joints=joints), measure)]
+    document = scene((640, 420), 2.0, objects, joints=joints)
+    return [Case(document, measure)]
 
 
 @dataclass(frozen=True)
@@ -150,6 +166,7 @@ class _Rope:
 def _rope_errors(catch: _Catch, run: Run) -> Errors:
     """Return the errors of the speed after the catch and of the energy loss."""
     track = run.track("ball")
+    # Two samples after the catch, the rope is certainly tight.
     sample = track.sample(catch.time + 2 / 240)
     # The speed along the circle follows from the energy since the catch.
     drop = track.y[sample] - catch.height
@@ -172,8 +189,10 @@ def _rope(draw: Draw) -> list[Case]:
     The tight rope of a thrown ball removes the velocity along the rope, m (v·e)²/2 of
     the energy, and keeps the velocity across it.
     """
-    mass, length = draw.mass(), draw.number(120, 170, 1)
-    start = np.array([draw.number(20, 50, 1) * draw.sign(), draw.number(10, 40, 1)])
+    mass = draw.mass()
+    length = draw.number(120, 170, 1)
+    start_x = draw.number(20, 50, 1) * draw.sign()
+    start = np.array([start_x, draw.number(10, 40, 1)])
     velocity = np.array([draw.number(-60, 60, 0), draw.number(0, 60, 0)])
     anchor = np.array([320.0, 60.0])
     objects = {
@@ -189,15 +208,27 @@ def _rope(draw: Draw) -> list[Case]:
 
     rope = _Rope(start, velocity, anchor, length, mass)
     measure = partial(_rope_errors, rope.catch())
-    return [Case(scene((640, 300), 1.0, objects, joints=joints), measure)]
+    document = scene((640, 300), 1.0, objects, joints=joints)
+    return [Case(document, measure)]
+
+
+def _path_error(run: Run, *, pull: float, time: float, path: float) -> Errors:
+    """Return the largest deviation of an accelerated path, over the path at the end."""
+    track = run.track("right")
+    is_before_end = track.times <= time
+    exact = pull * track.times[is_before_end] ** 2 / 2
+    deviation = np.abs(track.displacements[is_before_end, 1] - exact)
+    return {"way": float(deviation.max()) / path}
 
 
 def _atwood(draw: Draw) -> list[Case]:
     """Return the case of an Atwood machine. Error: largest deviation of the path over
     the path at the end: a = g (m2 - m1)/(m1 + m2).
     """
-    light, heavy = draw.number(50, 150, 0), draw.number(160, 400, 0)
-    side, apart = draw.sign(), draw.number(60, 120, 0)
+    light = draw.number(50, 150, 0)
+    heavy = draw.number(160, 400, 0)
+    side = draw.sign()
+    apart = draw.number(60, 120, 0)
     if side > 0:
         left, right = (light, heavy)
     else:
@@ -213,16 +244,26 @@ def _atwood(draw: Draw) -> list[Case]:
             "pulley": [[x, 260], [x, 40], [other, 40], [other, 260]],
         }
     }
+    # The difference of the weights accelerates the sum of the masses.
     pull = GRAVITY * (right - left) / (right + left)
+    # The run ends after a path of 150 px, before a ball reaches its wheel.
     time = sqrt(2 * 150 / abs(pull))
+    document = scene((640, 480), time, objects, joints=joints)
+    measure = partial(_path_error, pull=pull, time=time, path=150)
+    return [Case(document, measure)]
 
-    def measure(run: Run) -> Errors:
-        track = run.track("right")
-        until = track.times <= time
-        exact = pull * track.times[until] ** 2 / 2
-        return {"way": float(np.abs(track.displacements[until, 1] - exact).max()) / 150}
 
-    return [Case(scene((640, 480), time, objects, joints=joints), measure)]
+def _gear_error(run: Run, *, gain: float, ratio: float) -> Errors:
+    """Return the larger error of both spins after an acceleration of the driver."""
+    driver = run.track("driver")
+    wheel = run.track("wheel")
+    driver_spin = gain * driver.times[-1]
+    wheel_spin = driver_spin / ratio
+    errors = [
+        abs(driver.spin[-1] / driver_spin - 1),
+        abs(wheel.spin[-1] / wheel_spin - 1),
+    ]
+    return {"spin": worst(errors)}
 
 
 def _gears(draw: Draw) -> list[Case]:
@@ -242,6 +283,7 @@ def _gears(draw: Draw) -> list[Case]:
     moments = [INERTIA["disc"] * masses[0] * radius**2]
     moments.append(INERTIA["disc"] * masses[1] * other**2)
     gain = draw.number(4, 12)
+    # Seen from the driver, the wheel's inertia counts by 1/r².
     torque = gain * (moments[0] + moments[1] / ratio**2)
     joints = {
         "axle-1": {"objects": ["driver"], "pivot": list(places[0])},
@@ -249,27 +291,10 @@ def _gears(draw: Draw) -> list[Case]:
         "teeth": {"objects": ["driver", "wheel"], "gear": ratio},
     }
     forces = [{"object": "driver", "torque": torque}]
-
-    def measure(run: Run) -> Errors:
-        driver, wheel = run.track("driver"), run.track("wheel")
-        time = driver.times[-1]
-        return {
-            "spin": worst(
-                [
-                    abs(driver.spin[-1] / (gain * time) - 1),
-                    abs(wheel.spin[-1] / (gain * time / ratio) - 1),
-                ]
-            )
-        }
-
-    return [
-        Case(
-            scene(
-                (640, 400), 2.0, objects, world=FLOATING, joints=joints, forces=forces
-            ),
-            measure,
-        )
-    ]
+    document = scene(
+        (640, 400), 2.0, objects, world=FLOATING, joints=joints, forces=forces
+    )
+    return [Case(document, partial(_gear_error, gain=gain, ratio=ratio))]
 
 
 def _pins(draw: Draw) -> list[Case]:
@@ -279,8 +304,10 @@ def _pins(draw: Draw) -> list[Case]:
     Dry friction of torque M slows the wheel by M t/I until it stops. The rod falls onto
     the limit of its hinge and rests there.
     """
-    radius, mass = draw.number(30, 60, 1), draw.mass()
-    spin, time = draw.sign() * draw.number(200, 700, 0), draw.number(0.5, 1.4, 3)
+    radius = draw.number(30, 60, 1)
+    mass = draw.mass()
+    spin = draw.sign() * draw.number(200, 700, 0)
+    time = draw.number(0.5, 1.4, 3)
     moment = INERTIA["disc"] * mass * radius**2
     limit = draw.number(15, 70, 1)
     arm = draw.number(60, 100, 1)
@@ -298,14 +325,46 @@ def _pins(draw: Draw) -> list[Case]:
     }
 
     def measure(run: Run) -> Errors:
-        wheel, rod = run.track("wheel"), run.track("rod")
+        wheel = run.track("wheel")
+        rod = run.track("rod")
+        # Dry friction brakes evenly, and never turns the wheel back.
         left = np.maximum(1 - wheel.times / time, 0)
+        spin_errors = np.abs(wheel.spin / radians(spin) - left)
+        angle_errors = np.abs(rod.angle / radians(limit) - 1)
         return {
-            "spin": float(np.abs(wheel.spin / radians(spin) - left).max()),
-            "angle": float(np.abs(rod.angle / radians(limit) - 1)[-1]),
+            "spin": float(spin_errors.max()),
+            "angle": float(angle_errors[-1]),
         }
 
-    return [Case(scene((560, 340), 2.0, objects, joints=joints), measure)]
+    document = scene((560, 340), 2.0, objects, joints=joints)
+    return [Case(document, measure)]
+
+
+@dataclass(frozen=True)
+class _BreakingPendulum:
+    """A ball on a rod with a pin that breaks."""
+
+    mass: float
+    """g."""
+    arm: float
+    """px."""
+    moment: float
+    """Moment of inertia about the pin, g·px²."""
+    limit: float
+    """Breaking force, g·px/s²."""
+
+    def error(self, run: Run) -> Errors:
+        """Return the deviation of the force at the break over its limit."""
+        spin = float(run.track("ball").spin[-1])
+        weight = self.mass * GRAVITY
+        # After the break, the spin stays: its energy gives the angle of the break.
+        sine = spin**2 * self.moment / (2 * weight * self.arm)
+        # Weight and centripetal force along the rod; the rest of the weight across it.
+        along = weight * sine + self.mass * self.arm * spin**2
+        cosine = sqrt(max(1 - sine**2, 0.0))
+        across = weight * cosine * (1 - self.mass * self.arm**2 / self.moment)
+        force = np.hypot(along, across)
+        return {"force": abs(force / self.limit - 1)}
 
 
 def _breaking(draw: Draw) -> list[Case]:
@@ -316,36 +375,29 @@ def _breaking(draw: Draw) -> list[Case]:
     the rod, with s the sine of the fallen angle and w² = 2 m g L s/J, and by m g c (1 -
     m L²/J) across it. The final spin of the free ball gives s.
     """
-    mass, arm, radius = draw.mass(), draw.number(90, 150, 1), draw.number(12, 25, 1)
-    side, part = draw.sign(), draw.number(1.2, 2.6)
+    mass = draw.mass()
+    arm = draw.number(90, 150, 1)
+    radius = draw.number(12, 25, 1)
+    side = draw.sign()
+    part = draw.number(1.2, 2.6)
     moment = mass * (radius**2 / 2 + arm**2)
-    weight, pin = mass * GRAVITY, np.array([320.0, 120.0])
+    limit = part * (mass * GRAVITY)
     objects = {"ball": circle((320 + side * arm, 120), radius, mass=mass)}
-    joints = {
-        "pin": {
-            "objects": ["ball"],
-            "pivot": pin.tolist(),
-            "breaks": part * weight,
-        }
-    }
-
-    def measure(run: Run) -> Errors:
-        spin = float(run.track("ball").spin[-1])
-        sine = spin**2 * moment / (2 * weight * arm)
-        along = weight * sine + mass * arm * spin**2
-        across = weight * sqrt(max(1 - sine**2, 0.0)) * (1 - mass * arm**2 / moment)
-        return {"force": abs(np.hypot(along, across) / (part * weight) - 1)}
-
-    fall = fall_time(part, arm)
-    return [Case(scene((640, 460), fall + 0.3, objects, joints=joints), measure)]
+    pin = {"objects": ["ball"], "pivot": [320.0, 120.0], "breaks": limit}
+    duration = fall_time(part, arm) + 0.3
+    document = scene((640, 460), duration, objects, joints={"pin": pin})
+    pendulum = _BreakingPendulum(mass, arm, moment, limit)
+    return [Case(document, pendulum.error)]
 
 
 def fall_time(part: float, arm: float) -> float:
     """Return an upper bound of the time (s) until a falling pendulum of `arm` px, with
     a horizontal start, pulls with `part` weights.
     """
+    # A point mass pulls with 3 m g s; the larger moment of the ball delays the break.
     sine = min(part / 3, 0.95)
-    return sqrt(2 * arm / GRAVITY) * atan2(sine, sqrt(1 - sine**2)) * 2 / pi * 1.5
+    angle = atan2(sine, sqrt(1 - sine**2))
+    return sqrt(2 * arm / GRAVITY) * angle * 2 / pi * 1.5
 
 
 ROWS = (

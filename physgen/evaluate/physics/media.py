@@ -5,8 +5,10 @@ pulling finger.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from math import pi, sqrt
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,21 +23,21 @@ from physgen.evaluate.physics.scorecard import (
     Run,
     worst,
 )
-from physgen.evaluate.physics.staging import GRAVITY, box, circle, scene
+from physgen.evaluate.physics.staging import FLOATING, GRAVITY, box, circle, scene
 
 Array = NDArray[np.float64]
-
-FLOATING = {"gravity": [0, 0]}
 
 
 def _sine_integral(frequency: float, span: float) -> float:
     """Return the integral of a sine from 0 to `span`, s."""
+    # The integral of sin w t is (1 - cos w t)/w.
     rate = 2 * pi * frequency
     return float((1 - np.cos(rate * span)) / rate)
 
 
 def _pulse_integral(pulse_time: float, pause: float, span: float) -> float:
     """Return the time of the pulses between 0 and `span`, s."""
+    # Only whole pulses and the begun one count.
     periods, remainder = divmod(span, pulse_time + pause)
     return periods * pulse_time + min(remainder, pulse_time)
 
@@ -43,15 +45,69 @@ def _pulse_integral(pulse_time: float, pause: float, span: float) -> float:
 def _table_integral(values: Sequence[float], span: float) -> float:
     """Return the integral of values at 0, 0.3 and 0.6 s from 0 to `span`, s."""
     first, second, last = values
-    return 0.15 * (first + second) + 0.15 * (second + last) + last * (span - 0.6)
+    first_part = 0.15 * (first + second)
+    second_part = 0.15 * (second + last)
+    return first_part + second_part + last * (span - 0.6)
+
+
+@dataclass(frozen=True)
+class _ForceProfiles:
+    """Random parameters of the four profiles of a force over time."""
+
+    ramp: float
+    """Time in which the force grows to its full value, s."""
+    frequency: float
+    """1/s."""
+    pulse: float
+    """Duration of a pulse, s."""
+    pause: float
+    """Time between two pulses, s."""
+    table: list[list[float]]
+    """Rows of time (s) and part of the full force."""
+
+    @classmethod
+    def random(cls, draw: Draw) -> _ForceProfiles:
+        """Return the profiles of a draw."""
+        return cls(
+            ramp=draw.number(0.2, 0.6, 3),
+            frequency=draw.number(1, 6),
+            pulse=draw.number(0.05, 0.2, 3),
+            pause=draw.number(0.05, 0.2, 3),
+            table=[
+                [0, draw.number(-1, 1)],
+                [0.3, draw.number(0, 2)],
+                [0.6, draw.number(0, 1)],
+            ],
+        )
+
+    @property
+    def entries(self) -> dict[str, Any]:
+        """Return the profiles as in a scene file, by name."""
+        return {
+            "ramp": self.ramp,
+            "sine": self.frequency,
+            "pulse": [self.pulse, self.pause],
+            "table": self.table,
+        }
+
+    def integrals(self, span: float) -> dict[str, float]:
+        """Return the integral of each profile from 0 to `span` (s), s."""
+        return {
+            "ramp": self.ramp / 2 + span - self.ramp,
+            "sine": _sine_integral(self.frequency, span),
+            "pulse": _pulse_integral(self.pulse, self.pause, span),
+            "table": _table_integral([row[1] for row in self.table], span),
+        }
 
 
 def _profile_error(run: Run, *, gain: float, exact: dict[str, float]) -> Errors:
     """Return the largest deviation of a final velocity over the greatest one."""
     errors = []
     for name, value in exact.items():
-        errors.append(abs(float(run.track(name).velocities[-1, 0]) / gain - value))
-    return {"velocity": worst(errors) / max(map(abs, exact.values()))}
+        velocity = float(run.track(name).velocities[-1, 0])
+        errors.append(abs(velocity / gain - value))
+    largest = max(map(abs, exact.values()))
+    return {"velocity": worst(errors) / largest}
 
 
 def _profiles(draw: Draw) -> list[Case]:
@@ -59,38 +115,24 @@ def _profiles(draw: Draw) -> list[Case]:
     the end over the greatest one, the integral of the force over the mass.
     """
     duration = 1.0
-    start, gain = draw.number(0.05, 0.2, 3), draw.number(80, 160, 0)
-    span = duration - start
-    ramp, frequency = draw.number(0.2, 0.6, 3), draw.number(1, 6)
-    on, off = draw.number(0.05, 0.2, 3), draw.number(0.05, 0.2, 3)
-    table = [
-        [0, draw.number(-1, 1)],
-        [0.3, draw.number(0, 2)],
-        [0.6, draw.number(0, 1)],
-    ]
-    exact = {
-        "ramp": ramp / 2 + span - ramp,
-        "sine": _sine_integral(frequency, span),
-        "pulse": _pulse_integral(on, off, span),
-        "table": _table_integral([row[1] for row in table], span),
-    }
-    profiles = {"ramp": ramp, "sine": frequency, "pulse": [on, off], "table": table}
+    start = draw.number(0.05, 0.2, 3)
+    gain = draw.number(80, 160, 0)
+    profiles = _ForceProfiles.random(draw)
     objects: dict[str, Document] = {}
     forces = []
-    for k, name in enumerate(exact):
+    for k, (name, profile) in enumerate(profiles.entries.items()):
         mass = draw.mass()
         objects[name] = box((120, 60 + 90 * k), (40, 24), mass=mass)
-        forces.append(
-            {
-                "object": name,
-                "force": [mass * gain, 0],
-                "start": start,
-                "profile": {name: profiles[name]},
-            }
-        )
-
+        # Each force is a multiple of the mass, so that all bodies have one scale.
+        force = {
+            "object": name,
+            "force": [mass * gain, 0],
+            "start": start,
+            "profile": {name: profile},
+        }
+        forces.append(force)
+    exact = profiles.integrals(duration - start)
     measure = partial(_profile_error, gain=gain, exact=exact)
-
     document = scene((480, 400), duration, objects, world=FLOATING, forces=forces)
     return [Case(document, measure)]
 
@@ -100,7 +142,9 @@ def _terminal_error(run: Run, *, finals: dict[str, float]) -> Errors:
     errors = []
     for name, final in finals.items():
         track = run.track(name)
-        speed, late = track.velocities[:, 1], GRAVITY * track.times / final
+        # g t over the terminal speed is the only variable of both closed forms.
+        speed = track.velocities[:, 1]
+        late = GRAVITY * track.times / final
         exact = {
             "linear": final * (1 - np.exp(-late)),
             "square": final * np.tanh(late),
@@ -119,10 +163,14 @@ def _terminal(draw: Draw) -> list[Case]:
     """
     objects, fields, finals = {}, {}, {}
     for k, name in enumerate(("linear", "square", "both")):
-        radius, mass = draw.number(10, 20), draw.mass()
+        radius = draw.number(10, 20)
+        mass = draw.mass()
         final = draw.number(80, 200, 0)
         objects[name] = circle((100 + 130 * k, 30), radius, mass=mass)
-        share = {"linear": 1.0, "square": 0.0, "both": draw.number(0.3, 0.7)}[name]
+        # The terminal speed is drawn, and the drags follow: each carries its share of
+        # the weight.
+        shares = {"linear": 1.0, "square": 0.0, "both": draw.number(0.3, 0.7)}
+        share = shares[name]
         pull = mass * GRAVITY / (2 * radius)
         fields[f"air-{name}"] = {
             "air": "still",
@@ -135,22 +183,30 @@ def _terminal(draw: Draw) -> list[Case]:
     measure = partial(_terminal_error, finals=finals)
 
     duration = max(2.0, 12.5 * max(finals.values()) / GRAVITY)
-    return [Case(scene((460, 500), duration, objects, fields=fields), measure)]
+    document = scene((460, 500), duration, objects, fields=fields)
+    return [Case(document, measure)]
 
 
 def _buoyancy_errors(
     run: Run, *, rest: float, swing: float, rate: float, rises: float, lift: float
 ) -> Errors:
     """Return the errors of the raft's place and of the ball's rise."""
-    raft, sunk = run.track("raft"), run.track("ball")
+    raft = run.track("raft")
     place = rest + swing * np.cos(rate * raft.times)
-    below = sunk.times < rises
-    rise = lift * sunk.times[below] ** 2 / 2
-    off = np.abs(420 - sunk.y[below] - rise).max() / rise.max()
-    return {
-        "raft": float(np.abs(raft.y - place).max()) / abs(swing),
-        "rise": float(off),
-    }
+    raft_error = float(np.abs(raft.y - place).max()) / abs(swing)
+    # The closed form of the rise ends when the ball reaches the surface.
+    ball = run.track("ball")
+    is_sunken = ball.times < rises
+    rise = lift * ball.times[is_sunken] ** 2 / 2
+    measured_rise = BALL_DEPTH - ball.y[is_sunken]
+    rise_error = np.abs(measured_rise - rise).max() / rise.max()
+    return {"raft": raft_error, "rise": float(rise_error)}
+
+
+SURFACE, BALL_DEPTH = 160.0, 420
+"""Heights of the water's surface and of the sunken ball in the picture, px."""
+RAFT_HEIGHT = 60.0
+"""px."""
 
 
 def _buoyancy(draw: Draw) -> list[Case]:
@@ -160,25 +216,29 @@ def _buoyancy(draw: Draw) -> list[Case]:
     A box of width w swings with W² = r w g/m about the depth m/(r w). A ball below the
     surface rises with (r A - m) g/m. There is no damping.
     """
-    density, wide, high = draw.number(0.5, 2), draw.number(120, 180, 0), 60.0
-    mass = density * wide * high * draw.number(0.35, 0.6)
-    swing, surface = draw.sign() * draw.number(4, 15, 1), 160.0
-    rest = surface + mass / (density * wide) - high / 2
+    density = draw.number(0.5, 2)
+    width = draw.number(120, 180, 0)
+    raft_mass = density * width * RAFT_HEIGHT * draw.number(0.35, 0.6)
+    swing = draw.sign() * draw.number(4, 15, 1)
+    # The raft floats at the depth at which it displaces its own mass.
+    rest = SURFACE + raft_mass / (density * width) - RAFT_HEIGHT / 2
+    rate = sqrt(density * width * GRAVITY / raft_mass)
     radius = draw.number(12, 20)
-    volume = density * pi * radius**2
-    ball = volume * draw.number(0.6, 0.85)
+    displaced_mass = density * pi * radius**2
+    ball_mass = displaced_mass * draw.number(0.6, 0.85)
+    # The ball rises with the surplus of buoyancy over weight.
+    lift = (displaced_mass - ball_mass) * GRAVITY / ball_mass
+    rises = sqrt(2 * (BALL_DEPTH - SURFACE - 2 * radius) / lift)
     objects = {
-        "raft": box((160, rest + swing), (wide, high), mass=mass),
-        "ball": circle((400, 420), radius, mass=ball),
+        "raft": box((160, rest + swing), (width, RAFT_HEIGHT), mass=raft_mass),
+        "ball": circle((400, BALL_DEPTH), radius, mass=ball_mass),
     }
-    fields = {"pool": {"water": [0, surface, 640, 400], "density": density}}
-    rate = sqrt(density * wide * GRAVITY / mass)
-    lift = (volume - ball) * GRAVITY / ball
-    rises = sqrt(2 * (420 - surface - 2 * radius) / lift)
+    fields = {"pool": {"water": [0, SURFACE, 640, 400], "density": density}}
     measure = partial(
         _buoyancy_errors, rest=rest, swing=swing, rate=rate, rises=rises, lift=lift
     )
-    return [Case(scene((640, 480), 2.0, objects, fields=fields), measure)]
+    document = scene((640, 480), 2.0, objects, fields=fields)
+    return [Case(document, measure)]
 
 
 def _magnet_error(
@@ -188,6 +248,7 @@ def _magnet_error(
     errors = []
     for name in objects:
         track = run.track(name)
+        # The turn ends between two samples.
         x, y = (
             float(np.interp(period, track.times, track.displacements[:, k]))
             for k in (0, 1)
@@ -200,14 +261,17 @@ def _magnets(draw: Draw) -> list[Case]:
     """Return the case of magnets. Error: deviation of the places after one turn over
     the distance: T = 2 pi sqrt(r³/(p (1/m1 + 1/m2))).
     """
-    apart, masses = draw.number(120, 200, 1), [draw.mass(), draw.mass()]
+    apart = draw.number(120, 200, 1)
+    masses = [draw.mass(), draw.mass()]
     period = draw.number(0.8, 1.6, 3)
+    # The relative motion is that of one body with the reduced mass.
     ease = 1 / masses[0] + 1 / masses[1]
     pull = (2 * pi / period) ** 2 * apart**3 / ease
     speed = 2 * pi * apart / period * draw.sign()
     total = sum(masses)
     objects = {}
     for k, name in enumerate(("north", "south")):
+        # Both circle about the common centre of mass, each at its part of the distance.
         side = (1, -1)[k] * masses[1 - k] / total
         objects[name] = circle(
             (320 + side * apart, 240), 10, mass=masses[k], velocity=[0, side * speed]
@@ -216,20 +280,18 @@ def _magnets(draw: Draw) -> list[Case]:
 
     measure = partial(_magnet_error, objects=objects, period=period, distance=apart)
 
-    return [
-        Case(
-            scene((640, 480), period + 0.1, objects, world=FLOATING, fields=fields),
-            measure,
-        )
-    ]
+    document = scene((640, 480), period + 0.1, objects, world=FLOATING, fields=fields)
+    return [Case(document, measure)]
 
 
 def _finger(draw: Draw) -> list[Case]:
     """Return the case of a finger. Error: largest deviation of the place over the path:
     v t - (v/w) sin w t during the pull, then a straight line.
     """
-    mass, frequency = draw.mass(), draw.number(1.5, 4)
-    time, speed = draw.number(0.3, 0.6, 3), draw.sign() * draw.number(100, 200, 0)
+    mass = draw.mass()
+    frequency = draw.number(1.5, 4)
+    time = draw.number(0.3, 0.6, 3)
+    speed = draw.sign() * draw.number(100, 200, 0)
     rate = 2 * pi * frequency
     middle = np.array([320.0, 120.0])
     end = np.array([320 + speed * time, 120.0])
@@ -244,18 +306,16 @@ def _finger(draw: Draw) -> list[Case]:
 
     def measure(run: Run) -> Errors:
         track = run.track("puck")
+        # After the pull, the puck keeps the speed of the spring's last moment.
         held = np.minimum(track.times, time)
         last = speed * (1 - np.cos(rate * time))
         exact = speed * (held - np.sin(rate * held) / rate)
         exact += last * (track.times - held)
-        return {
-            "place": float(np.abs(track.displacements[:, 0] - exact).max())
-            / abs(end[0] - 320)
-        }
+        deviation = np.abs(track.displacements[:, 0] - exact)
+        return {"place": float(deviation.max()) / abs(end[0] - 320)}
 
-    return [
-        Case(scene((640, 240), 1.0, objects, world=FLOATING, joints=joints), measure)
-    ]
+    document = scene((640, 240), 1.0, objects, world=FLOATING, joints=joints)
+    return [Case(document, measure)]
 
 
 ROWS = (

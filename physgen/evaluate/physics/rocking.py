@@ -45,7 +45,7 @@ class _Block:
     rocking: float
 
     @property
-    def half(self) -> float:
+    def half_diagonal(self) -> float:
         """Return the half diagonal, px."""
         return hypot(self.width, self.height) / 2
 
@@ -70,22 +70,28 @@ class _Block:
         lever = self.rocking * sqrt(self.width * self.height / pi)
         if speed <= 0:
             lever = -lever
-        lift = self.half * sin(arm)
-        press = GRAVITY - self.half * cos(arm) * speed**2
-        inertia = 4 / 3 * self.half**2 + lever * lift
+        # Weight and normal force are per mass. The normal force is less than the weight
+        # by the centripetal acceleration of the centre.
+        lift = self.half_diagonal * sin(arm)
+        press = GRAVITY - self.half_diagonal * cos(arm) * speed**2
+        inertia = 4 / 3 * self.half_diagonal**2 + lever * lift
         return np.array([speed, -(GRAVITY * lift + lever * press) / inertia])
 
     def impact_times(self) -> list[float]:
         """Return the times of the first impacts, s."""
-        state, time, times = np.array([self.tilt, 0.0]), 0.0, list[float]()
+        state = np.array([self.tilt, 0.0])
+        time = 0.0
+        times = list[float]()
         h = LONGEST_SWING / SWING_STEPS
         for _ in range(IMPACTS):
+            # A swing ends when the tilt changes its sign: the other corner hits the floor.
             states = runge_kutta(self.rate, state, LONGEST_SWING, SWING_STEPS)
             end = int(np.argmax(states[:, 0] < 0))
             before, after = states[end - 1 : end + 1]
             part = before[0] / (before[0] - after[0])
             time += h * (end - 1 + part)
             times.append(time)
+            # Each impact takes the same share of the speed, Housner 1963.
             speed = before[1] + part * (after[1] - before[1])
             state = np.array([0.0, -self.restitution * speed])
         return times
@@ -102,7 +108,8 @@ def _impact_time_error(
         found = _crossings(tilt, track.times)[:IMPACTS]
         if len(found) < IMPACTS:
             return {"time": float("inf")}
-        errors.append(float(np.abs(np.array(found) - exact).max()) / exact[-1])
+        deviation = np.abs(np.array(found) - exact)
+        errors.append(float(deviation.max()) / exact[-1])
     return {"time": worst(errors)}
 
 
@@ -110,25 +117,22 @@ def _rocking(draw: Draw) -> list[Case]:
     """Return the case of two rocking blocks on one floor. Error: largest deviation of
     the times of the first impacts over the last.
     """
-    objects, blocks = {}, {}
+    objects, blocks, times = {}, {}, {}
     for k, name in enumerate(("free", "resisted")):
-        width, height = draw.number(26, 44, 1), draw.number(80, 110, 1)
-        tilt = round(degrees(draw.number(0.35, 0.7) * atan2(width, height)), 3)
-        rocking = k * draw.number(0.02, 0.1, 3)
-        block = _Block(width, height, float(np.radians(tilt)), rocking)
-        blocks[name] = block
-        rise = block.half * cos(block.slenderness - block.tilt)
+        block, tilt = _random_block(draw, k)
+        # One corner touches the floor.
+        rise = block.half_diagonal * cos(block.slenderness - block.tilt)
         objects[name] = box(
             (140 + 220 * k, FLOOR - rise),
-            (width, height),
+            (block.width, block.height),
             tilt,
             mass=draw.mass(),
             friction=1.0,
             elasticity=0.0,
-            rocking=rocking,
+            rocking=block.rocking,
         )
-    times = {name: block.impact_times() for name, block in blocks.items()}
-
+        blocks[name] = block
+        times[name] = block.impact_times()
     measure = partial(_impact_time_error, times=times, blocks=blocks)
     duration = max(impacts[-1] for impacts in times.values()) + 0.2
     walls = {"floor": segment((10, FLOOR), (490, FLOOR), friction=1.0, elasticity=0.0)}
@@ -136,12 +140,27 @@ def _rocking(draw: Draw) -> list[Case]:
     return [Case(document, measure)]
 
 
+def _random_block(draw: Draw, number: int) -> tuple[_Block, float]:
+    """Return a tilted block and its tilt in degrees; the block with number 0 has no
+    resistance to rocking.
+    """
+    width = draw.number(26, 44, 1)
+    height = draw.number(80, 110, 1)
+    # The tilt is a part of the one at which the block falls over. It is rounded in
+    # degrees, since the scene file has degrees.
+    part = draw.number(0.35, 0.7)
+    tilt = round(degrees(part * atan2(width, height)), 3)
+    rocking = number * draw.number(0.02, 0.1, 3)
+    return _Block(width, height, float(np.radians(tilt)), rocking), tilt
+
+
 def _crossings(values: Array, times: Array) -> list[float]:
     """Return the times, s, of changes of sign between samples."""
     before = np.flatnonzero(values[:-1] * values[1:] < 0)
     part = values[before] / (values[before] - values[before + 1])
-    found: list[float] = (times[before] + part * np.diff(times)[before]).tolist()
-    return found
+    steps = np.diff(times)[before]
+    crossings: list[float] = (times[before] + part * steps).tolist()
+    return crossings
 
 
 ROWS = (

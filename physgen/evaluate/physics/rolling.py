@@ -60,6 +60,7 @@ def _rolling(draw: Draw) -> list[Case]:
             center, radius, solid=solid, mass=draw.mass(), **surface
         )
         walls[f"{solid}-slope"] = slope.wall(**surface)
+        # Rolling without slip adds I/R² = k m to the inertia: a = g sin a/(1 + k).
         rolls[solid] = _Roll(slope, GRAVITY * slope.direction[1] / (1 + k))
     document = scene((1000, 270), 0.8, objects, walls)
     return [Case(document, partial(_rolling_error, rolls))]
@@ -98,10 +99,13 @@ def _slide_to_roll(draw: Draw) -> list[Case]:
             **surface,
         )
         walls[f"{solid}-floor"] = segment((0, y), (640, y), **surface)
+        # Angular momentum about the contact point is constant: v + k R w = v0.
         final_velocities[solid] = side * speed / (1 + k)
+        # Friction decelerates with mu g until the body rolls.
         times.append(speed * k / ((1 + k) * mu * GRAVITY))
     document = scene((640, 260), 1.1 * max(times) + 0.1, objects, walls)
-    return [Case(document, partial(_final_speed_error, final_velocities))]
+    measure = partial(_final_speed_error, final_velocities)
+    return [Case(document, measure)]
 
 
 def _final_speed_error(final_velocities: Mapping[str, float], run: Run) -> Errors:
@@ -140,6 +144,7 @@ def _roll_to_rest(
     radius = draw.number(12, 28)
     resistance = draw.number(0.06, 0.2, 3)
     time = draw.number(0.8, 1.5)
+    # The moment c N R brakes the spin and, through friction, the speed.
     deceleration = resistance * GRAVITY / (1 + inertia)
     speed = round(deceleration * time, 1)
     surface = {"friction": 0.8, "elasticity": draw.number(0, 0.5)}
@@ -169,7 +174,8 @@ def _rolling_resistance(draw: Draw) -> list[Case]:
         brakes[solid] = brake
     duration = max(brake.time() for brake in brakes.values()) + 0.1
     document = scene((500, 260), duration, objects, walls)
-    return [Case(document, partial(_resistance_error, brakes))]
+    measure = partial(_resistance_error, brakes)
+    return [Case(document, measure)]
 
 
 def _resistance_error(brakes: Mapping[str, _Brake], run: Run) -> Errors:
@@ -209,6 +215,8 @@ def _platform(draw: Draw) -> list[Case]:
     left = 570
     if side > 0:
         left = 330
+    # The script contains the squares of the times, so that the speed rises at each
+    # knot.
     path = []
     for n in range(KNOTS + 1):
         x = left + side * acceleration * (n * KNOT) ** 2 / 2
@@ -235,6 +243,7 @@ def _platform_error(acceleration: float, run: Run) -> Errors:
     for solid, k in INERTIA.items():
         track = run.track(solid)
         samples = [track.sample((n + LATE) * KNOT) for n in range(KNOTS)]
+        # Between two knots the platform has the mean speed of the interval.
         expected = acceleration * KNOT * (np.arange(KNOTS) + 0.5) * k / (1 + k)
         deviations = np.abs(track.velocities[samples, 0] - expected)
         errors.append(deviations.max() / abs(expected[-1]))

@@ -60,6 +60,7 @@ def _to_rest(draw: Draw) -> list[Case]:
             **surface,
         )
         floors[f"{name}-floor"] = segment((20, y), (620, y), **surface)
+        # Friction decelerates with mu g, whatever the mass.
         displacement = side * speed**2 / (2 * mu * GRAVITY)
         slides[name] = _Slide(displacement, speed / (mu * GRAVITY))
     duration = max(slide.time for slide in slides.values()) + 0.1
@@ -96,6 +97,7 @@ class _Slopes:
 
     def slope(self, k: int, tangent: float, side: int) -> Slope:
         """Return slope number `k`, down to the right (1) or to the left (-1)."""
+        # A slope down to the left has its upper end at its right side.
         left = self.left + self.distance * k
         if side < 0:
             left += self.width
@@ -129,7 +131,8 @@ def _incline(draw: Draw) -> list[Case]:
         walls[f"{name}-slope"] = slope.wall(**surface)
         slopes[name] = slope
     document = scene((920, 330), 0.8, objects, walls)
-    return [Case(document, partial(_incline_errors, slopes, mu))]
+    measure = partial(_incline_errors, slopes, mu)
+    return [Case(document, measure)]
 
 
 def _incline_errors(slopes: Mapping[str, Slope], mu: float, run: Run) -> Errors:
@@ -144,6 +147,7 @@ def _incline_errors(slopes: Mapping[str, Slope], mu: float, run: Run) -> Errors:
         acceleration = GRAVITY * mu * excess * slope.direction[1] / slope.tangent
         expected[name] = acceleration * track.times[-1] ** 2 / 2
         distances[name] = track.displacements[-1] @ slope.direction
+    # A block that slips may start late, but not stay.
     creeps = abs(distances["holds"]) > CREEP
     sticks = distances["slips"] < expected["slips"] / 2
     return {
@@ -176,8 +180,10 @@ def _tipping(draw: Draw) -> list[Case]:
     # Tipping about the lower edge follows cosh(t sqrt(3 g/(4 r))) from a small angle.
     radius = sqrt(size[0] ** 2 + size[1] ** 2) / 2
     excess_angle = np.arctan(1.01 * ratio) - np.arctan(ratio)
-    fall_time = acosh(1 + 0.4 / excess_angle) / sqrt(3 * GRAVITY / (4 * radius))
-    return [Case(scene((720, 300), 1.2 * fall_time, objects, walls), _tipping_error)]
+    growth_rate = sqrt(3 * GRAVITY / (4 * radius))
+    fall_time = acosh(1 + 0.4 / excess_angle) / growth_rate
+    document = scene((720, 300), 1.2 * fall_time, objects, walls)
+    return [Case(document, _tipping_error)]
 
 
 def _tipping_error(run: Run) -> Errors:
@@ -212,6 +218,7 @@ def _seams(draw: Draw) -> list[Case]:
     surface = {"friction": mu, "elasticity": draw.number(0, 0.3)}
     distance = speed**2 / (2 * mu * GRAVITY)
     parts = (draw.number(0.2, 0.4), draw.number(0.5, 0.8))
+    # Both seams are within the way of the block.
     cuts = sorted(round(70 + part * distance, 2) for part in parts)
     spans = _floor_spans(cuts, gap)
     objects = {"shelf": _shelf(spans, surface), "comb": _comb(cuts, surface)}
@@ -244,7 +251,8 @@ def _floor_spans(cuts: Sequence[float], gap: float) -> list[tuple[float, float]]
     """
     first, last = SEAM_EDGES
     spans = list(pairwise([first, *cuts, last]))
-    return [spans[0], *((left + gap, right) for left, right in spans[1:])]
+    later_spans = [(left + gap, right) for left, right in spans[1:]]
+    return [spans[0], *later_spans]
 
 
 def _shelf(spans: Sequence[tuple[float, float]], surface: Document) -> Document:
@@ -278,7 +286,8 @@ def _seam_error(distance: float, run: Run) -> Errors:
     """Return the largest error of the distance to rest."""
     errors = []
     for name in RIDERS:
-        errors.append(abs(run.track(name).displacements[-1, 0] / distance - 1))
+        track = run.track(name)
+        errors.append(abs(track.displacements[-1, 0] / distance - 1))
     return {"distance": worst(errors)}
 
 
@@ -309,15 +318,13 @@ def _pulled_slab(draw: Draw) -> list[Case]:
     if draw.index % 2:
         _script_slab(objects["block-0"], side, mu, draw)
     else:
-        force = [side * _slab_force(masses, mu, draw), 0]
-        sections["forces"] = [{"object": "block-0", "force": force}]
-    floor = {"floor": segment((-400, 240), (1000, 240), **surface)}
-    measure = partial(_pull_error, upper_blocks, side * mu * GRAVITY)
-    return [
-        Case(
-            scene((640, 280), PULL_TIME, objects, floor, **sections), measure, rate=480
-        )
-    ]
+        # The pull exceeds friction below the others and on the ground.
+        pull = side * _slab_force(masses, mu, draw)
+        sections["forces"] = [{"object": "block-0", "force": [pull, 0]}]
+    sections["boundaries"] = {"floor": segment((-400, 240), (1000, 240), **surface)}
+    document = scene((640, 280), PULL_TIME, objects, **sections)
+    acceleration = side * mu * GRAVITY
+    return [Case(document, partial(_pull_error, upper_blocks, acceleration), rate=480)]
 
 
 def _script_slab(slab: dict[str, Any], side: int, mu: float, draw: Draw) -> None:
@@ -341,6 +348,7 @@ def _pull_error(upper_blocks: int, acceleration: float, run: Run) -> Errors:
     errors = []
     for k in range(1, upper_blocks + 1):
         track = run.track(f"block-{k}")
+        # The blocks on top accelerate with mu g, since the slab slides below them.
         end = track.sample(PULL_TIME)
         expected = acceleration * track.times[end] ** 2 / 2
         errors.append(abs(track.displacements[end, 0] / expected - 1))
@@ -361,6 +369,7 @@ def _friction_rules(draw: Draw) -> list[Case]:
         friction=block_friction,
     )
     floor = segment((20, 120), (480, 120), friction=floor_friction)
+    # The product is smaller than the geometric mean, and gives the longer way.
     product = block_friction * floor_friction
     document = scene(
         (500, 160),

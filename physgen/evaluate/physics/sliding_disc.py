@@ -9,6 +9,7 @@ integrate the direction of slip over the disc, with even pressure.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import pi
 
@@ -35,6 +36,7 @@ def couple(epsilon: float) -> tuple[float, float]:
     >>> [tuple(round(f, 6) for f in couple(e)) for e in (0.0, 1.0, 1e9)]
     [(0.0, 0.666667), (0.848826, 0.282942), (1.0, 0.0)]
     """
+    # At the limits, the elliptic integrals lose all digits to cancellation.
     if epsilon < SPIN_ONLY:
         return epsilon, 2 / 3
     if epsilon > SLIDE_ONLY:
@@ -42,6 +44,8 @@ def couple(epsilon: float) -> tuple[float, float]:
     square = epsilon * epsilon
     if epsilon == 1:
         return 8 / (3 * pi), 8 / (9 * pi)
+    # Equations 4 and 5 of the paper, with the modulus epsilon below 1 and its inverse
+    # above.
     if epsilon < 1:
         first_kind, second_kind = integrate_ellipse(epsilon)
         force = (square + 1) * second_kind + (square - 1) * first_kind
@@ -49,7 +53,8 @@ def couple(epsilon: float) -> tuple[float, float]:
         return 4 / (3 * pi * epsilon) * force, 4 / (9 * pi) * moment
     first_kind, second_kind = integrate_ellipse(1 / epsilon)
     force = (square + 1) * second_kind - (square - 1) * first_kind
-    moment = (4 - 2 * square) * second_kind + (2 * square - 5 + 3 / square) * first_kind
+    first_factor = 2 * square - 5 + 3 / square
+    moment = (4 - 2 * square) * second_kind + first_factor * first_kind
     return 4 / (3 * pi) * force, 4 / (9 * pi) * epsilon * moment
 
 
@@ -69,6 +74,23 @@ class Stop:
     """rad."""
 
 
+def _deceleration(mu: float, gravity: float) -> Callable[[Array], Array]:
+    """Return the rate of change of the state v, R w, distance and R angle."""
+
+    def rate(state: Array) -> Array:
+        sliding = max(state[0], 0.0)
+        surface = max(state[1], 0.0)
+        ratio = 1 / NO_SPIN
+        if surface > NO_SPIN * sliding:
+            ratio = sliding / surface
+        force, moment = couple(ratio)
+        slowing = -mu * gravity * force
+        # I = m R²/2 doubles the effect of the moment on R w.
+        return np.array([slowing, -2 * mu * gravity * moment, sliding, surface])
+
+    return rate
+
+
 def stop(speed: float, spin: float, radius: float, mu: float, gravity: float) -> Stop:
     """Return the motion from `speed` (px/s) and `spin` (rad/s) to rest, with I = m
     R²/2; exact to about 1e-5.
@@ -76,17 +98,7 @@ def stop(speed: float, spin: float, radius: float, mu: float, gravity: float) ->
     Steps shrink with the remaining motion: speed and spin vanish together, with epsilon
     tending to 0.653.
     """
-
-    def rate(state: Array) -> Array:
-        # The state is v and R w.
-        sliding, surface = max(state[0], 0.0), max(state[1], 0.0)
-        ratio = 1 / NO_SPIN
-        if surface > NO_SPIN * sliding:
-            ratio = sliding / surface
-        force, moment = couple(ratio)
-        slowing = -mu * gravity * force
-        return np.array([slowing, -2 * mu * gravity * moment, sliding, surface])
-
+    rate = _deceleration(mu, gravity)
     state = np.array([speed, abs(spin) * radius, 0.0, 0.0])
     first_motion = motion = float(np.hypot(state[0], state[1]))
     times, states = [0.0], [state]

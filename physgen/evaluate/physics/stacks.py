@@ -47,6 +47,7 @@ def _stack_boxes(
     """Return the boxes of a pyramid, `distance` px apart, by name."""
     objects = {}
     for level in range(1, LEVELS + 1):
+        # Each level has one box less than the level below it.
         boxes = LEVELS + 1 - level
         y = 260 - (level - 0.5) * size[1]
         for k in range(1, boxes + 1):
@@ -64,6 +65,7 @@ def _pyramid(draw: Draw) -> list[Case]:
     objects = _stack_boxes(draw, size, distance, surface)
     floor = {"floor": segment((0, 260), (440, 260), **surface)}
     pyramid = scene((440, 280), 5.0, objects, floor)
+    # Each draw takes one way to break the pyramid.
     label, (removals, falling_box) = list(REMOVALS.items())[draw.index]
     changed_objects = {}
     for name, body in objects.items():
@@ -96,7 +98,8 @@ def _rest_error(names: Sequence[str], run: Run) -> Errors:
     """Return the largest displacement of a box, px."""
     displacements = []
     for name in names:
-        displacements.append(np.hypot(*run.track(name).displacements.T).max())
+        distances = np.hypot(*run.track(name).displacements.T)
+        displacements.append(distances.max())
     return {"at rest": worst(displacements)}
 
 
@@ -127,8 +130,7 @@ def _dominoes(draw: Draw) -> list[Case]:
     surface = {"friction": draw.number(0.3, 0.5), "elasticity": draw.number(0, 0.2)}
     mass = draw.number(10, 60, 0)
     floor_y = 160.0
-    # The lean is between balance and contact with the second domino.
-    lean = (atan2(thickness, height) + asin((distance - thickness) / height)) / 2
+    lean = _first_lean(thickness, height, distance)
     objects = {}
     for k in range(1, DOMINOES + 1):
         center = (40.0 + k * distance, floor_y - height / 2)
@@ -154,6 +156,15 @@ def _dominoes(draw: Draw) -> list[Case]:
     return [Case(document, _wave_error, variants=(None, "four-g"), rate=480)]
 
 
+def _first_lean(thickness: float, height: float, distance: float) -> float:
+    """Return the lean of the first domino (rad), between balance and contact with the
+    second one.
+    """
+    balance = atan2(thickness, height)
+    contact = asin((distance - thickness) / height)
+    return (balance + contact) / 2
+
+
 def _draw_domino(draw: Draw) -> Point:
     """Return thickness and height of a domino, px."""
     height = draw.number(56, 80, 0)
@@ -173,6 +184,7 @@ def _leaning_center(corner: Point, size: Point, lean: float) -> Point:
 
 def _wave_error(run: Run, heavy_run: Run) -> Errors:
     """Return the error of the ratio of wave speeds under 4 g and g, against 2."""
+    # By dimensional analysis, the speed of a wave grows with sqrt(g).
     ratio = _wave_time(run) / _wave_time(heavy_run)
     return {"ratio": abs(ratio / 2 - 1)}
 
@@ -216,7 +228,9 @@ def _weight_error(masses: Sequence[float], run: Run) -> Errors:
             support = "floor"
         else:
             support = f"box-{k - 1}"
+        # The mean force is the impulse over its time. Upwards is negative.
         force = -run.impulse(f"box-{k}", support, 0.5, 1.0)[1] / 0.5
+        # Each box carries itself and all boxes above it.
         weight = sum(masses[k - 1 :]) * GRAVITY
         errors.append(abs(force / weight - 1))
     return {"force": worst(errors)}
@@ -280,6 +294,7 @@ def _plank_error(plank: _Plank, run: Run) -> Errors:
     end = int(np.argmax(is_beyond)) or len(angle)
     angle = angle[:end]
     spin = plank.side * track.spin[:end]
+    # Without friction the centre falls straight: (I + m lever²) w²/2 = m g fall.
     fall = np.maximum(plank.height(plank.lean) - plank.height(angle), 0)
     inertia = body.moment / body.mass + plank.lever(angle) ** 2
     expected = np.sqrt(2 * GRAVITY * fall / inertia)

@@ -31,13 +31,17 @@ def _conveyor_errors(
     mass: float,
 ) -> Errors:
     """Return the errors of the parcel's path and of the belt's work."""
-    track, work = run.track("parcel"), run.trajectory.energy.work
+    track = run.track("parcel")
+    work = run.trajectory.energy.work
+    # Friction accelerates with mu g up to the belt's speed.
     slides = np.minimum(track.times, time)
     exact = pull * slides**2 / 2 + speed * (track.times - slides)
     moved = side * track.displacements[:, 0]
+    path_error = float(np.abs(moved - exact).max())
+    belt_work = mass * speed**2
     return {
-        "way": float(np.abs(moved - exact).max()) / distance,
-        "work": abs(float(work[-1]) / (mass * speed**2) - 1),
+        "way": path_error / distance,
+        "work": abs(float(work[-1]) / belt_work - 1),
     }
 
 
@@ -47,14 +51,17 @@ def _conveyor(draw: Draw) -> list[Case]:
 
     One half of the work is lost to friction, and one half becomes kinetic energy.
     """
-    mu, mass = draw.number(0.15, 0.6), draw.mass()
-    speed, side = draw.number(80, 240, 0), draw.sign()
+    mu = draw.number(0.15, 0.6)
+    mass = draw.mass()
+    speed = draw.number(80, 240, 0)
+    side = draw.sign()
     begin = 320.0 - side * 240
     objects = {
         "parcel": box((begin, 250), (90, 20), mass=mass, friction=mu, elasticity=0.0)
     }
     belt = segment((20, 260), (620, 260), friction=mu, conveyor=side * speed)
-    pull, time = mu * GRAVITY, speed / (mu * GRAVITY)
+    pull = mu * GRAVITY
+    time = speed / (mu * GRAVITY)
     distance = speed**2 / (2 * pull)
 
     measure = partial(
@@ -68,20 +75,27 @@ def _conveyor(draw: Draw) -> list[Case]:
     )
 
     duration = time + 0.6 * (480 - distance) / speed
-    return [Case(scene((640, 320), duration, objects, {"belt": belt}), measure)]
+    document = scene((640, 320), duration, objects, {"belt": belt})
+    return [Case(document, measure)]
 
 
-def _stretch_errors(
-    run: Run, *, length: float, sticks: float, high: float, low: float
-) -> Errors:
+BAND_LENGTH = 120.0
+"""Length of the relaxed spring, px."""
+PULL_TIME = 6
+"""Duration of the hand's motion, s; longer than any scene."""
+
+
+def _stretch_errors(run: Run, *, sticks: float, high: float, low: float) -> Errors:
     """Return the errors of the spring's largest and smallest stretch."""
-    block, hand = run.track("block"), run.track("hand")
-    stretch = hand.x - block.x - length
-    since = block.times > sticks
+    block = run.track("block")
+    hand = run.track("hand")
+    stretch = hand.x - block.x - BAND_LENGTH
+    # The spring is relaxed at the start, so that only later minima count.
+    later_stretch = stretch[block.times > sticks]
     spread = high - low
     return {
         "most": abs(float(stretch.max()) - high) / spread,
-        "least": abs(float(stretch[since].min()) - low) / spread,
+        "least": abs(float(later_stretch.min()) - low) / spread,
     }
 
 
@@ -93,44 +107,68 @@ def _stick_slip(draw: Draw) -> list[Case]:
     then swings about mu_k N/k by R, R² = ((mu_s - mu_k) N/k)² + (v/w)², until its speed
     is 0.
     """
-    mass, kinetic = draw.mass(), draw.number(0.15, 0.3)
+    mass = draw.mass()
+    kinetic = draw.number(0.15, 0.3)
     static = kinetic + draw.number(0.12, 0.25)
-    pull, frequency = draw.number(20, 50, 0), draw.number(1.5, 2.5)
-    stiffness = mass * (2 * np.pi * frequency) ** 2
-    weight, length = mass * GRAVITY / stiffness, 120.0
+    pull = draw.number(20, 50, 0)
+    rate = 2 * np.pi * draw.number(1.5, 2.5)
+    stiffness = mass * rate**2
+    # Stretch of the spring by the block's weight: friction is mu times this stretch.
+    weight = mass * GRAVITY / stiffness
+    # At the end of sticking, the block is at rest and the hand moves with `pull`.
+    swing = np.hypot((static - kinetic) * weight, pull / rate)
+    high = kinetic * weight + swing
+    low = kinetic * weight - swing
+    # Static friction holds while the hand stretches the spring.
+    sticks = static * weight / pull
+    # One period of the spring, and the stretch again at the pull's speed, bound a slip.
+    slips = 2 * sqrt(mass / stiffness) * np.pi + (high - low) / pull
     surface = {"friction": kinetic, "static_friction": static, "elasticity": 0.0}
-    path = [[0, 80 + length, 200], [6, 80 + length + 6 * pull, 200]]
+    document = _pulled_block(mass, pull, stiffness, surface, sticks + slips + 0.2)
+    measure = partial(_stretch_errors, sticks=sticks, high=high, low=low)
+    return [Case(document, measure)]
+
+
+def _pulled_block(
+    mass: float,
+    pull: float,
+    stiffness: float,
+    surface: Document,
+    duration: float,
+) -> Document:
+    """Return the scene of a block on a floor, on a spring with an end moving at `pull`
+    px/s.
+    """
+    start = [80, 200]
+    end = [80 + BAND_LENGTH, 200]
+    path = [[0, *end], [PULL_TIME, end[0] + PULL_TIME * pull, end[1]]]
     objects = {
-        "block": box((80, 200), (40, 30), mass=mass, **surface),
-        "hand": circle((80 + length, 200), 6, motion={"path": path}),
+        "block": box(start, (40, 30), mass=mass, **surface),
+        "hand": circle(end, 6, motion={"path": path}),
     }
     band = {
         "objects": ["block", "hand"],
-        "spring": [[80, 200], [80 + length, 200]],
+        "spring": [start, end],
         "stiffness": stiffness,
     }
-    swing = np.hypot((static - kinetic) * weight, pull / (2 * np.pi * frequency))
-    high = kinetic * weight + swing
-    low = kinetic * weight - swing
-    sticks = static * weight / pull
-    slips = 2 * sqrt(mass / stiffness) * np.pi + (high - low) / pull
-    document = scene(
+    # At the engine's resting depth, the block need not settle.
+    floor = segment((0, 214.995), (640, 214.995), **surface)
+    return scene(
         (640, 280),
-        min(sticks + slips + 0.2, 5.9),
+        min(duration, PULL_TIME - 0.1),
         objects,
-        # At the engine's resting depth, the block need not settle.
-        {"floor": segment((0, 214.995), (640, 214.995), **surface)},
+        {"floor": floor},
         joints={"band": band},
     )
-    measure = partial(_stretch_errors, length=length, sticks=sticks, high=high, low=low)
-    return [Case(document, measure)]
 
 
 def _bumper(draw: Draw) -> list[Case]:
     """Return the case of a bumper. Errors: deviation of the height after a bounce over
     e² h, and of the work over m g h (e² - 1).
     """
-    e, height, mass = draw.number(1.05, 1.6), draw.number(40, 90, 1), draw.mass()
+    e = draw.number(1.05, 1.6)
+    height = draw.number(40, 90, 1)
+    mass = draw.mass()
     radius = draw.number(10, 20)
     objects = {
         "ball": circle(
@@ -141,14 +179,17 @@ def _bumper(draw: Draw) -> list[Case]:
             friction=0.0,
         )
     }
+    # A pair's elasticity is a geometric mean: e² and 1 give e.
     bumper = segment((60, 300), (260, 300), elasticity=round(e * e, 6), friction=0.0)
     e = sqrt(round(e * e, 6))
     fall = sqrt(2 * height / GRAVITY)
 
     def measure(run: Run) -> Errors:
-        track, work = run.track("ball"), run.trajectory.energy.work
+        track = run.track("ball")
+        work = run.trajectory.energy.work
         late = track.times > fall
         top = 300 - radius - float(track.y[late].min())
+        # A bumper that speeds up a ball does work, and the balance must contain it.
         gain = mass * GRAVITY * height * (e * e - 1)
         return {
             "height": abs(top / (e * e * height) - 1),
@@ -156,7 +197,8 @@ def _bumper(draw: Draw) -> list[Case]:
         }
 
     duration = fall * (1 + e) + 0.1
-    return [Case(scene((320, 340), duration, objects, {"bumper": bumper}), measure)]
+    document = scene((320, 340), duration, objects, {"bumper": bumper})
+    return [Case(document, measure)]
 
 
 def _passing_walls(shelf: tuple[float, float], floor: float) -> dict[str, Document]:
@@ -180,7 +222,9 @@ def _passing_errors(
     rise: float,
 ) -> Errors:
     """Return the errors of the flight and of the final places."""
-    climber, ghost = run.track("climber"), run.track("ghost")
+    climber = run.track("climber")
+    ghost = run.track("ghost")
+    # Samples beside the landing may lie on either side of it.
     flies = climber.times < lands - 0.01
     times = climber.times[flies]
     exact = start - speed * times + GRAVITY * times**2 / 2
@@ -191,11 +235,11 @@ def _passing_errors(
         abs(ghost.y[-1] - (380 - radius)) < 0.1,
         abs(run.track("block").displacements[-1, 1]) < 0.1,
     )
-    off = np.abs(climber.y[flies] - exact).max() / (start - shelf + rise)
+    climb_error = np.abs(climber.y[flies] - exact).max()
+    climb_part = climb_error / (start - shelf + rise)
+    fall_part = np.abs(ghost.displacements[falls, 1] - drop).max() / 290
     return {
-        "flight": float(
-            max(off, np.abs(ghost.displacements[falls, 1] - drop).max() / 290)
-        ),
+        "flight": float(max(climb_part, fall_part)),
         "ends": float(not all(ends)),
     }
 
@@ -207,10 +251,13 @@ def _passing(draw: Draw) -> list[Case]:
     A ball passes up through a one-way shelf without contact, and lands on it. A ball of
     another group falls through floor and block onto a floor of its group.
     """
-    radius, mass = draw.number(8, 20), draw.mass()
-    rise, side = draw.number(70, 120, 0), draw.sign()
+    radius = draw.number(8, 20)
+    mass = draw.mass()
+    rise = draw.number(70, 120, 0)
+    side = draw.sign()
     shelf = 200.0
     start = shelf + draw.number(50, 120, 1)
+    # The ball rises by `rise` above its place on the shelf.
     speed = sqrt(2 * GRAVITY * (start - shelf + radius + rise))
     x = 320 - side * 160
     objects = {
@@ -227,6 +274,7 @@ def _passing(draw: Draw) -> list[Case]:
         ),
     }
     walls = _passing_walls((x, shelf), 330)
+    # The climb takes v/g; the fall from the apex ends on the shelf.
     lands = speed / GRAVITY + sqrt(2 * rise / GRAVITY)
 
     measure = partial(
@@ -239,7 +287,8 @@ def _passing(draw: Draw) -> list[Case]:
         rise=rise,
     )
 
-    return [Case(scene((640, 400), lands + 0.4, objects, walls), measure)]
+    document = scene((640, 400), lands + 0.4, objects, walls)
+    return [Case(document, measure)]
 
 
 ROWS = (

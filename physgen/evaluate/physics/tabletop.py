@@ -90,6 +90,7 @@ def _mirror_error(
     """Return the largest distance at any time between a ball and the mirror image of
     its partner.
     """
+    # A rack that no ball touches would be symmetrical as well.
     for name in BROKEN_CORNERS:
         if np.hypot(*run.track(name).displacements[-1]) <= radius:
             return {"mirror": UNBROKEN}
@@ -97,6 +98,8 @@ def _mirror_error(
     for name, partner in mirror_pairs:
         track = run.track(name)
         mirror_track = run.track(partner)
+        # Each ball mirrors its partner in the axis of the rack; the cue ball is its own
+        # partner.
         dx = track.x - mirror_track.x
         dy = track.y + mirror_track.y - 2 * AXIS_Y
         error = max(error, float(np.hypot(dx, dy).max()))
@@ -119,10 +122,12 @@ def _puck(draw: Draw) -> list[Case]:
         else:
             tilt = draw.number(0, 90, 0)
             objects[name] = box(center, (2 * size, size), tilt, **keys)
+        # Without spin, friction acts against the velocity: d = v²/(2 mu g).
         displacements[name] = np.array(velocity) * speed / (2 * mu * GRAVITY)
     duration = 320 / (mu * GRAVITY) + 0.1
     document = scene((640, 540), duration, objects, world=_table(mu))
-    return [Case(document, partial(_puck_error, displacements))]
+    measure = partial(_puck_error, displacements)
+    return [Case(document, measure)]
 
 
 def _puck_error(displacements: Mapping[str, Array], run: Run) -> Errors:
@@ -145,6 +150,7 @@ def mean_distance(width: float, height: float) -> float:
 
     Times mu m g, it is the moment of friction, as 2/3 R is for a disc.
     """
+    # The integral of the distance over four right triangles, over the area.
     diagonal = sqrt(width**2 + height**2)
     horizontal = width**2 / (2 * height) * log((height + diagonal) / width)
     vertical = height**2 / (2 * width) * log((width + diagonal) / height)
@@ -169,6 +175,8 @@ def _spinning(draw: Draw) -> list[Case]:
     height = draw.number(30, 60)
     arm = mean_distance(width, height)
     decelerations = {
+        # The moment of even pressure, mu m g times the mean distance, over the moment
+        # of inertia.
         "disc": 4 * mu * GRAVITY / (3 * radius),
         "plate": 12 * mu * GRAVITY * arm / (width**2 + height**2),
     }
@@ -196,7 +204,9 @@ def _spin_down_error(spin_downs: Mapping[str, _SpinDown], run: Run) -> Errors:
         track = run.track(name)
         half_time = track.sample(abs(spin) / deceleration / 2)
         expected = abs(spin) - deceleration * track.times[half_time]
-        errors.append(abs(abs(track.spin[half_time]) - expected) / abs(spin))
+        remaining_spin = abs(track.spin[half_time])
+        errors.append(abs(remaining_spin - expected) / abs(spin))
+        # An even deceleration turns by w²/(2 a) to rest.
         rotation = track.angle[-1] * 2 * deceleration
         errors.append(abs(rotation / (spin * abs(spin)) - 1))
         is_moving = abs(track.spin[-1]) > STILL * abs(spin)
@@ -281,6 +291,7 @@ def _coupled_error(stops: Mapping[str, _CoupledStop], run: Run) -> Errors:
         track = run.track(name)
         motion = end.motion
         direction = (cos(end.angle), sin(end.angle))
+        # A disc slides straight, in spite of its spin.
         deviation = track.displacements[-1] / motion.distance - direction
         errors.append(np.hypot(*deviation))
         errors.append(abs(track.angle[-1] / motion.rotation - 1))
@@ -307,7 +318,9 @@ def _rest_time(times: Array, motion: Array) -> float:
     last two samples give the time.
     """
     last = int(np.flatnonzero(motion > STILL * motion[0])[-1])
-    fall = (motion[last - 1] - motion[last]) / (times[last] - times[last - 1])
+    # The samples do not fall on the time of rest.
+    step = times[last] - times[last - 1]
+    fall = (motion[last - 1] - motion[last]) / step
     if fall > 0:
         return float(times[last] + motion[last] / fall)
     return inf
@@ -360,8 +373,6 @@ def _strike_ball(
     # The velocity of a roll without slip at the ball's spin.
     forward_roll = part * strike.forward_roll * velocity
     roll_velocity = forward_roll + part * strike.side_roll * sideways
-    roll_x = degrees(roll_velocity[1] / radius)
-    roll_y = degrees(-roll_velocity[0] / radius)
     c, s = cos(lane_angle), sin(lane_angle)
     lane = 110 * strike.lane
     body = circle(
@@ -371,12 +382,21 @@ def _strike_ball(
         mass=draw.mass(),
         friction=mu,
         velocity=velocity.tolist(),
-        roll=[round(roll_x, 9), round(roll_y, 9)],
+        roll=_roll_rates(roll_velocity, radius),
     )
+    # Angular momentum about the contact is constant: the roll ends with 5/7 v + 2/7 w
+    # R.
     slip = float(np.hypot(*(velocity - roll_velocity)))
-    return _StruckBall(
-        body, (5 * velocity + 2 * roll_velocity) / 7, 2 * slip / (7 * mu * GRAVITY)
-    )
+    last_velocity = (5 * velocity + 2 * roll_velocity) / 7
+    slip_time = 2 * slip / (7 * mu * GRAVITY)
+    return _StruckBall(body, last_velocity, slip_time)
+
+
+def _roll_rates(velocity: Array, radius: float) -> list[float]:
+    """Return the roll (2,) in degrees/s of a ball that rolls with a velocity."""
+    roll_x = degrees(velocity[1] / radius)
+    roll_y = degrees(-velocity[0] / radius)
+    return [round(roll_x, 9), round(roll_y, 9)]
 
 
 def _struck_balls(draw: Draw) -> Case:
@@ -385,6 +405,7 @@ def _struck_balls(draw: Draw) -> Case:
     """
     mu = draw.number(0.15, 0.3, 3)
     lane_angle = draw.angle()
+    # All lanes lie in one random direction.
     objects, last_velocities, longest = {}, {}, 0.0
     for name, strike in STRIKES.items():
         ball = _strike_ball(draw, strike, lane_angle, mu)
@@ -392,7 +413,8 @@ def _struck_balls(draw: Draw) -> Case:
         last_velocities[name] = ball.last_velocity
         longest = max(longest, ball.slip_time)
     document = scene((600, 600), longest + 0.1, objects, world=_table(mu))
-    return Case(document, partial(_roll_error, last_velocities), "struck")
+    measure = partial(_roll_error, last_velocities)
+    return Case(document, measure, "struck")
 
 
 def _roll_error(last_velocities: Mapping[str, Array], run: Run) -> Errors:
@@ -430,9 +452,11 @@ def _follow_shot(draw: Draw) -> Case:
         "cue": circle(cue_center, radius, velocity=velocity.tolist(), **ball),
         "object-ball": circle(ball_center, radius, **ball),
     }
+    # The way to the other ball, and the time of its slip of 2 v/(7 mu g).
     duration = 40 / speed + 2 * speed / (7 * mu * GRAVITY) + 0.1
     document = scene((460, 360), duration, objects, world=_table(10.0))
-    return Case(document, partial(_follow_error, speed, direction), "follow")
+    measure = partial(_follow_error, speed, direction)
+    return Case(document, measure, "follow")
 
 
 def _follow_error(speed: float, direction: Array, run: Run) -> Errors:

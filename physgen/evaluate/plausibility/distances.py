@@ -37,11 +37,14 @@ class Distances:
         outline = tracks.forms[first]
         other_outline = tracks.forms[second]
         offsets = tracks.places[:, first] - tracks.places[:, second]
+        # The circles around both bodies give the gap of discs, and a lower bound
+        # otherwise.
         gap = np.hypot(*offsets.T) - outline.reach - other_outline.reach
         if outline.is_round and other_outline.is_round:
             return np.asarray(gap)
         # Circles around distant bodies are enough for their gap.
         close = np.flatnonzero(gap < 0.5 * (outline.reach + other_outline.reach))
+        # Bodies are as near as their nearest pieces.
         separations = []
         for piece in self._shapes[first]:
             for other_piece in self._shapes[second]:
@@ -74,7 +77,9 @@ class Distances:
             angles = self.tracks.angles[:, body]
         c = np.cos(angles)
         s = np.sin(angles)
-        return np.stack([np.stack([c, -s], -1), np.stack([s, c], -1)], axis=1)
+        first_rows = np.stack([c, -s], axis=-1)
+        second_rows = np.stack([s, c], axis=-1)
+        return np.stack([first_rows, second_rows], axis=1)
 
 
 def _separate(first: Array, second: Array) -> Array:
@@ -86,6 +91,7 @@ def _separate(first: Array, second: Array) -> Array:
     for piece in (first, second):
         sides = np.roll(piece, -1, axis=1) - piece
         lengths = np.hypot(sides[..., 0], sides[..., 1])
+        # One of the normals of convex pieces separates them, if any line does.
         normals = np.stack([sides[..., 1], -sides[..., 0]], axis=1)
         normals = normals / np.maximum(lengths, SAFE_SIDE)[:, None]
         # The shape is (T, K, sides).

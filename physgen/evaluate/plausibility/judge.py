@@ -89,6 +89,7 @@ def ask_gravity(motion: Motion) -> list[Evidence]:
         is_upward = flight.acceleration[1] < 0
         if is_upward and acceleration < TUNING.lift * size:
             continue
+        # The error of a vector with the same error along both axes.
         factor = TUNING.certainty * np.sqrt(2) * _few_frames_factor(flight)
         error = factor * flight.error(flight.middle, 2)
         excess = float(np.hypot(*(flight.acceleration - gravity))) - error
@@ -113,14 +114,19 @@ def _has_hidden_impact(
     path = motion.tracks.places[rows, body]
     s = motion.tracks.times[rows] - flight.middle
     ones = np.ones_like(s)
-    parabola = np.stack([ones, s, s * s / 2], axis=1) @ flight.terms
+    powers = np.stack([ones, s, s * s / 2], axis=1)
+    parabola = powers @ flight.terms
     flight_error = float(((path - parabola) ** 2).sum())
+    # Less the fall, the path of a normal flight is straight, and bends at an impact.
     straight_path = path - np.outer(s * s / 2, gravity)
     best_error = np.inf
+    # An impact may be between any two frames.
     for time in (s[1:-2] + s[2:-1]) / 2:
         columns = np.stack([ones, s, np.maximum(s - time, 0.0)], axis=1)
-        fit = columns @ (np.linalg.pinv(columns) @ straight_path)
-        best_error = min(best_error, float(((straight_path - fit) ** 2).sum()))
+        terms = np.linalg.pinv(columns) @ straight_path
+        deviations = straight_path - columns @ terms
+        best_error = min(best_error, float((deviations**2).sum()))
+    # Three standard deviations: a bend that explains the path nearly as well.
     return best_error <= flight_error + 9 * float(motion.sigma[body]) ** 2
 
 
@@ -161,10 +167,14 @@ def _missing_momentum(tracks: Tracks, impact: Impact) -> float:
     if masses is None:
         factor = TUNING.area_factor
         masses = np.array([outline.reach**2 or 1.0 for outline in tracks.forms])
+    # Masses from a film are uncertain: every ratio in a range is possible.
     ratio = float(masses[second.body] / masses[first.body])
     ratios = ratio * np.geomspace(1 / factor, factor, MASS_RATIOS)
-    total = np.hypot(*(first.change[:, None] + ratios * second.change[:, None]))
+    # By conservation of momentum, both changes times their masses cancel.
+    momenta = first.change[:, None] + ratios * second.change[:, None]
+    total = np.hypot(*momenta)
     error = TUNING.certainty * np.hypot(first.error(), ratios * second.error())
+    # The momentum that one body gives and the other takes.
     passed = np.hypot(*first.change) + ratios * np.hypot(*second.change)
     return float(np.min(np.maximum(0.0, total - error) / passed))
 
@@ -228,6 +238,7 @@ def ask_energy(motion: Motion) -> list[Evidence]:
             continue
         if not motion.tracks.bumped_bodies.isdisjoint(impact.bodies):
             continue
+        # Each body against a resting partner, such as a wall.
         gain = max(_own_gain(motion, part) for part in visible_parts)
         if len(impact.parts) == 2:
             # They may have hit each other, or untracked bodies: the smaller gain
@@ -283,9 +294,11 @@ def _gain(
     size = float(np.hypot(*change))
     if size == 0:
         return NO_GAIN
+    # Only the speed along the change of velocity takes part in the impact.
     closing = float(-before @ change) / size
     parting = float(after @ change) / size
     allowed_speed = np.sqrt(max(closing, 0.0) ** 2 + spin_energy)
+    # Newton's law with e = 1, and the energy that spin can turn into speed.
     excess = max(0.0, parting - allowed_speed - TUNING.certainty * error)
     deviation = excess / max(closing, TUNING.slow_part * usual_speed)
     return _Gain(deviation, parting, closing)
@@ -310,6 +323,7 @@ def ask_overlap(motion: Motion) -> list[Evidence]:
         is_guided = set(pair) <= tracks.guided_bodies or motion.passes(*pair)
         if is_guided or width <= 0 or not np.isfinite(gap).any():
             continue
+        # Fast bodies may pass through each other between two frames.
         depth, frame = _greatest_depth(motion, pair, gap, paths)
         is_distant = np.nanmin(gap) > motion.margin(*pair, 0, len(gap) - 1)
         if depth <= 0 and is_distant:
@@ -344,6 +358,7 @@ def _excess_depth(
 ) -> float:
     """Return the depth (px) beyond that of the first frames and beyond noise."""
     first_gaps = gap[np.isfinite(gap)][:2]
+    # Masks that overlap at the start have wrong outlines, not a wrong motion.
     first_depth = max(0.0, -float(first_gaps.min()))
     noise = motion.distance_noise(*pair)
     return max(0.0, depth - 1.2 * first_depth - 3 * noise - 1.0)
@@ -364,6 +379,7 @@ def _dense_path(motion: Motion, body: int) -> Array:
     axes = [np.interp(ticks, frames, path[:, axis]) for axis in (0, 1)]
     dense_path = np.stack(axes, axis=1)
     for segment in motion.segments[body]:
+        # A straight line through an impact would cut the corner.
         dense_path[MOMENTS * segment.last + 1 : MOMENTS * (segment.last + 1)] = np.nan
     return dense_path
 
@@ -406,6 +422,7 @@ def _step_deviation(
     sigma = float(motion.sigma[body])
     outline = motion.tracks.forms[body]
     lengths = np.hypot(*steps.T)
+    # The step itself and its neighbour do not count: they contain the jump.
     lengths_nearby = np.concatenate(
         [lengths[max(k - 3, 0) : k], lengths[k + 2 : k + 5]]
     )
@@ -419,6 +436,7 @@ def _step_deviation(
     deviation = max(0.0, offset - allowed) / scale
     frames = (first + k, first + k + 1)
     if not all(_is_in_segment(motion, body, frame) for frame in frames):
+        # Between segments, a track is rough: a jump there counts less.
         deviation *= TUNING.rough_weight
     return deviation
 
@@ -435,6 +453,7 @@ def _step_offset(steps: Array, k: int) -> float:
     """Return the distance (px) of a step from all steps possible with the velocities
     before and after, or a change of them.
     """
+    # Before and after the step, the velocity is constant or changes evenly.
     steps_before = [steps[k - 1]]
     if k >= 2:
         steps_before.append(2 * steps[k - 1] - steps[k - 2])
@@ -446,8 +465,11 @@ def _step_offset(steps: Array, k: int) -> float:
         for after in steps_after:
             change = after - before
             square = max(float(change @ change), 1e-12)
-            part = np.clip((steps[k] - before) @ change / square, 0.0, 1.0)
-            offsets.append(float(np.hypot(*(steps[k] - before - part * change))))
+            # Any impact within the frame gives a step between both velocities.
+            step_change = steps[k] - before
+            part = np.clip(step_change @ change / square, 0.0, 1.0)
+            offset = np.hypot(*(step_change - part * change))
+            offsets.append(float(offset))
     return min(offsets)
 
 
@@ -461,6 +483,7 @@ def _hidden_push(motion: Motion, body: int, frame: int, usual_length: float) -> 
         if other == body:
             continue
         gap = motion.gap(body, other)[begin : frame + 1]
+        # A partner that was not visible may have come from anywhere.
         approach = np.inf
         if np.isfinite(gap).all():
             approach = max(0.0, float(gap[0] - gap[-1]))
@@ -470,6 +493,7 @@ def _hidden_push(motion: Motion, body: int, frame: int, usual_length: float) -> 
             fastest = max(fastest, float(np.nanmax(lengths, initial=0.0)))
     if fastest <= 1.0:
         return 0.0
+    # A hit by a much heavier body gives at most twice its speed.
     return max(0.0, 2 * fastest - usual_length)
 
 

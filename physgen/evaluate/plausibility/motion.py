@@ -166,6 +166,7 @@ class Motion:
                 segments.append(segment)
         turns = []
         for before, after in pairwise(segments):
+            # A longer gap may contain more than one impact.
             is_near = after.first - before.last <= TUNING.max_gap
             if is_near and visible[before.last : after.first].all():
                 turns.append(self._turn(body, before, after))
@@ -174,6 +175,7 @@ class Motion:
     def _turn(self, body: int, before: Segment, after: Segment) -> Turn:
         times = self.tracks.times
         step = self.tracks.step
+        # The impact is between the last frame before and the first one after it.
         earliest = times[before.last] - step / 2
         latest = times[after.first] + step / 2
         ticks = np.linspace(earliest, latest, TICKS)
@@ -187,7 +189,10 @@ class Motion:
         step = self.tracks.step
         a = turn.before.acceleration
         b = turn.after.acceleration
-        acceleration = max(np.hypot(*(b - a)), np.hypot(*a) / 2, np.hypot(*b) / 2)
+        # A smooth change of acceleration between two segments changes the velocity by
+        # this much per frame.
+        difference = np.hypot(*(b - a))
+        acceleration = max(difference, np.hypot(*a) / 2, np.hypot(*b) / 2)
         smooth_change = acceleration * step
         frames = turn.after.first - turn.before.last
         limit = max(
@@ -208,6 +213,7 @@ class Motion:
         """
         tracks = self.tracks
         frames = np.arange(segment.first, segment.last + 1)
+        # Distant frames would hide a small change in their own curvature.
         is_near = np.abs(tracks.times[frames] - time) <= (
             TUNING.split_frames * tracks.step
         )
@@ -258,6 +264,7 @@ class Motion:
                 accelerations += [segment.acceleration] * segment.count
         if not accelerations:
             return None
+        # The median of each axis ignores flights with a hidden impact.
         ordered = np.sort(accelerations, axis=0)
         return np.asarray(ordered[(len(ordered) - 1) // 2])
 
@@ -278,6 +285,7 @@ class Motion:
         error = float(np.hypot(a.error(turn.time, 2), b.error(turn.time, 2)))
         size = max(float(np.hypot(*a.acceleration)), float(np.hypot(*b.acceleration)))
         speed = max(np.hypot(*turn.velocity_before), np.hypot(*turn.velocity_after))
+        # Below half a pixel per frame, accelerations are mostly noise.
         is_fast = speed * self.tracks.step > 0.5
         return bool(is_fast and change > max(3 * error, 0.15 * size))
 
@@ -293,6 +301,8 @@ class Motion:
             return False
         error = segment.error(begin, 2)
         size = float(np.hypot(*segment.acceleration))
+        # The height of the arc over its chord: a flat one is indistinguishable from a
+        # line.
         sagitta = size * (end - begin) ** 2 / 8
         has_curve = sagitta >= max(5 * self.sigma[body], 1.5)
         if size < 5 * error or not has_curve or segment.residual > 2.5:
@@ -303,6 +313,7 @@ class Motion:
         """Return whether other bodies are farther away than a margin (px) in all frames
         but the first and last.
         """
+        # At both ends, a flight may touch the body that it leaves or hits.
         inner_frames = slice(segment.first + 1, segment.last)
         for k, outline in enumerate(self.tracks.forms):
             if k == body or outline.reach <= 0 or self.passes(body, k):
@@ -319,6 +330,7 @@ class Motion:
         path = self.tracks.places[self.tracks.visible[:, body], body]
         if not len(path):
             return False
+        # Few wrong places must not make a resting body movable.
         distances = np.hypot(*(path - np.median(path, axis=0)).T)
         return bool(np.quantile(distances, 0.95) > max(2.0, 6 * self.sigma[body]))
 
@@ -395,12 +407,14 @@ def _is_fall(segment: Segment, error: float) -> bool:
     """
     x, y = segment.acceleration
     size = float(np.hypot(x, y))
+    # A vertical acceleration is that of a fall.
     if abs(x) < TUNING.vertical_sine * size + 2 * error:
         return True
     vx, vy = segment.value(segment.middle, 1)
     speed = float(np.hypot(vx, vy))
     if speed <= 0:
         return False
+    # A slide along a slope accelerates along its path; a flight does not.
     sideways = abs(x * vy - y * vx) / speed
     return bool(sideways > max(4 * error, 0.25 * size))
 
@@ -413,7 +427,8 @@ def _nearest_time(ticks: Array, parts: Sequence[tuple[Segment, Segment]]) -> flo
     for time in ticks:
         squares = []
         for before, after in parts:
-            squares.append(float(np.sum((after.value(time) - before.value(time)) ** 2)))
+            gap = after.value(time) - before.value(time)
+            squares.append(float(np.sum(gap**2)))
         distances.append(sum(squares))
     return float(ticks[int(np.argmin(distances))])
 
@@ -424,6 +439,7 @@ def _nearest_time(ticks: Array, parts: Sequence[tuple[Segment, Segment]]) -> flo
 def _contains_pair(impacts: Sequence[Impact], impact: Impact, step: float) -> bool:
     """Return whether an impact of the same two bodies at the same time is known."""
     time = impact.parts[0].time
+    # Both bodies of an impact have a turn, so that it is found twice.
     for known in impacts:
         has_same_bodies = set(known.bodies) == set(impact.bodies)
         delay = abs(known.parts[0].time - time)
@@ -437,9 +453,12 @@ def _is_single(impact: Impact, step: float) -> bool:
     """Return whether one impact explains the turns. After two impacts in one frame,
     paths do not meet at its time.
     """
+    # One impact at one time joins both paths, up to the change within a frame.
     change = max(float(np.hypot(*part.change)) for part in impact.parts)
     for part in impact.parts:
-        gap = np.hypot(*(part.after.value(part.time) - part.before.value(part.time)))
+        end = part.before.value(part.time)
+        begin = part.after.value(part.time)
+        gap = np.hypot(*(begin - end))
         if gap > TUNING.path_gap * change * step + 3 * part.error(0):
             return False
     return True
@@ -451,6 +470,7 @@ def _impact(motion: Motion, turn: Turn) -> Impact | None:
     last = turn.after.first
     partners = []
     for body in motion.neighbours(turn.body, first, last):
+        # Any neighbour with an unknown motion makes the impact uncertain.
         partner = _partner(motion, body, turn)
         if partner is None:
             return None
@@ -468,6 +488,7 @@ def _impact(motion: Motion, turn: Turn) -> Impact | None:
     partner = partners[0]
     if _has_third_body(motion, turn, partner):
         return None
+    # Both bodies turn at one time: the one at which all four paths are nearest.
     half_step = motion.tracks.step / 2
     ticks = turn.time + np.linspace(-half_step, half_step, TICKS)
     parts = [(turn.before, turn.after), (partner.before, partner.after)]
@@ -495,6 +516,7 @@ def _partner(motion: Motion, body: int, turn: Turn) -> Turn | None:
         if delay <= TUNING.same_time * motion.tracks.step:
             return replace(partner, time=turn.time)
     for segment in motion.segments[body]:
+        # A heavy partner may turn invisibly, within one segment.
         begins_before = segment.first <= turn.before.last
         ends_after = turn.after.first <= segment.last
         if segment.has_velocity and begins_before and ends_after:
@@ -511,15 +533,18 @@ def _have_met(motion: Motion, turn: Turn, partner: Turn) -> bool | None:
     forms = motion.tracks.forms
     reach = forms[turn.body].reach + forms[partner.body].reach
     noise = motion.distance_noise(turn.body, partner.body)
+    # Outlines, noise and the shape of the bodies limit the accuracy of a gap.
     contact_gap = 1.0 + 3 * noise + 0.05 * reach
     gap = float(np.hypot(*(turn.place - partner.place))) - reach
     if gap <= contact_gap:
         return True
     changes = float(np.hypot(*turn.change) + np.hypot(*partner.change))
+    # Beyond this gap a contact is impossible; up to it, it is unknown.
     slack = TUNING.path_gap / 2 * changes * motion.tracks.step
     slack += 3 * max(part.before.error(part.time) for part in (turn, partner))
     speed_before = np.hypot(*turn.velocity_before)
     speed_after = np.hypot(*turn.velocity_after)
+    # A body that was at rest before must have been hit by some body.
     was_hit = speed_before <= TUNING.rest_part * speed_after
     is_continuous = partner.after.first - partner.before.last <= 1
     if is_continuous and not was_hit and gap > contact_gap + slack:

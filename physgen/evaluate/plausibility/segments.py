@@ -40,6 +40,7 @@ def find_runs(visible: NDArray[np.bool_]) -> list[tuple[int, int]]:
     >>> find_runs(np.array([True, True, False, True]))
     [(0, 2), (3, 4)]
     """
+    # A frame without a body at both ends closes every run.
     flags = np.concatenate([[False], visible, [False]]).astype(np.int8)
     edges = np.flatnonzero(np.diff(flags))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
@@ -61,6 +62,7 @@ def measure_noise(tracks: Tracks) -> Array:
     typical = tracks.noise_floor
     if is_known.any():
         typical = float(np.median(sigma[is_known]))
+    # Very quiet tracks get half of the usual noise: their few frames may be luck.
     sigma = np.where(is_known, sigma, typical)
     sigma = np.clip(sigma, typical / 2, None)
     return np.asarray(np.maximum(sigma, tracks.noise_floor))
@@ -71,8 +73,11 @@ def _body_noise(tracks: Tracks, body: int) -> float:
     parts = [np.empty((0, 2))]
     for first, last in find_runs(tracks.visible[:, body]):
         path = tracks.places[first:last, body]
-        is_moving = np.hypot(*(path[3:] - path[:-3]).T) > 2 * tracks.noise_floor
-        parts.append(np.abs(np.diff(path, 3, axis=0))[is_moving])
+        # A third difference removes any parabola, so that noise and impacts remain.
+        distances = np.hypot(*(path[3:] - path[:-3]).T)
+        is_moving = distances > 2 * tracks.noise_floor
+        third_differences = np.abs(np.diff(path, 3, axis=0))
+        parts.append(third_differences[is_moving])
     differences = np.concatenate(parts)
     if len(differences) <= TUNING.min_frames:
         return np.nan
@@ -130,7 +135,8 @@ class Segment:
 
 def _factors(s: float, order: int) -> Array:
     """Return the factors of the three terms at a time (s) from the middle, (3,)."""
-    return np.array(([1.0, s, s * s / 2], [0.0, 1.0, s], [0.0, 0.0, 1.0])[order])
+    derivatives = ([1.0, s, s * s / 2], [0.0, 1.0, s], [0.0, 0.0, 1.0])
+    return np.array(derivatives[order])
 
 
 def split_segments(
@@ -142,15 +148,19 @@ def split_segments(
     The borders minimise the sum of squared errors and prices, by dynamic programming.
     """
     n = len(path)
+    # Costs are in squared noise, as the price of a segment is.
     costs = _parabola_costs((path - path.mean(0)) / sigma)
     lowest_costs = np.full(n + 1, np.inf)
     best_begins = np.zeros(n + 1, np.int64)
     lowest_costs[0] = 0.0
     for end in range(1, n + 1):
         begins = np.arange(max(0, end - TUNING.max_frames), end)
+        # The best split up to `end` has a last segment and the best split before it.
         totals = lowest_costs[begins] + costs[end - begins, begins] + TUNING.price
         k = int(np.argmin(totals))
-        lowest_costs[end], best_begins[end] = totals[k], begins[k]
+        lowest_costs[end] = totals[k]
+        best_begins[end] = begins[k]
+    # The best begins lead back from the last frame to the first.
     segments = []
     end = n
     while end > 0:
@@ -169,6 +179,7 @@ def _parabola_costs(path: Array) -> Array:
     longest = min(n, TUNING.max_frames)
     costs = np.zeros((longest + 1, n))
     for length in range(TUNING.min_frames, longest + 1):
+        # All windows of one length share the basis, so that one product fits them all.
         windows = np.lib.stride_tricks.sliding_window_view(path, length, axis=0)
         # The shape is (m, 2, length).
         offsets = windows - windows[..., :1]
@@ -181,6 +192,7 @@ def _parabola_costs(path: Array) -> Array:
 @cache
 def _parabola_basis(length: int) -> Array:
     """Return an orthonormal basis of all parabolas, (length, 3)."""
+    # With an orthonormal basis, the squared projection is the explained square.
     grid = np.linspace(-1.0, 1.0, length)
     columns = np.stack([np.ones(length), grid, grid**2], axis=1)
     return np.asarray(np.linalg.qr(columns)[0])
@@ -193,6 +205,7 @@ def fit_segment(path: Array, times: Array, first: int, sigma: float) -> Segment:
     n = len(path)
     middle = float(times.mean())
     s = times - middle
+    # Few frames determine only a place, or a place and a velocity.
     order = min(n, 3)
     columns = np.stack([np.ones(n), s, s * s / 2], axis=1)[:, :order]
     inverse = np.linalg.pinv(columns)
@@ -201,7 +214,11 @@ def fit_segment(path: Array, times: Array, first: int, sigma: float) -> Segment:
     residual = 0.0
     terms[:order] = inverse @ path
     if n >= TUNING.min_frames:
-        squared_error = ((path - columns @ terms) ** 2).sum() / (2 * (n - 3))
+        # Two axes with n - 3 free residuals each.
+        deviations = path - columns @ terms
+        squared_error = (deviations**2).sum() / (2 * (n - 3))
         residual = float(np.sqrt(squared_error)) / sigma
+        # Residuals above the noise mean that the noise or the model is worse than
+        # assumed.
         spread = inverse @ inverse.T * (sigma * max(1.0, residual)) ** 2
     return Segment(first, first + n - 1, middle, terms, spread, residual)

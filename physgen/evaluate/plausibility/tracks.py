@@ -344,8 +344,9 @@ def from_csv(path: Path, fps: float | None, view: View) -> Tracks:
     rows = [_parse_row(path, number, line) for number, line in enumerate(lines, 2)]
     owners = [line.get("name") or "body" for line in lines]
     names = tuple(sorted(set(owners), key=natural))
-    first = min(row["frame"] for row in rows)
-    count = int(max(row["frame"] for row in rows) - first) + 1
+    frames = [row["frame"] for row in rows]
+    first_frame = min(frames)
+    count = int(max(frames) - first_frame) + 1
     if count == 1 or count * len(names) > LIMITS.cells:
         raise Message.TRACKS_SIZE.error(
             str(path),
@@ -353,31 +354,34 @@ def from_csv(path: Path, fps: float | None, view: View) -> Tracks:
             most=LIMITS.cells,
         )
     places = np.full((count, len(names), 2), np.nan)
-    radii: list[list[float]] = [[] for _ in names]
+    radii: dict[str, list[float]] = {name: [] for name in names}
     for owner, row in zip(owners, rows, strict=True):
-        frame = int(row["frame"] - first)
-        k = names.index(owner)
-        if np.isfinite(places[frame, k, 0]):
+        cell = int(row["frame"] - first_frame), names.index(owner)
+        if np.isfinite(places[cell][0]):
             raise Message.BODY_TWICE_IN_FRAME.error(
                 str(path), f'"{owner}"', frame=row["frame"]
             )
-        places[frame, k] = row["x"], row["y"]
+        places[cell] = row["x"], row["y"]
         if "radius" in row:
-            radii[k].append(row["radius"])
-    source = "a table"
-    if not fps:
-        source += f", {LIMITS.fps:g} frames a second assumed"
+            radii[owner].append(row["radius"])
     return Tracks(
         name=path.stem,
         times=np.arange(count, dtype=np.float64) / (fps or LIMITS.fps),
         names=names,
         places=places,
         angles=None,
-        forms=tuple(map(_disc_of, radii)),
+        forms=tuple(map(_disc_of, radii.values())),
         view=view,
         noise_floor=LIMITS.table_noise,
-        source=source,
+        source=_table_source(fps),
     )
+
+
+def _table_source(fps: float | None) -> str:
+    """Return the source of tracks in words, with an assumed frame rate."""
+    if fps:
+        return "a table"
+    return f"a table, {LIMITS.fps:g} frames a second assumed"
 
 
 def _disc_of(radii: Sequence[float]) -> Outline:
